@@ -1,1 +1,1 @@
-"""Recorded telemetry: from a file to channels in SI units on the monitor's time grid."""
+"""Read recorded telemetry: from a file to channels in SI units on the monitor's time grid."""

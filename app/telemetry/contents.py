@@ -1,7 +1,7 @@
-"""What a file holds before anybody says what it means: signals, in groups that share their times.
+"""The signals of a file before they are mapped, in groups that share their times.
 
-A reader pours a file into a folder of columns, one flat file of numbers a signal. Nothing larger
-than a block of rows is ever in memory, and what is read later is mapped, not loaded.
+A reader writes a file into a folder of columns, one flat file of numbers per signal. Only one block
+of rows is in memory at a time, and columns are memory-mapped later, not loaded.
 """
 
 import json
@@ -21,16 +21,16 @@ from core.types import Array
 CONTENTS = "contents.json"
 MOST_SIGNALS = 4096
 LONGEST_NAME, LONGEST_TEXT = 200, 500
-"""Signs of a name, and of a description or note."""
+"""Most characters of a name, and of a description or note."""
 MOST_LISTED = 100
-"""Bad rows that are listed; the others are counted."""
+"""Most bad rows that are listed; the others are only counted."""
 
 
 @dataclass(frozen=True)
 class Signal:
-    """One recorded quantity, as the file names it.
+    """One recorded quantity.
 
-    unit: as the file spells it, "" where it says none.   group: number of its group.
+    name, unit: as in the file; unit is "" if missing.   group: number of its group.
     """
 
     name: str
@@ -43,9 +43,9 @@ class Signal:
 class Group:
     """Signals that were sampled together.
 
-    name: "" for the one table of a file.   time: name of the signal that the format itself declares
-    to be their time, "" where it declares none.   rate: at which the format declares them to be
-    sampled [Hz], 0 where it declares none, the first row at `start` [s].
+    name: "" for the only table of a file.   time: name of the signal that the format declares as
+    their time, "" if none.   rate: sample rate that the format declares [Hz], 0 if none, with the
+    first row at `start` [s].
     """
 
     name: str
@@ -57,7 +57,7 @@ class Group:
 
 @dataclass(frozen=True)
 class BadRow:
-    """A row that could not be read and was left out. text: its beginning."""
+    """A row that could not be read and was dropped. text: its beginning."""
 
     line: int
     reason: str
@@ -66,14 +66,14 @@ class BadRow:
 
 @dataclass(frozen=True)
 class Contents:
-    """Everything about a file but its numbers.
+    """Everything about a file except its numbers.
 
     format: key of FORMATS.
-    start: time zero where the file says it, else "": in ISO 8601, or "234:15:35:50.7", "15:35:50.7"
-        or "35:50.7" where its clock has no year, no date or no hour.
-    bad_rows: the first MOST_LISTED of n_bad_rows.   ignored: what was left out, with the reason.
-    limits: limit sets that were put in force meanwhile, plain, see app.scoring.limits_in_force.
-    conditions: name of the signal of a channel of the flight condition where it is not its own.
+    start: time zero if the file gives it, else "": in ISO 8601, or "234:15:35:50.7", "15:35:50.7"
+        or "35:50.7" if its clock has no year, date or hour.
+    bad_rows: the first MOST_LISTED of n_bad_rows.   ignored: omitted content, with reasons.
+    limits: limit sets that came into force during the flight, plain, see app.scoring.
+    conditions: channel of the flight condition -> name of its signal.
     """
 
     format: str
@@ -90,10 +90,10 @@ class Contents:
 
 @dataclass(eq=False)
 class ColumnWriter:
-    """A folder of columns being written.
+    """Writes a folder of columns.
 
-    most_bytes: of numbers that a file may unfold to.   bad_share: of its rows that may be bad.
-    notes: on the choice of the reader, before its own.
+    most_bytes: limit of the numbers that a file may expand to.   bad_share: largest share of bad
+    rows.   notes: on the choice of the reader; they come before the reader's own.
     """
 
     folder: Path
@@ -105,26 +105,25 @@ class ColumnWriter:
     _signals: list[Signal] = field(default_factory=list)
     _rows: list[int] = field(default_factory=list)
     _numbers: dict[str, int] = field(default_factory=dict)
-    """Of each name that is taken, the last number behind it."""
+    """By used name, the last number appended to it."""
     _bytes: int = 0
 
     def add_group(self, name: str = "", *, rate: float = 0.0, start: float = 0.0) -> int:
-        """Begin a group; return its number. rate, start: as in Group."""
+        """Start a group; return its number. rate, start: as in Group."""
         self._groups.append(Group(printable(name, LONGEST_NAME), 0, "", rate, start))
         return len(self._groups) - 1
 
     def add_signal(
         self, group: int, name: str, unit: str = "", description: str = "", *, time: bool = False
     ) -> int:
-        """Begin a signal; return its number.
+        """Start a signal; return its number.
 
-        A name that is taken gets a number behind it, and one that says nothing is a number.
-
-        time: the format itself declares that it is the time of its group.
+        A number is appended to a repeated name; an empty name becomes signal_<number>.
+        time: whether the format declares it as the time of its group.
         """
         if len(self._signals) == MOST_SIGNALS:
             raise TelemetryError(
-                f"the file has more than {MOST_SIGNALS} signals: export the ones of this test"
+                f"the file has more than {MOST_SIGNALS} signals: export only those of this test"
             )
         name = printable(name, LONGEST_NAME) or f"signal_{len(self._signals) + 1}"
         unique = self._unique(name)
@@ -150,13 +149,13 @@ class ColumnWriter:
         return unique
 
     def append(self, signal: int, values: npt.ArrayLike) -> None:
-        """Add values to a signal: (n,), NaN where nothing was recorded."""
+        """Append values (n,) to a signal, NaN for missing ones."""
         block = np.ascontiguousarray(values, "<f8")
         self._bytes += block.nbytes
         if self._bytes > self.most_bytes:
             raise TelemetryError(
-                f"the file unfolds to more than {self.most_bytes / 2**20:.0f} MiB of numbers, the "
-                "most that one of its size may: export the time range and the signals of this test"
+                f"the file expands to more than {self.most_bytes / 2**20:.0f} MiB of numbers, the "
+                "limit for its size: export only the time range and signals of this test"
             )
         with (self.folder / f"{signal}.f8").open("ab") as file:
             file.write(block.data)
@@ -174,7 +173,7 @@ class ColumnWriter:
         limits: tuple[dict[str, Any], ...] = (),
         conditions: dict[str, str] | None = None,
     ) -> Contents:
-        """Write what the columns are, which makes the folder whole. TelemetryError if empty."""
+        """Write the contents, which completes the folder. TelemetryError if it is empty."""
         groups = []
         for number, group in enumerate(self._groups):
             of_group = zip(self._signals, self._rows, strict=True)
@@ -184,7 +183,7 @@ class ColumnWriter:
             groups.append(replace(group, n_rows=n_rows, time=time))
         if max((group.n_rows for group in groups), default=0) < 2:
             raise TelemetryError(
-                "the file holds no table of numbers with at least two rows: export the signals "
+                "the file has no table of numbers with at least two rows: export the signals "
                 "of the test with their times"
             )
         contents = Contents(
@@ -206,9 +205,9 @@ class ColumnWriter:
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """The contents of a file with its numbers, which are mapped into memory as they are used.
+    """The contents of a file with its numbers, memory-mapped on use.
 
-    check: called with the file of a signal before it is read; raises where it is damaged.
+    check: called with the file of a signal before reading; raises if the file is damaged.
     """
 
     folder: Path
@@ -216,7 +215,7 @@ class Columns:
     check: Callable[[Path], None] | None = None
 
     def values(self, name: str) -> Array:
-        """(n,) of a signal, in the unit of the file, read-only. KeyError if there is none."""
+        """Values (n,) of a signal, in the unit of the file, read-only. KeyError."""
         if not self.contents.groups[self.signal(name).group].n_rows:
             return np.empty(0)
         path = self.folder / f"{self._numbers[name]}.f8"
@@ -225,7 +224,6 @@ class Columns:
         return np.memmap(path, "<f8", mode="r")
 
     def signal(self, name: str) -> Signal:
-        """Return a signal by its name; KeyError."""
         return self.contents.signals[self._numbers[name]]
 
     @cached_property
@@ -234,9 +232,9 @@ class Columns:
 
 
 def release(values: Array) -> None:
-    """Leave a column on the disk until it is used again; nothing for one that is in memory alone.
+    """Release the memory of a mapped column until its next use; does nothing for other arrays.
 
-    What is mapped from a file counts as memory of the process from its first use on.
+    Mapped pages count as memory of the process from their first use.
     """
     owner: Any = values
     while isinstance(owner, np.ndarray):
@@ -246,7 +244,7 @@ def release(values: Array) -> None:
 
 
 def open_columns(folder: Path) -> Columns:
-    """Open a whole folder of columns. FileNotFoundError where it is none."""
+    """Open a complete folder of columns. FileNotFoundError if it is missing or incomplete."""
     plain = json.loads((folder / CONTENTS).read_text(encoding="utf-8"))
     return Columns(
         folder,
@@ -265,7 +263,7 @@ def open_columns(folder: Path) -> Columns:
 
 
 def printable(text: str, most: int) -> str:
-    """Text on one line of up to `most` signs; what cannot be shown becomes a blank or "?"."""
+    """Text on one line of at most `most` characters; others become blanks or "?"."""
     if not text.isprintable():
         text = "".join(
             sign if sign.isprintable() else " " if sign.isspace() else "?" for sign in text

@@ -1,7 +1,7 @@
-"""The file formats that are read, and which of them a file is: its content decides, not its name.
+"""The supported file formats; the content of a file decides its format, not the name.
 
-A reader is a module with `read(path, writer) -> Contents`; it is imported where it runs, which is
-a process of its own (app.telemetry.reading).
+A reader is a module with `read(path, writer) -> Contents`. It is imported in the process that runs
+it (app.telemetry.reading).
 """
 
 from collections.abc import Callable, Iterable
@@ -22,11 +22,11 @@ CONTROLS = bytes({*range(32), 127} - set(b"\t\n\v\f\r\x1a\x1b"))
 
 @dataclass(frozen=True)
 class Format:
-    """A file format. endings: of names, the usual one first.   reader: its module in READERS.
+    """A file format. endings: of file names, the usual one first.   reader: module in READERS.
 
-    looks_like: whether the first HEAD_BYTES of a file are of this format.
-    extra: of this package, which the reader needs; "" for none.
-    experimental: not proven on files of many recorders.
+    looks_like: whether the first HEAD_BYTES of a file have this format.
+    extra: optional dependency of this package that the reader needs, "" for none.
+    experimental: not tested on files of many recorders.
     """
 
     key: str
@@ -38,45 +38,45 @@ class Format:
     experimental: bool = False
 
     def read(self, path: Path, writer: ColumnWriter) -> Contents:
-        """Pour a file into columns. TelemetryError where it cannot be used."""
+        """Write a file into columns. TelemetryError if it is unusable."""
         return import_module(self.reader, READERS).read(path, writer)
 
 
 def format_of(path: Path, name: str) -> tuple[Format, tuple[str, ...]]:
-    """Return the format of a file that its user calls `name`, and notes on the choice.
+    """The format of a file with the original name `name`, and notes on the choice.
 
-    TelemetryError for what is packed, empty or no known format.
+    Raises TelemetryError for archives, empty files and unknown formats.
     """
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
     if not head:
         raise TelemetryError("the file is empty: export or copy it again")
-    for magic, what in PACKED.items():
+    for magic, remedy in PACKED.items():
         if head.startswith(magic):
-            raise TelemetryError(what)
+            raise TelemetryError(remedy)
     ending = PurePath(name).suffix.lower()
-    alike = [known for known in FORMATS.values() if known.looks_like(head)]
-    alike.sort(key=lambda known: known.key == TEXT)  # which much else looks like
-    chosen = next((known for known in alike if ending in known.endings), None)
+    matches = [known for known in FORMATS.values() if known.looks_like(head)]
+    matches.sort(key=lambda known: known.key == TEXT)  # other formats can look like text
+    chosen = next((known for known in matches if ending in known.endings), None)
     if chosen:
         return chosen, ()
     expected = [known for known in FORMATS.values() if ending in known.endings]
-    if alike:
+    if matches:
         if not expected:
-            return alike[0], ()
-        return alike[0], (
-            f"Read by its content ({alike[0].title}), not by the ending of its name ({ending}).",
+            return matches[0], ()
+        return matches[0], (
+            f"Read as {matches[0].title} by its content, although its name ends in {ending}.",
         )
     if expected:
         raise TelemetryError(
-            f"the name ends in {ending} but the content is not that of a {expected[0].title}, nor "
-            "of any other format that is read: it is damaged or misnamed, export it again"
+            f"the name ends in {ending}, but the content is neither {expected[0].title} nor any "
+            "other supported format: the file is damaged or misnamed, export it again"
         )
-    raise TelemetryError(f"the format is not known: export one of {titles(FORMATS.values())}")
+    raise TelemetryError(f"unknown file format: export one of {titles(FORMATS.values())}")
 
 
 def titles(formats: Iterable[Format]) -> str:
-    """The formats with the usual endings of their names, for a sentence."""
+    """The formats with their usual endings, for a sentence."""
     return ", ".join(f"{known.title} ({known.endings[0]})" for known in formats)
 
 
@@ -85,7 +85,7 @@ def _starts(*magics: bytes) -> Callable[[bytes], bool]:
 
 
 def _is_hdf5(head: bytes) -> bool:
-    """HDF5's signature is at byte 0, or behind a block of the user, as in MATLAB's v7.3 files."""
+    """HDF5's signature is at byte 0, or after a user block, as in MATLAB v7.3 files."""
     return any(head.startswith(HDF5_SIGNATURE, at) for at in (0, 512, 1024, 2048))
 
 
@@ -94,35 +94,39 @@ def _is_matlab5(head: bytes) -> bool:
 
 
 def _is_ch10(head: bytes) -> bool:
-    """A packet's header: its sync pattern, and at its end the sum of its 11 words before."""
+    """Check the packet header: sync pattern, and the sum of its first 11 words at the end."""
     words = [int.from_bytes(head[at : at + 2], "little") for at in range(0, 24, 2)]
     return words[0] == 0xEB25 and sum(words[:11]) & 0xFFFF == words[11]
 
 
 def _is_journal(head: bytes) -> bool:
-    """A line of JSON whose beginning is that of Forewarn's journals."""
     line = head.partition(b"\n")[0]
     return line.startswith(b'{"format":') and b'"flight":' in line and b'"began":' in line
 
 
 def _is_text(head: bytes) -> bool:
-    """UTF-16, or hardly any control characters, in UTF-8 or an 8-bit code; no journal."""
+    """UTF-16, or hardly any control characters; not a journal."""
     if wide_encoding(head):
         return True
     return not _is_journal(head) and len(head.translate(None, CONTROLS)) >= 0.99 * len(head)
 
 
 PACKED = {
-    b"PK\x03\x04": "this is a ZIP archive or an Excel workbook: unpack it, or save the sheet as "
-    "CSV, and give the file itself",
-    b"\x1f\x8b": "this is packed by gzip: unpack it and give the file itself",
-    b"BZh": "this is packed by bzip2: unpack it and give the file itself",
-    b"\xfd7zXZ\x00": "this is packed by xz: unpack it and give the file itself",
-    b"\x28\xb5\x2f\xfd": "this is packed by zstd: unpack it and give the file itself",
-    b"7z\xbc\xaf\x27\x1c": "this is a 7z archive: unpack it and give the file itself",
-    b"Rar!": "this is a RAR archive: unpack it and give the file itself",
-    b"\xd0\xcf\x11\xe0": "this is an old Office document: save the sheet as CSV and give that",
+    b"PK\x03\x04": "this is a ZIP archive or an Excel workbook: unpack the archive, or save the "
+    "sheet as CSV, and give that file",
+    b"\xd0\xcf\x11\xe0": "this is an old Office document: save the sheet as CSV and give that file",
+} | {
+    magic: f"this is a {archive} archive: unpack it and give the file inside"
+    for magic, archive in (
+        (b"\x1f\x8b", "gzip"),
+        (b"BZh", "bzip2"),
+        (b"\xfd7zXZ\x00", "xz"),
+        (b"\x28\xb5\x2f\xfd", "zstd"),
+        (b"7z\xbc\xaf\x27\x1c", "7z"),
+        (b"Rar!", "RAR"),
+    )
 }
+"""Messages by the first bytes of a file."""
 FORMATS: dict[str, Format] = {
     known.key: known
     for known in (

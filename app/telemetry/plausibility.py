@@ -1,7 +1,7 @@
-"""Values that no aircraft can show: a sensor that failed, or numbers that are no measurement.
+"""Detect values that no aircraft can reach: failed sensors and numbers that are not measurements.
 
-The bounds leave room for every aircraft and every way to count: a heading that is not wrapped goes
-on and on. Values beyond them are not scored.
+The bounds allow for every aircraft and convention, also for a heading that is never wrapped. Values
+beyond them are not scored.
 """
 
 from dataclasses import replace
@@ -16,11 +16,11 @@ from core.types import Array, Indices
 DEFLECTION = radians(100.0)
 """Of the sideslip or a surface [rad]."""
 ATTITUDE = 1e4
-"""Of an angle that may be counted on over full turns [rad]."""
+"""Of an angle that may accumulate full turns [rad]."""
 RATE = 20.0
 """Three turns a second [rad/s]."""
 LOAD = 30.0
-"""Beyond what aircraft and sensors bear [g]."""
+"""More than aircraft and sensors withstand [g]."""
 BOUNDS: dict[str, float] = {
     "beta": DEFLECTION,
     "p": RATE,
@@ -44,21 +44,21 @@ BOUNDS: dict[str, float] = {
 
 
 def implausible(key: str, values: Array) -> Indices:
-    """Rows whose value no aircraft can show."""
+    """Rows with a value that no aircraft can reach."""
     bound = BOUNDS.get(key, np.inf)
     reach = max(-np.fmin.reduce(values, initial=0.0), np.fmax.reduce(values, initial=0.0))
     return np.flatnonzero(np.abs(values) > bound) if reach > bound else np.empty(0, np.intp)
 
 
 def plausible(key: str, trace: Trace) -> Trace:
-    """A channel with its implausible values missing; the channel itself where it has none."""
+    """A channel with implausible values replaced by NaN; unchanged if there are none."""
     rows = implausible(key, trace.values)
     release(trace.values)
     return replace(trace, values=without(trace.values, rows)) if len(rows) else trace
 
 
 def without(values: Array, rows: Indices) -> Array:
-    """Values with some of them missing; the same array where there are none."""
+    """Values with some rows replaced by NaN; the same array if there are none."""
     if not len(rows):
         return values
     remaining = np.array(values, np.float64)

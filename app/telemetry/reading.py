@@ -1,4 +1,4 @@
-"""From a file to a folder of columns, whatever the file does to its reader."""
+"""Read a file into a folder of columns, safely: the reader runs in a process of its own."""
 
 import logging
 import shutil
@@ -22,12 +22,12 @@ LONGEST_SENTENCE = 1000
 
 @dataclass(frozen=True)
 class ReadLimits:
-    """What the reading of one file may cost.
+    """Limits for reading one file.
 
-    most_bytes: of numbers that it may unfold to, at most `unfolds_by` times its size, or
-    `unfolds_to` where that is more.   memory: of the process that reads it [bytes].
-    seconds: for a file of up to 1 GiB, and in proportion for a larger one [s].
-    bad_share: of the rows of a table that may be bad and are left out.
+    most_bytes: most numbers that it may expand to, and at most `unfolds_by` times its size or
+    `unfolds_to`, whichever is more.   memory: of the reading process [bytes].
+    seconds: for a file of up to 1 GiB, in proportion for a larger one [s].
+    bad_share: largest share of bad rows in a table.
     """
 
     most_bytes: int = 8 * GIB
@@ -41,11 +41,11 @@ class ReadLimits:
 def read_file(
     path: Path, folder: Path, *, name: str | None = None, limits: ReadLimits = ReadLimits()
 ) -> Contents:
-    """Read a file, called `name` by its user, into the new directory `folder`, by its content.
+    """Read a file into the new directory `folder`. name: original name of the file.
 
-    The reader runs in a process of its own, within the limits. May be called from any thread.
-    Raises TelemetryError with one sentence about the file, and OSError where there is no room for
-    its columns; `folder` does not exist then.
+    The reader runs in a process of its own, within the limits. Safe in any thread.
+    Raises TelemetryError with one sentence about the file, and OSError if there is no room for
+    its columns; then `folder` does not exist.
     """
     name = str(path) if name is None else name
     try:
@@ -65,7 +65,7 @@ def read_file(
 
 @contextmanager
 def columns_of(path: Path) -> Iterator[Columns]:
-    """The columns of a file, for as long as they are looked at; as `read_file` otherwise."""
+    """Open the columns of a file in a temporary folder; errors as in `read_file`."""
     with tempfile.TemporaryDirectory(prefix="forewarn-") as place:
         folder = Path(place) / "columns"
         read_file(path, folder)
@@ -73,25 +73,29 @@ def columns_of(path: Path) -> Iterator[Columns]:
 
 
 def warm_up() -> None:
-    """Start what read_file needs, in the background."""
+    """Start a spare reader process in the background."""
     isolation.warm_up()
 
 
 def _size(path: Path) -> int:
-    """Size of a file that can be read [bytes]; TelemetryError where it cannot."""
+    """Size of a readable file [bytes]; TelemetryError if it cannot be read."""
     try:
         status = path.stat()
         if stat.S_ISDIR(status.st_mode):
             raise TelemetryError("this is a directory: give a file of recorded telemetry")
         if not stat.S_ISREG(status.st_mode):
-            raise TelemetryError("this is no file on disk: save the telemetry and give its file")
+            raise TelemetryError(
+                "this is not a regular file: save the telemetry to a file and give that"
+            )
         with path.open("rb"):
             return status.st_size
+    except TelemetryError:
+        raise
     except FileNotFoundError:
-        raise TelemetryError("there is no such file: give the path of recorded telemetry") from None
+        raise TelemetryError("no such file: give the path of recorded telemetry") from None
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
-        raise TelemetryError(f"cannot be opened ({why}): give a file that can be read") from None
+        raise TelemetryError(f"cannot be opened ({why}): give a readable file") from None
 
 
 def _order(
@@ -116,29 +120,29 @@ def _order(
 
 
 def _check(answer: dict[str, Any], known: Format, order: dict[str, Any]) -> None:
-    """Raise what an answer says, unless the file was read."""
+    """Raise the error in an answer, unless the file was read."""
     end = answer["end"]
     if end == "read":
         return
     if end == "refused":
         raise TelemetryError(answer["text"])
     if end == "no room":
-        raise OSError(answer["errno"], "no room to store what the file holds", order["folder"])
-    less = "export the time range and the signals of this test"
+        raise OSError(answer["errno"], "no room to store the signals", order["folder"])
+    less = "export only the time range and signals of this test"
     if end == "slow":
-        raise TelemetryError(f"took more than {order['seconds']:.3g} s to read: {less}")
+        raise TelemetryError(f"reading took more than {order['seconds']:.3g} s: {less}")
     if end == "large":
         raise TelemetryError(
-            f"took more than {order['memory'] / 2**20:.0f} MiB of memory to read: {less}"
+            f"reading took more than {order['memory'] / 2**20:.0f} MiB of memory: {less}"
         )
     if end == "lacking":
         raise TelemetryError(
-            f"{answer['text']}, which reading {known.title} needs: "
+            f"reading {known.title} needs an optional package ({answer['text']}): "
             f"pip install 'forewarn[{known.extra}]'"
         )
     log.info("the reader of %s ended with %s", known.key, answer)
     detail = f" ({answer['text']})" if answer.get("text") else ""
     raise TelemetryError(
-        f"the reader failed on it{detail}: it is damaged or no complete {known.title}, export it "
-        "again"
+        f"the file cannot be read{detail}: it is damaged or not a complete {known.title}, export "
+        "it again"
     )

@@ -1,4 +1,4 @@
-"""A recording: measured channels against time in SI units, and how they got there."""
+"""A recording: measured channels over time in SI units."""
 
 from dataclasses import dataclass, field
 
@@ -8,21 +8,21 @@ ATTITUDE = ("phi", "theta", "psi")
 
 
 class TelemetryError(ValueError):
-    """Telemetry that cannot be used; one sentence: what was given, what is needed, what to do."""
+    """Unusable telemetry; one sentence: what was given, what is needed, what to do."""
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Telemetry of one manoeuvre as measured; a missing value is NaN, never a number.
+    """Measured telemetry; a missing value is NaN, never a number.
 
     t: (n,) [s] finite, strictly increasing, n >= 2.
     y: (n, 6) in the order of core.channels.CHANNELS [rad, rad/s, rad/s, g, rad, rad].
-    attitude: "phi", "theta", "psi" -> (n,) [rad], those that were recorded.
-    condition: "V" [m/s], "h" [m] -> (n,), those that were recorded.
-    columns: channel key -> what it was read or derived from.
-    derived: keys of channels that were not measured but derived.
-    notes: sentences on what was assumed and done, oldest first.
-    look_ahead: how far resampling let y look into the future [s]; 0 for samples as recorded.
+    attitude: "phi", "theta", "psi" -> (n,) [rad], if recorded.
+    condition: "V" [m/s], "h" [m] -> (n,), if recorded.
+    columns: channel key -> its source in words.
+    derived: keys of channels that were derived, not measured.
+    notes: sentences on assumptions and repairs, oldest first.
+    look_ahead: how far resampling looks into the future [s]; 0 for samples as recorded.
     """
 
     t: Array

@@ -1,4 +1,4 @@
-"""The quantities that a recording can hold: what a signal of a file can be mapped to."""
+"""The quantities that a signal of a file can be mapped to."""
 
 from core.channels import CHANNELS, Channel, channel
 
@@ -28,4 +28,4 @@ TARGETS: dict[str, Channel] = {
     target.key: target
     for target in (*CHANNELS, *ATTITUDE_TARGETS, *CONDITION_TARGETS, *INGREDIENTS)
 }
-"""By key; `unit` is the one that a target is stored in."""
+"""By key; values are stored in `unit`."""

@@ -1,11 +1,11 @@
-"""Channels in SI units, each still on the times at which it was recorded."""
+"""Channels in SI units, each at its recorded times."""
 
 from dataclasses import dataclass, field
 
 from core.types import Array
 
 GAP_RATIO = 1.5
-"""Neighbouring samples further apart than this many usual steps have a gap between them."""
+"""A longer step between samples, in usual steps, is a gap."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -13,8 +13,8 @@ class Trace:
     """One channel. t: (n,) [s] as recorded, in any order.   values: (n,), NaN where missing.
 
     group: of the file; channels of one group share their times, as one array.
-    source: what it was read or derived from, in words.   derived: not measured itself.
-    bias: what was subtracted of what was recorded, in its unit.
+    source: signal or derivation in words.   derived: not measured.
+    bias: subtracted from the recorded values, in the channel's unit.
     """
 
     t: Array
@@ -27,7 +27,7 @@ class Trace:
 
 @dataclass(frozen=True, eq=False)
 class Traces:
-    """The channels of a file by key of TARGETS. notes: what was assumed and done, oldest first."""
+    """Channels of a file by key of TARGETS. notes: assumptions and changes, oldest first."""
 
     channels: dict[str, Trace]
     notes: tuple[str, ...] = field(default=())

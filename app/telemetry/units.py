@@ -1,7 +1,7 @@
-"""Units as telemetry spells them, and what one of them is in ours; pint does the arithmetic.
+"""Parse units as telemetry spells them and convert them to ours, with pint.
 
-The registry is our own: angles are a dimension (a sideslip in percent is a mistake, and so is a
-roll rate in hertz), g is gravity and never gram, and upper or lower case does not matter.
+We use our own registry: angles are a dimension (a sideslip in percent is a mistake, and so is a
+roll rate in hertz), g is gravity and never gram, and case does not matter.
 """
 
 import re
@@ -16,11 +16,10 @@ from core.types import Array
 if TYPE_CHECKING:
     from pint import UnitRegistry
 
-
 STANDARD_GRAVITY = 9.80665
 """[m/s2] by definition (CGPM 1901)."""
 
-# our spelling: (what it is, other spellings)
+# our spelling: (definition, other spellings)
 BASIC: dict[str, tuple[str, str]] = {
     "rad": ("[angle]", "radian radians rads"),
     "deg": (f"{pi / 180!r} * rad", "degree degrees degs ° grad"),
@@ -66,7 +65,7 @@ BASIC: dict[str, tuple[str, str]] = {
     "%": ("[share]", "percent pct prozent"),
     "counts": ("[count]", "count bit bits lsb cnts"),
 }
-# written as one word, or otherwise against the grammar of `_parsed`
+# one word, or another spelling that `_parsed` cannot read
 ONE_WORD: dict[str, str] = {
     "0.01deg": "cdeg", "0.01°": "cdeg", "deg/100": "cdeg", "deg*100": "cdeg",
     "degps": "deg/s", "degpersec": "deg/s", "degpersecond": "deg/s", "degs/s": "deg/s",
@@ -82,9 +81,9 @@ ONE_WORD: dict[str, str] = {
 NOT_GIVEN = frozenset(
     ("", "-", "--", "none", "n/a", "na", "nan", "unitless", "unit", "?", "eu", "1")
 )
-"""What stands in the place of a unit where none is given."""
+"""Spellings of a missing unit."""
 PLAIN = "1"
-"""The unit of what has none."""
+"""The unit of dimensionless quantities."""
 CHOICES: dict[str, tuple[str, ...]] = {
     "rad": ("rad", "deg", "mrad", "cdeg"),
     "rad/s": ("rad/s", "deg/s"),
@@ -93,7 +92,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "m": ("m", "ft", "FL", "km"),
     "s": ("s", "ms", "us", "ns", "min", "h", "day"),
 }
-"""By the unit of the target, which comes first."""
+"""By unit of the target, which comes first."""
 
 COMMON: dict[str, dict[str, float]] = {
     "rad": {"deg": 0.017453292519943295, "mrad": 0.001, "cdeg": 0.00017453292519943294},
@@ -103,7 +102,7 @@ COMMON: dict[str, dict[str, float]] = {
     "m": {"ft": 0.3048, "FL": 30.48, "km": 1000.0},
     "s": {"ms": 0.001, "us": 1e-06, "ns": 1e-09, "min": 60.0, "h": 3600.0, "day": 86400.0},
 }
-"""What pint makes of common units, bit for bit: importing it takes as long as reading an hour."""
+"""Factors of common units as pint computes them: importing pint is slow."""
 
 _NAMES = {
     spelling: unit
@@ -111,22 +110,22 @@ _NAMES = {
     for spelling in (unit.lower(), *others.split())
 }
 _IDENTIFIERS = {unit: f"u{number}" for number, unit in enumerate(BASIC)}
-"""pint takes no % for a name, and would take FL or min apart."""
+"""pint does not accept % in a name, and would split FL or min."""
 _TIMES = {"s", "ms", "min", "h"}
 _FACTOR = re.compile(r"([*/]) ([A-Za-z]+)(?:\*\*(\d))?")
 _PART = re.compile(r"([*/_ ]*)([a-z%'°º]+)(?:(?:\^|\*\*)?([-+]?\d))?")
 
 
 def factor(unit: str, target: str) -> float:
-    """Return how many of the target's unit one of a unit is.
+    """One `unit` in units of the target.
 
-    Raises TelemetryError for a text that is no unit, and for a unit of another kind.
+    Raises TelemetryError for an unknown unit and for a unit of another kind.
     """
     return _factor(unit.strip(), target)
 
 
 def spelled(unit: str) -> str:
-    """Return a unit in our spelling, "deg/s" for Degrees/sec; "" where the text is no unit."""
+    """A unit in our spelling, "deg/s" for Degrees/sec; "" if the text is not a unit."""
     return "".join(
         f"{separator}{name}{f'^{power}' if power > 1 else ''}"
         for separator, name, power in _ordered(unit)
@@ -134,7 +133,7 @@ def spelled(unit: str) -> str:
 
 
 def choices(target: str) -> list[str]:
-    """Return the units that a quantity in `target` is commonly recorded in, target first."""
+    """The units in which a quantity in `target` is commonly recorded, target first."""
     return list(CHOICES.get(target, (target,)))
 
 
@@ -148,13 +147,13 @@ def fits(unit: str, target: str) -> bool:
 
 
 def convert(values: Array, unit: str, target: str) -> Array:
-    """Return values of a unit in the target's; the array itself where nothing is to be done."""
+    """Values converted to the target's unit; the same array if the units are equal."""
     per_unit = factor(unit, target)
     if per_unit == 1.0:
         return values
     divisor = round(1.0 / per_unit)
     if divisor > 1 and abs(divisor * per_unit - 1.0) < 1e-12:
-        return values / divisor  # 50 ms are 0.05 s, which 50 * 0.001 is not quite
+        return values / divisor  # 50 ms is 0.05 s, but 50 * 0.001 is not exactly
     return values * per_unit
 
 
@@ -186,12 +185,12 @@ def _by_pint(parts: dict[str, int], ours: dict[str, int]) -> float:
 
 
 def _dimensions(parts: dict[str, int]) -> dict[str, int]:
-    """Dimension -> power, of powers of units."""
-    found: dict[str, int] = {}
+    """Powers of the dimensions, from powers of units."""
+    powers: dict[str, int] = {}
     for unit, power in parts.items():
         for dimension, times in _dimensions_of(unit).items():
-            found[dimension] = found.get(dimension, 0) + power * times
-    return {dimension: power for dimension, power in found.items() if power}
+            powers[dimension] = powers.get(dimension, 0) + power * times
+    return {dimension: power for dimension, power in powers.items() if power}
 
 
 @cache
@@ -207,10 +206,10 @@ def _dimensions_of(unit: str) -> dict[str, int]:
 
 @cache
 def _registry() -> "UnitRegistry":
-    """Our units, made when the first is asked for: pint takes 0.2 s to import."""
+    """Our units, created at first use: pint takes 0.2 s to import."""
     from pint import UnitRegistry
 
-    # None, which pint documents and does not annotate, makes an empty one
+    # None makes an empty registry, which pint documents but does not annotate
     registry = UnitRegistry(None)  # pyright: ignore[reportArgumentType]
     for unit, (definition, _) in BASIC.items():
         ours = re.sub(r"(?<![\[\w.])[A-Za-z]+", lambda name: _IDENTIFIERS[name[0]], definition)
@@ -223,7 +222,7 @@ def _expression(parts: dict[str, int]) -> str:
 
 
 def _ordered(text: str) -> list[tuple[str, str, int]]:
-    """Parts as (separator, unit, power above zero), those above the line first."""
+    """Parts as (separator, unit, power above zero), numerator first."""
     parts = _parsed(text)
     above = [(unit, power) for unit, power in parts.items() if power > 0]
     below = [(unit, -power) for unit, power in parts.items() if power < 0]
@@ -235,7 +234,7 @@ def _ordered(text: str) -> list[tuple[str, str, int]]:
 
 @cache
 def _parsed(text: str) -> dict[str, int]:
-    """Unit -> power; empty where the text is none."""
+    """Unit -> power; empty if the text is not a unit."""
     plain = _plain(text)
     if plain in NOT_GIVEN:
         return {}
@@ -251,7 +250,7 @@ def _parsed(text: str) -> dict[str, int]:
         end = match.end()
         unit, power = _NAMES[name], int(digits or 1)
         divides = "/" in separator or below
-        # deg_s and m_s2 leave the line out
+        # deg_s and m_s2 omit the slash
         loose = bool(parts) and power > 0 and "*" not in separator and unit in _TIMES
         below = below or "/" in separator
         parts[unit] = parts.get(unit, 0) + (-power if divides or loose else power)
@@ -259,7 +258,7 @@ def _parsed(text: str) -> dict[str, int]:
 
 
 def _plain(text: str) -> str:
-    """Lower case, one spelling of signs: "°/s²" -> "°/s2", "m·s⁻²" -> "m*s-2"."""
+    """Lower case with uniform signs: "°/s²" -> "°/s2", "m·s⁻²" -> "m*s-2"."""
     text = text.strip().replace("º", "°").replace("µ", "u").replace("μ", "u")
     text = unicodedata.normalize("NFKC", text).replace("−", "-").replace("’", "'")
     text = re.sub(r"^[\[({<]\s*(.*?)\s*[\])}>]$", r"\1", text).lower()

@@ -1,1 +1,1 @@
-"""The readers of file formats, one module a format, each run in a process of its own."""
+"""Readers of file formats, one module per format; each file is read in its own process."""

@@ -1,7 +1,7 @@
-"""What the attributes of a NetCDF variable say: unit, packing, missing values, the start of time.
+"""Attributes of a NetCDF variable: unit, packing, missing values and time origin.
 
 Climate and Forecast metadata conventions, "Units", "Missing data" and "Packed data". A variable
-without a _FillValue has the default one of its type, as the NetCDF library reads it.
+without a _FillValue has the default of its type, as in the NetCDF library.
 """
 
 import re
@@ -39,23 +39,22 @@ SINCE = re.compile(
 
 @dataclass(frozen=True)
 class Since:
-    """Time that counts from a moment, in UTC where none is named. unit: key of SECONDS."""
+    """Time counted from a moment, in UTC unless a zone is given. unit: key of SECONDS."""
 
     unit: str
     moment: datetime
 
     @property
     def iso(self) -> str:
-        """Return the moment in ISO 8601."""
         return self.moment.replace(tzinfo=None).isoformat() + "Z"
 
-    def after(self, other: "Since") -> float:
+    def offset_from(self, other: "Since") -> float:
         """How much later this moment is than another, in this unit."""
         return (self.moment - other.moment).total_seconds() / SECONDS[self.unit]
 
 
 def since(unit: str) -> Since | None:
-    """Read "seconds since 2024-05-01 09:30:00"; None where a unit is not of that kind."""
+    """Parse "seconds since 2024-05-01 09:30:00"; None for other units."""
     match = SINCE.fullmatch(unit.strip())
     known = match and next((k for k, v in SPELLINGS.items() if match["unit"].lower() in v), None)
     if not match or not known:
@@ -69,8 +68,8 @@ def since(unit: str) -> Since | None:
     zone = match["zone"] or ""
     if zone[:1] in ("+", "-"):
         hours, minutes = zone[1:].split(":") if ":" in zone else (zone[1:3], zone[3:])
-        away = timedelta(hours=int(hours), minutes=int(minutes or 0))
-        moment += away if zone[0] == "-" else -away
+        offset = timedelta(hours=int(hours), minutes=int(minutes or 0))
+        moment += offset if zone[0] == "-" else -offset
     return Since(known, moment)
 
 
@@ -87,14 +86,14 @@ DEFAULT_FILL: dict[str, float] = {
 MOST_FILLS = 16
 
 Attribute = Callable[[str], Any]
-"""The value of an attribute by its name, None where there is none; texts as str."""
+"""Value of an attribute by its name, None if missing; text as str."""
 
 
 @dataclass(frozen=True, eq=False)
 class Packing:
-    """How the numbers of a variable are stored. missing: values that stand for none.
+    """How the numbers of a variable are stored. missing: stored values that mean missing.
 
-    value = scale * stored + offset, where lowest <= stored <= highest.
+    value = scale * stored + offset, valid for lowest <= stored <= highest.
     """
 
     missing: tuple[float, ...] = ()
@@ -104,35 +103,34 @@ class Packing:
     highest: float = np.inf
 
     def unpack(self, stored: npt.NDArray[Any]) -> Array:
-        """Return the values, NaN where missing."""
         values = stored.astype(np.float64)
-        bad = (values < self.lowest) | (values > self.highest)
+        is_missing = (values < self.lowest) | (values > self.highest)
         for value in self.missing:
-            bad |= values == value
-        values[bad] = np.nan
-        plain = (self.scale, self.offset) == (1.0, 0.0)
-        return values if plain else self.scale * values + self.offset
+            is_missing |= values == value
+        values[is_missing] = np.nan
+        is_unscaled = (self.scale, self.offset) == (1.0, 0.0)
+        return values if is_unscaled else self.scale * values + self.offset
 
 
 @dataclass(eq=False)
 class Conventions:
-    """The variables of one file as they are met. start: from when the first time of them counts."""
+    """The variables of one file. start: origin of the first time variable."""
 
     start: Since | None = None
 
     def variable(
         self, name: str, attribute: Attribute, dtype: np.dtype[Any]
     ) -> tuple[Column, Callable[[npt.NDArray[Any]], Array]]:
-        """Return the column of a variable and how its numbers are unpacked.
+        """The column of a variable, and a function that unpacks its numbers.
 
-        A time that counts from another moment than the first one is moved to that.
+        Later times are shifted to the origin of the first.
         """
         unit, packing = _text(attribute("units")), _packing(attribute, dtype)
         counted = since(unit)
         if counted:
             self.start = self.start or counted
-            away = counted.after(self.start)
-            packing = replace(packing, offset=packing.offset + away)
+            offset = packing.offset + counted.offset_from(self.start)
+            packing = replace(packing, offset=offset)
         time = counted is not None or (
             is_time_name(name.split("/")[-1])
             or _text(attribute("axis")).upper() == "T"
@@ -149,7 +147,7 @@ class Conventions:
 
 
 def _packing(attribute: Attribute, dtype: np.dtype[Any]) -> Packing:
-    """Read the attributes of a variable of a type; those that are no numbers are left out."""
+    """Read the packing attributes of a variable; attributes that are not numbers are ignored."""
     fill = _numbers(attribute("_FillValue"))
     if not fill and (kind := dtype.str[1:]) in DEFAULT_FILL:
         fill = (float(dtype.type(DEFAULT_FILL[kind])),)

@@ -1,4 +1,4 @@
-"""Recordings of IRIG 106 Chapter 10, experimental: raw numbers of buses, discretes and analog."""
+"""Read IRIG 106 Chapter 10 (experimental): raw numbers of buses, discretes and analog inputs."""
 
 import re
 from dataclasses import dataclass, field
@@ -17,46 +17,46 @@ TITLE = "Chapter 10"
 SETUP, TIME = 0x01, 0x11
 COMPUTER = range(0x08)
 EXPERIMENTAL = (
-    "Reading Chapter 10 is experimental: the numbers are raw words and counts, without the scales "
-    "and units that only the description of the aircraft says."
+    "Reading Chapter 10 is experimental: the numbers are raw words and counts, without scales and "
+    "units, which only the description of the aircraft has."
 )
 
 
 def read(path: Path, writer: ColumnWriter) -> Contents:
-    """Read what of a Chapter 10 recording is numbers; times count from the first of them."""
+    """Read the numbers of a Chapter 10 recording; times count from the first sample."""
     with library_errors(TITLE):
         import chapter10  # noqa: F401  # so that its absence is reported first
 
-        opened = Opened()
+        recording = PacketReader()
         for packet in packets(path):
-            opened.take(packet)
-        tables, ignored = opened.tables(), opened.ignored()
+            recording.add(packet)
+        tables, ignored = recording.tables(), recording.ignored()
         if not tables:
             kinds = f" ({'; '.join(ignored)})" if ignored else ""
             raise TelemetryError(
-                f"no channel of the Chapter 10 file can be decoded without a description of the "
+                "no channel of the Chapter 10 file can be decoded without a description of the "
                 f"aircraft{kinds}: export the decoded parameters as a table"
             )
         write_tables(tables, writer, ignored)
         return writer.finish(
-            "ch10", start=opened.start(), ignored=listed(ignored), notes=tuple(opened.notes())
+            "ch10", start=recording.start(), ignored=listed(ignored), notes=tuple(recording.notes())
         )
 
 
 @dataclass(eq=False)
-class Opened:
-    """A recording as its packets come."""
+class PacketReader:
+    """Collects the packets of a recording."""
 
     decoded: Decoded = field(default_factory=Decoded)
     clock: tuple[int, datetime] | None = None
-    n_passed: int = 0
+    n_skipped: int = 0
 
-    def take(self, packet: Packet | int) -> None:
-        """Take a packet, or a number of bytes that are none."""
+    def add(self, packet: Packet | int) -> None:
+        """Add a packet, or count bytes that are not a packet."""
         if isinstance(packet, int):
-            self.n_passed += packet
+            self.n_skipped += packet
             return
-        left_out = self.decoded.left_out
+        not_decoded = self.decoded.not_decoded
         try:
             if packet.data_type == SETUP:
                 self.decoded.sources |= channel_names(packet)
@@ -65,47 +65,44 @@ class Opened:
                 self.clock = (packet.time, utc) if utc else self.clock
             elif packet.data_type not in DECODERS:
                 if packet.data_type not in COMPUTER:
-                    left_out[f"{_kind(packet.data_type)} packets"] += 1
+                    not_decoded[f"{_kind(packet.data_type)} packets"] += 1
             elif packet.stamped:
                 DECODERS[packet.data_type](packet, self.decoded)
             else:
-                left_out["packets with times of another clock"] += 1
+                not_decoded["packets with times of another clock"] += 1
         except Exception:  # the library's, of any kind
-            left_out["damaged packets"] += 1
+            not_decoded["damaged packets"] += 1
 
     def tables(self) -> list[SignalTable]:
-        """Return the series by their names; analog samples of one packet have no known rate."""
+        """The series by name; analog samples of a single packet have no known rate."""
         by_name = sorted(self.decoded.series.items())
         untimed = [s for _, s in by_name if isinstance(s, Sampled) and len(s.times) < 2]
-        self.decoded.left_out.update(["analog channels of one packet"] * len(untimed))
+        self.decoded.not_decoded.update(["analog channels of one packet"] * len(untimed))
         return [series.table(name) for name, series in by_name if series not in untimed]
 
     def ignored(self) -> list[str]:
-        """Say what was left out and how often."""
-        return [f"{what}: {count}" for what, count in sorted(self.decoded.left_out.items())]
+        """Kinds of content that were not decoded, with their number."""
+        return [f"{kind}: {count}" for kind, count in sorted(self.decoded.not_decoded.items())]
 
     def start(self) -> str:
-        """Return the moment from which times count in ISO 8601, "" where no packet tells it."""
+        """Origin of the times in ISO 8601, "" if no packet gives it."""
         if self.clock is None or self.decoded.first is None:
             return ""
         ticks, utc = self.clock
-        away = ticks_between(self.decoded.first, ticks) / TICKS
-        return (utc + timedelta(seconds=away)).isoformat()
+        offset = ticks_between(self.decoded.first, ticks) / TICKS
+        return (utc + timedelta(seconds=offset)).isoformat()
 
     def notes(self) -> list[str]:
-        """Say what has to be known of the numbers."""
         notes = [EXPERIMENTAL]
         if any(isinstance(series, Sampled) for series in self.decoded.series.values()):
-            notes.append(
-                "Analog samples have the times of their packets, evenly spread between them."
-            )
-        if self.n_passed:
-            notes.append(f"{self.n_passed} bytes of the file are no complete packets.")
+            notes.append("Analog samples are spread evenly between the times of their packets.")
+        if self.n_skipped:
+            notes.append(f"Skipped {self.n_skipped} bytes that are not complete packets.")
         return notes
 
 
 def _kind(data_type: int) -> str:
-    """What packets of a type hold; types of a kind follow one another."""
+    """Kind of packets by type; types of one kind are consecutive."""
     return OTHER_KINDS.get(data_type, OTHER_KINDS.get(data_type & ~0x07, f"type {data_type:#04x}"))
 
 
@@ -114,7 +111,7 @@ LONGEST = 40
 
 
 def channel_names(packet: Packet) -> dict[int, str]:
-    """The data sources by the number of their channel, as the set-up record lists them."""
+    """Names of the data sources by channel number, from the set-up record."""
     from chapter10.computer import ComputerF1
 
     entries: dict[tuple[bytes, bytes], dict[bytes, str]] = {}
@@ -129,7 +126,7 @@ def channel_names(packet: Packet) -> dict[int, str]:
 
 
 def moment(packet: Packet) -> datetime | None:
-    """The date and time of day of a time packet, None where it does not tell the year."""
+    """Date and time of a time packet, None if it has no year."""
     from chapter10.time import TimeF1
 
     opened = packet.opened(TimeF1)

@@ -1,4 +1,4 @@
-"""Recordings in HDF5: a group a group, a signal a dataset, a matrix's column or a table's field."""
+"""Read HDF5: a signal is a dataset, a column of a matrix or a field of a table."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ TITLE = "HDF5"
 
 
 def read(path: Path, writer: ColumnWriter) -> Contents:
-    """Read an HDF5 file, by the conventions of MATLAB or NetCDF where it was written by them."""
+    """Read an HDF5 file, with the conventions of MATLAB or NetCDF if one of them wrote it."""
     with library_errors(TITLE):
         import h5py
 
@@ -19,9 +19,9 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
         from app.telemetry.readers.hdf5_files.walk import datasets
 
         with h5py.File(path, "r", locking=False, rdcc_nbytes=0) as file:
-            for other in (matlab73, netcdf4):
-                if other.wrote(file):
-                    return other.read_open(file, writer)
+            for dialect in (matlab73, netcdf4):
+                if dialect.wrote(file):
+                    return dialect.read_open(file, writer)
             ignored: list[str] = []
             contents = arrays(datasets(file, ignored), ignored)
             write_tables(contents.all_tables(), writer, ignored)

@@ -1,8 +1,8 @@
-"""Have files read in processes of their own: start one, send it an order, read how it ended.
+"""Run readers in separate processes: start one, send it an order, read its answer.
 
-A server starts a spare process while a file comes in, and another after each that was used, so that
-the next file need not wait for its libraries. A command reads one file and starts none.
-A process ends with the one that asked, however that ends.
+A server starts a spare process during an upload, and another after each use, so that the next file
+does not wait for libraries to load. A command reads one file and starts no spare.
+A reader process ends when its parent ends, for whatever reason.
 """
 
 import atexit
@@ -21,36 +21,36 @@ COMMAND = ("-P", "-W", "ignore", "-m", "app.telemetry.readers.worker")
 ENVIRONMENT = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
-    "ARROW_DEFAULT_MEMORY_POOL": "system",  # the others reserve a GiB, which would be counted
+    "ARROW_DEFAULT_MEMORY_POOL": "system",  # others reserve 1 GiB, which would count
 }
 GRACE_SECONDS = 10.0
-"""A process that does not end at its own limit is ended this much later."""
+"""A process that exceeds its own limit is killed after this additional time."""
 ENDS = {"SIGALRM": "slow", "SIGXCPU": "slow", "SIGKILL": "large"}
-"""What a signal of the system's means; it kills for want of memory."""
+"""Meaning of a signal from the system, which sends SIGKILL when memory runs out."""
 
 _spares: SimpleQueue[Worker] = SimpleQueue()
 
 
 def carry_out(order: dict[str, Any]) -> dict[str, Any]:
-    """Have an order carried out. Safe in any thread; its process is gone on return."""
-    replaces = not _spares.empty()
-    worker = _take()
+    """Run an order and return the answer. Safe in any thread; the process has ended on return."""
+    had_spare = not _spares.empty()
+    worker = _spare_or_new()
     try:
         return _answer(worker, order)
     finally:
         _end(worker)
-        if replaces:
+        if had_spare:
             warm_up()
 
 
 def warm_up() -> None:
-    """Start a spare process in the background, unless there is one or the system has no more."""
+    """Start a spare process in the background, unless there is one or the system refuses."""
     with suppress(OSError):
         if _spares.empty():
             _spares.put(_start())
 
 
-def _take() -> Worker:
+def _spare_or_new() -> Worker:
     with suppress(Empty):
         worker = _spares.get_nowait()
         if worker.poll() is None:
@@ -60,20 +60,20 @@ def _take() -> Worker:
 
 
 def _start() -> Worker:
-    """A fresh interpreter that imports what this one would."""
+    """Start an interpreter with the import path of this one."""
     path = os.pathsep.join(place or os.getcwd() for place in sys.path)
     return subprocess.Popen(
         [sys.executable, *COMMAND],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        start_new_session=True,  # an interrupt of the terminal is not for it
+        start_new_session=True,  # ignore interrupts from the terminal
         env=os.environ | ENVIRONMENT | {"PYTHONPATH": path},
     )
 
 
 def _answer(worker: Worker, order: dict[str, Any]) -> dict[str, Any]:
-    """Send an order; return the answer, or what the process ended of."""
+    """Send an order; return the answer, or the reason why the process ended."""
     orders, worker.stdin = worker.stdin, None  # communicate would close it, which ends the worker
     assert orders
     with orders:
@@ -92,7 +92,6 @@ def _answer(worker: Worker, order: dict[str, Any]) -> dict[str, Any]:
 
 
 def _exit_reason(code: int) -> str:
-    """Name of the signal that ended a process, or its exit code."""
     try:
         return signal.Signals(-code).name
     except ValueError:
@@ -100,7 +99,7 @@ def _exit_reason(code: int) -> str:
 
 
 def _end(worker: Worker) -> None:
-    """End a process with all that it has started."""
+    """End a process and all its children."""
     with worker:
         if worker.poll() is None:
             with suppress(ProcessLookupError):

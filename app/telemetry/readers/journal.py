@@ -1,9 +1,9 @@
-"""Journals of live flights: JSON lines, first what the flight is, then each batch as it came.
+"""Read journals of live flights: JSON lines, first the flight, then each received batch.
 
     {"format": 1, "flight": id, "began": UTC, "mapping": {...}, "a": 0.0}
     {"v": "rest", "s": 7, "b": {"t": [0.02], "beta": [0.01]}, "a": 0.031}
 
-Rows are in the order of their arrival, whose time is a signal of its own (`a` of each line).
+Rows are in the order of arrival; the time of arrival (`a` of each line) is a separate signal.
 """
 
 from collections import Counter
@@ -24,7 +24,7 @@ from app.telemetry.units import convert
 from core.limit_set import CONDITION_KEYS
 
 TIMES = ("t", "timestamp", "time")
-"""Names of the time where no mapping says which it is [s]."""
+"""Possible names of the time [s], if there is no mapping."""
 ARRIVED = "arrived"
 BLOCK_ROWS = 1 << 15
 LONGEST_LINE = 64 * 2**20
@@ -33,9 +33,9 @@ _decoder = msgspec.json.Decoder()
 
 
 def read(path: Path, writer: ColumnWriter) -> Contents:
-    """Read a journal: a signal by each name that was sent, and the time of arrival.
+    """Read a journal: one signal per name, and the time of arrival.
 
-    A torn last line is left out; so are lines that are damaged, up to the writer's share of them.
+    An incomplete last line is dropped; so are damaged lines, up to the writer's share.
     """
     bad, notes, n_good, number = BadRows(writer.bad_share), list[str](), 0, 1
     with path.open("rb") as file:
@@ -47,7 +47,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
         while line := _line(file):
             number += 1
             if not line.endswith(b"\n"):
-                notes.append("The last line was torn and is left out: it was never acknowledged.")
+                notes.append("Dropped an incomplete last line, which was never acknowledged.")
                 break
             plain = _plain(line)
             if plain is not None and "b" not in plain:
@@ -56,10 +56,10 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
             if plain is not None and rows.add(plain):
                 n_good += 1
             else:
-                bad.add(number, "no batch", line[:200].decode("utf-8", "replace"))
+                bad.add(number, "not a batch", line[:200].decode("utf-8", "replace"))
     bad.check(n_good)
     ignored = rows.finish()
-    notes.append(f"The live flight began {header.get('began')}: {ARRIVED} counts from then.")
+    notes.append(f"The live flight started {header.get('began')}; {ARRIVED} counts from then.")
     return writer.finish(
         "journal",
         start=_time_zero(header, rows.zero),
@@ -73,7 +73,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
 
 
 def _declared(header: dict[str, Any]) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Names that the time may have, and units by name, as the flight read them. TelemetryError."""
+    """Possible names of the time, and units by name, as in the flight. TelemetryError."""
     if "mapping" not in header:
         return TIMES, {}
     mapping = header["mapping"]
@@ -81,14 +81,14 @@ def _declared(header: dict[str, Any]) -> tuple[tuple[str, ...], dict[str, str]]:
         return TIMES, dict.fromkeys(TIMES, "s") | {key: TARGETS[key].unit for key in TARGETS}
     try:
         times = {time["signal"]: str(time["unit"]) for time in mapping["times"].values()}
-        read = {one["signal"]: str(one["unit"]) for one in mapping["channels"].values()}
-        return tuple(times), read | times
+        channels = {entry["signal"]: str(entry["unit"]) for entry in mapping["channels"].values()}
+        return tuple(times), channels | times
     except (AttributeError, KeyError, TypeError):
         raise TelemetryError("the journal's mapping is damaged: export it again") from None
 
 
 def _time_zero(header: dict[str, Any], zero: float) -> str:
-    """When the source's time was zero, in ISO 8601. zero: [s] since the flight began."""
+    """Zero of the source's time, in ISO 8601. zero: [s] since the flight started."""
     try:
         began = datetime.fromisoformat(header["began"])
         return (began + timedelta(seconds=zero)).astimezone(UTC).isoformat(timespec="milliseconds")
@@ -97,22 +97,22 @@ def _time_zero(header: dict[str, Any], zero: float) -> str:
 
 
 def _conditions(header: dict[str, Any]) -> dict[str, str]:
-    """Names of the signals of the flight condition, as the flight read them."""
+    """Signals of the flight condition by channel, as in the flight."""
     named = header.get("conditions")
     named = named if isinstance(named, dict) else {}
-    own = {key: key for key in CONDITION_KEYS}
-    return own | {key: name for key, name in named.items() if isinstance(name, str)}
+    defaults = {key: key for key in CONDITION_KEYS}
+    return defaults | {key: name for key, name in named.items() if isinstance(name, str)}
 
 
 def _line(file: BinaryIO) -> bytes:
     line = file.readline(LONGEST_LINE + 1)
     if len(line) > LONGEST_LINE:
-        raise TelemetryError(f"a line is longer than {LONGEST_LINE // 2**20} MiB: it is no journal")
+        raise TelemetryError(f"a line is longer than {LONGEST_LINE // 2**20} MiB: not a journal")
     return line
 
 
 def _plain(line: bytes) -> dict[str, Any] | None:
-    """The object of a line; None where it is none."""
+    """The object on a line, None if it is damaged."""
     try:
         plain = _decoder.decode(line)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
@@ -121,11 +121,10 @@ def _plain(line: bytes) -> dict[str, Any] | None:
 
 
 class _Rows:
-    """Batches on their way to the writer. A signal begins with its first number.
+    """Writes batches. A signal starts with its first number.
 
-    times: names that the time may have; that of the first batch is its name in all.
-    conditions: names of which null says that the value is unknown, which infinity stands for; NaN
-    where none came.
+    times: possible names of the time; the first batch decides.
+    conditions: signals whose null means an unknown value, stored as infinity; NaN means not sent.
     """
 
     def __init__(
@@ -137,18 +136,18 @@ class _Rows:
     ) -> None:
         self._conditions = conditions
         self.zero = inf
-        """when the source's time was zero [s] since the flight began, by what came quickest"""
+        """zero of the source's time [s] since the flight started, by the fastest batch"""
         self._writer, self._times, self._units = writer, times, units
         self._group, self._time = writer.add_group(), ""
         self._signals: dict[str, int] = {}
         self._pending: dict[str, list[float]] = {}
         self._arrived: list[float] = []
         self._n_written, self._n = 0, 0
-        self._no_numbers: dict[str, str] = {}
+        self._examples: dict[str, str] = {}
         self._n_unequal: Counter[str] = Counter()
 
     def add(self, line: dict[str, Any]) -> bool:
-        """Take a batch; whether it is one."""
+        """Add a batch; return whether it is valid."""
         values, arrived = line["b"], line.get("a")
         if isinstance(arrived, bool) or not isinstance(arrived, float | int):
             return False
@@ -159,12 +158,12 @@ class _Rows:
             return False
         if not self._time:
             self._time = time
-            self._begin(time)
+            self._add_signal(time)
         n = len(values[time])
         self._note_zero(arrived, values[time])
-        self._take(self._time, values.pop(time), n)
+        self._add_column(self._time, values.pop(time), n)
         for name, column in values.items():
-            self._take(name, column, n)
+            self._add_column(name, column, n)
         self._arrived += [_number(arrived)] * n
         self._n += n
         if self._n >= BLOCK_ROWS:
@@ -177,21 +176,21 @@ class _Rows:
         self.zero = min(self.zero, arrived - float(seconds[0]))
 
     def finish(self) -> list[str]:
-        """Write the rest; return what was left out."""
+        """Write the rest; return what was dropped."""
         self._flush()
         arrival = self._writer.add_signal(self._group, ARRIVED, "s", "time of arrival")
         for start in range(0, len(self._arrived), BLOCK_ROWS):
             self._writer.append(arrival, self._arrived[start : start + BLOCK_ROWS])
-        without = [name for name in self._no_numbers if name not in self._signals]
+        without = [name for name in self._examples if name not in self._signals]
         return [
-            *(f"{name}: no number, but {self._no_numbers[name]}" for name in without),
+            *(f"{name}: not a number but {self._examples[name]}" for name in without),
             *(
-                f"{name}: {n} batches with another number of values than of times"
+                f"{name}: {n} batches with unequal numbers of values and times"
                 for name, n in self._n_unequal.items()
             ),
         ]
 
-    def _take(self, name: str, column: list[Any], n: int) -> None:
+    def _add_column(self, name: str, column: list[Any], n: int) -> None:
         if len(column) != n:
             self._n_unequal[name] += 1
             return
@@ -200,14 +199,14 @@ class _Rows:
             numbers = [inf if v != v else v for v in numbers]
         if name not in self._signals:
             if all(v != v for v in numbers):
-                self._no_numbers.setdefault(name, str(column[:1])[1:60])
+                self._examples.setdefault(name, str(column[:1])[1:60])
                 return
-            self._begin(name)
+            self._add_signal(name)
         pending = self._pending[name]
         pending += [NAN] * (self._n - len(pending))
         pending += numbers
 
-    def _begin(self, name: str) -> None:
+    def _add_signal(self, name: str) -> None:
         unit, is_time = self._units.get(name, ""), name == self._time
         signal = self._writer.add_signal(self._group, name, unit, time=is_time)
         self._signals[name], self._pending[name] = signal, []
@@ -224,7 +223,7 @@ class _Rows:
 
 
 def _number(value: Any) -> float:
-    """The number that was sent; NaN for what is none."""
+    """The number, NaN if the value is not a number."""
     try:
         return float(value) if isinstance(value, float | int) else NAN
     except OverflowError:

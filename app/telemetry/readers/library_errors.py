@@ -1,7 +1,7 @@
-"""What the libraries of file formats raise over a bad file, as one kind of error.
+"""Turn the errors of file format libraries into one kind of error.
 
-h5py, scipy, pyarrow and the others answer a damaged file with any exception there is, from KeyError
-to their own; and they print and warn on the way.
+For damaged files h5py, scipy, pyarrow and others raise all kinds of exceptions, from KeyError to
+their own, and they print and warn.
 """
 
 import errno
@@ -18,10 +18,10 @@ LONGEST_REASON = 120
 
 @contextmanager
 def library_errors(title: str) -> Iterator[None]:
-    """Turn whatever a library raises over a file of this kind into one TelemetryError.
+    """Turn any error of a library into one TelemetryError. title: kind of file.
 
-    What it prints and warns is dropped. A library that is not installed and a disk without room are
-    no fault of the file and stay as they are.
+    Output and warnings are dropped. A missing library and a full disk are not faults of the file;
+    their errors pass unchanged.
     """
     try:
         with warnings.catch_warnings(), redirect_stdout(io.StringIO()):
@@ -33,8 +33,8 @@ def library_errors(title: str) -> Iterator[None]:
         raise TelemetryError(too_deep(title)) from error
     except MemoryError as error:
         raise TelemetryError(
-            f"reading this {title} file takes more memory than there is: export the time range and "
-            "the signals of this test"
+            f"reading this {title} file needs more memory than available: export only the time "
+            "range and signals of this test"
         ) from error
     except Exception as error:
         if isinstance(error, OSError) and error.errno in NO_ROOM:
@@ -45,15 +45,15 @@ def library_errors(title: str) -> Iterator[None]:
 
 
 def too_deep(title: str) -> str:
-    """Say that groups or structures lie in one another too deeply to be a recording."""
+    """Message for groups or structures that are nested too deeply."""
     return (
-        f"the {title} file holds groups or structures nested too deeply: export the signals of "
+        f"groups or structures of the {title} file are nested too deeply: export the signals of "
         "this test in a flat table"
     )
 
 
 def _reason(error: Exception) -> str:
-    """The first line of what the library says, without its dots, or else the kind of error."""
+    """First line of the library's message, otherwise the type of the error."""
     message = str(error).strip()
     line = message.splitlines()[0].rstrip(".: ") if message else ""
     printable = "".join(letter if letter.isprintable() else "?" for letter in line)

@@ -1,7 +1,7 @@
-"""Recordings in MATLAB files: variables and fields of structures, of version 4, 5 and 7.3.
+"""Read MATLAB files of version 4, 5 and 7.3: variables and fields of structures.
 
-The library trusts what a file of version 5 declares: where that is wrong, it may take more memory
-than there is or crash, which ends no more than the process.
+The library trusts the declarations of a version 5 file. If they are wrong it may run out of memory
+or crash, which only ends the reader process.
 """
 
 import math
@@ -21,7 +21,7 @@ from app.telemetry.recording import TelemetryError
 
 TITLE = "MATLAB"
 MOST_MEMORY = 1 << 30
-"""What the variables of a file may take, since they are read whole [bytes]."""
+"""Most memory for the variables of a file, which are read whole [bytes]."""
 MOST_TEXT = 4096
 MOST_DEPTH = 32
 INTEGERS = (f"{sign}int{n}" for sign in ("", "u") for n in (8, 16, 32, 64))
@@ -38,7 +38,7 @@ Keys = tuple[str, ...]
 
 
 def read(path: Path, writer: ColumnWriter) -> Contents:
-    """Read a MATLAB file; structures of time and data give groups of their own."""
+    """Read a MATLAB file; structures of time and data become groups."""
     with library_errors(TITLE):
         from scipy.io.matlab import matfile_version
 
@@ -62,7 +62,7 @@ def _read_hdf5(path: Path, writer: ColumnWriter) -> Contents:
 
 @dataclass(eq=False)
 class Loaded:
-    """The variables of a file, by the path to the field."""
+    """The variables of a file by the path of their field."""
 
     arrays: dict[Keys, Matrix] = field(default_factory=dict)
     texts: dict[Keys, str] = field(default_factory=dict)
@@ -70,7 +70,7 @@ class Loaded:
 
 
 def _load(path: Path, most_bytes: int) -> Loaded:
-    """Read the variables that can hold signals or say something of them."""
+    """Read the variables that can hold signals or describe them."""
     from scipy.io import loadmat, whosmat
 
     loaded, wanted = Loaded(), []
@@ -79,7 +79,7 @@ def _load(path: Path, most_bytes: int) -> Loaded:
         if name.startswith("__"):
             continue
         if kind in NUMBERS and n > most_bytes:
-            loaded.ignored.append(f"{name}: {n} numbers, which is more than may be read")
+            loaded.ignored.append(f"{name}: {n} numbers, more than can be read")
         elif kind in NUMBERS or (kind == "char" and n <= MOST_TEXT) or kind == "struct":
             wanted.append(name)
         else:
@@ -91,10 +91,10 @@ def _load(path: Path, most_bytes: int) -> Loaded:
 
 
 def _fields(stack: Any) -> Iterator[tuple[Keys, Any]]:
-    """Every field of structures within one another, in their order."""
-    left = list(stack)[::-1]
-    while left:
-        keys, value = left.pop()
+    """Every field of nested structures, in order."""
+    pending = list(stack)[::-1]
+    while pending:
+        keys, value = pending.pop()
         if len(keys) > MOST_DEPTH:
             raise TelemetryError(too_deep(TITLE))
         names = value.dtype.names if type(value) is np.ndarray else None
@@ -102,8 +102,8 @@ def _fields(stack: Any) -> Iterator[tuple[Keys, Any]]:
             yield keys, value
             continue
         for number, element in reversed(list(enumerate(value.reshape(-1)))):
-            here = keys if value.size == 1 else (*keys[:-1], f"{keys[-1]}[{number}]")
-            left += [((*here, name), element[name]) for name in reversed(names)]
+            place = keys if value.size == 1 else (*keys[:-1], f"{keys[-1]}[{number}]")
+            pending += [((*place, name), element[name]) for name in reversed(names)]
 
 
 def _add(loaded: Loaded, keys: Keys, value: Any) -> None:
@@ -113,11 +113,11 @@ def _add(loaded: Loaded, keys: Keys, value: Any) -> None:
     elif value.dtype.kind == "U" and value.size == 1:
         loaded.texts[keys] = str(value.reshape(-1)[0]).strip()[:MOST_TEXT]
     elif value.dtype.kind in "biuf":
-        made = matrix(keys[:-1], Column(name), value.shape, value.__getitem__)
-        if isinstance(made, Matrix):
-            loaded.arrays[keys] = made
+        array = matrix(keys[:-1], Column(name), value.shape, value.__getitem__)
+        if isinstance(array, Matrix):
+            loaded.arrays[keys] = array
         else:
-            loaded.ignored.append(made)
+            loaded.ignored.append(array)
     elif value.size:
         kinds = {"c": "complex", "V": "an array of structures", "O": "a cell array"}
         loaded.ignored.append(f"{name}: {kinds.get(value.dtype.kind, 'text')}")

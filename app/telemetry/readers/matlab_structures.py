@@ -1,4 +1,4 @@
-"""MATLAB's habits: which fields of a structure are time, data, unit and name of one signal."""
+"""MATLAB's conventions: fields of a structure that are time, data, unit and name of a signal."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
@@ -14,11 +14,11 @@ Path = tuple[str, ...]
 
 
 def as_signals(arrays: Mapping[Path, Matrix], texts: Mapping[Path, str]) -> list[Matrix]:
-    """Name the arrays of a file and their times and units. Both are by the path to the field.
+    """Name the arrays of a file; find their times and units. Both arguments are by path of a field.
 
-    A structure of time and data is a signal of the structure's name; so is each of the `signals`
-    of a "Structure with time", which has a label of its own. A structure of data without a time is
-    a signal beside the others of its place, and may be their time. Others are named as in MATLAB.
+    A structure of time and data is a signal with the structure's name. The `signals` of a
+    "Structure with time" are signals named by their labels. A structure of data without a time
+    belongs to the group of its neighbours, and may be their time. Others have their MATLAB names.
     """
     lowered = {tuple(part.lower() for part in path): text for path, text in texts.items()}
     with_time = {path[:-1] for path in arrays if is_time_name(path[-1])}
@@ -45,13 +45,13 @@ def _signal(
 
 
 def _within(low: Path, texts: Mapping[Path, str], names: tuple[str, ...]) -> str:
-    """What a structure says of its data, as itself or in the DataInfo of a timeseries."""
+    """Text in a structure about its data, or in the DataInfo of a timeseries."""
     places = [(*low, *more, name) for more in ((), ("datainfo",)) for name in names]
     return next((texts[place] for place in places if place in texts), "")
 
 
 def _beside(low: Path, texts: Mapping[Path, str], names: tuple[str, ...]) -> str:
-    """What a field beside one says of it: `beta_unit`, or `units.beta`."""
+    """Text in a neighbouring field: `beta_unit`, or `units.beta`."""
     within, field = low[:-1], low[-1]
     places = [
         place for name in names for place in ((*within, f"{field}_{name}"), (*within, name, field))

@@ -1,4 +1,4 @@
-"""Arrays of one or two dimensions: which way their samples run, and reading them by parts."""
+"""Arrays of one or two dimensions: find the axis of samples and read in parts."""
 
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
@@ -22,12 +22,12 @@ Take = Callable[[Any], npt.NDArray[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Matrix:
-    """An array of numbers that has not been read; its dimensions of one are left out.
+    """An array of numbers that is not yet read, without its dimensions of length one.
 
-    shape: of no, one or two dimensions.   take: reads the part of the array at an index.
-    chunks: shape of the parts that the file can only read whole, None where it reads any.
-    clocks: what the format says that each axis counts, None where it says nothing.
-    rows: the axis of the samples where nothing tells the two from each other.
+    shape: zero to two dimensions.   take: reads the part at an index.
+    chunks: shape of the parts that must be read whole, None if there are none.
+    clocks: what each axis counts according to the format, None if unknown.
+    rows: axis of the samples, if nothing else decides.
     """
 
     within: tuple[str, ...]
@@ -40,7 +40,7 @@ class Matrix:
 
     @property
     def is_time(self) -> bool:
-        """Whether others can be sampled at these times."""
+        """Whether these can be the times of other arrays."""
         return self.column.time and len(self.shape) == 1
 
 
@@ -54,16 +54,16 @@ def matrix(
     clocks: tuple[Clock, ...] | None = None,
     reverse: bool = False,
 ) -> Matrix | str:
-    """Make a Matrix of an array of any shape, or say why it is none.
+    """Make a Matrix of an array of any shape, or return why it cannot be one.
 
-    reverse: the dimensions are stored last first, as MATLAB's are.
+    reverse: whether dimensions are stored last first, as in MATLAB.
     """
     axes = [k for k, n in enumerate(shape) if n != 1]
     long = tuple(shape[k] for k in axes)
     if len(long) > 2:
         return f"{column.name}: {len(long)} dimensions"
     if len(long) == 2 and min(long) > MOST_COLUMNS:
-        return f"{column.name}: {long[0]} by {long[1]} numbers are no set of signals"
+        return f"{column.name}: {long[0]} by {long[1]} numbers, too wide for a set of signals"
 
     def part(index: Index) -> npt.NDArray[Any]:
         at = dict(zip(axes, index, strict=True))
@@ -81,7 +81,7 @@ def matrix(
 
 
 def to_tables(matrices: Collection[Matrix]) -> list[SignalTable]:
-    """Make columns of matrices: the times among them tell rows from columns."""
+    """Make tables of matrices; the times among them decide which axis is time."""
     times = [m for m in matrices if m.is_time]
     clocks = {m.clocks[0] for m in times} - {None}
     lengths = {m.shape[0] for m in times}
@@ -102,7 +102,7 @@ def _to_table(matrix: Matrix, axis: int) -> SignalTable:
 
 
 def _samples_axis(matrix: Matrix, clocks: Collection[Clock], lengths: Collection[int]) -> int:
-    """The axis of the samples: that of a time by declaration, by length, else the longer one."""
+    """Axis of the samples: by a declared time, by its length, otherwise the longer one."""
     if len(matrix.shape) < 2:
         return 0
     first, second = matrix.shape
@@ -117,7 +117,7 @@ def _samples_axis(matrix: Matrix, clocks: Collection[Clock], lengths: Collection
 
 
 def _pieces(matrix: Matrix, axis: int) -> Pieces:
-    """Read by parts of about a BLOCK of numbers, whole chunks at a time."""
+    """Read in parts of about a BLOCK of numbers, whole chunks at a time."""
     n_rows = matrix.shape[axis]
     if len(matrix.shape) == 1:
         for rows in _spans(n_rows, _whole(BLOCK, matrix.chunks[0] if matrix.chunks else 1)):
@@ -133,7 +133,7 @@ def _pieces(matrix: Matrix, axis: int) -> Pieces:
 
 
 def _whole(n: int, chunk: int) -> int:
-    """The most rows up to n that are whole chunks, but one chunk at least."""
+    """Largest multiple of `chunk` up to n, at least one chunk."""
     return max(n // chunk, 1) * chunk
 
 

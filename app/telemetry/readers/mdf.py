@@ -1,8 +1,7 @@
-"""Recordings in ASAM MDF 3 and 4: a group is a channel group with its master.
+"""Read ASAM MDF 3 and 4: a group is a channel group with its master.
 
-A conversion by formula is a text that the library evaluates as a program: it is never asked to.
-The library follows the pointers between blocks as they are: where they run in circles, the limits
-of the process end it.
+The library would evaluate a conversion formula as a program, so formulas are never used. It follows
+pointers between blocks blindly: if they form a circle, the limits of the process end it.
 """
 
 from collections import Counter
@@ -24,32 +23,32 @@ TITLE = "MDF"
 OPTIONS: dict[str, Any] = {"process_bus_logging": False, "use_display_names": False}
 FINISHED = b"MDF"
 FRAGMENT = 8 << 20
-"""Records that are read at a time [bytes]."""
+"""Size of the records that are read at once [bytes]."""
 NUMERIC_4 = frozenset(range(6))
 """Data types of MDF 4: integers and floating-point numbers of either byte order."""
 NOT_NUMERIC_3 = frozenset((7, 8))
 SAFE_4 = frozenset((0, 1, 2, 4, 5, 6))
-"""Conversions of MDF 4: none, linear, rational, and tables from number to number."""
+"""Conversions of MDF 4: none, linear, rational, and numeric tables."""
 SAFE_3 = frozenset((65535, 0, 1, 2, 6, 7, 8, 9))
 FORMULA_4, FORMULA_3 = 3, 10
 MASTER_TYPES = (2, 3)
 TIME_SYNC = 1
 VIRTUAL_TYPES = (3, 6)
-"""Channels that are counted, not recorded."""
+"""Channels that are computed, not recorded."""
 INVALIDATION = 2
-"""Flag: a bit of each record says whether it is invalid."""
+"""Flag: each record has a bit for invalid values."""
 
 
 @dataclass(frozen=True, eq=False)
 class MdfChannel:
-    """A channel that is read. index: in its group.   conversion: None where values are raw."""
+    """A channel to read. index: in its group.   conversion: None for raw values."""
 
     index: int
     column: Column
     conversion: Any
 
     def physical(self, raw: npt.NDArray[Any], invalid: Flags | None) -> npt.NDArray[Any]:
-        """Return values in the unit of the channel, NaN where the file calls them invalid."""
+        """Values in the channel's unit, NaN if marked invalid."""
         values = self.conversion.convert(raw) if self.conversion else raw
         if invalid is None or not invalid.any():
             return values
@@ -57,13 +56,13 @@ class MdfChannel:
 
 
 def read(path: Path, writer: ColumnWriter) -> Contents:
-    """Read an MDF file; times count from the moment that its header names."""
+    """Read an MDF file; times count from the start time in its header."""
     with library_errors(TITLE):
         from asammdf import MDF
 
         with (
             path.open("rb") as file,
-            # the library finishes a copy of a file that its writer did not, and wants its path
+            # for an unfinished file the library needs a path, and finishes a copy
             MDF(
                 file if file.peek().startswith(FINISHED) else path,
                 temporary_folder=writer.folder,
@@ -78,7 +77,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
 
 
 def _sources(mdf: Any, ignored: list[str]) -> Iterator[SignalTable]:
-    """The channel groups; those that share the master of another are of its clock."""
+    """The channel groups; groups that share a master share a clock."""
     names = _group_names(mdf)
     count = Counter(c.name for group in mdf.groups for c in group.channels)
     newer = mdf.version >= "4"
@@ -104,15 +103,15 @@ def _sources(mdf: Any, ignored: list[str]) -> Iterator[SignalTable]:
 
 
 def _check_record(group: Any) -> None:
-    """ValueError where one record is larger than all data: the library makes room for it."""
+    """ValueError if one record is larger than all data: the library would allocate it."""
     record = group.channel_group.samples_byte_nr + group.channel_group.invalidation_bytes_nr
     if record > sum(block.original_size for block in group.data_blocks):
         raise ValueError("it ends within its data")
 
 
 def _pieces(mdf: Any, group: int, channels: list[MdfChannel], n_rows: int) -> Pieces:
-    """Read the records of a group by fragments, every channel from each."""
-    left = n_rows
+    """Read the records of a group in fragments, every channel from each."""
+    n_remaining = n_rows
     for fragment in mdf._mdf._load_data(mdf.groups[group]):
         values = None
         for number, channel in enumerate(channels):
@@ -126,13 +125,13 @@ def _pieces(mdf: Any, group: int, channels: list[MdfChannel], n_rows: int) -> Pi
             )
             values = channel.physical(raw, invalid)
             yield number, values
-        left -= 0 if values is None else len(values)
-    if left:
+        n_remaining -= 0 if values is None else len(values)
+    if n_remaining:
         raise ValueError("it ends within its data")
 
 
 def _group_names(mdf: Any) -> list[str]:
-    """A name for each channel group: what acquired it or its comment; a number where two agree."""
+    """Names of channel groups: source or comment, with a number if two are equal."""
     named = []
     for number, group in enumerate(mdf.groups):
         of_group = group.channel_group
@@ -146,12 +145,12 @@ def _group_names(mdf: Any) -> list[str]:
 def _channel(
     index: int, channel: Any, group: Any, name: str, composed: bool, newer: bool
 ) -> MdfChannel | str:
-    """Look at a channel of the library's, or say why it is no signal.
+    """A channel to read, or the reason why it is not a signal.
 
-    group: its channel group.   composed: it is made of other channels.   newer: of MDF 4.
+    group: its channel group.   composed: made of other channels.   newer: MDF 4.
     """
     if composed:
-        return f"{name}: made of channels, which are read one by one"
+        return f"{name}: made of other channels, which are read separately"
     kind = channel.data_type
     if (kind not in NUMERIC_4) if newer else (kind in NOT_NUMERIC_3):
         return f"{name}: text or bytes"
@@ -181,12 +180,12 @@ def _channel(
 
 
 def _is_xml(comment: Any) -> bool:
-    """Whether a comment is a document rather than words: MDF 4 allows either."""
+    """Whether a comment is an XML document, which MDF 4 allows."""
     return str(comment).startswith("<")
 
 
 def _lies_outside(channel: Any, group: Any, newer: bool) -> bool:
-    """Whether its bits are not all in the records; the library would read and write out of them."""
+    """Whether some of its bits are outside the records, which would crash the library."""
     if not newer:
         more = 8 * getattr(channel, "additional_byte_offset", 0)
         return channel.start_offset + more + channel.bit_count > 8 * group.samples_byte_nr

@@ -1,4 +1,4 @@
-"""Recordings in NetCDF 3, and in NetCDF 4 through HDF5; a group is a dimension."""
+"""Read NetCDF 3, and NetCDF 4 through HDF5; a group is a dimension."""
 
 from functools import partial
 from pathlib import Path
@@ -15,7 +15,7 @@ CLASSIC = b"CDF"
 
 
 def read(path: Path, writer: ColumnWriter) -> Contents:
-    """Read a NetCDF file of either generation, with its missing and packed values."""
+    """Read a NetCDF file of either generation, with missing and packed values."""
     with library_errors(TITLE):
         with path.open("rb") as file:
             classic = file.read(len(CLASSIC)) == CLASSIC
@@ -32,7 +32,7 @@ def _read_hdf5(path: Path, writer: ColumnWriter) -> Contents:
 
 
 def _read_classic(path: Path, writer: ColumnWriter) -> Contents:
-    """The numbers are mapped, so that only what is being written is in memory."""
+    """Read memory-mapped, so that only the part being written is in memory."""
     from scipy.io import netcdf_file
 
     ignored: list[str] = []
@@ -47,17 +47,17 @@ def _read_classic(path: Path, writer: ColumnWriter) -> Contents:
                 name, partial(_attribute, variable), variable.data.dtype
             )
             data = variable.data
-            made = matrix(
+            array = matrix(
                 (),
                 column,
                 data.shape,
                 lambda index, data=data, unpack=unpack: unpack(data[index]),
                 clocks=tuple((dimension,) for dimension in variable.dimensions),
             )
-            if isinstance(made, Matrix):
-                matrices.append(made)
+            if isinstance(array, Matrix):
+                matrices.append(array)
             else:
-                ignored.append(made)
+                ignored.append(array)
         write_tables(to_tables(matrices), writer, ignored)
     start = conventions.start.iso if conventions.start else ""
     return writer.finish("netcdf", start=start, ignored=listed(ignored))

@@ -1,4 +1,4 @@
-"""Recordings in Parquet: one table, read by batches; a signal is a column of numbers or times."""
+"""Read Parquet in batches: one table; a signal is a column of numbers or times."""
 
 import json
 from collections import Counter
@@ -27,11 +27,11 @@ from core.types import Array
 TITLE = "Parquet"
 BATCH_ROWS = 1 << 16
 BUFFER = 1 << 18
-"""Of one column, instead of its whole part of a row group [bytes]."""
+"""Buffer of one column, instead of its whole part of a row group [bytes]."""
 
 
 def read(path: Path, writer: ColumnWriter) -> Contents:
-    """Read a Parquet file; its timestamps become seconds from the first of them."""
+    """Read a Parquet file; timestamps become seconds from the first one."""
     with library_errors(TITLE):
         from pyarrow.parquet import ParquetFile
 
@@ -53,11 +53,11 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
 
 
 def _chosen(schema: pa.Schema) -> tuple[list[str], list[str]]:
-    """What is ignored with the reason, and the names of the columns that are read."""
+    """Ignored columns with reasons, and the names of the columns to read."""
     ignored, chosen, count = [], [], Counter(schema.names)
     for name, kind in zip(schema.names, schema.types, strict=True):
-        twice = "a name that another column has too" if count[name] > 1 else ""
-        if reason := twice or not_numbers(kind):
+        repeated = "several columns have this name" if count[name] > 1 else ""
+        if reason := repeated or not_numbers(kind):
             ignored.append(f"{name}: {reason}")
         else:
             chosen.append(name)
@@ -76,7 +76,7 @@ def _columns(schema: pa.Schema, names: Sequence[str]) -> tuple[Column, ...]:
 
 
 def _time(schema: pa.Schema, names: Sequence[str]) -> str:
-    """The column that is the time by its name or type: pandas' index first; "" for none."""
+    """The time column by name or type, pandas' index first; "" for none."""
     moments = [name for name in names if is_moment(schema.field(name).type)]
     spans = [name for name in names if is_span(schema.field(name).type)]
     index = [n for n in index_of_table(schema) if n in moments or n in spans or is_time_name(n)]
@@ -89,7 +89,7 @@ NANOSECONDS = 10**9
 
 
 def not_numbers(kind: pa.DataType) -> str:
-    """Why a column of a type is no signal, "" where it is one."""
+    """Why a column of a type is not a signal, "" if it is."""
     if pa.types.is_dictionary(kind):
         return not_numbers(kind.value_type)
     if pa.types.is_nested(kind):
@@ -104,32 +104,31 @@ def not_numbers(kind: pa.DataType) -> str:
 
 
 def is_moment(kind: pa.DataType) -> bool:
-    """Whether values are moments in history."""
     return pa.types.is_timestamp(kind)
 
 
 def is_span(kind: pa.DataType) -> bool:
-    """Whether values are lengths of time, or times of a day."""
+    """Whether values are durations, or times of day."""
     return pa.types.is_duration(kind) or pa.types.is_time(kind)
 
 
 @dataclass(eq=False)
 class Moments:
-    """Timestamps as seconds from the first one of the file that is met [ns from 1970]."""
+    """Timestamps as seconds from the first one in the file. first: [ns since 1970]."""
 
     first: int | None = None
     zoned: bool = False
 
     @property
     def start(self) -> str:
-        """The first moment in ISO 8601, in UTC where the file names a zone; "" if there is none."""
+        """The first moment in ISO 8601, in UTC if the file gives a zone; "" if there is none."""
         if self.first is None:
             return ""
         text = str(np.datetime64(self.first, "ns"))
         return text.rstrip("0").rstrip(".") + ("Z" if self.zoned else "")
 
     def numbers(self, column: pa.Array) -> Array:
-        """Return values as floating-point numbers, NaN where missing."""
+        """Values as floating-point numbers, NaN if missing."""
         if pa.types.is_dictionary(column.type):
             column = column.dictionary_decode()
         kind = column.type
@@ -147,7 +146,7 @@ class Moments:
     def _since_first(
         self, counts: np.ndarray, missing: np.ndarray, kind: pa.TimestampType, rate: int
     ) -> Array:
-        """Subtract as integers: a count of nanoseconds from 1970 is too long for a float."""
+        """Subtract as integers, because nanoseconds since 1970 exceed a float's precision."""
         if missing.all():
             return np.zeros(len(counts))
         if self.first is None:
@@ -161,19 +160,17 @@ KEYS = ("unit", "units", "Unit", "Units", "UNIT", "UNITS")
 
 
 def unit_of(field: pa.Field) -> str:
-    """The unit in a field's own metadata, "" for none."""
-    return _said(field, KEYS)
+    return _metadata_text(field, KEYS)
 
 
 def description_of(field: pa.Field) -> str:
-    """What a field's own metadata say of it, "" for nothing."""
-    return _said(field, DESCRIPTION_NAMES)
+    return _metadata_text(field, DESCRIPTION_NAMES)
 
 
 def units_of_table(schema: pa.Schema) -> dict[str, str]:
-    """Units by name of column that the table says of all, as pandas' attrs do.
+    """Units by column name from the metadata of the table, such as pandas' attrs.
 
-    Either {"units": {name: unit}} or {name: {"unit": unit}} or {name: unit} under a key `units`.
+    Either {"units": {name: unit}} or {name: {"unit": unit}}.
     """
     attributes = _attributes(schema)
     by_name: dict[str, str] = {}
@@ -187,12 +184,12 @@ def units_of_table(schema: pa.Schema) -> dict[str, str]:
 
 
 def index_of_table(schema: pa.Schema) -> tuple[str, ...]:
-    """Names of the columns that pandas kept as its index."""
+    """Names of the columns that were pandas' index."""
     index = _json(schema, b"pandas").get("index_columns")
     return tuple(name for name in index if isinstance(name, str)) if isinstance(index, list) else ()
 
 
-def _said(field: pa.Field, keys: tuple[str, ...]) -> str:
+def _metadata_text(field: pa.Field, keys: tuple[str, ...]) -> str:
     metadata = field.metadata or {}
     values = (metadata.get(key.encode(), b"") for key in keys)
     return next((value.decode("utf-8", "replace").strip() for value in values if value), "")
@@ -204,7 +201,7 @@ def _attributes(schema: pa.Schema) -> dict[str, Any]:
 
 
 def _json(schema: pa.Schema, key: bytes) -> dict[str, Any]:
-    """A JSON object in the metadata of a table; empty where there is none."""
+    """A JSON object in the metadata of a table; empty if missing."""
     try:
         plain = json.loads((schema.metadata or {}).get(key, b"{}"))
     except (ValueError, RecursionError):

@@ -1,7 +1,7 @@
-"""From what a file declares to the folder of columns: groups that share their times, then numbers.
+"""Write the tables that a file declares as groups of signals that share their times.
 
-A reader first collects tables, which know their lengths and have not been read; so a file that
-declares more than may be read is refused before any of it is.
+A reader first collects unread tables with known lengths, so a file that declares too much is
+refused before any of it is read.
 """
 
 import re
@@ -15,27 +15,26 @@ from app.telemetry.readers.written_units import unit_in
 from app.telemetry.recording import TelemetryError
 
 BLOCK = 1 << 20
-"""Numbers that are read at a time."""
+"""Numbers that are read at once."""
 MOST_COLUMNS = 256
-"""Of one matrix; a wider one is an image or a map, not a set of signals."""
+"""Widest matrix of signals; a wider one is an image or a map."""
 TIME_NAMES = frozenset(
     {"t", "t_s", "time", "time_s", "times", "timestamp", "timestamps", "tout", "seconds"}
 )
 DESCRIPTION_NAMES = ("description", "long_name", "label", "comment")
-"""Attributes and fields that say in words what a signal is."""
+"""Attributes and fields that describe a signal."""
 
 Clock = tuple[str, ...] | None
 Pieces = Iterator[tuple[int, npt.ArrayLike]]
 Place = tuple[tuple[str, ...], int]
-"""Where a table lies and how long it is; those of one place are a group."""
+"""Path and length of a table; tables of one place are a group."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """A signal to be. time: the file says that it is the time of the others.
+    """A future signal. time: whether the file declares it as the time of the others.
 
-    rate: at which the file says that it was sampled [Hz], 0 where it says nothing; the first sample
-    is at `start` [s].
+    rate: declared sample rate [Hz], 0 if unknown; the first sample is at `start` [s].
     """
 
     name: str
@@ -50,10 +49,10 @@ class Column:
 class SignalTable:
     """Columns of equal length that are read together.
 
-    within: the groups or structures they lie in, outermost first.
-    pieces: reads (number of column, values); the pieces of one column come in their order.
-    clock: what the format says they share their times with; None where it says nothing, and then
-    they share them with what lies in the same place and is as long.
+    within: groups or structures that contain them, outermost first.
+    pieces: reads (number of column, values); the pieces of a column are in order.
+    clock: declared common clock. Without one, tables in the same place with the same length share
+    their times.
     """
 
     within: tuple[str, ...]
@@ -64,7 +63,7 @@ class SignalTable:
 
 
 def is_time_name(name: str) -> bool:
-    """Whether a signal of this name is the time of those beside it."""
+    """Whether a signal with this name is the time of its neighbours."""
     return re.split(r"[\[({<]", name)[0].strip().lower() in TIME_NAMES
 
 
@@ -74,10 +73,9 @@ def write_tables(
     ignored: list[str],
     separator: str = "/",
 ) -> None:
-    """Write the tables of a file as groups of signals.
+    """Write the tables of a file as groups of signals; single values are added to `ignored`.
 
-    The single values among them are added to `ignored`. TelemetryError where nothing is left, or
-    where the file declares too much.
+    TelemetryError if nothing is left, or if the file declares too much.
     """
     ignored += [
         f"{column.name}: {'one value' if table.n_rows else 'no value'}"
@@ -111,7 +109,7 @@ def write_tables(
 def _added(
     writer: ColumnWriter, name: str, members: list[SignalTable]
 ) -> list[tuple[SignalTable, list[int]]]:
-    """Begin a group and its signals; the first time among them is its time."""
+    """Start a group and its signals; the first time among them is its time."""
     rates = {(column.rate, column.start) for table in members for column in table.columns}
     rate, start = rates.pop() if len(rates) == 1 else (0.0, 0.0)
     group = writer.add_group(name, rate=rate, start=start)
@@ -131,33 +129,33 @@ def _added(
 
 
 def _check_size(series: Sequence[SignalTable], writer: ColumnWriter) -> None:
-    """TelemetryError where a file declares more signals or numbers than may be written."""
+    """TelemetryError if a file declares more signals or numbers than may be written."""
     n_signals = sum(len(table.columns) for table in series)
     if n_signals > MOST_SIGNALS:
         raise TelemetryError(
-            f"the file has {n_signals} signals, more than {MOST_SIGNALS}: export the ones of this "
-            "test"
+            f"the file has {n_signals} signals, more than {MOST_SIGNALS}: export only those of "
+            "this test"
         )
     n_bytes = 8 * sum(len(table.columns) * table.n_rows for table in series)
     if n_bytes > writer.most_bytes:
         raise TelemetryError(
-            f"the file declares {n_bytes / 2**20:.0f} MiB of numbers, more than the "
-            f"{writer.most_bytes / 2**20:.0f} MiB that one of its size may unfold to: export the "
-            "time range and the signals of this test"
+            f"the file declares {n_bytes / 2**20:.0f} MiB of numbers, more than the limit of "
+            f"{writer.most_bytes / 2**20:.0f} MiB for its size: export only the time range and "
+            "signals of this test"
         )
 
 
 def listed(ignored: Sequence[str]) -> tuple[str, ...]:
-    """Keep the first of what was ignored, and count the others."""
+    """The first ignored entries, and a count of the others."""
     more = len(ignored) - MOST_LISTED
     return (*ignored[:MOST_LISTED], *([f"and {more} more"] if more > 0 else []))
 
 
 def nothing(ignored: Sequence[str]) -> str:
-    """Say that a file holds no signal, and what it holds instead."""
+    """Message for a file without signals, with its contents."""
     instead = f" ({'; '.join(ignored[:3])}{'; ...' if len(ignored) > 3 else ''})" if ignored else ""
     return (
-        f"nothing in the file is a signal of numbers{instead}: export the signals of the test with "
+        f"the file has no numeric signals{instead}: export the signals of the test with "
         "their times as plain tables or vectors"
     )
 
@@ -167,12 +165,11 @@ def _time(column: Column) -> bool:
 
 
 def _rate_words(column: Column) -> str:
-    """What signals that were sampled together at a rate are called."""
     return f"{column.rate:g} Hz" + (f" from {column.start:g} s" if column.start else "")
 
 
 def _place(table: SignalTable, timed: set[Place]) -> Place:
-    """Where a table belongs: its clock, else the nearest place outwards with a time as long."""
+    """Group of a table: its clock, else the nearest outer place with a time of equal length."""
     if table.clock is not None:
         return table.clock, table.n_rows
     for depth in range(len(table.within), -1, -1):
@@ -182,7 +179,7 @@ def _place(table: SignalTable, timed: set[Place]) -> Place:
 
 
 def _names(places: list[Place], separator: str) -> list[str]:
-    """A name for each group: its place, and its length where two have the same place."""
+    """Name of each group: its place, with its length if two have the same place."""
     plain = [separator.join(path) for path, _ in places]
     return [
         name if plain.count(name) == 1 else f"{name} ({n} rows)".strip()

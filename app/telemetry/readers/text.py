@@ -1,4 +1,4 @@
-"""Recordings from text tables: comma, semicolon, tab, bar or blanks between cells."""
+"""Read text tables with comma, semicolon, tab, bar or blanks between cells."""
 
 from itertools import chain
 from pathlib import Path
@@ -15,14 +15,14 @@ from app.telemetry.readers.text_tables.times import Array, ElapsedTime, times_of
 
 HEAD_BYTES = 2**18
 PIECE_BYTES = 2**16
-"""A refused block is tried again in pieces of this size, and a refused piece row by row."""
+"""A block that cannot be parsed is retried in pieces of this size, then row by row."""
 
 
 def read(path: Path, writer: ColumnWriter) -> Contents:
-    """Read a table with a line of names, perhaps one of units, and one line a sample.
+    """Read a table with a line of names, optionally a line of units, and one line per sample.
 
-    Bad rows are left out up to the writer's share of them, and columns of text altogether.
-    Raises TelemetryError where that leaves no table.
+    Bad rows are dropped, up to the writer's share, and so are columns of text.
+    Raises TelemetryError if no table is left.
     """
     size = path.stat().st_size
     with path.open("rb") as file:
@@ -40,7 +40,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
 
 
 def decoded(text: bytes) -> str:
-    """Text in UTF-8, or else in the usual 8-bit code; what is in neither is replaced."""
+    """Text in UTF-8, otherwise in the usual 8-bit encoding, with replacement characters."""
     try:
         return text.decode()
     except UnicodeDecodeError:
@@ -48,7 +48,7 @@ def decoded(text: bytes) -> str:
 
 
 class _Table:
-    """The columns of a table on their way from blocks of text to the writer."""
+    """Passes the columns of a table from blocks of text to the writer."""
 
     def __init__(self, layout: Layout, writer: ColumnWriter) -> None:
         self._columns, self._notes, self._writer = layout.columns, layout.notes, writer
@@ -62,7 +62,7 @@ class _Table:
         self._rows = RowReader(layout, self.bad, unfilled)
         self.n_rows = 0
         group = writer.add_group()
-        # times as text are the table's time, unless they are repeated from row to row
+        # times as text are the table's time, unless they repeat from row to row
         fine = next((i for i in self._clocks if not layout.columns[i].coarse), None)
         self._clock = self._clocks.get(fine if fine is not None else min(self._clocks, default=-1))
         self._signals = {
@@ -73,7 +73,7 @@ class _Table:
         }
 
     def add(self, line: int, block: bytes) -> None:
-        """Append the good rows of a block of whole lines, the first of them numbered `line`."""
+        """Append the good rows of a block of whole lines; its first line has number `line`."""
         parts = self._parsed(line, block)
         for i, signal in self._signals.items():
             values = [self._values(i, part) for part in parts]
@@ -81,7 +81,6 @@ class _Table:
         self.n_rows += sum(part.n for part in parts)
 
     def finish(self) -> Contents:
-        """Write what the columns are."""
         ignored = [
             f"{column.name}: text such as {column.example!a}"
             for column in self._columns
@@ -91,7 +90,7 @@ class _Table:
             ignored.append(f"{self._columns[i].name}: text from line {line} on, {cell[:40]!a}")
         times = [n for i, c in self._clocks.items() for n in c.notes(self._columns[i].name)]
         coarse = [
-            f"{column.name} repeats its times from row to row: it is not taken for the time."
+            f"{column.name} repeats its times from row to row, so it is not used as the time."
             for column in self._columns
             if column.coarse
         ]
@@ -106,13 +105,13 @@ class _Table:
 
     def _parsed(self, line: int, block: bytes) -> list[Rows]:
         try:
-            return [self._noted(self._parser.parse(block, self._wanted))]
+            return [self._with_fill(self._parser.parse(block, self._wanted))]
         except ValueError:
             pass
         parts = []
         for at, piece in pieces(line, block, PIECE_BYTES):
             try:
-                part = self._noted(self._parser.parse(piece, self._wanted))
+                part = self._with_fill(self._parser.parse(piece, self._wanted))
             except ValueError:
                 part = self._row_by_row(at, piece)
             parts.append(part)
@@ -121,18 +120,20 @@ class _Table:
     def _row_by_row(self, line: int, piece: bytes) -> Rows:
         rows = self._rows.read(line, decoded(piece), self._wanted)
         columns = zip(*rows, strict=True) if rows else ()
-        read = Rows(len(rows), {})
+        result = Rows(len(rows), {})
         for i, values in zip(self._wanted, columns, strict=False):
             form = self._columns[i].form
             if form:
-                read.columns[i] = times_of(pa.chunked_array([pa.array(values, pa.string())]), form)
+                result.columns[i] = times_of(
+                    pa.chunked_array([pa.array(values, pa.string())]), form
+                )
             else:
-                read.columns[i] = finite(np.array(values, float))
+                result.columns[i] = finite(np.array(values, float))
         self._wanted = [i for i in self._wanted if i not in self._rows.turned_text]
-        return read
+        return result
 
-    def _noted(self, part: Rows) -> Rows:
-        """The rows, after noting which columns hold numbers at last."""
+    def _with_fill(self, part: Rows) -> Rows:
+        """The rows, after noting which columns now have numbers."""
         unfilled = self._rows.unfilled
         unfilled -= {
             i for i in unfilled & part.columns.keys() if not np.isnan(part.columns[i]).all()

@@ -1,4 +1,4 @@
-"""Recordings of PX4 autopilots (ULog): a group is an instance of a topic, a signal its field."""
+"""Read ULog of PX4 autopilots: a group is an instance of a topic, a signal is a field of it."""
 
 import io
 from collections.abc import Mapping
@@ -21,9 +21,9 @@ from app.telemetry.recording import TelemetryError
 TITLE = "ULog"
 MOST_DEPTH = 16
 MOST_FIELDS = 4096
-"""Of one message, its nested ones unfolded."""
+"""Most fields of one message, including nested ones."""
 MOST_ELEMENTS = 64
-"""Of an array in a message; a longer one is a map or a text."""
+"""Longest array in a message; a longer one is a map or a text."""
 TIME = "timestamp"
 MICROSECONDS = 1e6
 
@@ -48,25 +48,25 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
 
 
 class _Finite(io.FileIO):
-    """A file that is read as often as it has bytes.
+    """A file that allows as many reads as it has bytes.
 
-    The library steps back from damage by more than it has read where the file ends too early.
+    If a file ends early, the library would go back and read it again without end.
     """
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        self._left = path.stat().st_size
+        self._n_remaining = path.stat().st_size
 
     def read(self, size: int | None = -1) -> bytes:
-        """Read as any file; EOFError where it has been read too often."""
-        self._left -= 1
-        if self._left < 0:
+        """Read as usual; EOFError after too many reads."""
+        self._n_remaining -= 1
+        if self._n_remaining < 0:
             raise EOFError("it ends within its definitions")
         return super().read(size)
 
 
 def _check_fields(formats: Formats, name: str) -> None:
-    """TelemetryError where a message is of itself, or of messages of messages without measure."""
+    """TelemetryError if a message contains itself, or too many nested messages."""
     n_fields, stack = 0, [(name, 1, 0)]
     while stack:
         message, times, depth = stack.pop()
@@ -79,13 +79,13 @@ def _check_fields(formats: Formats, name: str) -> None:
                 n_fields += times * (length or 1)
             if n_fields > MOST_FIELDS or len(stack) > MOST_FIELDS:
                 raise TelemetryError(
-                    f"the message {name!r} of the ULog file unfolds to more than {MOST_FIELDS} "
-                    "fields: it is damaged, copy it from the autopilot again"
+                    f"the message {name!r} of the ULog file has more than {MOST_FIELDS} "
+                    "fields: the file is damaged, copy it from the autopilot again"
                 )
 
 
 def _topic(data: Any, every: list[Any], ignored: list[str]) -> SignalTable:
-    """The numeric fields of a topic, those of long arrays and texts left out."""
+    """Numeric fields of a topic, without long arrays and texts."""
     alone = data.multi_id == 0 and sum(other.name == data.name for other in every) == 1
     group = data.name if alone else f"{data.name}_{data.multi_id}"
     long = {
@@ -109,14 +109,14 @@ def _topic(data: Any, every: list[Any], ignored: list[str]) -> SignalTable:
 
 
 def _smallest(tables: list[SignalTable], ignored: list[str]) -> list[SignalTable]:
-    """The topics with the fewest fields, where all have more than can be read."""
+    """The topics with the fewest fields, if the file has too many."""
     chosen, n_signals = [], 0
     for table in sorted(tables, key=lambda table: len(table.columns)):
         n_signals += len(table.columns)
         if n_signals <= MOST_SIGNALS:
             chosen.append(table)
         else:
-            ignored.append(f"{table.within[0]}: one of too many fields in the file")
+            ignored.append(f"{table.within[0]}: the file has too many fields")
     return [table for table in tables if table in chosen]
 
 
@@ -129,13 +129,13 @@ def _pieces(fields: Mapping[str, Any], names: list[str]) -> Pieces:
 
 
 def _notes(log: Any) -> tuple[str, ...]:
-    """What was lost on the way to the file."""
+    """Sentences on lost data."""
     notes = []
     if lost := [dropout.duration / 1e3 for dropout in log.dropouts]:
         notes.append(
-            f"The logger dropped data: {len(lost)} dropouts, {sum(lost):.3g} s in all, the longest "
-            f"{max(lost):.3g} s."
+            f"The logger dropped data: {len(lost)} dropouts, {sum(lost):.3g} s in total, the "
+            f"longest {max(lost):.3g} s."
         )
     if log.file_corruption:
-        notes.append("Parts of the file are damaged and were left out.")
+        notes.append("Dropped damaged parts of the file.")
     return tuple(notes)

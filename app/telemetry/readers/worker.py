@@ -1,8 +1,8 @@
-"""The process that reads a file, which may do its worst to it: one order, one answer, the end.
+"""The process that reads one file: one order, one answer, then it ends.
 
-The order is a line of JSON on standard input, which stays open while somebody waits for the answer,
-JSON on standard output. The system ends what exceeds its limits or is not waited for any more;
-app.telemetry.readers.isolation starts the process and reads its exit code.
+The order is a line of JSON on standard input, which stays open while the parent waits for the
+answer, JSON on standard output. The system ends a process that exceeds its limits or whose parent
+has gone; app.telemetry.readers.isolation starts the process and reads its exit code.
 """
 
 import json
@@ -30,11 +30,11 @@ PRELOADED = {
     "scipy.io": 2.0,
     "pandas": 2.0,  # where it is installed, pyarrow imports it
 }
-"""What a spare process imports after so long without an order [s]: the slow ones when idle."""
+"""Imports of a spare process, and how long it must be idle before each [s]."""
 
 
 def main() -> None:
-    """Carry out the order on standard input; what libraries print goes nowhere."""
+    """Carry out the order on standard input; output of libraries is dropped."""
     orders, answers = os.dup(0), os.dup(1)
     nowhere = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):
@@ -54,7 +54,7 @@ def main() -> None:
 
 
 def read(order: dict[str, Any]) -> dict[str, Any]:
-    """Read a file as ordered. Returns how it ended, as app.telemetry.reading words it."""
+    """Read a file as ordered; return how it ended, as app.telemetry.reading expects."""
     writer = ColumnWriter(
         Path(order["folder"]), order["most_bytes"], order["bad_share"], tuple(order["notes"])
     )
@@ -75,7 +75,7 @@ def read(order: dict[str, Any]) -> dict[str, Any]:
 
 
 def _limit(order: dict[str, Any], orders: int) -> None:
-    """Have the system end this process where it takes too much, or `orders` is closed."""
+    """Let the system end this process if it exceeds its limits or `orders` is closed."""
     if sys.platform == "win32":
         return
     import fcntl
@@ -98,12 +98,12 @@ def _limit(order: dict[str, Any], orders: int) -> None:
 
 
 def _is_ready(orders: int, within: float) -> bool:
-    """Whether there is something to read, or the end, within so many seconds."""
+    """Whether there is something to read, or the end of input, within so many seconds."""
     return sys.platform != "win32" and bool(select.select([orders], [], [], within)[0])
 
 
 def _data_bytes() -> int:
-    """Memory of this process that is no file's [bytes]; 0 where the system does not say."""
+    """Memory of this process without mapped files [bytes]; 0 if unknown."""
     try:
         with open("/proc/self/statm", "rb") as file:
             return int(file.read().split()[5]) * os.sysconf("SC_PAGE_SIZE")

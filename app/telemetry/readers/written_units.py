@@ -1,4 +1,4 @@
-"""Units in the lines above a text table: told from names, not yet understood."""
+"""Find units in the lines above a text table, without interpreting them."""
 
 import re
 from collections.abc import Sequence
@@ -30,9 +30,9 @@ NO_UNIT = frozenset({"", "-", "--", "1", "n/a", "na", "none", "nd", "unitless", 
 
 
 def unit_in(name: str) -> str:
-    """The unit that a name carries in brackets at its end, "" for none.
+    """Unit in brackets at the end of a name, "" for none.
 
-    What is in parentheses counts only if it reads like one: "p (deg/s)", but not "beta (filtered)".
+    Parentheses count only if the text reads like a unit: "p (deg/s)", but not "beta (filtered)".
     """
     match = UNIT_AT_END.search(name)
     if not match:
@@ -46,23 +46,23 @@ def unit_in(name: str) -> str:
 
 
 def unit_of_cell(cell: str) -> str:
-    """The unit in a cell of a row of units: "[deg]", "(deg)", "deg" or a sign for none."""
+    """Unit in a cell of a row of units: "[deg]", "(deg)" or "deg"; "" for a sign of none."""
     match = MARKED_UNIT.fullmatch(cell)
     unit = next(text for text in match.groups() if text is not None) if match else cell
     return "" if unit.strip().lower() in NO_UNIT else unit.strip()
 
 
 def are_units(row: Sequence[str]) -> bool:
-    """Whether cells are units rather than names: half of them could be, one of them surely is."""
+    """Whether cells are units, not names: half of them can be units and one certainly is."""
     marked = {unit_of_cell(cell) for cell in row if MARKED_UNIT.fullmatch(cell)} - {""}
     bare = [unit for cell in row if (unit := unit_of_cell(cell))]
-    could = [unit for unit in bare if unit in marked or reads_like_unit(unit)]
-    sure = [unit for unit in bare if unit in marked or SURE_UNIT.fullmatch(unit.lower())]
-    return bool(sure) and 2 * len(could) >= len(bare)
+    possible = [unit for unit in bare if unit in marked or reads_like_unit(unit)]
+    certain = [unit for unit in bare if unit in marked or SURE_UNIT.fullmatch(unit.lower())]
+    return bool(certain) and 2 * len(possible) >= len(bare)
 
 
 def reads_like_unit(text: str) -> bool:
-    """Whether a text is a unit that we know, or made of words for units, powers and fractions."""
+    """Whether a text is a known unit, or consists of unit words, powers and fractions."""
     if spelled(text):
         return True
     words = [w for w in re.split(r"[\s/*·.^:²³⁻\d+-]+", text.lower()) if w]

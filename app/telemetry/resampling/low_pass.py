@@ -1,14 +1,13 @@
-"""One low-pass filter for every change of rate: against aliases going down, images otherwise.
+"""A low-pass filter for every change of rate, against aliases and images.
 
-A windowed sinc (Kaiser) with its middle at half of the slower of the two rates, 1/T. It keeps a
-sine up to PASS/T within 0.1 %, leaves less than a thousandth of one from STOP/T on, and so lets
-nothing fold back below PASS/T. It is symmetric, so that no frequency is delayed. The price is a
-look ahead of HALF_WIDTH T, of which little weighs: an ideal step is felt one T before it by 9 % of
-its height, two T before it by 4 %.
+A windowed sinc (Kaiser) with its cutoff at half the slower of the two rates, 1/T. It keeps a sine
+up to PASS/T within 0.1 % and reduces one above STOP/T below 1/1000, so nothing aliases below
+PASS/T. It is symmetric and so delays no frequency. It looks ahead by HALF_WIDTH T, with small
+weights: an ideal step appears one T early with 9 % of its height, two T early with 4 %.
 
-At its ends a segment is continued by its reflection in its own end sample, which keeps value and
-slope. So each row is a weighted sum of samples of its own segment, none further than HALF_WIDTH T;
-towards an end the filter does less, and the end sample itself passes as it is.
+At its ends a segment continues as its reflection in the end sample, which keeps value and slope. So
+each row is a weighted sum of samples of its own segment, at most HALF_WIDTH T away. The filter
+weakens towards an end, and the end sample passes unchanged.
 """
 
 from functools import lru_cache
@@ -21,20 +20,20 @@ from core.types import Array
 PASS, STOP = 0.4, 0.6
 """Edges of the pass band and of the stop band, as shares of the slower rate."""
 HALF_WIDTH = 10
-"""Steps of the slower rate that the kernel reaches to either side."""
+"""Half width of the kernel, in steps of the slower rate."""
 BETA = 0.1102 * (7.95 + 14.36 * (STOP - PASS) * 2 * HALF_WIDTH - 8.7)
 """Kaiser's parameter for that width and those edges: 65 dB."""
 PHASES = 512
-"""Places between two samples at which the kernel is tabulated; straight lines between them."""
+"""Positions between two samples in the table of kernels, interpolated linearly."""
 SAME_PLACE = 1e-4
-"""Rows that come to lie differently between samples by less than this share of a step share a
-kernel; the largest sine of the pass band is in error by 2.5 times that."""
+"""Rows whose position between samples differs by less than this share of a step share a kernel. The
+error of the largest sine in the pass band is 2.5 times that."""
 BLOCK = 1 << 20
-"""Weights in memory at once."""
+"""Most weights in memory at once."""
 
 
 def low_passed(x: Array, first: float, stride: float, n: int) -> Array:
-    """Rows at the places first, first + stride, ... of an evenly sampled segment: (n,).
+    """Rows at the positions first, first + stride, ... of an evenly sampled segment: (n,).
 
     x: (n_samples >= 2,) finite.   first, stride: in samples, whole or not; every row lies between
     the first and the last sample. T is one sample or one stride, the longer of the two.
@@ -51,7 +50,7 @@ def low_passed(x: Array, first: float, stride: float, n: int) -> Array:
 
 
 def _continued(x: Array, n: int) -> Array:
-    """n more samples on either side: the segment reflected in its end samples."""
+    """The segment with n more samples on either side, reflected in its end samples."""
     if len(x) <= n:
         return np.pad(x, n, "reflect", reflect_type="odd")
     before, after = 2.0 * x[0] - x[n:0:-1], 2.0 * x[-1] - x[-2 : -n - 2 : -1]
@@ -69,10 +68,10 @@ def _table(reach: int, slower: float) -> Array:
 
 
 def _kernels(place: Array, reach: int, slower: float) -> Array:
-    """Weights of the samples -reach ... reach + 1 for rows `place` behind sample 0: (n, 2 reach+2).
+    """Weights of the samples -reach ... reach + 1 for rows `place` after sample 0: (n, 2 reach+2).
 
-    A window's worth of constant and line is taken off, so that the weights sum to one and balance
-    about the row to rounding: constants and straight lines stay what they are.
+    Windowed constant and linear terms are subtracted, so that the weights sum to one and balance
+    about the row: constants and straight lines pass unchanged.
     """
     distance = (np.arange(-reach, reach + 2) - place[:, None]) / slower
     inside = np.sqrt(np.clip(1.0 - (distance / HALF_WIDTH) ** 2, 0.0, None))
@@ -89,7 +88,7 @@ def _kernels(place: Array, reach: int, slower: float) -> Array:
 
 
 def _swept(padded: Array, first: float, stride: float, n: int, table: Array) -> Array:
-    """Rows that each lie elsewhere between samples, with kernels out of a table."""
+    """Rows at varying positions between samples, with kernels from a table."""
     windows = np.lib.stride_tricks.sliding_window_view(padded, table.shape[1])
     rows = np.empty(n)
     size = max(1, BLOCK // table.shape[1])

@@ -1,7 +1,7 @@
-"""Channels on one time grid, each from its own times, without inventing what was not measured.
+"""Resample channels from their own times onto one grid, without inventing values.
 
-Offline there is a future to look at, and a filter without delay uses some of it. A live monitor at
-the same instant would know less; the notes of the result say by how much.
+Offline a filter without delay uses some future samples. A live monitor would not have them at the
+same instant; the notes of the result state by how much.
 """
 
 from collections.abc import Collection
@@ -20,34 +20,34 @@ from core.types import Array, Flags, Indices
 
 CONDITION = ("V", "h")
 RATE_RATIO = 1.5
-"""A needed channel whose step is longer than this many of the grid's is refused."""
+"""Longest step of a needed channel, in steps of the grid."""
 BLOCK = 65_536
-"""Values that are looked at together."""
+"""Values that are checked at once."""
 MAX_ROWS = 10_000_000
-"""More rows than any flight has; a clock that jumps would ask for them."""
+"""More than any flight needs; only a clock that jumps exceeds this."""
 
 
 def on_grid(traces: Traces, dt: float, needed: Collection[str] = KEYS) -> Recording:
-    """The channels at t_0 + k dt [s], as long as those that are needed were all being recorded.
+    """The channels at t_0 + k dt [s], while all needed channels were being recorded.
 
-    traces: with times that increase, as after `repair`.
-    needed: channels that may not be slower than RATE_RATIO dt; any other may, for display.
-    t_0: the first time of the slowest needed channel since all needed ones are recorded.
+    traces: with increasing times, as after `repair`.
+    needed: channels with a step of at most RATE_RATIO dt; others may be slower, for display.
+    t_0: the first time of the slowest needed channel at which all needed ones are recorded.
 
     A channel whose times are all on the grid (within 1e-6 dt) is returned bit for bit, on its own
-    times if they are the grid. Any other goes through `low_pass`, at half of the slower of its own
-    rate and the grid's, at 1/T: what is below 0.4/T stays within 0.1 %, what would alias into it
-    falls below 1/1000, and no channel is delayed. One whose clock is not even comes through local
-    cubics first. Attitude is unwrapped on the way.
+    times if they are the grid. Any other passes through `low_pass`, where 1/T is the slower of its
+    own rate and the grid's: content below 0.4/T stays within 0.1 %, aliases fall below 1/1000, and
+    there is no delay. A channel with an uneven clock passes through local cubics first. Attitude is
+    unwrapped.
 
-    A missing value is treated as a sample that was not taken. Where neighbours are then more than
-    1.5 steps apart, of the channel or of the grid, whichever are longer, there is a gap: its rows
-    are NaN, and no row takes a sample from beyond it. Shorter holes are bridged by local cubics.
-    Rows before the first and after the last value of a channel are NaN. A channel without any
-    value, or that is not there, is NaN and not among `columns`.
+    A missing value counts as a sample that was not taken. Neighbours more than 1.5 steps apart (of
+    the channel or the grid, whichever is longer) have a gap between them: its rows are NaN, and no
+    row uses a sample from beyond it. Shorter holes are bridged by local cubics. Rows before the
+    first and after the last value of a channel are NaN. A channel that is absent or has no value is
+    NaN and not in `columns`.
 
-    Raises TelemetryError for a needed channel that is too slow, where the needed channels have no
-    two rows in common, and for a grid of more than MAX_ROWS rows.
+    Raises TelemetryError for a needed channel that is too slow, if the needed channels have fewer
+    than two common rows, and for a grid of more than MAX_ROWS rows.
     """
     recorded = {
         key: trace
@@ -78,7 +78,7 @@ def _recording(
     notes: tuple[str, ...],
     look_ahead: float,
 ) -> Recording:
-    """t: (n,) [s].   rows: (n,) by channel; NaN in y for a channel that is not there."""
+    """t: (n,) [s].   rows: (n,) by channel; an absent channel is NaN in y."""
     y = np.full((len(t), len(KEYS)), np.nan)
     for column, key in enumerate(KEYS):
         if key in rows:
@@ -96,11 +96,11 @@ def _recording(
 
 
 def _grid(clocks: dict[str, Array], dt: float) -> Grid:
-    """The rows that the needed channels have in common. clocks: their times by channel [s]."""
+    """The rows common to the needed channels. clocks: their times by channel [s]."""
     if not clocks:
         raise TelemetryError(
-            "none of the channels that the monitor needs has a value: map them to signals of the "
-            "file that were recorded"
+            "none of the channels that the monitor needs has values: map them to signals that "
+            "were recorded"
         )
     late, early = max(clocks, key=lambda k: clocks[k][0]), min(clocks, key=lambda k: clocks[k][-1])
     begin, end = float(clocks[late][0]), float(clocks[early][-1])
@@ -111,30 +111,29 @@ def _grid(clocks: dict[str, Array], dt: float) -> Grid:
     steps = (end - start + tolerance) // dt
     if not steps >= 1:
         raise TelemetryError(
-            f"{late} is recorded from {begin:.10g} s and {early} until {end:.10g} s, which leaves "
-            f"no two steps of {dt:.4g} s in common: give a recording in which all channels of the "
+            f"{late} starts at {begin:.10g} s and {early} ends at {end:.10g} s, so they have less "
+            f"than one step of {dt:.4g} s in common: give a recording in which all channels of the "
             "monitor were recorded together, on one clock"
         )
     if steps >= MAX_ROWS:
         i = int(np.diff(slowest).argmax())
         raise TelemetryError(
-            f"the recording spans {end - start:.6g} s, {steps:.3g} steps of {dt:.4g} s where "
-            f"{MAX_ROWS:.3g} are the most; its largest step is "
-            f"{slowest[i + 1] - slowest[i]:.6g} s after t={slowest[i]:.10g} s: split the file "
-            "where its clock jumps"
+            f"the recording spans {end - start:.6g} s, which is {steps:.3g} steps of {dt:.4g} s, "
+            f"more than {MAX_ROWS:.3g}; its largest step is {slowest[i + 1] - slowest[i]:.6g} s "
+            f"after t={slowest[i]:.10g} s: split the file where its clock jumps"
         )
     return Grid(start, dt, int(steps) + 1, tolerance)
 
 
 def _has_value(values: Array) -> bool:
-    """Whether any is finite; the first ones mostly tell."""
+    """Whether any value is finite; usually the first block shows it."""
     blocks = (values[first : first + BLOCK] for first in range(0, len(values), BLOCK))
     return any(np.isfinite(block).any() for block in blocks)
 
 
 @dataclass(eq=False)
 class _GridClock:
-    """The times that some channels share, against a grid."""
+    """Times shared by some channels, relative to a grid."""
 
     t: Array
     grid: Grid
@@ -145,13 +144,12 @@ class _GridClock:
 
     @cached_property
     def is_grid(self) -> bool:
-        """Whether its times are the grid's."""
         t, grid = self.t, self.grid
         return len(t) == grid.n and bool(np.abs(t - grid.t).max() <= grid.tolerance)
 
     @cached_property
     def nodes(self) -> Indices | None:
-        """Each time's row, where all are on the grid and most neighbours on neighbouring rows."""
+        """Row of each time, if all are on the grid and most neighbours on adjacent rows."""
         place = (self.t - self.grid.start) / self.grid.dt
         nearest = np.rint(place)
         if np.abs(place - nearest).max() * self.grid.dt > self.grid.tolerance:
@@ -161,11 +159,11 @@ class _GridClock:
 
     @cached_property
     def plan(self) -> ResamplingPlan:
-        """For the channels that miss no value."""
+        """Plan for channels without missing values."""
         return resampling_plan(self.t, self.grid)
 
     def rows(self, key: str, x: Array, needed: bool) -> tuple[Array, Treatment]:
-        """A channel's values on the grid, and what was done to them."""
+        """Values of a channel on the grid, and its treatment."""
         finite = np.isfinite(x)
         n_finite = np.count_nonzero(finite)
         placed = self.is_grid or self.nodes is not None
@@ -177,7 +175,7 @@ class _GridClock:
         slow = plan.step > RATE_RATIO * dt + tolerance
         if slow and needed:
             raise TelemetryError(
-                f"{key} has a value every {plan.step:.4g} s; a monitor with a step of "
+                f"{key} has a value every {plan.step:.4g} s, but a monitor with a step of "
                 f"{dt:.4g} s needs one at least every {RATE_RATIO * dt:.4g} s: "
                 f"record faster or train a monitor with dt={plan.step:.4g}"
             )
@@ -188,7 +186,7 @@ class _GridClock:
         return rows, Treatment(key, plan.step, plan.even, slow, plan.gaps, plan.limit, plan.bridged)
 
     def _placed(self, key: str, x: Array, finite: Flags) -> tuple[Array, Treatment]:
-        """Each value on its own row, bit for bit."""
+        """Put each value on its own row, bit for bit."""
         complete = bool(finite.all())
         limit = GAP_RATIO * self.grid.dt + self.grid.tolerance
         if self.is_grid and complete:

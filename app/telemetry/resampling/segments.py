@@ -1,4 +1,4 @@
-"""Segments of a channel between gaps, and the rows of a time grid that lie within each."""
+"""Segments of a channel between gaps, and the rows of a grid within each."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,16 +11,16 @@ from app.telemetry.traces import GAP_RATIO
 from core.types import Array, Indices
 
 EVEN = 2e-4
-"""A clock whose times deviate by less than this share of its step is even: a sine of the pass band
-is then wrong by 0.05 % at most. Samples of any other are taken at the times they have."""
+"""A clock is even if its times deviate by less than this share of its step; the error of a sine in
+the pass band is then at most 0.05 %. On other clocks samples keep their recorded times."""
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
     """Times start + k dt [s], 0 <= k < n.
 
-    tolerance: a time this close to another is the same [s]. A clock with a large origin (seconds
-    since 1970) cannot tell times apart any better than by 2.4e-7 s.
+    tolerance: closer times are equal [s]. A clock with a large origin (seconds since 1970) has a
+    resolution of 2.4e-7 s.
     """
 
     start: float
@@ -34,7 +34,7 @@ class Grid:
         return self.start + self.dt * np.arange(self.n, dtype=np.float64)
 
     def within(self, first: float, last: float) -> tuple[int, int]:
-        """Begin and end (exclusive) of the rows within an interval [s]."""
+        """Begin and end (exclusive) of the rows in an interval [s]."""
         begin = np.ceil((first - self.tolerance - self.start) / self.dt)
         end = np.floor((last + self.tolerance - self.start) / self.dt) + 1
         return max(0, int(begin)), max(0, min(self.n, int(end)))
@@ -42,9 +42,9 @@ class Grid:
 
 @dataclass(frozen=True, eq=False)
 class GapFreeRun:
-    """Samples begin to end (exclusive) without a gap; the rows first to last (exclusive) in them.
+    """Samples begin to end (exclusive) without a gap; rows first to last (exclusive) among them.
 
-    index: where each sample belongs on an even clock of `step` [s]; None where it is uneven.
+    index: position of each sample on an even clock of `step` [s]; None if the clock is uneven.
     """
 
     begin: int
@@ -57,10 +57,10 @@ class GapFreeRun:
 
 @dataclass(frozen=True, eq=False)
 class ResamplingPlan:
-    """From one clock to a grid: for every channel with a value at each time of the clock.
+    """Plan to resample from one clock to a grid, for channels with a value at every time.
 
     t: (n,) [s] increasing.   step: the median one.   limit: longer steps are gaps [s].
-    gaps: lengths of the gaps [s].   bridged: samples lost in holes too short to be gaps.
+    gaps: lengths of the gaps [s].   bridged: samples lost in shorter holes.
     """
 
     t: Array
@@ -86,7 +86,7 @@ class ResamplingPlan:
 
 
 def resampling_plan(t: Array, grid: Grid) -> ResamplingPlan:
-    """Divide a clock into segments at its gaps. t: (n >= 1,) increasing [s]."""
+    """Split a clock into segments at its gaps. t: (n >= 1,) increasing [s]."""
     steps = np.diff(t)
     step = float(np.median(steps)) if len(steps) else grid.dt
     limit = GAP_RATIO * max(grid.dt, step) + grid.tolerance
@@ -105,7 +105,7 @@ def resampling_plan(t: Array, grid: Grid) -> ResamplingPlan:
 def _even_clock(
     t: Array, steps: Array, step: float, tolerance: float
 ) -> tuple[float, Indices | None]:
-    """The usual step of a segment, and each sample's place if its clock is even."""
+    """Usual step of a segment, and the position of each sample if its clock is even."""
     if len(t) < 4:
         return step, None
     regular = steps <= GAP_RATIO * step
@@ -120,7 +120,7 @@ def _even_clock(
 
 
 def _even_rows(s: GapFreeRun, t: Array, x: Array, grid: Grid) -> Array:
-    """Filtered to the slower of the two rates; a sample where the grid is not the slower one."""
+    """Filtered to the slower rate; a row on a sample keeps it, unless the grid is slower."""
     assert s.index is not None
     n = int(s.index[-1]) + 1
     if n > len(x):
@@ -141,7 +141,7 @@ def _even_rows(s: GapFreeRun, t: Array, x: Array, grid: Grid) -> Array:
 
 
 def _uneven_rows(s: GapFreeRun, t: Array, x: Array, grid: Grid) -> Array:
-    """Cubics between the samples; going down onto a finer grid first, which is then filtered."""
+    """Cubics between samples; for a slower grid onto a finer one first, which is filtered."""
     if len(t) == 1:
         return np.full(s.last - s.first, x[0])
     finer = int(np.ceil(grid.dt / s.step - 1e-3)) if len(t) > 3 else 1

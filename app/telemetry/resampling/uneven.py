@@ -1,22 +1,21 @@
-"""Between samples whose clock is not even: the cubic through the four nearest, where it is safe."""
+"""Interpolate an uneven clock: cubics through the four nearest samples, where that is safe."""
 
 import numpy as np
 
 from core.types import Array, Indices
 
 CLOSE = 0.3
-"""Of the usual step: samples closer together make a cubic swing, so there the line is taken."""
-
+"""Share of the usual step: closer samples would make a cubic overshoot, so a line is used."""
 BLOCK = 1 << 14
-"""Rows at once: what they need stays in the cache."""
+"""Rows at once, so that data stay in the cache."""
 
 
 def interpolated(t: Array, x: Array, at: Array, step: float) -> Array:
     """Values at times within t[0] ... t[-1]; on a sample, that sample bit for bit.
 
     t: (n >= 2,) increasing, without gaps.   x: (n,) finite.   step: the usual one.
-    At the first and the last step the cubic goes through the four end samples; with fewer than
-    four samples, and where two of the four are CLOSE, it is the straight line.
+    The first and last step use the cubic through the four end samples. Straight lines are used for
+    fewer than four samples, and if two of the four are CLOSE.
     """
     rows = np.empty(len(at))
     close = np.diff(t) < CLOSE * step

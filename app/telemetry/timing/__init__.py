@@ -1,1 +1,1 @@
-"""The times of a recording as a clock can have given them, and how good its channels are."""
+"""Repair the times of a recording and report the quality of times and channels."""

@@ -1,4 +1,4 @@
-"""What the values of one channel show of its sensor: holes, held values, a sensor that froze."""
+"""Detect missing, held and frozen values in one channel."""
 
 import numpy as np
 
@@ -7,19 +7,19 @@ from app.telemetry.traces import GAP_RATIO
 from core.types import Array, Flags, Indices
 
 FROZEN = 2.0
-"""A value has to be held this long to be called frozen [s]."""
+"""A value is frozen if it is held at least this long [s]."""
 FROZEN_RUNS = 20.0
-"""And this many times longer than the channel's values are usually held."""
+"""And this many times longer than usual for the channel."""
 FEWEST_RUNS = 20
-"""Changes of value that show how long values are held."""
+"""Fewest changes of value that show how long values are held."""
 ALIKE = 0.8
-"""Share of the values that are held for as many rows, where a slow sensor is sampled fast."""
+"""Share of values held for equally many rows that shows a slow sensor sampled fast."""
 
 
 def channel_quality(
     key: str, t: Array, x: Array, step: float
 ) -> tuple[ChannelQuality, tuple[Fault, ...]]:
-    """Look at a channel. t: (n >= 2,) increasing, usually by `step`.   x: (n,), NaN if missing."""
+    """Quality and faults. t: (n >= 2,) increasing, usually by `step`.   x: (n,), NaN if missing."""
     finite = np.isfinite(x)
     n_finite = int(np.count_nonzero(finite))
     share = (len(x) - n_finite) / len(x)
@@ -48,7 +48,7 @@ def channel_quality(
 
 
 def _holes(t: Array, finite: Flags, limit: float) -> tuple[Array, Array]:
-    """Begin and end of the intervals without a value that are longer than the usual step."""
+    """Begin and end of intervals without a value that are longer than `limit`."""
     known = np.flatnonzero(finite)
     before = np.concatenate([[0], known])
     after = np.concatenate([known, [len(t) - 1]])
@@ -58,7 +58,7 @@ def _holes(t: Array, finite: Flags, limit: float) -> tuple[Array, Array]:
 
 
 def _runs(t: Array, x: Array) -> tuple[Indices, tuple[Array, Array]]:
-    """Rows that each value is held for, one after the other; begin and end of the frozen ones."""
+    """Number of rows that each value is held; begin and end of frozen runs."""
     begin = np.concatenate([[0], np.flatnonzero(x[1:] != x[:-1]) + 1])
     rows = np.diff(begin, append=len(x))
     long = 1 + np.flatnonzero(rows[1:] >= FROZEN_RUNS)
@@ -69,10 +69,10 @@ def _runs(t: Array, x: Array) -> tuple[Indices, tuple[Array, Array]]:
 
 
 def _held(runs: Indices) -> int:
-    """Rows that a value is usually repeated for; 1 where that differs from value to value."""
+    """Usual number of rows per value; 1 if it differs from value to value."""
     inner = runs[1:-1]
     if len(inner) < FEWEST_RUNS or inner.mean() < 2.0 * ALIKE:
         return 1
     usual = round(float(np.median(inner)))
-    alike = np.abs(inner - usual) <= (1 if usual > 2 else 0)
-    return usual if alike.mean() >= ALIKE else 1
+    is_usual = np.abs(inner - usual) <= (1 if usual > 2 else 0)
+    return usual if is_usual.mean() >= ALIKE else 1

@@ -1,9 +1,8 @@
-"""Recorded times put in order: what is certain is repaired, what is not is removed or refused.
+"""Bring recorded times into order: repair certain faults; remove or refuse uncertain times.
 
-Rows that come a little late are sorted in. A counter that wraps is continued, where that joins
-the rows on either side. A few stray times are removed. Where the clock was set back, an interval of
-times occurs twice, and no time in it tells which of the two it means: those rows are removed, and
-a gap remains. Nothing of this merges two passes of a clock into one.
+Slightly late rows are sorted. A counter that wraps is continued if that joins the rows on both
+sides. A few stray times are removed. If a clock was set back, some times occur twice and are
+ambiguous: their rows are removed, which leaves a gap. Two passes of a clock are never merged.
 """
 
 from dataclasses import dataclass
@@ -22,23 +21,23 @@ WRAPS = {
     "the end of the week": 604_800.0,
     "the end of a 32-bit counter of milliseconds": 2**32 * 1e-3,
 }
-"""Where clocks start again, and after how long [s]."""
+"""Events at which clocks restart, and their periods [s]."""
 LATE = 5.0
-"""Rows that come later than this, and than three steps, are not late packets [s]."""
+"""Rows later than this, and later than three steps, are not late packets [s]."""
 FEW_SETS = 10
-"""A signal that steps back more often is not a clock."""
+"""A signal that steps back more often is not a time."""
 MANY_BACK = 0.05
-"""Share of steps back that is too large for a clock that is set now and then."""
+"""Share of backward steps that is too large for a clock that is set occasionally."""
 MOST_LOST = 0.1
-"""Share of the rows without a certain time above which a file is refused."""
+"""Largest share of rows without a certain time; files with more are refused."""
 
 
 @dataclass(frozen=True, eq=False)
 class OrderedClock:
-    """Rows in the order of time. t: (n,) not falling.   rows: (n,) which ones of those given.
+    """Rows in the order of time. t: (n,) not falling.   rows: (n,) indices of recorded rows.
 
-    late: times of the rows that came after a later one.   backward: recorded newest first.
-    wraps: name and last time before, of every wrap.
+    late: times of rows that follow a later time.   backward: recorded newest first.
+    wraps: name of every wrap and the last time before it.
     """
 
     t: Array
@@ -49,10 +48,10 @@ class OrderedClock:
     sets: tuple[ClockSet, ...] = ()
 
 
-def in_order(t: Array, same: Same, what: str) -> OrderedClock:
-    """Bring rows into the order of time. t: (n,) finite, as recorded.   what: they are times of.
+def in_order(t: Array, same: Same, channels: str) -> OrderedClock:
+    """Sort rows by time. t: (n,) finite, as recorded.   channels: names for messages.
 
-    Raises TelemetryError where more than MOST_LOST of the rows have no certain time.
+    Raises TelemetryError if more than MOST_LOST of the rows have no certain time.
     """
     rows = np.arange(len(t))
     steps = np.diff(t)
@@ -61,20 +60,19 @@ def in_order(t: Array, same: Same, what: str) -> OrderedClock:
     if not (steps > 0.0).any():
         return OrderedClock(np.ascontiguousarray(t[::-1]), rows[::-1], t[:0], backward=True)
     usual = float(np.median(steps[steps > 0.0]))
-    if np.mean(steps < 0.0) > MANY_BACK:  # the steps as recorded are those of the shuffle
+    if np.mean(steps < 0.0) > MANY_BACK:  # rows are shuffled, so steps are too
         usual = min(usual, float(np.ptp(t)) / len(steps))
     late = max(LATE, 3.0 * usual)
     t, wraps = _unwrapped(t, usual)
-    accepted, sets = agreeing(t, pieces(t, same, late, usual, what), late)
+    accepted, sets = agreeing(t, pieces(t, same, late, usual, channels), late)
     lost = sum(clock_set.lost for clock_set in sets)
     if lost > MOST_LOST * len(t):
         worst = max(sets, key=lambda clock_set: clock_set.lost)
         few = len(sets) <= FEW_SETS
         raise TelemetryError(
-            f"the clock of {what} goes from {worst.before:.10g} s to {worst.after:.10g} s before "
-            f"its row {worst.row + 1}, which leaves {lost} of {len(t)} rows with an "
-            "ambiguous time: "
-            + ("split the file where its clock was set" if few else "choose the signal of the time")
+            f"the time of {channels} jumps from {worst.before:.10g} s to {worst.after:.10g} s at "
+            f"row {worst.row + 1}, which leaves {lost} of {len(t)} rows with an ambiguous time: "
+            + ("split the file at that row" if few else "choose another signal as the time")
         )
     rows = np.concatenate([piece.rows for piece in accepted])
     behind = t[rows] < np.maximum.accumulate(t[rows])
@@ -84,7 +82,7 @@ def in_order(t: Array, same: Same, what: str) -> OrderedClock:
 
 
 def _unwrapped(t: Array, usual: float) -> tuple[Array, tuple[tuple[str, float], ...]]:
-    """Counters counted on where the next row then follows within a few steps."""
+    """Continue counters that wrap, if the next row then follows within a few steps."""
     steps = np.diff(t)
     back = np.flatnonzero(steps < 0.0)
     lift, wraps = np.zeros(len(t)), {}

@@ -1,4 +1,4 @@
-"""Pieces of a recording between the places where its clock was set, and which of them agree."""
+"""Split a recording where its clock was set, and keep the pieces that agree."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -10,28 +10,28 @@ from app.telemetry.traces import GAP_RATIO
 from core.types import Array, Flags, Indices
 
 Same = Callable[[Indices, Indices], Flags]
-"""Whether rows hold the same values in every channel, pair by pair."""
+"""Whether pairs of rows have equal values in every channel."""
 
 LONGEST_PAUSE = 86_400.0
-"""A longer step forward is a clock that was set [s]."""
+"""A longer step forward means that the clock was set [s]."""
 CLOSE = 0.6
-"""Of the usual step: times of an even clock are not closer."""
+"""Shortest step of an even clock, as a share of the usual step."""
 MOST_CLOSE = 0.01
-"""Share of closer times above which a clock is not even."""
+"""Largest share of shorter steps on an even clock."""
 MOST_STEPS = 2.0
-"""Length of a block out of order that one odd time explains."""
+"""Longest block that one stray time can put out of order, in steps."""
 MOST_CUTS = 10_000
-"""Far steps that a clock may make."""
+"""Most large steps of a clock."""
 MOST_SETS = 1_000
-"""Times that it may be set by little, or once in as many rows."""
+"""Most small corrections of a clock, or one per as many rows."""
 
 
 @dataclass(frozen=True)
 class ClockSet:
-    """A clock that was set, or a few rows with stray times. row: number of the first row after.
+    """A correction of the clock, or a few stray times. row: number of the first row after it.
 
-    before, after: the times on either side [s].   lost: rows removed.   ambiguous: whether
-    the times from `after` to `before` occur twice, so that those of no other clock can be trusted.
+    before, after: times on both sides [s].   lost: rows removed.   ambiguous: whether times from
+    `after` to `before` occur twice, which makes them ambiguous on all clocks of the file.
     """
 
     row: int
@@ -43,7 +43,7 @@ class ClockSet:
 
 @dataclass(frozen=True, eq=False)
 class ClockPiece:
-    """Rows in recorded order, the least and the greatest of their times."""
+    """Rows in recorded order, with their lowest and highest time."""
 
     rows: Indices
     low: float
@@ -53,16 +53,16 @@ class ClockPiece:
         return len(self.rows)
 
 
-def pieces(t: Array, same: Same, late: float, usual: float, what: str) -> list[ClockPiece]:
-    """Rows cut where the clock steps far to either side, or back into times it has given.
+def pieces(t: Array, same: Same, late: float, usual: float, channels: str) -> list[ClockPiece]:
+    """Split rows where the clock makes a large step, or goes back into earlier times.
 
-    t: (n,) as recorded.   late: the longest that a row may come late [s].   usual: step [s].
+    t: (n,) as recorded.   late: longest delay of a late row [s].   usual: step [s].
     """
     far = np.flatnonzero(np.abs(np.diff(t)) > late) + 1
     if len(far) > MOST_CUTS:
         raise TelemetryError(
-            f"the times of {what} jump by more than {late:.4g} s at {len(far)} places: choose the "
-            "signal that is the time, or sort the rows"
+            f"the times of {channels} jump by more than {late:.4g} s at {len(far)} places: choose "
+            "another signal as the time, or sort the rows"
         )
     waiting = np.split(np.arange(len(t)), far)[::-1]
     result = []
@@ -70,11 +70,11 @@ def pieces(t: Array, same: Same, late: float, usual: float, what: str) -> list[C
     while waiting:
         if len(waiting) + len(result) > len(far) + most_sets:
             raise TelemetryError(
-                f"the times of {what} step back at more than {most_sets} places: choose the "
-                "signal that is the time, or sort the rows"
+                f"the times of {channels} step back at more than {most_sets} places: choose "
+                "another signal as the time, or sort the rows"
             )
         rows = waiting.pop()
-        cuts = _set_back(t[rows], rows, same, late, usual, what)
+        cuts = _set_back(t[rows], rows, same, late, usual, channels)
         if len(cuts):
             waiting += np.split(rows, cuts)[::-1]
         else:
@@ -85,10 +85,10 @@ def pieces(t: Array, same: Same, late: float, usual: float, what: str) -> list[C
 def agreeing(
     t: Array, recorded: list[ClockPiece], late: float
 ) -> tuple[list[ClockPiece], tuple[ClockSet, ...]]:
-    """Pieces, or what is left of them, whose times follow one another; what was lost for it.
+    """Pieces, or parts of them, whose times follow one another; the corrections between them.
 
-    Of two that do not follow one another the smaller is removed, or the times that both have,
-    whichever are fewer rows; a small piece between two that go on without it is stray.
+    If two pieces overlap, the smaller one or the common times are removed, whichever are fewer
+    rows. A small piece between two that continue without it is stray.
     """
     accepted: list[ClockPiece] = []
     sets: list[ClockSet] = []
@@ -121,8 +121,10 @@ def _follows(piece: ClockPiece, last: ClockPiece) -> bool:
     return last.high < piece.low <= last.high + LONGEST_PAUSE
 
 
-def _set_back(t: Array, rows: Indices, same: Same, late: float, usual: float, what: str) -> Indices:
-    """Rows before which the clock was set by little; none where late rows explain the order."""
+def _set_back(
+    t: Array, rows: Indices, same: Same, late: float, usual: float, channels: str
+) -> Indices:
+    """Rows at which the clock was set by a little; none if late rows explain the order."""
     high = np.maximum.accumulate(t)
     low = np.minimum.accumulate(t[::-1])[::-1]
     begin = np.flatnonzero(np.concatenate([[True], high[:-1] <= low[1:]]))
@@ -133,8 +135,8 @@ def _set_back(t: Array, rows: Indices, same: Same, late: float, usual: float, wh
     if not len(blocks) and (high - t).max() > late:
         row = int((high - t).argmax())
         raise TelemetryError(
-            f"the times of {what} fall from {high[row]:.10g} s to {t[row]:.10g} s in small steps "
-            f"until row {rows[row] + 1}: sort the rows by a time that only runs forward"
+            f"the times of {channels} fall from {high[row]:.10g} s to {t[row]:.10g} s in small "
+            f"steps until row {rows[row] + 1}: sort the rows by a time that only increases"
         )
     steps = np.diff(t)
     lowest = [begin[k] + 1 + steps[begin[k] : end[k] - 1].argmin() for k in blocks]
@@ -147,20 +149,17 @@ def _set_back(t: Array, rows: Indices, same: Same, late: float, usual: float, wh
 def _given_twice(
     t: Array, rows: Indices, same: Same, usual: float, begin: Indices, duration: Array
 ) -> Indices:
-    """Those of the blocks out of order that late rows do not explain.
+    """Blocks out of order that late rows do not explain. begin, duration: of each block.
 
-    begin, duration: of each block.
-
-    Late rows fill the places where rows are missing. A clock that runs twice through a block of
-    times gives it twice as many rows as it has steps, or gives one time to different values. One
-    that is otherwise even makes steps that are too short or too long, which is also held against
-    it unless the block is so short that one odd time explains it.
+    Late rows fill gaps. A clock that passes a block of times twice makes more rows than steps, or
+    gives one time to different values. On an otherwise even clock, steps that are too short or too
+    long also show it, unless one stray time explains a short block.
     """
     order = np.argsort(t, kind="stable")
     after = np.diff(t[order], prepend=-np.inf)
-    again = np.flatnonzero(after == 0.0)
+    repeats = np.flatnonzero(after == 0.0)
     sent_again = np.zeros(len(t), bool)
-    sent_again[again] = same(rows[order[again - 1]], rows[order[again]])
+    sent_again[repeats] = same(rows[order[repeats - 1]], rows[order[repeats]])
     forward = np.diff(t)
     forward = forward[forward > 0.0]
     odd = after == 0.0
@@ -169,7 +168,7 @@ def _given_twice(
         short = np.repeat(duration < MOST_STEPS * usual, np.diff(begin, append=len(t)))
         odd &= ~short | (after == 0.0)
     odd &= ~sent_again
-    odd[begin] = False  # the step that leads to a block is none of its own
+    odd[begin] = False  # the step to a block does not belong to it
     n_odd, n_rows = (np.add.reduceat(x.astype(np.intp), begin) for x in (odd, ~sent_again))
     crowded = n_rows > 1.5 * (duration / usual + 1.0) + 2.0
     return np.flatnonzero(((n_odd > 0) | crowded) & (duration > 0.0))

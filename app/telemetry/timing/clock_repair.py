@@ -1,4 +1,4 @@
-"""One clock's rows, from recorded to repaired, with the faults that were found."""
+"""Repair the times of one clock and list its faults."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -14,13 +14,13 @@ from app.telemetry.traces import GAP_RATIO
 from core.types import Array, Flags, Indices
 
 NO_TIME = 1e12
-"""Larger numbers are not times: 30,000 years [s]."""
+"""Larger numbers are not times; this is 30,000 years [s]."""
 FASTEST = 1e-8
 """No recorder has shorter steps [s]."""
 
 
 def ordered(t: Array, values: dict[str, Array]) -> OrderedClock:
-    """Put the rows that have a time in its order; `rows` count those recorded."""
+    """Sort the rows that have a time; `rows` are indices of recorded rows."""
     finite = np.abs(t) < NO_TIME
     if finite.all():
         return in_order(t, lambda a, b: _same(values, a, b), ", ".join(values))
@@ -30,10 +30,10 @@ def ordered(t: Array, values: dict[str, Array]) -> OrderedClock:
 
 
 def on_one_clock(clocks: list[OrderedClock]) -> list[OrderedClock]:
-    """Clocks of one file taken as one: times ambiguous on one are so on all; wraps are shared.
+    """Treat the clocks of a file as one: ambiguous times and wraps apply to all of them.
 
-    A clock that began after a wrap does not show it; it is moved by whole periods to where the
-    longest clock that wrapped was recording.
+    A clock that starts after a wrap does not show the wrap. It is moved by whole periods into the
+    range of the longest clock that wrapped.
     """
     ambiguous = [(s.after, s.before) for clock in clocks for s in clock.sets if s.ambiguous]
     wrapped = max((clock for clock in clocks if clock.wraps), key=lambda c: len(c.t), default=None)
@@ -71,10 +71,10 @@ class RepairedClock:
 
 
 def repair_clock(recorded: Array, values: dict[str, Array], clock: OrderedClock) -> RepairedClock:
-    """Times that increase, the channels' values at them, and how good the times are.
+    """Times that increase, the values of the channels, and the quality of the times.
 
     recorded: (n,) [s].   values: (n,) by channel.   clock: their order.
-    Raises TelemetryError where fewer than two rows have a time, or all lie too close together.
+    Raises TelemetryError if fewer than two rows have a time, or all are too close together.
     """
     times = _unique_times(clock.t, clock.rows, values)
     t, rows = times.t, times.rows
@@ -101,13 +101,13 @@ def repair_clock(recorded: Array, values: dict[str, Array], clock: OrderedClock)
 def _check_usable(t: Array, n_rows: int, channels: str) -> None:
     if len(t) < 2:
         raise TelemetryError(
-            f"{len(t)} of {n_rows} rows of {channels} have a time of their own: "
-            "choose the signal that is their time and its unit, or leave them out"
+            f"{len(t)} of {n_rows} rows of {channels} have a distinct time: "
+            "choose another time signal or unit, or leave these channels out"
         )
     if t[-1] - t[0] < FASTEST * (len(t) - 1):
         raise TelemetryError(
-            f"{len(t)} rows of {channels} lie within {t[-1] - t[0]:.3g} s: choose the "
-            "unit of their time"
+            f"all {len(t)} rows of {channels} lie within {t[-1] - t[0]:.3g} s: choose the "
+            "correct unit of their time"
         )
 
 
@@ -126,7 +126,7 @@ def _faults(
 
 
 class _UniqueTimes(NamedTuple):
-    """One row a time. repeated: times of the rows removed.   rounded_to: see ClockQuality [s]."""
+    """One row per time. repeated: times of removed rows.   rounded_to: see ClockQuality [s]."""
 
     t: Array
     rows: Indices
@@ -140,10 +140,9 @@ class _UniqueTimes(NamedTuple):
 
 
 def _unique_times(t: Array, rows: Indices, values: dict[str, Array]) -> _UniqueTimes:
-    """Remove all rows of a time but the first, unless coarse rounding made their times equal.
+    """Keep the first row of each time, unless coarse rounding made the times equal.
 
-    Rows that differ at one time may be what coarse rounding made of an even clock; rows written
-    twice are not.
+    Different rows with one time may be an even clock, coarsely rounded; equal rows are duplicates.
     """
     twice = np.flatnonzero(np.diff(t) == 0.0)
     same = _same(values, rows[twice], rows[twice + 1])
@@ -160,7 +159,7 @@ def _unique_times(t: Array, rows: Indices, values: dict[str, Array]) -> _UniqueT
 
 
 def _same(values: dict[str, Array], a: Indices, b: Indices) -> Flags:
-    """Whether rows hold the same values in every channel, pair by pair."""
+    """Whether pairs of rows have equal values in every channel."""
     same = np.ones(len(a), bool)
     for x in values.values():
         same &= (x[a] == x[b]) | (np.isnan(x[a]) & np.isnan(x[b]))
@@ -168,7 +167,7 @@ def _same(values: dict[str, Array], a: Indices, b: Indices) -> Flags:
 
 
 def _finite(x: Array) -> Array:
-    """Infinite values are no measurements."""
+    """Replace infinite values by NaN."""
     is_infinite = np.isinf(x)
     finite = np.where(is_infinite, np.nan, x) if is_infinite.any() else x
     release(x)
@@ -178,7 +177,7 @@ def _finite(x: Array) -> Array:
 def _quality(
     t: Array, channels: tuple[str, ...], n_rows: int
 ) -> tuple[ClockQuality, tuple[Array, Array]]:
-    """Rate, scatter and gaps of times that increase; begin and end of the gaps."""
+    """Rate, jitter and gaps of increasing times; begin and end of the gaps."""
     steps = np.diff(t)
     usual = float(np.median(steps))
     gap = steps > GAP_RATIO * usual

@@ -1,4 +1,4 @@
-"""The times of a recording as a clock can have given them, and what had to be done for that."""
+"""Repair the times and values of a recording."""
 
 from dataclasses import dataclass, replace
 
@@ -15,9 +15,9 @@ from core.types import Array
 
 @dataclass(frozen=True, eq=False)
 class RepairedTraces:
-    """Channels whose times increase, with only certain times and plausible values.
+    """Channels with increasing, certain times and plausible values.
 
-    quality: of what was recorded.
+    quality: of the recording before repair.
     """
 
     traces: Traces
@@ -25,18 +25,18 @@ class RepairedTraces:
 
 
 def repair(traces: Traces) -> RepairedTraces:
-    """Put the times of a recording right, and tell how good they and the channels are.
+    """Repair the times of a recording and report the quality of times and channels.
 
-    Channels that share their times share them afterwards, and times that nothing is wrong with
-    stay the same array. In the order of the work:
-    rows without a time are removed;
-    late rows are sorted in, wraps continued, and set clocks cut, as in `clock_faults`;
-    a time that is ambiguous on one clock is removed from all, since a file has one clock;
-    of rows with equal times the first stays, unless coarse rounding made them equal;
-    times that one rounding of an even clock explains go back onto it, as in `rounded_clock`;
-    infinite and implausible values become NaN. The notes say what was done.
+    Channels that share their times still do afterwards; faultless times stay the same array.
+    The steps, in this order:
+    remove rows without a time;
+    sort late rows, continue wraps, cut where clocks were set, see `clock_faults`;
+    remove times that are ambiguous on one clock from all clocks, since a file has one clock;
+    keep the first of rows with equal times, unless coarse rounding made them equal;
+    restore even clocks whose times were rounded, see `rounded_clock`;
+    replace infinite and implausible values by NaN. Notes list the repairs.
 
-    Raises TelemetryError where more than a tenth of a clock's rows have no certain time.
+    Raises TelemetryError if more than a tenth of a clock's rows have no certain time.
     """
     by_clock: dict[int, dict[str, Trace]] = {}
     for key, trace in traces.channels.items():
@@ -68,7 +68,7 @@ def repair(traces: Traces) -> RepairedTraces:
 def _plausible(
     key: str, t: Array, x: Array, step: float
 ) -> tuple[Array, ChannelQuality, tuple[Fault, ...]]:
-    """A channel with only plausible values, how good it is, and its faults."""
+    """A channel without implausible values, its quality and its faults."""
     beyond = implausible(key, x)
     plausible = without(x, beyond)
     quality, marks = channel_quality(key, t, plausible, step)

@@ -1,7 +1,7 @@
-"""An even clock whose times were rounded when they were written: milliseconds, float32, seconds.
+"""Restore an even clock whose times were rounded when written: milliseconds, float32, seconds.
 
-Times that an even clock and one rounding explain altogether are restored to that clock. Others,
-however nearly even, stay as recorded.
+Times are restored only if an even clock and one rounding explain all of them. Others, even if
+nearly even, stay as recorded.
 """
 
 import numpy as np
@@ -9,23 +9,22 @@ import numpy as np
 from core.types import Array, Indices
 
 FEWEST = 20
-"""Times that show a pattern."""
+"""Fewest times that show a pattern."""
 FEWEST_ODD = 5
-"""Of both kinds of steps; fewer are a slip of the clock, or a row lost or written twice."""
+"""Fewest steps of the rarer length; fewer are a slip of the clock or lost or repeated rows."""
 SHARE_ODD = 0.1
-"""The same as a share, where rounding is so coarse that it looks like lost or double rows."""
+"""The same as a share, for rounding so coarse that it looks like lost or repeated rows."""
 PROBE = 2_000
-"""Steps that are looked at first: rounded ones have few different lengths."""
+"""Steps that are checked first: rounded steps have few different lengths."""
 MOST_LENGTHS = 100
 
 
 def evened(t: Array) -> tuple[Array, float] | None:
-    """The even clock behind rounded times and the unit they are rounded to [s]; None if there is
-    none, or nothing to restore.
+    """The even clock behind rounded times and the unit of the rounding [s]; None if there is no
+    such clock or nothing to restore.
 
-    t: (n,) in order; equal neighbours are allowed, they are what coarse rounding makes. Where
-    samples were lost the clock goes on in whole steps if that explains the times, else it starts
-    anew.
+    t: (n,) in order; neighbours may be equal, as coarse rounding makes them. After lost samples
+    the clock continues in whole steps if that explains the times, otherwise it starts anew.
     """
     if len(t) < FEWEST:
         return None
@@ -56,13 +55,13 @@ def evened(t: Array) -> tuple[Array, float] | None:
 
 
 def _lengths(steps: Array, noise: float) -> Array:
-    """Different lengths of steps, told apart from the rounding of floats."""
+    """Different lengths of steps, beyond floating-point rounding."""
     units = np.unique(np.rint(steps / noise))
     return units[np.diff(units, prepend=-np.inf) > 2.0] * noise
 
 
 def _clock(t: Array, starts: Indices, unit: float) -> Array | None:
-    """Times on one even step, whole steps apart between the parts if possible."""
+    """Times on one even step, with whole steps between the parts if possible."""
     part = np.zeros(len(t), np.intp)
     part[starts[1:]] = 1
     part = np.cumsum(part)
@@ -82,7 +81,7 @@ def _clock(t: Array, starts: Indices, unit: float) -> Array | None:
 
 
 def _candidates(t: Array, index: Indices, starts: Indices, part: Indices) -> list[float]:
-    """Steps to try: the round ones near the best, then the best in the sense of least squares."""
+    """Steps to try: round values near the least-squares step, then that step itself."""
     sizes = np.diff(np.append(starts, len(t)))
     i = index - (0.5 * (sizes - 1))[part]
     at = t - (np.add.reduceat(t - t[0], starts) / sizes)[part] - t[0]

@@ -50,7 +50,7 @@ def wicked(write, tmp_path, monkeypatch):
 
 def test_a_note_on_the_choice_comes_with_the_contents(write, tmp_path):
     contents = read_file(write(TABLE, "flight.mat"), tmp_path / "columns")
-    assert contents.notes[0].startswith("Read by its content (text table)")
+    assert contents.notes[0].startswith("Read as text table by its content")
 
 
 def test_limits_reach_the_reader(write, tmp_path):
@@ -59,24 +59,24 @@ def test_limits_reach_the_reader(write, tmp_path):
         read_file(bad, tmp_path / "columns")
     limits = ReadLimits(bad_share=0.3)
     assert read_file(bad, tmp_path / "columns", limits=limits).n_bad_rows == 29
-    with pytest.raises(TelemetryError, match="unfolds to more"):
+    with pytest.raises(TelemetryError, match="expands to more"):
         read_file(bad, tmp_path / "more", limits=ReadLimits(most_bytes=100, bad_share=0.3))
 
 
 OUTCOMES = {
-    "crash": "the reader failed on it.*: it is damaged or no complete Wicked file, export it again",
-    "abort": "the reader failed on it",
-    "exit": "the reader failed on it",
-    "leave": r"the reader failed on it \(SystemExit: bye\)",
-    "fall": r"the reader failed on it \(RecursionError: ",
-    "stumble": r"the reader failed on it \(KeyError: ",
-    "loop": "took more than 0.5 s to read: export the time range and the signals of this test",
-    "burn": "took more than 0.5 s to read: export the time range",
-    "hold": "took more than 0.5 s to read: export the time range",
-    "die": "took more than 200 MiB of memory to read",
-    "eat": "took more than 200 MiB of memory to read: export the time range",
-    "eat_at_once": "took more than 200 MiB of memory to read",
-    "lack": r"No module named 'no_such_library', which reading Wicked file needs: "
+    "crash": "the file cannot be read.*: it is damaged or not a complete Wicked file",
+    "abort": "the file cannot be read",
+    "exit": "the file cannot be read",
+    "leave": r"the file cannot be read \(SystemExit: bye\)",
+    "fall": r"the file cannot be read \(RecursionError: ",
+    "stumble": r"the file cannot be read \(KeyError: ",
+    "loop": "took more than 0.5 s: export only the time range and signals",
+    "burn": "took more than 0.5 s: export only",
+    "hold": "took more than 0.5 s: export only",
+    "die": "took more than 200 MiB of memory",
+    "eat": "took more than 200 MiB of memory: export only",
+    "eat_at_once": "took more than 200 MiB of memory",
+    "lack": r"reading Wicked file needs .* \(No module named 'no_such_library'\): "
     r"pip install 'forewarn\[wicked\]'",
     "refuse": "this is wicked: be good",
 }

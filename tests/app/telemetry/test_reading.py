@@ -59,7 +59,7 @@ def test_a_format_is_known_by_its_content_under_any_name(key, write):
     other = ".csv" if key != "csv" else ".mat"
     known, (note,) = format_of(write(HEADS[key]), f"flight{other}")
     assert known.key == key
-    assert f"not by the ending of its name ({other})" in note
+    assert f"its name ends in {other}" in note
 
 
 @pytest.mark.parametrize(
@@ -85,8 +85,8 @@ def test_what_is_packed_is_to_be_unpacked_first(magic, write, tmp_path):
 
 NO_FILE = {
     "empty": (b"", "record.csv", "the file is empty"),
-    "noise": (bytes(range(256)), "record", "the format is not known: export one of text table"),
-    "wrong": (bytes(range(256)), "record.mf4", "content is not that of a ASAM MDF"),
+    "noise": (bytes(range(256)), "record", "unknown file format: export one of text table"),
+    "wrong": (bytes(range(256)), "record.mf4", "content is neither ASAM MDF"),
 }
 
 
@@ -100,11 +100,11 @@ def test_a_file_of_no_format_is_refused(content, name, message, write, tmp_path)
 def test_what_is_no_file_is_refused_by_its_own_name(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for path, message in [
-        (tmp_path, "is a directory"),
-        (tmp_path / "absent.csv", "there is no such file"),
-        (tmp_path / "absent" / "record.csv", "there is no such file"),
-        (tmp_path / "pipe", "no file on disk"),
-        (Path("/dev/zero"), "no file on disk"),
+        (tmp_path, "the file: this is a directory"),
+        (tmp_path / "absent.csv", "no such file"),
+        (tmp_path / "absent" / "record.csv", "no such file"),
+        (tmp_path / "pipe", "the file: this is not a regular file"),
+        (Path("/dev/zero"), "not a regular file"),
         (Path("a\0b"), "cannot be opened"),
         (Path("x" * 1000), "cannot be opened"),
     ]:
@@ -139,9 +139,9 @@ def test_a_small_file_does_not_become_a_large_folder(kind, tmp_path):
     else:
         parquet.write_table(pa.table({"t": zeros}), path)
     assert path.stat().st_size < 500_000
-    with pytest.raises(TelemetryError, match="more than the 64 MiB") as refused:
+    with pytest.raises(TelemetryError, match="more than the limit of 64 MiB") as refused:
         read_file(path, tmp_path / "columns")
-    assert str(refused.value).endswith("export the time range and the signals of this test")
+    assert str(refused.value).endswith("export only the time range and signals of this test")
     assert not (tmp_path / "columns").exists()
 
 
@@ -150,7 +150,7 @@ def test_what_a_file_may_unfold_to_grows_with_its_size(write, tmp_path):
     for unfolds_by in (2, 4):
         limits = ReadLimits(unfolds_by=unfolds_by, unfolds_to=0)
         if unfolds_by == 2:
-            with pytest.raises(TelemetryError, match="unfolds to more"):
+            with pytest.raises(TelemetryError, match="expands to more"):
                 read_file(table, tmp_path / "columns", limits=limits)
         else:
             assert read_file(table, tmp_path / "columns", limits=limits).groups[0].n_rows == 3

@@ -196,7 +196,7 @@ def test_bad_rows_gaps_and_signals_are_shown(page: Page, site: RecordedSite) -> 
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        (bytes(range(256)) * 20, "not that of a text table"),
+        (bytes(range(256)) * 20, "neither text table"),
         (b"", "empty"),
         (None, "rows cannot be read"),
     ],

@@ -1,7 +1,7 @@
-"""The numbers in Chapter 10 packets that mean something without a description of the aircraft.
+"""Decode the Chapter 10 packets that need no description of the aircraft.
 
-MIL-STD-1553 messages and ARINC 429 words as raw words, discretes bit by bit, analog samples as raw
-counts. PCM frames are bits until somebody says how they are made up, and are not decoded.
+MIL-STD-1553 messages and ARINC 429 words become raw words, discretes bits, analog samples raw
+counts. PCM frames need a description of their layout and are not decoded.
 """
 
 import struct
@@ -17,12 +17,12 @@ from app.telemetry.readers.chapter10.packets import HEADER, TURN, Packet, ticks_
 from app.telemetry.readers.chapter10.series import MOST_WORDS, Sampled, Series, Values, Words
 
 MODE_CODES = (0, 31)
-"""Subaddresses whose messages carry no data words of the bus's users."""
+"""Subaddresses of mode codes, whose messages carry no data."""
 MESSAGE_1553 = struct.Struct("<QHHH")
-"""What is before the words of a message: time, status, response times, length [bytes]."""
+"""Header of a message: time, status, response times, length [bytes]."""
 BETWEEN_TERMINALS, ERRORS_1553 = 0x0800, 0x1638
 CHANNEL_WORD = 4
-"""What a packet says of its channel, behind its header [bytes]."""
+"""Size of the channel word after the header [bytes]."""
 PACKED, HIGH_BITS, LOW_BITS = 0, 1, 3
 DATA_BITS_429 = 19
 
@@ -31,30 +31,30 @@ Kind = TypeVar("Kind", bound=Series)
 
 @dataclass(eq=False)
 class Decoded:
-    """The series of a recording by their names, and counts of what could not be decoded.
+    """The series of a recording by name, and counts of content that was not decoded.
 
-    first: time of the recorder's counter at the first of the data [ticks].
-    sources: what the set-up of the recorder calls its channels, by their numbers.
+    first: the recorder's counter at the first data [ticks].
+    sources: names of channels in the recorder's set-up, by number.
     """
 
     series: dict[str, Series] = field(default_factory=dict)
-    left_out: Counter[str] = field(default_factory=Counter)
+    not_decoded: Counter[str] = field(default_factory=Counter)
     first: int | None = None
     sources: dict[int, str] = field(default_factory=dict)
 
     def channel(self, packet: Packet) -> str:
-        """Return the channel of a packet by its number and, where it has one, its name."""
+        """Number and, if known, name of a packet's channel."""
         source = self.sources.get(packet.channel, "")
         return f"channel {packet.channel}" + (f" ({source})" if source else "")
 
     def ticks(self, time: int) -> int:
-        """Return how long after the first of the data a time is."""
+        """Ticks since the first data."""
         if self.first is None:
             self.first = time % TURN
         return ticks_between(time % TURN, self.first)
 
     def of(self, name: str, make: Callable[[], Kind]) -> Kind:
-        """Return the series of a name, made where it is the first time."""
+        """The series of a name, created at first use."""
         series: Any = self.series.get(name)
         if series is None:
             series = self.series[name] = make()
@@ -64,7 +64,7 @@ class Decoded:
 def decode_1553(packet: Packet, decoded: Decoded) -> None:
     """Sort messages by remote terminal, direction and subaddress.
 
-    There are many, so that they are taken apart here and not by the library.
+    They are parsed here, because the library is too slow for their number.
     """
     at = HEADER.size + CHANNEL_WORD
     while at + MESSAGE_1553.size <= packet.end:
@@ -75,13 +75,13 @@ def decode_1553(packet: Packet, decoded: Decoded) -> None:
         n_commands = 2 if status & BETWEEN_TERMINALS else 1
         command = int.from_bytes(words[2 * n_commands - 2 : 2 * n_commands], "little")
         terminal, sends, address = command >> 11, command >> 10 & 1, command >> 5 & 31
-        start = 2 * (n_commands + sends)  # behind the commands, and the status of who sends
+        start = 2 * (n_commands + sends)  # after the commands, and the status of a sender
         n_words = command & 31 or MOST_WORDS
         data = words[start : start + 2 * n_words]
         if address in MODE_CODES:
-            decoded.left_out["1553 mode codes"] += 1
+            decoded.not_decoded["1553 mode codes"] += 1
         elif status & ERRORS_1553 or len(data) < 2 * n_words:
-            decoded.left_out["1553 messages with errors"] += 1
+            decoded.not_decoded["1553 messages with errors"] += 1
         else:
             way = "from" if sends else "to"
             name = f"1553 {decoded.channel(packet)} {way} RT{terminal:02d} SA{address:02d}"
@@ -89,14 +89,14 @@ def decode_1553(packet: Packet, decoded: Decoded) -> None:
 
 
 def decode_429(packet: Packet, decoded: Decoded) -> None:
-    """Sort words by bus, label and source; the numbers are all data bits as one with its sign."""
+    """Sort words by bus, label and source; all data bits become one signed number."""
     from chapter10.arinc429 import ARINC429F0
 
     time = packet.time
     for number, word in enumerate(packet.opened(ARINC429F0)):
         time += word.gap_time if number else 0
         if word.format_error or word.parity_error or len(word.data) < 4:
-            decoded.left_out["ARINC 429 words with errors"] += 1
+            decoded.not_decoded["ARINC 429 words with errors"] += 1
             continue
         bits = int.from_bytes(word.data, "little")
         label = int(f"{bits & 0xFF:08b}"[::-1], 2)
@@ -109,7 +109,7 @@ def decode_429(packet: Packet, decoded: Decoded) -> None:
 
 
 def decode_discrete(packet: Packet, decoded: Decoded) -> None:
-    """Take every discrete for itself."""
+    """Make one signal per bit."""
     from chapter10.discrete import DiscreteF1
 
     opened = packet.opened(DiscreteF1)
@@ -123,16 +123,18 @@ def decode_discrete(packet: Packet, decoded: Decoded) -> None:
 
 
 def decode_analog(packet: Packet, decoded: Decoded) -> None:
-    """Take samples of channels that are all sampled alike."""
+    """Decode packets whose channels are sampled alike."""
     from chapter10.analog import AnalogF1
 
     opened = packet.opened(AnalogF1)
-    alike = {(s["length"], s["mode"], s["factor"]) for s in opened.subchannels}
-    n_bits, mode, factor = next(iter(alike))
+    samplings = {(s["length"], s["mode"], s["factor"]) for s in opened.subchannels}
+    n_bits, mode, factor = next(iter(samplings))
     width = (opened.subchannel_count or 256) if opened.same else len(opened.subchannels)
-    counts = _counts(opened.data.bytes, n_bits, mode) if len(alike) == 1 and not factor else None
+    counts = (
+        _counts(opened.data.bytes, n_bits, mode) if len(samplings) == 1 and not factor else None
+    )
     if counts is None:
-        decoded.left_out["analog packets whose channels are not sampled alike"] += 1
+        decoded.not_decoded["analog packets with differently sampled channels"] += 1
         return
     name = f"analog {decoded.channel(packet)}, {width} of {n_bits} bits"
     block = counts[: len(counts) // width * width].reshape(-1, width)
@@ -141,7 +143,7 @@ def decode_analog(packet: Packet, decoded: Decoded) -> None:
 
 
 def _counts(raw: bytes, n_bits: int, mode: int) -> npt.NDArray[np.uint32] | None:
-    """Samples as they were counted; None of a packing that is not known."""
+    """Samples as counts; None for an unknown packing."""
     words = np.frombuffer(raw[: len(raw) // 2 * 2], "<u2")
     if mode in (HIGH_BITS, LOW_BITS) and n_bits <= 16:
         shifted = words >> (16 - n_bits) if mode == HIGH_BITS else words & ((1 << n_bits) - 1)
@@ -170,4 +172,4 @@ OTHER_KINDS = {
     0x60: "parallel",
     0x68: "Ethernet",
 }
-"""What is recorded in packets of other types, by the first type of the kind."""
+"""Content of packets of other types, by the first type of the kind."""

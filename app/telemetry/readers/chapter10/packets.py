@@ -1,6 +1,6 @@
-"""Packets of an IRIG 106 Chapter 10 recording: found by their headers, opened by the library.
+"""Find the packets of an IRIG 106 Chapter 10 recording by their headers.
 
-A header is 24 bytes with a sync pattern and a checksum, so that damaged parts are passed over.
+A header is 24 bytes with a sync pattern and a checksum, so damaged parts are skipped.
 Reference: IRIG 106-17, chapter 11.2, "Data packet format".
 """
 
@@ -17,19 +17,19 @@ SYNC = b"\x25\xeb"
 HEADER = struct.Struct("<HHIIBBBB6sH")
 SECONDARY = 12
 HAS_SECONDARY, STAMPED_OTHERWISE = 0x80, 0x40
-"""Flags: a second header follows; time stamps are not of the recorder's own clock."""
+"""Flags: a second header follows; time stamps come from another clock."""
 MOST_BYTES = 1 << 28
-"""Of one packet."""
+"""Largest packet."""
 MOST_FALSE = 1_000_000
-"""Sync patterns that begin no packet."""
+"""Most sync patterns that do not start a packet."""
 TICKS = 10_000_000
-"""Of the recorder's relative time counter [1/s], which has 48 bits."""
+"""Rate of the recorder's relative time counter [1/s], which has 48 bits."""
 TURN = 1 << 48
 
 
 @dataclass(frozen=True)
 class Packet:
-    """A packet as it lies in the file, without its second header. time: of its counter [ticks]."""
+    """A packet without its second header. time: of its counter [ticks]."""
 
     channel: int
     data_type: int
@@ -39,25 +39,25 @@ class Packet:
 
     @property
     def end(self) -> int:
-        """Where the data end; fillers and a checksum may follow."""
+        """End of the data; fillers and a checksum may follow."""
         return HEADER.size + HEADER.unpack_from(self.raw)[3]
 
     def opened(self, kind: Any) -> Any:
-        """Give the packet to a class of the library's."""
+        """Parse the packet with a class of the library."""
         return kind(io.BytesIO(self.raw))
 
 
 def packets(path: Path) -> Iterator[Packet | int]:
-    """Every whole packet of a file in its order, and a number of bytes wherever some are none."""
+    """Every complete packet of a file in order, and the number of bytes skipped in between."""
     with path.open("rb") as file, closing(_mapped(file.fileno())) as recorded:
         at, n_false = 0, 0
         while (start := recorded.find(SYNC, at)) >= 0:
             if not (length := _length(recorded, start)):
                 n_false += 1
                 if n_false > MOST_FALSE:
-                    raise ValueError("hardly any of it is packets")
-                at, passed = start + 1, at
-                yield at - passed
+                    raise ValueError("almost no packets")
+                at, before = start + 1, at
+                yield at - before
                 continue
             if start > at:
                 yield start - at
@@ -68,7 +68,7 @@ def packets(path: Path) -> Iterator[Packet | int]:
 
 
 def ticks_between(later: int, earlier: int) -> int:
-    """How many ticks after another one a time is; the counter may have turned over."""
+    """Ticks from one time to another; the counter may have wrapped."""
     return (later - earlier + TURN // 2) % TURN - TURN // 2
 
 
@@ -77,7 +77,7 @@ def _mapped(handle: int) -> mmap.mmap:
 
 
 def _length(recorded: mmap.mmap, at: int) -> int:
-    """Length of the whole packet that begins somewhere [bytes], 0 where none does."""
+    """Length of the complete packet at a position [bytes], 0 if there is none."""
     header = recorded[at : at + HEADER.size]
     if len(header) < HEADER.size or _checksum(header[:22]) != int.from_bytes(header[22:], "little"):
         return 0

@@ -1,4 +1,4 @@
-"""What is collected from the packets of a Chapter 10 recording, by what it belongs to."""
+"""Series of samples collected from the packets of a Chapter 10 recording."""
 
 from abc import ABC, abstractmethod
 from array import array
@@ -15,15 +15,15 @@ from core.types import Array
 MOST_WORDS = 32
 """Data words of a MIL-STD-1553 message."""
 GAP = 1.5
-"""Analog packets further apart than this many of their usual lengths have a gap between them."""
+"""A longer distance between analog packets, in usual lengths, is a gap."""
 
 
 class Series(ABC):
-    """Samples of one origin, with the time of each in ticks after the first of the file."""
+    """Samples of one origin, with times in ticks after the first data of the file."""
 
     @abstractmethod
     def table(self, name: str) -> SignalTable:
-        """Return the samples as columns."""
+        pass
 
 
 @dataclass(eq=False)
@@ -35,13 +35,13 @@ class Words(Series):
     words: array = field(default_factory=lambda: array("h"))
 
     def add(self, time: int, words: bytes) -> None:
-        """Add a message: its words in the byte order of the file."""
+        """Add a message; its words are in the byte order of the file."""
         self.times.append(time)
         self.counts.append(len(words) // 2)
         self.words.frombytes(np.frombuffer(words.ljust(2 * MOST_WORDS, b"\0"), "<i2").tobytes())
 
     def table(self, name: str) -> SignalTable:
-        """Return a column a word, NaN where a message has fewer."""
+        """One column per word, NaN if a message is shorter."""
         counts = np.asarray(self.counts)
         width = int(counts.max())
         labels = [f"{name}/word {k + 1:02d}" for k in range(width)]
@@ -64,12 +64,10 @@ class Values(Series):
     values: array = field(default_factory=lambda: array("q"))
 
     def add(self, time: int, values: tuple[int, ...]) -> None:
-        """Add a sample."""
         self.times.append(time)
         self.values.extend(values)
 
     def table(self, name: str) -> SignalTable:
-        """Return a column a value."""
         labels = [f"{name}/{label}" for label in self.labels]
 
         def pieces() -> Pieces:
@@ -81,19 +79,17 @@ class Values(Series):
 
 @dataclass(eq=False)
 class Sampled(Series):
-    """Analog samples, of which only the first of each packet has a time: (n, n_subchannels)."""
+    """Analog samples (n, n_subchannels); only the first sample of each packet has a time."""
 
     width: int
     times: list[int] = field(default_factory=list)
     blocks: list[npt.NDArray[np.integer]] = field(default_factory=list)
 
     def add(self, time: int, block: npt.NDArray[np.integer]) -> None:
-        """Add the samples of a packet."""
         self.times.append(time)
         self.blocks.append(block)
 
     def table(self, name: str) -> SignalTable:
-        """Return a column a subchannel."""
         labels = [f"{name}/analog {k + 1}" for k in range(self.width)]
 
         def pieces() -> Pieces:
@@ -105,7 +101,7 @@ class Sampled(Series):
         return SignalTable((name,), _columns(name, labels), n_rows, pieces)
 
     def _times(self) -> Iterator[Array]:
-        """Ticks of the samples: spread evenly up to the next packet, unless there is a gap."""
+        """Ticks of the samples, spread evenly up to the next packet unless there is a gap."""
         lengths = np.array([len(block) for block in self.blocks], dtype=np.float64)
         steps = np.append(np.diff(self.times), np.nan) / lengths
         usual = float(np.nanmedian(steps)) if len(steps) > 1 else 0.0

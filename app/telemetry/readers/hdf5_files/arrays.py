@@ -1,4 +1,4 @@
-"""What an HDF5 file holds as arrays and tables that have not been read."""
+"""Collect the unread arrays and tables of an HDF5 file."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -35,7 +35,7 @@ from app.telemetry.readers.signal_tables import (
 )
 
 MOST_SCALES = 16
-"""Of one dimension; a damaged file says billions, which the library walks one by one."""
+"""Most scales of a dimension; a damaged file may claim billions, which the library would visit."""
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"
 
 Unpack = Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
@@ -44,19 +44,18 @@ Describe = Callable[[str, h5py.Dataset], tuple[Column, Unpack | None]]
 
 @dataclass(eq=False)
 class Arrays:
-    """The arrays of numbers of a file by their paths, and its tables."""
+    """The numeric arrays of a file by path, and its tables."""
 
     matrices: dict[Path, Matrix] = field(default_factory=dict)
     tables: list[SignalTable] = field(default_factory=list)
 
     def all_tables(self) -> list[SignalTable]:
-        """Return all as columns."""
         return [*to_tables(self.matrices.values()), *self.tables]
 
 
 def plain(name: str, dataset: h5py.Dataset) -> tuple[Column, Unpack | None]:
-    """Take a dataset's unit, description and rate from its attributes, or from its group's where
-    that is a parameter; a dimension scale is a time.
+    """Read unit, description and rate from the attributes of a dataset, or of its group for a
+    parameter; a dimension scale is a time.
     """
     holder = dataset
     if is_parameter(dataset):
@@ -74,10 +73,10 @@ def arrays(
     separator: str = "/",
     reverse: bool = False,
 ) -> Arrays:
-    """Look at datasets; those that are no numbers are added to `ignored` with the reason.
+    """Collect datasets; those without numbers are added to `ignored` with the reason.
 
-    describe: gives the column of a dataset of this name, and how its numbers are unpacked.
-    reverse: their dimensions are stored last first.
+    describe: returns the column of a dataset, and a function that unpacks its numbers.
+    reverse: whether dimensions are stored last first.
     """
     readable: dict[Path, h5py.Dataset] = {}
     scales: dict[Address, Path] = {}
@@ -97,13 +96,13 @@ def arrays(
             continue
         name = separator.join(path)
         if dataset.dtype.names:
-            made = table(path, name, dataset, ignored)
+            array = table(path, name, dataset, ignored)
         else:
             column, unpack = describe(name, dataset)
             take = partial(_take, dataset, unpack) if unpack else dataset.__getitem__
             if path in masks:
                 take = partial(take_unmasked, take, readable[masks[path]])
-            made = matrix(
+            array = matrix(
                 path[:-1],
                 column,
                 dataset.shape,
@@ -112,12 +111,12 @@ def arrays(
                 clocks=tuple(_clock(dataset, k, path, scales) for k in range(dataset.ndim)),
                 reverse=reverse,
             )
-        if isinstance(made, str):
-            ignored.append(made)
-        elif isinstance(made, Matrix):
-            result.matrices[path] = made
+        if isinstance(array, str):
+            ignored.append(array)
+        elif isinstance(array, Matrix):
+            result.matrices[path] = array
         else:
-            result.tables.append(made)
+            result.tables.append(array)
     return result
 
 
@@ -126,12 +125,12 @@ def _take(dataset: h5py.Dataset, unpack: Unpack, index: Any) -> npt.NDArray[Any]
 
 
 def _is_scale(dataset: h5py.Dataset) -> bool:
-    """Whether a dataset gives the values of a dimension of others."""
+    """Whether a dataset holds the values of a dimension."""
     return dataset.shape is not None and dataset.ndim == 1 and h5py.h5ds.is_scale(dataset.id)
 
 
 def _clock(dataset: h5py.Dataset, axis: int, path: Path, scales: dict[Address, Path]) -> Clock:
-    """The path of the dimension scale that an axis counts; a scale counts itself."""
+    """Path of the dimension scale of an axis; a scale is its own."""
     if _is_scale(dataset):
         return path
     if not 0 < h5py.h5ds.get_num_scales(dataset.id, axis) <= MOST_SCALES:

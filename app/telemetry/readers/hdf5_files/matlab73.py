@@ -1,4 +1,4 @@
-"""MATLAB 7.3, which is HDF5 with its dimensions last first and classes in attributes."""
+"""Read MATLAB 7.3: HDF5 with dimensions stored last first and classes in attributes."""
 
 import math
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ from app.telemetry.readers.signal_tables import listed, write_tables
 MARK = b"MATLAB"
 MOST_TEXT = 4096
 MOST_OF_ARRAY = 256
-"""Elements of an array of structures that are read."""
+"""Most elements of an array of structures."""
 OWN = frozenset({"#refs#", "#subsystem#"})
 SPARSE = ("data", "ir", "jc")
 OBJECT = "an object; save its numbers as plain vectors"
@@ -34,13 +34,12 @@ Item = tuple[Path, h5py.Dataset]
 
 
 def wrote(file: h5py.File) -> bool:
-    """Whether MATLAB, or another that writes as it does, wrote a file."""
+    """Whether MATLAB, or a program that writes like it, wrote a file."""
     with open(file.filename, "rb") as raw:
         return bool(file.userblock_size) and raw.read(len(MARK)) == MARK
 
 
 def read_open(file: h5py.File, writer: ColumnWriter) -> Contents:
-    """Read a MATLAB 7.3 file that is open as HDF5."""
     ignored: list[str] = []
     texts: dict[Path, str] = {}
     numbers: list[Item] = []
@@ -59,7 +58,7 @@ def read_open(file: h5py.File, writer: ColumnWriter) -> Contents:
 
 
 def _members(file: h5py.File, ignored: list[str]) -> Iterator[Item]:
-    """The datasets of variables and fields, those of Simulink's array of signals one by one."""
+    """Datasets of variables and fields; those in Simulink's array of signals one by one."""
     for path, dataset in datasets(file, ignored, OWN):
         if path[-2:-1] != (SIGNALS,) or not h5py.check_ref_dtype(dataset.dtype):
             yield path, dataset
@@ -74,7 +73,7 @@ def _members(file: h5py.File, ignored: list[str]) -> Iterator[Item]:
 
 
 def _no_numbers(path: Path, dataset: h5py.Dataset, kind: str) -> str:
-    """Why a dataset of a class holds no signals, "" where it may."""
+    """Why a dataset of a class holds no signals, "" if it may."""
     if attribute(dataset, "MATLAB_empty"):
         return "no value"
     if path[-1] in SPARSE and attribute(dataset.parent, "MATLAB_sparse") is not None:
@@ -87,7 +86,7 @@ def _no_numbers(path: Path, dataset: h5py.Dataset, kind: str) -> str:
 
 
 def _text(dataset: h5py.Dataset) -> str:
-    """A row of characters; "" of an empty or long one."""
+    """A row of characters; "" if empty or too long."""
     if (
         unreadable(dataset)
         or math.prod(dataset.shape) > MOST_TEXT

@@ -1,4 +1,4 @@
-"""NetCDF 4, which is HDF5 with dimension scales and the CF conventions."""
+"""Read NetCDF 4: HDF5 with dimension scales and the CF conventions."""
 
 from typing import Any
 
@@ -12,12 +12,11 @@ from app.telemetry.readers.signal_tables import Column, listed, write_tables
 
 
 def wrote(file: h5py.File) -> bool:
-    """Whether the NetCDF library, or another that writes as it does, wrote a file."""
+    """Whether the NetCDF library, or a program that writes like it, wrote a file."""
     return "_NCProperties" in file.attrs
 
 
 def read_open(file: h5py.File, writer: ColumnWriter) -> Contents:
-    """Read a NetCDF 4 file that is open as HDF5."""
     ignored: list[str] = []
     conventions = Conventions()
 

@@ -1,4 +1,4 @@
-"""Parameters of a flight data recorder: a group of `data` and `mask`, with a rate as attribute."""
+"""Parameters of a flight data recorder: a group of `data` and `mask`, with a rate attribute."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -15,7 +15,7 @@ DATA, MASK = "data", "mask"
 
 
 def parameter_masks(readable: Mapping[Path, h5py.Dataset]) -> dict[Path, Path]:
-    """By path of a parameter's data, the path of its mask."""
+    """Path of a parameter's data -> path of its mask."""
     masks = {}
     for path, dataset in readable.items():
         mask = readable.get((*path[:-1], MASK))
@@ -25,7 +25,7 @@ def parameter_masks(readable: Mapping[Path, h5py.Dataset]) -> dict[Path, Path]:
 
 
 def is_parameter(dataset: h5py.Dataset) -> bool:
-    """Whether a dataset is the data of a parameter, which its group describes."""
+    """Whether a dataset is the data of a parameter, whose group describes it."""
     name = str(dataset.name).rpartition("/")[2]
     return name == DATA and declared_rate(partial(attribute, dataset.parent))[0] > 0.0
 
@@ -33,5 +33,5 @@ def is_parameter(dataset: h5py.Dataset) -> bool:
 def take_unmasked(
     take: Callable[[Any], npt.NDArray[Any]], mask: h5py.Dataset, index: Any
 ) -> npt.NDArray[Any]:
-    """The values at an index, NaN where the mask is set."""
+    """Values at an index, NaN where the mask is set."""
     return np.where(mask[index], np.nan, take(index))

@@ -1,4 +1,4 @@
-"""Tables in HDF5: datasets of a compound type, whose fields are signals."""
+"""Read tables in HDF5: datasets of a compound type, whose fields are signals."""
 
 import math
 from collections.abc import Iterator
@@ -12,13 +12,13 @@ from app.telemetry.readers.hdf5_files.walk import Path, attribute, not_numeric, 
 from app.telemetry.readers.signal_tables import BLOCK, Column, Pieces, SignalTable, is_time_name
 
 MOST_NESTING = 8
-"""Of compound types in one another."""
+"""Deepest nesting of compound types."""
 
 Keys = tuple[Any, ...]
 
 
 def table(path: Path, name: str, dataset: h5py.Dataset, ignored: list[str]) -> SignalTable | str:
-    """Make columns of a table's fields, or say why there are none; units from its attribute."""
+    """Make columns of a table's fields, or return why not; units from its attribute."""
     if dataset.ndim != 1:
         return f"{name}: a table of {dataset.ndim} dimensions"
     fields = list(_fields(dataset.dtype, (), name, ignored))
@@ -38,7 +38,7 @@ def table(path: Path, name: str, dataset: h5py.Dataset, ignored: list[str]) -> S
 def _fields(
     dtype: np.dtype[Any], outer: Keys, place: str, ignored: list[str]
 ) -> Iterator[tuple[str, Keys]]:
-    """(label, keys to get there) of every number in a compound type, arrays element by element."""
+    """(label, keys to reach it) of every number in a compound type, arrays by element."""
     for name in dtype.names or ():
         kind, label = dtype[name], ".".join((*outer, name))
         if len(outer) > MOST_NESTING:
@@ -57,7 +57,7 @@ def _fields(
 
 
 def _rows(dataset: h5py.Dataset, fields: list[Keys]) -> Pieces:
-    """Read a table by whole chunks of rows."""
+    """Read a table in whole chunks of rows."""
     chunk = dataset.chunks[0] if dataset.chunks else 1
     step = max(8 * BLOCK // dataset.dtype.itemsize // chunk, 1) * chunk
     for first in range(0, len(dataset), step):

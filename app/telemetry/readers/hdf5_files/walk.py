@@ -1,4 +1,4 @@
-"""Walking an HDF5 file of unknown origin: never into other files, in circles or without end."""
+"""Walk an HDF5 file safely: never into other files, in circles or without end."""
 
 import math
 from collections.abc import Iterator
@@ -12,10 +12,10 @@ from app.telemetry.recording import TelemetryError
 MOST_DEPTH = 32
 MOST_OBJECTS = 50_000
 MOST_CHUNK = 1 << 28
-"""Of one chunk, which HDF5 unfolds whole [bytes]."""
+"""Largest chunk, which HDF5 expands whole [bytes]."""
 MOST_TEXT = 1 << 12
 LARGE, MOST_HOLES = 1 << 24, 100
-"""Of a dataset above this size [bytes], one part in so many must have been written."""
+"""In a dataset above LARGE [bytes], at least one in MOST_HOLES chunks must be written."""
 UNIT_NAMES = ("unit", "units", "Unit", "Units", "UNIT", "UNITS")
 
 Path = tuple[str, ...]
@@ -25,12 +25,12 @@ Address = tuple[int, int]
 def datasets(
     file: h5py.File, ignored: list[str], skip: frozenset[str] = frozenset()
 ) -> Iterator[tuple[Path, h5py.Dataset]]:
-    """Every dataset of a file, each group once, in the order of their names.
+    """Every dataset of a file, each group once, in the order of names.
 
-    Links to other files are not followed and soft links need not be. skip: names of groups at the
-    root that are left out. TelemetryError where groups lie too deep or objects are too many.
+    Links to other files and soft links are not followed. skip: groups at the root to omit.
+    TelemetryError if groups are nested too deeply or there are too many objects.
     """
-    n_objects, seen = 0, {address(file)}
+    n_objects, visited = 0, {address(file)}
     stack: list[tuple[Path, h5py.Group]] = [((), file)]
     while stack:
         path, group = stack.pop()
@@ -40,41 +40,41 @@ def datasets(
         for name in group:
             if isinstance(name, bytes):
                 shown = name.decode("utf-8", "replace")
-                ignored.append(f"{'/'.join((*path, shown))}: a name that is not in UTF-8")
+                ignored.append(f"{'/'.join((*path, shown))}: the name is not UTF-8")
                 continue
-            here = (*path, str(name))
+            place = (*path, str(name))
             link = group.get(name, getlink=True)
             if isinstance(link, h5py.ExternalLink):
-                ignored.append(f"{'/'.join(here)}: a link to another file, which is not followed")
+                ignored.append(f"{'/'.join(place)}: links to other files are not followed")
             if not isinstance(link, h5py.HardLink) or (not path and name in skip):
                 continue
             n_objects += 1
             if n_objects > MOST_OBJECTS:
                 raise TelemetryError(
-                    f"the HDF5 file holds more than {MOST_OBJECTS} objects: export the signals of "
+                    f"the HDF5 file has more than {MOST_OBJECTS} objects: export the signals of "
                     "this test in a flat table"
                 )
             member = group[name]
             if isinstance(member, h5py.Dataset):
-                yield here, member
-            elif isinstance(member, h5py.Group) and (at := address(member)) not in seen:
-                seen.add(at)
-                inner.append((here, member))
+                yield place, member
+            elif isinstance(member, h5py.Group) and (at := address(member)) not in visited:
+                visited.add(at)
+                inner.append((place, member))
         stack += reversed(inner)
 
 
 def unreadable(dataset: h5py.Dataset) -> str:
-    """Why a dataset's numbers are not read, "" where they can be."""
+    """Why a dataset cannot be read, "" if it can."""
     if reason := not_stored(dataset):
         return reason
     try:
         dtype = dataset.dtype
     except TypeError:
-        return "of a type that cannot be read"
+        return "unreadable type"
     if reason := not_numeric(dtype):
         return reason
     if _hardly_written(dataset):
-        return "hardly ever written"
+        return "almost nothing written"
     properties = dataset.id.get_create_plist()
     filters = [properties.get_filter(k) for k in range(properties.get_nfilters())]
     if missing := [f for f in filters if not h5py.h5z.filter_avail(f[0])]:
@@ -82,21 +82,21 @@ def unreadable(dataset: h5py.Dataset) -> str:
         return f"compressed by {name}, which is not installed"
     chunk = math.prod(dataset.chunks or (0,)) * dtype.itemsize
     if chunk > MOST_CHUNK:
-        return f"stored in pieces of {chunk / 2**20:.0f} MiB, which is more than may be read"
+        return f"stored in pieces of {chunk / 2**20:.0f} MiB, too large to read"
     return ""
 
 
 def not_stored(dataset: h5py.Dataset) -> str:
-    """Why a dataset has no values in its file, "" where it has."""
+    """Why a dataset has no values in its file, "" if it has."""
     if dataset.is_virtual or dataset.id.get_create_plist().get_external_count():
-        return "its numbers lie in other files"
+        return "its numbers are in other files"
     if dataset.shape is None or math.prod(dataset.shape) == 0:
         return "no value"
     return ""
 
 
 def _hardly_written(dataset: h5py.Dataset) -> bool:
-    """Whether a dataset has next to nothing in the file but its declaration."""
+    """Whether a dataset has almost no data in the file."""
     declared = math.prod(dataset.shape) * dataset.dtype.itemsize
     if dataset.chunks and declared > LARGE:
         written = dataset.id.get_num_chunks() * math.prod(dataset.chunks)
@@ -105,7 +105,7 @@ def _hardly_written(dataset: h5py.Dataset) -> bool:
 
 
 def not_numeric(dtype: Any) -> str:
-    """Why values of a type are no numbers, "" where they are; of a table if one field is."""
+    """Why values of a type are not numbers, "" if they are, or one field of a table is."""
     if dtype.names:
         if set(dtype.names) in ({"real", "imag"}, {"r", "i"}):
             return "complex"
@@ -123,7 +123,7 @@ def not_numeric(dtype: Any) -> str:
 
 
 def attribute(holder: Any, name: str) -> Any:
-    """A small attribute as h5py gives it, None where there is none that can be read."""
+    """A small attribute as h5py returns it, None if missing or unreadable."""
     if not h5py.h5a.exists(holder.id, name.encode()):
         return None
     identifier = h5py.h5a.open(holder.id, name.encode())
@@ -136,7 +136,7 @@ def attribute(holder: Any, name: str) -> Any:
 
 
 def text(value: Any) -> str:
-    """What an attribute says, "" where it is no single text."""
+    """An attribute as text, "" if it is not a single text."""
     if hasattr(value, "reshape") and getattr(value, "size", 0) == 1:
         value = value.reshape(-1)[0]
     if isinstance(value, bytes):
@@ -145,10 +145,10 @@ def text(value: Any) -> str:
 
 
 def first_text(holder: Any, names: tuple[str, ...]) -> str:
-    """The first of the named attributes that says something."""
+    """The first of the named attributes that has text."""
     return next((value for name in names if (value := text(attribute(holder, name)))), "")
 
 
 def address(holder: Any) -> Address:
-    """Where in its file an object lies, by which it is known under all its names."""
+    """Address of an object in its file, equal under all its names."""
     return h5py.h5g.get_objinfo(holder.id).objno

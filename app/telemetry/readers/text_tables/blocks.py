@@ -1,4 +1,4 @@
-"""A text file as blocks of whole lines, in bytes with one kind of line end."""
+"""Split a text file into blocks of whole lines with uniform line ends."""
 
 import codecs
 from collections.abc import Iterator
@@ -13,18 +13,18 @@ UTF8_MARK = codecs.BOM_UTF8
 def blocks(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
     """Pairs of the number of a block's first line, from 1, and the block; every line ends in \\n.
 
-    UTF-16 is turned into UTF-8; whatever else the file is in stays. TelemetryError for a line that
-    is longer than a block.
+    UTF-16 is converted to UTF-8; other encodings stay. TelemetryError for a line longer than a
+    block.
     """
     line, rest = 1, b""
     for chunk in _decoded(file):
         data = rest + chunk
-        # the file's last byte so far may be the first half of a line end
+        # the last byte may be the first half of a line end
         end = max(data.rfind(b"\n"), data.rfind(b"\r", 0, len(data) - 1)) + 1
         if not end and len(data) > BLOCK_BYTES:
             raise TelemetryError(
-                f"line {line} has more than {BLOCK_BYTES / 2**20:.0f} MiB: this is no table of "
-                "text, export it again"
+                f"line {line} is longer than {BLOCK_BYTES / 2**20:.0f} MiB: this is not a text "
+                "table, export it again"
             )
         block, rest = data[:end], data[end:]
         if block:
@@ -37,7 +37,7 @@ def blocks(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
 
 
 def pieces(line: int, block: bytes, size: int) -> Iterator[tuple[int, bytes]]:
-    """A block in pieces of about `size` bytes, numbered like it."""
+    """A block in pieces of about `size` bytes, with line numbers."""
     start = 0
     while start < len(block):
         end = block.find(b"\n", start + size) + 1 or len(block)
@@ -48,7 +48,6 @@ def pieces(line: int, block: bytes, size: int) -> Iterator[tuple[int, bytes]]:
 
 
 def without_lines(block: bytes, n: int) -> bytes:
-    """A block without its first n lines."""
     start = 0
     for _ in range(n):
         start = block.index(b"\n", start) + 1
@@ -56,7 +55,7 @@ def without_lines(block: bytes, n: int) -> bytes:
 
 
 def _decoded(file: BinaryIO) -> Iterator[bytes]:
-    """Chunks of the file in an encoding that writes ASCII as ASCII, without a mark."""
+    """Chunks of the file in an encoding that extends ASCII, without a byte order mark."""
     chunk = file.read(BLOCK_BYTES)
     wide = wide_encoding(chunk[:4096])
     if not wide:
@@ -73,7 +72,7 @@ def _decoded(file: BinaryIO) -> Iterator[bytes]:
 
 
 def wide_encoding(head: bytes) -> str:
-    """UTF-16 by its mark, or by the zeros in every other byte of Latin text; else ""."""
+    """UTF-16 by its byte order mark, or by zeros in every other byte; else ""."""
     if head.startswith(codecs.BOM_UTF16_LE):
         return "utf-16-le"
     if head.startswith(codecs.BOM_UTF16_BE):

@@ -1,4 +1,4 @@
-"""What the cells of a text table say: a number, nothing, a time, or words."""
+"""The cells of a text table: number, missing, time or text."""
 
 import csv
 import re
@@ -14,9 +14,9 @@ MISSING_WORDS = (
 MISSING = frozenset(
     spelled for word in MISSING_WORDS for spelled in (word, word.lower(), word.upper())
 ) | {"*" * n for n in range(1, 33)}
-"""Cells that say that nothing was recorded; stars are Fortran's for a number that does not fit."""
+"""Cells without a value; Fortran writes stars for a number that does not fit."""
 BLANKS = " "
-"""The delimiter of a table whose cells are parted by runs of blanks and tabs."""
+"""Delimiter of a table with runs of blanks and tabs between cells."""
 DELIMITERS = ("\t", ";", ",", "|", BLANKS)
 COMMENT = re.compile(r"\s*(?:#|%|//|!)+")
 COMMENT_OR_SEMICOLON = re.compile(r"\s*(?:#|%|//|!|;)+")
@@ -25,7 +25,7 @@ EXPONENT = str.maketrans("dD", "eE")
 
 
 def cells(line: str, delimiter: str) -> list[str]:
-    """The cells of one line, without blanks around them. csv.Error for quotes that do not match."""
+    """The cells of one line, stripped of blanks. csv.Error for unmatched quotes."""
     if delimiter == BLANKS:
         return line.split()
     if '"' not in line:
@@ -37,12 +37,12 @@ def cells(line: str, delimiter: str) -> list[str]:
 
 
 def comment(delimiter: str) -> re.Pattern[str]:
-    """What a comment begins with; a semicolon only where it does not part cells."""
+    """Pattern for the start of a comment; a semicolon counts unless it is the delimiter."""
     return COMMENT if delimiter == ";" else COMMENT_OR_SEMICOLON
 
 
 def number(cell: str, decimal: str) -> float | None:
-    """The number in a cell, NaN where nothing was recorded, None where it is something else."""
+    """The number in a cell, NaN if missing, None if the cell is something else."""
     try:
         value = float(cell if decimal == "." else _with_point(cell))
     except ValueError:
@@ -51,12 +51,11 @@ def number(cell: str, decimal: str) -> float | None:
         swapped = cell.translate(EXPONENT)
         return number(swapped, decimal) if swapped != cell else None
     if "_" in cell or not cell.isascii():
-        return None  # Python's own spellings
+        return None  # spellings that only Python accepts
     return value if isfinite(value) else nan
 
 
 def kind(cell: str, decimal: str) -> str:
-    """One of "missing", "number", "time", "text"."""
     if cell in MISSING:
         return "missing"
     if number(cell, decimal) is not None:

@@ -1,4 +1,4 @@
-"""How a text table is laid out: what parts its cells, where it begins, what its columns hold."""
+"""Find the layout of a text table: delimiter, first line and kinds of columns."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -11,14 +11,14 @@ from app.telemetry.readers.written_units import unit_in, unit_of_cell
 from app.telemetry.recording import TelemetryError
 
 SAMPLE_LINES = 500
-"""Lines that a layout is found from, with all that is above the table."""
+"""Lines that are used to find the layout, including those above the table."""
 
 
 @dataclass(frozen=True)
 class TextColumn:
     """A column of the table. kind: "number", "time" or "text".   example: one of its cells.
 
-    form: of its times.   coarse: its times are repeated from row to row.
+    form: of its times.   coarse: whether its times repeat from row to row.
     """
 
     name: str
@@ -30,13 +30,13 @@ class TextColumn:
 
     @property
     def is_padding(self) -> bool:
-        """Whether it is only there because rows end in a delimiter."""
+        """Whether it only exists because rows end in a delimiter."""
         return self.kind == "text" and not self.example
 
 
 @dataclass(frozen=True)
 class Layout:
-    """delimiter: one of DELIMITERS.   first_line: number of the first row's line, from 1."""
+    """delimiter: one of DELIMITERS.   first_line: line number of the first row, from 1."""
 
     delimiter: str
     decimal: str
@@ -46,19 +46,19 @@ class Layout:
 
 
 def find_layout(head: str) -> Layout:
-    """Find the layout of a table in the beginning of its text. TelemetryError if there is none."""
+    """Find the layout from the beginning of a text. TelemetryError if there is no table."""
     text = head.split("\n")[:SAMPLE_LINES]
     lines = best_parted(text)
     width = lines.width
     if not width:
         shown = next((line.strip()[:60] for line in text if line.strip()), "")
         raise TelemetryError(
-            f"no row of numbers in its first {len(text)} lines, which begin with "
-            f"{shown!a}: give a table of text with one row a sample"
+            f"no row of numbers in the first {len(text)} lines, which start with "
+            f"{shown!a}: give a text table with one row per sample"
         )
     if width == MOST_CELLS:
         raise TelemetryError(
-            f"its rows have {width} cells or more: export the signals of this test"
+            f"rows have {width} cells or more: export only the signals of this test"
         )
     rows = lines.rows
     kinds = [_most_common([row.kinds[i] for row in rows]) for i in range(width)]
@@ -72,19 +72,18 @@ def find_layout(head: str) -> Layout:
     ]
     if width > 1 and not any(header.names[width - 1 :]) and not columns[-1].example:
         columns[-1] = TextColumn(names[-1], "", "text")
-    notes = ["Its numbers have a decimal comma."] if lines.decimal == "," else []
+    notes = ["Numbers have a decimal comma."] if lines.decimal == "," else []
     if not header.names:
         notes.append(
-            "No line of names above the numbers: the columns are called column_1 to "
-            f"column_{width}."
+            f"No line of names above the numbers: columns are called column_1 to column_{width}."
         )
-    if twice := [name for name, count in Counter(names).items() if count > 1]:
-        notes.append(f"Names of several columns, numbered from the second on: {', '.join(twice)}.")
+    if repeated := [name for name, count in Counter(names).items() if count > 1]:
+        notes.append(f"Repeated names, numbered from the second on: {', '.join(repeated)}.")
     return Layout(lines.delimiter, lines.decimal, tuple(columns), header.first_line, tuple(notes))
 
 
 def _most_common(kinds: Sequence[str]) -> str:
-    """What most of a column's cells are; a column without any content may still hold numbers."""
+    """Kind of most cells in a column; a column without content may still get numbers."""
     counts = Counter(kinds)
     return max(("number", "time", "text"), key=lambda kind: counts[kind])
 

@@ -1,4 +1,4 @@
-"""The first lines of a text table parted into cells, by whatever makes most sense of them."""
+"""Split the first lines of a text table into cells, with the delimiter that fits best."""
 
 import csv
 from collections import Counter
@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from app.telemetry.readers.text_tables.cells import DELIMITERS, cells, comment, kind
 
 MOST_CELLS = 1 << 14
-"""Of a line; further ones are not looked at, and a table of so many columns is refused."""
+"""Most cells of a line; the rest is ignored, and such a table is refused."""
 
 
 @dataclass(frozen=True)
 class Line:
-    """A line that is not blank. kinds: of its cells.   commented: it begins with a comment sign."""
+    """A line that is not blank. kinds: of its cells.   commented: whether it starts a comment."""
 
     number: int
     cells: tuple[str, ...]
@@ -22,15 +22,14 @@ class Line:
 
     @property
     def n_values(self) -> int:
-        """Number of cells that are numbers or times."""
         return sum(kind in ("number", "time") for kind in self.kinds)
 
 
 @dataclass(frozen=True)
 class Lines:
-    """Lines parted by one delimiter, with numbers of one decimal sign.
+    """Lines split at one delimiter, with one decimal sign.
 
-    width: number of cells of the rows that hold most of the values; 0 where none holds any.
+    width: number of cells of the rows with most values; 0 if there are no values.
     """
 
     delimiter: str
@@ -41,11 +40,11 @@ class Lines:
 
     @property
     def rows(self) -> list[Line]:
-        """Lines of that width with values, also those above the table."""
+        """Lines of that width with values, including any above the table."""
         return [line for line in self.plain if len(line.cells) == self.width and line.n_values]
 
     def share_read(self) -> float:
-        """How much of the text from the first row on is values in rows of one width, by length."""
+        """Share of the text, from the first row on, that is values in rows of one width."""
         rows = self.rows
         if not rows:
             return 0.0
@@ -60,7 +59,7 @@ class Lines:
 
 
 def best_parted(text: Sequence[str]) -> Lines:
-    """Lines parted by the delimiter and decimal sign that make most sense of them."""
+    """Lines split at the delimiter and with the decimal sign that fit best."""
     best, best_share = parted(text, DELIMITERS[0], "."), -1.0
     for decimal in (".", ","):
         for delimiter in DELIMITERS:
@@ -73,7 +72,7 @@ def best_parted(text: Sequence[str]) -> Lines:
 
 
 def parted(text: Sequence[str], delimiter: str, decimal: str) -> Lines:
-    """Lines parted by a delimiter, without regard to quotes where they do not match."""
+    """Lines split at a delimiter; unmatched quotes are ignored."""
     sign = comment(delimiter)
     lines = []
     for number, line in enumerate(text, 1):

@@ -1,4 +1,4 @@
-"""Whole blocks of a text table at once, by Arrow: fast, and all or nothing."""
+"""Parse whole blocks of a text table with Arrow: fast, but all or nothing."""
 
 from dataclasses import dataclass, field
 
@@ -11,12 +11,12 @@ from app.telemetry.readers.text_tables.layout import Layout
 from app.telemetry.readers.text_tables.times import Array, Times, times_of
 
 ARROW_BYTES = 2**20
-"""Arrow's own blocks, one a thread at a time."""
+"""Size of Arrow's own blocks, one per thread."""
 
 
 @dataclass
 class Rows:
-    """Rows of a table: numbers (n,), or times, by the number of the column."""
+    """Rows of a table: numbers (n,), or times, by column number."""
 
     n: int
     columns: dict[int, Array | Times]
@@ -24,9 +24,9 @@ class Rows:
 
 @dataclass
 class BlockParser:
-    """Parses blocks of good rows, ValueError for any other.
+    """Parses blocks of good rows; ValueError for any other block.
 
-    tidy: whether blocks need their blanks removed first, which is slower.
+    tidy: whether blanks must be removed from blocks first, which is slower.
     """
 
     layout: Layout
@@ -36,7 +36,6 @@ class BlockParser:
         self.tidy = self.layout.delimiter == BLANKS
 
     def parse(self, block: bytes, wanted: list[int]) -> Rows:
-        """The wanted columns of a block of whole lines."""
         delimiter = self.layout.delimiter.encode()
         if self.tidy:
             return self._parse(tidied(block, delimiter), wanted)
@@ -83,10 +82,7 @@ class BlockParser:
 
 
 def tidied(block: bytes, delimiter: bytes) -> bytes:
-    """A block with the same lines, without blanks around cells, its exponents with an e.
-
-    The very same where there is nothing to do.
-    """
+    """A block without blanks around cells and with e in exponents; itself if unchanged."""
     if not any(sign in block for sign in (b" ", b"\t", b"d", b"D")):
         return block
     block = block.translate(bytes.maketrans(b"dD", b"eE"))
@@ -100,7 +96,7 @@ def tidied(block: bytes, delimiter: bytes) -> bytes:
 
 
 def check_quotes(block: bytes, delimiter: bytes) -> None:
-    """ValueError where quotes do not enclose whole cells: Arrow would take "1"2 for 12."""
+    """ValueError if quotes do not enclose whole cells: Arrow would read "1"2 as 12."""
     signs = np.frombuffer(b"\n" + block, np.uint8)
     quotes = np.flatnonzero(signs == ord('"'))
     ends = np.zeros(256, bool)
@@ -111,13 +107,13 @@ def check_quotes(block: bytes, delimiter: bytes) -> None:
 
 
 def _numbers(column: pa.ChunkedArray) -> Array:
-    """Its values, NaN where missing or endless. Arrow's own way to numpy imports pandas first."""
+    """Values, NaN if missing or infinite; Arrow's own conversion imports pandas first."""
     chunks = [_numbers_of_chunk(chunk) for chunk in column.chunks]
     return finite(np.concatenate(chunks or [np.empty(0)]))
 
 
 def finite(values: Array) -> Array:
-    """The values, with those that are not finite changed to one and the same NaN in place."""
+    """The values, with infinities and NaNs replaced by one NaN in place."""
     values[~np.isfinite(values)] = np.nan
     return values
 

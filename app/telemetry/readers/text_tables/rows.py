@@ -1,4 +1,4 @@
-"""The rows of a text table one by one: slow, but it knows what is wrong with each."""
+"""Read a text table row by row: slow, but with the fault of each bad row."""
 
 import csv
 from dataclasses import dataclass, field
@@ -12,55 +12,53 @@ from app.telemetry.recording import TelemetryError
 Value = float | str | None
 
 ALWAYS_ALLOWED = 3
-"""So many may be bad in a small table too, if twice as many are good."""
+"""Bad rows that are allowed even in a small table, if twice as many are good."""
 SHOWN = 5
 
 
 @dataclass
 class BadRows:
-    """The bad rows so far. share: of all rows that may be bad."""
+    """The bad rows so far. share: largest share of all rows."""
 
     share: float
     n: int = 0
     listed: list[BadRow] = field(default_factory=list)
 
     def add(self, line: int, reason: str, text: str) -> None:
-        """Note a row that was left out, in the order of lines."""
         self.n += 1
         if len(self.listed) < MOST_LISTED:
             shown = text if text.isprintable() else ascii(text[:200])[1:-1]
             self.listed.append(BadRow(line, reason, shown[:80]))
 
     def check(self, n_good: int, share_read: float = 1.0) -> None:
-        """Raise TelemetryError where there are too many.
+        """Raise TelemetryError if there are too many.
 
-        share_read: of the file. Before its end it is refused only if the rest can hardly save it.
+        share_read: of the file. Before its end it is only refused with a clear excess.
         """
         expected = (n_good + self.n) / share_read * (1.0 if share_read == 1.0 else 1.5)
         few = min(ALWAYS_ALLOWED, n_good // 2)
         if self.n <= max(self.share * expected, few):
             return
         first = "; ".join(f"line {row.line}: {row.reason}" for row in self.listed[:SHOWN])
-        seen = f"of the {n_good + self.n} rows" + (" so far" if share_read < 1.0 else "")
+        rows = f"{n_good + self.n} rows" + (" so far" if share_read < 1.0 else "")
         raise TelemetryError(
-            f"{self.n} {seen} cannot be read, where {100 * self.share:g} % is the most ({first}"
+            f"{self.n} of the {rows} cannot be read, more than {100 * self.share:g} % ({first}"
             f"{'; ...' if self.n > SHOWN else ''}): repair them or export the file again"
         )
 
     def notes(self, n_good: int) -> list[str]:
-        """What was left out, in a sentence."""
         if not self.n:
             return []
         percent = 100 * self.n / (n_good + self.n)
-        return [f"{self.n} of {n_good + self.n} rows ({percent:.2g} %) are bad and were left out."]
+        return [f"Dropped {self.n} of {n_good + self.n} rows ({percent:.2g} %) as unreadable."]
 
 
 @dataclass
 class RowReader:
-    """Reads rows, and collects the bad ones.
+    """Reads rows and collects the bad ones.
 
-    unfilled: numbers of columns that held no number so far.
-    turned_text: of those of them that hold text after all, the line and the cell where they do.
+    unfilled: columns without a number so far.
+    turned_text: unfilled columns that turned out to be text, with the first line and cell of it.
     """
 
     layout: Layout
@@ -69,9 +67,9 @@ class RowReader:
     turned_text: dict[int, tuple[int, str]] = field(default_factory=dict)
 
     def read(self, line: int, text: str, wanted: list[int]) -> list[list[Value]]:
-        """The good rows of whole lines: numbers, or times as text and None for a missing one.
+        """The good rows: numbers, or times as text with None if missing.
 
-        line: number of the first.   wanted: numbers of the columns that are read.
+        line: number of the first line.   wanted: numbers of the columns to read.
         """
         sign = comment(self.layout.delimiter)
         plain = self._is_plain(text, wanted)
@@ -87,7 +85,7 @@ class RowReader:
         return rows
 
     def _is_plain(self, text: str, wanted: list[int]) -> bool:
-        """Whether a row that Python reads as numbers needs no closer look."""
+        """Whether Python's float reads the rows without further checks."""
         return (
             self.layout.decimal == "."
             and not any(self.layout.columns[i].form or i in self.unfilled for i in wanted)
@@ -109,12 +107,12 @@ class RowReader:
         try:
             row_cells = cells(row, self.layout.delimiter)
         except csv.Error:
-            raise BadCellError("its quotes do not match") from None
+            raise BadCellError("unmatched quotes") from None
         surplus = len(row_cells) - len(columns)
         if surplus == -1 and columns[-1].is_padding:
             row_cells.append("")
         elif surplus and not (surplus == 1 and not row_cells[-1]):
-            raise BadCellError(f"{len(row_cells)} cells where {len(columns)} are needed")
+            raise BadCellError(f"{len(row_cells)} cells instead of {len(columns)}")
         return row_cells
 
     def _values(self, line: int, row_cells: list[str], wanted: list[int]) -> list[Value]:
@@ -149,7 +147,7 @@ def _time(column: TextColumn, cell: str) -> str | None:
     return cell
 
 
-def _not_a(what: str, column: TextColumn, cell: str) -> str:
+def _not_a(expected: str, column: TextColumn, cell: str) -> str:
     if "\ufffd" in cell or "\0" in cell:
-        return f"bytes that are no text in column {column.name}"
-    return f"{cell[:40]!a} in column {column.name} is no {what}"
+        return f"unreadable bytes in column {column.name}"
+    return f"{cell[:40]!a} in column {column.name} is not a {expected}"

@@ -1,4 +1,4 @@
-"""Ways to write a time as text: dates, days of the year, clocks."""
+"""Forms of times as text: dates, days of the year, clocks."""
 
 import re
 from dataclasses import dataclass
@@ -22,9 +22,9 @@ ZONE = r"\s?(?P<zone>Z|UTC|GMT|[+-]\d{2}(?::?\d{2})?)?"
 
 @dataclass(frozen=True)
 class TimeForm:
-    """A way to write times. period: after which the text repeats itself [ns], 0 for never.
+    """A form of times. period: after which the text repeats [ns], 0 for never.
 
-    plain: what makes it ISO 8601 when put before it, None where nothing does.
+    plain: prefix that makes the text ISO 8601, None if there is none.
     """
 
     title: str
@@ -33,12 +33,12 @@ class TimeForm:
     plain: str | None = None
 
     def has_zone(self, cell: str) -> bool:
-        """Whether a cell says in which zone its clock is."""
+        """Whether a cell gives the zone of its clock."""
         match = re.fullmatch(self.pattern, cell, re.ASCII)
         return bool(match and match.groupdict().get("zone"))
 
     def matches(self, cell: str) -> bool:
-        """Whether a cell is written so, each number within its range."""
+        """Whether a cell has this form, with each number within its range."""
         match = re.fullmatch(self.pattern, cell, re.ASCII)
         return match is not None and all(
             low <= int(match[name]) <= high
@@ -69,7 +69,7 @@ TIME_FORMS = (
         DAY,
     ),
     TimeForm(
-        "minutes and seconds",
+        "time in minutes and seconds",
         r"(?P<minute>\d{1,2}):(?P<second>\d{2})[.,](?P<fraction>\d{1,9})",
         3600 * SECOND,
     ),
@@ -77,10 +77,9 @@ TIME_FORMS = (
 
 
 def is_time(cell: str) -> bool:
-    """Whether a cell is a time in any of the forms."""
     return ":" in cell and any(form.matches(cell) for form in TIME_FORMS)
 
 
 def form_of(cells: list[str]) -> TimeForm:
-    """The form that most of the cells have."""
+    """The form of most of the cells."""
     return max(TIME_FORMS, key=lambda form: sum(map(form.matches, cells)))

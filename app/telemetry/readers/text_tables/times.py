@@ -1,4 +1,4 @@
-"""Columns of times as text, as seconds since the first of them."""
+"""Convert columns of times as text to seconds since the first time."""
 
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -14,27 +14,24 @@ from core.types import Array, Flags
 
 Nanoseconds = npt.NDArray[np.int64]
 Times = tuple[Nanoseconds, Flags]
-"""(n,) since 1970 or the zero of their form [ns], and (n,) whether they are known."""
+"""(n,) since 1970 or the zero of the form [ns], and (n,) whether they are known."""
 compute: Any = pyarrow.compute
-"""Its functions are made when it is imported."""
+"""Typed as Any, because pyarrow creates its functions on import."""
 
 
 def times_of(texts: pa.ChunkedArray, form: TimeForm) -> Times:
-    """The times of a column.
-
-    ValueError where a cell is neither a time in this form nor missing.
-    """
+    """The times of a column; ValueError if a cell is neither missing nor in this form."""
     known = compute.is_valid(texts).to_numpy()
     if form.plain is not None:
         iso = compute.binary_join_element_wise(form.plain, texts, "")
-        for zone in (None, "UTC"):  # Arrow takes times of one sort or the other
+        for zone in (None, "UTC"):  # Arrow accepts times with or without a zone, not both
             with suppress(pa.ArrowInvalid):
                 stamps = compute.cast(iso, pa.timestamp("ns", zone)).to_numpy()
                 return np.where(known, stamps.astype("M8[ns]").astype(np.int64), 0), known
     matched = compute.extract_regex(texts, pattern=rf"^(?:{form.pattern})$")
-    strange = known & ~compute.is_valid(matched).to_numpy()
-    if strange.any():
-        raise ValueError(f"row {int(strange.argmax())} is no {form.title}")
+    is_bad = known & ~compute.is_valid(matched).to_numpy()
+    if is_bad.any():
+        raise ValueError(f"row {int(is_bad.argmax())} is not a {form.title}")
     names = [matched.type.field(i).name for i in range(matched.type.num_fields)]
     parts = {name: compute.struct_field(matched, name) for name in names}
     numbers = {
@@ -46,7 +43,7 @@ def times_of(texts: pa.ChunkedArray, form: TimeForm) -> Times:
 
 
 def _since_zero(part: dict[str, Nanoseconds], known: npt.NDArray) -> Nanoseconds:
-    """[ns] of the numbers in times; ValueError where one is out of its range."""
+    """Times [ns] from the parts; ValueError if one is out of its range."""
     for name, (low, high) in RANGES.items():
         if name in part and ((part[name] > high) | (part[name] < low))[known].any():
             raise ValueError(f"a {name} out of {low} to {high}")
@@ -61,7 +58,7 @@ def _since_zero(part: dict[str, Nanoseconds], known: npt.NDArray) -> Nanoseconds
 
 
 def _zone(texts: pa.ChunkedArray | None) -> Nanoseconds | int:
-    """How far clocks are before UTC [ns]."""
+    """Offset of the clock from UTC [ns]."""
     if texts is None:
         return 0
     offsets = {text: _offset(text) for text in texts.unique().to_pylist()}
@@ -85,9 +82,9 @@ def _integers(texts: pa.ChunkedArray, known: npt.NDArray) -> Nanoseconds:
 
 @dataclass
 class ElapsedTime:
-    """Seconds since the first time of a column, block after block.
+    """Seconds since the first time of a column, block by block.
 
-    A form that repeats itself is taken to go on: a jump of more than half its period is a turn.
+    A form that repeats is continued: a jump of more than half its period is a turn.
     example: one of the times.
     """
 
@@ -98,7 +95,7 @@ class ElapsedTime:
     _before: int = field(default=0, repr=False)
 
     def seconds(self, of: Times) -> Array:
-        """(n,) [s], NaN where not known."""
+        """(n,) [s], NaN if unknown."""
         times, known = of
         result = np.full(len(times), np.nan)
         values = times[known]
@@ -117,7 +114,7 @@ class ElapsedTime:
         return result
 
     def start(self) -> str:
-        """The first time: ISO 8601, or as much of it as the form tells.
+        """The first time in ISO 8601, or the part that the form has.
 
         "234:15:35:50.7" has no year, "15:35:50.7" no date and "35:50.7" no hour.
         """
@@ -134,18 +131,18 @@ class ElapsedTime:
         return clock if self.form.period == DAY else clock.partition(":")[2]
 
     def notes(self, name: str) -> list[str]:
-        """What was made of the column of this name."""
+        """Sentences about the column of this name."""
         if self.origin is None:
             return []
         since = self.start()
         if self.form.period == YEAR:
             day, _, clock = since.partition(":")
             since = f"{clock} of day {int(day)} of its year"
-        notes = [f"{name} is {self.form.title} as text, read as seconds since {since}."]
+        notes = [f"{name} is text ({self.form.title}), read as seconds since {since}."]
         if self.turns:
-            what = {DAY: "passes midnight", YEAR: "passes New Year (taken as 365 days)"}.get(
-                self.form.period, "passes the full hour"
+            event = {DAY: "midnight", YEAR: "New Year (taken as 365 days)"}.get(
+                self.form.period, "the full hour"
             )
-            often = "once" if self.turns == 1 else f"{self.turns} times"
-            notes.append(f"{name} {what} {often}: its times go on behind it.")
+            count = "once" if self.turns == 1 else f"{self.turns} times"
+            notes.append(f"{name} passes {event} {count}; its times continue.")
         return notes

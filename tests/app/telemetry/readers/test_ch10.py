@@ -152,7 +152,7 @@ def test_analog_samples_are_spread_between_their_packets(packing, recorded):
     np.testing.assert_array_equal(columns.values(f"{name}/analog 1"), samples[::2])
     np.testing.assert_array_equal(columns.values(f"{name}/analog 2"), samples[1::2])
     np.testing.assert_allclose(columns.values(f"{name}/time"), 0.001 * np.arange(32))
-    assert any("evenly spread" in note for note in columns.contents.notes)
+    assert any("spread evenly" in note for note in columns.contents.notes)
 
 
 def test_set_up_and_clock_give_names_and_the_moment_of_time_zero(recorded):
@@ -186,7 +186,7 @@ def test_damage_between_packets_is_passed_over_and_noted(recorded):
         bus(FIRST, message), b"\x25\xeb noise", bus(FIRST + 9, message), b"\x25\xeb" * 3
     )
     assert columns.contents.groups[0].n_rows == 2
-    assert columns.contents.notes[-1] == "14 bytes of the file are no complete packets."
+    assert columns.contents.notes[-1] == "Skipped 14 bytes that are not complete packets."
 
 
 def test_a_recording_without_decodable_channels_says_so(recorded):

@@ -168,7 +168,7 @@ def test_what_is_declared_but_never_written_is_left_out(made):
         holes = file.create_dataset("holes", shape=(10**9,), dtype="f8", chunks=(1000,))
         holes[5000] = 1.0
 
-    assert reasons(made(fill)) == dict.fromkeys(("huge", "late", "holes"), "hardly ever written")
+    assert reasons(made(fill)) == dict.fromkeys(("huge", "late", "holes"), "almost nothing written")
 
 
 def test_a_dataset_in_huge_pieces_is_left_out(made):

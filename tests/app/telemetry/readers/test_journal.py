@@ -44,11 +44,11 @@ def test_values_are_exactly_those_sent_in_the_order_of_arrival(tmp_path: Path) -
     assert columns.contents.n_bad_rows == 0
 
 
-def test_a_torn_last_line_is_left_out_and_said(tmp_path: Path) -> None:
+def test_an_incomplete_last_line_is_dropped_with_a_note(tmp_path: Path) -> None:
     lines = [batch(0.1 * k, t=[0.1 * k], beta=[0.0]) for k in range(3)]
     columns = columns_of(tmp_path, [*lines, '{"v":"rest","s":9,"b":{"t":[0.3'])
     assert len(columns.values("t")) == 3
-    assert "torn" in columns.contents.notes[0]
+    assert "incomplete last line" in columns.contents.notes[0]
 
 
 def test_text_and_lengths_that_do_not_fit_are_left_out_by_name(tmp_path: Path) -> None:

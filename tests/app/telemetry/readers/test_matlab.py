@@ -153,7 +153,7 @@ def test_what_is_no_signal_is_named_with_its_reason(saved):
     )  # fmt: skip
     assert set(columns.contents.ignored) == {
         "cell: a cell array", "cube: 3 dimensions", "gain: one value", "z: complex",
-        "map: 300 by 300 numbers are no set of signals", "sparse: a sparse matrix",
+        "map: 300 by 300 numbers, too wide for a set of signals", "sparse: a sparse matrix",
     }  # fmt: skip
 
 
@@ -198,5 +198,5 @@ def test_deflated_variables_are_measured_before_they_are_written(tmp_path):
     path = tmp_path / "bomb.mat"
     savemat(path, {"t": np.zeros(2_000_000)}, do_compression=True)
     assert path.stat().st_size < 20_000
-    with pytest.raises(TelemetryError, match="more than the 10 MiB"):
+    with pytest.raises(TelemetryError, match="more than the limit of 10 MiB"):
         read("matlab", path, most_bytes=10 << 20)

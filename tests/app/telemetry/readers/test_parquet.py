@@ -102,7 +102,7 @@ def test_what_is_no_signal_is_named_with_its_reason(stored):
         )
     )
     assert [signal.name for signal in columns.contents.signals] == ["a.b"]
-    twice = "x: a name that another column has too"
+    twice = "x: several columns have this name"
     assert columns.contents.ignored == (
         "mode: text", "list: nested", "a: nested", "null: no value", twice, twice,
     )  # fmt: skip
@@ -116,7 +116,7 @@ def test_rows_of_all_row_groups_come_in_their_order(stored, monkeypatch):
 
 def test_rows_that_take_no_room_are_counted_before_they_are_read(stored):
     zeros = pa.DictionaryArray.from_arrays(np.zeros(10**7, "i1"), pa.array([0.0]))
-    with pytest.raises(TelemetryError, match="610 MiB of numbers, more than the 64 MiB"):
+    with pytest.raises(TelemetryError, match="610 MiB of numbers, more than the limit of 64 MiB"):
         stored(pa.table({f"x{k}": zeros for k in range(8)}), most_bytes=64 << 20)
 
 

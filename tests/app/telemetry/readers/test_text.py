@@ -162,7 +162,7 @@ def test_blocks_are_the_files_lines_and_know_their_numbers(end, lines, size):
 
 def test_a_line_without_end_is_refused(pour, monkeypatch):
     monkeypatch.setattr(blocks, "BLOCK_BYTES", 1000)
-    with pytest.raises(TelemetryError, match="line 14 has more than"):
+    with pytest.raises(TelemetryError, match="line 14 is longer than"):
         pour(GOOD + "1," * 2000)
 
 
@@ -296,17 +296,20 @@ def broken(row):
     """Ways to break a row, with what is said about it."""
     cells = row.split(",")
     return {
-        "short": (",".join(cells[:4]), "4 cells where 7 are needed"),
-        "long": (row + ",7", "8 cells where 7 are needed"),
-        "word": (",".join([*cells[:2], "abc", *cells[3:]]), "'abc' in column p_radps is no number"),
+        "short": (",".join(cells[:4]), "4 cells instead of 7"),
+        "long": (row + ",7", "8 cells instead of 7"),
+        "word": (
+            ",".join([*cells[:2], "abc", *cells[3:]]),
+            "'abc' in column p_radps is not a number",
+        ),
         "python": (",".join([*cells[:2], "1_0", *cells[3:]]), "'1_0' in column p_radps"),
         "hex": (",".join([*cells[:2], "0x1F", *cells[3:]]), "'0x1F' in column p_radps"),
-        "two": (",".join([*cells[:6], "1 2"]), "'1 2' in column dr_rad is no number"),
-        "open quote": (",".join(['"1', *cells[1:]]), "quotes do not match"),
-        "text behind a quote": (",".join(['"1"2', *cells[1:]]), "quotes do not match"),
-        "header": (HEADER, "'t_s' in column t_s is no number"),
-        "bytes": (",".join([*cells[:6], "1\udc81"]), "bytes that are no text in column dr_rad"),
-        "zeros": (",".join([*cells[:6], "1\0"]), "bytes that are no text in column dr_rad"),
+        "two": (",".join([*cells[:6], "1 2"]), "'1 2' in column dr_rad is not a number"),
+        "open quote": (",".join(['"1', *cells[1:]]), "unmatched quotes"),
+        "text behind a quote": (",".join(['"1"2', *cells[1:]]), "unmatched quotes"),
+        "header": (HEADER, "'t_s' in column t_s is not a number"),
+        "bytes": (",".join([*cells[:6], "1\udc81"]), "unreadable bytes in column dr_rad"),
+        "zeros": (",".join([*cells[:6], "1\0"]), "unreadable bytes in column dr_rad"),
     }
 
 
@@ -321,7 +324,7 @@ def test_a_bad_row_is_left_out_with_its_line_and_reason(way, pour):
     assert reason in bad.reason
     assert bad.text.isprintable()
     np.testing.assert_array_equal(table(columns), np.delete(np.tile(TABLE, (20, 1)), 100, axis=0))
-    assert columns.contents.notes[-1].startswith("1 of 240 rows (0.42 %) are bad")
+    assert columns.contents.notes[-1].startswith("Dropped 1 of 240 rows (0.42 %)")
 
 
 @settings(max_examples=examples(40))
@@ -363,8 +366,8 @@ def test_too_many_bad_rows_are_refused_with_their_count_and_the_first_lines(pour
     rows[::50] = ["1,2"] * 24
     with pytest.raises(TelemetryError) as refusal:
         pour("\n".join([HEADER, *rows]))
-    assert "24 of the 1200 rows cannot be read, where 1 % is the most" in str(refusal.value)
-    assert "(line 2: 2 cells where 7 are needed; line 52: " in str(refusal.value)
+    assert "24 of the 1200 rows cannot be read, more than 1 %" in str(refusal.value)
+    assert "(line 2: 2 cells instead of 7; line 52: " in str(refusal.value)
     assert pour("\n".join([HEADER, *rows]), bad_share=0.02).contents.n_bad_rows == 24
 
 
@@ -406,7 +409,7 @@ def test_what_is_no_table_is_refused_in_one_sentence(content, message, pour):
 
 
 def test_more_numbers_than_allowed_are_refused(pour):
-    with pytest.raises(TelemetryError, match="unfolds to more"):
+    with pytest.raises(TelemetryError, match="expands to more"):
         pour(GOOD, most_bytes=100)
 
 

@@ -140,7 +140,7 @@ def test_a_bad_time_is_a_bad_row(tmp_path):
     table[100], table[200] = "12:99:00;5", "soon;5"
     columns = poured("\n".join(["UTC;beta", *table]), tmp_path)
     assert [row.line for row in columns.contents.bad_rows] == [102, 202]
-    assert "'12:99:00' in column UTC is no time of day" in columns.contents.bad_rows[0].reason
+    assert "'12:99:00' in column UTC is not a time of day" in columns.contents.bad_rows[0].reason
     np.testing.assert_array_equal(columns.values("beta"), np.delete(np.arange(300.0), [100, 200]))
 
 

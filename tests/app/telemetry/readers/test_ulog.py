@@ -82,7 +82,7 @@ def test_dropouts_are_noted(logged):
         ["air:uint64_t timestamp;float beta;"], subscribed(0, "air"), *samples, *dropouts
     )
     assert columns.contents.notes == (
-        "The logger dropped data: 2 dropouts, 1.75 s in all, the longest 1.5 s.",
+        "The logger dropped data: 2 dropouts, 1.75 s in total, the longest 1.5 s.",
     )
 
 
@@ -96,7 +96,7 @@ def test_damaged_parts_are_left_out_and_noted(logged):
         *(data(0, "Qf", 1000 * k, k) for k in range(4, 6)),
     )
     np.testing.assert_array_equal(columns.values("air/beta"), np.arange(6))
-    assert columns.contents.notes == ("Parts of the file are damaged and were left out.",)
+    assert columns.contents.notes == ("Dropped damaged parts of the file.",)
 
 
 @pytest.mark.parametrize(
@@ -123,4 +123,4 @@ def test_of_too_many_fields_those_of_small_topics_are_kept(logged, monkeypatch):
         *(data(1, "Qf", k, k) for k in range(3)),
     )
     assert [group.name for group in columns.contents.groups] == ["air"]
-    assert columns.contents.ignored == ("large: one of too many fields in the file",)
+    assert columns.contents.ignored == ("large: the file has too many fields",)

@@ -317,7 +317,7 @@ def test_the_grid_spans_what_all_needed_channels_have_and_the_others_are_nan_out
 def test_channels_that_were_never_recorded_together_are_refused():
     x = np.ones(100)
     apart = traces(clock(0.05, 100), x, p=Trace(clock(0.05, 100, 60.0), x))
-    with pytest.raises(TelemetryError, match=r"p is recorded from 60 s and beta until 4\.95 s"):
+    with pytest.raises(TelemetryError, match=r"p starts at 60 s and beta ends at 4\.95 s"):
         on_grid(apart, 0.05)
     with pytest.raises(TelemetryError, match="none of the channels that the monitor needs"):
         on_grid(Traces({"phi": Trace(clock(0.05, 100), x)}), 0.05)
@@ -328,7 +328,7 @@ def test_a_slow_needed_channel_is_refused_and_a_slow_attitude_is_drawn():
     x = np.ones(1000)
     record = traces(t, x, x, phi=Trace(slow, 0.1 * slow), p=Trace(slow, slow))
     with pytest.raises(
-        TelemetryError, match=r"p has a value every 0\.5 s; .* step of 0\.05 s .* every 0\.075 s"
+        TelemetryError, match=r"p has a value every 0\.5 s, .* step of 0\.05 s .* every 0\.075 s"
     ):
         on_grid(record, 0.05)
     made = on_grid(record, 0.05, needed=("beta",))
@@ -347,7 +347,7 @@ def test_blanks_between_the_values_of_a_slow_channel_do_not_make_it_fast():
 
 def test_a_recording_too_slow_for_the_monitor_is_refused_with_numbers():
     record = line(clock(0.1, 50))
-    with pytest.raises(TelemetryError, match=r"every 0\.1 s; .* step of 0\.05 s .* every 0\.075 s"):
+    with pytest.raises(TelemetryError, match=r"every 0\.1 s, .* step of 0\.05 s .* every 0\.075 s"):
         resampled(record, 0.05)
     assert len(resampled(record, 0.0667).t) > 50
 
@@ -391,7 +391,7 @@ def test_sources_and_earlier_notes_are_kept():
     assert made.notes == (
         "First.",
         "beta: resampled from 25 Hz to 20 Hz, by a zero-phase low-pass filter that passes up to "
-        "8 Hz and removes 12 Hz and above; it uses samples up to 0.5 s in the future, and a step "
+        "8 Hz and removes 12 Hz and above; uses samples up to 0.5 s in the future; a step "
         "appears 0.05 s early with 9 % of its height.",
     )
 
