@@ -160,3 +160,25 @@ class ManoeuvreInterval(BaseModel):
     start: Number = Field(description="[s]")
     end: Number = Field(description="[s]")
     name: str = Field(default="", max_length=200)
+
+
+class InputInterval(BaseModel):
+    """The control input that a proposal is made from."""
+
+    start: float = Field(description="[s]")
+    end: float = Field(description="[s]")
+
+
+class TrainingProposal(BaseModel):
+    """A training recipe for the manoeuvre of a recording; a person completes it."""
+
+    recipe: dict[str, Any] = Field(
+        description="part of a body of `POST /monitors`: `dataset` with `maneuver`, `limits` and "
+        "`dt`, and `t_early`, each where it is known"
+    )
+    aircraft: None = Field(description="always null: a recording does not name its aircraft")
+    reasons: list[str] = Field(description="where each proposal comes from, and what to check")
+    channels: list[str] = Field(description="keys of the channels that are recorded")
+    missing_channels: list[str]
+    can_train: bool = Field(description="whether a monitor trained by this recipe can score it")
+    manoeuvre: InputInterval | None

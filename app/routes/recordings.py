@@ -9,6 +9,7 @@ from starlette.requests import ClientDisconnect
 from app.http.problems import Problem, problem_responses
 from app.recordings.answers import described, preview, signal_bands
 from app.recordings.recordings import Abandoned, Upload
+from app.recordings.training_proposal import training_proposal
 from app.recordings.upload import plain_name
 from app.routes.dependencies import (
     RecordingsDep,
@@ -21,6 +22,7 @@ from app.routes.recording_models import (
     PreviewRequest,
     RecordingDetails,
     SignalPreview,
+    TrainingProposal,
 )
 from app.routes.sent_files import CONTENT, sent_file
 from app.store.recordings import RecordingInfo
@@ -147,3 +149,26 @@ async def preview_mapping(recording_id: str, request: PreviewRequest, recordings
 async def preview_signal(recording_id: str, index: int, recordings: RecordingsDep):
     """A signal as the file holds it, in a few bins; `index` counts the signals of the contents."""
     return await json_from(signal_bands, recordings, recording_id, index)
+
+
+@router.get(
+    "/{recording_id}/training-proposal",
+    response_model=TrainingProposal,
+    responses=problem_responses(404, 422, 429),
+)
+async def propose_training(
+    recording_id: str,
+    recordings: RecordingsDep,
+    monitor: Annotated[
+        str | None, Query(description="id of a monitor whose limits and lead are proposed")
+    ] = None,
+):
+    """A partial body of `POST /monitors` for the manoeuvre of a recording.
+
+    Use it where no monitor fits the recording. The largest control input is compared with the
+    catalog's cards. Add the aircraft, which no recording names, at `recipe.dataset.aircraft`;
+    `reasons` explains each proposal. Where `can_train` is false, no method works without
+    `missing_channels`.
+    """
+    run = recordings.workers.run
+    return json_response(await run(training_proposal, recordings, recording_id, monitor))

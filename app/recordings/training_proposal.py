@@ -1,0 +1,262 @@
+"""A training recipe proposed from a recording: its manoeuvre, its limits, its channels.
+
+The recording does not name its aircraft and seldom its limits, so a person completes the recipe.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from math import ceil
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from app.labels import kind_label
+from app.recordings.recordings import Recordings
+from app.scoring.limits_history import LimitsHistory
+from app.scoring.manoeuvres import Activity, detect
+from app.scoring.planned_test import SURFACE_NAMES, SURFACES, PlannedTest
+from app.telemetry.mapping.derivations import DERIVATIONS
+from app.telemetry.mapping.mapping import Mapping
+from app.telemetry.recording import Recording
+from app.telemetry.resampling.resampling import RATE_RATIO, on_grid
+from app.telemetry.timing.repair import RepairedTraces
+from core.channels import BY_KEY, KEYS
+from core.planned_test import DatasetRecipe
+from core.recipe import to_plain
+from core.simulation.maneuver import (
+    MANEUVERS,
+    BankToBank,
+    Doublet,
+    Multistep3211,
+    OneSurface,
+    Pulse,
+    Step,
+    Steps,
+    Surface,
+)
+from core.types import Array
+
+UNITS_S = np.arange(0.2, 5.01, 0.05)
+"""[s] Lengths of a card's shortest segment that are compared with the recorded input."""
+RISE_S = 0.2
+"""[s] in which a surface follows a step of the command."""
+AFTER_S = 1.0
+"""[s] after the input that are compared too: there the surface is back at trim."""
+REST_S = 3.0
+"""[s] that the rollout goes on after the last input."""
+GOOD_FIT = 0.7
+"""Share of the recorded motion that a card explains, from which on it is proposed."""
+BETTER = 0.01
+"""by which a later, less simple card must explain more."""
+
+Card = Callable[[Surface, float], Steps]
+CARDS: tuple[Card, ...] = (
+    lambda surface, _: Step(surface=surface),
+    lambda surface, unit: Pulse(surface=surface, width_s=unit),
+    lambda surface, unit: Doublet(surface=surface, half_s=unit),
+    lambda surface, unit: BankToBank(surface=surface, roll_s=unit),
+    lambda surface, unit: Multistep3211(surface=surface, unit_s=unit),
+)
+
+
+class Match(NamedTuple):
+    """A card and the share of the recorded motion that it explains."""
+
+    card: OneSurface
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
+class Input:
+    """The largest control input of a recording.
+
+    start, end: [s].   deviation: (n,) of its main surface from trim [rad], from the first movement
+    to AFTER_S after the last.   other: largest deviation of the other surface [rad].
+    """
+
+    surface: Surface
+    start: float
+    end: float
+    deviation: Array
+    other: float
+
+    @property
+    def peak_deg(self) -> float:
+        """Largest deviation, with its sign [deg]."""
+        return float(np.degrees(self.deviation[np.abs(self.deviation).argmax()]))
+
+
+def training_proposal(
+    recordings: Recordings, recording_id: str, monitor_id: str | None = None
+) -> dict[str, Any]:
+    """A partial body of `POST /monitors` that fits a recording, and what a person must add.
+
+    monitor_id: lends its limits and lead, as the one that a scoring used.
+    NotFound; TelemetryError where the mapping cannot be applied.
+    """
+    mapped = recordings.mapped(recording_id)
+    repaired = mapped.scorable()
+    recorded = [c.key for c in repaired.quality.channels if c.missing < 1.0 and c.key in KEYS]
+    missing = [key for key in KEYS if key not in recorded]
+    reasons = ["A recording does not name its aircraft: choose it."]
+    dataset: dict[str, Any] = {}
+    recipe: dict[str, Any] = {"dataset": dataset}
+    largest, dt = None, DatasetRecipe().dt
+    if recorded:
+        dt = _sample_interval(repaired, recorded)
+        largest = _largest_input(on_grid(repaired.traces, dt, recorded), dt)
+    if dt != DatasetRecipe().dt:
+        dataset["dt"] = dt
+    if largest is None:
+        reasons.append("No control input was detected: choose the manoeuvre.")
+    else:
+        maneuver, words = _maneuver(largest, dt)
+        reasons.append(words)
+        if maneuver is not None:
+            dataset["maneuver"] = maneuver
+    limits, words = _limits(recordings, recording_id, mapped.mapping, monitor_id, largest)
+    if limits is not None:
+        dataset["limits"] = limits
+    reasons.append(words)
+    if monitor_id is not None:
+        recipe["t_early"] = recordings.store.monitors.get(monitor_id).lead
+    reasons += _without(missing, recorded, limits or {})
+    return {
+        "recipe": recipe,
+        "aircraft": None,
+        "reasons": reasons,
+        "channels": recorded,
+        "missing_channels": missing,
+        "can_train": not missing,
+        "manoeuvre": None if largest is None else {"start": largest.start, "end": largest.end},
+    }
+
+
+def _sample_interval(repaired: RepairedTraces, recorded: list[str]) -> float:
+    """[s] The usual one, or a longer one for a slower recording."""
+    times = [repaired.traces.channels[key].t for key in recorded]
+    slowest = max(float(np.median(np.diff(t))) if len(t) > 1 else 0.0 for t in times)
+    usual = DatasetRecipe().dt
+    return usual if slowest <= RATE_RATIO * usual else ceil(slowest * 100.0) / 100.0
+
+
+def _largest_input(recording: Recording, dt: float) -> Input | None:
+    surfaces = recording.y[:, SURFACES]
+    if np.isnan(surfaces).all():
+        return None
+    unknown = PlannedTest(dt, np.full(len(KEYS), np.inf))
+    inputs = [_input(recording, activity, dt) for activity in detect(surfaces, unknown)]
+    return max(inputs, key=lambda found: abs(found.peak_deg), default=None)
+
+
+def _input(recording: Recording, activity: Activity, dt: float) -> Input:
+    surfaces = np.nan_to_num(recording.y[:, SURFACES])
+    stop = min(activity.end + 1 + round(AFTER_S / dt), len(surfaces))
+    before = surfaces[max(0, activity.onset - round(AFTER_S / dt)) : activity.onset + 1]
+    deviation = surfaces[activity.onset : stop] - np.median(before, axis=0)
+    largest = np.abs(deviation).max(axis=0)
+    main = int(largest.argmax())
+    start, end = recording.t[activity.onset], recording.t[min(activity.end, stop - 1)]
+    surface: Surface = "rudder" if SURFACE_NAMES[main] == "rudder" else "aileron"
+    return Input(surface, float(start), float(end), deviation[:, main], float(largest[1 - main]))
+
+
+def _maneuver(found: Input, dt: float) -> tuple[dict[str, Any] | None, str]:
+    """The card most like an input, as plain data; None where none is. And why."""
+    seen = f"The {found.surface} moves by up to {found.peak_deg:.3g} deg"
+    at = f"from {found.start:.4g} to {found.end:.4g} s"
+    match = best_card(found, dt)
+    if match.share < GOOD_FIT:
+        return None, f"{seen} {at}, unlike any card: choose the manoeuvre, or give a table."
+    last = sum(s for s in match.card.segments_s if np.isfinite(s)) or found.end - found.start
+    length = match.card.lead_in_s + last + REST_S
+    kind: str = to_plain(match.card)["kind"]
+    usual = MANEUVERS[kind]
+    plain = {
+        key: value
+        for key, value in to_plain(match.card).items()
+        if key in ("kind", "surface", "amplitude_deg") or value != getattr(usual, key)
+    } | {"duration_s": round(ceil(length / dt - 1e-6) * dt, 6)}
+    label = kind_label(kind)
+    words = (
+        f"{seen} {at}. Most like it: {label}, {match.card.peak_deg:.3g} deg, which explains "
+        f"{100.0 * match.share:.0f} % of the motion. Check it against the test card."
+    )
+    return plain, words
+
+
+def best_card(found: Input, dt: float) -> Match:
+    """The card that explains most of an input; the simpler one of two that explain as much."""
+    best = Match(Step(surface=found.surface), -np.inf)
+    for card in CARDS:
+        match = max(_matches(card, found, dt), key=lambda match: match.share)
+        if match.share > best.share + BETTER:
+            best = match
+    return best
+
+
+def _matches(card: Card, found: Input, dt: float) -> Iterator[Match]:
+    u = found.deviation
+    moved = float(u @ u) or 1.0
+    rise = np.linspace(0.0, RISE_S, 5)
+    times = dt * np.arange(len(u)) - rise[:, np.newaxis]
+    for unit in UNITS_S:
+        steps = card(found.surface, round(float(unit), 2))
+        segments = np.tile(steps.segments_s, (len(rise), 1))
+        shape = steps.shape(times, segments).mean(axis=0)
+        size = float(shape @ shape)
+        if not size:
+            continue
+        amplitude = float(u @ shape) / size
+        rounded = float(f"{np.degrees(amplitude):.3g}")
+        if rounded:
+            named = steps.with_peak(rounded)
+            assert isinstance(named, OneSurface)
+            yield Match(named, amplitude * amplitude * size / moved)
+
+
+def _limits(
+    recordings: Recordings,
+    recording_id: str,
+    mapping: Mapping,
+    monitor_id: str | None,
+    found: Input | None,
+) -> tuple[dict[str, float | None] | None, str]:
+    """Magnitude of each channel, null without a limit; None where not known. And whose they are."""
+    magnitudes, source = None, "those in force during the recorded flight"
+    with recordings.present(recording_id):
+        history = LimitsHistory.of(recordings.columns(recording_id), mapping)
+    if history is not None and found is not None:
+        magnitudes = history.held([None]).at(np.array([found.start]))[0]
+    if (magnitudes is None or np.isinf(magnitudes).all()) and monitor_id is not None:
+        monitor = recordings.store.monitors.get(monitor_id)
+        magnitudes, source = monitor.limits, "those of the monitor"
+    if magnitudes is None or np.isinf(magnitudes).all():
+        return None, "No limits are recorded: check the usual ones of the aircraft."
+    limits = {
+        key: float(limit) if np.isfinite(limit) else None
+        for key, limit in zip(KEYS, magnitudes, strict=True)
+    }
+    words = ", ".join(f"{BY_KEY[k].symbol} {BY_KEY[k].read(v)}" for k, v in limits.items() if v)
+    return limits, f"Limits: {source} ({words})."
+
+
+def _without(missing: list[str], recorded: list[str], limits: dict[str, Any]) -> list[str]:
+    """What missing channels mean for a monitor of this recording."""
+    if not missing:
+        return []
+    named = ", ".join(BY_KEY[key].symbol for key in missing)
+    words = [
+        f"Missing channels: {named}. Every method of this version reads all six channels, so no "
+        "monitor can score this recording as it is."
+    ]
+    ways = [w for w in DERIVATIONS.values() if w.target in missing]
+    words += [
+        f"{BY_KEY[way.target].symbol} can be derived from {' and '.join(way.needs)}, which is "
+        "recorded: choose that in the mapping."
+        for way in ways
+        if all(key in recorded for key in way.needs)
+    ]
+    if limited := [key for key in missing if limits.get(key)]:
+        words.append(f"{', '.join(limited)} has a limit and is not recorded.")
+    return words
