@@ -21,7 +21,16 @@ from app import labels
 from app.campaigns.campaign import LONGEST_CRITERIA
 from app.jobs.requests import LARGEST_N_TEST, MOST_MEMBERS, N_TEST, CombinationRecipe
 from app.labels import choice_label, kind_label
-from app.recipes import USUAL_DATASET, USUAL_MONITOR, Imperfect, family_of, to_plain
+from app.recipes import (
+    LIMITS,
+    STORED_LIMITS,
+    USUAL_DATASET,
+    USUAL_MONITOR,
+    Imperfect,
+    family_of,
+    limits_named,
+)
+from app.recipes import to_plain as stored_plain
 from app.telemetry.formats import FORMATS
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.targets import TARGETS
@@ -68,7 +77,7 @@ SUFFIXES = {
 @cache
 def catalog() -> dict[str, Any]:
     """Return the whole catalog as plain data."""
-    known = FAMILIES | {"specification": Family("specification", Limits, SPECIFICATIONS)}
+    known = FAMILIES | {LIMITS: Family(LIMITS, Limits, SPECIFICATIONS)}
     families = {
         name: {
             "label": label,
@@ -106,6 +115,11 @@ def catalog() -> dict[str, Any]:
     }
 
 
+def to_plain(recipe: Any) -> Any:
+    """A recipe as it is sent."""
+    return limits_named(stored_plain(recipe))
+
+
 def _method_words(predictor: Any, score: Any) -> str:
     """What the form calls a method of the sweep; its parts, where it has no name there."""
     named = (labels.METHODS[kind] for kind, pair in METHODS.items() if pair == (predictor, score))
@@ -139,7 +153,7 @@ def _entry(kind: str, member: Any) -> dict[str, Any]:
 def _usual_test(aircraft: Aircraft) -> dict[str, Any]:
     """The test to begin with on an aircraft, as parts of a dataset's recipe."""
     recipe = to_plain(DatasetRecipe.usual(aircraft))
-    return {part: recipe[part] for part in ("control_law", "maneuver", "specification")}
+    return {part: recipe[part] for part in ("control_law", "maneuver", LIMITS)}
 
 
 def _telemetry() -> dict[str, Any]:
@@ -193,13 +207,14 @@ def schema_of(member: Any) -> dict[str, Any]:
         value, words = getattr(member, field.name), described.get(field.name, "")
         entry: dict[str, Any] = _property(known[field.name], value)
         entry |= _bounds(kind, field.name)
-        entry |= {"title": title_of(field.name, words), "default": to_plain(value)}
+        name = LIMITS if field.name == STORED_LIMITS else field.name
+        entry |= {"title": title_of(name, words), "default": to_plain(value)}
         entry["description"] = words or entry.get("description", "")
         if unit := unit_of(field.name, "" if isinstance(value, tuple) else words):
             entry["x-unit"] = unit
         if "enum" in entry:
             entry["x-labels"] = [choice_label(field.name, choice) for choice in entry["enum"]]
-        properties[field.name] = entry
+        properties[name] = entry
     return {
         "type": "object",
         "title": kind.__name__,

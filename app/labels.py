@@ -9,7 +9,7 @@ FAMILIES = {
     "aircraft": "Aircraft",
     "control_law": "Control law",
     "maneuver": "Manoeuvre",
-    "specification": "Limits",
+    "limits": "Limits",
     "predictor": "Predictor",
     "score": "Score",
     "grouping": "Groups of failing flights",

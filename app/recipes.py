@@ -8,9 +8,9 @@ from functools import cache
 from itertools import takewhile
 from math import inf
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import PlainSerializer, TypeAdapter, ValidationError
 
 from app.input_errors import given, input_errors
 from core import recipe
@@ -30,15 +30,18 @@ __all__ = [
     "USUAL_MONITOR",
     "Imperfect",
     "RecipeError",
+    "SentRecipe",
     "as_ordered",
     "dataset_recipe",
     "family_of",
     "from_plain",
+    "limits_named",
     "matrices_renamed",
     "monitor_as_ordered",
     "overlay",
     "read_plain",
     "set_path",
+    "stored_names",
     "to_plain",
 ]
 
@@ -72,12 +75,51 @@ AUTO = "auto"
 """What an amplitude may say for the one that a pilot run suggests."""
 
 
+LIMITS, STORED_LIMITS = "limits", "specification"
+"""What people, requests and responses call the limits of a recipe, and what stored recipes do."""
+
+
+def limits_named(plain: Any) -> Any:
+    """A recipe as it is sent: its limits, and those of its parts, are called `limits`."""
+    if isinstance(plain, list):
+        return [limits_named(value) for value in plain]
+    if not isinstance(plain, dict):
+        return plain
+    return {
+        LIMITS if key == STORED_LIMITS else key: limits_named(value) for key, value in plain.items()
+    }
+
+
+SentRecipe = Annotated[dict[str, Any], PlainSerializer(limits_named, dict[str, Any])]
+"""A stored recipe in a response."""
+
+
+def stored_names(plain: Any, where: str = "dataset") -> Any:
+    """A recipe by the names that are stored: `limits` is an alias of `specification`.
+
+    RecipeError where a part has both.
+    """
+    if not isinstance(plain, dict):
+        return plain
+    if plain.keys() >= {LIMITS, STORED_LIMITS}:
+        raise RecipeError(
+            f"{where} gives {LIMITS} and {STORED_LIMITS}, two names of the same: leave one out"
+        )
+    return {
+        STORED_LIMITS if key == LIMITS else key: stored_names(value, f"{where}.{key}")
+        for key, value in plain.items()
+    }
+
+
 def from_plain(default: Any, plain: Any, where: str = "recipe") -> Any:
     """Return `default` with what `plain` says put in place, every value of the type it must have.
 
     RecipeError says which part is wrong and what would be right.
     """
-    return recipe.from_plain(default, plain, where, _checked)
+    try:
+        return recipe.from_plain(default, stored_names(plain, where), where, _checked)
+    except RecipeError as error:
+        raise RecipeError(str(error).replace(STORED_LIMITS, LIMITS)) from error
 
 
 @cache
@@ -107,7 +149,7 @@ def dataset_recipe(plain: Any, where: str = "dataset") -> tuple[DatasetRecipe, S
     """
     if not isinstance(plain, dict):
         return from_plain(DatasetRecipe(), plain, where), None
-    plain = matrices_renamed(plain, where)
+    plain = matrices_renamed(stored_names(plain, where), where)
     maneuver = plain.get("maneuver", {})
     is_said = isinstance(maneuver, dict) and not maneuver.keys().isdisjoint(
         {"amplitude_deg", "t_s"}
@@ -117,7 +159,7 @@ def dataset_recipe(plain: Any, where: str = "dataset") -> tuple[DatasetRecipe, S
         rest = {key: value for key, value in maneuver.items() if key != "amplitude_deg"}
         plain = plain | {"maneuver": rest}
     read = from_plain(DatasetRecipe(), _with_usual_test(plain), where)
-    _check_limits(read.specification, f"{where}.specification")
+    _check_limits(read.specification, f"{where}.{LIMITS}")
     if not is_auto and (is_said or not _is_own_model(plain)):
         return read, None
     suggestion = suggest_amplitude(read)
@@ -132,6 +174,7 @@ def as_ordered(plain: Any, unsaid: Imperfect = "usual", asked: Imperfect | None 
     in where neither does, but for a recipe that is whole: as versions without imperfections stored
     it, it means none.
     """
+    plain = stored_names(plain)
     if isinstance(plain, dict) and plain.get("imperfections") in get_args(Imperfect):
         asked = plain["imperfections"]
         plain = {key: value for key, value in plain.items() if key != "imperfections"}

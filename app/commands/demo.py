@@ -19,7 +19,7 @@ from httpx2 import ASGITransport, AsyncClient, Response
 from app.commands import serve as serve_command
 from app.commands.output.progress import progress_bar
 from app.http.login import COOKIE
-from app.recipes import to_plain
+from app.recipes import limits_named, to_plain
 from app.serving import listen, serve
 from app.settings import Settings
 from core import __version__
@@ -109,7 +109,7 @@ async def _welcome(
 
 async def known_monitor(client: AsyncClient, say: Callable[[str], None]) -> dict[str, Any] | None:
     """The demonstration's monitor, where this version trained it before. ValueError."""
-    wanted = [NAME, __version__, to_plain(MONITOR), to_plain(DATASET)]
+    wanted = [NAME, __version__, to_plain(MONITOR), limits_named(to_plain(DATASET))]
     for monitor in _answered(await client.get("/monitors")):
         if [monitor[key] for key in ("name", "version", "recipe", "dataset_recipe")] != wanted:
             continue

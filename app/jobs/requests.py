@@ -126,8 +126,10 @@ class ChoiceRequest:
     recipe: ChoiceRecipe
 
 
-def dataset_request(plain: dict[str, Any], max_bytes: int) -> DatasetRequest:
+def dataset_request(plain: Any, max_bytes: int) -> DatasetRequest:
     """Read the body that asks for a dataset; RecipeError says what would be right."""
+    if not isinstance(plain, dict):
+        raise RecipeError(f"dataset is {quoted(plain)}: give an object, its recipe")
     plain = dict(plain)
     name = _name(plain)
     recipe = _dataset_recipe(plain, max_bytes)

@@ -227,7 +227,7 @@ def _limits(
     with recordings.present(recording_id):
         history = LimitsHistory.of(recordings.columns(recording_id), mapping)
     if history is not None and found is not None:
-        magnitudes = history.held([None]).at(np.array([found.start]))[0]
+        magnitudes = history.timeline([None]).at(np.array([found.start]))[0]
     if (magnitudes is None or np.isinf(magnitudes).all()) and monitor_id is not None:
         monitor = recordings.store.monitors.get(monitor_id)
         magnitudes, source = monitor.limits, "those of the monitor"

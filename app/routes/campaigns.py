@@ -24,7 +24,7 @@ from app.jobs.campaigns import (
     next_monitor_request,
     next_monitor_work,
 )
-from app.recipes import to_plain
+from app.recipes import limits_named, stored_names, to_plain
 from app.recordings.recordings import Recordings
 from app.report.campaign import campaign_page
 from app.routes.dependencies import (
@@ -163,7 +163,9 @@ async def add_campaign_file(plain: PlainBody, campaigns: CampaignsDep):
 
 
 def _made(details: CampaignDetails) -> Response:
-    return json_response(to_plain(details), 201, {"Location": f"/api/v1/campaigns/{details.id}"})
+    return json_response(
+        limits_named(to_plain(details)), 201, {"Location": f"/api/v1/campaigns/{details.id}"}
+    )
 
 
 @router.get("/{campaign_id}", responses=problem_responses(404))
@@ -228,11 +230,11 @@ async def add_condition(
         stored, campaign = campaigns.get(campaign_id)
         wanted, dataset = plain, plain.get("dataset", {})
         if isinstance(dataset, dict) and "aircraft" not in dataset:
-            own = to_plain(campaign.conditions[-1].test)
-            wanted = plain | {"dataset": own | dataset}
+            last = to_plain(campaign.conditions[-1].test)
+            wanted = plain | {"dataset": last | stored_names(dataset)}
         try:
             extended = campaign.extended(*condition_request(wanted, settings.max_array_bytes))
-            return json_response(to_plain(campaigns.put(stored, extended)))
+            return json_response(limits_named(to_plain(campaigns.put(stored, extended))))
         except CampaignError as error:
             raise Problem(422, str(error), "urn:forewarn:campaign") from None
         except CampaignChanged as error:

@@ -67,7 +67,7 @@ class SuggestedAmplitude(BaseModel):
             "name": "F-16 rudder doublet",
             "aircraft": {"kind": "f16_sl_h0_v502"},
             "maneuver": {"kind": "rudder_doublet", "amplitude_deg": 9.5},
-            "specification": {"Ny": 0.5},
+            "limits": {"Ny": 0.5},
             "dt": 0.05,
             "n_unsafe": 50,
             "seed": 1,
@@ -92,7 +92,7 @@ async def simulate_dataset(plain: PlainBody, store: StoreDep, jobs: JobsDep, set
     responses=problem_responses(415, 422),
     openapi_extra=body_of(
         amplitude_request_schema(),
-        {"aircraft": {"kind": "attas_id_16kft"}, "specification": {"Ny": 0.2}, "share": 0.25},
+        {"aircraft": {"kind": "attas_id_16kft"}, "limits": {"Ny": 0.2}, "share": 0.25},
     ),
 )
 async def read_suggested_amplitude(plain: PlainBody, settings: SettingsDep):

@@ -9,6 +9,7 @@ from fastapi import Response
 from app.http.problems import Problem, problem_responses
 from app.jobs.jobs import STOPPED, Jobs, QueueFull, Work
 from app.jobs.kinds import without_figures
+from app.recipes import limits_named
 from app.routes.dependencies import json_response
 from app.store.jobs import JobInfo
 
@@ -28,7 +29,8 @@ ACCEPTED: dict[int | str, dict[str, Any]] = problem_responses(404, 413, 415, 422
 def as_sent(info: JobInfo) -> JobInfo:
     """The job with links in place of its figures, and why it was interrupted."""
     error = info.error or (STOPPED if info.status == "interrupted" else None)
-    return replace(info, result=without_figures(info.result, info.id), error=error)
+    result = without_figures(info.result, info.id)
+    return replace(info, request=limits_named(info.request), result=result, error=error)
 
 
 async def accepted(jobs: Jobs, kind: str, request: dict[str, Any], work: Work) -> Response:

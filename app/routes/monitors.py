@@ -1,6 +1,7 @@
 """Monitors: trained and calibrated; scoring telemetry at once."""
 
 import asyncio
+from dataclasses import asdict
 from math import isfinite
 from pathlib import PurePath
 from typing import Annotated, Any, Literal
@@ -19,7 +20,7 @@ from app.http.problems import Problem, problem_responses
 from app.jobs.kinds import combination_work, epsilon_work, monitor_work
 from app.jobs.requests import choice_request, combination_request, monitor_request
 from app.json_telemetry import TelemetryBody, assessed, parse_telemetry
-from app.recipes import to_plain
+from app.recipes import limits_named, to_plain
 from app.recordings.recordings import Recordings
 from app.report.certificate import certificate_page
 from app.routes.dependencies import (
@@ -207,7 +208,9 @@ async def combine_monitors(plain: PlainBody, store: StoreDep, jobs: JobsDep, set
 
 async def _add_file(body: bytes, name: str, recordings: Recordings) -> Response:
     info = await recordings.workers.run(recordings.store.monitors.add_file, body, name)
-    return json_response(info, 201, {"Location": f"/api/v1/monitors/{info.id}"})
+    return json_response(
+        limits_named(asdict(info)), 201, {"Location": f"/api/v1/monitors/{info.id}"}
+    )
 
 
 @router.get("")

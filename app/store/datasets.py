@@ -2,10 +2,12 @@
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
+from pydantic import Field
 from sqlalchemy import Connection, Row, delete, select
 
+from app.recipes import SentRecipe
 from app.store.arrays import from_blob, from_blocks, to_blocks
 from app.store.database import Damaged
 from app.store.peaks import PeakHistogram, peak_histograms
@@ -46,7 +48,7 @@ class DatasetInfo(Entry):
     seed: int | None
     version: str
     """program that simulated it"""
-    recipe: dict[str, Any]
+    recipe: SentRecipe
     """what was asked for; empty if not simulated here"""
     dt: float
     """sample interval [s]"""
@@ -62,9 +64,9 @@ class DatasetInfo(Entry):
     unsafe_rate: float | None
     """unbiased share of unsafe rollouts; null where too few were met to say"""
     theta_names: tuple[str, ...]
-    specification: PlainSpecification
-    """limits by channel, the label of another one, null where it is not known"""
     """names of theta, the uncertain parameters"""
+    specification: Annotated[PlainSpecification, Field(serialization_alias="limits")]
+    """by channel; the label of what is known by its verdicts alone; null where it is not known"""
     peaks: tuple[PeakHistogram, ...]
     """one histogram for each limited channel"""
 

@@ -5,11 +5,12 @@ from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from threading import Lock
-from typing import Any
+from typing import Annotated, Any
 
+from pydantic import Field
 from sqlalchemy import Connection, Engine, Row, delete, select
 
-from app.recipes import to_plain
+from app.recipes import SentRecipe, to_plain
 from app.store import sent_monitor
 from app.store.database import Damaged
 from app.store.repository import Entry, InUse, Repository, Writer, columns, complete, fetch
@@ -64,7 +65,7 @@ class MonitorInfo(Entry):
     """stored dataset it was trained on"""
     dataset_digest: str
     """SHA-256 of what it learned from"""
-    dataset_recipe: dict[str, Any]
+    dataset_recipe: SentRecipe
     """the planned test it was trained for"""
     recipe: dict[str, Any]
     """predictor, score, calibration and their parameters"""
@@ -85,8 +86,8 @@ class MonitorInfo(Entry):
     """smallest miss rate it can serve"""
     epsilon: float
     """miss rate it alerts at unless told otherwise"""
-    specification: PlainSpecification
-    """limits by channel, the label of another one, null where it is not known"""
+    specification: Annotated[PlainSpecification, Field(serialization_alias="limits")]
+    """by channel; the label of what is known by its verdicts alone; null where it is not known"""
     support: SupportInfo | None
     """null where its validity is not calibrated: it cannot tell whether a flight is like those it
     was trained on"""

@@ -18,7 +18,7 @@ __all__ = ["site", "stored"]
 TEST = {
     "aircraft": {"kind": "attas_id_16kft"},
     "control_law": {"kind": "none"},
-    "specification": {"Ny": 0.305},
+    "limits": {"Ny": 0.305},
     "noise": {"Ny": 0.003, "p": 0.002, "r": 0.002, "beta": 0.001, "delta_a": 4e-4, "delta_r": 4e-4},
     "maneuver": {"amplitude_jitter": 0.1},
     "imperfections": "none",

@@ -42,8 +42,8 @@ def test_the_form_takes_degrees_and_sends_radians_and_the_choice_is_remembered(
     page: Page, origin: str
 ) -> None:
     page.goto(f"{origin}/#/monitors/new")
-    beta = page.locator('[name="dataset.specification.beta"]')
-    label = page.locator('[data-path="dataset.specification.beta"] label')
+    beta = page.locator('[name="dataset.limits.beta"]')
+    label = page.locator('[data-path="dataset.limits.beta"] label')
     expect(label).to_contain_text("[deg]")
     beta.fill("7")
     page.get_by_role("button", name="Suggest amplitude")
@@ -51,7 +51,7 @@ def test_the_form_takes_degrees_and_sends_radians_and_the_choice_is_remembered(
         page.get_by_role("button", name="Suggest amplitude").click()
     asked = sent.value.post_data_json
     assert asked is not None
-    assert asked["specification"]["beta"] == pytest.approx(np.radians(7))
+    assert asked["limits"]["beta"] == pytest.approx(np.radians(7))
     expect(page.locator(".suggestion")).to_contain_text("pilot rollouts", timeout=60_000)
     units = page.get_by_role("button", name=re.compile("^Units"))
     expect(units).to_have_text("Units: deg")

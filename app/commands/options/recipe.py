@@ -14,12 +14,15 @@ import numpy as np
 from app.commands.options.sample_interval import adjust_to_interval
 from app.recipes import (
     AUTO,
+    LIMITS,
+    STORED_LIMITS,
     USUAL_DATASET,
     USUAL_MONITOR,
     Imperfect,
     RecipeError,
     as_ordered,
     dataset_recipe,
+    limits_named,
     matrices_renamed,
     monitor_as_ordered,
     read_plain,
@@ -185,14 +188,15 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
         set_path(plain, "dataset.maneuver.kind", options.maneuver)
     if options.limit:
         limits = dict.fromkeys(KEYS) | dict(map(channel_value, options.limit))
-        set_path(plain, "dataset.specification", limits)
+        set_path(plain, f"dataset.{STORED_LIMITS}", limits)
     for key, value in map(channel_value, options.noise or ()):
         set_path(plain, f"dataset.noise.{key}", value)
     for assignment in options.set or ():
         path, equals, value = assignment.partition("=")
         if not equals:
             raise RecipeError(f"--set {assignment!r}: write it as PATH=VALUE")
-        set_path(plain, path, _value(value))
+        stored = path.replace(f"dataset.{LIMITS}", f"dataset.{STORED_LIMITS}", 1)
+        set_path(plain, stored, _value(value))
     if unsaid == "usual":
         plain["monitor"] = monitor_as_ordered(plain.get("monitor", {}))
     if isinstance(plain.get("dataset"), dict):
@@ -213,7 +217,7 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
 
 def print_recipe(recipe: Any) -> int:
     """Print a recipe as JSON: what `--print-recipe` does in place of the work."""
-    print(json.dumps(to_plain(recipe), indent=2))
+    print(json.dumps(limits_named(to_plain(recipe)), indent=2))
     return 0
 
 

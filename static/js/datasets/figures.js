@@ -2,7 +2,7 @@
  * The figures of a dataset. Each function returns a <figure> with its words and key.
  *
  * Exports
- *   rolloutFigure({catalog, specification, rollouts, n_unsafe, n_safe})     coloured by outcome
+ *   rolloutFigure({catalog, limits, rollouts, n_unsafe, n_safe})     coloured by outcome
  *   peakFigure(peaks, channel)               {limit, edges, unsafe, safe} of a dataset
  *   sampleRollouts(api, id) -> Promise<[rollout]>     the first MOST of each outcome, to draw
  */
@@ -15,8 +15,8 @@ import { magnitudeIn, shownIn } from "../lib/units.js";
 
 const MOST = 40;
 
-export function rolloutFigure({ catalog, specification, rollouts, n_unsafe, n_safe }) {
-  const limited = catalog.channels.filter(({ key }) => specification?.[key] != null);
+export function rolloutFigure({ catalog, limits, rollouts, n_unsafe, n_safe }) {
+  const limited = catalog.channels.filter(({ key }) => limits?.[key] != null);
   const holder = h("div", {});
   const choice = h(
     "select",
@@ -46,7 +46,7 @@ export function rolloutFigure({ catalog, specification, rollouts, n_unsafe, n_sa
     const channel = catalog.channels.find((entry) => entry.key === choice.value);
     const { unit, factor } = shownIn(channel);
     const inUnit = (value) => (value === null ? null : value * factor);
-    const limit = inUnit(specification?.[channel.key] ?? null);
+    const limit = inUnit(limits?.[channel.key] ?? null);
     const series = rollouts.map((rollout) => ({
       ...rollout,
       y: rollout.telemetry[channel.key].map(inUnit),

@@ -66,7 +66,7 @@ function table(datasets, catalog) {
       h("th", { scope: "row" }, h("a", { href: `#/datasets/${id}` }, name)),
       h("td", {}, aircraftName(catalog, recipe.aircraft)),
       h("td", {}, kindName(catalog, "maneuver", recipe.maneuver)),
-      h("td", { class: "nowrap" }, formatted(limitWords(catalog, recipe.specification))),
+      h("td", { class: "nowrap" }, formatted(limitWords(catalog, recipe.limits))),
       h("td", { class: "number" }, n_unsafe.toLocaleString("en")),
       h("td", { class: "number" }, n_safe_met.toLocaleString("en")),
       h("td", { class: "number" }, percent(unsafe_rate)),

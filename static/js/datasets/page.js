@@ -42,9 +42,9 @@ export function showDataset(element, { id, api, navigate }) {
       ),
       button("Delete", () => remove(dataset), { class: "button button-danger", ...needs("DELETE /datasets/{}") }),
     ];
-    const { specification } = dataset.recipe;
+    const { limits } = dataset.recipe;
     const figures = [
-      rolloutFigure({ catalog, specification, rollouts, ...dataset }),
+      rolloutFigure({ catalog, limits, rollouts, ...dataset }),
       ...dataset.peaks.map((peaks) =>
         peakFigure(
           peaks,
@@ -80,7 +80,7 @@ export function showDataset(element, { id, api, navigate }) {
 }
 
 function facts(dataset, users, catalog) {
-  const { aircraft, maneuver, specification } = dataset.recipe;
+  const { aircraft, maneuver, limits } = dataset.recipe;
   const used = users.length
     ? users.flatMap(({ id, name }, k) => [
         k ? ", " : "",
@@ -90,7 +90,7 @@ function facts(dataset, users, catalog) {
   const entries = [
     ["Aircraft", aircraftName(catalog, aircraft)],
     ["Manoeuvre", kindName(catalog, "maneuver", maneuver)],
-    ["Limit", formatted(limitWords(catalog, specification))],
+    ["Limit", formatted(limitWords(catalog, limits))],
     ["Unsafe rate", percent(dataset.unsafe_rate)],
     ["Unsafe rollouts", dataset.n_unsafe.toLocaleString("en")],
     [

@@ -113,7 +113,7 @@ export function createRolloutViewer({ api, catalog, dataset, monitors, navigate 
     strips.replaceChildren(host);
     const channels = catalog.channels.map((channel) => ({
       ...channel,
-      limit: dataset.recipe.specification?.[channel.key] ?? null,
+      limit: dataset.recipe.limits?.[channel.key] ?? null,
     }));
     const { limited, others } = limitedFirst(channels);
     chart = createStripChart(host, {

@@ -118,7 +118,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     const { passes, longest } = longestPass(frames);
     const held = heldDuring(flight.limits_held ?? [], longest);
     const newest = held.findLast((one) => one.limits !== null)?.limits ?? {};
-    const limits = put.length > 0 || held.length > 0 ? newest : (monitor.dataset_recipe.specification ?? {});
+    const limits = put.length > 0 || held.length > 0 ? newest : (monitor.dataset_recipe.limits ?? {});
     panels.notice.append(...putLines(put));
     panels.notice.append(...exceedanceLines(flight.exceedances, catalog.channels));
     const channels = catalog.channels.map((channel) => ({ ...channel, limit: limits[channel.key] ?? null }));

@@ -30,12 +30,12 @@ export function createTestFields({ api, catalog, initial, asFlown = true }) {
   const fields = createFields(
     schema,
     { ...(asFlown && !initial ? usual : clean), ...initial },
-    { catalog, path: "dataset", unfolded: ["specification"] },
+    { catalog, path: "dataset", unfolded: ["limits"] },
   );
   const properties = schema.properties;
   const families = fields.keys.filter((key) => key !== GROUPS && properties[key]["x-family"]);
   const rest = fields.keys.filter(
-    (key) => ![...families, SIZE, GROUPS, "specification"].includes(key),
+    (key) => ![...families, SIZE, GROUPS, "limits"].includes(key),
   );
   const objects = rest.filter((key) => properties[key].properties);
   const size = fields.element(SIZE);
@@ -51,7 +51,7 @@ export function createTestFields({ api, catalog, initial, asFlown = true }) {
     "div",
     { class: "columns test-columns" },
     families.map(fields.element),
-    fields.element("specification"),
+    fields.element("limits"),
   );
   const folded = h(
     "details",
@@ -206,11 +206,11 @@ export function datasetChoice({ api, catalog, datasets, chosen, initial, asFlown
     simulated.hidden = size.hidden = fromStore();
     const dataset = datasets.find(({ id }) => id === select.value);
     if (!dataset) return;
-    const { aircraft, maneuver, specification } = dataset.recipe;
+    const { aircraft, maneuver, limits } = dataset.recipe;
     const test = `${aircraftName(catalog, aircraft)}, ${kindName(catalog, "maneuver", maneuver)}`;
-    const limits = limitWords(catalog, specification);
+    const limitText = limitWords(catalog, limits);
     const counts = `${dataset.n_unsafe} unsafe and ${dataset.n_safe_met} safe rollouts`;
-    const text = `${test}, limit ${limits}; ${counts}, a sample each ${figure(dataset.dt)} s.`;
+    const text = `${test}, limit ${limitText}; ${counts}, a sample each ${figure(dataset.dt)} s.`;
     words.replaceChildren(formatted(text));
   }
 }

@@ -4,7 +4,7 @@
  * Exports
  *   loadCatalog(api) -> Promise<catalog>     fetched once a page
  *   methodOf(catalog, recipe) -> method of a monitor's recipe; undefined where it has no name of its own
- *   aircraftName(catalog, part), kindName(catalog, family, part), limitWords(catalog, specification)
+ *   aircraftName(catalog, part), kindName(catalog, family, part), limitWords(catalog, limits)
  *   aircraftCondition(entry), plainWords(description)
  *   choiceName(schema, value)     what a parameter's value is called
  *   labelOf(key, schema, catalog) -> {text, symbol, unit}
@@ -38,10 +38,10 @@ export function kindName(catalog, family, part) {
   return catalog.families[family].entries[part?.kind]?.label ?? part?.kind ?? "not recorded";
 }
 
-export function limitWords(catalog, specification) {
-  const limited = catalog.channels.filter(({ key }) => specification?.[key] != null);
+export function limitWords(catalog, limits) {
+  const limited = catalog.channels.filter(({ key }) => limits?.[key] != null);
   const words = limited.map(
-    (channel) => `|${channel.symbol}| < ${magnitudeIn(channel, specification[channel.key])}`,
+    (channel) => `|${channel.symbol}| < ${magnitudeIn(channel, limits[channel.key])}`,
   );
   return words.join(", ") || "not recorded";
 }

@@ -74,7 +74,7 @@ export function createLimitForm({ catalog, newest, word, route, send }) {
 }
 
 function createCase(catalog, { name, ranges, limits }, remove) {
-  const schema = catalog.families.specification.entries.limits.schema;
+  const schema = catalog.families.limits.entries.limits.schema;
   const called = h("input", { type: "text", maxlength: 200, required: true, value: name });
   const failure = errorLine();
   const ends = catalog.conditions.map(({ key, label, unit }) => {

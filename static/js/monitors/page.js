@@ -57,7 +57,7 @@ export function showMonitor(element, { id, api, navigate }) {
       rollouts
         ? rolloutFigure({
             catalog,
-            specification: monitor.dataset_recipe.specification,
+            limits: monitor.dataset_recipe.limits,
             rollouts,
             ...dataset,
           })
@@ -116,12 +116,12 @@ async function evaluationOf(api, id) {
 }
 
 function facts({ monitor, calibration, dataset, evaluation, catalog }) {
-  const { aircraft, maneuver, specification } = monitor.dataset_recipe;
+  const { aircraft, maneuver, limits } = monitor.dataset_recipe;
   const entries = [
     ["Aircraft", aircraftName(catalog, aircraft)],
     ...(aircraft?.sources ? [["Identified from", aircraft.sources.join(", ")]] : []),
     ["Manoeuvre", kindName(catalog, "maneuver", maneuver)],
-    ["Limit", formatted(limitWords(catalog, specification))],
+    ["Limit", formatted(limitWords(catalog, limits))],
     ["Warning lead time", `${figure(monitor.lead)} s`],
     ["Calibrated on", `${monitor.n_unsafe} failures${calibration.groups.length ? ` of each of ${calibration.groups.length} groups` : ""}`],
     ["Smallest epsilon", figure(monitor.smallest_epsilon)],

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from app.cli import main
+from app.recipes import limits_named, to_plain
 from core.planned_test import DatasetRecipe
-from core.recipe import to_plain
 
 FIRST_PNG_BYTES = b"\x89PNG\r\n\x1a\n"
 LEAST = ("--n-monitors", "1", "--n-test", "20")
@@ -94,4 +94,4 @@ def test_the_study_is_without_imperfections_unless_they_are_asked_for(capsys):
         (["--imperfections", "usual"], DatasetRecipe().as_flown()),
     ):
         assert main(["study", *options, "--print-recipe"]) == 0
-        assert json.loads(capsys.readouterr().out)["dataset"] == to_plain(expected)
+        assert json.loads(capsys.readouterr().out)["dataset"] == limits_named(to_plain(expected))

@@ -11,9 +11,10 @@ import pytest
 
 from app.cli import main
 from app.jobs.requests import dataset_request, monitor_request, study_request
+from app.recipes import from_plain, limits_named
 from core.monitor import Monitor, MonitorRecipe, load
 from core.planned_test import USUAL_NOISE, DatasetRecipe, SensorNoise
-from core.recipe import from_plain, to_plain
+from core.recipe import to_plain
 from core.simulation.aircraft import AIRCRAFT
 from core.simulation.imperfections import USUAL_IMPERFECTIONS
 from tests.support.places import ROOT
@@ -82,7 +83,7 @@ def printed_recipe(capsys: pytest.CaptureFixture, *options: str) -> dict[str, An
 def test_every_aircraft_brings_its_usual_test(kind: str, tmp_path: Path, capsys):
     recipe = printed_recipe(capsys, "--aircraft", kind)
     usual = replace(DatasetRecipe.usual(AIRCRAFT[kind]), n_unsafe=500)
-    assert recipe == to_plain(usual.as_flown())
+    assert recipe == limits_named(to_plain(usual.as_flown()))
     assert recipe["control_law"]["kind"] == AIRCRAFT[kind].usual_test.control_law
     arguments = ["--aircraft", kind, "--n-unsafe", "30", "--n-test", "20"]
     assert main(["train", *arguments, "-o", str(tmp_path / "m.fwm")]) == 0
@@ -141,10 +142,11 @@ def test_an_order_means_the_same_on_the_command_line_and_over_rest(
         assert main([kind, *options, "--print-recipe"]) == 0
         printed = json.loads(capsys.readouterr().out)["dataset"]
         if kind == "train":
-            assert printed == to_plain(dataset_request(ordered, 2**40).recipe)
+            assert printed == limits_named(to_plain(dataset_request(ordered, 2**40).recipe))
         else:
             order = {"dataset": ordered}
-            assert printed == to_plain(study_request(order, None, 2**40).dataset)  # pyright: ignore
+            study = study_request(order, None, 2**40)  # pyright: ignore
+            assert printed == limits_named(to_plain(study.dataset))
 
 
 @pytest.mark.parametrize(
@@ -181,9 +183,9 @@ def test_a_monitor_is_ordered_with_the_same_guarantee_at_every_door(
     ],
 )
 def test_a_limit_is_read_in_the_unit_it_is_written_in(written: str, key: str, value, capsys):
-    specification = printed_recipe(capsys, "--limit", written)["specification"]
-    assert specification[key] == pytest.approx(value)
-    assert [k for k, limit in specification.items() if limit is not None] == [key]
+    limits = printed_recipe(capsys, "--limit", written)["limits"]
+    assert limits[key] == pytest.approx(value)
+    assert [k for k, limit in limits.items() if limit is not None] == [key]
 
 
 def test_what_an_option_says_goes_before_the_usual_test(capsys):
@@ -191,7 +193,7 @@ def test_what_an_option_says_goes_before_the_usual_test(capsys):
     recipe = printed_recipe(capsys, *options, "--limit", "Ny=0.3")
     assert recipe["control_law"]["kind"] == "none"
     assert recipe["maneuver"]["amplitude_deg"] == 3.0
-    assert recipe["specification"]["Ny"] == 0.3
+    assert recipe["limits"]["Ny"] == 0.3
 
 
 def test_the_model_of_the_readme_trains(tmp_path: Path, capsys):

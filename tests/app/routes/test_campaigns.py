@@ -19,7 +19,7 @@ NOISE = {"Ny": 0.003, "p": 0.002, "r": 0.002, "beta": 0.001, "delta_a": 0.0004, 
 TEST = {
     "aircraft": {"kind": "attas_id_16kft"},
     "control_law": {"kind": "none"},
-    "specification": {"Ny": 0.3},
+    "limits": {"Ny": 0.3},
     "noise": NOISE,
     "imperfections": "none",
 }
@@ -36,6 +36,14 @@ PLAN = {
 def client(tmp_path: Path) -> Iterator[TestClient]:
     with api(tmp_path) as client:
         yield client
+
+
+@pytest.mark.parametrize("dataset", ["an F-16", ["Ny"], 5, None, True])
+def test_a_dataset_that_is_no_object_is_refused(client, dataset):
+    answer = client.post(URL, json={"name": "Rudder", "conditions": [{"dataset": dataset}]})
+    assert "dataset is" in problem(answer, 422)
+    answer = client.post(f"{planned(client)}/conditions", json={"dataset": dataset})
+    assert "dataset is" in problem(answer, 422)
 
 
 def planned(client: TestClient, **more: Any) -> str:
@@ -133,7 +141,7 @@ def test_a_campaign_is_planned_cleared_flown_and_reported(client: TestClient) ->
 
 def test_the_next_points_monitor_is_of_the_aircraft_as_it_was_flown(client: TestClient) -> None:
     """Its certificate names the flights; it is noted with the point."""
-    wider = TEST | {"specification": {"Ny": 0.305}}
+    wider = TEST | {"limits": {"Ny": 0.305}}
     path = planned(client, conditions=[{"dataset": wider, "steps": [0.6, 0.8, 1.0]}])
     client.post(
         f"{path}/flown", json={"point": "60%", "recording": recording(client, path), "by": "Bob"}

@@ -1,4 +1,5 @@
 import io
+import json
 from dataclasses import asdict
 
 import numpy as np
@@ -47,7 +48,7 @@ def test_a_collection_that_cannot_end_fails_with_the_reason(client):
 
 
 def test_an_amplitude_is_suggested_and_is_what_auto_stands_for(client):
-    test = {"aircraft": {"kind": "attas_id_16kft"}, "specification": {"Ny": 0.3}}
+    test = {"aircraft": {"kind": "attas_id_16kft"}, "limits": {"Ny": 0.3}}
     answer = client.post("/api/v1/datasets/amplitude", json=test | {"share": 0.25})
     assert answer.status_code == 200
     suggested = answer.json()
@@ -64,7 +65,7 @@ def test_an_amplitude_is_suggested_and_is_what_auto_stands_for(client):
 @pytest.mark.parametrize(
     ("test", "words"),
     [
-        ({"specification": {"Ny": 90}}, "0 % of the rollouts exceed a limit even at 45 deg"),
+        ({"limits": {"Ny": 90}}, "0 % of the rollouts exceed a limit even at 45 deg"),
         ({"share": 2}, "give one between 0 and 1"),
         ({"share": "half"}, "share is 'half'"),
         ({"maneuver": {"kind": "loop"}}, "'loop' is unknown"),
@@ -87,6 +88,16 @@ def test_an_own_model_is_sent_as_its_file_is_written(client):
     assert "gives the matrix A twice" in problem(both, 422)
 
 
+@pytest.mark.parametrize("name", ["limits", "specification"])
+def test_limits_are_read_by_both_names_and_sent_as_limits(client, name):
+    job = finished(client, client.post("/api/v1/datasets", json=RECIPE | {name: {"Ny": 0.4}}))
+    info = client.get(f"/api/v1/datasets/{job['result']['dataset']}").json()
+    assert info["limits"]["Ny"] == info["recipe"]["limits"]["Ny"] == 0.4
+    assert job["request"]["limits"]["Ny"] == 0.4
+    assert "specification" not in json.dumps([info, job])
+    assert store_of(client).datasets.info(info["id"]).recipe["specification"]["Ny"] == 0.4
+
+
 @pytest.mark.parametrize(
     ("recipe", "words"),
     [
@@ -101,8 +112,11 @@ def test_an_own_model_is_sent_as_its_file_is_written(client):
         ({"dt": 1e-9, "n_obs": 1}, "at most 20000 steps fit"),
         ({"control_law": {"kind": "f16_sl_ofb"}}, "feeds back phi"),
         ({"name": ""}, "1 to 200 characters"),
-        ({"specification": {"Ny": None}}, "no limit was given"),
-        ({"specification": {"beta": 7}}, "beta is 7 rad, which is 401 deg and no flight comes"),
+        ({"limits": {"Ny": None}}, "no limit was given"),
+        ({"limits": {"Nz": 1}}, "dataset.limits has no 'Nz'"),
+        ({"specification": {"Nz": 1}}, "dataset.limits has no 'Nz'"),
+        ({"limits": {"Ny": 0.4}, "specification": {"Ny": 0.4}}, "two names of the same"),
+        ({"limits": {"beta": 7}}, "beta is 7 rad, which is 401 deg and no flight comes"),
     ],
 )
 def test_a_wrong_recipe_is_refused_naming_what_is_right(client, recipe, words):

@@ -139,12 +139,12 @@ def test_another_aircraft_brings_its_usual_test(page: Page, site: Site) -> None:
     field(page, "dataset.aircraft.kind").select_option("attas_id_16kft")
     expect(field(page, "dataset.control_law.kind")).to_have_value("attas_damper")
     expect(field(page, "dataset.maneuver.amplitude_deg")).to_have_value("6.4")
-    expect(field(page, "dataset.specification.Ny")).to_have_value("0.2")
-    field(page, "dataset.specification.Ny").fill("0.3")
-    field(page, "dataset.specification.Ny").blur()
+    expect(field(page, "dataset.limits.Ny")).to_have_value("0.2")
+    field(page, "dataset.limits.Ny").fill("0.3")
+    field(page, "dataset.limits.Ny").blur()
     field(page, "dataset.aircraft.kind").select_option("dc8_15k_m0p44")
     expect(field(page, "dataset.control_law.kind")).to_have_value("none")
-    expect(field(page, "dataset.specification.Ny")).to_have_value("0.3")
+    expect(field(page, "dataset.limits.Ny")).to_have_value("0.3")
     flown = {"maneuver.amplitude_jitter": "0.15", "imperfections.gain": "0.02", "noise.Ny": "0.003"}
     for path, value in flown.items():
         expect(field(page, f"dataset.{path}")).to_have_value(value)
@@ -160,13 +160,13 @@ def test_an_amplitude_is_suggested_for_another_limit(
     page: Page, site: Site, allowed_errors: list[str]
 ) -> None:
     page.goto(f"{site.http}/#/monitors/new")
-    field(page, "dataset.specification.Ny").fill("0.25")
+    field(page, "dataset.limits.Ny").fill("0.25")
     page.get_by_role("button", name="Suggest amplitude").click()
     expect(page.locator(".suggestion")).to_contain_text("26 % of 400 pilot rollouts", timeout=SLOW)
     amplitude = float(field(page, "dataset.maneuver.amplitude_deg").input_value())
     assert 4.5 < amplitude < 5
     allowed_errors.append("422")
-    field(page, "dataset.specification.Ny").fill("90")
+    field(page, "dataset.limits.Ny").fill("90")
     page.get_by_role("button", name="Suggest amplitude").click()
     expect(page.locator(".suggestion")).to_contain_text("even at 45 deg")
 

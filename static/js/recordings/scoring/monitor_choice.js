@@ -46,7 +46,7 @@ export function createMonitorChoice({ api, monitors, used, catalog, changed }) {
   );
 
   function rowOf(monitor, checked) {
-    const { aircraft, maneuver, specification } = monitor.dataset_recipe;
+    const { aircraft, maneuver, limits } = monitor.dataset_recipe;
     const box = h("input", {
       type: "checkbox",
       id: `choose-${monitor.id}`,
@@ -77,8 +77,8 @@ export function createMonitorChoice({ api, monitors, used, catalog, changed }) {
       failure.show("");
       changed();
     };
-    const limits = h("span", {});
-    followUnits(limits, () => limits.replaceChildren(formatted(limitWords(catalog, specification))));
+    const limitCell = h("span", {});
+    followUnits(limitCell, () => limitCell.replaceChildren(formatted(limitWords(catalog, limits))));
     return {
       monitor,
       box,
@@ -91,7 +91,7 @@ export function createMonitorChoice({ api, monitors, used, catalog, changed }) {
           "span",
           { class: "hint monitor-about" },
           `${aircraftName(catalog, aircraft)}, ${kindName(catalog, "maneuver", maneuver)}, `,
-          limits,
+          limitCell,
           `; ${figure(monitor.lead)} s ahead, every ${figure(monitor.dt)} s`,
           marks,
         ),
