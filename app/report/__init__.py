@@ -1,1 +1,1 @@
-"""The report of a scored flight: one HTML file that stands alone and prints to a clean PDF."""
+"""Reports as self-contained HTML files that print well."""

@@ -1,4 +1,4 @@
-"""A campaign as a page that prints: the card of the next point, and the results of those flown."""
+"""A campaign as a printable page: the next point's test card, and the results so far."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -21,17 +21,17 @@ from core.planned_test import DatasetRecipe
 from core.types import Array
 
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 680.0, 280.0, 46.0, 14.0, 12.0, 34.0
-"""Of the build-up plot [px]."""
+"""Size and margins of the build-up plot [px]."""
 LEFT_OF_ROWS, ROW_HEIGHT = 64.0, 20.0
-"""Of the plot of derivatives [px]."""
+"""Left margin and row height of the plot of derivatives [px]."""
 MOST_STEPS = 12
-"""Of an input that is told step by step."""
+"""Longest input that is described step by step."""
 ROOM = 1.08
-"""Of what is shown, beyond the largest number."""
+"""Axis length as a multiple of the largest number."""
 
 
 def campaign_page(campaign: Campaign) -> str:
-    """Return the campaign as HTML that needs no other file."""
+    """Render the campaign as self-contained HTML."""
     point = None if campaign.is_over else campaign.next.point
     return TEMPLATES.get_template("campaign.html").render(
         campaign=campaign,
@@ -40,7 +40,7 @@ def campaign_page(campaign: Campaign) -> str:
         input=input_words(campaign.test_of(point)) if point else "",
         is_first=point is not None and not campaign.flown(point.condition),
         conditions=[_condition(campaign, condition) for condition in campaign.conditions],
-        any_cleared=any(one.clearing and one.clearing.cleared for one in campaign.points),
+        any_cleared=any(point.clearing and point.clearing.cleared for point in campaign.points),
         rarely_words=rarely_words,
         exceeding_at_most=percent_at_most(campaign.exceeding_at_most),
         version=__version__,
@@ -48,20 +48,19 @@ def campaign_page(campaign: Campaign) -> str:
 
 
 def input_words(test: DatasetRecipe) -> str:
-    """When the pilot moves which surface how far; empty for what is no few steps."""
+    """The input step by step: time, surface, deflection; empty if it has too many steps."""
     commands = np.degrees(PlannedTest.of(test).commands)
-    told: list[str] = []
+    lines: list[str] = []
     for name, command in zip(SURFACE_NAMES, commands.T, strict=True):
         changes = np.flatnonzero(np.diff(command, prepend=0.0))
         if 0 < len(changes) <= MOST_STEPS:
             steps = (f"at {k * test.dt:g} s to {command[k]:.3g} deg" for k in changes)
-            told.append(f"{name} {', '.join(steps)}")
-    return "; ".join(told)
+            lines.append(f"{name} {', '.join(steps)}")
+    return "; ".join(lines)
 
 
 def _condition(campaign: Campaign, condition: Condition) -> dict[str, Any]:
-    """What the page says of a flight condition."""
-    found = history(campaign, condition.name)
+    identifications = history(campaign, condition.name)
     test = condition.test
     limits = zip(CHANNELS, test.specification.magnitudes, strict=True)
     return {
@@ -71,13 +70,13 @@ def _condition(campaign: Campaign, condition: Condition) -> dict[str, Any]:
         "limits": [(channel, float(limit)) for channel, limit in limits if limit < float("inf")],
         "aircraft": test.aircraft.description.split(";")[0],
         "plot": build_up_plot(campaign, condition.name),
-        "found": found[-1] if found else None,
-        "derivatives": derivatives_plot(found) if found else "",
+        "identified": identifications[-1] if identifications else None,
+        "derivatives": derivatives_plot(identifications) if identifications else "",
     }
 
 
 class _Axes:
-    """Amplitude [deg] to the right, of either sign, part of a limit upwards, both from 0."""
+    """x: magnitude of the amplitude [deg].   y: part of the limit. Both start at 0."""
 
     def __init__(self, most_deg: float, most_part: float) -> None:
         self._most_deg, self._most_part = ROOM * most_deg, ROOM * most_part
@@ -89,7 +88,7 @@ class _Axes:
         return HEIGHT - BOTTOM - (HEIGHT - TOP - BOTTOM) * part / self._most_part
 
     def frame(self) -> str:
-        """Grid, ticks and what the axes mean."""
+        """Grid, ticks and axis labels."""
         right, bottom = WIDTH - RIGHT, HEIGHT - BOTTOM
         parts = [
             f'<path class="grid" d="M{LEFT} {self.y(part):.1f}H{right}"/>'
@@ -100,7 +99,7 @@ class _Axes:
             f'<text x="{self.x(at):.1f}" y="{bottom + 13}" text-anchor="middle">{words}</text>'
             for at, words in ticks(0.0, self._most_deg, 6)
         ]
-        words = "amplitude [deg]; upwards: largest part of a limit"
+        words = "amplitude [deg]; vertical: largest part of a limit"
         parts.append(
             f'<text x="{(LEFT + right) / 2}" y="{HEIGHT - 4}" text-anchor="middle">{words}</text>'
         )
@@ -118,16 +117,16 @@ def build_up_plot(campaign: Campaign, condition: str) -> Markup:
         f'<path class="limit" d="M{LEFT} {axes.y(1.0):.1f}H{WIDTH - RIGHT}"/>'
         f'<text class="limit-words" x="{LEFT + 6}" y="{axes.y(1.0) - 4:.1f}">limit</text>'
     )
-    drawn = "".join(_drawn(axes, point) for point in points)
+    marks = "".join(_marks(axes, point) for point in points)
     return Markup(
         f'<svg class="chart" viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="img" '
         'aria-label="Predicted and flown peaks over amplitude">'
-        f"{axes.frame()}{limit}{drawn}</svg>"
+        f"{axes.frame()}{limit}{marks}</svg>"
     )
 
 
-def _drawn(axes: _Axes, point: Point) -> str:
-    """A point: its name, the bar of what was predicted, the mark of what was flown."""
+def _marks(axes: _Axes, point: Point) -> str:
+    """A point: its name, the predicted bar, the flown mark."""
     x, parts = axes.x(abs(point.peak_deg)), []
     if point.clearing:
         low, middle, high = (axes.y(part) for part in point.clearing.reached)
@@ -148,13 +147,13 @@ def _drawn(axes: _Axes, point: Point) -> str:
 
 
 def derivatives_plot(history: Sequence[Identification]) -> Markup:
-    """Each uncertain derivative after each point, in sigma of what was known before, as SVG.
+    """Each uncertain derivative after each point, in units of the prior sigma, as SVG.
 
     history: after the first point, the second, and so on.
     """
     last = history[-1]
     uncertain = [k for k in range(len(last.names)) if last.prior_sigma[k] > 0.0]
-    known = [_standard(found) for found in history]
+    known = [_standard(identified) for identified in history]
     most = max(3.0, *(float(np.abs(mean[uncertain]).max()) + 1.0 for mean, _ in known))
     height = TOP + ROW_HEIGHT * len(uncertain) + BOTTOM
     middle, unit = (LEFT_OF_ROWS + WIDTH - RIGHT) / 2, (WIDTH - RIGHT - LEFT_OF_ROWS) / 2 / most
@@ -180,7 +179,7 @@ def derivatives_plot(history: Sequence[Identification]) -> Markup:
             parts.append(f'<path class="{kind}" d="M{low:.1f} {at:.1f}H{high:.1f}"/>')
             x = middle + unit * mean[k]
             parts.append(f'<circle class="{kind}" cx="{x:.1f}" cy="{at:.1f}" r="2"/>')
-    words = "standard deviations of what was expected, from its middle"
+    words = "difference from the expected value, in expected standard deviations"
     parts.append(f'<text x="{middle:.1f}" y="{height - 4}" text-anchor="middle">{words}</text>')
     return Markup(
         f'<svg class="chart" viewBox="0 0 {WIDTH:g} {height:g}" role="img" '
@@ -188,7 +187,7 @@ def derivatives_plot(history: Sequence[Identification]) -> Markup:
     )
 
 
-def _standard(found: Identification) -> tuple[Array, Array]:
-    """(n_params,) each: shift of each mean and its sigma, in sigma of before."""
-    scale = np.where(found.prior_sigma > 0.0, found.prior_sigma, 1.0)
-    return (found.mean - found.prior_mean) / scale, found.sigma / scale
+def _standard(identified: Identification) -> tuple[Array, Array]:
+    """(n_params,) each: shift of the means, and the sigmas, in units of the prior sigma."""
+    scale = np.where(identified.prior_sigma > 0.0, identified.prior_sigma, 1.0)
+    return (identified.mean - identified.prior_mean) / scale, identified.sigma / scale

@@ -1,11 +1,11 @@
-"""The certificate of a monitor as a page that prints: what fresh flights said of it."""
+"""The certificate of a monitor as a printable page: its test on fresh flights."""
 
 import json
 from datetime import UTC, datetime
 
 from app.recipes import to_plain
 from app.report.page import TEMPLATES
-from app.scoring.wording import PROMISED
+from app.scoring.wording import PROMISED, alerts_above
 from core import __version__
 from core.channels import CHANNELS
 from core.evaluation.certificate import Share, certificate, warnings_of
@@ -16,19 +16,19 @@ from core.monitor.combination import members_of
 
 
 def certificate_page(monitor: Monitor, name: str, digest: str, created: str = "") -> str:
-    """Return the certificate as HTML that needs no other file.
+    """Render the certificate as self-contained HTML.
 
     digest: SHA-256 of the monitor's file.   created: when it was trained, UTC in ISO 8601.
     ValueError for a monitor that was not tested on fresh flights.
     """
-    found, epsilon = monitor.evaluation, monitor.recipe.epsilon
-    told = certificate(found, epsilon)
-    if found is None or told is None:
+    evaluation, epsilon = monitor.evaluation, monitor.recipe.epsilon
+    summary = certificate(evaluation, epsilon)
+    if evaluation is None or summary is None:
         raise ValueError(
             f"the monitor {name} was not tested on fresh flights, so there is nothing to certify: "
             "train it with test flights"
         )
-    prevention = found.get("prevention")
+    prevention = evaluation.get("prevention")
     limits = [] if monitor.limits is None else zip(CHANNELS, monitor.limits, strict=True)
     return TEMPLATES.get_template("certificate.html").render(
         name=name,
@@ -43,29 +43,29 @@ def certificate_page(monitor: Monitor, name: str, digest: str, created: str = ""
         ),
         members=[(member, to_plain(member.recipe)) for member in members_of(monitor)],
         written=datetime.now(UTC).isoformat(),
-        above=monitor.alert_above(),
+        alerts_above=alerts_above(epsilon, monitor.alert_above(), monitor.recipe.guarantee),
         promised=PROMISED[monitor.recipe.guarantee],
         limits=[(channel, float(limit)) for channel, limit in limits if limit < float("inf")],
-        told=told,
-        found=found,
-        false_alarm=Share(found["at_epsilon"]["false_alerts"], found["n_safe"])
-        if found["n_safe"]
+        summary=summary,
+        evaluation=evaluation,
+        false_alarm=Share(evaluation["at_epsilon"]["false_alerts"], evaluation["n_safe"])
+        if evaluation["n_safe"]
         else None,
-        leads=found.get("leads"),
-        warnings=warnings_of(found, epsilon),
+        leads=evaluation.get("leads"),
+        warnings=warnings_of(evaluation, epsilon),
         prevention=prevention,
         stopped=clopper_pearson(prevention["stopped"], prevention["n_safe"]).tolist()
         if prevention
         else None,
-        robustness=list(found.get("robustness", {}).values()),
-        groups=found.get("groups"),
+        robustness=list(evaluation.get("robustness", {}).values()),
+        groups=evaluation.get("groups"),
         thresholds=_thresholds(monitor),
         version=__version__,
     )
 
 
 def _thresholds(monitor: Monitor) -> list[tuple[str, float]]:
-    """Each group and the highest score at which it alerts; nothing where failures are pooled."""
+    """Each group and the highest score at which it alerts; empty for pooled failures."""
     if monitor.groups is None:
         return []
     of_groups = zip(monitor.groups.rule.names, monitor.groups.alphas, strict=True)

@@ -1,15 +1,15 @@
-"""What a plot of very many samples covers, in few: nothing that could be seen is lost."""
+"""Reduce very many samples to a plot of the same appearance."""
 
 import numpy as np
 
 from core.types import Array, Flags
 
 BINS = 1200
-"""Most columns of a trace: more cannot be seen on paper."""
+"""Columns of a trace; paper shows no more."""
 
 
 def envelope(t: Array, values: Array, bins: int = BINS) -> tuple[Array, Array]:
-    """The lowest and the highest value of each bin in turn. t, values: (n,)."""
+    """The lowest and the highest value of each bin, in order of time. t, values: (n,)."""
     if len(t) <= 2 * bins:
         return t, values
     size = -(-len(t) // bins)
@@ -18,8 +18,8 @@ def envelope(t: Array, values: Array, bins: int = BINS) -> tuple[Array, Array]:
     at = np.arange(len(blocks)) * size
     low = np.where(np.isnan(blocks), np.inf, blocks).argmin(axis=1) + at
     high = np.where(np.isnan(blocks), -np.inf, blocks).argmax(axis=1) + at
-    chosen = np.sort(np.concatenate([low, high, np.arange(whole, len(t))]), kind="stable")
-    return t[chosen], values[chosen]
+    kept = np.sort(np.concatenate([low, high, np.arange(whole, len(t))]), kind="stable")
+    return t[kept], values[kept]
 
 
 def runs(flags: Flags) -> list[tuple[int, int]]:

@@ -1,4 +1,4 @@
-"""What a report says of a scored flight, before it is a page."""
+"""The facts of a report on a scored flight, before they become a page."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
@@ -18,12 +18,12 @@ OUTCOMES = {
     "missed": ("✕", "limit exceeded, no warning", "bad"),
     "false_alert": ("△", "alert, no limit exceeded", "caution"),
     "quiet": ("●", "no alert, no limit exceeded", "good"),
-    "unseen": ("◌", "not all seen: nothing can be said", "caution"),
+    "unseen": ("◌", "data missing, no verdict", "caution"),
     "invalid": ("▨", "invalid, no verdict", "invalid"),
-    "unknown": ("?", "unknown: the monitor's limits are not known", "caution"),
+    "unknown": ("?", "unknown: the monitor does not record its limits", "caution"),
 }
 """Sign, words and level of each outcome; see outcome_of."""
-TELLING = (
+BY_INTEREST = (
     "missed",
     "late_alert",
     "unseen",
@@ -33,27 +33,27 @@ TELLING = (
     "unknown",
     "quiet",
 )
-"""Outcomes, those first that a reader wants to see drawn."""
+"""Outcomes in the order in which their manoeuvres are drawn."""
 MOST_DRAWN = 100
-"""Manoeuvres that are drawn one by one."""
+"""Manoeuvres that get a figure."""
 MOST_NOTES = 40
 
 
 def outcome_of(manoeuvre: Plain) -> tuple[str, str, str]:
-    """Sign, words and level of what came of a manoeuvre; an exceedance is said first."""
+    """Sign, words and level of the outcome of a manoeuvre; an exceedance comes first."""
     sign, words, level = OUTCOMES[manoeuvre["outcome"]]
-    said = verdict_of(manoeuvre)
-    if not said:
+    verdict = verdict_of(manoeuvre)
+    if not verdict:
         return sign, words, level
     if manoeuvre["exceedance"] is None:
-        return sign, f"{said}; {words}", "caution" if level == "good" else level
-    return sign, said, "caution" if manoeuvre["outcome"] == "timely_alert" else "bad"
+        return sign, f"{verdict}; {words}", "caution" if level == "good" else level
+    return sign, verdict, "caution" if manoeuvre["outcome"] == "timely_alert" else "bad"
 
 
 def headline(manoeuvres: Sequence[Plain], outside: Sequence[Plain] = ()) -> tuple[str, str]:
-    """Level and words of the whole flight; the worst that happened comes first.
+    """Level and words for the whole flight, by its worst event.
 
-    outside: exceedances in none of the manoeuvres.
+    outside: exceedances outside the manoeuvres.
     """
     level, words = _of_manoeuvres(manoeuvres)
     if any(manoeuvre.get("recorded_exceedance") for manoeuvre in manoeuvres):
@@ -70,7 +70,7 @@ def headline(manoeuvres: Sequence[Plain], outside: Sequence[Plain] = ()) -> tupl
 
 
 def _of_manoeuvres(manoeuvres: Sequence[Plain]) -> tuple[str, str]:
-    """Of the valid ones, and how many are not."""
+    """Headline of the valid manoeuvres, and the number of invalid ones."""
     invalid = [s for s in manoeuvres if _is_invalid(s)]
     level, words = _of_valid([s for s in manoeuvres if not _is_invalid(s)])
     if level == "bad" or not invalid:
@@ -83,23 +83,18 @@ def _of_manoeuvres(manoeuvres: Sequence[Plain]) -> tuple[str, str]:
     if not n or n == total:
         return level, words
     of_all = f"{n} of the {total} manoeuvres {'is' if n == 1 else 'are'} not valid"
-    said = (
-        "nothing is promised of"
-        if any(s["exceedance"] for s in invalid)
-        else "this says nothing of"
-    )
-    return level, f"{words}; {of_all}, {said} {'it' if n == 1 else 'them'}"
+    consequence = "no guarantee for" if any(s["exceedance"] for s in invalid) else "no verdict on"
+    return level, f"{words}; {of_all}, {consequence} {'it' if n == 1 else 'them'}"
 
 
 def _of_exceeded_invalid(exceeded: Sequence[Plain]) -> tuple[str, str]:
-    """Of manoeuvres that are not valid: an alert before the withdrawal stands."""
-    stands = {"timely_alert": ("caution", "in time"), "late_alert": ("bad", "too late")}
+    """Headline of invalid manoeuvres; an alert before the withdrawal counts."""
+    warned = {"timely_alert": ("caution", "in time"), "late_alert": ("bad", "too late")}
     outcomes = {s["outcome"] for s in exceeded}
-    if len(outcomes) > 1 or not outcomes <= stands.keys():
+    if len(outcomes) > 1 or not outcomes <= warned.keys():
         return "bad", "A limit was exceeded where the monitor is not applicable"
-    level, when = stands[outcomes.pop()]
-    words = f"A limit was exceeded, warned of {when} before the monitor was withdrawn"
-    return level, f"{words} as not applicable"
+    level, when = warned[outcomes.pop()]
+    return level, f"A limit was exceeded, warned {when} before the monitor was withdrawn"
 
 
 def _is_invalid(manoeuvre: Plain) -> bool:
@@ -111,21 +106,18 @@ def _of_valid(manoeuvres: Sequence[Plain]) -> tuple[str, str]:
         return "invalid", "No verdict: the monitor is not applicable"
     n = counts(manoeuvres)
     if n["unknown"]:
-        return "caution", "Unknown: the monitor does not say which limits it was trained for"
+        return "caution", "Unknown: the monitor does not record its limits"
     if n["missed"] or n["late_alert"]:
-        return "bad", "A limit was exceeded without an alert in time"
+        return "bad", "A limit was exceeded without a timely alert"
     unseen = [s for s in manoeuvres if s["outcome"] == "unseen"]
     if any(s["exceedance"] for s in unseen):
-        return (
-            "bad",
-            "A limit was exceeded where samples are missing: nothing can be said of alerts",
-        )
+        return "bad", "A limit was exceeded where samples are missing: no verdict on alerts"
     if unseen:
-        return "caution", "Samples are missing: whether a limit was exceeded is not wholly known"
+        return "caution", "Samples are missing: a limit may have been exceeded"
     unchecked = any(s["validity"]["valid"] is None for s in manoeuvres)
     level = "caution" if n["false_alert"] or unchecked else "good"
     if n["timely_alert"]:
-        return "caution", "A limit was exceeded; every exceedance was warned of in time"
+        return "caution", "A limit was exceeded; every exceedance had a timely alert"
     of = amplitude_in_words([s["amplitude"] for s in manoeuvres if s.get("amplitude")])
     if n["false_alert"]:
         return level, f"No limit was exceeded, but there was an alert{of}"
@@ -133,12 +125,12 @@ def _of_valid(manoeuvres: Sequence[Plain]) -> tuple[str, str]:
 
 
 def counts(manoeuvres: Sequence[Plain]) -> dict[str, int]:
-    """How many manoeuvres came to each outcome."""
+    """Number of manoeuvres with each outcome."""
     return {name: sum(s["outcome"] == name for s in manoeuvres) for name in OUTCOMES}
 
 
 def worst(manoeuvres: Sequence[Plain]) -> list[tuple[str, str]]:
-    """Names of the manoeuvres in which a limit was exceeded unwarned, or may have been; and why."""
+    """Names of the manoeuvres to check first, each with its reason."""
     named = []
     for manoeuvre in manoeuvres:
         outcome = manoeuvre["outcome"]
@@ -147,14 +139,15 @@ def worst(manoeuvres: Sequence[Plain]) -> list[tuple[str, str]]:
         elif outcome == "invalid" and manoeuvre["exceedance"]:
             named.append((manoeuvre["name"], "limit exceeded, no verdict"))
         elif outcome == "unseen":
-            named.append((manoeuvre["name"], "not all seen"))
+            named.append((manoeuvre["name"], "data missing"))
     return named
 
 
 def alerts(manoeuvres: Sequence[Plain]) -> list[dict[str, Any]]:
-    """Every alert: times, whether the first of its manoeuvre, whether that exceeded a limit.
+    """One row for each alert.
 
-    lead: what it left before the limit [s], None where that was not exceeded after it.
+    first: of its manoeuvre.   exceeds: whether that manoeuvre exceeds a limit.
+    lead: from the alert to the exceedance [s]; None where none follows.
     """
     rows = []
     for number, manoeuvre in enumerate(manoeuvres, 1):
@@ -177,46 +170,49 @@ def alerts(manoeuvres: Sequence[Plain]) -> list[dict[str, Any]]:
 
 
 def exceeded_own(manoeuvres: Sequence[Plain], key: str, limit: float) -> list[tuple[Plain, Plain]]:
-    """Manoeuvres in which a limit of the monitor's own was exceeded, each with its exceedance."""
+    """Manoeuvres that exceed a limit of the monitor's own, each with its exceedance."""
     first = [
-        (one, one.get("own_exceedance") or one["exceedance"])
-        for one in manoeuvres
-        if one["exceedance"] or one.get("own_exceedance")
+        (manoeuvre, manoeuvre.get("own_exceedance") or manoeuvre["exceedance"])
+        for manoeuvre in manoeuvres
+        if manoeuvre["exceedance"] or manoeuvre.get("own_exceedance")
     ]
     return [
-        (one, exceedance)
-        for one, exceedance in first
+        (manoeuvre, exceedance)
+        for manoeuvre, exceedance in first
         if exceedance["channel"] == key and abs(exceedance["value"]) >= limit
     ]
 
 
 def limits_in_force(in_force: Sequence[Plain], manoeuvres: Sequence[Plain]) -> list[dict[str, Any]]:
-    """Which limits of a set held when, and the manoeuvres in which they were first exceeded."""
+    """Limits of a set in force over time, and the manoeuvres that first exceeded them."""
     rows = []
-    for one in in_force:
-        name = (
-            f"{one['name']} version {one['version']}, {one['case'] or 'flight condition unknown'}"
-        )
+    for interval in in_force:
+        case = interval["case"] or "flight condition unknown"
+        name = f"{interval['name']} version {interval['version']}, {case}"
         exceeded = [
             manoeuvre
             for manoeuvre in manoeuvres
-            if (first := manoeuvre["exceedance"]) and one["start"] <= first["t"] < one["end"]
+            if (first := manoeuvre["exceedance"])
+            and interval["start"] <= first["t"] < interval["end"]
         ]
-        limits = [{"channel": BY_KEY[key], "limit": v} for key, v in (one["limits"] or {}).items()]
-        rows.append(dict(one) | {"limits": limits, "words": name, "exceeded": exceeded})
+        limits = [
+            {"channel": BY_KEY[key], "limit": limit}
+            for key, limit in (interval["limits"] or {}).items()
+        ]
+        rows.append(dict(interval) | {"limits": limits, "words": name, "exceeded": exceeded})
     return rows
 
 
 def drawn(manoeuvres: Sequence[Plain]) -> set[int]:
-    """Positions of the manoeuvres that are drawn: all, or the most telling ones."""
+    """Positions of the manoeuvres to draw: all, or the most interesting ones."""
     order = sorted(
-        range(len(manoeuvres)), key=lambda k: (TELLING.index(manoeuvres[k]["outcome"]), k)
+        range(len(manoeuvres)), key=lambda k: (BY_INTEREST.index(manoeuvres[k]["outcome"]), k)
     )
     return set(order[:MOST_DRAWN])
 
 
 def mapping_rows(mapping: Plain, rationales: Mapping[str, Plain]) -> list[dict[str, Any]]:
-    """One row a channel and a clock with what it was read from, None where it is missing."""
+    """One row for each channel with its source; None where it is missing."""
     channels = mapping["channels"]
     rows = []
     for key in (*KEYS, *(key for key in TARGETS if key in channels and key not in KEYS)):
@@ -235,7 +231,7 @@ def mapping_rows(mapping: Plain, rationales: Mapping[str, Plain]) -> list[dict[s
 
 
 def notes(*given: Iterable[str], apart_from: Iterable[str] = ()) -> tuple[list[str], int]:
-    """The notes, each once and the first MOST_NOTES of them, and how many more there are."""
-    told = set(apart_from)
-    distinct = [note for note in dict.fromkeys(chain(*given)) if note not in told]
+    """The first MOST_NOTES distinct notes, and the number of the others."""
+    excluded = set(apart_from)
+    distinct = [note for note in dict.fromkeys(chain(*given)) if note not in excluded]
     return distinct[:MOST_NOTES], max(len(distinct) - MOST_NOTES, 0)

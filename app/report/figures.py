@@ -1,4 +1,4 @@
-"""Figures of the report: the entire recording, each manoeuvre, and faults of the data."""
+"""Figures of the report: entire recording, each manoeuvre, data faults."""
 
 from collections.abc import Mapping, Sequence
 from itertools import groupby
@@ -27,12 +27,12 @@ FAULTS = {
     "frozen": "frozen",
     "implausible": "implausible",
 }
-"""Words for the kinds of faults, in the order of their strips."""
+"""Kinds of faults in words, in the order of their strips."""
 MOST_FAULTS = 20
-WORDS = 110.0
-"""Width of the words beside them [px]."""
+LABELS = 110.0
+"""Width of the labels beside the strips [px]."""
 LEAST = 1.5
-"""Width of a fault at least [px]."""
+"""Smallest width of a fault [px]."""
 
 
 def overview(
@@ -41,7 +41,7 @@ def overview(
     limits: Sequence[LimitPiece],
     alert_above: float,
 ) -> Markup:
-    """Limited channels and risk of the entire recording, its manoeuvres named or numbered."""
+    """Limited channels and risk of the entire recording, with its manoeuvres."""
     t = samples["t"]
     chart = StripChart(float(t[0]), float(t[-1]))
     intervals = [(manoeuvre["start"], manoeuvre["end"]) for manoeuvre in manoeuvres]
@@ -64,7 +64,7 @@ def manoeuvre(
     alert_above: float,
     lead: float,
 ) -> Markup:
-    """Every channel of one manoeuvre with forecasts and limits, and the risk below."""
+    """All channels of one manoeuvre with forecasts and limits, and the risk below."""
     part = samples[manoeuvre["first"] : manoeuvre["last"] + 1]
     t = part["t"]
     chart = StripChart(float(t[0]), float(t[-1]))
@@ -82,19 +82,19 @@ def manoeuvre(
 
 
 def faults(quality: Plain | None) -> Markup | None:
-    """One strip for each kind of fault of the data; None where there is none.
+    """One strip for each kind of data fault; None without faults.
 
-    quality: plain, as of app.telemetry.timing.quality.
+    quality: plain, as app.telemetry.timing.quality.
     """
     if not quality or not quality["faults"] or not quality["clocks"]:
         return None
     start = min(clock["start"] for clock in quality["clocks"])
     end = max(clock["end"] for clock in quality["clocks"])
-    chart = StripChart(start, end, WORDS)
+    chart = StripChart(start, end, LABELS)
     kinds = groupby(sorted(quality["faults"], key=_order), lambda fault: str(fault["kind"]))
     for _, (kind, recorded) in zip(range(MOST_FAULTS), kinds, strict=False):
-        what, _, channel = kind.partition(":")
-        words = FAULTS.get(what, what)
+        name, _, channel = kind.partition(":")
+        words = FAULTS.get(name, name)
         strip = chart.strip(LOWEST, f"{channel} {words}" if channel else words)
         strip.fill("fault", [(fault["start"], fault["end"]) for fault in recorded], LEAST)
     return chart.svg(
@@ -103,7 +103,7 @@ def faults(quality: Plain | None) -> Markup | None:
 
 
 def explain_traces(chart: StripChart, lead: float, exceeds: bool) -> None:
-    """Say above the strips what their lines are. exceeds: whether moments of one are marked."""
+    """Add the legend above the strips. exceeds: whether exceedances are marked."""
     chart.explain(
         [
             ("measured", "measured, from trim"),
@@ -123,7 +123,7 @@ def channel_strip(
     lead: float,
     intervals: Sequence[tuple[float, float]] = (),
 ) -> Strip:
-    """One channel: measured, forecast where it comes to lie, and limits, over shaded intervals."""
+    """One channel: measured, forecast (at the time it is for) and limits; intervals are shaded."""
     t, y, y_hat = samples["t"], _shown(samples["y"], c), _shown(samples["y_hat"], c)
     strip = chart.strip(height, _label(c))
     strip.show(y, y_hat[t + lead <= t[-1]], *_levels(c, limits, chart.start, chart.end))
@@ -141,7 +141,7 @@ def risk_strip(
     alert_above: float,
     intervals: Sequence[tuple[float, float]] = (),
 ) -> Strip:
-    """The risk, grey where it was withdrawn, hatched where a manoeuvre goes without."""
+    """The risk: grey where withdrawn, hatched where a manoeuvre has none."""
     strip = chart.strip(height, "risk")
     t = samples["t"]
     strip.show([0.0, 1.0])
@@ -159,21 +159,20 @@ def risk_strip(
 
 
 def _shown(y: Array, c: int) -> Array:
-    """(n,) a channel of (n, 6) in the unit that people read it in."""
+    """(n,) a channel of (n, 6) in its display unit."""
     return y[:, c] * CHANNELS[c].display_factor
 
 
 def _levels(
     c: int, limits: Sequence[LimitPiece], start: float = -np.inf, end: float = np.inf
 ) -> list[float]:
-    """Limits of a channel that hold between two times [s], either sign, as people read them."""
+    """Limits of a channel between two times [s], either sign, in its display unit."""
     here = [piece.limits[c] for piece in limits if piece.start <= end and piece.end >= start]
     shown = np.unique(np.array(here)[np.isfinite(here)]) * CHANNELS[c].display_factor
     return [*shown.tolist(), *(-shown).tolist()]
 
 
 def _draw_limits(strip: Strip, c: int, limits: Sequence[LimitPiece]) -> None:
-    """Each limit of a channel where it held."""
     strip.steps("limit", [(p.start, p.end, level) for p in limits for level in _levels(c, [p])])
 
 
@@ -182,5 +181,5 @@ def _label(c: int) -> str:
 
 
 def _order(fault: Plain) -> tuple[int, str, float]:
-    what, known = fault["kind"].partition(":")[0], list(FAULTS)
-    return known.index(what) if what in known else len(known), fault["kind"], fault["start"]
+    name, known = fault["kind"].partition(":")[0], list(FAULTS)
+    return known.index(name) if name in known else len(known), fault["kind"], fault["start"]

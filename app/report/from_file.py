@@ -1,4 +1,4 @@
-"""Scorings of a file as subjects of reports: what `forewarn report` is made of."""
+"""Report subjects from the scorings of a file, for `forewarn report`."""
 
 import hashlib
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ GIVEN = "as given"
 def file_subjects(
     request: ScoreRequest, scored_file: ScoredFile, aircraft: str | None
 ) -> Iterator[tuple[Scored, ReportSubject]]:
-    """Each scoring of a file, ready to report."""
+    """The report subject of each scoring of a file."""
     recording = {
         "name": request.file.name,
         "digest": _digest(request.file),
@@ -29,45 +29,45 @@ def file_subjects(
         "format": scored_file.contents.format,
     } | of_contents(scored_file.contents)
     rationales = scored_file.proposal.rationales if scored_file.proposal else {}
-    for one in scored_file.scored:
-        scoring = _scoring(one, scored_file.mapping)
+    for scored in scored_file.scored:
+        scoring = _scoring(scored, scored_file.mapping)
         yield (
-            one,
+            scored,
             ReportSubject(
                 recording=recording,
                 scoring=scoring,
-                monitor=one.monitor,
+                monitor=scored.monitor,
                 monitor_name=scoring["monitor_name"],
                 monitor_digest=scoring["monitor_digest"],
-                evaluation=one.monitor.evaluation,
-                samples=one.recording.samples,
+                evaluation=scored.monitor.evaluation,
+                samples=scored.recording.samples,
                 mapped=PROPOSED if scored_file.proposal else GIVEN,
                 rationales={key: asdict(rationale) for key, rationale in rationales.items()},
             ),
         )
 
 
-def _scoring(one: Scored, mapping: Mapping) -> dict[str, Any]:
-    """A scoring as the store would keep it."""
-    scored, t = one.recording, one.recording.samples["t"]
+def _scoring(scored: Scored, mapping: Mapping) -> dict[str, Any]:
+    """A scoring with the fields of a stored one."""
+    recording, t = scored.recording, scored.recording.samples["t"]
     return {
-        "monitor_name": one.path.stem,
-        "monitor_digest": _digest(one.path),
+        "monitor_name": scored.path.stem,
+        "monitor_digest": _digest(scored.path),
         "created": now(),
         "version": __version__,
-        "epsilon": scored.epsilon,
-        "lead": one.monitor.lead,
-        "dt": scored.dt,
+        "epsilon": recording.epsilon,
+        "lead": scored.monitor.lead,
+        "dt": recording.dt,
         "mapping": mapping.to_plain(),
         "n_samples": len(t),
         "start": float(t[0]),
         "end": float(t[-1]),
-        "notes": list(scored.notes),
-        "quality": quality_of(scored),
-        "manoeuvres": [plain(manoeuvre.to_plain()) for manoeuvre in scored.manoeuvres],
-        "outside_exceedances": [asdict(exceedance) for exceedance in scored.outside_exceedances],
-        "limits_in_force": scored.limits_in_force,
-        "digest": digest(scored.samples),
+        "notes": list(recording.notes),
+        "quality": quality_of(recording),
+        "manoeuvres": [plain(manoeuvre.to_plain()) for manoeuvre in recording.manoeuvres],
+        "outside_exceedances": [asdict(exceedance) for exceedance in recording.outside_exceedances],
+        "limits_in_force": recording.limits_in_force,
+        "digest": digest(recording.samples),
     }
 
 

@@ -1,4 +1,4 @@
-"""The report: what was flown, what the monitor said, and what that is worth."""
+"""The report of a scored flight: manoeuvres, alerts, guarantee and data quality."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,7 +15,7 @@ from app.scoring.limits_history import LimitPiece, pieces_of
 from app.scoring.outcome import lead_words
 from app.scoring.planned_test import limits_of
 from app.scoring.verdict import amplitude_of
-from app.scoring.wording import PROMISED
+from app.scoring.wording import PROMISED, alerts_above
 from app.telemetry.mapping.mapping import TimeSource
 from app.telemetry.mapping.typed_rate import counts_the_day, time_of_day
 from core import __version__
@@ -23,11 +23,11 @@ from core.channels import CHANNELS, Channel, significant
 from core.evaluation.certificate import certificate, warnings_of
 
 CONFIDENT = 0.9
-"""Confidence from which a proposal goes without its reasons."""
+"""From this confidence on, a proposal is listed without its reasons."""
 MOST_OUTSIDE = 20
 """Rows of exceedances outside every manoeuvre."""
 MOST_LETTERS = 48
-"""Of a manoeuvre's name in a table."""
+"""Longest name of a manoeuvre in a table."""
 GLUE = "\N{NO-BREAK SPACE}"
 """Between a number and its unit."""
 TEMPLATES = Environment(
@@ -40,13 +40,13 @@ TEMPLATES = Environment(
 
 
 def report(subject: ReportSubject) -> str:
-    """Return the report as HTML that needs no other file."""
+    """Render the report as self-contained HTML."""
     monitor, scoring, recording = subject.monitor, subject.scoring, subject.recording
     limits, in_force = limits_of(monitor), scoring.get("limits_in_force")
-    held = pieces_of(limits, in_force)
+    pieces = pieces_of(limits, in_force)
     manoeuvres, epsilon = scoring["manoeuvres"], scoring["epsilon"]
     outside = scoring["outside_exceedances"]
-    drawn = facts.drawn(manoeuvres)
+    drawn, above = facts.drawn(manoeuvres), monitor.alert_above(epsilon)
     valid = [manoeuvre["validity"]["valid"] for manoeuvre in manoeuvres]
     quality = scoring["quality"]
     sentences = quality["sentences"] if quality else []
@@ -86,6 +86,7 @@ def report(subject: ReportSubject) -> str:
         most_outside=MOST_OUTSIDE,
         proposed=subject.mapped == PROPOSED,
         tested=subject.evaluation is not None,
+        alerts_above=alerts_above(epsilon, above, monitor.recipe.guarantee),
         promise=PROMISED[monitor.recipe.guarantee],
         worst=facts.worst(manoeuvres),
         counts=facts.counts(manoeuvres),
@@ -105,12 +106,12 @@ def report(subject: ReportSubject) -> str:
         faults=figures.faults(quality),
         sensors=(quality or {}).get("compatibility", []),
         tolerances=(quality or {}).get("compatibility_tolerances", ""),
-        overview=figures.overview(subject.samples, manoeuvres, held, monitor.alert_above(epsilon)),
+        overview=figures.overview(subject.samples, manoeuvres, pieces, above),
         sections=[
             (
                 number + 1,
                 manoeuvre,
-                _figure(subject, manoeuvre, held) if number in drawn else None,
+                _figure(subject, manoeuvre, pieces) if number in drawn else None,
             )
             for number, manoeuvre in enumerate(manoeuvres)
         ],
@@ -120,7 +121,7 @@ def report(subject: ReportSubject) -> str:
 
 
 def _counts_the_day(mapping: Mapping[str, Any]) -> bool:
-    """Whether times are seconds of the day. mapping: plain."""
+    """Whether times are seconds of the day. mapping: plain data."""
     return counts_the_day(
         TimeSource(rate=given.get("rate", 0.0), start=given.get("start", 0.0))
         for given in mapping["times"].values()
@@ -135,13 +136,13 @@ def _figure(
 
 
 def _symbol(symbol: str) -> Markup:
-    """`N_y` with its index below the line."""
+    """`N_y` with a subscript."""
     base, _, index = symbol.partition("_")
     return Markup("{}<sub>{}</sub>").format(base, index) if index else Markup(escape(base))
 
 
 def _with_si(value: float, channel: Channel) -> str:
-    """`5 deg (0.0873 rad)`: what is read, and what is computed with."""
+    """`5 deg (0.0873 rad)`: display unit, and SI."""
     text = channel.read(value)
     if channel.display_unit != channel.unit:
         text = f"{text} ({significant(value)} {channel.unit})"
@@ -149,7 +150,7 @@ def _with_si(value: float, channel: Channel) -> str:
 
 
 def _interval(estimate: Mapping[str, float] | None, channel: Channel | None = None) -> str:
-    """`0.95 (0.93 to 0.97)`; `0.1 (0 to 0.2) g` of a channel; a dash for nothing."""
+    """`0.95 (0.93 to 0.97)`; `0.1 (0 to 0.2) g` of a channel; a dash for None."""
     if estimate is None:
         return "–"
     factor, unit = (channel.display_factor, channel.display_unit) if channel else (1.0, "")
@@ -159,7 +160,7 @@ def _interval(estimate: Mapping[str, float] | None, channel: Channel | None = No
 
 
 def _delay(estimate: Mapping[str, float] | None) -> str:
-    """`0.010 (0.008 to 0.011)`: to milliseconds [s]; a dash for nothing."""
+    """`0.010 (0.008 to 0.011)`: to milliseconds [s]; a dash for None."""
     if estimate is None:
         return "–"
     value, low, high = (f"{estimate[name]:.3f}" for name in ("value", "low", "high"))
@@ -167,7 +168,7 @@ def _delay(estimate: Mapping[str, float] | None) -> str:
 
 
 def _trimmed(trim: Sequence[float | None]) -> list[tuple[Channel, float]]:
-    """The channels that something was subtracted from."""
+    """The channels with a trim other than 0."""
     return [(channel, value) for channel, value in zip(CHANNELS, trim, strict=True) if value]
 
 

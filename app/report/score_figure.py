@@ -1,4 +1,4 @@
-"""The figure of a scored recording: one SVG that needs no other file, or a PNG of it."""
+"""The figure of a scored recording: a self-contained SVG, or a PNG of it."""
 
 import os
 import shutil
@@ -18,17 +18,17 @@ from app.scoring.limits_history import LimitPiece
 from core.channels import CHANNELS
 
 TALL, TOP = 72.0, 34.0
-"""Height of a strip, and above the first for the legend and the manoeuvres' names [px]."""
+"""Height of a strip, and of the legend and names above the first [px]."""
 TITLED = 20.0
 """Height above the chart for its title [px]."""
 PIXELS = 2
-"""Of the figure as it is shown, for each of the chart's own."""
+"""Pixels of the figure per unit of the chart."""
 SECONDS = 60.0
-"""That a program may take for a PNG."""
+"""Time limit for drawing a PNG."""
 
 
 class FlownManeuver(NamedTuple):
-    """A manoeuvre of the recording. start, end [s].   exceedance: the first of a limit [s]."""
+    """A manoeuvre of the recording. start, end [s].   exceedance: time of the first [s]."""
 
     name: str
     start: float
@@ -45,7 +45,7 @@ class Drawing(NamedTuple):
 
 
 class NoPngError(ValueError):
-    """No program of this machine draws a PNG."""
+    """No installed program draws a PNG."""
 
 
 def score_figure(
@@ -74,7 +74,7 @@ def score_figure(
 
 
 def png(drawing: Drawing) -> bytes:
-    """Draw it with a program of this machine. NoPngError where there is none, or it fails."""
+    """Draw it with an installed program. NoPngError where there is none, or it fails."""
     root = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
     window = f"--window-size={drawing.width},{drawing.height}"
     page = ["--headless", "--disable-gpu", "--hide-scrollbars", *root, window]
@@ -87,8 +87,8 @@ def png(drawing: Drawing) -> bytes:
     program = next(filter(shutil.which, programs), None)
     if program is None:
         raise NoPngError(
-            f"no program here draws a PNG ({', '.join(programs)} were looked for): "
-            f"install one of them, or use the SVG"
+            f"no installed program draws a PNG: install one of {', '.join(programs)}, or use "
+            "the SVG"
         )
     with TemporaryDirectory() as folder:
         (Path(folder) / "figure.svg").write_bytes(drawing.svg)
@@ -101,7 +101,7 @@ def png(drawing: Drawing) -> bytes:
 
 
 def _alone(chart: StripChart, title: str) -> Drawing:
-    """The chart in a file of its own, with what a page would give it."""
+    """The chart as a file of its own, with its styles."""
     here = Path(__file__).parent
     style, hatch = (here / "chart.css").read_text(), (here / "hatch.svg").read_text()
     width, height = round(WIDTH * PIXELS), round((chart.height + TITLED) * PIXELS)

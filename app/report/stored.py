@@ -1,4 +1,4 @@
-"""A stored scoring as the subject of a report."""
+"""The report subject of a stored scoring."""
 
 from dataclasses import asdict
 from typing import Any
@@ -16,7 +16,7 @@ MAPPED: dict[MappingState, str] = {
 
 
 def stored_subject(scored: ScoredRecordings, recording_id: str, scoring_id: str) -> ReportSubject:
-    """A stored scoring, ready to report. NotFound; StoreError."""
+    """Load the subject. Raises NotFound or StoreError."""
     store = scored.store
     info = store.scorings.info(recording_id, scoring_id)
     recording = store.recordings.info(recording_id)
@@ -38,12 +38,12 @@ def stored_subject(scored: ScoredRecordings, recording_id: str, scoring_id: str)
 
 
 def _mapped(info: ScoringInfo, now: MappedColumns) -> tuple[str, dict[str, Any]]:
-    """Who chose the mapping that was scored with, and the confidence of the program in its own."""
+    """Origin of the scoring's mapping, and the rationales if the program proposed it."""
     if info.mapping != now.mapping:
-        return "another one is in use now", {}
+        return "another mapping is in use now", {}
     proposed = now.mapping_state == "proposed"
     words = MAPPED[now.mapping_state]
     if warnings := now.confirmed_over:
-        told = "; ".join(f"{key}: {text}" for key, texts in warnings.items() for text in texts)
-        words = f"{words} over a warning ({told})"
+        texts = "; ".join(f"{key}: {text}" for key, texts in warnings.items() for text in texts)
+        words = f"{words} despite a warning ({texts})"
     return words, now.proposal.get("rationales", {}) if proposed else {}

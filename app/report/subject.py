@@ -1,4 +1,4 @@
-"""What a report is about, and what is kept beside exported samples."""
+"""The input of a report, and the metadata of exported samples."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -9,19 +9,19 @@ import numpy.typing as npt
 from app.telemetry.contents import Contents
 from core.monitor import Monitor
 
-PROPOSED = "proposed by the program, not looked over"
-"""Who chose a mapping that nobody confirmed."""
+PROPOSED = "proposed by the program, not confirmed"
+"""Origin of a mapping without confirmation."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReportSubject:
-    """Everything a report is about, in plain data but for the monitor and the samples.
+    """Everything a report needs; plain data except for the monitor and the samples.
 
-    recording: name, digest, size, format, aircraft, and what `of_contents` says of the file.
-    scoring: as of app.store.scorings.ScoringInfo, its mapping and manoeuvres plain.
-    evaluation: what fresh flights said of the monitor, None if it was not tested.
-    samples: as stored.   mapped: who chose the mapping, in words; "" where it is not known.
-    rationales: confidence and reasons of a mapping that was proposed, by key of TARGETS.
+    recording: name, digest, size, format, aircraft, and the fields of `of_contents`.
+    scoring: as app.store.scorings.ScoringInfo, its mapping and manoeuvres plain.
+    evaluation: the monitor's test on fresh flights; None if it was not tested.
+    samples: as stored.   mapped: origin of the mapping, in words; "" where unknown.
+    rationales: confidence and reasons of a proposed mapping, by key of TARGETS.
     markers: of the user: t, end, kind, text.
     """
 
@@ -38,7 +38,7 @@ class ReportSubject:
 
 
 def of_contents(contents: Contents) -> dict[str, Any]:
-    """What a report says of the file's contents."""
+    """The fields of a report about the file's contents."""
     return {
         "start": contents.start,
         "n_bad_rows": contents.n_bad_rows,
@@ -49,7 +49,7 @@ def of_contents(contents: Contents) -> dict[str, Any]:
 
 
 def about(recording: Mapping[str, Any], scoring: Mapping[str, Any]) -> dict[str, Any]:
-    """What is kept beside exported samples: where they come from, and what they are worth."""
+    """Metadata of exported samples: their origin, and the verdicts on them."""
     return {
         "recording": recording["name"],
         "recording_sha256": recording["digest"],

@@ -18,8 +18,14 @@ from core.types import Array
 
 PROMISED: dict[Guarantee, str] = {
     "average": "on average over calibration sets",
-    "95%": "with 95 % confidence for this monitor's calibration set",
+    "95%": "with 95 % confidence in this monitor",
 }
+
+
+def alerts_above(epsilon: float, alert_above: float, promise: Guarantee) -> str:
+    """`0.0495, the threshold for ε = 0.1 with 95 % confidence`: the risk that alerts."""
+    confidence = "" if promise == "average" else f" with {promise[:-1]} % confidence"
+    return f"{alert_above:.4g}, the threshold for ε = {epsilon:.4g}{confidence}"
 
 
 def guarantee(monitor: Monitor, validity: Validity, epsilon: float) -> str:

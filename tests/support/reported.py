@@ -118,7 +118,7 @@ def subject_of(monitor: Monitor, manoeuvres: Sequence[dict[str, Any]]) -> Report
         monitor_digest="ef" * 32,
         evaluation=None,
         samples=samples,
-        mapped="proposed by the program, not looked over",
+        mapped="proposed by the program, not confirmed",
         rationales={"beta": {"confidence": 0.61, "reasons": ["its sign is turned"]}},
         markers=[{"t": 3.0, "end": None, "kind": "note", "text": "gust <here>"}],
     )  # fmt: skip

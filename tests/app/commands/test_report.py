@@ -56,7 +56,7 @@ def test_a_report_is_one_file_that_says_it_all(given: Path, capsys: pytest.Captu
     html = (given / "flight-report.html").read_text()
     assert "<h1>flight.csv</h1>" in html
     assert "on fresh simulated flights at ε = 0.1: missed" in html
-    assert "proposed by the program, not looked over" in html
+    assert "proposed by the program, not confirmed" in html
     assert "rudder doublet" in html
     assert len(re.findall("<section>", html)) == 1
     assert re.findall(r"(?:src|href)\s*=", html) == []
@@ -131,7 +131,7 @@ def test_a_monitor_without_a_recipe_has_no_certificate(given: Path, attas: Monit
     replace(attas, dataset_recipe={}).save(given / "attas.fwm")
     assert report() == 0
     html = Path("flight-report.html").read_text()
-    assert "the monitor's file carries no certificate: none was stored with it here" in html
+    assert "the monitor's file has no test on fresh flights" in html
     assert "not simulated here" in html
 
 

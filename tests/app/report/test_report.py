@@ -1,4 +1,4 @@
-"""The report: one file that stands alone, says every outcome plainly, and never flatters."""
+"""The report: one self-contained file with every outcome and no false praise."""
 
 import re
 from dataclasses import replace
@@ -30,11 +30,11 @@ def subject(monitor: Monitor) -> ReportSubject:
 
 
 def sections_of(html: str) -> list[str]:
-    """What is said of each manoeuvre."""
+    """The section of each manoeuvre."""
     return [part.split("</section>")[0] for part in html.split("<section>")[1:]]
 
 
-def test_it_needs_no_other_file_and_runs_nothing(subject: ReportSubject) -> None:
+def test_it_needs_no_other_file_and_runs_no_script(subject: ReportSubject) -> None:
     html = report(subject)
     assert re.findall(r"(?:src|href)\s*=", html) == []
     assert re.findall(r"url\((?!#hatch\))|@import", html) == []
@@ -63,20 +63,20 @@ RAW = QUIET | {"recorded_exceedance": exceedance(2)}
         ),
     ],
 )
-def test_an_exceedance_has_the_words_that_it_has_elsewhere(
+def test_an_exceedance_has_the_same_words_as_elsewhere(
     given: dict[str, Any], level: str, words: str
 ) -> None:
     assert outcome_of(given)[1:] == (words, level)
 
 
-def test_what_was_exceeded_as_recorded_alone_is_not_good() -> None:
+def test_an_exceedance_only_as_recorded_is_a_caution() -> None:
     level, words = headline([RAW])
     assert level == "caution"
     assert words.startswith("No limit was exceeded from trim")
     assert words.endswith("a limit was exceeded as recorded, not from trim")
 
 
-def test_its_pictures_are_whole(subject: ReportSubject) -> None:
+def test_its_figures_are_complete(subject: ReportSubject) -> None:
     pictures = re.findall(r'<svg class="chart".*?</svg>', report(subject), re.DOTALL)
     assert len(pictures) == 1 + 4 + 1
     for picture in pictures:
@@ -84,7 +84,7 @@ def test_its_pictures_are_whole(subject: ReportSubject) -> None:
         assert "nan" not in picture
 
 
-def test_degrees_stand_before_what_was_computed_with(monitor: Monitor) -> None:
+def test_values_are_in_degrees_followed_by_si(monitor: Monitor) -> None:
     moved = manoeuvre(0, "missed", exceedance={"t": 2.1, "channel": "beta", "value": -0.08727})
     html = report(subject_of(monitor, [moved | {"trim": [0.0, 0.1, 0.0, 0.0, 0.0, None]}]))
     plain = html.replace("\N{NO-BREAK SPACE}", " ")
@@ -93,7 +93,7 @@ def test_degrees_stand_before_what_was_computed_with(monitor: Monitor) -> None:
     assert "0.5 g (" not in plain
 
 
-def test_words_of_the_file_and_the_crew_are_text(monitor: Monitor) -> None:
+def test_names_and_notes_are_escaped(monitor: Monitor) -> None:
     html = report(subject_of(monitor, [manoeuvre(0, "quiet", name="<u>doublet</u>")]))
     assert "&lt;b&gt;flight&lt;/b&gt; &amp; more.csv" in html
     assert "gust &lt;here&gt;" in html
@@ -102,31 +102,31 @@ def test_words_of_the_file_and_the_crew_are_text(monitor: Monitor) -> None:
     assert not re.search("<[bui]>", html)
 
 
-def test_every_outcome_and_hash_is_said(subject: ReportSubject) -> None:
+def test_every_outcome_and_hash_is_listed(subject: ReportSubject) -> None:
     html = report(subject)
     for outcome in ("timely_alert", "missed", "quiet", "invalid"):
         assert OUTCOMES[outcome][1] in html
-    assert "A limit was exceeded without an alert in time" in html
+    assert "A limit was exceeded without a timely alert" in html
     assert "Look first at manoeuvre 2 (limit exceeded, no warning)" in html
     assert "It holds for 3 of the 4 manoeuvres" in html
     for digest in ("ab" * 32, "cd" * 32, "ef" * 32, subject.monitor.dataset_digest):
         assert digest in html
 
 
-def test_each_manoeuvre_says_its_guarantee_remarks_and_checks(subject: ReportSubject) -> None:
+def test_each_manoeuvre_lists_its_guarantee_remarks_and_checks(subject: ReportSubject) -> None:
     sections = sections_of(report(subject))
     assert len(sections) == 4
     manoeuvres = subject.scoring["manoeuvres"]
-    for number, (section, one) in enumerate(zip(sections, manoeuvres, strict=True)):
-        assert one["guarantee"] in section
+    for number, (section, scored) in enumerate(zip(sections, manoeuvres, strict=True)):
+        assert scored["guarantee"] in section
         assert f"it begins late, {number}" in section
-        for check in one["validity"]["checks"]:
+        for check in scored["validity"]["checks"]:
             assert check["text"] in section
-        assert "◇ not known" in section
-        assert ("✕ no" in section) == (one["outcome"] == "invalid")
+        assert "◇ unknown" in section
+        assert ("✕ no" in section) == (scored["outcome"] == "invalid")
 
 
-def test_where_the_channels_come_from_and_how_sure_that_is(subject: ReportSubject) -> None:
+def test_channels_are_listed_with_source_and_confidence(subject: ReportSubject) -> None:
     html = report(subject)
     assert "61 %" in html
     assert "its sign is turned" in html
@@ -134,43 +134,43 @@ def test_where_the_channels_come_from_and_how_sure_that_is(subject: ReportSubjec
     assert "derived: lateral acceleration minus gravity" in html
     assert "not in the file" in html
     assert "line 7: 12 cells" in html
-    assert "proposed by the program, not looked over" in html
+    assert "proposed by the program, not confirmed" in html
     assert html.count("beta: 3 gaps.") == 1
     assert "Confidence" not in report(replace(subject, rationales={}))
 
 
-def test_sensors_against_each_other_are_told_with_their_intervals(subject: ReportSubject) -> None:
+def test_sensor_comparisons_are_listed_with_their_intervals(subject: ReportSubject) -> None:
     html = report(subject).replace("\N{NO-BREAK SPACE}", " ")
     assert "<td>0.8 (0.78 to 0.82)</td>" in html
     assert "0.573 (−0.573 to 1.72) deg/s" in html
     assert "◇ roll rate reads 0.80 times." in html
     assert "They change no verdict; remarked on beyond 0.1." in html
     assert "not checked: without heading" in html
-    assert "sensors differ from each other by kinematics" in html
+    assert "sensors disagree by kinematics" in html
     quality = {**subject.scoring["quality"]}
     del quality["compatibility"]
     before = report(replace(subject, scoring={**subject.scoring, "quality": quality}))
     assert "kinematics" not in before
 
 
-def test_what_is_not_known_of_the_data_is_not_praised(subject: ReportSubject) -> None:
+def test_unchecked_data_are_not_called_faultless(subject: ReportSubject) -> None:
     html = report(replace(subject, scoring={**subject.scoring, "quality": None}))
-    assert "Nothing is known of them" in html
-    assert "No gap" not in html
+    assert "Not checked" in html
+    assert "No gaps" not in html
 
 
-def test_a_report_of_invalid_manoeuvres_alone_promises_nothing(monitor: Monitor) -> None:
+def test_a_report_of_invalid_manoeuvres_gives_no_guarantee(monitor: Monitor) -> None:
     html = report(subject_of(monitor, [manoeuvre(0, "invalid"), manoeuvre(1, "invalid")]))
     assert "The guarantee is withdrawn for this recording" in html
     assert "P(no timely alert" not in html
     assert "No limit was exceeded" not in html
 
 
-def test_what_was_not_checked_is_promised_nothing(monitor: Monitor) -> None:
+def test_an_unchecked_manoeuvre_has_no_guarantee(monitor: Monitor) -> None:
     unknown = manoeuvre(0, "quiet")
     unknown["validity"] = unknown["validity"] | {"valid": None, "p_value": None}
     html = report(subject_of(monitor, [unknown]))
-    assert "Nothing is promised for this recording" in html
+    assert "No guarantee for this recording" in html
     assert "◇ Not checked" in html
     assert "◆ The monitor was not tested on fresh flights: " in html
     assert "P(no timely alert" not in html
@@ -182,33 +182,33 @@ def test_what_was_not_checked_is_promised_nothing(monitor: Monitor) -> None:
         (
             [WARNED, QUIET],
             "caution",
-            "A limit was exceeded; every exceedance was warned of in time",
+            "A limit was exceeded; every exceedance had a timely alert",
         ),
         ([QUIET], "good", "No limit was exceeded, and there was no alert"),
-        ([WARNED, INVALID], "caution", "warned of in time"),
+        ([WARNED, INVALID], "caution", "had a timely alert"),
         ([WARNED, manoeuvre(3, "invalid", exceedance=exceedance(3))], "bad", "is not applicable"),
         ([INVALID], "invalid", "No verdict"),
         ([manoeuvre(0, "false_alert")], "caution", "but there was an alert"),
-        ([WARNED, MISSED, INVALID], "bad", "without an alert in time"),
+        ([WARNED, MISSED, INVALID], "bad", "without a timely alert"),
     ],
 )
-def test_the_headline_is_the_worst_that_happened(manoeuvres, level: str, words: str) -> None:
-    found = headline(manoeuvres)
-    assert found[0] == level
-    assert words in found[1]
+def test_the_headline_is_the_worst_event(manoeuvres, level: str, words: str) -> None:
+    actual = headline(manoeuvres)
+    assert actual[0] == level
+    assert words in actual[1]
 
 
-def test_the_headline_is_of_valid_manoeuvres_and_says_how_many_are_not() -> None:
+def test_the_headline_covers_valid_manoeuvres_and_counts_the_others() -> None:
     warned = WARNED | {"validity": WARNED["validity"] | {"valid": False}}
     level, words = headline([QUIET, warned])
     assert level == "caution"
     assert words == (
-        "A limit was exceeded, warned of in time before the monitor was withdrawn as not "
-        "applicable; 1 of the 2 manoeuvres is not valid, nothing is promised of it"
+        "A limit was exceeded, warned in time before the monitor was withdrawn; "
+        "1 of the 2 manoeuvres is not valid, no guarantee for it"
     )
     late = warned | {"outcome": "late_alert"}
     assert headline([late])[0] == "bad"
-    assert "warned of too late before the monitor was withdrawn" in headline([late])[1]
+    assert "warned too late before the monitor was withdrawn" in headline([late])[1]
     level, words = headline([QUIET, INVALID, INVALID])
     assert level == "caution"
     assert words.startswith(
@@ -216,14 +216,14 @@ def test_the_headline_is_of_valid_manoeuvres_and_says_how_many_are_not() -> None
     )
 
 
-def test_an_alert_before_the_withdrawal_stands_in_the_table(monitor: Monitor) -> None:
+def test_an_alert_before_the_withdrawal_is_in_the_table(monitor: Monitor) -> None:
     warned = WARNED | {"validity": WARNED["validity"] | {"valid": False}}
     html = report(subject_of(monitor, [warned]))
     assert ">withdrawn</td>" not in html
     assert html.count(f'<td class="number">{warned["lead"]:.2f}</td>') == 2
 
 
-def test_seconds_of_the_day_have_the_time_of_day_beside_them(monitor: Monitor) -> None:
+def test_seconds_of_the_day_come_with_the_time_of_day(monitor: Monitor) -> None:
     subject = subject_of(monitor, [WARNED])
     assert "time of day" not in report(subject)
     typed = subject.scoring["mapping"] | {
@@ -234,10 +234,10 @@ def test_seconds_of_the_day_have_the_time_of_day_beside_them(monitor: Monitor) -
     assert "1.50<br>00:00:01.50</td>" in html
 
 
-def test_what_resampling_knew_of_the_future_stands_beside_the_lead(monitor: Monitor) -> None:
+def test_look_ahead_of_resampling_is_reported_with_the_lead(monitor: Monitor) -> None:
     html = report(subject_of(monitor, [WARNED | {"look_ahead": 0.5}]))
-    assert "looks up to 0.5 s ahead: in flight an alert could come that much later" in html
-    assert "looks up to" not in report(subject_of(monitor, [WARNED]))
+    assert "up to 0.5 s ahead: in flight an alert could come that much later" in html
+    assert "Resampling" not in report(subject_of(monitor, [WARNED]))
 
 
 def test_an_alert_after_the_limit_has_no_lead() -> None:
@@ -247,17 +247,17 @@ def test_an_alert_after_the_limit_has_no_lead() -> None:
     assert [row["first"] for row in rows] == [True, False]
 
 
-def test_of_very_many_manoeuvres_the_telling_ones_are_drawn(
+def test_only_the_most_important_of_many_manoeuvres_are_drawn(
     subject: ReportSubject, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("app.report.facts.MOST_DRAWN", 2)
     assert drawn([QUIET, INVALID, WARNED, MISSED]) == {2, 3}
     sections = sections_of(report(subject))
     assert ["<figure>" in section for section in sections] == [True, True, False, False]
-    assert ["is not drawn" in section for section in sections] == [False, False, True, True]
+    assert ["No figure" in section for section in sections] == [False, False, True, True]
 
 
-def test_thirty_manoeuvres_make_a_file_of_sane_size(monitor: Monitor) -> None:
+def test_thirty_manoeuvres_make_less_than_a_megabyte(monitor: Monitor) -> None:
     outcomes = ["quiet", "timely_alert", "invalid"] * 10
     html = report(subject_of(monitor, [manoeuvre(k, name) for k, name in enumerate(outcomes)]))
     assert len(html.encode()) < 1_000_000
@@ -265,44 +265,44 @@ def test_thirty_manoeuvres_make_a_file_of_sane_size(monitor: Monitor) -> None:
     assert html.count('<td class="name">manoeuvre ') == 30
 
 
-def test_notes_are_told_once_and_not_without_end() -> None:
+def test_notes_are_distinct_and_limited() -> None:
     assert notes(["a", "b"], ["a", "c"], apart_from=["b"]) == (["a", "c"], 0)
-    told, more = notes([str(k) for k in range(100)])
-    assert (len(told), more) == (MOST_NOTES, 100 - MOST_NOTES)
+    first, more = notes([str(k) for k in range(100)])
+    assert (len(first), more) == (MOST_NOTES, 100 - MOST_NOTES)
 
 
-REACHED = {"t": 20.3, "channel": "Ny", "value": 0.48}
+OUTSIDE = {"t": 20.3, "channel": "Ny", "value": 0.48}
 
 
 @pytest.mark.parametrize(
     ("manoeuvres", "outside", "level", "words"),
     [
-        ([manoeuvre(0, "unseen")], [], "caution", "not wholly known"),
+        ([manoeuvre(0, "unseen")], [], "caution", "may have been exceeded"),
         ([manoeuvre(0, "unseen", exceedance=exceedance(0))], [], "bad", "samples are missing"),
-        ([WARNED, manoeuvre(2, "unseen")], [], "caution", "not wholly known"),
-        ([QUIET], [REACHED], "caution", "in a manoeuvre, .* a limit was exceeded outside every"),
-        ([WARNED], [REACHED], "caution", "also exceeded outside every manoeuvre"),
-        ([MISSED], [REACHED], "bad", "without an alert in time; one was also exceeded outside"),
+        ([WARNED, manoeuvre(2, "unseen")], [], "caution", "may have been exceeded"),
+        ([QUIET], [OUTSIDE], "caution", "in a manoeuvre, .* a limit was exceeded outside every"),
+        ([WARNED], [OUTSIDE], "caution", "also exceeded outside every manoeuvre"),
+        ([MISSED], [OUTSIDE], "bad", "without a timely alert; one was also exceeded outside"),
     ],
 )
-def test_what_nobody_saw_or_judged_is_never_green(manoeuvres, outside, level, words) -> None:
-    found = headline(manoeuvres, outside)
-    assert found[0] == level
-    assert re.search(words, found[1])
+def test_unseen_and_unjudged_flights_are_never_good(manoeuvres, outside, level, words) -> None:
+    actual = headline(manoeuvres, outside)
+    assert actual[0] == level
+    assert re.search(words, actual[1])
 
 
 def test_limits_exceeded_outside_the_manoeuvres_have_rows(monitor: Monitor) -> None:
     subject = subject_of(monitor, [manoeuvre(0, "quiet")])
     html = report(
-        replace(subject, scoring={**subject.scoring, "outside_exceedances": [REACHED] * 30})
+        replace(subject, scoring={**subject.scoring, "outside_exceedances": [OUTSIDE] * 30})
     )
     assert html.count('<strong class="caution">outside every manoeuvre</strong>') == 20
     assert "and 10 more times outside every manoeuvre" in html
 
 
-def test_what_is_withdrawn_or_unconfirmed_is_said_so(subject: ReportSubject) -> None:
+def test_withdrawn_and_unconfirmed_results_are_marked(subject: ReportSubject) -> None:
     html = report(subject)
     assert html.count(">withdrawn</td>") == 2
-    assert "Nobody confirmed which signal is which channel" in html
-    assert "Nobody confirmed" not in report(replace(subject, mapped="confirmed by the user"))
-    assert "carries no certificate: none was stored with it here" in html
+    assert "Mapping not confirmed" in html
+    assert "Mapping not confirmed" not in report(replace(subject, mapped="confirmed by the user"))
+    assert "has no test on fresh flights" in html

@@ -1,4 +1,4 @@
-"""The figure of a scored recording stands alone and is drawn as PNG by what is there."""
+"""The figure of a scored recording is self-contained; an installed program makes the PNG."""
 
 from pathlib import Path
 from shutil import which
@@ -53,7 +53,7 @@ def test_every_channel_and_each_moment_is_drawn(drawing: Drawing) -> None:
 
 
 @pytest.mark.parametrize("c", range(len(CHANNELS)))
-def test_a_strip_is_scaled_in_the_unit_that_its_label_says(c: int) -> None:
+def test_a_strip_is_scaled_in_the_unit_of_its_label(c: int) -> None:
     samples = np.zeros(3, SAMPLE_LIKE)
     samples["t"] = range(3)
     strip = channel_strip(StripChart(0.0, 2.0), 72.0, c, samples, TEN_DEGREES, 0.25)
@@ -67,14 +67,16 @@ def test_a_strip_is_scaled_in_the_unit_that_its_label_says(c: int) -> None:
     assert f"{level:.1f}" in "".join(drawn.svg([])).split('class="measured"')[1]
 
 
-@pytest.mark.skipif(which("chromium") is None, reason="chromium is not on this machine")
-def test_a_png_is_drawn_by_what_is_there(drawing: Drawing, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.skipif(which("chromium") is None, reason="chromium is not installed")
+def test_an_installed_program_draws_the_png(
+    drawing: Drawing, monkeypatch: pytest.MonkeyPatch
+) -> None:
     content = png(drawing)
     assert content.startswith(b"\x89PNG\r\n\x1a\n")
     assert int.from_bytes(content[16:20]) == drawing.width
 
 
-def test_a_machine_without_such_a_program_is_told(
+def test_without_such_a_program_the_error_names_them(
     drawing: Drawing, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))

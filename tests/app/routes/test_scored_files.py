@@ -110,7 +110,7 @@ def test_the_report_says_who_chose_the_mapping_and_what_was_noted(scored: Scored
     def html() -> str:
         return scored.client.get(f"{scored.path}/report").text
 
-    assert "proposed by the program, not looked over" in html()
+    assert "proposed by the program, not confirmed" in html()
     assert "Confidence" in html()
     order = {"mapping": scored.recording["mapping"], "remember": False}
     assert scored.client.put(f"{path}/mapping", json=order).status_code == 200
@@ -124,7 +124,7 @@ def test_the_report_says_who_chose_the_mapping_and_what_was_noted(scored: Scored
     changed = {**mapping, "channels": {**mapping["channels"], "beta": turned}}
     order = {"mapping": changed, "remember": False}
     assert scored.client.put(f"{path}/mapping", json=order).status_code == 200
-    assert "another one is in use now" in html()
+    assert "another mapping is in use now" in html()
 
 
 def test_csv_is_the_samples_with_units_in_their_names(scored: Scored):
