@@ -1,7 +1,7 @@
-"""A campaign: planned tests, their points in order, and what became of each; a value, as a file.
+"""A campaign: planned tests, their points in order, and the result of each; saved as one file.
 
-Its states are those that are said on the radio. A point that was computed to be safe is cleared on
-condition, until a person confirms what no computation can see.
+The states are those used on the radio. A point that a computation clears is "on condition" until a
+person confirms the checklist.
 """
 
 import json
@@ -27,14 +27,14 @@ State = Literal["planned", "on condition", "cleared", "hold", "complete", "abort
 FORMAT, VERSION = "forewarn campaign", 2
 """Version 1 had one test for all points."""
 BY_FILE = " (by the file)"
-"""Behind the name of who decided in a file that was imported."""
+"""Suffix of the names of people in an imported file."""
 MOST_POINTS, LONGEST_NAME, LONGEST_CRITERIA, LARGEST_DEG = 50, 200, 1_000, 90.0
 USUAL_STEPS = (0.4, 0.6, 0.8, 1.0)
-"""Of the planned amplitude, where nothing else is asked for."""
+"""Default points, as shares of the planned amplitude."""
 
 
 class CampaignError(ValueError):
-    """What cannot be done with a campaign as it is."""
+    """An action that the campaign does not allow in its present state."""
 
 
 @dataclass(frozen=True)
@@ -47,25 +47,22 @@ class Event:
     words: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse what nobody decided, or nobody knows when."""
         if not self.by.strip():
-            raise CampaignError("nobody was named: say who decides, with a name")
+            raise CampaignError("no name was given: enter the name of the person who decides")
         try:
             datetime.fromisoformat(self.at)
         except ValueError:
-            raise CampaignError(
-                f"at is {quoted(self.at)}: it is a time, as ISO 8601 has it"
-            ) from None
+            raise CampaignError(f"at is {quoted(self.at)}: give a time in ISO 8601") from None
 
 
 @dataclass(frozen=True)
 class FlownPoint:
-    """How a point was flown.
+    """A point as flown.
 
-    source: recording, and the time in it.   y: (n_samples, 6) from trim, each dt of the test; empty
-    of a point that was aborted in flight, of which nothing is computed.   reached: largest part of
-    a limit.   exceeded: channel and time, or empty.   recording: id, where it is stored.   start,
-    end: in the recording [s].   remark: on how it was flown, or empty.
+    source: recording and time in it.   y: (n_samples, 6) from trim, one each dt of the test; empty
+    for a point aborted in flight, which is not used for computing.   reached: largest part of a
+    limit.   exceeded: channel and time, or empty.   recording: id, where it is stored.   start,
+    end: in the recording [s].   remark: on the flown input, or empty.
     """
 
     source: str
@@ -78,22 +75,21 @@ class FlownPoint:
     remark: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse samples that nothing can be computed from."""
         if self.y:
             _check_samples(self.y)
         if not 0.0 <= self.reached < np.inf:
-            raise CampaignError(f"reached is {self.reached:g}: it is a part of a limit, 0 or more")
+            raise CampaignError(f"reached is {self.reached:g}: give a part of a limit, 0 or more")
 
 
 @dataclass(frozen=True)
 class Clearing:
-    """What was computed of a point before it was flown.
+    """The clearance computed for a point before it is flown.
 
-    steps: the flown points it was computed from.   reached: predicted part of a limit, 5 %, 50 %
-    and 95 %.   withdrawn: checks that speak against the promise.   n_exceeding: simulated aircraft
-    that exceed and calibrated it; p_value is None where they are rare.   n_tried, exceeding_share:
-    how many were simulated, and how many of these exceed.   amplitude_deg: largest one recommended,
-    under a promise of its own.
+    steps: the flown points it is computed from.   reached: predicted part of a limit, 5 %, 50 % and
+    95 %.   withdrawn: failed checks that void the guarantee.   n_exceeding: simulated aircraft that
+    exceed a limit and calibrate it; p_value is None where they are too rare.   n_tried,
+    exceeding_share: number of simulated aircraft, and the share of them that exceed.
+    amplitude_deg: largest recommended amplitude, under its own guarantee.
     """
 
     cleared: bool
@@ -109,15 +105,14 @@ class Clearing:
     exceeding_share: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse shares that are none."""
         for name in ("p_value", "clear_below", "exceeding_share"):
             value = getattr(self, name)
             if value is not None and not 0.0 <= value <= 1.0:
-                raise CampaignError(f"{name} is {value:g}: it is from 0 to 1")
+                raise CampaignError(f"{name} is {value:g}: give a number from 0 to 1")
 
     @property
     def exceeding_share_at_most(self) -> float | None:
-        """Share of aircraft that exceed, at most: with 95 % confidence by those simulated."""
+        """Upper bound on the share of aircraft that exceed a limit, with 95 % confidence."""
         if self.exceeding_share is None:
             return None
         n_met = round(self.exceeding_share * self.n_tried)
@@ -126,9 +121,9 @@ class Clearing:
 
 @dataclass(frozen=True)
 class Condition:
-    """A flight condition: planned test there, of its last point.
+    """A flight condition, with the planned test of its last point.
 
-    Derivatives are of one flight condition: no point is cleared from steps flown at another.
+    Derivatives hold for one flight condition: steps at one never clear a point at another.
     """
 
     name: str
@@ -140,8 +135,8 @@ class Point:
     """A point of a campaign.
 
     peak_deg: of the manoeuvre's command.   condition: name of its flight condition.
-    passes_below: pass criterion, the part of a limit that it must stay below.   criteria: what else
-    it must show, in words.   monitor: id of the one that was trained for it, where it is stored.
+    passes_below: pass criterion, the part of a limit to stay below.   criteria: further pass
+    criteria, in words.   monitor: id of the monitor trained for it, where it is stored.
     """
 
     name: str
@@ -156,22 +151,20 @@ class Point:
 
     @property
     def state(self) -> State:
-        """As of now."""
         return self.events[-1].state if self.events else "planned"
 
     @property
     def is_over(self) -> bool:
-        """Whether it is not flown any more."""
         return self.state in ("complete", "aborted")
 
     @property
     def failed(self) -> bool:
-        """Whether it was flown, all of it or not, and did not stay below what it must."""
+        """Whether it was flown, in full or in part, and did not pass."""
         return self.flown is not None and self.flown.reached >= self.passes_below
 
 
 class NextPoint(NamedTuple):
-    """The point that is next, and its number from 0."""
+    """The next point, and its number from 0."""
 
     number: int
     point: Point
@@ -179,9 +172,9 @@ class NextPoint(NamedTuple):
 
 @dataclass(frozen=True)
 class Campaign:
-    """Points at growing amplitudes, at one flight condition or several.
+    """Points at growing amplitudes, at one or several flight conditions.
 
-    CampaignError for points that are none.
+    CampaignError for points that do not build up.
     """
 
     name: str
@@ -190,7 +183,6 @@ class Campaign:
     clearance: ClearanceRecipe = ClearanceRecipe()  # noqa: RUF009
 
     def __post_init__(self) -> None:
-        """Refuse points that do not build up."""
         if not 0 < len(self.name.strip()) <= LONGEST_NAME:
             raise CampaignError(
                 f"the campaign's name has {len(self.name.strip())} characters: give 1 to "
@@ -209,18 +201,18 @@ class Campaign:
         for point in self.points:
             if point.condition not in known:
                 raise CampaignError(
-                    f"{point.name!r} is of the flight condition {point.condition!r}: choose "
+                    f"{point.name!r} has the unknown flight condition {point.condition!r}: choose "
                     f"{', '.join(map(repr, sorted(known)))}"
                 )
             if not 0.0 < point.passes_below <= 1.0:
                 raise CampaignError(
-                    f"{point.name!r} must stay below {point.passes_below:g} of a limit: give a "
-                    "part above 0, at most 1"
+                    f"{point.name!r} passes below {point.passes_below:g} of a limit: give a part "
+                    "above 0, at most 1"
                 )
             _check_flown(point)
         over = [point.is_over for point in self.points]
         if sorted(over, reverse=True) != over:
-            raise CampaignError("a point is over before one that comes earlier: they go in order")
+            raise CampaignError("a point is over before an earlier one: fly the points in order")
 
     @classmethod
     def planned(
@@ -234,7 +226,7 @@ class Campaign:
     ) -> "Campaign":
         """Points at these fractions of the amplitude of a condition's test.
 
-        A point is called by its fraction, and its condition where that has a name.
+        A point is named by its fraction, and by its condition if that has a name.
         """
         points = _points(condition, fractions, passes_below, criteria)
         return cls(name, (condition,), points, recipe)
@@ -246,7 +238,7 @@ class Campaign:
         passes_below: float = 1.0,
         criteria: str = "",
     ) -> "Campaign":
-        """The campaign with points at another flight condition after the others."""
+        """Append points at another flight condition."""
         points = _points(condition, fractions, passes_below, criteria)
         return replace(
             self, conditions=(*self.conditions, condition), points=(*self.points, *points)
@@ -254,12 +246,11 @@ class Campaign:
 
     @property
     def is_over(self) -> bool:
-        """Whether no point is flown any more."""
         return all(point.is_over for point in self.points)
 
     @property
     def imported(self) -> "Campaign":
-        """As it is taken from a file: who decided in it, by the file, was not logged in here."""
+        """The campaign with its names marked BY_FILE: these people did not log in here."""
 
         def marked(event: Event) -> Event:
             return replace(event, by=event.by.removesuffix(BY_FILE) + BY_FILE)
@@ -272,33 +263,34 @@ class Campaign:
         return tuple(p for p in self.points if p.condition == condition and p.state == "complete")
 
     def last_flown(self, condition: str) -> Point:
-        """The last point of a flight condition that was flown, all of it or not."""
+        """The last point flown at a flight condition, in full or in part."""
         return [p for p in self.points if p.condition == condition and p.flown][-1]
 
     @property
     def exceeding_at_most(self) -> float:
-        """Probability that any point exceeds that was cleared by computation, at most.
+        """Upper bound on the probability that any point cleared by computation exceeds a limit.
 
-        Over the aircraft of D_theta, each flown as simulated: for each point the share of them that
-        exceed there, at most, of which a share epsilon is cleared; and the sum of the points'.
+        Over the aircraft of D_theta, flown as simulated: the sum over points of the largest share
+        of aircraft that exceed there, times epsilon, the share of these that is cleared.
         """
         return sum(
-            share * (1.0 if one.p_value is None else one.recipe.epsilon)
-            for one in (point.clearing for point in self.points)
-            if one and one.cleared and (share := one.exceeding_share_at_most) is not None
+            share * (1.0 if clearing.p_value is None else clearing.recipe.epsilon)
+            for clearing in (point.clearing for point in self.points)
+            if clearing
+            and clearing.cleared
+            and (share := clearing.exceeding_share_at_most) is not None
         )
 
     @property
     def next(self) -> NextPoint:
-        """CampaignError where all are over."""
+        """The next point; CampaignError if all are over."""
         for number, point in enumerate(self.points):
             if not point.is_over:
                 return NextPoint(number, point)
         raise CampaignError("every point is complete or aborted: the campaign is over")
 
     def condition_of(self, point: Point) -> Condition:
-        """The flight condition of a point."""
-        return next(one for one in self.conditions if one.name == point.condition)
+        return next(each for each in self.conditions if each.name == point.condition)
 
     def test_of(self, point: Point) -> DatasetRecipe:
         """The planned test at a point's amplitude."""
@@ -306,39 +298,38 @@ class Campaign:
         return replace(test, maneuver=test.maneuver.with_peak(point.peak_deg))
 
     def build_up(self, point: Point) -> BuildUp:
-        """Complete points with the one that follows; ClearanceError where there is none."""
+        """The complete points and the point after them; ClearanceError without complete points."""
         flown = self.flown(point.condition)
         return BuildUp(tuple(self.test_of(step) for step in flown), self.test_of(point))
 
     def confirmed(self, by: str, why: str = "") -> "Campaign":
-        """The next point is cleared: a person confirms the checklist, or a first point."""
+        """Clear the next point: a person confirms the checklist, or a first point."""
         number, point = self.next
         is_first = not self.flown(point.condition)
         if point.state == "cleared":
-            raise CampaignError(f"{point.name!r} is cleared already, see by whom")
+            raise CampaignError(f"{point.name!r} is already cleared: see its events for the name")
         aborted = [p.name for p in self.points if p.condition == point.condition and p.is_over]
         if is_first and aborted and not why.strip():
             raise CampaignError(
-                f"{', '.join(aborted)} came to nothing, and no step was flown before "
-                f"{point.name!r}, so that nothing can be computed of it: give the reason why it "
-                "may be flown all the same"
+                f"{', '.join(aborted)} aborted and no step flown before {point.name!r}, so its "
+                "clearance cannot be computed: give the reason to clear it"
             )
         if not is_first and point.state != "on condition":
             raise CampaignError(
-                f"{point.name!r} is {point.state}: what is confirmed was cleared on condition "
-                "before, by computing its clearance"
+                f"{point.name!r} is {point.state}: compute its clearance first; a person can "
+                "confirm it once it is on condition"
             )
         usual = "first point" if is_first else "checklist confirmed"
         return self.changed(number, "cleared", by, why.strip() or usual)
 
-    def held(self, by: str, why: str = "") -> "Campaign":
-        """The next point is not flown for now."""
+    def on_hold(self, by: str, why: str = "") -> "Campaign":
+        """Put the next point on hold."""
         return self.changed(self.next.number, "hold", by, why.strip())
 
     def aborted(self, by: str, why: str, flown: FlownPoint | None = None) -> "Campaign":
-        """The next point is not flown any more, or was broken off.
+        """Abort the next point, before or in flight.
 
-        flown: what a recording shows of it, without samples.
+        flown: the aborted flight, without samples.
         """
         number, point = self.next
         if not why.strip():
@@ -347,17 +338,17 @@ class Campaign:
         return self.changed(number, "aborted", by, words, flown=flown)
 
     def completed(self, flown: FlownPoint, by: str) -> "Campaign":
-        """The next point was flown."""
+        """Complete the next point with its flight."""
         number, point = self.next
         for other in self.points:
             if other.flown and other.flown.y == flown.y:
                 raise CampaignError(
-                    f"{flown.source} are the samples of {other.name!r}: give the recording of "
+                    f"{flown.source} has the samples of {other.name!r}: attach the recording of "
                     f"{point.name!r}"
                 )
         words = _reached(flown, point)
         if point.state != "cleared":
-            words += f"; it was flown although it was {point.state}"
+            words += f"; flown while {point.state}"
         if flown.remark:
             words += f"; {flown.remark}"
         return self.changed(number, "complete", by, words, flown=flown)
@@ -365,21 +356,21 @@ class Campaign:
     def changed(
         self, number: int, state: State, by: str, words: str = "", **fields: Any
     ) -> "Campaign":
-        """Return the campaign with a point in another state; fields: what else of it changes."""
+        """Return the campaign with a point in a new state; fields: other changes to the point."""
         point = self.points[number]
         event = Event(datetime.now(UTC).isoformat(timespec="seconds"), by.strip(), state, words)
         return self.with_point(number, replace(point, events=(*point.events, event), **fields))
 
     def with_point(self, number: int, point: Point) -> "Campaign":
-        """Return the campaign with another point in the place of one."""
+        """Return the campaign with one point replaced."""
         return replace(self, points=(*self.points[:number], point, *self.points[number + 1 :]))
 
     def as_plain(self) -> dict[str, Any]:
-        """As JSON's types, to read by `from_file`."""
+        """Plain data, for `from_file` to read."""
         return {"format": FORMAT, "version": VERSION, **to_plain(self)}
 
     def save(self, path: Path) -> None:
-        """Write the whole campaign into one file, or nothing."""
+        """Write the campaign to a file, completely or not at all."""
         text = json.dumps(self.as_plain(), indent=1, ensure_ascii=False)
         write_whole(path, f"{text}\n".encode())
 
@@ -400,12 +391,11 @@ def _points(
 
 
 def _reached(flown: FlownPoint, point: Point) -> str:
-    """How far a point was flown, in words."""
     words = f"{flown.source}: reached {flown.reached:.0%} of a limit"
     if flown.exceeded:
         return f"{words}, EXCEEDED {flown.exceeded}"
     if flown.reached >= point.passes_below:
-        return f"{words}, NOT PASSED: it had to stay below {point.passes_below:.0%}"
+        return f"{words}, NOT PASSED: the criterion is below {point.passes_below:.0%}"
     return words
 
 
@@ -416,47 +406,48 @@ def _check_samples(samples: tuple[tuple[float, ...], ...]) -> None:
         y = np.empty((0, 0))
     if y.ndim != 2 or y.shape[1] != N_CHANNELS or len(y) < 2 or not np.isfinite(y).all():
         raise CampaignError(
-            f"the flown samples have the shape {y.shape}: they need to be (n_samples, "
-            f"{N_CHANNELS}), finite"
+            f"the flown samples have the shape {y.shape}: give finite samples (n_samples, "
+            f"{N_CHANNELS})"
         )
 
 
 def _check_flown(point: Point) -> None:
     has_samples = point.flown is not None and len(point.flown.y) > 0
     if has_samples != (point.state == "complete"):
-        there = "and has" if has_samples else "and lacks"
+        verb = "has" if has_samples else "lacks"
         raise CampaignError(
-            f"{point.name!r} is {point.state} {there} flown samples: just a complete point has some"
+            f"{point.name!r} is {point.state} and {verb} flown samples: only a complete point has "
+            "flown samples"
         )
     if point.flown is not None and not point.is_over:
         raise CampaignError(
-            f"{point.name!r} is {point.state} and was flown: that is complete or aborted"
+            f"{point.name!r} is {point.state} and was flown: a flown point is complete or aborted"
         )
 
 
 def _check_distinct(what: str, names: list[str]) -> None:
     if len(set(names)) < len(names):
-        raise CampaignError(f"two {what} have one name: give each its own")
+        raise CampaignError(f"two {what} have the same name: give each its own")
 
 
 def _check_growing(peaks: list[float], stop: float | None) -> None:
-    """stop: largest command that the actuators take [deg]; None for no limit."""
+    """stop: largest deflection of the actuators [deg]; None for no limit."""
     given = ", ".join(f"{peak:g}" for peak in peaks)
     sizes = [abs(peak) for peak in peaks]
     if len({np.sign(peak) for peak in peaks}) > 1 or sorted({*sizes} - {0.0}) != sizes:
         raise CampaignError(
-            f"amplitudes of {given} deg were given: those of a build-up are of one sign, and grow "
-            "from point to point"
+            f"amplitudes of {given} deg were given: in a build-up they have one sign and grow from "
+            "point to point"
         )
     if sizes and not sizes[-1] <= (most := LARGEST_DEG if stop is None else stop):
         raise CampaignError(
-            f"amplitudes of {given} deg were given: the surface goes to {most:g} deg at most, plan "
+            f"amplitudes of {given} deg were given: the surface goes to {most:g} deg at most; give "
             "smaller ones"
         )
 
 
 def percent_at_most(share: float) -> str:
-    """A bound in percent: rounded up, as it would be none otherwise."""
+    """An upper bound in percent, rounded up so that it stays one."""
     return f"{ceil(1e4 * share - 1e-9) / 100:.2f} %"
 
 

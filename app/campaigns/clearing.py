@@ -1,4 +1,4 @@
-"""Clearing a campaign's next point, and what stands beside a clearance for a person to confirm."""
+"""Compute the clearance of a campaign's next point; the checklist for a person to confirm."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -19,26 +19,26 @@ from core.simulation.imperfections import channel_array
 Progress = Callable[[int, int], object]
 
 CHECKLIST = (
-    "N_y and the surfaces read true: an error of their scale is not seen by a fit",
-    "control law and dampers will be as they were at the flown steps",
+    "N_y and surface sensors are calibrated: the fit cannot detect a scale error",
+    "control law and dampers are as at the flown steps",
     "the pilot flies the next point no rougher than planned",
-    "Mach, dynamic pressure, mass and configuration are those of the flown steps",
+    "Mach, dynamic pressure, mass and configuration are as at the flown steps",
 )
-"""What no fit can see."""
-ONE_STEP = "one step cannot show a nonlinear aircraft: fly a second one to exclude it"
+"""Conditions that no fit can check."""
+ONE_STEP = "one step cannot reveal a nonlinear aircraft: fly a second one to exclude it"
 
 
 def checklist(campaign: Campaign, point: Point) -> tuple[str, ...]:
-    """What a person confirms before a point is flown; none of a first one, which nothing clears."""
+    """What a person confirms before a point is flown; empty for a first point."""
     n_flown = len(campaign.flown(point.condition))
     return (*(CHECKLIST if n_flown else ()), *((ONE_STEP,) if n_flown == 1 else ()))
 
 
 def clear_next(campaign: Campaign, by: str, progress: Progress | None = None) -> Campaign:
-    """Compute whether the next point may be flown: on condition, or hold.
+    """Compute the clearance of the next point: on condition, or hold.
 
-    A first point has no step before it: it is a person's decision alone.
-    CampaignError where none is left; ClearanceError where none can be calibrated.
+    A first point has no flown step to compute from: a person decides.
+    CampaignError without a next point; ClearanceError where calibration is impossible.
     """
     number, point = campaign.next
     check_computable(campaign)
@@ -65,49 +65,49 @@ def clear_next(campaign: Campaign, by: str, progress: Progress | None = None) ->
         rule.exceeding_share,
     )
     state = "on condition" if clearing.cleared else "hold"
-    return campaign.changed(number, state, by, words_of(clearing), clearing=clearing)
+    return campaign.changed(number, state, by, clearing_in_words(clearing), clearing=clearing)
 
 
 def check_computable(campaign: Campaign) -> None:
-    """CampaignError where nothing can be computed of the next point."""
+    """CampaignError if the next point has no flown step to compute from."""
     point = campaign.next.point
     if not campaign.flown(point.condition):
         raise CampaignError(
-            f"no step was flown before {point.name!r} at its flight condition, so that nothing can "
-            "be computed of it: a person clears it, by confirming it with a name"
+            f"no step flown before {point.name!r} at its flight condition, so its clearance cannot "
+            "be computed: a person clears it, by confirming it with a name"
         )
 
 
-def rarely_words(clearing: Clearing) -> str:
-    """How many exceed at most, where hardly any of those simulated does."""
+def bound_in_words(clearing: Clearing) -> str:
+    """` (at most 0.92 %, 95 % confidence)`: the share of aircraft that exceed a limit."""
     share = clearing.exceeding_share_at_most
     return "" if share is None else f" (at most {percent_at_most(share)}, 95 % confidence)"
 
 
-def words_of(clearing: Clearing) -> str:
-    """Why a point is cleared on condition, or not."""
+def clearing_in_words(clearing: Clearing) -> str:
+    """The reason for a clearance, or against it."""
     if clearing.withdrawn:
         return f"clearance withdrawn: {'; '.join(clearing.withdrawn)}"
     low, middle, high = (f"{part:.0%}" for part in clearing.reached)
     predicted = f"predicted to reach {middle} of a limit ({low} to {high})"
     if clearing.p_value is None:
         return (
-            f"{clearing.n_exceeding} of {clearing.n_tried:,} simulated aircraft exceed there"
-            f"{rarely_words(clearing)}, {predicted}"
+            f"{clearing.n_exceeding} of {clearing.n_tried:,} simulated aircraft exceed a limit"
+            f"{bound_in_words(clearing)}, {predicted}"
         )
     return f"p-value {clearing.p_value:.3g}, cleared up to {clearing.clear_below:.3g}: {predicted}"
 
 
 def identified(campaign: Campaign, condition: str, first: int | None = None) -> Identification:
-    """The aircraft as it is known at a flight condition from its complete points.
+    """The aircraft at a flight condition, identified from its complete points.
 
-    first: how many of them, all if None.   CampaignError where there is none.
-    What a flight has besides noise stands in the residuals: where the test says that it has some,
-    these tell how sure the derivatives are.
+    first: number of points to use; None for all.   CampaignError without a complete point.
+    If the test has imperfections besides noise, the residuals give the uncertainty of the
+    derivatives, since they contain them.
     """
     flown = campaign.flown(condition)[:first]
     if not flown:
-        raise CampaignError("no point is complete: fly one before the aircraft is identified")
+        raise CampaignError("no point is complete: fly one before identifying the aircraft")
     test = campaign.condition_of(flown[0]).test
     segments = [FlownSegment(samples_of(p.flown), test.dt, p.name) for p in flown if p.flown]
     noise = channel_array(test.noise) if test.imperfections.are_none else None
@@ -115,8 +115,8 @@ def identified(campaign: Campaign, condition: str, first: int | None = None) -> 
 
 
 def updated(campaign: Campaign, point: Point) -> DatasetRecipe:
-    """Planned test of a point with the aircraft as it is known from the complete ones."""
+    """Planned test of a point with the aircraft identified from the complete points."""
     known = identified(campaign, point.condition).identified
     flown = campaign.flown(point.condition)
-    sources = tuple(f"{one.name} ({one.flown.source})" for one in flown if one.flown)
+    sources = tuple(f"{step.name} ({step.flown.source})" for step in flown if step.flown)
     return replace(campaign.test_of(point), aircraft=replace(known, sources=sources))

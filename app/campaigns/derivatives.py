@@ -1,4 +1,4 @@
-"""What the complete points say of the aircraft, point after point, as plain data."""
+"""The derivatives identified after each complete point, as plain data."""
 
 from typing import Any
 
@@ -8,35 +8,35 @@ from core.identification.identification import Identification
 
 
 def derivatives(campaign: Campaign) -> list[dict[str, Any]]:
-    """The aircraft at each flight condition, as known after each of its complete points."""
+    """Identifications at each flight condition, after each of its complete points."""
     return [
         {"condition": condition.name, "after": after}
         for condition in campaign.conditions
-        if (after := [identification_plain(one) for one in history(campaign, condition.name)])
+        if (after := [identification_plain(each) for each in history(campaign, condition.name)])
     ]
 
 
 def history(campaign: Campaign, condition: str) -> list[Identification]:
-    """After the first complete point of a flight condition, after the second, and so on."""
+    """Identifications after the first complete point, after the second, and so on."""
     n_flown = len(campaign.flown(condition))
     return [identified(campaign, condition, first) for first in range(1, n_flown + 1)]
 
 
-def identification_plain(found: Identification) -> dict[str, Any]:
-    """An identification as plain data: each parameter as [mean, sigma], before and after."""
+def identification_plain(identification: Identification) -> dict[str, Any]:
+    """An identification as plain data; before and after are [mean, sigma]."""
     return {
-        "sources": list(found.sources),
+        "sources": list(identification.sources),
         "parameters": [
             {
                 "name": name,
-                "before": [found.prior_mean[k], found.prior_sigma[k]],
-                "after": [found.mean[k], found.sigma[k]],
-                "determined": name not in found.undetermined,
+                "before": [identification.prior_mean[k], identification.prior_sigma[k]],
+                "after": [identification.mean[k], identification.sigma[k]],
+                "determined": name not in identification.undetermined,
             }
-            for k, name in enumerate(found.names)
+            for k, name in enumerate(identification.names)
         ],
-        "covariance": found.covariance.tolist(),
-        "r2": found.r2.tolist(),
-        "distance": found.distance,
-        "noise": found.noise.tolist(),
+        "covariance": identification.covariance.tolist(),
+        "r2": identification.r2.tolist(),
+        "distance": identification.distance,
+        "noise": identification.noise.tolist(),
     }

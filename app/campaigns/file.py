@@ -1,4 +1,4 @@
-"""A campaign's file: read and checked; `Campaign.save` writes it."""
+"""Read and check a campaign's file; `Campaign.save` writes it."""
 
 from pathlib import Path
 from typing import Any
@@ -15,28 +15,30 @@ POINTS = TypeAdapter(tuple[Point, ...])
 
 
 def load(path: Path) -> Campaign:
-    """Read a campaign's file; CampaignError where it is none."""
+    """Read a campaign's file; CampaignError if it is not one."""
     return from_file(read_plain(path), str(path))
 
 
 def from_file(plain: Any, where: str) -> Campaign:
-    """Rebuild a campaign from what its file holds.   where: it came from, for errors."""
+    """Rebuild a campaign from the content of its file.   where: its origin, for errors."""
     if not isinstance(plain, dict) or plain.get("format") != FORMAT:
-        raise CampaignError(f"{where} is no campaign: make one with `forewarn campaign new`")
+        raise CampaignError(
+            f"{where} is not a campaign file: create one with `forewarn campaign new`"
+        )
     if (version := plain.get("version")) not in (1, VERSION):
         raise CampaignError(
-            f"{where} is a campaign of version {version!r}: this program reads up to {VERSION}"
+            f"{where} is a campaign file of version {version!r}: this program reads up to {VERSION}"
         )
     try:
         if version == 1:
             plain = plain | {"conditions": [{"name": "", "test": plain["test"]}]}
         if not isinstance(plain["name"], str):
-            raise CampaignError(f"{where}: name is {quoted(plain['name'])}: it is a text")
+            raise CampaignError(f"{where}: name is {quoted(plain['name'])}: give a text")
         return Campaign(
             plain["name"],
             tuple(
-                Condition(one["name"], from_plain(DatasetRecipe(), one["test"], "test"))
-                for one in plain["conditions"]
+                Condition(each["name"], from_plain(DatasetRecipe(), each["test"], "test"))
+                for each in plain["conditions"]
             ),
             POINTS.validate_python(plain["points"]),
             from_plain(ClearanceRecipe(), plain["clearance"], "clearance"),
@@ -48,7 +50,7 @@ def from_file(plain: Any, where: str) -> Campaign:
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"]))
-        said = str(first["msg"]).removeprefix("Value error, ")
-        raise CampaignError(f"{where}: points.{place}: {said}") from None
+        message = str(first["msg"]).removeprefix("Value error, ")
+        raise CampaignError(f"{where}: points.{place}: {message}") from None
     except RecipeError as error:
         raise CampaignError(f"{where}: {error}") from None

@@ -1,4 +1,4 @@
-"""A recorded point: its manoeuvre cut out of a recording, on the test's samples, from trim."""
+"""Cut a flown point out of a recording: its manoeuvre on the test's samples, from trim."""
 
 from typing import NamedTuple
 
@@ -18,9 +18,9 @@ from core.planned_test import DatasetRecipe, Simulator
 from core.types import Array
 
 ENOUGH = 0.8
-"""Of the planned samples: a record of fewer is cut off."""
+"""Smallest share of the planned samples; a shorter record is incomplete."""
 AS_PLANNED = 0.75, 1.33
-"""Of the planned amplitude: what was flown outside of it is told."""
+"""Range of the flown amplitude, as shares of the planned one, without a remark."""
 N_SIMULATED = 100
 
 
@@ -33,11 +33,11 @@ def flown_point(
 ) -> FlownPoint:
     """Cut the manoeuvre of a point out of a recording.
 
-    name: of the recording.   marked: from trim to the end of the manoeuvre; the only one that is
-    detected where None.   recording_id: where it is stored.
-    Every sample as recorded counts against the limits, from trim and as it is, AFTERWARDS too.
-    CampaignError where there is none, or several; where samples of it are missing; where it is not
-    the planned one.
+    name: of the recording.   marked: from trim to the end of the manoeuvre; None: the only detected
+    one.   recording_id: where it is stored.
+    Every recorded sample counts against the limits, from trim and as recorded, up to AFTERWARDS.
+    CampaignError if there is no manoeuvre or several, if samples are missing, or if it is not the
+    planned one.
     """
     recording = on_grid(recorded.traces, test.dt)
     planned = PlannedTest.of(test)
@@ -49,13 +49,13 @@ def flown_point(
     missing = [key for key, column in zip(KEYS, y.T, strict=True) if not np.isfinite(column).all()]
     if missing:
         raise CampaignError(
-            f"{name}: samples of {', '.join(missing)} are missing from {where}: an aircraft is "
-            "identified from all six channels, without gaps"
+            f"{name}: samples of {', '.join(missing)} are missing from {where}: identification "
+            "needs all six channels without gaps"
         )
     if len(y) < ENOUGH * n_planned:
         raise CampaignError(
             f"{name}: {where} holds {len(y)} samples, the manoeuvre takes {n_planned} of "
-            f"{test.dt:g} s: give the whole of it"
+            f"{test.dt:g} s: give the whole manoeuvre"
         )
     remark = _flown_as_planned(f"{name}, {where}", y, planned, test)
     worst = _worst(recorded, planned.limits, rest, span)
@@ -82,20 +82,20 @@ def aborted_flight(
     marked: Interval | None,
     recording_id: str = "",
 ) -> FlownPoint:
-    """How far a point came that was aborted in flight, as a recording shows it.
+    """The limits reached by a point that was aborted in flight.
 
-    marked: from when to when; the whole recording where None.
-    Every sample counts as recorded, trim not subtracted: a manoeuvre that was broken off may be
-    none that is detected. CampaignError where a limited channel has no sample.
+    marked: times to judge; None for the whole recording.
+    Every sample counts as recorded, trim not subtracted: an incomplete manoeuvre may not be
+    detected. CampaignError if a limited channel has no sample.
     """
     start, end = (-np.inf, np.inf) if marked is None else (marked.start, marked.end)
-    where = "all of it" if marked is None else f"{start:.2f} to {end:.2f} s"
+    where = "entire recording" if marked is None else f"{start:.2f} to {end:.2f} s"
     limits = PlannedTest.of(test).limits
     limited = [KEYS[c] for c in np.flatnonzero(np.isfinite(limits))]
     if missing := [key for key in limited if not _within(recorded, key, start, end)[0].size]:
         raise CampaignError(
-            f"{name}: {where} holds no sample of {', '.join(missing)}, which has a limit: map it, "
-            "or give other times"
+            f"{name}: {where} holds no sample of {', '.join(missing)}, which has a limit: map the "
+            "channel, or give other times"
         )
     worst = _worst(recorded, limits, np.zeros(len(KEYS)), (start, end))
     return FlownPoint(
@@ -112,30 +112,30 @@ def aborted_flight(
 def _segment(
     name: str, recording: Recording, planned: PlannedTest, marked: Interval | None
 ) -> tuple[Segment, tuple[float, float]]:
-    """The point's segment, and from when to when its samples count [s].
+    """The point's segment, and the interval in which its samples count [s].
 
-    That is with all of the manoeuvre that marked times lie in, and AFTERWARDS up to the next one.
+    The interval covers the whole manoeuvre around marked times, and AFTERWARDS up to the next one.
     """
     detected, _ = segments(recording, planned, ScoringRecipe(manoeuvres="detected"))
-    found = detected = tuple(segment for segment in detected if segment.onset is not None)
+    candidates = detected = tuple(segment for segment in detected if segment.onset is not None)
     if marked is not None:
-        found, _ = segments(recording, planned, ScoringRecipe(manoeuvres=(marked,)))
-    if len(found) != 1:
-        times = ", ".join(_times(recording, segment) for segment in found) or "none"
+        candidates, _ = segments(recording, planned, ScoringRecipe(manoeuvres=(marked,)))
+    if len(candidates) != 1:
+        times = ", ".join(_times(recording, segment) for segment in candidates) or "none"
         raise CampaignError(
-            f"{name}: {len(found)} manoeuvres were detected ({times}): say which one is the point, "
-            "by the start of its trim and its end"
+            f"{name}: {len(candidates)} manoeuvres detected ({times}): choose the point, by the "
+            "start of its trim and its end"
         )
-    (segment,) = found
-    whole = [one for one in (segment, *detected) if _overlap(one, segment)]
-    first, last = min(one.first for one in whole), max(one.last for one in whole)
+    (segment,) = candidates
+    whole = [each for each in (segment, *detected) if _overlap(each, segment)]
+    first, last = min(each.first for each in whole), max(each.last for each in whole)
     end = float(recording.t[last]) + AFTERWARDS
-    following = [float(recording.t[one.first]) for one in detected if one.first > last]
+    following = [float(recording.t[each.first]) for each in detected if each.first > last]
     return segment, (float(recording.t[first]), min([end, *following]))
 
 
 class _Worst(NamedTuple):
-    """Largest part of a limit, and which channel reached it when."""
+    """Largest part of a limit, with its channel and time in words."""
 
     part: float
     words: str
@@ -144,18 +144,18 @@ class _Worst(NamedTuple):
 def _worst(
     recorded: RepairedTraces, limits: Array, trim: Array, span: tuple[float, float]
 ) -> _Worst:
-    """Of every sample as it was recorded within a span, less its trim."""
-    found = _Worst(0.0, "")
+    """Over every recorded sample within a span, minus its trim."""
+    worst = _Worst(0.0, "")
     for c in np.flatnonzero(np.isfinite(limits)):
         t, values = _within(recorded, KEYS[c], *span)
         parts = np.abs(values - trim[c]) / limits[c]
-        if len(parts) and (part := float(parts.max())) > found.part:
-            found = _Worst(part, f"{KEYS[c]} at {t[parts.argmax()]:.2f} s")
-    return found
+        if len(parts) and (part := float(parts.max())) > worst.part:
+            worst = _Worst(part, f"{KEYS[c]} at {t[parts.argmax()]:.2f} s")
+    return worst
 
 
 def _within(recorded: RepairedTraces, key: str, start: float, end: float) -> tuple[Array, Array]:
-    """Times and values of a channel that are finite, from start to end; none where it has none."""
+    """Times and finite values of a channel from start to end; empty without any."""
     trace = recorded.traces.channels.get(key)
     if trace is None:
         return np.empty(0), np.empty(0)
@@ -164,13 +164,13 @@ def _within(recorded: RepairedTraces, key: str, start: float, end: float) -> tup
 
 
 def _flown_as_planned(where: str, y: Array, planned: PlannedTest, test: DatasetRecipe) -> str:
-    """What is to be said of how it was flown. CampaignError where it is another manoeuvre."""
+    """Remark on the flown input, or ""; CampaignError if it is another manoeuvre."""
     usual = np.abs(Simulator(test).rollouts(N_SIMULATED, np.random.default_rng(0)).y).max((0, 1))
     as_planned, words = surfaces_flown(planned, y, usual)
     if as_planned is False:
         raise CampaignError(
-            f"{where}: {words}. This is not the point as it was planned: look at the signs and "
-            "units of its mapping, or say which part of the recording it is"
+            f"{where}: {words}. This is not the planned point: check the signs and units of the "
+            "mapping, or choose the part of the recording"
         )
     flown, amplitudes = np.abs(y).max(axis=0)[list(SURFACES)], planned.amplitudes
     shares = flown[amplitudes > 0.0] / amplitudes[amplitudes > 0.0]
@@ -178,8 +178,8 @@ def _flown_as_planned(where: str, y: Array, planned: PlannedTest, test: DatasetR
     return f"{words}." if (shares < low).any() or (shares > high).any() else ""
 
 
-def _overlap(one: Segment, other: Segment) -> bool:
-    return one.first <= other.last and other.first <= one.last
+def _overlap(a: Segment, b: Segment) -> bool:
+    return a.first <= b.last and b.first <= a.last
 
 
 def _times(recording: Recording, segment: Segment) -> str:

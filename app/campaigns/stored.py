@@ -1,4 +1,4 @@
-"""Campaigns of the store, and what is told of them."""
+"""Stored campaigns, and their details over REST."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -51,7 +51,7 @@ class CampaignCondition(Entry):
 
 @dataclass(frozen=True)
 class CampaignFlight(Entry):
-    """How a point was flown, and where it is stored."""
+    """A point as flown, and where it is stored."""
 
     source: str
     """recording, and the time in it"""
@@ -60,11 +60,11 @@ class CampaignFlight(Entry):
     exceeded: str
     """channel and time, or empty"""
     passed: bool
-    """whether it is complete and stayed below what it must"""
+    """whether it is complete and stayed below its pass criterion"""
     recording: str | None
-    """id, where it is stored still"""
+    """id, if it is still stored"""
     flight: str | None
-    """id of the live flight that it was, where it is stored still"""
+    """id of its live flight, if that is still stored"""
     scorings: list[str]
     """ids, of the recording"""
     start: float | None
@@ -72,20 +72,20 @@ class CampaignFlight(Entry):
     end: float | None
     """in the recording [s]"""
     recording_deleted: bool
-    """whether it was stored, and is not any more"""
+    """whether its recording was stored and has been deleted"""
 
 
 @dataclass(frozen=True)
 class CampaignClearing(Clearing):
-    """What was computed of a point, with what follows from it."""
+    """The clearance computed for a point."""
 
     exceeding_at_most: float | None = None
-    """share of aircraft that exceed, with 95 % confidence by those simulated"""
+    """upper bound on the share of aircraft that exceed a limit, with 95 % confidence"""
 
 
 @dataclass(frozen=True)
 class CampaignPoint(Entry):
-    """A point, what was computed of it and what became of it."""
+    """A point, its clearance and its flight."""
 
     name: str
     condition: str
@@ -94,15 +94,15 @@ class CampaignPoint(Entry):
     """of the manoeuvre's command"""
     state: State
     passes_below: float
-    """part of a limit that it must stay below"""
+    """part of a limit to stay below"""
     criteria: str
-    """what else it must show"""
+    """further pass criteria"""
     events: list[Event]
     clearing: CampaignClearing | None
-    """what was computed before it was flown; null where nothing was"""
+    """clearance computed before the flight; null where none was"""
     flown: CampaignFlight | None
     monitor: str | None
-    """id of the one that was trained for it, where it is stored still"""
+    """id of the monitor trained for it, if that is still stored"""
 
 
 @dataclass(frozen=True)
@@ -114,62 +114,61 @@ class CampaignDetails(CampaignSummary):
     clearance: dict[str, Any]
     """how clearances are calibrated"""
     checklist: list[str]
-    """what a person confirms before the next point is flown; empty before a first one"""
+    """what a person confirms before the next point is flown; empty for a first point"""
     is_first: bool
-    """whether no step was flown before the next point, so that nothing can be computed of it"""
+    """whether the next point has no flown step to compute its clearance from"""
     exceeding_at_most: float
-    """probability that any point exceeds that was cleared by computation"""
+    """upper bound on the probability that any point cleared by computation exceeds a limit"""
 
 
 class Campaigns:
-    """The campaigns of a store. Its methods are for a thread."""
+    """The campaigns of a store. Call its methods in a thread."""
 
     def __init__(self, store: Store) -> None:
         self.store = store
 
     def add(self, campaign: Campaign) -> CampaignDetails:
-        """Store a campaign."""
-        return self._told(self.store.campaigns.add(campaign.name, campaign.as_plain()), campaign)
+        return self._details(self.store.campaigns.add(campaign.name, campaign.as_plain()), campaign)
 
     def all(self) -> list[CampaignSummary]:
-        """All campaigns, the one changed last first."""
+        """All campaigns, most recently changed first."""
         return [_summary(stored, _campaign(stored)) for stored in self.store.campaigns.all()]
 
     def get(self, campaign_id: str) -> tuple[StoredCampaign, Campaign]:
-        """One campaign, as it is stored and as what it is. NotFound."""
+        """One campaign, as stored and as an object. Raises NotFound."""
         stored = self.store.campaigns.get(campaign_id)
         return stored, _campaign(stored)
 
     def details(self, campaign_id: str) -> CampaignDetails:
-        """One campaign, point by point. NotFound."""
-        return self._told(*self.get(campaign_id))
+        """One campaign, point by point. Raises NotFound."""
+        return self._details(*self.get(campaign_id))
 
     def change(
         self, campaign_id: str, point: str, decide: Callable[[Campaign], Campaign]
     ) -> CampaignDetails:
-        """Do something with the next point, which must be the one of this name.
+        """Apply a decision to the next point, which must have this name.
 
-        NotFound; CampaignError; CampaignChanged where somebody else was faster.
+        Raises NotFound, CampaignError, or CampaignChanged if somebody else changed it meanwhile.
         """
         stored, campaign = self.get(campaign_id)
         check_next(campaign, point)
         return self.put(stored, decide(campaign))
 
     def put(self, before: StoredCampaign, campaign: Campaign) -> CampaignDetails:
-        """Store what came of a campaign; CampaignChanged where `before` is not the newest."""
-        return self._told(self.store.campaigns.put(before, campaign.as_plain()), campaign)
+        """Store a changed campaign; CampaignChanged if `before` is not the newest version."""
+        return self._details(self.store.campaigns.put(before, campaign.as_plain()), campaign)
 
-    def _told(self, stored: StoredCampaign, campaign: Campaign) -> CampaignDetails:
+    def _details(self, stored: StoredCampaign, campaign: Campaign) -> CampaignDetails:
         point = None if campaign.is_over else campaign.next.point
         return CampaignDetails(
             **vars(_summary(stored, campaign)),
             conditions=[
                 CampaignCondition(
-                    one.name, one.test.aircraft.description.split(";")[0], to_plain(one.test)
+                    each.name, each.test.aircraft.description.split(";")[0], to_plain(each.test)
                 )
-                for one in campaign.conditions
+                for each in campaign.conditions
             ],
-            points=[self._point(one) for one in campaign.points],
+            points=[self._point(each) for each in campaign.points],
             clearance=to_plain(campaign.clearance),
             checklist=list(checklist(campaign, point)) if point else [],
             is_first=point is not None and not campaign.flown(point.condition),
@@ -185,9 +184,9 @@ class Campaigns:
             point.passes_below,
             point.criteria,
             list(point.events),
-            _told(point.clearing),
+            _clearing(point.clearing),
             self._flight(point),
-            point.monitor if _is_there(self.store.monitors.info, point.monitor) else None,
+            point.monitor if _looked_up(self.store.monitors.info, point.monitor) else None,
         )
 
     def _flight(self, point: Point) -> CampaignFlight | None:
@@ -195,7 +194,7 @@ class Campaigns:
         if flown is None:
             return None
         recordings = self.store.recordings
-        info = _is_there(recordings.info, flown.recording)
+        info = _looked_up(recordings.info, flown.recording)
         scorings = self.store.scorings.of(flown.recording) if info else []
         return CampaignFlight(
             flown.source,
@@ -212,9 +211,11 @@ class Campaigns:
 
 
 def check_next(campaign: Campaign, point: str) -> None:
-    """CampaignError where another point is next: what is decided is decided of what was seen."""
+    """CampaignError if another point is next: the page that decided is out of date."""
     if (following := campaign.next.point.name) != point:
-        raise CampaignError(f"{point!r} is not the next point, that is {following!r}: look again")
+        raise CampaignError(
+            f"{point!r} is not the next point: {following!r} is; reload the campaign"
+        )
 
 
 def _campaign(stored: StoredCampaign) -> Campaign:
@@ -223,7 +224,7 @@ def _campaign(stored: StoredCampaign) -> Campaign:
 
 def _summary(stored: StoredCampaign, campaign: Campaign) -> CampaignSummary:
     point = None if campaign.is_over else campaign.next.point
-    aircraft = [one.test.aircraft.description.split(";")[0] for one in campaign.conditions]
+    aircraft = [each.test.aircraft.description.split(";")[0] for each in campaign.conditions]
     return CampaignSummary(
         stored.id,
         stored.name,
@@ -231,20 +232,20 @@ def _summary(stored: StoredCampaign, campaign: Campaign) -> CampaignSummary:
         stored.changed,
         list(dict.fromkeys(aircraft)),
         len(campaign.points),
-        sum(one.state == "complete" for one in campaign.points),
+        sum(each.state == "complete" for each in campaign.points),
         point.name if point else None,
         point.state if point else None,
     )
 
 
-def _told(clearing: Clearing | None) -> CampaignClearing | None:
+def _clearing(clearing: Clearing | None) -> CampaignClearing | None:
     if clearing is None:
         return None
     return CampaignClearing(**vars(clearing), exceeding_at_most=clearing.exceeding_share_at_most)
 
 
-def _is_there(look_up: Callable[[str], Any], identity: str) -> Any:
-    """What is stored of an id; None where there is none, or not any more."""
+def _looked_up(look_up: Callable[[str], Any], identity: str) -> Any:
+    """The stored item of an id; None if it is not stored (any more)."""
     try:
         return look_up(identity) if identity else None
     except NotFound:

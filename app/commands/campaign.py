@@ -202,7 +202,7 @@ def _hold(options: argparse.Namespace) -> int:
     campaign = load(options.file)
     point = campaign.next.point
     told = [f"{point.name}: hold, by {options.by}"]
-    return _done(options, campaign, campaign.held(options.by, options.why), told)
+    return _done(options, campaign, campaign.on_hold(options.by, options.why), told)
 
 
 def _abort(options: argparse.Namespace) -> int:

@@ -7,7 +7,7 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from app.campaigns.campaign import Campaign, Condition, Point, percent_at_most
-from app.campaigns.clearing import checklist, rarely_words
+from app.campaigns.clearing import bound_in_words, checklist
 from app.campaigns.derivatives import history
 from app.labels import kind_label
 from app.recipes import to_plain
@@ -41,7 +41,7 @@ def campaign_page(campaign: Campaign) -> str:
         is_first=point is not None and not campaign.flown(point.condition),
         conditions=[_condition(campaign, condition) for condition in campaign.conditions],
         any_cleared=any(point.clearing and point.clearing.cleared for point in campaign.points),
-        rarely_words=rarely_words,
+        bound_in_words=bound_in_words,
         exceeding_at_most=percent_at_most(campaign.exceeding_at_most),
         version=__version__,
     )

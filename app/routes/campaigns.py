@@ -259,7 +259,7 @@ async def hold_point(
     campaign_id: str, decision: Decision, campaigns: CampaignsDep, person: PersonDep
 ) -> CampaignDetails:
     """The next point is not flown for now."""
-    return await _decided(campaigns, campaign_id, decision, person, Campaign.held)
+    return await _decided(campaigns, campaign_id, decision, person, Campaign.on_hold)
 
 
 @router.post("/{campaign_id}/abort", responses=_DECIDED)

@@ -122,7 +122,7 @@ def test_a_campaign_goes_from_card_to_clearance_to_live_flight_to_report(
     expect(confirm).to_be_disabled()
     boxes = campaign.next.get_by_role("checkbox")
     expect(boxes).to_have_count(5)
-    expect(campaign.next).to_contain_text("one step cannot show a nonlinear aircraft")
+    expect(campaign.next).to_contain_text("one step cannot reveal a nonlinear aircraft")
     for box in boxes.all():
         box.check()
     confirm.click()
@@ -262,7 +262,7 @@ def test_a_campaign_is_planned_on_the_page_and_refused_with_words(
     steps = page.get_by_label("steps, as shares of the amplitude")
     steps.fill("0.8 0.4")
     page.get_by_role("button", name="Plan it").click()
-    expect(page.get_by_role("alert").last).to_contain_text("of one sign, and grow")
+    expect(page.get_by_role("alert").last).to_contain_text("one sign and grow")
     steps.fill("0,5 1")
     page.get_by_label("each must stay below").fill("0.9")
     page.get_by_role("button", name="Plan it").click()

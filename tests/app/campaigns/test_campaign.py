@@ -1,4 +1,4 @@
-"""A campaign as a value and a file: its states, and what is refused."""
+"""A campaign as a value and a file: its states, and refused input."""
 
 import json
 from dataclasses import replace
@@ -17,7 +17,7 @@ from app.campaigns.campaign import (
     Point,
     percent_at_most,
 )
-from app.campaigns.clearing import words_of
+from app.campaigns.clearing import clearing_in_words
 from app.campaigns.file import load
 from core.clearance import ClearanceError, ClearanceRecipe
 from core.evaluation.lead_sweep import TESTS
@@ -34,7 +34,6 @@ def planned() -> Campaign:
 
 
 def test_points_are_shares_of_the_planned_amplitude() -> None:
-    """Each is a planned test of its own."""
     campaign = planned()
     assert [point.name for point in campaign.points] == ["50%", "75%", "100%"]
     assert campaign.test_of(campaign.points[0]).maneuver.peak_deg == pytest.approx(9.63 / 2)
@@ -42,8 +41,8 @@ def test_points_are_shares_of_the_planned_amplitude() -> None:
     assert {point.state for point in campaign.points} == {"planned"}
 
 
-def test_states_follow_each_other_with_names_and_times() -> None:
-    """A point that is complete or aborted is over; the next one is the first that is not."""
+def test_each_state_has_a_name_and_a_time() -> None:
+    """The next point is the first that is neither complete nor aborted."""
     campaign = planned().changed(0, "cleared", " Ann ", "first point")
     campaign = campaign.changed(0, "complete", "Bob", flown=FLOWN)
     assert [event.state for event in campaign.points[0].events] == ["cleared", "complete"]
@@ -60,7 +59,6 @@ def test_states_follow_each_other_with_names_and_times() -> None:
 
 
 def test_a_file_holds_the_whole_campaign(tmp_path: Path) -> None:
-    """And comes back the same."""
     clearing = Clearing(
         True, 0.02, 0.1, (0.5, 0.7, 0.9), 9.1, (), 210, 1_000, ClearanceRecipe(), ("50%",)
     )
@@ -75,27 +73,26 @@ def test_a_file_holds_the_whole_campaign(tmp_path: Path) -> None:
     ("fractions", "words"),
     [
         ((1.0,), "has 2 to 50"),
-        ((0.5, 0.5), "of one sign, and grow"),
-        ((0.8, 0.5), "of one sign, and grow"),
-        ((0.0, 0.5), "of one sign, and grow"),
-        ((0.501, 0.502), "two points have one name"),
-        ((-0.5, 0.6), "of one sign, and grow"),
+        ((0.5, 0.5), "one sign and grow"),
+        ((0.8, 0.5), "one sign and grow"),
+        ((0.0, 0.5), "one sign and grow"),
+        ((0.501, 0.502), "two points have the same name"),
+        ((-0.5, 0.6), "one sign and grow"),
         ((0.5, float("inf")), "goes to 90 deg at most"),
-        ((0.5, float("nan")), "of one sign, and grow"),
+        ((0.5, float("nan")), "one sign and grow"),
     ],
 )
 def test_points_that_do_not_build_up_are_refused(fractions: tuple[float, ...], words: str) -> None:
-    """With what is needed."""
     with pytest.raises(CampaignError, match=words):
         Campaign.planned("c", Condition("", TEST), fractions, ClearanceRecipe())
 
 
-def flown_so(plain: dict[str, Any], **changes: Any) -> dict[str, Any]:
+def with_flown(plain: dict[str, Any], **changes: Any) -> dict[str, Any]:
     plain["points"][0]["flown"] |= changes
     return plain
 
 
-def event_so(plain: dict[str, Any], **changes: Any) -> dict[str, Any]:
+def with_event(plain: dict[str, Any], **changes: Any) -> dict[str, Any]:
     plain["points"][0]["events"][0] |= changes
     return plain
 
@@ -109,7 +106,7 @@ def complete_last(plain: dict[str, Any]) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("damage", "words"),
     [
-        (lambda plain: plain | {"format": "other"}, "is no campaign"),
+        (lambda plain: plain | {"format": "other"}, "is not a campaign file"),
         (lambda plain: plain | {"version": 3}, "of version 3"),
         (lambda plain: {k: v for k, v in plain.items() if k != "points"}, "lacks 'points'"),
         (lambda plain: plain | {"points": [{"name": 3}]}, "points.0"),
@@ -122,23 +119,22 @@ def complete_last(plain: dict[str, Any]) -> dict[str, Any]:
         (lambda plain: plain | {"conditions": 3}, "is damaged"),
         (lambda plain: plain | {"conditions": [{"name": "M .8", "test": {}}]}, "flight condition"),
         (lambda plain: plain | {"clearance": {"epsilon": 2.0}}, "epsilon"),
-        (lambda plain: plain | {"name": ["c"]}, "it is a text"),
+        (lambda plain: plain | {"name": ["c"]}, "give a text"),
         (lambda plain: plain | {"name": "c" * 201}, "has 201 characters"),
-        (lambda plain: flown_so(plain, y=[[0.0] * 6] * 2 + [[0.0] * 5]), r"shape \(0, 0\)"),
-        (lambda plain: flown_so(plain, y=[[0.0] * 5] * 3), r"shape \(3, 5\)"),
-        (lambda plain: flown_so(plain, y=[]), "lacks flown samples"),
-        (lambda plain: flown_so(plain, reached=-5.0), "a part of a limit, 0 or more"),
-        (lambda plain: event_so(plain, at="yesterday"), "as ISO 8601 has it"),
-        (lambda plain: event_so(plain, by=" "), "nobody was named"),
-        (lambda plain: event_so(plain, state="cleared"), "just a complete point"),
-        (lambda plain: event_so(plain, state="aborted"), "and has flown samples"),
-        (lambda plain: event_so(flown_so(plain, y=[]), state="hold"), "complete or aborted"),
+        (lambda plain: with_flown(plain, y=[[0.0] * 6] * 2 + [[0.0] * 5]), r"shape \(0, 0\)"),
+        (lambda plain: with_flown(plain, y=[[0.0] * 5] * 3), r"shape \(3, 5\)"),
+        (lambda plain: with_flown(plain, y=[]), "lacks flown samples"),
+        (lambda plain: with_flown(plain, reached=-5.0), "a part of a limit, 0 or more"),
+        (lambda plain: with_event(plain, at="yesterday"), "in ISO 8601"),
+        (lambda plain: with_event(plain, by=" "), "no name was given"),
+        (lambda plain: with_event(plain, state="cleared"), "only a complete point"),
+        (lambda plain: with_event(plain, state="aborted"), "and has flown samples"),
+        (lambda plain: with_event(with_flown(plain, y=[]), state="hold"), "complete or aborted"),
         (lambda plain: plain | {"points": plain["points"][1:] + plain["points"][:1]}, "grow"),
-        (lambda plain: complete_last(plain), "they go in order"),
+        (lambda plain: complete_last(plain), "in order"),
     ],
 )
 def test_a_damaged_file_is_refused(tmp_path: Path, damage, words: str) -> None:
-    """By what is wrong with it."""
     path = tmp_path / "c.json"
     planned().completed(FLOWN, "Bob").save(path)
     path.write_text(json.dumps(damage(json.loads(path.read_text()))))
@@ -146,8 +142,7 @@ def test_a_damaged_file_is_refused(tmp_path: Path, damage, words: str) -> None:
         load(path)
 
 
-def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
-    """Missing, or not JSON."""
+def test_missing_and_broken_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(RecipeError, match="cannot be read"):
         load(tmp_path / "none.json")
     (tmp_path / "text.json").write_text("{")
@@ -155,20 +150,17 @@ def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
         load(tmp_path / "text.json")
 
 
-def test_nobody_decides_nothing() -> None:
-    """Each change has a name."""
-    with pytest.raises(CampaignError, match="say who decides"):
+def test_a_decision_needs_a_name() -> None:
+    with pytest.raises(CampaignError, match="person who decides"):
         planned().changed(0, "cleared", " ")
 
 
-def test_nothing_is_cleared_from_nothing() -> None:
-    """A first point has no build-up."""
+def test_a_first_point_has_no_build_up() -> None:
     with pytest.raises(ClearanceError, match="no flown step"):
         planned().build_up(Point("x", 1.0))
 
 
-def test_a_file_of_the_version_before_has_one_flight_condition(tmp_path: Path) -> None:
-    """Its one test is of all points."""
+def test_a_file_of_version_1_has_one_flight_condition(tmp_path: Path) -> None:
     path = tmp_path / "c.json"
     planned().save(path)
     plain = json.loads(path.read_text(encoding="utf-8"))
@@ -179,8 +171,8 @@ def test_a_file_of_the_version_before_has_one_flight_condition(tmp_path: Path) -
     assert load(path) == planned()
 
 
-def test_steps_of_another_flight_condition_clear_nothing() -> None:
-    """Each condition begins with a person's decision."""
+def test_steps_of_another_flight_condition_clear_no_point() -> None:
+    """At each condition a person clears the first point."""
     campaign = planned().extended(Condition("M 0.8", TEST), (0.5, 1.0))
     assert [point.name for point in campaign.points[3:]] == ["50% M 0.8", "100% M 0.8"]
     for number in range(3):
@@ -190,23 +182,22 @@ def test_steps_of_another_flight_condition_clear_nothing() -> None:
         campaign.build_up(campaign.next.point)
     campaign = campaign.confirmed("Ann")
     assert campaign.next.point.state == "cleared"
-    with pytest.raises(CampaignError, match="two flight conditions have one name"):
+    with pytest.raises(CampaignError, match="two flight conditions have the same name"):
         campaign.extended(Condition("M 0.8", TEST), (0.6, 0.7))
 
 
-def test_a_point_beyond_its_criterion_did_not_pass() -> None:
-    """Which is said where it is complete."""
+def test_a_point_beyond_its_criterion_is_not_passed() -> None:
     plan = "c", Condition("", TEST), (0.5, 1.0), ClearanceRecipe()
     campaign = Campaign.planned(*plan, passes_below=0.5)
     campaign = campaign.completed(FLOWN, "Bob")
     assert campaign.points[0].failed
-    assert "NOT PASSED: it had to stay below 50%" in campaign.points[0].events[-1].words
+    assert "NOT PASSED: the criterion is below 50%" in campaign.points[0].events[-1].words
     with pytest.raises(CampaignError, match="above 0, at most 1"):
         Campaign.planned(*plan, passes_below=1.1)
 
 
 def test_the_probability_of_any_exceedance_is_bounded_by_the_sum() -> None:
-    """Of each cleared point's exceeding aircraft a share epsilon; of rare ones all."""
+    """Each cleared point adds epsilon times its exceeding aircraft; all of them if rare."""
     recipe = ClearanceRecipe(epsilon=0.1)
     about = (0.1, (0.5, 0.7, 0.9), 9.1, ())
 
@@ -223,11 +214,10 @@ def test_the_probability_of_any_exceedance_is_bounded_by_the_sum() -> None:
     assert campaign.exceeding_at_most == pytest.approx(rare + 0.1 * often)
     (first, _, _) = (point.clearing for point in campaign.points)
     assert first
-    assert "(at most 0.92 %, 95 % confidence)" in words_of(first)
+    assert "(at most 0.92 %, 95 % confidence)" in clearing_in_words(first)
 
 
-def test_amplitudes_of_either_sign_build_up_within_the_stops() -> None:
-    """Larger ones than the actuators take are refused."""
+def test_amplitudes_build_up_within_the_actuator_limits() -> None:
     maneuver = TEST.maneuver.with_peak(-9.63)
     left = Campaign.planned(
         "c", Condition("", replace(TEST, maneuver=maneuver)), (0.5, 1.0), ClearanceRecipe()
@@ -241,19 +231,18 @@ def test_amplitudes_of_either_sign_build_up_within_the_stops() -> None:
         )
 
 
-def test_a_point_after_an_aborted_first_one_is_cleared_for_a_reason_only() -> None:
-    """Nothing can be computed of it, and nobody overlooks that."""
+def test_clearing_a_point_after_an_aborted_first_one_needs_a_reason() -> None:
     campaign = planned().aborted("Bob", "N_y exceeded, broke off")
-    with pytest.raises(CampaignError, match=r"50% came to nothing.*give the reason"):
+    with pytest.raises(CampaignError, match=r"50% aborted.*give the reason"):
         campaign.confirmed("Ann")
     cleared = campaign.confirmed("Ann", "gust, not the point")
     assert cleared.next.point.state == "cleared"
-    with pytest.raises(CampaignError, match="is cleared already"):
+    with pytest.raises(CampaignError, match="is already cleared"):
         cleared.confirmed("Ann")
 
 
-def test_a_point_aborted_in_flight_says_how_far_it_came() -> None:
-    """It is no step to compute from; its exceedance is told, and what follows goes by it."""
+def test_a_point_aborted_in_flight_reports_the_limit_reached() -> None:
+    """It is not a step to compute from, but its exceedance counts."""
     campaign = planned().completed(FLOWN, "Bob")
     part = FlownPoint("gust.csv, all of it", (), 1.2, "Ny at 7.00 s")
     campaign = campaign.aborted("Bob", "broke off", part)
@@ -263,7 +252,7 @@ def test_a_point_aborted_in_flight_says_how_far_it_came() -> None:
     )
     assert point.failed
     assert campaign.last_flown("") == point
-    assert [one.name for one in campaign.flown("")] == ["50%"]
+    assert [point.name for point in campaign.flown("")] == ["50%"]
     assert planned().aborted("Bob", "weather").points[0].flown is None
 
 

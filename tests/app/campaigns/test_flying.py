@@ -1,4 +1,4 @@
-"""A point's recording: what counts of it, and what is no flight of the point."""
+"""A point's recording: what counts, and what is refused."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,11 +25,11 @@ NY, DELTA_R = KEYS.index("Ny"), KEYS.index("delta_r")
 FAST = 10
 """Times as fast as the test's samples."""
 AFTER = 40
-"""Of the test's samples, that are recorded after the manoeuvre."""
+"""Samples of the test recorded after the manoeuvre."""
 
 
 def flight(scale: float = 0.6) -> Array:
-    """The nominal aircraft on the planned test, (n, 6) at FAST times its rate, and at rest after.
+    """The nominal aircraft on the planned test, then at rest: (n, 6) at FAST times the rate.
 
     It stays below its limit.
     """
@@ -48,7 +48,7 @@ def flown(
     bias: float = 0.0,
     cut: Callable[..., FlownPoint] = flown_point,
 ) -> FlownPoint:
-    """The point of a recording of such samples, all of it flown with so much N_y in trim [g]."""
+    """The point of a recording of these samples. bias: N_y in trim [g]."""
     file = path / "flight.csv"
     head, *rows = table(y, TEST.dt / FAST).splitlines()
     cells = np.array([row.split(",") for row in rows], np.float64)
@@ -81,7 +81,7 @@ def test_an_exceedance_between_two_samples_of_the_test_counts(tmp_path: Path) ->
 def test_marked_times_hide_no_exceedance_of_the_manoeuvre(
     tmp_path: Path, marked: tuple[float, float] | None
 ) -> None:
-    """Nor one that follows it at once; one much later is told."""
+    """Nor one just after it; one much later gets a remark."""
     y = flight()
     y[round((12.0 - TRIM_S) / TEST.dt * FAST), NY] = -0.6
     point = flown(tmp_path, y, marked)
@@ -94,8 +94,8 @@ def test_marked_times_hide_no_exceedance_of_the_manoeuvre(
 
 
 def test_the_next_manoeuvre_of_a_recording_is_another_point(tmp_path: Path) -> None:
-    one, worse = flight(0.6)[: -AFTER * FAST], flight(2.0)
-    both = np.vstack([one, np.zeros((round(1.5 / TEST.dt) * FAST, len(KEYS))), worse])
+    mild, worse = flight(0.6)[: -AFTER * FAST], flight(2.0)
+    both = np.vstack([mild, np.zeros((round(1.5 / TEST.dt) * FAST, len(KEYS))), worse])
     point = flown(tmp_path, both, (TRIM_S, TRIM_S + 6.0))
     assert (point.exceeded, point.reached < 1.0) == ("", True)
     assert "outside every manoeuvre" in point.remark
@@ -126,27 +126,27 @@ def aileron_instead(y: Array) -> Array:
         (reversed_rudder, "its sign is reversed"),
         (aileron_instead, "the planned manoeuvre does not use it"),
         (lambda y: 0.25 * y, "hardly flown"),
-        (lambda y: y[: round(0.7 * (len(y) - AFTER * FAST))], "give the whole of it"),
+        (lambda y: y[: round(0.7 * (len(y) - AFTER * FAST))], "give the whole manoeuvre"),
     ],
 )
-def test_what_is_no_flight_of_the_point_is_refused(
+def test_other_flights_than_the_point_are_refused(
     tmp_path: Path, change: Callable[[Array], Array], words: str
 ) -> None:
     with pytest.raises(CampaignError, match=words):
         flown(tmp_path, change(flight(1.0)))
 
 
-def test_another_amplitude_than_planned_is_told(tmp_path: Path) -> None:
+def test_another_amplitude_than_planned_gets_a_remark(tmp_path: Path) -> None:
     assert "rudder moved by" in flown(tmp_path, flight(0.5)).remark
 
 
-def test_a_flight_that_was_broken_off_counts_against_the_limits_as_recorded(tmp_path: Path) -> None:
-    """Trim and all, within the marked times; nothing can be computed from it."""
+def test_an_aborted_flight_counts_against_the_limits_as_recorded(tmp_path: Path) -> None:
+    """With its trim, within the marked times; no clearance is computed from it."""
     y = flight()[: 2 * FAST * 20]
     y[FAST * 20, NY] = 0.55
     at = TRIM_S + 20 * TEST.dt
     whole = flown(tmp_path, y, bias=0.05, cut=aborted_flight)
-    assert (whole.y, whole.source) == ((), "flight.csv, all of it")
+    assert (whole.y, whole.source) == ((), "flight.csv, entire recording")
     assert (whole.exceeded, whole.reached) == (f"Ny at {at:.2f} s", pytest.approx(1.2))
     before = flown(tmp_path, y, (0.0, TRIM_S), bias=0.05, cut=aborted_flight)
     assert (before.exceeded, before.reached) == ("", pytest.approx(0.1, abs=0.01))
@@ -155,10 +155,10 @@ def test_a_flight_that_was_broken_off_counts_against_the_limits_as_recorded(tmp_
         flown(tmp_path, y, (90.0, 99.0), cut=aborted_flight)
 
 
-def test_one_recording_is_one_points(tmp_path: Path) -> None:
+def test_one_recording_serves_one_point(tmp_path: Path) -> None:
     point = flown(tmp_path, flight(0.8))
     condition = Condition("", TEST)
     campaign = Campaign.planned("c", condition, (0.8, 0.9), ClearanceRecipe())
     campaign = campaign.completed(point, "Bob")
-    with pytest.raises(CampaignError, match="the samples of '80%'"):
+    with pytest.raises(CampaignError, match="has the samples of '80%'"):
         campaign.completed(point, "Bob")

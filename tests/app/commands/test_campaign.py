@@ -92,7 +92,7 @@ def test_a_build_up_is_planned_cleared_flown_and_identified(
     assert "Next: 100%" in page
     assert page.count('class="flown"') == 2
     assert page.count('class="predicted"') == 1
-    assert "N_y and the surfaces read true" in page
+    assert "N_y and surface sensors" in page
     assert "not determined" in page
     assert "http" not in page
     recipe = campaign.with_name("recipe.json")
@@ -113,7 +113,7 @@ def test_a_flight_that_is_not_the_aircrafts_holds_the_next_point(
         row[-1] = str(0.5 * float(row[-1]))
     flight.write_text("\n".join(map(",".join, rows)))
     assert run(campaign, "fly", str(flight), "--by", "Bob") == 0
-    assert "although it was planned" in capsys.readouterr().out
+    assert "flown while planned" in capsys.readouterr().out
     assert run(campaign, "clear", "--by", "Ann") == 1
     told = capsys.readouterr().out
     assert "80%: hold: clearance withdrawn" in told
@@ -130,7 +130,7 @@ def test_an_exceedance_is_said(campaign: Path, capsys: pytest.CaptureFixture[str
 @pytest.mark.parametrize(
     ("action", "options", "words"),
     [
-        ("clear", ("--by", "Ann"), "no step was flown before '60%'"),
+        ("clear", ("--by", "Ann"), "no step flown before '60%'"),
         ("identify", (), "no point is complete"),
         ("abort", ("--by", "Ann"), "no reason was given"),
         ("fly", ("none.csv", "--by", "Ann"), "none.csv"),
@@ -167,7 +167,9 @@ def test_a_point_is_aborted_in_flight(campaign: Path, capsys: pytest.CaptureFixt
     assert run(campaign, "abort", *why, "--start", "0", "--end", "9") == 1
     assert "give it with --recording" in capsys.readouterr().err
     assert run(campaign, "abort", *why, "--recording", recorded(campaign)) == 0
-    assert "aborted by Ann: flutter; flight.csv, all of it: reached" in capsys.readouterr().out
+    assert (
+        "aborted by Ann: flutter; flight.csv, entire recording: reached" in capsys.readouterr().out
+    )
     flown = load(campaign).points[0].flown
     assert flown is not None
     assert (flown.y, flown.exceeded) == ((), "")
@@ -205,7 +207,7 @@ def test_a_recording_with_gaps_or_several_manoeuvres_is_refused(
     ]
     flight.write_text("\n".join([head, *twice]))
     assert run(campaign, "fly", str(flight), "--by", "Bob") == 1
-    assert "say which one is the point" in capsys.readouterr().err
+    assert "choose the point" in capsys.readouterr().err
     assert run(campaign, "fly", str(flight), "--by", "Bob", "--start", "4.5", "--end", "11") == 0
     for k in range(140, 150):
         rows[k] = rows[k].split(",")[0] + ",,,,,,"
@@ -227,7 +229,7 @@ def test_points_at_another_flight_condition_are_added(
     page = campaign.with_suffix(".html").read_text(encoding="utf-8")
     assert page.count("<svg") == 2
     assert run(campaign, "add", *plan, *TEST) == 1
-    assert "two flight conditions have one name" in capsys.readouterr().err
+    assert "two flight conditions have the same name" in capsys.readouterr().err
 
 
 def test_what_somebody_decided_meanwhile_is_not_written_over(

@@ -55,7 +55,7 @@ def test_a_report_is_one_file_that_says_it_all(given: Path, capsys: pytest.Captu
     assert "not tested" not in printed
     html = (given / "flight-report.html").read_text()
     assert "<h1>flight.csv</h1>" in html
-    assert "on fresh simulated flights at ε = 0.1: missed" in html
+    assert "on fresh simulated flights ε = 0.1: missed" in html
     assert "proposed by the program, not confirmed" in html
     assert "rudder doublet" in html
     assert len(re.findall("<section>", html)) == 1
@@ -88,7 +88,7 @@ def test_each_monitor_at_each_epsilon_has_a_report_of_its_own(given: Path, attas
     labels = [f"kept-{name}-epsilon-{e}" for name in ("attas", "other") for e in ("0.1", "0.4")]
     made = {path.name for path in given.glob("kept*")}
     assert made == {f"{label}{ending}" for label in labels for ending in (".html", ".csv")}
-    assert "at ε = 0.4" in Path("kept-other-epsilon-0.4.html").read_text()
+    assert "ε = 0.4" in Path("kept-other-epsilon-0.4.html").read_text()
 
 
 def test_a_recording_is_never_written_over(given: Path, capsys: pytest.CaptureFixture):

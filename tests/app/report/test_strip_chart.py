@@ -1,4 +1,4 @@
-"""Strips as SVG: what is drawn lies where it belongs, and nothing that could be seen is lost."""
+"""Strips as SVG: lines lie at their values, and reduction loses no visible peak."""
 
 import re
 from xml.etree import ElementTree
@@ -54,7 +54,7 @@ def test_a_line_goes_through_its_samples_and_is_broken_where_one_is_missing(char
     assert path.count("M") == 2
 
 
-def test_a_strip_makes_room_for_all_that_it_shows(chart: StripChart):
+def test_a_strip_has_room_for_all_its_values(chart: StripChart):
     strip = chart.strip(50.0, "N_y [g]")
     strip.show(np.array([-0.3, np.nan, 0.1]), [0.5, -0.5])
     assert strip.low < -0.5
@@ -77,7 +77,7 @@ def test_a_strip_shows_anything(chart: StripChart, values: list[float]):
     spread=st.floats(1e-4, 1e7),
     n=st.integers(2, 10),
 )
-def test_ticks_are_round_within_and_about_as_many_as_wished(low: float, spread: float, n: int):
+def test_ticks_are_round_and_about_as_many_as_requested(low: float, spread: float, n: int):
     high = low + spread
     found = [value for value, _ in ticks(low, high, n)]
     step = 10 ** np.floor(np.log10(spread / n)) / 1e6
@@ -100,7 +100,7 @@ def test_names_that_do_not_fit_become_numbers_and_crowded_ones_are_left_out(char
     assert len(numbers) < 60
 
 
-def test_spans_are_drawn_with_a_width_that_can_be_seen(chart: StripChart):
+def test_intervals_have_a_visible_width(chart: StripChart):
     strip = chart.strip(50.0)
     strip.fill("alert", [(12.0, 12.0), (15.0, 16.0)], least=1.5)
     (path,) = paths(chart, "alert")
@@ -108,7 +108,7 @@ def test_spans_are_drawn_with_a_width_that_can_be_seen(chart: StripChart):
     np.testing.assert_allclose(np.diff(boxes).ravel(), [1.5, INNER / 10], atol=0.11)
 
 
-def test_faults_have_a_strip_a_kind_in_a_fixed_order():
+def test_faults_have_one_strip_for_each_kind_in_fixed_order():
     intervals = [
         {"start": 5.0, "end": 6.0, "kind": "missing:Ny"},
         {"start": 1.0, "end": 2.0, "kind": "frozen:p"},
