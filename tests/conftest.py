@@ -64,7 +64,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     other processes most of the time: each of their files comes just before one that computes.
     """
     long = LONG if IS_CAMPAIGN else ()
-    first = ("browser/", "faults/", *long, "fuzzing/", "test_readme.py", "core/monitor/")
+    first = ("browser/", "faults/", *long, "fuzzing/", "test_guide.py", "core/monitor/")
     files: dict[str, list[pytest.Item]] = {}
     for item in items:
         files.setdefault(item.nodeid.partition("::")[0].partition("/")[2], []).append(item)

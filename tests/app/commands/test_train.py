@@ -196,9 +196,9 @@ def test_what_an_option_says_goes_before_the_usual_test(capsys):
     assert recipe["limits"]["Ny"] == 0.3
 
 
-def test_the_model_of_the_readme_trains(tmp_path: Path, capsys):
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    (model,) = re.findall(r"```json\n(.*?)```", readme, re.DOTALL)
+def test_the_model_of_the_guide_trains(tmp_path: Path, capsys):
+    page = (ROOT / "static" / "guide" / "first-monitor.md").read_text(encoding="utf-8")
+    (model,) = re.findall(r"```json\n(.*?)```", page, re.DOTALL)
     (tmp_path / "model.json").write_text(model)
     arguments = ["--aircraft", str(tmp_path / "model.json"), "--n-test", "50", "--n-unsafe", "50"]
     assert main(["train", *arguments, "-o", str(tmp_path / "m.fwm")]) == 0
