@@ -327,7 +327,9 @@ class LiveStatus(Message):
         default="", description="why the newest message was one of them; empty where it was a batch"
     )
     foreign: int = Field(description="datagrams of somebody else than the source")
-    counts: dict[str, int] = Field(description="samples by kind: see First live flight in the guide")
+    counts: dict[str, int] = Field(
+        description="samples by kind: see First live flight in the guide"
+    )
     unread: list[str] = Field(
         default_factory=list, description="names that batches held and nothing reads, the first 20"
     )

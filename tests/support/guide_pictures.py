@@ -1,7 +1,9 @@
 """Makes the guide's pictures: our own pages in Chromium, and figures: `make pictures`."""
 
 import io
+import itertools
 import tempfile
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -20,6 +22,8 @@ from app.recipes import to_plain
 from core.channels import KEYS
 from core.collection import DatasetRecipe, Simulator
 from core.monitor import MonitorRecipe, load
+from core.monitor.predictor import ResponseFilter
+from core.monitor.score import CardWindow
 from core.planned_test import Simulator as PlannedTest
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import CONTROL_LAWS
@@ -33,7 +37,9 @@ COLOURS = 96
 """Of a picture's palette."""
 WIDTH, HEIGHT = 1280, 760
 DATASET = DatasetRecipe(n_unsafe=200, seed=1).as_flown()
-MONITOR = MonitorRecipe(t_early=0.25, epsilon=0.1, guarantee="95%")
+MONITOR = MonitorRecipe(
+    t_early=0.25, epsilon=0.1, guarantee="95%", predictor=ResponseFilter(), score=CardWindow()
+)
 OTHER_SIDE = DatasetRecipe(n_unsafe=20, maneuver=Doublet(amplitude_deg=-9.5), seed=2)
 FLIGHT = {"kind": "simulated", "seed": 3, "outcome": "unsafe"}
 BUILD_UP = DatasetRecipe(
@@ -44,6 +50,8 @@ BUILD_UP = DatasetRecipe(
     n_unsafe=60,
 )
 DT = DATASET.dt
+SETTLE = 900
+"""[ms] Until a page shows the newest sample."""
 
 
 class Studio:
@@ -81,9 +89,11 @@ class Studio:
         return page
 
     def fly(self, source: dict[str, Any], monitor: str, page: Page | None = None) -> str:
-        """Start a flight and open its page; returns its id."""
+        """Start a flight, one that can be steered at its first sample, and open its page."""
         body = {"source": source, "monitor": monitor}
         flight = self.ask("POST", "/flights", json=body)["id"]
+        if source["kind"] != "live":
+            self.steer(flight, "pause")
         page = page or self.page
         page.goto("about:blank")
         page.goto(f"{self.site.http}/#/fly/{flight}")
@@ -94,13 +104,43 @@ class Studio:
         body = {"action": action, "value": value}
         self.ask("POST", f"/flights/{flight}/transport", json=body)
 
-    def until(self, flight: str, holds: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-        """The flight, once something holds of it."""
-        for _ in range(1200):
+    def step_until(
+        self, flight: str, holds: Callable[[dict[str, Any]], bool], steps: bool = True
+    ) -> dict[str, Any]:
+        """The flight at its first sample of which something holds; a live one is waited for."""
+        for _ in range(2000):
             if holds(state := self.ask("GET", f"/flights/{flight}")):
                 return state
-            time.sleep(0.02)
-        raise TimeoutError(state)
+            self.steer(flight, "step", 1) if steps else time.sleep(0.02)
+        raise ValueError(f"it never holds of {state}")
+
+    def end(self, flight: str) -> None:
+        self.ask("POST", f"/flights/{flight}/end")
+
+
+class Source:
+    """A live source at rest that sends at its rate while the block lasts."""
+
+    def __init__(self, studio: Studio, flight: str) -> None:
+        self.studio, self.flight = studio, flight
+        self.over = threading.Event()
+        self.thread = threading.Thread(target=self.send, daemon=True)
+
+    def send(self) -> None:
+        rest = dict.fromkeys(KEYS, 0.0)
+        start = time.monotonic()
+        for k in itertools.count():
+            if self.over.wait(max(0.0, start + k * DT - time.monotonic())):
+                return
+            body = {"sequence": k, "t": k * DT} | rest
+            self.studio.ask("POST", f"/flights/{self.flight}/samples", json=body)
+
+    def __enter__(self) -> None:
+        self.thread.start()
+
+    def __exit__(self, *_: object) -> None:
+        self.over.set()
+        self.thread.join()
 
 
 def save(name: str, picture: bytes) -> None:
@@ -121,54 +161,46 @@ def gauges(studio: Studio, monitor: str, opposite: str) -> None:
     page = studio.page
     gauge = page.locator(".gauge-panel")
     flight = studio.fly(FLIGHT, monitor)
-    studio.steer(flight, "pause")
-    studio.steer(flight, "seek", 0.0)
-    page.wait_for_timeout(800)
+    studio.step_until(flight, lambda state: state["head"] >= 10)
+    page.wait_for_timeout(SETTLE)
     take("gauge-ok", gauge)
-    studio.ask("POST", f"/flights/{flight}/end")
+    studio.end(flight)
 
-    flight = studio.fly(
-        {"kind": "replay", "dataset": opposite, "outcome": "unsafe", "rollout": 0}, monitor
-    )
-    studio.until(flight, lambda state: "invalid" in (state["status"], *state["beside"]))
-    page.wait_for_timeout(400)
-    studio.steer(flight, "pause")
-    page.wait_for_timeout(600)
+    replay = {"kind": "replay", "dataset": opposite, "outcome": "safe", "rollout": 0}
+    flight = studio.fly(replay, monitor)
+    studio.step_until(flight, lambda state: "invalid" in (state["status"], *state["beside"]))
+    page.wait_for_timeout(SETTLE)
     take("gauge-invalid", gauge)
-    studio.ask("POST", f"/flights/{flight}/end")
+    studio.end(flight)
 
-    flight = studio.fly({"kind": "live", "trim": "none"}, monitor)
-    rest = {key: 0.0 for key in KEYS}
+    flight = studio.fly({"kind": "live"}, monitor)
+    page.wait_for_timeout(SETTLE)
     take("live-waiting", page)
-    studio.ask("POST", f"/flights/{flight}/samples", json={"sequence": 0, "t": 0.0} | rest)
-    page.wait_for_timeout(500)
-    take("gauge-warming-up", gauge)
-    for k in range(1, 30):
-        body = {"sequence": k, "t": k * DT} | rest
-        studio.ask("POST", f"/flights/{flight}/samples", json=body)
-        time.sleep(DT)
-    page.wait_for_timeout(2500)
+    with Source(studio, flight):
+        studio.step_until(flight, lambda state: state["head"] >= 10, steps=False)
+        take("gauge-warming-up", gauge)
+    page.wait_for_timeout(2000)
     take("gauge-stale", gauge)
-    studio.ask("POST", f"/flights/{flight}/end")
+    studio.end(flight)
 
 
 def alert(studio: Studio, monitor: str) -> None:
     """An alert in flight, and the record of the flight."""
     page = studio.page
     flight = studio.fly(FLIGHT, monitor)
-    studio.until(flight, lambda state: state["status"] in ("risk", "alarm"))
-    studio.steer(flight, "pause")
-    page.wait_for_timeout(600)
+    studio.step_until(flight, lambda state: state["open_alarms"])
+    for _ in range(2):
+        studio.steer(flight, "step", 1)
+    page.wait_for_timeout(SETTLE)
     take("gauge-alert", page.locator(".gauge-panel"))
     take("alarm", page.locator(".alarm-banner"))
-    take("strips-alert", page.locator(".strips-column"))
+    take("strips-alert", page.locator(".strip-chart"))
+    studio.step_until(flight, lambda state: state["exceeded_t"] is not None)
     studio.steer(flight, "play")
-    studio.until(flight, lambda state: state["exceeded_t"] is not None)
-    page.wait_for_timeout(1200)
-    studio.ask("POST", f"/flights/{flight}/end")
-    page.wait_for_timeout(500)
+    page.wait_for_timeout(2500)
+    studio.end(flight)
     studio.go(f"fly/{flight}")
-    page.wait_for_timeout(1000)
+    page.wait_for_timeout(SETTLE)
     take("record", page)
 
 
@@ -177,18 +209,17 @@ def heroes(studio: Studio, monitor: str) -> None:
     for theme in ("light", "dark"):
         page = studio.open(theme)
         flight = studio.fly(FLIGHT, monitor, page)
-        studio.until(flight, lambda state: state["exceeded_t"] is not None)
-        page.wait_for_timeout(300)
-        studio.steer(flight, "pause")
-        page.wait_for_timeout(6000)  # the scene is drawn by the processor
+        studio.step_until(flight, lambda state: state["exceeded_t"] is not None)
+        page.wait_for_timeout(8000)  # the processor draws the scene
         take(f"fly-alert-{theme}", page)
-        studio.ask("POST", f"/flights/{flight}/end")
+        studio.end(flight)
         page.context.close()
 
 
 def recordings(studio: Studio, monitor: str) -> None:
     flights = Simulator(DATASET).rollouts(30, np.random.default_rng(5))
-    failing = flights.y[flights.is_unsafe][0]
+    peaks = np.abs(flights.y[:, :, KEYS.index("Ny")]).max(axis=1)
+    failing = flights.y[int(np.argsort(peaks)[-3])]
     text = table(failing, DT)
     recording = studio.ask(
         "POST", "/recordings", params={"name": "flight 12.csv"}, content=text.encode()
