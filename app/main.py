@@ -10,14 +10,17 @@ from typing import Any
 from fastapi import FastAPI
 from fastapi.responses import HTMLResponse, Response
 from fastapi.staticfiles import StaticFiles
+from starlette.middleware.gzip import GZipMiddleware
 from starlette.routing import BaseRoute
 
+from app.demonstration import Demonstration
 from app.flights.clock import MonotonicClock
 from app.flights.flights import Flights
 from app.flights.frame_ticks import FrameTicks
 from app.http.audit import Audit
 from app.http.head_requests import HeadAsGet
 from app.http.idempotency import Idempotent, describe_keys
+from app.http.page import serve_page
 from app.http.people import People
 from app.http.problems import describe_problems, install_problems
 from app.http.security import BodyLimit, Guard
@@ -34,6 +37,7 @@ from app.routes import (
     campaigns,
     catalog,
     datasets,
+    demonstration,
     flight_stream,
     flights,
     health,
@@ -65,6 +69,12 @@ GOING_ON_S = 5.0
 HERE = Path(__file__).parent
 STATIC = next(path for path in (HERE / "static", HERE.parent / "static") if path.is_dir())
 """The page: inside the installed package, or at the repository's root."""
+COMPRESSION: dict[str, Any] = {
+    "minimum_size": 1024,
+    "compresslevel": 5,
+    "thread_minimum_size": 32_768,
+}
+"""Of answers: larger pieces are compressed in a thread, so that no sample waits for it."""
 DESCRIPTION = """Trains, flies and replays safety monitors for flight test.
 
 A monitor turns each telemetry sample into a risk p-value and alerts where it exceeds `epsilon`: on
@@ -87,7 +97,7 @@ class Application(FastAPI):
     def build_middleware_stack(self) -> Any:
         """FastAPI's layers, then what counts, then what lets in."""
         limited = BodyLimit(
-            HeadAsGet(Idempotent(super().build_middleware_stack())),
+            HeadAsGet(GZipMiddleware(Idempotent(super().build_middleware_stack()), **COMPRESSION)),
             self.settings.max_body_bytes,
             {("POST", recordings.router.prefix): self.settings.max_upload_bytes},
         )
@@ -124,7 +134,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     install_problems(app)
     _serve_docs(app)
     if STATIC.is_dir():
-        app.frontend("/", directory=STATIC, fallback=None)
+        serve_page(app, STATIC)
     return app
 
 
@@ -136,7 +146,7 @@ def _routes() -> Iterator[BaseRoute]:
     """
     kept = (datasets, monitors, limit_sets, recordings, scorings, scored_files, markers, storage)
     flown = (flights, flight_stream, live_samples, live_scores, uplink)
-    for part in (catalog, *kept, jobs, campaigns, *flown, people, audit, health):
+    for part in (catalog, *kept, jobs, campaigns, *flown, demonstration, people, audit, health):
         yield from part.router.routes
     yield from scene_router().routes
     yield from guide_router(STATIC / "guide").routes
@@ -201,6 +211,8 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         metrics.gauge("scorings", "recordings being scored", lambda: scoring.n_under_way)
         metrics.gauge("jobs_running", "jobs that a worker is at", lambda: work.n_running)
         metrics.gauge("jobs_waiting", "jobs that wait for a worker", lambda: work.n_waiting)
+        demonstrated = app.state.demonstration = Demonstration(app)
+        parts.callback(demonstrated.stop)
         await asyncio.to_thread(store.forget_copies)
         yield
 

@@ -1,24 +1,27 @@
 /**
- * The page: one address a view (#/fly, #/fly/{flight}, #/recordings/{id}, #/monitors/{id},
- * #/datasets/{id}, #/campaigns/{id}, #/limits/{id}, #/storage), its theme.
+ * The page: one address a view (#/ is the start page, #/demonstration, #/fly, #/fly/{flight},
+ * #/recordings/{id}, #/monitors/{id}, #/datasets/{id}, #/campaigns/{id}, #/limits/{id}, #/storage), its theme.
  *
  * A view's module exports show(element, {id, query, api, navigate}) -> {close()}. `query` holds what
  * follows a question mark (#/fly?monitor=3f9a); navigate("#/fly/3f9a") goes elsewhere.
  */
 
 import { api } from "./lib/api.js";
+import { createDemonstrationBar, demonstration } from "./lib/demonstration.js";
 import { loadMe } from "./lib/me.js";
 import { remember, remembered } from "./lib/storage.js";
 import { chooseSI, isSI, tellUnits } from "./lib/units.js";
 
 const VIEWS = {
-  fly: { title: "Fly", load: () => import("./fly/index.js") },
-  campaigns: { title: "Campaigns", load: () => import("./campaigns/index.js") },
-  recordings: { title: "Recordings", load: () => import("./recordings/index.js") },
-  monitors: { title: "Monitors", load: () => import("./monitors/index.js") },
-  limits: { title: "Limit sets", load: () => import("./limits/index.js") },
-  storage: { title: "Storage", load: () => import("./storage/index.js") },
-  datasets: { title: "Datasets", load: () => import("./datasets/index.js") },
+  "": { title: "Start", guide: "", load: () => import("./start/index.js") },
+  demonstration: { title: "Demonstration", guide: "what-the-numbers-mean", load: () => import("./start/demonstration.js") },
+  fly: { title: "Fly", guide: "first-live-flight", load: () => import("./fly/index.js") },
+  campaigns: { title: "Campaigns", guide: "campaigns", load: () => import("./campaigns/index.js") },
+  recordings: { title: "Recordings", guide: "first-recording", load: () => import("./recordings/index.js") },
+  monitors: { title: "Monitors", guide: "first-monitor", load: () => import("./monitors/index.js") },
+  limits: { title: "Limit sets", guide: "limit-sets", load: () => import("./limits/index.js") },
+  storage: { title: "Storage", guide: "keeping-data", load: () => import("./storage/index.js") },
+  datasets: { title: "Datasets", guide: "first-monitor", load: () => import("./datasets/index.js") },
 };
 
 const THEME_KEY = "forewarn.theme";
@@ -61,10 +64,10 @@ async function showDamage() {
 async function open() {
   showDamage();
   const [path, search] = location.hash.replace(/^#?\/?/, "").split("?");
-  const [name = "", id = null] = path.split("/").map(decoded);
+  const [name, id = null] = path.split("/").map(decoded);
   const mine = ++turn;
   if (!(name in VIEWS)) {
-    location.replace("#/fly");
+    location.replace("#/");
     return;
   }
   for (const link of document.querySelectorAll(".nav a")) {
@@ -72,6 +75,8 @@ async function open() {
     else link.removeAttribute("aria-current");
   }
   document.title = `${VIEWS[name].title} – Forewarn`;
+  document.querySelector("#help").href = `/guide/${VIEWS[name].guide}`;
+  bar.goneTo(location.hash);
   shown.close();
   shown = { close: () => {} };
   page.replaceChildren();
@@ -150,9 +155,11 @@ document.querySelector("[data-skip]").addEventListener("click", (event) => {
   event.preventDefault();
   page.focus();
 });
+const bar = createDemonstrationBar(document.querySelector("#preparing"), { navigate });
 bindUnitsButton(document.querySelector("#units"));
 bindThemeButton(document.querySelector("#theme"));
 document.querySelector("#logout").hidden = !document.cookie.split("; ").includes("forewarn-page=1");
 showMe(await loadMe(api));
 addEventListener("hashchange", open);
+await demonstration.follow(api);
 open();

@@ -13,10 +13,10 @@ import httpx2
 import pytest
 from fastapi import FastAPI, Response
 
-from app import serving
+from app import demonstration, serving
 from app.cli import main
 from app.commands import demo
-from app.commands.demo import NAME
+from app.demonstration import NAME
 from app.serving import Server, address_of, alone, listen
 from app.settings import Settings, SettingsError
 from app.store.store import open_store
@@ -160,31 +160,37 @@ def test_the_demonstration_flies_among_people_and_keeps_its_monitor(tmp_path):
     arguments = ("demo", "--data-dir", str(tmp_path), "--port", "0", "--no-browser")
     headers = {"Authorization": f"Bearer {token}"}
     with command(*arguments) as (process, address), httpx2.Client(headers=headers) as client:
+        assert process.stdout is not None
+        progress = client.get(f"{address}/api/v1/demonstration").json()
+        assert 0 <= progress["share"] <= 1
+        assert any("flying at" in line for line in process.stdout)
         (job,) = client.get(f"{address}/api/v1/jobs").json()
         assert (job["kind"], job["request"]["name"]) == ("monitor", NAME)
-        assert process.stdout is not None
-        assert any("flying at" in line for line in process.stdout)
         (flight,) = client.get(f"{address}/api/v1/flights").json()
         assert flight["progress"] == "running"
         assert flight["transport"]["loop"] is True
         assert flight["fail_t"] is not None
-    with command(*arguments) as (_, address), httpx2.Client(headers=headers) as client:
+        progress = client.get(f"{address}/api/v1/demonstration").json()
+        assert (progress["phase"], progress["flight"]) == ("ready", flight["id"])
+    with command(*arguments) as (process, address), httpx2.Client(headers=headers) as client:
+        assert process.stdout is not None
+        assert any("flying at" in line for line in process.stdout)
         assert len(client.get(f"{address}/api/v1/monitors").json()) == 1
         assert len(client.get(f"{address}/api/v1/jobs").json()) == 1
         assert client.get(f"{address}/api/v1/flights").json()[0]["progress"] == "running"
 
 
-def test_a_demonstration_without_a_monitor_says_why():
+def test_a_demonstration_without_a_monitor_gives_the_reason():
     ended = {"id": "1", "ended": "now", "status": "failed", "error": "there is not enough memory"}
     with pytest.raises(ValueError, match="failed: there is not enough memory"):
-        asyncio.run(demo.trained_monitor(Mock(), ended))
+        asyncio.run(demonstration.trained_monitor(Mock(), ended, Mock()))
     refused = Mock(is_error=True, json=lambda: {"detail": "the server is full"})
-    with pytest.raises(ValueError, match="no further: the server is full"):
-        asyncio.run(demo.fly(Mock(post=AsyncMock(return_value=refused)), "m"))
+    with pytest.raises(ValueError, match="the server is full"):
+        asyncio.run(demonstration.fly(Mock(post=AsyncMock(return_value=refused)), "m"))
 
 
 def test_kernels_of_training_are_compiled_by_another_process_where_none_are(tmp_path, monkeypatch):
-    monkeypatch.setattr(demo, "cache_directory", lambda: str(tmp_path))
+    monkeypatch.setattr(demonstration, "cache_directory", lambda: str(tmp_path))
     with demo.compiling_ahead():
         assert len(active_children()) == 1
     assert active_children() == []

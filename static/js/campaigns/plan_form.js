@@ -1,7 +1,8 @@
 /**
  * Plan a campaign, or points of one at another flight condition.
  *
- * Exports  showPlanning(element, {id, api, navigate})     id: "new", or that of the campaign
+ * Exports  showPlanning(element, {id, query, api, navigate})     id: "new", or that of the campaign
+ *     query: name, of a new campaign
  */
 
 import { decimals } from "../forms/decimals.js";
@@ -16,23 +17,23 @@ import { errorLine, link, pageOf } from "../lib/view_states.js";
 
 const STEPS = "0.4 0.6 0.8 1";
 
-export function showPlanning(element, { id, api, navigate }) {
+export function showPlanning(element, { id, query, api, navigate }) {
   const isNew = id === "new";
   const title = isNew ? "Plan a campaign" : "Add a flight condition";
   return loadingView(element, { title, text: "Looking up what can be flown", build });
 
   async function build() {
     const [catalog, campaign] = await Promise.all([loadCatalog(api), isNew ? null : api.get(`/campaigns/${id}`)]);
-    return pageOf(campaign ? `${campaign.name}: ${title.toLowerCase()}` : title, [], form({ api, catalog, campaign, navigate, title }));
+    return pageOf(campaign ? `${campaign.name}: ${title.toLowerCase()}` : title, [], form({ api, catalog, campaign, navigate, title, given: query?.get("name") ?? "" }));
   }
 }
 
-function form({ api, catalog, campaign, navigate, title }) {
+function form({ api, catalog, campaign, navigate, title, given }) {
   const test = createTestFields({ api, catalog, initial: campaign?.conditions.at(-1).test });
   const { schema, default: usual } = catalog.recipes.clearance;
   const clearance = createFields(schema, usual, { catalog, path: "clearance" });
   const text = (id, attributes) => h("input", { type: "text", id: `campaign-${id}`, ...attributes });
-  const name = text("name", { maxlength: 200, required: true });
+  const name = text("name", { maxlength: 200, required: true, value: given });
   const condition = text("condition", { maxlength: 200, placeholder: campaign ? "Mach 0.6, 5,000 ft" : "optional" });
   const steps = text("steps", { inputmode: "decimal", value: STEPS });
   const passes = text("passes", { inputmode: "decimal", value: "1" });

@@ -1,5 +1,5 @@
 /**
- * Fly: start a flight, watch one under way, look at the record of one that is over.
+ * Fly: start a flight, watch one in progress, read the record of one that has ended.
  *
  * Exports  show(element, {id, query, api, navigate}) -> {close()}
  */
@@ -13,7 +13,7 @@ import { showFlightStart } from "./start.js";
 
 const AGAIN = 1000; // ms between attempts to reach a server that does not answer
 const SOON = 300; // ms between looks at a flight whose record is being completed
-const LOOKS = 10; // before it is shown as far as it is there
+const LOOKS = 10; // then the record is shown as far as it goes
 
 export function show(element, context) {
   const { id, api } = context;
@@ -51,7 +51,7 @@ export function show(element, context) {
       return;
     }
     const back = h("a", { class: "button button-primary", href: "#/fly" }, "Flights");
-    element.replaceChildren(state("error", "This flight cannot be shown", reason(error), back));
+    element.replaceChildren(h("h1", { class: "visually-hidden" }, "Flight"), state("error", "This flight cannot be shown", reason(error), back));
   }
 
   open();

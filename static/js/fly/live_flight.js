@@ -1,9 +1,11 @@
 /**
- * A flight under way: its stream drives strips, gauge, alarm line, events, status and transport.
+ * A flight in progress: its stream drives strips, gauge, alarm line, events, status and transport.
  *
  * Exports
- *   showLiveFlight(element, {id, api, over}) -> {close()}
- *     over(reason)    the flight is not under way any more
+ *   showLiveFlight(element, {id, api, over, recorded}) -> {close()}
+ *     over(reason)    the flight has ended
+ *     recorded: {Socket, beside} of a flight that is played from a file: its socket, and what stands in
+ *     place of the scene; null for a flight of the server
  */
 
 import { reason } from "../lib/api.js";
@@ -36,7 +38,7 @@ const tone = createTone(); // one for the page: a browser lets it sound once it 
 const NO_DATA = "NO DATA. The scene begins with the first sample.";
 const LOGGED_OUT = "◆ The login has ended. Nothing shown is live: reload the page to log in again.";
 
-export function showLiveFlight(element, { id, api, over }) {
+export function showLiveFlight(element, { id, api, over, recorded = null }) {
   const path = `/flights/${encodeURIComponent(id)}`;
   const panels = createFlightPanels(element);
   const status = createStatusStrip(panels.status);
@@ -47,7 +49,7 @@ export function showLiveFlight(element, { id, api, over }) {
   });
   const transport = createTransportBar(panels.transport, {
     act: (action, value) => api.post(`${path}/transport`, { action, value: value ?? null }),
-    end: () => askToConfirm("End this flight?", "Its record is kept, and it can be flown again.", "End flight", () => api.post(`${path}/end`, {})),
+    end: recorded ? null : () => askToConfirm("End this flight?", "Its record is kept, and it can be flown again.", "End flight", () => api.post(`${path}/end`, {})),
   });
   const markers = createFlightMarkers(
     { buttons: panels.calls, last: panels.marker, refused: panels.refused },
@@ -56,7 +58,7 @@ export function showLiveFlight(element, { id, api, over }) {
   const limits = createFlightLimits(panels.limits, { api, path });
   panels.transport.prepend(panels.calls);
   panels.events.prepend(panels.marker);
-  const scene = createSceneFrame(panels.scene, id);
+  const scene = recorded ? besideRecording(panels.scene, recorded.beside) : createSceneFrame(panels.scene, id);
   const keys = { ...transport.keys, k: alarm.acknowledgeAll, t: () => notes?.write(), g: () => source?.begin() };
   const unbind = [bindControls(panels.status, keys, markers), addDrawer(show)];
   const raised = new Set();
@@ -68,7 +70,7 @@ export function showLiveFlight(element, { id, api, over }) {
   let resumed = 0; // times that the server was started again during it
   let playback = { playing: true, speed: 1 }; // as the transport has it
   let shown = { saying: "", wall: 0 }; // what is said of link and flight, and since when its figures stand
-  let recorded = true; // by the last heartbeat
+  let isStored = true; // by the last heartbeat
   let decided = null; // the server's headline
   let resets = 0; // of the strips
   let cautioned = false; // of being stale, which the server does not know
@@ -92,7 +94,7 @@ export function showLiveFlight(element, { id, api, over }) {
     gap: backfill.need,
     link: onLink,
     over,
-  });
+  }, recorded ?? {});
 
   function onHello(message, again) {
     hello = message;
@@ -194,7 +196,7 @@ export function showLiveFlight(element, { id, api, over }) {
     const fresh = !raised.has(number);
     raised.add(number);
     alarm.take(raisedAlarm);
-    if (fresh) events.add({ t, text: alertText(raisedAlarm, alertAbove(), hello.channels), level: LEVEL_OF[level] });
+    if (fresh) events.add({ t, text: alertText(raisedAlarm, alertAbove(), hello.channels), level: LEVEL_OF[level], seen: kind === "limit" });
     if (acknowledged) {
       events.add(acknowledgementOf(raisedAlarm, hello.mode === "live"));
       if (kind === "limit") display.chart.acknowledge();
@@ -225,9 +227,9 @@ export function showLiveFlight(element, { id, api, over }) {
   }
 
   function onHeartbeat({ problem, lost }) {
-    if ((problem === "") === recorded) return;
-    recorded = problem === "";
-    const text = recorded ? `recorded again; samples lost: ${lost}` : `not recorded: ${problem}`;
+    if ((problem === "") === isStored) return;
+    isStored = problem === "";
+    const text = isStored ? `recorded again; samples lost: ${lost}` : `not recorded: ${problem}`;
     events.add({ t: display?.t ?? null, text, level: "caution" });
   }
 
@@ -334,11 +336,13 @@ export function showLiveFlight(element, { id, api, over }) {
       mode: hello?.mode,
       source: hello === null ? "–" : sourceText(hello.source, hello.name),
       monitor: hello?.monitor.name ?? "–",
+      noRest: hello?.no_rest,
       warnings: hello?.warnings,
       validity: hello?.validity,
       link: connection.link,
       playing: playback.playing,
       live: true,
+      recorded: recorded !== null,
       headline,
       cause: display?.withdrawal,
       staleAfter: display?.staleAfter ?? Infinity,
@@ -358,6 +362,12 @@ export function showLiveFlight(element, { id, api, over }) {
       delete element.dataset.flight;
     },
   };
+}
+
+function besideRecording(element, beside) {
+  element.setAttribute("aria-label", "What happens");
+  element.replaceChildren(beside);
+  return { wake: () => {}, close: () => {} };
 }
 
 /** The page's keys, the list of them, and the tone's mute, which the first touch unlocks. */

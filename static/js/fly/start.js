@@ -1,19 +1,21 @@
 /**
- * Start a flight, or go to one that is under way or over.
+ * Start a flight, or open one that is in progress or has ended.
  *
  * Exports
  *   showFlightStart(element, {query, api, navigate}) -> {close()}
- *     query: kind, monitor, dataset, outcome, rollout, seed fill the form in (#/fly?monitor=3f9a)
+ *     query: kind, monitor, dataset, outcome, rollout, seed fill in the form (#/fly?monitor=3f9a)
  */
 
 import { reason } from "../lib/api.js";
+import { demonstration } from "../lib/demonstration.js";
 import { h, put } from "../lib/dom.js";
+import { canFly, fittingMonitor } from "../lib/fitting_monitor.js";
 import { jobList } from "../lib/job_progress.js";
 import { asksForToken, may, needs } from "../lib/me.js";
 import { warningLines, warningMark, warningsAt, warningWords } from "../lib/monitor_warnings.js";
 import { leadSeconds, moment } from "../lib/numbers.js";
 import { startFlight } from "../lib/start_flight.js";
-import { errorLine, state } from "../lib/view_states.js";
+import { button, errorLine, link, state } from "../lib/view_states.js";
 import { guarantee } from "./alarm_panel.js";
 import { createDisplayChoice } from "./display_choice.js";
 import { createLimitChoice } from "./flight_limits.js";
@@ -21,8 +23,8 @@ import { resultOf, staleText } from "./headline.js";
 import { sourceText } from "./panels.js";
 
 const REFRESH = 2000; // ms
-const WAIT = 1.5; // intervals of the monitor that a sample waits for others unless said otherwise
-const SILENCE = 5000; // ms without an answer, after which nothing listed is known to be so
+const WAIT = 1.5; // intervals of the monitor that a sample waits for others by default
+const SILENCE = 5000; // ms without an answer, after which the list may be out of date
 
 export function showFlightStart(element, { query, api, navigate }) {
   const page = h("div", { class: "page" });
@@ -45,12 +47,12 @@ export function showFlightStart(element, { query, api, navigate }) {
       training.close();
       if (monitors.length === 0) training = await jobList({ api, kinds: ["monitor"], done: load });
       if (closed) return training.close();
-      const start = monitors.length === 0 ? noMonitor(training.element) : startForm({ monitors, datasets, recordings, query, api, navigate });
+      const start = monitors.length === 0 ? noMonitor(training.element, { api, load }) : startForm({ monitors, datasets, recordings, query, api, navigate });
       page.replaceChildren(h("div", { class: "columns start-columns" }, start, flights));
     } catch (error) {
       if (closed) return;
       const again = h("button", { type: "button", class: "button button-primary", onclick: load }, "Try again");
-      page.replaceChildren(state("error", "Nothing could be read", reason(error), again));
+      page.replaceChildren(state("error", "The server could not be read", reason(error), again));
     }
   }
 
@@ -69,11 +71,11 @@ export function showFlightStart(element, { query, api, navigate }) {
     }
   }
 
-  /** Asks again, once the last question is answered; says so where it is not. */
+  /** One request at a time; a list that may be out of date is marked. */
   async function look() {
     const lost = heard > 0 && performance.now() - heard > SILENCE;
     if (lost && silent.hidden) {
-      put(silent, `Not connected: what is listed was so at ${new Date(Date.now() - SILENCE).toISOString().slice(11, 19)} UTC, and may not be now.`);
+      put(silent, `Not connected: this list is from ${new Date(Date.now() - SILENCE).toISOString().slice(11, 19)} UTC and may be out of date.`);
     }
     silent.hidden = !lost;
     flights.toggleAttribute("data-lost", lost);
@@ -96,22 +98,36 @@ export function showFlightStart(element, { query, api, navigate }) {
   };
 }
 
-/** A monitor in training stands in its place; those that came to nothing, below. */
-function noMonitor(training) {
+/** The monitor in training, or how to get one; failed trainings below. */
+function noMonitor(training, { api, load }) {
   if (training?.querySelector(".job")) return training;
-  const train = h("a", { class: "button button-primary", href: "#/monitors" }, "Train a monitor");
-  const none = state("empty", "No monitor yet", "A flight is flown through a monitor. Train one first: it takes a planned test and about a minute.", train);
-  return h("div", { class: "stack" }, none, training);
+  const failure = errorLine();
+  const small = button("Train a small one now", prepare, { class: "button button-primary", ...needs("POST /demonstration") });
+  const own = link("Train your own", "#/monitors/new");
+  const none = state("empty", "No monitor yet", "A monitor assesses each flight. Train the small one of the demonstration, or one for your aircraft.", small, own, link("Watch a recording", "#/demonstration"));
+  return h("div", { class: "stack" }, h("h1", { class: "visually-hidden" }, "Fly"), none, failure.element, training);
+
+  async function prepare() {
+    small.disabled = true;
+    try {
+      await demonstration.start(api);
+      await demonstration.ended();
+      load();
+    } catch (error) {
+      failure.show(reason(error));
+      small.disabled = false;
+    }
+  }
 }
 
 function flightLists(all, names) {
   const running = all.filter(({ progress }) => progress === "running");
   const over = all.filter(({ progress }) => progress !== "running").slice(0, 30);
-  const rows = [h("h2", {}, "Under way")];
-  if (running.length === 0) rows.push(h("p", { class: "dim" }, "No flight is under way."));
+  const rows = [h("h2", {}, "In progress")];
+  if (running.length === 0) rows.push(h("p", { class: "dim" }, "No flight in progress. Start one here."));
   rows.push(h("ul", { class: "flight-list under-way" }, ...running.map((flight) => flightRow(flight, names, "Watch"))));
-  rows.push(h("h2", {}, "Over"));
-  if (over.length === 0) rows.push(h("p", { class: "dim" }, "Flights that ended keep their record here."));
+  rows.push(h("h2", {}, "Ended"));
+  if (over.length === 0) rows.push(h("p", { class: "dim" }, "Ended flights and their records appear here."));
   rows.push(h("ul", { class: "flight-list" }, ...over.map((flight) => flightRow(flight, names, "Record"))));
   return rows;
 }
@@ -131,24 +147,23 @@ function flightRow(flight, names, verb) {
   );
 }
 
-/** Of a flight whose samples are not of now, in the words of its own page. */
 function ageText({ status, beside, state, reason: why, age }) {
   const isStale = age !== null && [status, ...beside].includes("stale");
   return isStale ? staleText(state === "stale" ? why : "", age) : "";
 }
 
 function startForm({ monitors, datasets, recordings, query, api, navigate }) {
-  const monitor = select("monitor", monitors.map((one) => [one.id, `${one.name} (${one.lead} s ahead, ${one.n_unsafe} failures) ${warningWords(one)}`]), query.get("monitor"));
+  const monitor = select("monitor", monitors.map(({ id, name, lead, n_unsafe: failures, warnings }) => [id, `${name} (${lead} s ahead, ${failures} failures) ${warningWords({ warnings })}`]), query.get("monitor"));
   const epsilon = h("input", { id: "epsilon", type: "number", step: "any", min: 0, max: 1 });
   const served = h("p", { class: "hint" });
   const kind = radios("kind", [["simulated", "Simulated"], ["replay", "Replay"], ["live", "Live"]], query.get("kind") ?? (query.get("dataset") ? "replay" : "simulated"));
-  const outcome = select("outcome", [["unsafe", "exceeds its limit"], ["safe", "stays within its limit"], ["any", "as it comes"]], query.get("outcome"));
+  const outcome = select("outcome", [["unsafe", "exceeds its limit"], ["safe", "stays within its limit"], ["any", "random"]], query.get("outcome"));
   const seed = h("input", { id: "seed", type: "number", min: 0, step: 1, value: query.get("seed") ?? 1, required: true });
   const dataset = select("dataset", datasets.map(({ id, name, n_unsafe: unsafe, n_safe: safe, created }) => [id, `${name} (${moment(created)}, ${unsafe} unsafe, ${safe} safe)`]), query.get("dataset"));
   const rollout = h("input", { id: "rollout", type: "number", min: 0, step: 1, value: query.get("rollout") ?? 0, required: true });
   const range = h("p", { class: "hint" });
-  const none = h("p", { class: "error" }, "No stored dataset has this monitor's sample interval: fly a fresh simulation, or make a dataset.");
-  const simulated = h("div", { class: "stack" }, field("Seed", seed, h("p", { class: "hint" }, "The same seed is the same flight.")));
+  const none = h("p", { class: "error" }, "No stored dataset has this monitor's sample interval: fly a simulation, or make a dataset.");
+  const simulated = h("div", { class: "stack" }, field("Seed", seed, h("p", { class: "hint" }, "Same seed, same flight.")));
   const replayed = h("div", { class: "stack" }, field("Dataset", dataset), field("Rollout", rollout, range), none);
   const live = createLiveFields(recordings);
   const failure = errorLine();
@@ -161,9 +176,17 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
     limits.element.hidden = n === 0 && !may("POST /limit-sets");
   });
   let epsilonOf = "";
-  let warned = ""; // the monitor and the epsilon that the warnings are of
+  let warned = ""; // the monitor and the epsilon of the warnings
+  let kindOf = ""; // the kind that the preselected monitor fits
+  let byHand = query.has("monitor");
+  const fits = { simulated: canFly, replay: ({ dt }) => datasets.some((data) => sameInterval(data.dt, dt)), live: () => true };
+  monitor.addEventListener("input", () => {
+    byHand = true;
+  });
 
   function adapt() {
+    if (!byHand && kind.value !== kindOf) monitor.value = fittingMonitor(monitors, fits[kind.value]).id;
+    kindOf = kind.value;
     const now = chosen();
     if (epsilonOf !== now.id) epsilon.value = now.epsilon;
     epsilonOf = now.id;
@@ -171,7 +194,7 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
     display.adapt(now);
     const least = Number(now.smallest_epsilon.toPrecision(3));
     const promise = epsilon.value >= now.smallest_epsilon ? guarantee({ epsilon: Number(epsilon.value), lead: now.lead, guarantee: now.recipe.guarantee }) : "";
-    put(served, `This monitor is calibrated on ${now.n_unsafe} failures, which serve an epsilon of ${least} or more. ${promise}`);
+    put(served, `Calibrated on ${now.n_unsafe} failures, enough for ε ≥ ${least}. ${promise}`);
     const replay = kind.value === "replay";
     const isLive = kind.value === "live";
     live.element.hidden = !isLive;
@@ -183,7 +206,7 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
     if (replay && outcome.value === "any") outcome.value = "unsafe";
     for (const option of dataset.options) {
       const { dt } = datasets.find(({ id }) => id === option.value);
-      option.disabled = Math.abs(dt - now.dt) > 1e-9;
+      option.disabled = !sameInterval(dt, now.dt);
     }
     if (dataset.selectedOptions[0]?.disabled) dataset.value = [...dataset.options].find((option) => !option.disabled)?.value ?? "";
     const data = datasets.find(({ id }) => id === dataset.value);
@@ -192,17 +215,17 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
     if (data === undefined) return;
     const count = outcome.value === "safe" ? data.n_safe : data.n_unsafe;
     rollout.max = Math.max(0, count - 1);
-    put(range, `0 to ${count - 1} of the ${outcome.value} ones.`);
+    put(range, `0 to ${count - 1} (${outcome.value} rollouts).`);
   }
 
-  /** What speaks against the monitor does so at an epsilon: the one that is typed. */
+  /** Warnings depend on epsilon: those at the typed one. */
   async function warn(now) {
     const typed = Number(epsilon.value);
-    const asked = `${now.id} ${typed}`;
-    if (asked === warned) return;
-    warned = asked;
-    const told = await warningsAt(api, now, [typed]);
-    if (asked === warned) warnings.replaceChildren(...warningLines(told));
+    const pair = `${now.id} ${typed}`;
+    if (pair === warned) return;
+    warned = pair;
+    const found = await warningsAt(api, now, [typed]);
+    if (pair === warned) warnings.replaceChildren(...warningLines(found));
   }
 
   async function start(event) {
@@ -232,12 +255,12 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
     limits.element,
     h("div", { class: "field" },
       h("fieldset", { class: "source-choice" }, h("legend", {}, "Source"), kind.labels),
-      h("p", { class: "hint" }, "A fresh simulated flight, a stored rollout, or samples as a range sends them. To replay a recording, open it on the ", h("a", { href: "#/recordings" }, "Recordings page"), ".")),
+      h("p", { class: "hint" }, "A new simulation, a stored rollout, or live samples. To replay a recording, open it on the ", h("a", { href: "#/recordings" }, "Recordings page"), ".")),
     outcomes,
     simulated,
     replayed,
     live.element,
-    field("ε, the accepted miss rate", epsilon, served),
+    field("ε, accepted miss rate", epsilon, served),
     h("div", { class: "row" }, go),
     failure.element,
   );
@@ -245,21 +268,21 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
   return form;
 }
 
-/** What a live flight may be told beside its monitor; all of it may be left as it is. */
+/** Settings of a live flight beside its monitor; all are optional. */
 function createLiveFields(recordings) {
-  const mapping = select("mapping", [["", "our own names, SI units"], ...recordings.map(({ id, name }) => [id, `as ${name}`])]);
-  const trim = select("trim", [["detected", "measured at rest before each manoeuvre"], ["none", "samples are from trim already"]]);
+  const mapping = select("mapping", [["", "Forewarn's names, SI units"], ...recordings.map(({ id, name }) => [id, `as ${name}`])]);
+  const trim = select("trim", [["detected", "measured at rest before each manoeuvre"], ["none", "samples are deviations from trim already"]]);
   const delay = h("input", { id: "delay", type: "number", min: 0, step: "any" });
   const waits = h("p", { class: "hint" });
-  const udp = select("udp", [["any", "any free port"], ["none", "not listened to"], ["port", "the port"]], asksForToken() ? "none" : "any");
+  const udp = select("udp", [["any", "any free port"], ["none", "none"], ["port", "this port"]], asksForToken() ? "none" : "any");
   const port = h("input", { id: "port", type: "number", min: 1024, max: 65_535, step: 1, value: 9870, "aria-label": "UDP port" });
-  const unguarded = h("p", { class: "hint" }, "A datagram carries no token: whoever reaches the port can send.");
+  const unguarded = h("p", { class: "hint" }, "Datagrams carry no token: anyone who reaches the port can send.");
   const optional = h(
     "details",
     {},
     h("summary", {}, "Channels, trim, delay, UDP"),
     h("div", { class: "stack" },
-      field("Channels", mapping, h("p", { class: "hint" }, "Names, units and signs: ours, or those of a recording's mapping.")),
+      field("Channels", mapping, h("p", { class: "hint" }, "Names, units and signs: Forewarn's, or those of a recording's mapping.")),
       field("Trim", trim),
       field("Longest wait for a sample [s]", delay, waits),
       field("UDP datagrams", udp, port, unguarded)),
@@ -269,7 +292,7 @@ function createLiveFields(recordings) {
   function adapt({ dt, lead }) {
     delay.placeholder = String(Number((WAIT * dt).toFixed(4)));
     const wait = delay.value === "" ? WAIT * dt : Number(delay.value);
-    put(waits, `For samples that come late or out of order. It is subtracted from the lead: alerts warn ${leadSeconds(lead - wait)} s ahead.`);
+    put(waits, `For late samples and samples out of order. Subtracted from the lead time: alerts warn ${leadSeconds(lead - wait)} s ahead.`);
     port.hidden = port.disabled = udp.value !== "port";
     unguarded.hidden = udp.value === "none";
   }
@@ -287,6 +310,10 @@ function createLiveFields(recordings) {
   };
 }
 
+function sameInterval(a, b) {
+  return Math.abs(a - b) <= 1e-9;
+}
+
 function field(label, control, ...notes) {
   return h("div", { class: "field" }, h("label", { for: control.id }, label), control, ...notes);
 }
@@ -298,7 +325,7 @@ function select(id, choices, chosen) {
   return control;
 }
 
-/** Choices that are seen at once. Returns {labels, value}. */
+/** Returns {labels, value}. */
 function radios(name, choices, chosen) {
   const known = choices.some(([value]) => value === chosen) ? chosen : choices[0][0];
   const inputs = choices.map(([value]) => h("input", { type: "radio", name, value, checked: value === known }));

@@ -5,6 +5,8 @@
  *   createStatusStrip(element) -> {update(status)}
  *     status: {mode, source, monitor, warnings, validity, link, staleAfter, playing, live, headline, cause, result,
  *              figures: {age [s], latency [ms], skipped, lost, unwritten, problem, utc: Date | null}}
+ *     noRest: why the monitor forecasts no rest of the card; empty where it does
+ *     recorded: of a flight that is played from a file, which has no link and no record
  *     lost: null where nobody knows how many: the server was killed
  *     mode: "live", "replay" or "simulated"; only live data have an age and a latency, only a flight
  *     that is not over a link and the time of day
@@ -55,16 +57,18 @@ export function createStatusStrip(element) {
   const mode = h("strong", { class: "mode", title: "Where the samples come from" });
   element.prepend(mode);
 
-  function update({ mode: from, source, monitor, warnings = [], validity = "checked", link, staleAfter, playing, live, headline, cause, result, figures }) {
+  function update({ mode: from, source, monitor, warnings = [], validity = "checked", link, staleAfter, playing, live, recorded = false, noRest = "", headline, cause, result, figures }) {
     const linked = live && link === "open";
     put(mode, from === undefined ? "" : live ? from.toUpperCase() : "RECORD");
     mode.dataset.mode = live ? (from ?? "") : "record";
     for (const key of ["age", "latency"]) items[key].box.hidden = from !== "live";
-    for (const key of ["utc", "link"]) items[key].box.hidden = !live;
+    for (const key of ["utc", "link"]) items[key].box.hidden = !live || recorded;
+    items.record.box.hidden = recorded;
     items.skipped.box.hidden = figures.skipped === 0;
     show("source", source);
     show("monitor", monitor);
     for (const key of ["source", "monitor"]) items[key].value.title = items[key].value.textContent; // may be cut
+    if (noRest) items.monitor.value.title += ". Rest of the test card: no forecast with this method";
     put(items.monitor.label, validity === "checked" ? "monitor" : `monitor, validity ${validity}`);
     items.test.box.hidden = warnings.length === 0;
     items.test.box.title = warnings.map(sentence).join(" ");

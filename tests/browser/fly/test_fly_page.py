@@ -171,7 +171,7 @@ def test_a_monitor_in_training_is_shown_where_there_is_none(page: Page, site: Si
 
 def test_a_flight_is_started_and_alerts_before_its_exceedance(fly: Fly) -> None:
     page = fly.page
-    page.goto(f"{fly.site.http}/")
+    page.goto(f"{fly.site.http}/#/fly")
     page.get_by_label("Outcome").select_option("unsafe")
     page.get_by_label("Seed").fill("7")
     expect(page.get_by_text("Risk is not the probability of failure")).to_be_visible()
@@ -192,8 +192,8 @@ def test_the_form_warns_of_what_speaks_against_the_epsilon_that_is_typed(fly: Fl
     monitor = fly.ask("GET", "/monitors")[0]
     told = {**monitor, "warnings": ["the monitor is of no use: at this epsilon"]}
     fly.page.route("**/monitors/*?epsilon=0.4", lambda route: route.fulfill(json=told))
-    fly.page.goto(f"{fly.site.http}/")
-    epsilon = fly.page.get_by_label("ε, the accepted miss rate")
+    fly.page.goto(f"{fly.site.http}/#/fly")
+    epsilon = fly.page.get_by_label("ε, accepted miss rate")
     warnings = fly.page.locator(".monitor-warning")
     epsilon.fill("0.4")
     expect(warnings).to_have_text("The monitor is of no use: at this epsilon.")
@@ -653,8 +653,8 @@ def test_a_flight_that_never_was_says_so(fly: Fly, allowed_errors: list[str]) ->
 
 def test_without_a_monitor_the_page_leads_to_training(fly: Fly) -> None:
     fly.page.route("**/api/v1/monitors", lambda route: route.fulfill(json=[]))
-    fly.page.goto(f"{fly.site.http}/")
-    expect(fly.page.get_by_role("link", name="Train a monitor")).to_be_visible()
+    fly.page.goto(f"{fly.site.http}/#/fly")
+    expect(fly.page.get_by_role("link", name="Train your own")).to_be_visible()
 
 
 def test_a_refused_flight_says_what_is_needed(fly: Fly, allowed_errors: list[str]) -> None:
@@ -778,11 +778,11 @@ def test_an_alert_of_one_sample_stays_long_enough_to_be_seen(fly: Fly) -> None:
     expect(fly.page.locator(".gauge-reason")).to_contain_text(f"now; at the alert of {when} ")
 
 
-def test_a_list_of_flights_that_is_not_of_now_says_so(fly: Fly, allowed_errors: list[str]) -> None:
+def test_a_list_of_flights_out_of_date_is_marked(fly: Fly, allowed_errors: list[str]) -> None:
     allowed_errors.append("ERR_FAILED")
     fly.watch(SAFE, ("pause", None))
     fly.page.goto(f"{fly.site.http}/#/fly")
-    silent = fly.page.get_by_text("Not connected: what is listed was so at")
+    silent = fly.page.get_by_text("Not connected: this list is from")
     row = fly.page.locator(f'.under-way li:has([href="#/fly/{fly.flight}"])')
     expect(row.locator(".chip").last).to_have_text(re.compile(CALM))
     expect(silent).to_be_hidden()

@@ -1,8 +1,7 @@
 /**
- * What is forecast of the rest of the test card, in words: whether and when a limit is predicted to be exceeded.
+ * The forecast for the rest of the test card, in words: whether and when it exceeds a limit.
  *
- * Where nothing is, it says why: a monitor that forecasts no card, one that nothing is left of, a sample
- * that says nothing of now.
+ * Where nothing is forecast, it gives the reason; a method that never forecasts is hidden.
  *
  * Exports
  *   createRestOfCard(element, noRest) -> {show(ahead, {t, channels, state}), draw(stale)}
@@ -30,14 +29,12 @@ export function createRestOfCard(element, noRest) {
   const line = h("p", {});
   element.append(h("h2", { class: "risk-ahead-heading" }, "rest of the test card"), line);
   let now = { ahead: null, t: 0, channels: [], state: null };
-  let told = "";
-  element.hidden = false;
-  element.toggleAttribute("data-never", Boolean(noRest));
+  let shown = "";
+  element.hidden = Boolean(noRest);
 
-  /** How bad it is, and the words for it. */
+  /** Level and words. */
   function reading(stale) {
-    if (noRest) return ["unknown", [`no forecast: ${noRest}`]];
-    if (stale) return ["unknown", ["not known: nothing that is shown is of now"]];
+    if (stale) return ["unknown", ["not known: the display is stale"]];
     const { ahead, t, state } = now;
     if (ahead === null) return ["unknown", [UNKNOWN[state] ?? "not known"]];
     if (ahead.why) return ["unknown", [ahead.why]];
@@ -49,8 +46,8 @@ export function createRestOfCard(element, noRest) {
   function draw(stale) {
     const [level, nodes] = reading(stale);
     const text = nodes.map((node) => node.textContent ?? node).join("");
-    if (`${level} ${text}` === told) return;
-    told = `${level} ${text}`;
+    if (`${level} ${text}` === shown) return;
+    shown = `${level} ${text}`;
     element.dataset.level = level;
     line.replaceChildren(...nodes);
   }
@@ -63,7 +60,7 @@ export function createRestOfCard(element, noRest) {
   };
 }
 
-/** Of the channels, the one whose limit is exceeded most surely, and of these first. */
+/** The channel that is most likely to exceed its limit; the earliest of equals. */
 function worstOf({ ahead, channels }) {
   const each = Object.entries(ahead.channels).map(([key, { predicted, possible }]) => {
     const channel = channels.find((one) => one.key === key);

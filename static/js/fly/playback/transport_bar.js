@@ -4,7 +4,7 @@
  * Exports
  *   createTransportBar(element, {act, end}) -> TransportBar
  *     act(action, value) -> Promise    tells the server; rejects with the reason
- *     end()                            ends the flight
+ *     end()                            ends the flight; null where it cannot be ended
  *
  * TransportBar
  *   show(transport)      as the server says it; where it is there, its samples may not have come here yet
@@ -50,7 +50,7 @@ export function createTransportBar(element, { act, end }) {
   const track = h("div", { class: "scrub-track" }, marks, slider);
   const time = h("span", { class: "transport-time" });
   const failure = h("span", { class: "error transport-error", role: "status", hidden: true });
-  const stop = h("button", { type: "button", class: "button button-small", title: "End this flight; its record is kept", onclick: end, ...needs("POST /flights/{}/end") }, "End flight");
+  const stop = h("button", { type: "button", class: "button button-small", title: "End this flight; its record is kept", onclick: end, hidden: end === null, ...needs("POST /flights/{}/end") }, "End flight");
   element.append(back, stepBack, play, step, next, event, loop, speed, track, time, stop, failure);
 
   slider.addEventListener("input", () => {

@@ -1,0 +1,201 @@
+"""The demonstration: a small monitor, trained where it is missing, and a flight that fails.
+
+`forewarn demo` starts it with the server; a page may start it on any server.
+"""
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from fastapi import FastAPI
+from httpx2 import ASGITransport, AsyncClient, Response
+
+from app.http.login import COOKIE
+from app.recipes import limits_named, to_plain
+from core import __version__
+from core.collection import DatasetRecipe
+from core.kernels.compiled import cache_directory
+from core.monitor import MonitorRecipe
+
+LOG = logging.getLogger("forewarn")
+NAME = "demonstration"
+DATASET = DatasetRecipe(n_unsafe=100).as_flown()
+MONITOR = MonitorRecipe()
+N_TEST = 1000
+SEED = 2
+LOOK_EVERY_S = 0.25
+KERNELS = 78
+"""Kernels that training and flying the monitor compile; only the estimate depends on it."""
+FEW_KERNELS = 5
+LEAST_SHARE = 0.08
+"""Of the work done, below which the time that is left is not estimated."""
+STEPS = {"simulating": 0.0, "training": 0.25, "calibrating": 0.5, "flying": 0.75, "storing": 0.95}
+"""First word of the job's message, and the share of the work done when that step begins."""
+
+Phase = Literal["preparing", "compiling", "training", "ready", "failed"]
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far the demonstration is.
+
+    share: of the work, 0 to 1.   elapsed, remaining: [s]; None where nothing can be estimated yet.
+    flight: id, once it flies.   problem: why it failed.
+    """
+
+    phase: Phase
+    step: str
+    share: float
+    elapsed: float
+    remaining: float | None
+    flight: str | None = None
+    problem: str = ""
+
+
+class Demonstration:
+    """The demonstration of one server. `start` may be called again; `stop` ends it."""
+
+    def __init__(self, app: FastAPI) -> None:
+        self._app = app
+        self._task: asyncio.Task[str] | None = None
+        self._step, self._step_share, self._is_compiling = "looking for its monitor", 0.0, False
+        self._began = self._took = 0.0
+        self._kernels = 0
+        self.monitor: dict[str, Any] | None = None
+
+    def start(self) -> "asyncio.Task[str]":
+        """Begin, or begin again where it failed; the task's result is the flight's id."""
+        if self._task is None or (self._task.done() and self._failure):
+            self._began, self._took = time.monotonic(), 0.0
+            self._kernels = n_kernels()
+            self._task = asyncio.create_task(self._run())
+            self._task.add_done_callback(self._note_end)
+        return self._task
+
+    def stop(self) -> None:
+        """End it; a flight that it started goes on."""
+        if self._task is not None:
+            self._task.cancel()
+
+    @property
+    def progress(self) -> Progress | None:
+        """How far it is; None where nobody started it."""
+        task = self._task
+        if task is None:
+            return None
+        elapsed = self._took or time.monotonic() - self._began
+        if task.done():
+            if self._failure:
+                return Progress("failed", self._step, 0.0, elapsed, None, None, self._failure)
+            return Progress("ready", "flying", 1.0, elapsed, 0.0, task.result())
+        share = self._share
+        remaining = elapsed * (1 - share) / share if share >= LEAST_SHARE else None
+        phase = (
+            "compiling" if self._is_compiling else "training" if self._step_share else "preparing"
+        )
+        return Progress(phase, self._step, share, elapsed, remaining)
+
+    @property
+    def _share(self) -> float:
+        """By the kernels compiled where some are missing, else by the steps of the training."""
+        missing = KERNELS - self._kernels
+        if missing <= FEW_KERNELS:
+            return self._step_share
+        compiled = (n_kernels() - self._kernels) / missing
+        return min(max(compiled, self._step_share * compiled), 0.98)
+
+    @property
+    def _failure(self) -> str:
+        task = self._task
+        if task is None or not task.done():
+            return ""
+        return "it was stopped" if task.cancelled() else str(task.exception() or "")
+
+    def _note_end(self, task: "asyncio.Task[str]") -> None:
+        self._took = time.monotonic() - self._began
+        if not task.cancelled() and (error := task.exception()):
+            LOG.warning("the demonstration stopped: %s", error)
+
+    async def _run(self) -> str:
+        """Find or train the monitor and start a flight through it. ValueError."""
+        sessions = self._app.state.sessions
+        session = sessions.begin(self._app.state.people.server)
+        headers = {"Cookie": f"{COOKIE}={session}"}
+        transport = ASGITransport(self._app)
+        base = "http://127.0.0.1/api/v1"
+        try:
+            async with AsyncClient(
+                transport=transport, base_url=base, headers=headers, timeout=None
+            ) as client:
+                self.monitor = await known_monitor(client)
+                if self.monitor is None:
+                    job = await begin_training(client)
+                    self.monitor = await trained_monitor(client, job, self._on_job)
+                self._step = "starting the flight"
+                return await fly(client, self.monitor["id"])
+        finally:
+            sessions.end(session)
+
+    def _on_job(self, job: dict[str, Any]) -> None:
+        message, done, total = job["message"], job["progress"] or 0, job["total"] or 0
+        self._step = message
+        word = message.split()[0].rstrip(":") if message else ""
+        self._is_compiling = word == "compiling"
+        if word in STEPS:
+            within = 0.25 * done / total if word == "simulating" and total else 0.0
+            self._step_share = STEPS[word] + within
+
+
+def n_kernels() -> int:
+    """Kernels that this machine has compiled."""
+    return sum(1 for _ in Path(cache_directory()).rglob("*.nbi"))
+
+
+async def known_monitor(client: AsyncClient) -> dict[str, Any] | None:
+    """The demonstration's monitor, if this version of the program trained it. ValueError."""
+    wanted = [NAME, __version__, to_plain(MONITOR), limits_named(to_plain(DATASET))]
+    for monitor in _answered(await client.get("/monitors")):
+        if [monitor[key] for key in ("name", "version", "recipe", "dataset_recipe")] != wanted:
+            continue
+        if (await client.get(f"/monitors/{monitor['id']}/calibration")).is_success:
+            return monitor
+    return None
+
+
+async def begin_training(client: AsyncClient) -> dict[str, Any]:
+    """The job that trains the demonstration's monitor. ValueError."""
+    request = {"name": NAME, "dataset": to_plain(DATASET), "n_test": N_TEST} | to_plain(MONITOR)
+    return _answered(await client.post("/monitors", json=request))
+
+
+async def trained_monitor(
+    client: AsyncClient, job: dict[str, Any], on_job: Callable[[dict[str, Any]], object]
+) -> dict[str, Any]:
+    """The monitor that a job makes. ValueError where it makes none."""
+    while job["ended"] is None:
+        on_job(job)
+        await asyncio.sleep(LOOK_EVERY_S)
+        job = _answered(await client.get(f"/jobs/{job['id']}"))
+    if job["status"] != "done":
+        raise ValueError(f"training ended as {job['status']}: {job['error'] or 'on request'}")
+    return _answered(await client.get(f"/monitors/{job['result']['monitor']}"))
+
+
+async def fly(client: AsyncClient, monitor_id: str) -> str:
+    """Start a flight that fails, over and over, and return its id. It waits for its viewer."""
+    source = {"kind": "simulated", "outcome": "unsafe", "seed": SEED}
+    request = {"source": source, "monitor": monitor_id, "wait_for_viewer": True}
+    flight = _answered(await client.post("/flights", json=request))
+    loop = {"action": "loop", "value": True}
+    _answered(await client.post(f"/flights/{flight['id']}/transport", json=loop))
+    return flight["id"]
+
+
+def _answered(answer: Response) -> Any:
+    if answer.is_error:
+        raise ValueError(f"the demonstration stopped: {answer.json()['detail']}")
+    return answer.json()

@@ -1,0 +1,119 @@
+/**
+ * The live demonstration of this server, as it is prepared and once it flies.
+ *
+ * Exports
+ *   demonstration.latest        {phase, step, share, elapsed, remaining, flight, problem}; null where none was started
+ *   demonstration.follow(api)   asks the server, again and again until it flies or failed
+ *   demonstration.start(api) -> Promise    trains and flies it
+ *   demonstration.ended() -> Promise     once it flies; rejects with the reason where it failed
+ *   demonstration.subscribe(listener) -> unsubscribe
+ *   progressWords(progress) -> string
+ *   createDemonstrationBar(element, {navigate}) -> {goneTo(hash)}    the slim bar below the masthead
+ */
+
+import { ApiError } from "./api.js";
+import { h, put } from "./dom.js";
+
+const EVERY = 1000; // ms
+const ENDED = ["ready", "failed"];
+const WORDS = {
+  preparing: "getting ready",
+  compiling: "compiling the numerical kernels, once on this machine",
+  training: "training a small monitor",
+};
+const listeners = new Set();
+let timer = 0;
+
+export const demonstration = {
+  latest: null,
+  follow,
+  start: async (api) => {
+    show(await api.post("/demonstration"), api);
+  },
+  ended: () =>
+    new Promise((resolve, reject) => {
+      const unsubscribe = demonstration.subscribe(look);
+      look(demonstration.latest);
+
+      function look({ phase, problem }) {
+        if (!ENDED.includes(phase)) return;
+        unsubscribe();
+        if (phase === "ready") resolve();
+        else reject(new ApiError(problem, 0));
+      }
+    }),
+  subscribe: (listener) => {
+    listeners.add(listener);
+    return () => listeners.delete(listener);
+  },
+};
+
+async function follow(api) {
+  clearTimeout(timer);
+  try {
+    show(await api.get("/demonstration"), api);
+  } catch {
+    timer = setTimeout(follow, EVERY, api); // the page says elsewhere that the server does not answer
+  }
+}
+
+function show(progress, api) {
+  demonstration.latest = progress;
+  for (const listener of listeners) listener(progress);
+  clearTimeout(timer);
+  if (progress !== null && !ENDED.includes(progress.phase)) timer = setTimeout(follow, EVERY, api);
+}
+
+export function progressWords({ phase, elapsed, remaining }) {
+  const left = remaining === null ? "estimating the time left" : remaining < 5 ? "almost done" : `about ${coarse(remaining)} left`;
+  return `Live demonstration: ${WORDS[phase] ?? phase} · ${clock(elapsed)} elapsed · ${left}`;
+}
+
+function clock(seconds) {
+  const whole = Math.floor(seconds);
+  return `${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")}`;
+}
+
+/** To the nearest 5 s, and to half a minute beyond two: an estimate has no more digits. */
+function coarse(seconds) {
+  if (seconds < 120) return `${5 * Math.ceil(seconds / 5)} s`;
+  return `${Math.ceil(seconds / 30) / 2} min`;
+}
+
+export function createDemonstrationBar(element, { navigate }) {
+  const words = h("span", { class: "preparing-words", role: "status" });
+  const bar = h("progress", { class: "preparing-bar", max: 1, "aria-label": "Live demonstration" });
+  const watch = h("button", { type: "button", class: "button button-small button-primary", hidden: true, onclick: () => navigate(address()) }, "Watch it");
+  const dismiss = h("button", { type: "button", class: "button button-small", hidden: true, "aria-label": "Dismiss", onclick: leave }, "×");
+  element.append(words, bar, watch, dismiss);
+  let offered = true;
+  demonstration.subscribe(draw);
+
+  const address = () => `#/fly/${demonstration.latest?.flight}`;
+
+  function leave() {
+    offered = false;
+    element.hidden = true;
+  }
+
+  function draw(progress) {
+    const isOver = progress !== null && ENDED.includes(progress.phase);
+    if (progress !== null && !isOver) offered = true;
+    element.hidden = progress === null || !offered || (progress.phase === "ready" && location.hash === address());
+    if (element.hidden) return;
+    element.dataset.phase = progress.phase;
+    bar.hidden = isOver;
+    bar.value = progress.share;
+    watch.hidden = progress.phase !== "ready";
+    dismiss.hidden = !isOver;
+    if (progress.phase === "ready") put(words, "The live demonstration is ready.");
+    else if (progress.phase === "failed") put(words, `◆ The live demonstration stopped: ${progress.problem}`);
+    else put(words, progressWords(progress));
+  }
+
+  return {
+    goneTo: (hash) => {
+      if (demonstration.latest?.phase === "ready" && hash === address()) leave();
+    },
+  };
+}

@@ -1,0 +1,129 @@
+/**
+ * The recorded demonstration: a simulated flight that fails, replayed without a server's help.
+ *
+ * When the live demonstration is ready, the page goes there once the recording is over.
+ *
+ * Exports  show(element, {api, navigate}) -> {close()}
+ */
+
+import { guarantee } from "../fly/alarm_panel.js";
+import { showLiveFlight } from "../fly/live_flight.js";
+import { demonstration } from "../lib/demonstration.js";
+import { formatted, h } from "../lib/dom.js";
+import { may } from "../lib/me.js";
+import { magnitudeIn } from "../lib/units.js";
+import { button, errorLine, failure, link } from "../lib/view_states.js";
+import { createRecordedFlight } from "./recorded_flight.js";
+
+const RECORDING = new URL("recording.json", import.meta.url);
+const READ_ON = 4000; // ms between the end of the recording and the live flight, to read how it ended
+
+export function show(element, { api, navigate }) {
+  let flight = { close: () => {} };
+  let view = { close: () => {} };
+  let closed = false;
+  let over = false;
+  let timer = 0;
+  const unsubscribe = demonstration.subscribe(goOn);
+  if (demonstration.latest?.phase === "ready") {
+    goTo();
+  } else load();
+
+  async function load() {
+    try {
+      const response = await fetch(RECORDING);
+      const recording = await response.json();
+      if (!closed) play(recording);
+    } catch (error) {
+      if (!closed) element.replaceChildren(failure(error, load));
+    }
+  }
+
+  function play(recording) {
+    over = false;
+    clearTimeout(timer);
+    view.close();
+    const story = createStory(recording, { again: () => play(recording), api });
+    flight = createRecordedFlight(recording, api, ended);
+    flight.moved(story.moved);
+    view = showLiveFlight(element, { id: recording.hello.flight, api: flight.api, over: () => {}, recorded: { Socket: flight.Socket, beside: story.element } });
+
+    function ended() {
+      over = true;
+      story.end();
+      goOn();
+    }
+  }
+
+  function goOn() {
+    if (!over || closed || demonstration.latest?.phase !== "ready") return;
+    clearTimeout(timer);
+    timer = setTimeout(goTo, READ_ON);
+  }
+
+  function goTo() {
+    if (!closed) navigate(`#/fly/${demonstration.latest.flight}`);
+  }
+
+  return {
+    close: () => {
+      closed = true;
+      clearTimeout(timer);
+      unsubscribe();
+      view.close();
+      flight.close();
+    },
+  };
+}
+
+/** What happens in the flight, in words that light up as it happens; at its end what comes next. */
+function createStory({ hello, messages }, { again, api }) {
+  const alarms = messages.filter(({ message }) => message.type === "alarm").map(({ message }) => message.alarm);
+  const alert = alarms.find(({ kind }) => kind === "risk");
+  const exceeded = alarms.find(({ kind }) => kind === "limit");
+  const channel = hello.channels.find(({ key }) => key === exceeded.exceedance.channel);
+  const limit = magnitudeIn(channel, channel.limit);
+  const lead = (exceeded.t - alert.t).toFixed(2);
+  const steps = [
+    [0, "Simulated F-16 in a rudder doublet"],
+    [alert.t, `Alert: ${channel.symbol} is about to exceed ${limit}`],
+    [exceeded.t, `${channel.symbol} exceeds ${limit}, ${lead} s after the alert`],
+  ].map(([t, text]) => ({ t, item: h("li", {}, h("span", { class: "story-time" }, `${t.toFixed(2)} s`), formatted(text)) }));
+  const promise = h("p", { class: "hint", hidden: true }, guarantee(hello));
+  const next = h("div", { class: "row", hidden: true });
+  const refused = errorLine();
+  const element = h(
+    "div",
+    { class: "story" },
+    h("ol", {}, steps.map(({ item }) => item)),
+    promise,
+    next,
+    refused.element,
+  );
+
+  function moved(t) {
+    for (const step of steps) step.item.toggleAttribute("data-done", t >= step.t - 1e-6);
+  }
+
+  /** Live means trained and flown on this machine; it is offered where nothing prepares it yet. */
+  function end() {
+    const live = button("Train and fly it live", prepare, { class: "button button-small" });
+    const isIdle = demonstration.latest === null && may("POST /demonstration");
+    next.replaceChildren(button("Replay", again, { class: "button button-small button-primary" }), ...(isIdle ? [live] : []), link("What next", "#/"));
+    next.lastChild.classList.add("button-small");
+    next.hidden = promise.hidden = false;
+
+    async function prepare() {
+      live.disabled = true;
+      try {
+        await demonstration.start(api);
+        live.remove();
+      } catch (error) {
+        refused.show(error.message);
+        live.disabled = false;
+      }
+    }
+  }
+
+  return { element, moved, end };
+}

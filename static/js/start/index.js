@@ -1,0 +1,139 @@
+/**
+ * The start page: five jobs, each with a button that works at once.
+ *
+ * Exports  show(element, {api, navigate}) -> {close()}
+ */
+
+import { reason } from "../lib/api.js";
+import { demonstration } from "../lib/demonstration.js";
+import { h } from "../lib/dom.js";
+import { canFly, fittingMonitor } from "../lib/fitting_monitor.js";
+import { may, needs } from "../lib/me.js";
+import { startFlight } from "../lib/start_flight.js";
+import { button, errorLine, link } from "../lib/view_states.js";
+import { scoreExample } from "./example.js";
+import { drawPicture } from "./picture.js";
+
+const RECORDING = new URL("recording.json", import.meta.url);
+
+export function show(element, { api, navigate }) {
+  let closed = false;
+  const go = (hash) => closed || navigate(hash);
+  const recording = fetch(RECORDING).then((response) => response.json());
+  const picture = h("div", { class: "start-picture" });
+  recording.then((given) => picture.replaceChildren(drawPicture(given)), () => picture.remove());
+
+  const jobs = [
+    job({
+      title: "Watch a simulated flight",
+      text: "See Forewarn warn before a manoeuvre exceeds its limit.",
+      action: ["Watch a flight", watch],
+      more: link("Flights and settings", "#/fly"),
+    }),
+    job({
+      title: "Score a recording",
+      text: "Replay a flight from a file and see when a monitor would have warned.",
+      action: ["Score an example", score, needs("POST /recordings/{}/scorings")],
+      more: link("Open your own file", "#/recordings"),
+    }),
+    job({
+      title: "Connect a live source",
+      text: "Send telemetry over HTTP, WebSocket or UDP and get a risk for each sample.",
+      action: ["Set up a live flight", connect, needs("POST /flights")],
+    }),
+    job({
+      title: "Plan a build-up",
+      text: "Clear points of growing amplitude one by one, each from those flown before it.",
+      action: ["Open an example plan", () => go("#/campaigns/new?name=Example+build-up"), needs("POST /campaigns")],
+      more: link("Your campaigns", "#/campaigns"),
+    }),
+    job({
+      title: "Train a monitor for your aircraft",
+      text: "Choose aircraft, manoeuvre and limits; Forewarn simulates, trains and tests it.",
+      action: ["Train a monitor", () => go("#/monitors/new"), needs("POST /monitors")],
+      more: link("Your monitors", "#/monitors"),
+    }),
+  ];
+  element.replaceChildren(
+    h(
+      "div",
+      { class: "page start" },
+      h(
+        "header",
+        { class: "start-head" },
+        h(
+          "div",
+          { class: "stack" },
+          h("h1", {}, "An alert before the limit"),
+          h("p", {}, "Forewarn watches a flight-test manoeuvre as it is flown, and warns a set time before it exceeds a safety limit. It states how often it may miss."),
+        ),
+        picture,
+      ),
+      h("ul", { class: "jobs" }, jobs),
+    ),
+  );
+  return {
+    close: () => {
+      closed = true;
+    },
+  };
+
+  async function watch() {
+    const monitor = fittingMonitor(await api.get("/monitors"));
+    if (monitor === undefined || !canFly(monitor) || !may("POST /flights")) return go("#/demonstration");
+    const source = { kind: "simulated", seed: 2, outcome: "unsafe" };
+    return startFlight({ api, navigate: go }, { source, monitor: monitor.id });
+  }
+
+  async function score(say) {
+    const monitor = await aMonitor(say);
+    go(await scoreExample(api, await recording, monitor));
+  }
+
+  async function connect(say) {
+    await aMonitor(say);
+    go("#/fly?kind=live");
+  }
+
+  /** The one to begin with; where there is none, the small one of the demonstration is trained first. */
+  async function aMonitor(say) {
+    const known = await api.get("/monitors");
+    if (known.length > 0 || !may("POST /demonstration")) return fittingMonitor(known);
+    say("No monitor yet: training a small one first. Progress is shown above.");
+    await demonstration.start(api);
+    await demonstration.ended();
+    return fittingMonitor(await api.get("/monitors"));
+  }
+}
+
+function job({ title, text, action: [words, act, attributes = {}], more }) {
+  const refused = errorLine();
+  const status = h("p", { class: "hint", role: "status", hidden: true });
+  const go = button(words, press, { class: "button button-primary", ...attributes });
+  return h(
+    "li",
+    { class: "panel job-card" },
+    h("h2", {}, title),
+    h("p", {}, text),
+    h("div", { class: "row" }, go, more ?? null),
+    status,
+    refused.element,
+  );
+
+  async function press() {
+    go.disabled = true;
+    refused.show("");
+    try {
+      await act(say);
+    } catch (error) {
+      refused.show(reason(error));
+    }
+    status.hidden = true;
+    go.disabled = false;
+  }
+
+  function say(words) {
+    status.textContent = words;
+    status.hidden = false;
+  }
+}
