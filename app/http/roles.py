@@ -60,6 +60,7 @@ ALLOWED: dict[Role, tuple[str, ...]] = {
         f"GET {RECORDING}/signals/{{index}}/preview",
         f"POST {RECORDING}/preview",
         f"GET {RECORDING}/manoeuvres",
+        f"GET {RECORDING}/training-proposal",
         f"GET {RECORDING}/markers",
         f"GET {RECORDING}/scorings",
         f"GET {SCORING}",
