@@ -16,7 +16,7 @@ from typing import Literal
 from app.recordings.files import RecordingFiles
 from app.recordings.samples import check_samples
 from app.recordings.verified import digest_of
-from app.store.database import Damaged, Interrupted, check_pages, look_at_pages
+from app.store.database import Damaged, Interrupted, check_pages, quick_check
 from app.store.store import NotFound, Store, StoreError
 
 LOG = logging.getLogger("forewarn")
@@ -153,7 +153,7 @@ class Integrity:
         """Look at pages and at what is small, for LOOK_S at most."""
         deadline = time.monotonic() + LOOK_S
         try:
-            self._note_pages(look_at_pages(self.store.engine, self._pace.stopped, LOOK_S))
+            self._note_pages(quick_check(self.store.engine, self._pace.stopped, LOOK_S))
             for item in small_items(self.store, self.files):
                 if time.monotonic() > deadline:
                     break

@@ -58,7 +58,7 @@ from app.routes.guide import guide_router
 from app.routes.scene import scene_router
 from app.scene.scene import Scenes
 from app.settings import Settings
-from app.store.look import StoreLook
+from app.store.health import StoreHealth
 from app.store.store import open_store
 from app.upkeep.restore import finish
 from app.upkeep.retention import retain_daily, retention_rule
@@ -170,7 +170,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         await asyncio.to_thread(store.reserve.make)
         await parts.enter_async_context(app.state.people.open(store))
         await parts.enter_async_context(app.state.audit.open(store))
-        look = app.state.look = StoreLook(store)
+        store_health = app.state.store_health = StoreHealth(store)
         kept = app.state.recordings = Recordings(store, settings.data_dir / "recordings")
         await parts.enter_async_context(kept)
         app.state.scored = ScoredRecordings(kept)
@@ -185,7 +185,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
             scenes,
             settings.max_flights,
             scored=app.state.scored,
-            look=look,
+            store_health=store_health,
             journals=journals,
             host=settings.host,
         )
@@ -194,8 +194,8 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         going_on = asyncio.create_task(_go_on(aloft))
         parts.callback(going_on.cancel)
         await asyncio.wait([going_on], timeout=GOING_ON_S)
-        looking = asyncio.create_task(look.repeat(lambda: bool(aloft.under_way())))
-        parts.callback(looking.cancel)
+        checking_store = asyncio.create_task(store_health.repeat(lambda: bool(aloft.under_way())))
+        parts.callback(checking_store.cancel)
         if rule := retention_rule(settings.retain_days, settings.retain_gb):
             parts.callback(asyncio.create_task(retain_daily(kept, journals, rule)).cancel)
         integrity = app.state.integrity = Integrity(store, kept.files)

@@ -97,7 +97,7 @@ def flown_monitor(
 def no_rest(monitor: Monitor) -> str:
     """Why a monitor forecasts nothing of the rest of the test card; empty where it does."""
     if monitor.forecast is not None:
-        return monitor.forecast.no_rest
+        return monitor.forecast.no_forecast_reason
     predictor = kind_label(to_plain(monitor.recipe.predictor)["kind"])
     return f"“{predictor}” gives none"
 

@@ -46,8 +46,8 @@ from app.live.journal import Journals, lines_of
 from app.messages import FlightMarker, LiveStatus
 from app.recordings.scored import ScoredRecordings
 from app.scoring.limits_in_force import LimitsInForce, RequestedLimits
-from app.store.flights import INTERRUPTED, UnderWay
-from app.store.look import StoreLook
+from app.store.flights import INTERRUPTED, FlightInProgress
+from app.store.health import StoreHealth
 from app.store.store import NotFound, Store, StoreError
 from app.store.tokens import LOCAL
 from core.evaluation.certificate import check_use
@@ -89,11 +89,11 @@ class Flights:
         max_flights: int = 64,
         clock: Clock | None = None,
         scored: ScoredRecordings | None = None,
-        look: StoreLook | None = None,
+        store_health: StoreHealth | None = None,
         journals: Journals | None = None,
         host: str = "127.0.0.1",
     ) -> None:
-        self._look, self._journals, self._host = look, journals, host
+        self._store_health, self._journals, self._host = store_health, journals, host
         self.store, self.max_flights, self._scored = store, max_flights, scored
         self._scenes, self._clock = scenes, clock or MonotonicClock()
         self._flights: dict[str, Flight] = {}
@@ -432,10 +432,10 @@ class Flights:
             ending.timer = self._clock.call_at(self._clock.now() + INTERVAL_S, again)
 
     async def delete(self, flight_id: str) -> None:
-        """Delete the record of a flight that is over. UnderWay; NotFound; StoreError."""
+        """Delete the record of a flight that is over. FlightInProgress; NotFound; StoreError."""
         flight = self.get(flight_id)
         if flight is not None and flight.is_over:
-            raise UnderWay(
+            raise FlightInProgress(
                 f"flight {flight_id} is over, but its record is not complete: "
                 f"{flight.recorder.waiting_words} wait for the store"
             )
@@ -522,7 +522,9 @@ class Flights:
     ) -> Flight:
         try:
             scene = await asyncio.to_thread(self._open_scene, plan, patience(source.dt))
-            recorder = Recorder(self.store, plan.id, self._clock, self._recording, self._look)
+            recorder = Recorder(
+                self.store, plan.id, self._clock, self._recording, self._store_health
+            )
             when_over = self._when_over(plan.id)
             flight = make(plan, source, recorder, self._clock, when_over, scene)
             self._flights[plan.id] = flight

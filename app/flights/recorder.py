@@ -21,8 +21,8 @@ from app.flights.clock import Clock, Timer
 from app.flights.flight_markers import to_store
 from app.messages import Alarm, ChannelExceedances, FlightMarker, LimitsFrom
 from app.store.assessments import DISPLAY, StoredDisplay
+from app.store.health import StoreHealth
 from app.store.limit_sets import FlightLimits
-from app.store.look import StoreLook
 from app.store.store import NotFound, Store, StoreError
 from core.channels import N_CHANNELS
 from core.monitor import Assessment
@@ -82,7 +82,7 @@ class Recorder:
     """Records one flight.
 
     threads: where it writes, so that no other work of the server keeps an alarm waiting.
-    look: the newest look at the store, which knows a fault also while nothing waits.
+    store_health: reports a fault of the store even while nothing is queued.
     interval: samples wait for the next batch at most so long [s].
     is_spread: the first batch comes sooner, each flight's at another time: those that began
     together do not write together.
@@ -97,7 +97,7 @@ class Recorder:
         flight_id: str,
         clock: Clock,
         threads: Executor | None = None,
-        look: StoreLook | None = None,
+        store_health: StoreHealth | None = None,
     ) -> None:
         self._store, self._flight_id, self._clock = store, flight_id, clock
         self._threads = threads
@@ -109,12 +109,12 @@ class Recorder:
         self._task: asyncio.Task[bool] | None = None
         self._alarms_task: asyncio.Task[None] | None = None
         self.lost = 0
-        self._look, self._refusal = look, ""
+        self._store_health, self._refusal = store_health, ""
 
     @property
     def problem(self) -> str:
         """Why the store took nothing the last time, or would not now; empty while it does."""
-        return self._refusal or (self._look.fault if self._look else "")
+        return self._refusal or (self._store_health.fault if self._store_health else "")
 
     @property
     def _first_interval(self) -> float:

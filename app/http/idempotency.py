@@ -89,7 +89,7 @@ class Idempotent:
             await body.drain()
             is_gone = await asyncio.to_thread(answers.is_gone, request[0], earlier)
             return await _again(earlier, body.fingerprint, is_gone, scope, send)
-        await asyncio.to_thread(answers.begin, *request, "")
+        await asyncio.to_thread(answers.start, *request, "")
         try:
             await self.app(scope, body.receive, heard.send)
         finally:

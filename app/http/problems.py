@@ -103,7 +103,7 @@ def problem_response(problem: Problem, headers: dict[str, str] | None = None) ->
 
 def install_problems(app: FastAPI) -> None:
     """Answer every error of the application with a problem document."""
-    from app.store.store import Damaged, InUse, KeptForEver, NotFound, StoreError
+    from app.store.store import Damaged, InUse, KeptPermanently, NotFound, StoreError
 
     def answer(status: int, kind: str):
         async def handler(request: Request, error: Exception) -> Response:
@@ -115,7 +115,7 @@ def install_problems(app: FastAPI) -> None:
     handlers: dict[type[Exception], tuple[int, str]] = {
         NotFound: (404, "not-found"),
         InUse: (409, "in-use"),
-        KeptForEver: (409, "kept"),
+        KeptPermanently: (409, "kept"),
         Damaged: (500, "damaged"),
         StoreError: (503, "store"),
         RecipeError: (422, "recipe"),

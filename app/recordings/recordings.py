@@ -184,7 +184,7 @@ class Recordings:
             self.store.mappings.save(aircraft, key, confirmed.mapping)
 
     def delete(self, recording_id: str) -> None:
-        """Delete a recording with its folder. NotFound; InUse while it is flown; KeptForEver."""
+        """Delete a recording with its folder. InUse while it is replayed; KeptPermanently."""
         self.store.recordings.withdraw(recording_id)
         self._recent.forget(recording_id)
         self.files.discard(recording_id)
@@ -227,7 +227,7 @@ class Recordings:
     ) -> None:
         """Put a recording in its place, first the row that is not seen, then the folder."""
         folder = self.files.incoming / recording_id
-        self.store.recordings.begin(
+        self.store.recordings.add(
             recording_id,
             name,
             received.size,

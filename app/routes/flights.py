@@ -31,7 +31,7 @@ from app.messages import (
 )
 from app.recipes import RecipeError
 from app.routes.dependencies import PersonDep, json_from, signature
-from app.store.flights import FlightInfo, UnderWay
+from app.store.flights import FlightInfo, FlightInProgress
 from app.store.tokens import LOCAL
 from core.evaluation.certificate import UselessMonitor
 from core.flight_markers import FlightMarkerKey
@@ -274,7 +274,7 @@ async def delete_flight(flight_id: str, flights: FlightsDep) -> None:
     """Delete the record of a flight that is over; 409 while it is under way or kept for ever."""
     try:
         await flights.delete(flight_id)
-    except UnderWay as error:
+    except FlightInProgress as error:
         raise Problem(409, str(error), "urn:forewarn:under-way") from error
 
 

@@ -69,7 +69,7 @@ async def readiness(request: Request) -> Readiness:
     state = request.app.state
     flights: Flights = state.flights
     told: dict[str, Any] = {"unwritten": flights.unwritten, "lost": flights.lost}
-    detail = await state.look.look()
+    detail = await state.store_health.check()
     if not detail and flights.problem:
         detail = f"{flights.unwritten} samples of flights wait for the store"
     damaged = await _damaged(state)

@@ -40,12 +40,12 @@ async def read_space(settings: SettingsDep) -> DiskSpace:
 @router.put("/flights/{flight_id}/keep", responses=problem_responses(404, 422))
 async def keep_flight(flight_id: str, keeping: Keeping, store: StoreDep) -> Keeping:
     """Keep a flight for ever, or release it."""
-    await asyncio.to_thread(store.keeping.set_flight, flight_id, keeping.keep)
+    await asyncio.to_thread(store.retention_flags.set_flight, flight_id, keeping.keep)
     return keeping
 
 
 @router.put("/recordings/{recording_id}/keep", responses=problem_responses(404, 422))
 async def keep_recording(recording_id: str, keeping: Keeping, store: StoreDep) -> Keeping:
     """Keep a recording for ever, or release it."""
-    await asyncio.to_thread(store.keeping.set_recording, recording_id, keeping.keep)
+    await asyncio.to_thread(store.retention_flags.set_recording, recording_id, keeping.keep)
     return keeping

@@ -1,1 +1,1 @@
-"""The store: SQLAlchemy, a file a table family; only here rows and core objects are both known."""
+"""The store: SQLAlchemy, one file per table family. Only this package converts rows to objects."""

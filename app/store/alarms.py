@@ -1,4 +1,4 @@
-"""Stored alarms: numbered in their flight, acknowledged once."""
+"""Stored alarms: numbered within their flight, acknowledged once."""
 
 from collections import defaultdict
 from collections.abc import Iterable
@@ -12,14 +12,14 @@ from app.store.repository import Entry, NotFound, Repository, columns, fetch
 from app.store.tables import alarms, new_id, now
 from core.monitor.status import AlarmKind, Level
 
-_OWN = (alarms.c.flight_id == bindparam("flight")) & (alarms.c.number == bindparam("own"))
-_NUMBERED, _INSERT = select(alarms.c.id).where(_OWN), insert(alarms)
-"""Made once: flights under way wait for them."""
+_BY_NUMBER = (alarms.c.flight_id == bindparam("flight")) & (alarms.c.number == bindparam("number"))
+_NUMBERED, _INSERT = select(alarms.c.id).where(_BY_NUMBER), insert(alarms)
+"""Built once, because flights in progress wait for these statements."""
 
 
 @dataclass(frozen=True)
 class StoredAlarm(Entry):
-    """A latched alert as it is stored."""
+    """A latched alert."""
 
     id: str
     flight_id: str
@@ -30,15 +30,15 @@ class StoredAlarm(Entry):
     t: float
     """time of the sample [s]"""
     p_value: float | None
-    """risk; null where the state of the sample was not `ok`"""
+    """risk; null if the state of the sample was not `ok`"""
     kind: AlarmKind
-    """a predicted exceedance, `risk`, or a measured one, `limit`; else what it cautions of"""
+    """`risk` for a predicted exceedance, `limit` for a measured one, else the kind of caution"""
     level: Level
     """14 CFR 25.1322"""
     exceedance: dict[str, Any] | None
-    """of kind `limit`: channel, value, limit, and which value was judged"""
+    """for kind `limit`: channel, value, limit, and which value was judged"""
     reason: str | None
-    """of a caution: why"""
+    """reason for a caution"""
     raised: str
     """UTC, ISO 8601"""
     acknowledged: str | None
@@ -63,10 +63,10 @@ class AlarmRepository(Repository):
         number: int | None = None,
         raised: str | None = None,
     ) -> str:
-        """Store an alarm of a flight; return its id. NotFound.
+        """Store an alarm of a flight and return its id.
 
-        number: in its flight, the next one if absent; one that is stored already stays as it is.
-        raised: UTC in ISO 8601, now if absent.
+        number: within the flight, next free if None; an alarm already stored is left unchanged.
+        raised: UTC in ISO 8601, now if None.
         """
         alarm_id = new_id()
         row: dict[str, Any] = {
@@ -82,34 +82,35 @@ class AlarmRepository(Repository):
         }
         with self._writing() as connection:
             head_of(connection, flight_id)
-            own = _next_number(connection, flight_id) if number is None else number
-            same = connection.execute(_NUMBERED, {"flight": flight_id, "own": own})
-            if (stored := same.scalar_one_or_none()) is not None:
+            number = _next_number(connection, flight_id) if number is None else number
+            existing = connection.execute(_NUMBERED, {"flight": flight_id, "number": number})
+            if (stored := existing.scalar_one_or_none()) is not None:
                 return stored
-            row |= {"number": own, "raised": raised or now()}
+            row |= {"number": number, "raised": raised or now()}
             connection.execute(_INSERT, row)
         return alarm_id
 
     def acknowledge_number(self, flight_id: str, number: int, by: str) -> StoredAlarm:
-        """Note who has seen the alarm of this number in its flight; the first stays. NotFound."""
         with self._reading() as connection:
             fetch_flight(connection, flight_id)
-            numbered = connection.execute(_NUMBERED, {"flight": flight_id, "own": number})
+            numbered = connection.execute(_NUMBERED, {"flight": flight_id, "number": number})
             alarm_id = numbered.scalar_one_or_none()
         if alarm_id is None:
             raise NotFound(f"flight {flight_id} has no alarm {number}")
         return self.acknowledge(alarm_id, by)
 
     def acknowledge(self, alarm_id: str, by: str) -> StoredAlarm:
-        """Note who has seen an alarm; the first one stays. NotFound."""
-        waiting = (alarms.c.id == alarm_id) & alarms.c.acknowledged.is_(None)
+        """Record who acknowledged an alarm; only the first acknowledgement counts."""
+        unacknowledged = (alarms.c.id == alarm_id) & alarms.c.acknowledged.is_(None)
         query = select(*columns(alarms, StoredAlarm)).where(alarms.c.id == alarm_id)
         with self._writing() as connection:
-            connection.execute(update(alarms).where(waiting).values(acknowledged=now(), by=by))
+            connection.execute(
+                update(alarms).where(unacknowledged).values(acknowledged=now(), by=by)
+            )
             return StoredAlarm(**fetch(connection, query, "alarm", alarm_id)._mapping)
 
     def of(self, flight_id: str) -> list[StoredAlarm]:
-        """Alarms of a flight in the order they were raised. NotFound."""
+        """Alarms of a flight in the order they were raised."""
         query = select(*columns(alarms, StoredAlarm)).where(alarms.c.flight_id == flight_id)
         with self._reading() as connection:
             fetch_flight(connection, flight_id)
@@ -117,14 +118,14 @@ class AlarmRepository(Repository):
             return [StoredAlarm(**row._mapping) for row in rows]
 
     def of_flights(self, flight_ids: Iterable[str]) -> dict[str, list[StoredAlarm]]:
-        """Alarms of several flights in the order they were raised; none of a flight without."""
-        wanted, found = set(flight_ids), defaultdict[str, list[StoredAlarm]](list)
+        """Alarms by flight, in the order they were raised; flights without any are absent."""
+        wanted, by_flight = set(flight_ids), defaultdict[str, list[StoredAlarm]](list)
         query = select(*columns(alarms, StoredAlarm)).order_by(alarms.c.flight_id, alarms.c.number)
         with self._reading() as connection:
             for row in connection.execute(query):
                 if row.flight_id in wanted:
-                    found[row.flight_id].append(StoredAlarm(**row._mapping))
-        return dict(found)
+                    by_flight[row.flight_id].append(StoredAlarm(**row._mapping))
+        return dict(by_flight)
 
 
 def _next_number(connection: Connection, flight_id: str) -> int:

@@ -1,4 +1,4 @@
-"""What was answered to requests that may come twice, for a day."""
+"""Answers to requests, kept for a day so that a repeated request gets the same answer."""
 
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -9,16 +9,16 @@ from app import json_codec
 from app.store.repository import Repository
 from app.store.tables import answers, metadata, now, time_text
 
-KEPT = timedelta(days=1)
+KEEP_FOR = timedelta(days=1)
 DELETED = "deleted"
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What a request was answered with.
+    """The answer to a request.
 
-    fingerprint: SHA-256 of the request.   status: None where the server ended during the request:
-    whether it was carried out is not known.
+    fingerprint: SHA-256 of the request.   status: None if the server stopped during the request, so
+    that the outcome is unknown.
     """
 
     fingerprint: str
@@ -28,10 +28,10 @@ class Answer:
 
 
 class AnswerRepository(Repository):
-    """Answers by the path of the request and its key."""
+    """Answers by request path and key."""
 
-    def begin(self, path: str, key: str, fingerprint: str) -> Answer | None:
-        """Note a request that is about to be carried out; an earlier one's answer if there is."""
+    def start(self, path: str, key: str, fingerprint: str) -> Answer | None:
+        """Record a request that starts; return the earlier answer if it is a repetition."""
         with self._writing() as connection:
             connection.execute(delete(answers).where(answers.c.created < _oldest()))
             if (earlier := _find(connection, path, key)) is not None:
@@ -41,14 +41,14 @@ class AnswerRepository(Repository):
         return None
 
     def find(self, path: str, key: str) -> Answer | None:
-        """What a request was answered with; None for one that never came, or too long ago."""
+        """The answer to a request; None if it is unknown or older than a day."""
         with self._reading() as connection:
             return _find(connection, path, key)
 
     def is_gone(self, path: str, answer: Answer) -> bool:
-        """Whether what a request to a path created is there no more.
+        """Whether the thing that a request to this path created has been deleted.
 
-        The Location of its answer says what that is; without one, the id in its body.
+        The Location header names it; without that header, the id in the body does.
         """
         if answer.status is None or answer.body is None:
             return False
@@ -56,48 +56,46 @@ class AnswerRepository(Repository):
         location = location or f"{path}/{json_codec.decode(answer.body)['id']}"
         *_, name, identity = location.split("/")
         table = metadata.tables[name]
-        there = table.c.id == identity
+        exists = table.c.id == identity
         if "complete" in table.c:
-            there &= table.c.complete
+            exists &= table.c.complete
         with self._reading() as connection:
-            return connection.execute(select(table.c.id).where(there)).first() is None
+            return connection.execute(select(table.c.id).where(exists)).first() is None
 
     def finish(self, path: str, key: str, answer: Answer) -> None:
-        """Keep the answer to a request that was carried out."""
         with self._writing() as connection:
             values = vars(answer)
-            connection.execute(update(answers).where(_this(path, key)).values(**values))
+            connection.execute(update(answers).where(_by_key(path, key)).values(**values))
 
     def forget(self, path: str, key: str) -> None:
-        """Forget a request that was refused: it may come again."""
+        """Forget a refused request, so that it may be sent again."""
         with self._deleting() as connection:
-            connection.execute(delete(answers).where(_this(path, key)))
+            connection.execute(delete(answers).where(_by_key(path, key)))
 
 
 def note_deleted(connection: Connection, table: str, identity: str) -> None:
-    """Note that a row is deleted, so that it may be asked for twice."""
+    """Record a deletion, so that deleting the same row again succeeds."""
     row = {"path": f"{table}/{identity}", "key": DELETED, "created": now(), "fingerprint": ""}
     connection.execute(delete(answers).where(answers.c.created < _oldest()))
     connection.execute(insert(answers).values(**row))
 
 
 def was_deleted(connection: Connection, table: str, identity: str) -> bool:
-    """Whether a row was deleted within the last day."""
     return _find(connection, f"{table}/{identity}", DELETED) is not None
 
 
 def _find(connection: Connection, path: str, key: str) -> Answer | None:
     a = answers.c
     query = select(a.fingerprint, a.status, a.headers, a.body).where(
-        _this(path, key), a.created >= _oldest()
+        _by_key(path, key), a.created >= _oldest()
     )
     row = connection.execute(query).one_or_none()
     return None if row is None else Answer(**row._mapping)
 
 
-def _this(path: str, key: str) -> ColumnElement[bool]:
+def _by_key(path: str, key: str) -> ColumnElement[bool]:
     return (answers.c.path == path) & (answers.c.key == key)
 
 
 def _oldest() -> str:
-    return time_text(datetime.now(UTC) - KEPT)
+    return time_text(datetime.now(UTC) - KEEP_FOR)

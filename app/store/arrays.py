@@ -12,18 +12,17 @@ BLOCK_BYTES = 256 * 1024
 
 
 def to_blob(array: npt.NDArray) -> bytes:
-    """Pack an array; ValueError for one of Python objects."""
     file = io.BytesIO()
     np.save(file, array, allow_pickle=False)
     return file.getvalue()
 
 
 def from_blob(blob: bytes) -> npt.NDArray:
-    """Unpack an array; StoreError where the blob is damaged."""
+    """Unpack an array. StoreError if the blob is damaged."""
     try:
         try:
             return np.load(io.BytesIO(blob), allow_pickle=False)
-        except SystemError:  # CPython 3.11, where two threads parse at once, as numpy a header
+        except SystemError:  # CPython 3.11: numpy's header parser is not thread-safe
             return np.load(io.BytesIO(blob), allow_pickle=False)
     except (ValueError, EOFError) as error:
         raise Damaged(
@@ -32,7 +31,7 @@ def from_blob(blob: bytes) -> npt.NDArray:
 
 
 def to_blocks(array: npt.NDArray) -> Iterator[tuple[int, bytes]]:
-    """Blocks of whole rows as (first row, blob); one block for an array without rows."""
+    """Blocks of whole rows as (first row, blob); an array without rows gives one block."""
     row_bytes = array.nbytes // max(len(array), 1)
     rows = max(1, BLOCK_BYTES // max(row_bytes, 1))
     for first in range(0, max(len(array), 1), rows):
@@ -40,23 +39,23 @@ def to_blocks(array: npt.NDArray) -> Iterator[tuple[int, bytes]]:
 
 
 def from_blocks(blocks: Iterable[bytes], n_rows: int) -> npt.NDArray:
-    """Join blocks in their order; StoreError where they do not make up n_rows rows."""
-    joined, first = None, 0
+    """Join blocks in order. StoreError if they do not add up to n_rows rows."""
+    array, first = None, 0
     for blob in blocks:
         block = from_blob(blob)
-        if joined is None:
-            joined = np.empty((n_rows, *block.shape[1:]), block.dtype)
-        if block.dtype != joined.dtype or len(block) > n_rows - first:
-            raise _other_rows(n_rows)
-        joined[first : first + len(block)] = block
+        if array is None:
+            array = np.empty((n_rows, *block.shape[1:]), block.dtype)
+        if block.dtype != array.dtype or len(block) > n_rows - first:
+            raise _wrong_rows(n_rows)
+        array[first : first + len(block)] = block
         first += len(block)
-    if joined is None or first != n_rows:
-        raise _other_rows(n_rows)
-    return joined
+    if array is None or first != n_rows:
+        raise _wrong_rows(n_rows)
+    return array
 
 
-def _other_rows(n_rows: int) -> Damaged:
+def _wrong_rows(n_rows: int) -> Damaged:
     return Damaged(
-        f"a stored array has other rows than the {n_rows} it was stored with: restore the "
-        "database from a backup"
+        f"a stored array does not have the {n_rows} rows it was stored with: restore the database "
+        "from a backup"
     )

@@ -1,4 +1,4 @@
-"""Assessments of a flight as they are stored: samples in one array, reasons run by run."""
+"""Stored assessments of a flight: samples in one array, reasons as runs of samples."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -23,62 +23,62 @@ SAMPLE = np.dtype(
         ("y_hat", "<f8", (N_CHANNELS,)),
     ]
 )
-"""One assessed sample as it is stored; `state` is a code into core.monitor.assessment.STATES."""
+"""One assessed sample; `state` is an index into core.monitor.assessment.STATES."""
 DISPLAY = np.dtype([("p_value", "<f8"), ("alert", "?"), ("state", "u1")])
-"""What a monitor that is flown for display says of a sample, as SAMPLE."""
+"""Result of a display monitor for one sample; fields as in SAMPLE."""
 
 
 @dataclass(frozen=True, eq=False)
 class StoredDisplay:
-    """Assessments of one monitor that is flown for display."""
+    """Assessments by one display monitor."""
 
     samples: npt.NDArray
     """(n,) of DISPLAY"""
     reasons: tuple[str, ...]
     """(n,) why a sample was not assessed"""
 
-    def part(self, wanted: slice) -> "StoredDisplay":
+    def part(self, rows: slice) -> "StoredDisplay":
         """Those of some samples."""
-        return StoredDisplay(self.samples[wanted], self.reasons[wanted])
+        return StoredDisplay(self.samples[rows], self.reasons[rows])
 
 
 @dataclass(frozen=True, eq=False)
 class StoredAssessments:
-    """Assessments of a run of samples of a flight, one array a field."""
+    """Assessments of consecutive samples of a flight, one array per field."""
 
     seq: npt.NDArray[np.int64]
-    """(n,) sample numbers, ascending; a gap is a sample that was never stored"""
+    """(n,) sample numbers, ascending; a gap means samples that were never stored"""
     t: Array
     """(n,) [s]"""
     y: Array
-    """(n, 6) the samples themselves"""
+    """(n, 6) samples"""
     p_value: Array
-    """(n,), NaN where there is none"""
+    """(n,), NaN if none"""
     alert: npt.NDArray[np.bool_]
     """(n,)"""
     state: npt.NDArray[np.uint8]
-    """(n,) codes into core.monitor.assessment.STATES"""
+    """(n,) indices into core.monitor.assessment.STATES"""
     y_hat: Array
-    """(n, 6), NaN where there is no forecast"""
+    """(n, 6), NaN without a forecast"""
     reasons: tuple[str, ...]
     """(n,) why a sample was not assessed"""
     display: tuple[StoredDisplay, ...] = ()
-    """of each monitor that is flown for display, in the order of the flight"""
+    """for each display monitor, in the order of the flight"""
 
     def __len__(self) -> int:
         return len(self.seq)
 
 
 def pack(*fields: Any) -> npt.NDArray:
-    """Pack the fields of SAMPLE, in its order."""
+    """Pack the fields of SAMPLE, given in its order."""
     samples = np.empty(len(fields[0]), SAMPLE)
     for name, values in zip(SAMPLE.names or (), fields, strict=True):
         if values is None:
             samples[name] = np.nan
         elif np.shape(values) != samples[name].shape:
             raise ValueError(
-                f"{name} has shape {np.shape(values)}: it needs {samples[name].shape}, a row for "
-                "each sample"
+                f"{name} has shape {np.shape(values)}: it needs {samples[name].shape}, one row "
+                "per sample"
             )
         else:
             samples[name] = values
@@ -86,17 +86,19 @@ def pack(*fields: Any) -> npt.NDArray:
 
 
 def display_columns(display: Sequence[StoredDisplay]) -> dict[str, Any]:
-    """What a chunk holds of monitors that are flown for display; nulls where there is none."""
+    """Columns of a chunk for display monitors; nulls if there are none."""
     if not display:
         return {"display": None, "display_reasons": None}
     return {
-        "display": to_blob(np.stack([one.samples for one in display], axis=1)),
-        "display_reasons": [runs_of(one.samples["state"], one.reasons) for one in display],
+        "display": to_blob(np.stack([monitor.samples for monitor in display], axis=1)),
+        "display_reasons": [
+            runs_of(monitor.samples["state"], monitor.reasons) for monitor in display
+        ],
     }
 
 
 def display_of(blob: bytes | None, runs: Sequence[Any] | None) -> list[StoredDisplay]:
-    """What `display_columns` stored, a monitor each."""
+    """Reverse of `display_columns`, one entry per monitor."""
     if blob is None:
         return []
     samples = from_blob(blob)
@@ -107,22 +109,22 @@ def display_of(blob: bytes | None, runs: Sequence[Any] | None) -> list[StoredDis
 
 
 def joined(parts: Sequence[Sequence[StoredDisplay]]) -> list[StoredDisplay]:
-    """Assessments of chunk after chunk, as many monitors in each, as one of each monitor."""
+    """Join the assessments of successive chunks, one result per monitor."""
     return [
         StoredDisplay(
-            np.concatenate([one.samples for one in column]),
-            tuple(text for one in column for text in one.reasons),
+            np.concatenate([part.samples for part in column]),
+            tuple(text for part in column for text in part.reasons),
         )
         for column in zip(*parts, strict=True)
     ]
 
 
 def runs_of(state: npt.NDArray, reasons: Sequence[str]) -> list[list[Any]] | None:
-    """[first, last, text] of each run of samples whose reason is not that of their state."""
+    """[first, last, text] of each run of samples whose reason differs from its state's default."""
     runs = []
-    given = zip(state.tolist(), reasons, strict=True) if reasons else ()
-    other = ("" if text == REASONS[code] else text for code, text in given)
-    for text, run in groupby(enumerate(other), lambda numbered: numbered[1]):
+    samples = zip(state.tolist(), reasons, strict=True) if reasons else ()
+    texts = ("" if text == REASONS[code] else text for code, text in samples)
+    for text, run in groupby(enumerate(texts), lambda numbered: numbered[1]):
         numbers = [k for k, _ in run]
         if text:
             runs.append([numbers[0], numbers[-1], text])
@@ -130,7 +132,6 @@ def runs_of(state: npt.NDArray, reasons: Sequence[str]) -> list[list[Any]] | Non
 
 
 def reasons_of(state: npt.NDArray, runs: Iterable[Sequence[Any]]) -> list[str]:
-    """The reason of each sample of a chunk."""
     reasons = [REASONS[code] for code in state.tolist()]
     for first, last, text in runs:
         reasons[first : last + 1] = [text] * (last + 1 - first)

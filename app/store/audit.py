@@ -1,4 +1,4 @@
-"""The audit log: who changed what, and when; rows are added and read, never changed."""
+"""The audit log: who changed what, and when. Rows are added and read, never changed."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -13,34 +13,33 @@ READ_AT_ONCE = 1000
 
 @dataclass(frozen=True)
 class AuditEntry(Entry):
-    """A change, a login, or an attempt that the role did not allow."""
+    """A change, a login, or an attempt refused because of the role."""
 
     time: str
-    """UTC, ISO 8601, of the answer"""
+    """of the answer, UTC, ISO 8601"""
     who: str
-    """name of the person; `server` with the token of the settings, `local` where none is asked"""
+    """person's name; `server` for the token in the settings, `local` without authentication"""
     role: str
     address: str
-    """that it came from"""
+    """client address"""
     method: str
-    """of HTTP; `WEBSOCKET` for one that sends"""
+    """HTTP method; `WEBSOCKET` for a WebSocket that sends"""
     path: str
     status: int
-    """of the answer; 403: refused by the role"""
+    """of the answer; 403: refused because of the role"""
 
 
 class AuditRepository(Repository):
     """Entries in the order they were written."""
 
     def add(self, entries: Sequence[AuditEntry]) -> None:
-        """Add entries, all or none."""
         with self._writing() as connection:
             connection.execute(insert(audit), [asdict(entry) for entry in entries])
 
     def read(
         self, since: str | None = None, until: str | None = None, who: str | None = None
     ) -> Iterator[AuditEntry]:
-        """Entries from a time (UTC, ISO 8601) on, before another, of a person; a part at a time."""
+        """Entries with since <= time < until (UTC, ISO 8601), of a person if given."""
         conditions: list[ColumnElement[bool]] = []
         if since is not None:
             conditions.append(audit.c.time >= since)

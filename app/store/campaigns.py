@@ -1,4 +1,4 @@
-"""Stored campaigns, as plain data; what they mean is told by `app.campaigns`."""
+"""Stored campaigns as plain data, which `app.campaigns` interprets."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -10,12 +10,12 @@ from app.store.tables import campaigns, new_id, now
 
 
 class CampaignChanged(ValueError):
-    """Somebody else changed the campaign meanwhile."""
+    """Another person changed the campaign in the meantime."""
 
 
 @dataclass(frozen=True)
 class StoredCampaign(Entry):
-    """A campaign as it is stored."""
+    """A campaign."""
 
     id: str
     name: str
@@ -24,7 +24,7 @@ class StoredCampaign(Entry):
     changed: str
     """UTC, ISO 8601"""
     revision: int
-    """1, 2, ...: one up with each change"""
+    """1, 2, ...: increases with each change"""
     content: dict[str, Any]
 
 
@@ -32,7 +32,6 @@ class CampaignRepository(Repository):
     """Campaigns by id."""
 
     def add(self, name: str, content: dict[str, Any]) -> StoredCampaign:
-        """Store a campaign."""
         at = now()
         row = {"id": new_id(), "created": at, "changed": at, "revision": 1}
         row |= {"name": name, "content": content}
@@ -41,32 +40,33 @@ class CampaignRepository(Repository):
         return StoredCampaign(**row)
 
     def all(self) -> list[StoredCampaign]:
-        """All campaigns, the one changed last first."""
+        """All campaigns, last changed first."""
         query = select(*columns(campaigns, StoredCampaign)).order_by(campaigns.c.changed.desc())
         with self._reading() as connection:
             return [StoredCampaign(**row._mapping) for row in connection.execute(query)]
 
     def get(self, campaign_id: str) -> StoredCampaign:
-        """One campaign. NotFound."""
         query = select(*columns(campaigns, StoredCampaign)).where(campaigns.c.id == campaign_id)
         with self._reading() as connection:
             return StoredCampaign(**fetch(connection, query, "campaign", campaign_id)._mapping)
 
     def put(self, before: StoredCampaign, content: dict[str, Any]) -> StoredCampaign:
-        """Store what came of a campaign. CampaignChanged where `before` is not the newest."""
-        own = campaigns.c
-        same = own.id == before.id, own.revision == before.revision
+        """Replace the content. CampaignChanged if `before` is not the newest revision."""
+        campaign = campaigns.c
+        is_newest = campaign.id == before.id, campaign.revision == before.revision
         changes = {"revision": before.revision + 1, "changed": now(), "content": content}
         with self._writing() as connection:
-            if connection.execute(update(campaigns).where(*same).values(**changes)).rowcount == 0:
+            if (
+                connection.execute(update(campaigns).where(*is_newest).values(**changes)).rowcount
+                == 0
+            ):
                 raise CampaignChanged(
-                    f"somebody else changed the campaign {before.name!r} meanwhile: look at it "
-                    "again, then decide"
+                    f"the campaign {before.name!r} was changed by another person: reload it, then "
+                    "repeat your change"
                 )
         return self.get(before.id)
 
     def delete(self, campaign_id: str) -> None:
-        """Delete a campaign. NotFound."""
         self.get(campaign_id)
         with self._writing() as connection:
             connection.execute(delete(campaigns).where(campaigns.c.id == campaign_id))

@@ -1,4 +1,4 @@
-"""The database behind the store: reached by URL, SQLite by default; engine and transactions.
+"""The database behind the store: URL, engine and transactions; SQLite by default.
 
 All SQL that only SQLite understands is in this file.
 """
@@ -21,68 +21,67 @@ from sqlalchemy.exc import TimeoutError as NoConnection
 from sqlalchemy.pool import NullPool
 
 WRITES = "writes"
-"""Execution option of a connection that is about to write."""
+"""Execution option of connections that will write."""
 
 SQLITE_HEADER = b"SQLite format 3\0"
 CORRUPT = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_CORRUPT_INDEX, sqlite3.SQLITE_NOTADB)
 BUSY_TIMEOUT_MS = 30_000
 CHECKPOINT_TIMEOUT_MS = 200
-WATCH_S = 0.05
-"""[s] Between two looks whether a check is to end."""
+POLL_S = 0.05
+"""Interval at which a running check looks whether it must end [s]."""
 LARGEST_IDLE_LOG = 64 * 2**20
-"""Bytes that the write-ahead log keeps on disk once its content is in the database."""
+"""Size of the write-ahead log on disk after a checkpoint [bytes]."""
 
 
 class StoreError(OSError):
-    """A database that cannot be used, or content of it that is damaged."""
+    """The database cannot be used, or its content is damaged."""
 
 
 class Damaged(StoreError):
-    """Stored content that is not what it was when it was stored."""
+    """Stored content has changed since it was stored."""
 
 
 class Interrupted(Exception):
-    """A check that did not come to its end."""
+    """A check that was stopped before its end."""
 
 
 def address(url_or_path: str | Path) -> URL:
-    """Return the database's URL; a path is that of an SQLite file.
+    """URL of the database; a path names an SQLite file.
 
-    StoreError for what is no URL of a known kind, and for a database in memory.
+    StoreError for an unsupported URL and for a database in memory.
     """
-    written = str(url_or_path)
-    if "://" not in written:
-        return URL.create("sqlite", database=written)
+    given = str(url_or_path)
+    if "://" not in given:
+        return URL.create("sqlite", database=given)
     try:
-        url = make_url(written)
+        url = make_url(given)
         url.get_dialect()
     except (ArgumentError, NoSuchModuleError) as error:
         raise StoreError(
-            f"the database URL is of no known kind ({error}): give a path, or a URL such as "
+            f"unsupported database URL ({error}): give a path, or a URL such as "
             "sqlite:////home/crew/forewarn.db"
         ) from error
     if is_sqlite(url) and (url.database in (None, "", ":memory:") or url.query):
         raise StoreError(
-            f"{written} is no file: give sqlite:/// with a path, without parameters; a database "
-            "in memory would forget all"
+            f"{given} does not name a file: give sqlite:/// with a path and no parameters; a "
+            "database in memory would lose its content"
         )
     return url
 
 
 def is_sqlite(url: URL) -> bool:
-    """Whether this is SQLite's: one file, one writer at a time."""
     return url.get_backend_name() == "sqlite"
 
 
 def file_of(url: URL) -> Path | None:
-    """The file of an SQLite database, by whichever way it is reached; None for another kind."""
+    """Resolved path of an SQLite file; None for other databases."""
     return Path(str(url.database)).resolve() if is_sqlite(url) else None
 
 
 def copy_database(url: URL, copy: Path, remedy: str) -> None:
-    """Copy an SQLite database as it is at this moment, whole or not at all. StoreError.
+    """Copy an SQLite database in one consistent state, whole or not at all. StoreError.
 
-    remedy: what to do where that fails.
+    remedy: what to do if it fails.
     """
     part = copy.with_name(f"{copy.name}.part")
     try:
@@ -105,9 +104,9 @@ def copy_database(url: URL, copy: Path, remedy: str) -> None:
 
 
 def make_engine(url: URL, *, foreign_keys: bool = True) -> Engine:
-    """Return the engine of a database; nothing is opened yet.
+    """Engine of a database; it opens nothing yet.
 
-    foreign_keys: False while a migration rebuilds tables, whose rows would cascade away otherwise.
+    foreign_keys: False while a migration rebuilds tables, whose rows would otherwise cascade.
     """
     if not is_sqlite(url):
         return create_engine(url, json_serializer=to_text)
@@ -121,20 +120,20 @@ def make_engine(url: URL, *, foreign_keys: bool = True) -> Engine:
 
     @event.listens_for(engine, "connect")
     def prepare(connection: sqlite3.Connection, record: Any) -> None:
-        connection.isolation_level = None  # transactions are begun below, DDL included
+        connection.isolation_level = None  # `begin` below starts all transactions, DDL included
         mode = connection.execute("PRAGMA journal_mode = WAL").fetchone()[0]
         if mode != "wal":
             raise StoreError(
-                f"{url.database} cannot have a write-ahead log (journal mode is {mode!r}): choose "
+                f"{url.database} cannot use a write-ahead log (journal mode is {mode!r}): choose "
                 "a directory on a local disk"
             )
-        connection.execute("PRAGMA synchronous = FULL")  # a power cut loses nothing committed
+        connection.execute("PRAGMA synchronous = FULL")  # committed data survives a power cut
         connection.execute(f"PRAGMA journal_size_limit = {LARGEST_IDLE_LOG}")
         connection.execute(f"PRAGMA foreign_keys = {'ON' if foreign_keys else 'OFF'}")
 
     @event.listens_for(engine, "begin")
     def begin(connection: Connection) -> None:
-        # A transaction that reads first and writes later cannot wait for another writer.
+        # A transaction that reads before it writes cannot wait for another writer.
         writes = connection.get_execution_options().get(WRITES, False)
         connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
 
@@ -142,21 +141,21 @@ def make_engine(url: URL, *, foreign_keys: bool = True) -> Engine:
 
 
 def make_directory(url: URL) -> None:
-    """Make the directory of an SQLite file, for its owner alone, where it is missing."""
+    """Create the directory of an SQLite file if missing, accessible to its owner only."""
     if is_sqlite(url):
         try:
             Path(str(url.database)).parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         except OSError as error:
             raise StoreError(
-                f"the directory of {url.database} cannot be made ({error.strerror}): choose "
+                f"cannot create the directory of {url.database} ({error.strerror}): choose "
                 "another with FOREWARN_DATA_DIR"
             ) from error
 
 
-def engine_to_look(url: URL) -> Engine | None:
-    """Return an engine that can change nothing, None where there is no database yet.
+def read_only_engine(url: URL) -> Engine | None:
+    """Engine that cannot write; None if the database does not exist yet.
 
-    StoreError for a file of another kind: SQLite would take a short one for empty and overwrite it.
+    StoreError for other files: SQLite would treat a short one as empty and overwrite it.
     """
     if not is_sqlite(url):
         return make_engine(url)
@@ -168,14 +167,13 @@ def engine_to_look(url: URL) -> Engine | None:
         return None
     except OSError as error:
         raise StoreError(
-            f"{path} cannot be read ({error.strerror}): choose a database of Forewarn, or a new "
-            "file"
+            f"{path} cannot be read ({error.strerror}): choose a Forewarn database, or a new file"
         ) from error
     if not start and not path.with_name(f"{path.name}-wal").exists():
         return None
     if start and start != SQLITE_HEADER:
         raise StoreError(
-            f"{path} cannot be read (it is not a database): choose a database of Forewarn, or a "
+            f"{path} cannot be read (it is not a database): choose a Forewarn database, or a "
             "new file"
         )
     uri = f"{path.resolve().as_uri()}?mode=ro"
@@ -186,16 +184,16 @@ def engine_to_look(url: URL) -> Engine | None:
 
 @contextmanager
 def reading(engine: Engine) -> Iterator[Connection]:
-    """Open a transaction that sees one moment of the database. StoreError where it fails."""
+    """Transaction that reads one consistent state. StoreError."""
     with _explained(engine), engine.connect() as connection, connection.begin():
         yield connection
 
 
 @contextmanager
 def writing(engine: Engine) -> Iterator[Connection]:
-    """Open a transaction that writes all or nothing. StoreError where it fails.
+    """Transaction that writes all or nothing. StoreError.
 
-    It waits for another writer, of this process or another.
+    It waits for other writers, in this process or another.
     """
     with (
         _explained(engine),
@@ -206,7 +204,7 @@ def writing(engine: Engine) -> Iterator[Connection]:
 
 
 def checkpoint(engine: Engine) -> None:
-    """Bring the write-ahead log into SQLite's database and give its space back, if nobody reads."""
+    """Move the write-ahead log into the database and free its space, if no reader prevents it."""
     if not is_sqlite(engine.url):
         return
     with _explained(engine), engine.connect() as connection:
@@ -216,13 +214,13 @@ def checkpoint(engine: Engine) -> None:
         try:
             raw.execute("PRAGMA wal_checkpoint(TRUNCATE)")
         except sqlite3.Error as error:
-            raise StoreError(f"the write-ahead log stays as it is ({error})") from error
+            raise StoreError(f"the write-ahead log could not be emptied ({error})") from error
         finally:
             raw.execute(f"PRAGMA busy_timeout = {BUSY_TIMEOUT_MS}")
 
 
 def touch(engine: Engine) -> None:
-    """Write a page, and change nothing. StoreError where the database takes no writes."""
+    """Test writing without changing anything. StoreError if the database cannot be written."""
     with writing(engine) as connection:
         if is_sqlite(engine.url):
             number = connection.exec_driver_sql("PRAGMA user_version").scalar_one()
@@ -230,7 +228,7 @@ def touch(engine: Engine) -> None:
 
 
 def reusable_bytes(engine: Engine) -> int | None:
-    """Bytes of SQLite's file that hold nothing and are used again; None for another database."""
+    """Free bytes inside SQLite's file, which it will reuse; None for other databases."""
     if not is_sqlite(engine.url):
         return None
     with reading(engine) as connection:
@@ -242,7 +240,7 @@ def reusable_bytes(engine: Engine) -> int | None:
 
 
 def damage(engine: Engine) -> list[str]:
-    """Look through the whole database; one line for each thing that is wrong with it."""
+    """Check the whole database; one line per fault."""
     with reading(engine) as connection:
         if not is_sqlite(engine.url):
             connection.execute(text("SELECT 1"))
@@ -253,22 +251,22 @@ def damage(engine: Engine) -> list[str]:
         return [line for line in lines if line != "ok"] + broken_references(connection)
 
 
-def look_at_pages(engine: Engine, stopped: threading.Event, seconds: float) -> list[str]:
-    """Look at pages and rows, not at whether indices match them; one line for each thing wrong.
+def quick_check(engine: Engine, stopped: threading.Event, seconds: float) -> list[str]:
+    """Check pages and rows, but not the indices; one line per fault.
 
-    seconds: bound on its time [s].   Interrupted where it was stopped or took longer.
+    seconds: time limit [s].   Interrupted if stopped or over the limit.
     """
     return _checked(engine, ["quick_check(20)"], stopped, lambda: None, seconds)
 
 
 def check_pages(engine: Engine, stopped: threading.Event, rest: Callable[[], None]) -> list[str]:
-    """As `damage`, table by table. rest: called between pieces.   Interrupted where stopped."""
+    """As `damage`, table by table. rest: called between tables.   Interrupted if stopped."""
     tables = [f'integrity_check("{name}")' for name in table_names(engine)]
     return _checked(engine, [*tables, "foreign_key_check"], stopped, rest)
 
 
 def table_names(engine: Engine) -> list[str]:
-    """Names of the tables; none where the schema cannot be read, as the check will say."""
+    """Names of the tables; empty if the schema cannot be read, which the check then reports."""
     try:
         return inspect(engine).get_table_names()
     except DBAPIError:
@@ -282,7 +280,7 @@ def _checked(
     rest: Callable[[], None],
     seconds: float | None = None,
 ) -> list[str]:
-    """What pragmas say of an SQLite database, on a connection of its own that changes nothing."""
+    """Output of check pragmas, on a separate read-only connection."""
     if not is_sqlite(engine.url):
         return []
     uri = f"{Path(str(engine.url.database)).resolve().as_uri()}?mode=ro"
@@ -306,7 +304,7 @@ def _lines_of(connection: sqlite3.Connection, pragma: str) -> list[str]:
             raise Interrupted("the check of the database was interrupted") from None
         return [str(error)]
     if pragma == "foreign_key_check":
-        return [f"row {row[1]} of {row[0]} refers to no row of {row[2]}" for row in rows]
+        return [f"row {row[1]} of {row[0]} refers to a missing row of {row[2]}" for row in rows]
     return [" ".join(str(row[0]).split()) for row in rows if row[0] != "ok"]
 
 
@@ -314,12 +312,12 @@ def _lines_of(connection: sqlite3.Connection, pragma: str) -> list[str]:
 def _watched(
     connection: sqlite3.Connection, stopped: threading.Event, seconds: float | None
 ) -> Iterator[None]:
-    """Interrupt a connection once it is told to stop, or its time is over [s]."""
-    over = threading.Event()
+    """Interrupt a connection when `stopped` is set or after `seconds`."""
+    finished = threading.Event()
 
     def watch() -> None:
         end = None if seconds is None else time.monotonic() + seconds
-        while not over.wait(WATCH_S):
+        while not finished.wait(POLL_S):
             if stopped.is_set() or (end is not None and time.monotonic() > end):
                 connection.interrupt()
 
@@ -328,16 +326,16 @@ def _watched(
     try:
         yield
     finally:
-        over.set()
+        finished.set()
         watcher.join()
 
 
 def broken_references(connection: Connection) -> list[str]:
-    """Rows that refer to what is not there, one line each."""
+    """Rows that refer to missing rows, one line each."""
     if connection.dialect.name != "sqlite":
         return []
     rows = connection.exec_driver_sql("PRAGMA foreign_key_check")
-    return [f"row {row[1]} of {row[0]} refers to no row of {row[2]}" for row in rows]
+    return [f"row {row[1]} of {row[0]} refers to a missing row of {row[2]}" for row in rows]
 
 
 @contextmanager
@@ -361,15 +359,14 @@ def _explained(engine: Engine) -> Iterator[None]:
                 "backup of it"
             ) from error
         raise StoreError(
-            f"the database {place} failed ({error.orig}): see that its disk has space and allows "
-            "writing, and that no other program holds it"
+            f"the database {place} failed ({error.orig}): check that its disk has space and allows "
+            "writing, and that no other program locks it"
         ) from error
 
 
 def to_text(value: Any) -> str:
-    """JSON; what is not a number becomes null, arrays become lists."""
-    written = to_json(value, inf_nan_mode="null", fallback=_plain)
-    return written.decode()
+    """JSON; non-finite numbers become null, arrays become lists."""
+    return to_json(value, inf_nan_mode="null", fallback=_plain).decode()
 
 
 def _plain(value: Any) -> Any:

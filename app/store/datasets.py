@@ -30,52 +30,52 @@ ROWS = {
     "safe_times": "n_safe",
     "theta_safe": "n_safe",
 }
-"""Arrays of a dataset, and the count that is their number of rows."""
+"""Arrays of a dataset, and the field that counts their rows."""
 
 Outcome = Literal["unsafe", "safe"]
 
 
 @dataclass(frozen=True)
 class DatasetInfo(Entry):
-    """A stored dataset, without its arrays."""
+    """A dataset without its arrays."""
 
     id: str
     name: str
     created: str
     """UTC, ISO 8601"""
     digest: str
-    """SHA-256 of what a monitor can learn from it"""
+    """SHA-256 of the data a monitor can learn from"""
     seed: int | None
     version: str
-    """program that simulated it"""
+    """version of the program that simulated it"""
     recipe: SentRecipe
-    """what was asked for; empty if not simulated here"""
+    """recipe as requested; empty if not simulated here"""
     dt: float
     """sample interval [s]"""
     n_unsafe: int
     n_safe: int
     """safe rollouts stored"""
     n_safe_met: int
-    """safe rollouts met, stored or not"""
+    """safe rollouts simulated, stored or not"""
     n_samples: int
-    """samples of a rollout"""
+    """samples per rollout"""
     n_obs: int
-    """observation times stored of each safe rollout"""
+    """observation times stored per safe rollout"""
     unsafe_rate: float | None
-    """unbiased share of unsafe rollouts; null where too few were met to say"""
+    """unbiased share of unsafe rollouts; null if too few were simulated"""
     theta_names: tuple[str, ...]
     """names of theta, the uncertain parameters"""
     specification: Annotated[PlainSpecification, Field(serialization_alias="limits")]
-    """by channel; the label of what is known by its verdicts alone; null where it is not known"""
+    """by channel; a label for limits known only by verdicts; null if unknown"""
     peaks: tuple[PeakHistogram, ...]
-    """one histogram for each limited channel"""
+    """one histogram per limited channel"""
 
 
 class StoredRollout(NamedTuple):
     """One rollout of a dataset.
 
-    y: (k, 6), up to and with the failure sample.   theta: its parameters by name.
-    fail_index: the failure sample, None for a safe rollout.
+    y: (k, 6), up to and including the failure sample.   theta: parameters by name.
+    fail_index: failure sample, None for a safe rollout.
     """
 
     y: Array
@@ -87,7 +87,7 @@ class DatasetRepository(Repository):
     """Datasets by id."""
 
     def add(self, dataset: Dataset, name: str) -> DatasetInfo:
-        """Store a dataset; it is seen by others once it is complete."""
+        """Store a dataset; it becomes visible once complete."""
         n_unsafe, n_met = len(dataset.unsafe), dataset.n_safe_met
         info = DatasetInfo(
             id=new_id(),
@@ -113,7 +113,6 @@ class DatasetRepository(Repository):
         return info
 
     def info(self, dataset_id: str) -> DatasetInfo:
-        """What a dataset is; NotFound."""
         with self._reading() as connection:
             return _info(_row(connection, dataset_id))
 
@@ -125,7 +124,7 @@ class DatasetRepository(Repository):
             return [_info(row) for row in connection.execute(query)]
 
     def get(self, dataset_id: str) -> Dataset:
-        """Return the dataset itself. NotFound; StoreError where it is damaged."""
+        """The dataset with its arrays. StoreError if damaged."""
         with self._reading() as connection:
             info = _info(_row(connection, dataset_id))
             arrays: dict[str, Any] = {
@@ -143,7 +142,7 @@ class DatasetRepository(Repository):
         )
         if dataset.digest() != info.digest:
             raise Damaged(
-                f"dataset {info.name} ({dataset_id}) is damaged, its digest does not match: "
+                f"dataset {info.name} ({dataset_id}) is damaged (its digest does not match): "
                 "simulate it again from its recipe and seed"
             )
         return dataset
@@ -151,15 +150,15 @@ class DatasetRepository(Repository):
     def rollout(self, dataset_id: str, outcome: Outcome, index: int) -> StoredRollout:
         """Return one rollout, reading little more than its own rows.
 
-        index: from 0 within its outcome.   NotFound for a dataset or rollout that is not there.
+        index: from 0 within its outcome.
         """
         with self._reading() as connection:
             info = _info(_row(connection, dataset_id))
             n = info.n_unsafe if outcome == "unsafe" else info.n_safe
             if not 0 <= index < n:
                 raise NotFound(
-                    f"there is no {outcome} rollout {index} in dataset {dataset_id!r}: it has {n}, "
-                    "numbered from 0"
+                    f"there is no {outcome} rollout {index} in dataset {dataset_id!r}: it has {n} "
+                    f"{outcome} rollouts, numbered from 0"
                 )
             y = _array_row(connection, dataset_id, outcome, index)
             theta = _array_row(connection, dataset_id, f"theta_{outcome}", index)
@@ -171,7 +170,7 @@ class DatasetRepository(Repository):
         return StoredRollout(y.copy(), dict(zip(names, theta.tolist(), strict=True)), fail_index)
 
     def delete(self, dataset_id: str) -> None:
-        """Delete a dataset. NotFound; InUse where monitors were trained on it."""
+        """Delete a dataset. InUse if monitors were trained on it."""
         users = select(monitors.c.name, monitors.c.id).where(monitors.c.dataset_id == dataset_id)
         with self._deleting() as connection:
             name = _row(connection, dataset_id).name
@@ -180,7 +179,7 @@ class DatasetRepository(Repository):
             connection.execute(delete(datasets).where(datasets.c.id == dataset_id))
 
     def recover(self) -> None:
-        """Delete what a process that died left half stored."""
+        """Delete partly stored datasets of a process that died."""
         with self._deleting() as connection:
             connection.execute(delete(datasets).where(~datasets.c.complete))
 

@@ -1,4 +1,4 @@
-"""Stored markers of flights: what was called, when and by whom."""
+"""Stored flight markers: what was called, when and by whom."""
 
 from dataclasses import asdict, dataclass
 
@@ -12,13 +12,13 @@ from core.flight_markers import FlightMarkerKey
 
 @dataclass(frozen=True)
 class StoredFlightMarker(Entry):
-    """A marker as it is stored."""
+    """A marker set during a flight."""
 
     number: int
     """1, 2, ... in its flight"""
     kind: FlightMarkerKey
     seq: int
-    """newest sample number; -1 before the first"""
+    """newest sample number when it was set; -1 before the first sample"""
     t: float
     """time of that sample [s]"""
     created: str
@@ -26,24 +26,26 @@ class StoredFlightMarker(Entry):
     by: str
     """who set it"""
     text: str | None
-    """what was said"""
+    """remark"""
 
 
 class FlightMarkerRepository(Repository):
     """Markers of flights."""
 
     def add(self, flight_id: str, marker: StoredFlightMarker) -> None:
-        """Store a marker; of two of one number in its flight the first stays. NotFound."""
-        own = flight_markers.c
-        same = select(own.id).where(own.flight_id == flight_id, own.number == marker.number)
+        """Store a marker; one already stored under this number is left unchanged."""
+        marked = flight_markers.c
+        existing = select(marked.id).where(
+            marked.flight_id == flight_id, marked.number == marker.number
+        )
         with self._writing() as connection:
             fetch_flight(connection, flight_id)
-            if connection.execute(same).first() is None:
+            if connection.execute(existing).first() is None:
                 row = {"id": new_id(), "flight_id": flight_id} | asdict(marker)
                 connection.execute(insert(flight_markers).values(**row))
 
     def of(self, flight_id: str) -> list[StoredFlightMarker]:
-        """Markers of a flight in the order they were set. NotFound."""
+        """Markers of a flight in the order they were set."""
         query = select(*columns(flight_markers, StoredFlightMarker)).where(
             flight_markers.c.flight_id == flight_id
         )

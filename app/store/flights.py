@@ -1,4 +1,4 @@
-"""Stored flights: what they are, and their assessments in chunks of samples."""
+"""Stored flights, with their assessments in chunks of samples."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from app.store.assessments import (
     reasons_of,
     runs_of,
 )
-from app.store.repository import Entry, Repository, check_not_kept, columns, complete, fetch
+from app.store.repository import Entry, Repository, check_deletable, columns, complete, fetch
 from app.store.tables import (
     assessment_chunks,
     display_monitors,
@@ -34,16 +34,16 @@ from app.store.tables import (
 
 INTERRUPTED = "interrupted"
 CHUNK = 1000
-"""Most samples in one blob."""
+"""Maximum number of samples per blob."""
 
 
-class UnderWay(RuntimeError):
-    """A flight whose record is not complete yet."""
+class FlightInProgress(RuntimeError):
+    """The record of a flight is not complete yet."""
 
 
 @dataclass(frozen=True)
 class FlightInfo(Entry):
-    """A run of a source through a monitor."""
+    """A source assessed by a monitor."""
 
     id: str
     source: dict[str, Any]
@@ -51,33 +51,33 @@ class FlightInfo(Entry):
     epsilon: float
     """accepted miss rate"""
     status: str
-    """`running`, `interrupted`, or the word it was ended with"""
+    """`running`, `interrupted`, or the word given when it ended"""
     created: str
     """UTC, ISO 8601"""
     ended: str | None
     """UTC, ISO 8601"""
     exceeded_t: float | None
-    """first exceedance that it had come to when it ended [s], passed by a seek or flown"""
+    """first exceedance up to the end [s], whether flown or skipped by a seek"""
     exceedances: list[dict[str, Any]] | None
-    """those that it had come to, of each channel; null where that was not kept: interrupted"""
+    """exceedances up to the end, per channel; null for an interrupted flight"""
     limits_held: list[dict[str, Any]] | None
-    """limits from when on; empty for the monitor's own, null where that was not kept"""
+    """limits in force and since when; empty for the monitor's limits, null if not recorded"""
     keep: bool
-    """whether it is kept for ever"""
+    """whether it is kept permanently"""
     recording_id: str | None
-    """recording that its journal became, there still or deleted since; null: none so far"""
+    """recording made from its journal, even if deleted since; null if none was made"""
     recording: str | None
-    """id of that recording; null where there is none"""
+    """id of that recording; null if it does not exist"""
     head: int | None
     """newest sample number stored; null before the first"""
     lost: int | None
-    """samples before that one that were never stored; null where more may be: interrupted"""
+    """earlier samples never stored; null if more may be missing because it was interrupted"""
 
 
 _OF_FLIGHT = assessment_chunks.c.flight_id == flights.c.id
 _HEAD = select(func.max(assessment_chunks.c.last_seq)).where(_OF_FLIGHT).scalar_subquery()
 _HEAD_OF = select(_HEAD.label("head")).select_from(flights).where(flights.c.id == bindparam("id"))
-"""Made once: it is asked with each batch that a flight under way writes."""
+"""Built once, because every batch of a flight in progress uses it."""
 
 
 class FlightRepository(Repository):
@@ -90,33 +90,35 @@ class FlightRepository(Repository):
         epsilon: float,
         display: Sequence[tuple[str, float]] = (),
     ) -> str:
-        """Store a flight that runs from now on; return its id. NotFound for a monitor.
+        """Store a flight that starts now and return its id.
 
-        display: id and epsilon of each monitor that is flown for display.
+        display: id and epsilon of each display monitor.
         """
         flight_id = new_id()
         row = {"id": flight_id, "source": source, "monitor_id": monitor_id, "epsilon": epsilon}
         with self._writing() as connection:
-            for used in (monitor_id, *(shown for shown, _ in display)):
-                query = select(monitors.c.id).where(complete(monitors, used))
-                fetch(connection, query, "monitor", used)
+            for used_id in (monitor_id, *(display_id for display_id, _ in display)):
+                query = select(monitors.c.id).where(complete(monitors, used_id))
+                fetch(connection, query, "monitor", used_id)
             connection.execute(insert(flights).values(**row, status="running", created=now()))
-            for position, (shown, at) in enumerate(display):
+            for position, (display_id, display_epsilon) in enumerate(display):
                 row = {"flight_id": flight_id, "position": position}
-                row |= {"monitor_id": shown, "epsilon": at}
+                row |= {"monitor_id": display_id, "epsilon": display_epsilon}
                 connection.execute(insert(display_monitors).values(**row))
         return flight_id
 
     def display(self, flight_ids: Iterable[str]) -> dict[str, list[tuple[str, float]]]:
-        """Id and epsilon of the monitors that flights are shown by, of those that have any."""
-        own, wanted = display_monitors.c, set(flight_ids)
-        query = select(own.flight_id, own.monitor_id, own.epsilon).order_by(own.position)
-        found: dict[str, list[tuple[str, float]]] = {}
+        """Id and epsilon of each flight's display monitors; flights without any are absent."""
+        monitors_shown, ids = display_monitors.c, set(flight_ids)
+        query = select(
+            monitors_shown.flight_id, monitors_shown.monitor_id, monitors_shown.epsilon
+        ).order_by(monitors_shown.position)
+        by_flight: dict[str, list[tuple[str, float]]] = {}
         with self._reading() as connection:
             for flight_id, monitor_id, epsilon in connection.execute(query):
-                if flight_id in wanted:
-                    found.setdefault(flight_id, []).append((monitor_id, epsilon))
-        return found
+                if flight_id in ids:
+                    by_flight.setdefault(flight_id, []).append((monitor_id, epsilon))
+        return by_flight
 
     def end(
         self,
@@ -126,24 +128,24 @@ class FlightRepository(Repository):
         exceedances: list[dict[str, Any]] | None = None,
         limits_held: list[dict[str, Any]] | None = None,
     ) -> FlightInfo:
-        """Note that a flight is over and how; one that has ended stays as it ended. NotFound.
+        """End a flight; one that has already ended is left unchanged.
 
-        exceeded_t: first exceedance that it had come to [s].   exceedances: of its channels, plain.
-        limits_held: which limits held from when on, plain.
+        exceeded_t: first exceedance [s].   exceedances: per channel, plain data.
+        limits_held: limits in force and since when, plain data.
         """
         if not status or status == "running":
-            raise ValueError(f"a flight cannot end as {status!r}: say how it ended, in one word")
+            raise ValueError(f"a flight cannot end as {status!r}: give one word for how it ended")
         running = (flights.c.id == flight_id) & (flights.c.status == "running")
         with self._writing() as connection:
-            over = {"status": status, "ended": now(), "exceeded_t": exceeded_t}
-            over |= {"exceedances": exceedances, "limits_held": limits_held}
-            connection.execute(update(flights).where(running).values(**over))
+            ending = {"status": status, "ended": now(), "exceeded_t": exceeded_t}
+            ending |= {"exceedances": exceedances, "limits_held": limits_held}
+            connection.execute(update(flights).where(running).values(**ending))
             return fetch_flight(connection, flight_id)
 
     def resume(self, flight_id: str, head: int) -> None:
-        """Note that an interrupted flight goes on after sample head; nothing for any other.
+        """Continue an interrupted flight after sample `head`; other flights are left unchanged.
 
-        What is stored beyond was never acknowledged: it is taken out, and comes again.
+        Samples stored beyond `head` were never acknowledged: delete them, the source resends them.
         """
         interrupted = (flights.c.id == flight_id) & (flights.c.status == INTERRUPTED)
         with self._writing() as connection:
@@ -152,7 +154,6 @@ class FlightRepository(Repository):
                 _cut(connection, flight_id, head)
 
     def info(self, flight_id: str) -> FlightInfo:
-        """What a flight is; NotFound."""
         with self._reading() as connection:
             return fetch_flight(connection, flight_id)
 
@@ -163,19 +164,19 @@ class FlightRepository(Repository):
             return [FlightInfo(**row._mapping) for row in connection.execute(query)]
 
     def delete(self, flight_id: str) -> None:
-        """Delete a flight that is over, its assessments, alarms and markers.
+        """Delete an ended flight with its assessments, alarms and markers.
 
-        NotFound; UnderWay; KeptForEver.
-
-        One that was deleted within a day may be deleted again.
+        FlightInProgress; KeptPermanently.   Deleting it again within a day succeeds.
         """
         with self._deleting() as connection:
             if was_deleted(connection, "flights", flight_id):
                 return
             note_deleted(connection, "flights", flight_id)
             if fetch_flight(connection, flight_id).status == "running":
-                raise UnderWay(f"flight {flight_id} is under way: end it, then delete its record")
-            check_not_kept(connection, flights, "flight", flight_id)
+                raise FlightInProgress(
+                    f"flight {flight_id} is in progress: end it, then delete its record"
+                )
+            check_deletable(connection, flights, "flight", flight_id)
             connection.execute(delete(flights).where(flights.c.id == flight_id))
 
     def append(
@@ -193,11 +194,11 @@ class FlightRepository(Repository):
     ) -> None:
         """Store the next samples of a flight, numbered from first_seq.
 
-        t: (n,) [s].   y: (n, 6).   p_value: (n,), NaN where there is none.   alert: (n,) bool.
-        state: (n,) codes into STATES.   y_hat: (n, 6), None or NaN where there is no forecast.
-        reasons: (n,) why a sample was not assessed; None: what its state says.
-        display: of each monitor that is flown for display.
-        NotFound; ValueError for other shapes and for samples that are already stored.
+        t: (n,) [s].   y: (n, 6).   p_value: (n,), NaN if none.   alert: (n,) bool.
+        state: (n,) indices into STATES.   y_hat: (n, 6), None or NaN without a forecast.
+        reasons: (n,) why a sample was not assessed; None for the default of its state.
+        display: assessments by each display monitor.
+        ValueError for wrong shapes and for samples that are already stored.
         """
         samples = pack(t, y, p_value, alert, state, y_hat)
         chunks = [
@@ -207,7 +208,7 @@ class FlightRepository(Repository):
                 "last_seq": first_seq + min(i + CHUNK, len(samples)) - 1,
                 "content": to_blob(samples[i : i + CHUNK]),
                 "reasons": runs_of(samples["state"][i : i + CHUNK], (reasons or ())[i : i + CHUNK]),
-                **display_columns([one.part(slice(i, i + CHUNK)) for one in display]),
+                **display_columns([monitor.part(slice(i, i + CHUNK)) for monitor in display]),
             }
             for i in range(0, len(samples), CHUNK)
         ]
@@ -217,18 +218,18 @@ class FlightRepository(Repository):
             head = head_of(connection, flight_id)
             if head is not None and first_seq <= head:
                 raise ValueError(
-                    f"flight {flight_id} is stored up to sample {head}: the next one cannot be "
-                    f"{first_seq}"
+                    f"flight {flight_id} is stored up to sample {head}: samples from {first_seq} "
+                    f"were given, continue from {head + 1}"
                 )
             connection.execute(insert(assessment_chunks), chunks)
 
     def assessments(
         self, flight_id: str, first_seq: int = 0, last_seq: int | None = None
     ) -> StoredAssessments:
-        """Return the stored samples first_seq to last_seq, both included. NotFound."""
+        """The stored samples first_seq to last_seq, both included."""
         chunk = assessment_chunks.c
-        shown = chunk.display, chunk.display_reasons
-        query = select(chunk.first_seq, chunk.content, chunk.reasons, *shown).where(
+        of_display = chunk.display, chunk.display_reasons
+        query = select(chunk.first_seq, chunk.content, chunk.reasons, *of_display).where(
             chunk.flight_id == flight_id, chunk.last_seq >= first_seq
         )
         if last_seq is not None:
@@ -245,36 +246,36 @@ class FlightRepository(Repository):
         ]
         numbers = [np.arange(len(p)) + row.first_seq for row, p in zip(rows, parts, strict=True)]
         seq = np.concatenate([np.empty(0, np.int64), *numbers])
-        wanted = slice(
+        selected = slice(
             np.searchsorted(seq, first_seq),
             None if last_seq is None else np.searchsorted(seq, last_seq, "right"),
         )
         display = joined([display_of(row.display, row.display_reasons) for row in rows])
         return StoredAssessments(
-            seq=seq[wanted],
-            reasons=tuple(reasons[wanted]),
-            display=tuple(one.part(wanted) for one in display),
-            **{name: np.ascontiguousarray(samples[name][wanted]) for name in SAMPLE.names or ()},
+            seq=seq[selected],
+            reasons=tuple(reasons[selected]),
+            display=tuple(monitor.part(selected) for monitor in display),
+            **{name: np.ascontiguousarray(samples[name][selected]) for name in SAMPLE.names or ()},
         )
 
     def last_states(self, flight_ids: Iterable[str]) -> dict[str, tuple[int, str]]:
-        """Code of the state of the newest stored sample of each flight that has one, and why."""
-        chunk, wanted = assessment_chunks.c, set(flight_ids)
+        """State code and reason of each flight's newest stored sample."""
+        chunk, ids = assessment_chunks.c, set(flight_ids)
         newest = select(chunk.flight_id, func.max(chunk.last_seq).label("head"))
         head = newest.group_by(chunk.flight_id).subquery()
         query = select(chunk.flight_id, chunk.content, chunk.reasons).join(
             head, (head.c.flight_id == chunk.flight_id) & (head.c.head == chunk.last_seq)
         )
         with self._reading() as connection:
-            rows = [row for row in connection.execute(query) if row.flight_id in wanted]
-        found = {}
+            rows = [row for row in connection.execute(query) if row.flight_id in ids]
+        states = {}
         for flight_id, content, runs in rows:
-            states = from_blob(content)["state"]
-            found[flight_id] = int(states[-1]), reasons_of(states, runs or ())[-1]
-        return found
+            codes = from_blob(content)["state"]
+            states[flight_id] = int(codes[-1]), reasons_of(codes, runs or ())[-1]
+        return states
 
     def recover(self) -> None:
-        """Note as interrupted what nobody flies any more: the process that flew it died."""
+        """Mark running flights as interrupted: the process that flew them died."""
         running = flights.c.status == "running"
         interrupted = {"status": INTERRUPTED, "ended": now()}
         with self._deleting() as connection:
@@ -282,24 +283,24 @@ class FlightRepository(Repository):
 
 
 def _cut(connection: Connection, flight_id: str, head: int) -> None:
-    """Take out the samples after head."""
+    """Delete the samples after `head`."""
     chunk = assessment_chunks.c
     beyond = (chunk.flight_id == flight_id) & (chunk.last_seq > head)
-    shown = chunk.display, chunk.display_reasons
-    query = select(chunk.first_seq, chunk.content, chunk.reasons, *shown).where(beyond)
+    of_display = chunk.display, chunk.display_reasons
+    query = select(chunk.first_seq, chunk.content, chunk.reasons, *of_display).where(beyond)
     rows = connection.execute(query.where(chunk.first_seq <= head)).all()
     connection.execute(delete(assessment_chunks).where(beyond))
     for first, content, runs, *display in rows:
-        samples, wanted = from_blob(content), slice(head + 1 - first)
-        texts, kept = reasons_of(samples["state"], runs or ())[wanted], samples[wanted]
+        samples, rest = from_blob(content), slice(head + 1 - first)
+        texts, remaining = reasons_of(samples["state"], runs or ())[rest], samples[rest]
         row = {"flight_id": flight_id, "first_seq": first, "last_seq": head}
-        row |= {"content": to_blob(kept), "reasons": runs_of(kept["state"], texts)}
-        row |= display_columns([one.part(wanted) for one in display_of(*display)])
+        row |= {"content": to_blob(remaining), "reasons": runs_of(remaining["state"], texts)}
+        row |= display_columns([monitor.part(rest) for monitor in display_of(*display)])
         connection.execute(insert(assessment_chunks).values(**row))
 
 
 def replays_of(connection: Connection, kind: str, identity: str) -> list[tuple[str, str]]:
-    """Flights under way whose source is this recording or scoring, in words, with their ids."""
+    """Running flights whose source is this recording or scoring: what they are, and their ids."""
     running = select(flights.c.id, flights.c.source).where(flights.c.status == "running")
     return [
         ("running flight", row.id)
@@ -309,13 +310,12 @@ def replays_of(connection: Connection, kind: str, identity: str) -> list[tuple[s
 
 
 def fetch_flight(connection: Connection, flight_id: str) -> FlightInfo:
-    """What a flight is; NotFound."""
     query = _flights().where(flights.c.id == flight_id)
     return FlightInfo(**fetch(connection, query, "flight", flight_id)._mapping)
 
 
 def head_of(connection: Connection, flight_id: str) -> int | None:
-    """Newest sample of a flight that is stored; None before the first. NotFound."""
+    """Newest stored sample of a flight; None before the first. NotFound."""
     return fetch(connection, _HEAD_OF.params(id=flight_id), "flight", flight_id).head
 
 

@@ -1,4 +1,4 @@
-"""Stored jobs: what was asked for, how far it got, how it ended."""
+"""Stored jobs: request, progress and result of long work."""
 
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -15,22 +15,22 @@ STATUSES: tuple[JobStatus, ...] = ("queued", "running", *ENDED)
 
 @dataclass(frozen=True)
 class JobInfo(Entry):
-    """Long work under way or ended."""
+    """Long work, in progress or ended."""
 
     id: str
     kind: str
     """`dataset`, `monitor` or `study`"""
     request: dict[str, Any]
-    """what was asked for"""
+    """request as given"""
     status: JobStatus
-    """`interrupted`: the server stopped while it was under way"""
+    """`interrupted`: the server stopped while it was running"""
     progress: float | None
-    """done, of `total`, of what `message` says"""
+    """amount done, out of `total`; `message` names the unit"""
     total: float | None
-    """in all; null or 0 while unknown"""
+    """total amount; null or 0 while unknown"""
     message: str
     result: dict[str, Any] | None
-    """what it made: ids of the dataset and monitor, or a study's curves"""
+    """ids of the dataset and monitor it made, or a study's curves"""
     error: str | None
     """why it failed or was interrupted"""
     created: str
@@ -45,7 +45,7 @@ class JobRepository(Repository):
     """Jobs by id."""
 
     def add(self, kind: str, request: dict[str, Any]) -> str:
-        """Store a job that waits to be run; return its id."""
+        """Store a queued job and return its id."""
         job_id = new_id()
         row = {"id": job_id, "kind": kind, "request": request, "status": "queued", "message": ""}
         with self._writing() as connection:
@@ -62,10 +62,7 @@ class JobRepository(Repository):
         result: Any = None,
         error: Any = None,
     ) -> JobInfo:
-        """Note what is given; return the job as it is then. NotFound.
-
-        A job that has ended stays as it ended: a late update changes nothing.
-        """
+        """Store the values given and return the job. A job that has ended does not change."""
         if status is not None and status not in STATUSES:
             raise ValueError(f"job status {status!r} is unknown: choose {', '.join(STATUSES)}")
         changes = {
@@ -89,7 +86,6 @@ class JobRepository(Repository):
             return _job(connection, job_id)
 
     def info(self, job_id: str) -> JobInfo:
-        """What became of a job; NotFound."""
         with self._reading() as connection:
             return _job(connection, job_id)
 
@@ -100,7 +96,7 @@ class JobRepository(Repository):
             return [JobInfo(**row._mapping) for row in connection.execute(query)]
 
     def recover(self) -> None:
-        """Note as interrupted what nobody works on any more: the process that had it died."""
+        """Mark unfinished jobs as interrupted: the process that ran them died."""
         unfinished = jobs.c.status.in_(("queued", "running"))
         interrupted = {"status": "interrupted", "ended": now()}
         with self._writing() as connection:

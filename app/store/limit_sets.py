@@ -1,4 +1,4 @@
-"""Stored limit sets: versions that never change, and which of them flights were held against."""
+"""Stored limit sets, whose versions never change, and the versions in force during flights."""
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
@@ -14,44 +14,43 @@ from core.limit_set import LimitSet, limit_set_from_plain, limit_set_to_plain
 
 @dataclass(frozen=True)
 class LimitSetInfo(Entry):
-    """A limit set, whatever its version."""
+    """A limit set, independent of its versions."""
 
     id: str
     name: str
     created: str
     """UTC, ISO 8601"""
     newest: int
-    """number of its newest version: 1, 2, ..."""
+    """newest version: 1, 2, ..."""
 
 
 @dataclass(frozen=True)
 class StoredLimits(Entry):
-    """A version of a limit set, as it was stored for ever."""
+    """A version of a limit set, which never changes."""
 
     limit_set: str
     """id"""
     name: str
     """of the set"""
     version: int
-    """1, 2, ... in the order they were made"""
+    """1, 2, ... in order of creation"""
     created: str
     """UTC, ISO 8601"""
     by: str
-    """who made it"""
+    """person who made it"""
     text: str | None
     """why"""
     cases: list[dict[str, Any]]
-    """flight conditions, each with its name, ranges and limits"""
+    """flight conditions, each with name, ranges and limits"""
 
     @property
     def limits(self) -> LimitSet:
-        """What it says."""
         return limit_set_from_plain(self.cases)
 
 
 @dataclass(frozen=True)
 class FlightLimits(Entry):
-    """A version of a limit set that was put in force during a flight."""
+    """A version of a limit set put in force during a flight."""
 
     number: int
     """1, 2, ... in its flight"""
@@ -61,19 +60,19 @@ class FlightLimits(Entry):
     """of the set"""
     version: int
     fixed: dict[str, float]
-    """values of flight conditions that were declared"""
+    """declared values of flight conditions"""
     seq: int
-    """first sample number that it held for"""
+    """first sample number it applies to"""
     t: float
-    """time of the sample before [s]; 0 before the first"""
+    """time of the previous sample [s]; 0 before the first"""
     created: str
     """UTC, ISO 8601"""
     by: str
-    """who put it in force"""
+    """person who put it in force"""
 
 
 class LimitSetRepository(Repository):
-    """Limit sets by id, and their versions by number."""
+    """Limit sets by id, their versions by number."""
 
     def add(self, name: str, limits: LimitSet, by: str, text: str | None = None) -> StoredLimits:
         """Store a limit set with its first version."""
@@ -87,7 +86,6 @@ class LimitSetRepository(Repository):
     def add_version(
         self, set_id: str, limits: LimitSet, by: str, text: str | None = None
     ) -> StoredLimits:
-        """Store the next version of a set. NotFound."""
         with self._writing() as connection:
             newest = _info(connection, set_id).newest
             _add_version(connection, set_id, newest + 1, limits, by, text)
@@ -100,41 +98,43 @@ class LimitSetRepository(Repository):
             return [LimitSetInfo(**row._mapping) for row in rows]
 
     def versions(self, set_id: str) -> list[StoredLimits]:
-        """All versions of a set, newest first. NotFound."""
+        """All versions of a set, newest first."""
         with self._reading() as connection:
             newest = _info(connection, set_id).newest
             return [_version(connection, set_id, n) for n in range(newest, 0, -1)]
 
     def version(self, set_id: str, version: int | None = None) -> StoredLimits:
-        """A version of a set, the newest if None. NotFound."""
+        """A version of a set; the newest if None."""
         with self._reading() as connection:
             newest = _info(connection, set_id).newest
             return _version(connection, set_id, newest if version is None else version)
 
-    def note(self, flight_id: str, put: FlightLimits) -> None:
-        """Store what was put in force; of two of one number the first stays. NotFound."""
-        own = flight_limits.c
-        same = select(own.number).where(own.flight_id == flight_id, own.number == put.number)
+    def note(self, flight_id: str, limits: FlightLimits) -> None:
+        """Store limits put in force; those already stored under this number are left unchanged."""
+        stored = flight_limits.c
+        existing = select(stored.number).where(
+            stored.flight_id == flight_id, stored.number == limits.number
+        )
         with self._writing() as connection:
             fetch_flight(connection, flight_id)
-            _info(connection, put.limit_set)
-            if connection.execute(same).first() is None:
-                row = asdict(put) | {"flight_id": flight_id, "limit_set_id": put.limit_set}
+            _info(connection, limits.limit_set)
+            if connection.execute(existing).first() is None:
+                row = asdict(limits) | {"flight_id": flight_id, "limit_set_id": limits.limit_set}
                 del row["limit_set"], row["name"]
                 connection.execute(insert(flight_limits).values(**row))
 
     def of_flights(self, flight_ids: Iterable[str]) -> dict[str, list[FlightLimits]]:
-        """What was put in force during flights, in order, of those that had any."""
-        wanted, own = set(flight_ids), flight_limits.c
-        named = limit_sets.c.name, own.limit_set_id.label("limit_set"), own.flight_id
+        """Limits put in force during flights, in order; flights without any are absent."""
+        ids, limits = set(flight_ids), flight_limits.c
+        named = limit_sets.c.name, limits.limit_set_id.label("limit_set"), limits.flight_id
         query = select(*columns(flight_limits, FlightLimits), *named).join(limit_sets)
-        found: dict[str, list[FlightLimits]] = {}
+        by_flight: dict[str, list[FlightLimits]] = {}
         with self._reading() as connection:
-            for row in connection.execute(query.order_by(own.number)):
+            for row in connection.execute(query.order_by(limits.number)):
                 values = dict(row._mapping)
-                if (flight_id := values.pop("flight_id")) in wanted:
-                    found.setdefault(flight_id, []).append(FlightLimits(**values))
-        return found
+                if (flight_id := values.pop("flight_id")) in ids:
+                    by_flight.setdefault(flight_id, []).append(FlightLimits(**values))
+        return by_flight
 
 
 def _sets() -> Any:
@@ -149,10 +149,10 @@ def _info(connection: Connection, set_id: str) -> LimitSetInfo:
 
 
 def _version(connection: Connection, set_id: str, version: int) -> StoredLimits:
-    own = limit_set_versions.c
-    named = own.limit_set_id.label("limit_set"), limit_sets.c.name
+    versions = limit_set_versions.c
+    named = versions.limit_set_id.label("limit_set"), limit_sets.c.name
     query = select(*columns(limit_set_versions, StoredLimits), *named).join(limit_sets)
-    query = query.where(own.limit_set_id == set_id, own.version == version)
+    query = query.where(versions.limit_set_id == set_id, versions.version == version)
     row = fetch(connection, query, f"version {version} of limit set", set_id)
     return StoredLimits(**row._mapping)
 

@@ -1,4 +1,4 @@
-"""Stored mappings: what was confirmed for an aircraft, to propose for its next recording."""
+"""Confirmed mappings of an aircraft, proposed for its next recording."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -11,19 +11,19 @@ from app.store.tables import mappings, new_id, now
 
 @dataclass(frozen=True)
 class RememberedMapping(Entry):
-    """A mapping that was confirmed before."""
+    """A mapping confirmed earlier."""
 
     aircraft: str
-    """that it was confirmed for"""
+    """aircraft it was confirmed for"""
     mapping: dict[str, Any]
-    """as of app.telemetry.mapping.mapping"""
+    """see app.telemetry.mapping.mapping"""
 
 
 class MappingRepository(Repository):
     """Mappings by aircraft and signature of the signals."""
 
     def save(self, aircraft: str, signature: str, mapping: dict[str, Any]) -> None:
-        """Store a mapping for the next recording of this aircraft; the earlier one goes."""
+        """Store a mapping for this aircraft, replacing the earlier one."""
         key = {"aircraft": aircraft, "signature": signature}
         same = (mappings.c.aircraft == aircraft) & (mappings.c.signature == signature)
         with self._writing() as connection:
@@ -32,9 +32,9 @@ class MappingRepository(Repository):
             connection.execute(insert(mappings).values(**row))
 
     def find(self, aircraft: str | None, signature: str) -> RememberedMapping | None:
-        """The mapping last confirmed for this aircraft, best of these very signals.
+        """Mapping last confirmed for this aircraft, preferably for the same signals.
 
-        None where the aircraft is unknown: another's may be reversed under the same names.
+        None if the aircraft is unknown: on another, signs may be reversed under the same names.
         """
         if not aircraft:
             return None

@@ -31,7 +31,6 @@ class MarkerRepository(Repository):
     """Markers of recordings."""
 
     def add(self, recording_id: str, marker: Marker) -> Marker:
-        """Store a remark on a recording. NotFound."""
         with self._writing() as connection:
             fetch_recording(connection, recording_id)
             values = asdict(marker) | {"recording_id": recording_id}
@@ -39,7 +38,7 @@ class MarkerRepository(Repository):
         return marker
 
     def of(self, recording_id: str) -> list[Marker]:
-        """All remarks on a recording, in the order of their times. NotFound."""
+        """Remarks on a recording, ordered by time."""
         query = select(*columns(markers, Marker)).where(markers.c.recording_id == recording_id)
         with self._reading() as connection:
             fetch_recording(connection, recording_id)
@@ -47,15 +46,14 @@ class MarkerRepository(Repository):
             return [Marker(**row._mapping) for row in rows]
 
     def update(self, recording_id: str, marker: Marker) -> Marker:
-        """Put a remark in the place of the one of its id; return it as stored. NotFound."""
+        """Replace the remark with this id, keeping its time of creation; return it as stored."""
         with self._writing() as connection:
             marker = replace(marker, created=_marker(connection, recording_id, marker.id).created)
-            this = markers.c.id == marker.id
-            connection.execute(update(markers).where(this).values(**asdict(marker)))
+            is_row = markers.c.id == marker.id
+            connection.execute(update(markers).where(is_row).values(**asdict(marker)))
         return marker
 
     def delete(self, recording_id: str, marker_id: str) -> None:
-        """Delete a remark. NotFound."""
         with self._deleting() as connection:
             _marker(connection, recording_id, marker_id)
             connection.execute(delete(markers).where(markers.c.id == marker_id))

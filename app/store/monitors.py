@@ -1,4 +1,4 @@
-"""Stored monitors: their portable files, and columns of what is in them."""
+"""Stored monitors: their portable files, with columns of their main properties."""
 
 import hashlib
 from collections import OrderedDict
@@ -11,7 +11,7 @@ from pydantic import Field
 from sqlalchemy import Connection, Engine, Row, delete, select
 
 from app.recipes import SentRecipe, to_plain
-from app.store import sent_monitor
+from app.store import monitor_upload
 from app.store.database import Damaged
 from app.store.repository import Entry, InUse, Repository, Writer, columns, complete, fetch
 from app.store.tables import (
@@ -34,26 +34,26 @@ from core.specification import PlainSpecification, specification_to_plain
 
 PART_BYTES = 1024 * 1024
 SUPPORT, EVALUATION = "support", "evaluation"
-"""Key of what a monitor's validity is calibrated on, beside its evaluation."""
-READY_MONITORS = 4
-"""Monitors held in memory, search trees built."""
+"""SUPPORT: key of the validity calibration, stored inside the column of the evaluation."""
+MOST_IN_MEMORY = 4
+"""Monitors kept in memory with their search trees."""
 
 
 @dataclass(frozen=True)
 class SupportInfo(Entry):
-    """What a monitor's validity is calibrated on."""
+    """Flights that a monitor's validity is calibrated on."""
 
     n_safe: int
     """fresh flights that stayed safe"""
     n_unsafe: int
     """fresh flights that failed"""
     level: float
-    """share of either that is called invalid, at most"""
+    """largest share of either kind called invalid"""
 
 
 @dataclass(frozen=True)
 class MonitorInfo(Entry):
-    """A stored monitor, without its arrays."""
+    """A monitor without its arrays."""
 
     id: str
     name: str
@@ -62,46 +62,46 @@ class MonitorInfo(Entry):
     digest: str
     """SHA-256 of its portable file"""
     dataset_id: str | None
-    """stored dataset it was trained on"""
+    """stored dataset it was trained on, if any"""
     dataset_digest: str
-    """SHA-256 of what it learned from"""
+    """SHA-256 of its training data"""
     dataset_recipe: SentRecipe
-    """the planned test it was trained for"""
+    """planned test it was trained for"""
     recipe: dict[str, Any]
     """predictor, score, calibration and their parameters"""
     seed: int | None
     version: str
-    """program that trained it"""
+    """version of the program that trained it"""
     dt: float
-    """sample interval it needs [s]"""
+    """required sample interval [s]"""
     h: int
     """lead in samples"""
     lead: float
-    """lead in effect, h dt [s]"""
+    """effective lead, h dt [s]"""
     n_unsafe: int
-    """failures it is calibrated on"""
+    """failures in calibration"""
     n_early: int
-    """failures before which no timely alert was possible"""
+    """failures too early for a timely alert"""
     smallest_epsilon: float
-    """smallest miss rate it can serve"""
+    """smallest miss rate it supports"""
     epsilon: float
-    """miss rate it alerts at unless told otherwise"""
+    """default miss rate"""
     specification: Annotated[PlainSpecification, Field(serialization_alias="limits")]
-    """by channel; the label of what is known by its verdicts alone; null where it is not known"""
+    """by channel; a label for limits known only by verdicts; null if unknown"""
     support: SupportInfo | None
-    """null where its validity is not calibrated: it cannot tell whether a flight is like those it
-    was trained on"""
+    """null if its validity is not calibrated: it cannot tell whether a flight resembles its
+    training"""
     warnings: list[str]
-    """what its evaluation says against relying on it, at its epsilon or the one that was asked for;
-    also that it has none"""
+    """reasons not to rely on it, from its evaluation at the given or default epsilon; a missing
+    evaluation is one"""
 
     def alert_above(self, epsilon: float) -> float:
-        """Risk above which it alerts that promises this miss rate, which it can serve."""
+        """Risk above which it alerts, for a miss rate that it supports."""
         return alert_above(epsilon, self.n_unsafe, guarantee_of(self.recipe))
 
 
 def guarantee_of(recipe: Mapping[str, Any]) -> Guarantee:
-    """The promise of a monitor's recipe as plain data; older ones promise on average."""
+    """Guarantee of a plain recipe; older recipes guarantee the average."""
     return recipe.get("guarantee", MonitorRecipe.guarantee)
 
 
@@ -110,24 +110,24 @@ class MonitorRepository(Repository):
 
     def __init__(self, engine: Engine, writer: Writer) -> None:
         super().__init__(engine, writer)
-        self._ready: OrderedDict[str, Monitor] = OrderedDict()
-        self._ready_lock = Lock()
+        self._loaded: OrderedDict[str, Monitor] = OrderedDict()
+        self._loaded_lock = Lock()
 
     def add(self, monitor: Monitor, name: str, dataset_id: str | None = None) -> MonitorInfo:
         """Store a trained monitor.
 
-        dataset_id: the stored dataset it was trained on; NotFound where that is not stored,
-        ValueError where it is another one.
+        dataset_id: stored dataset it was trained on; NotFound if not stored, ValueError if the
+        digests differ.
         """
         return self._add(monitor, monitor.to_bytes(), name, dataset_id)
 
     def add_file(self, content: bytes, name: str) -> MonitorInfo:
-        """Store a portable monitor as it is; MonitorFileError where it is none.
+        """Store a portable monitor unchanged. MonitorFileError if it is not a valid monitor.
 
-        The reader's process reads it first, see app.store.sent_monitor.
-        It is tied to the dataset it was trained on where that is stored here.
+        A separate process reads it first, see app.store.monitor_upload.
+        It is linked to its training dataset if that is stored here.
         """
-        sent_monitor.check(content, name)
+        monitor_upload.check(content, name)
         monitor = from_bytes(content, name)
         same = select(datasets.c.id).where(
             datasets.c.digest == monitor.dataset_digest, datasets.c.complete
@@ -174,12 +174,12 @@ class MonitorRepository(Repository):
             digest = fetch(connection, query, "dataset", dataset_id).digest
         if digest != monitor.dataset_digest:
             raise ValueError(
-                f"dataset {dataset_id} is not the one this monitor was trained on, their digests "
-                "differ: name that one, or none"
+                f"dataset {dataset_id} is not the one this monitor was trained on (the digests "
+                "differ): give the dataset it was trained on, or none"
             )
 
     def info(self, monitor_id: str, epsilon: float | None = None) -> MonitorInfo:
-        """What a monitor is; NotFound.   epsilon: of its warnings; None: its own."""
+        """epsilon: for its warnings; None for its default."""
         with self._reading() as connection:
             return _info(_row(connection, monitor_id), epsilon)
 
@@ -191,25 +191,25 @@ class MonitorRepository(Repository):
             return [_info(row) for row in rows]
 
     def get(self, monitor_id: str) -> Monitor:
-        """Return the monitor, ready to assess; the last few asked for stay in memory. NotFound."""
-        with self._ready_lock:
-            if monitor_id in self._ready:
-                self._ready.move_to_end(monitor_id)
-                return self._ready[monitor_id]
+        """The monitor, ready to assess; the last few stay in memory."""
+        with self._loaded_lock:
+            if monitor_id in self._loaded:
+                self._loaded.move_to_end(monitor_id)
+                return self._loaded[monitor_id]
         try:
             monitor = from_bytes(self.file(monitor_id), f"stored monitor {monitor_id}")
         except MonitorFileError as error:
             raise Damaged(str(error)) from error
-        if monitor.evaluation is None:  # stored by a version whose files did not carry it
+        if monitor.evaluation is None:  # older files did not contain it
             monitor = replace(monitor, evaluation=self.evaluation(monitor_id))
-        with self._ready_lock:
-            self._ready[monitor_id] = monitor
-            while len(self._ready) > READY_MONITORS:
-                self._ready.popitem(last=False)
+        with self._loaded_lock:
+            self._loaded[monitor_id] = monitor
+            while len(self._loaded) > MOST_IN_MEMORY:
+                self._loaded.popitem(last=False)
         return monitor
 
     def file(self, monitor_id: str) -> bytes:
-        """Return the portable file, byte for byte as it was added. NotFound; StoreError."""
+        """The portable file, byte for byte as it was added. StoreError if damaged."""
         query = select(monitor_parts.c.content).where(monitor_parts.c.monitor_id == monitor_id)
         with self._reading() as connection:
             row = _row(connection, monitor_id)
@@ -218,62 +218,62 @@ class MonitorRepository(Repository):
             )
         if hashlib.sha256(content).hexdigest() != row.digest:
             raise Damaged(
-                f"monitor {row.name} ({monitor_id}) is damaged, its digest does not match: train "
+                f"monitor {row.name} ({monitor_id}) is damaged (its digest does not match): train "
                 "it again, or add its file again"
             )
         return content
 
     def evaluation(self, monitor_id: str) -> dict[str, Any] | None:
-        """The evaluation of a monitor on fresh flights; None where there is none. NotFound."""
+        """Evaluation of a monitor on fresh flights, if any."""
         query = select(monitors.c.evaluation).where(complete(monitors, monitor_id))
         with self._reading() as connection:
             return _evaluation(fetch(connection, query, "monitor", monitor_id).evaluation)
 
     def warnings(self, used: Iterable[tuple[str, float]]) -> dict[tuple[str, float], list[str]]:
-        """What is said against relying on each monitor at the epsilon it is used with.
+        """Warnings about each monitor at the epsilon it is used with.
 
         used: pairs of id and epsilon.
         """
         pairs = set(used)
         query = select(monitors.c.id, monitors.c.evaluation)
-        asked = monitors.c.id.in_({monitor_id for monitor_id, _ in pairs})
+        selected = monitors.c.id.in_({monitor_id for monitor_id, _ in pairs})
         with self._reading() as connection:
-            rows = connection.execute(query.where(asked))
-            tested = {row.id: _evaluation(row.evaluation) for row in rows}
+            rows = connection.execute(query.where(selected))
+            evaluations = {row.id: _evaluation(row.evaluation) for row in rows}
         return {
-            (monitor_id, epsilon): warnings_of(tested.get(monitor_id), epsilon)
+            (monitor_id, epsilon): warnings_of(evaluations.get(monitor_id), epsilon)
             for monitor_id, epsilon in pairs
         }
 
     def alerts_above(self, used: Iterable[tuple[str, float]]) -> dict[tuple[str, float], float]:
         """Risk above which each monitor alerts at the epsilon it is used with.
 
-        used: pairs of id and epsilon, which the monitor can serve.
+        used: pairs of id and epsilon, which the monitor must support.
         """
         pairs = set(used)
         query = select(monitors.c.id, monitors.c.n_unsafe, monitors.c.recipe)
-        asked = monitors.c.id.in_({monitor_id for monitor_id, _ in pairs})
+        selected = monitors.c.id.in_({monitor_id for monitor_id, _ in pairs})
         with self._reading() as connection:
-            known = {row.id: row for row in connection.execute(query.where(asked))}
+            stored = {row.id: row for row in connection.execute(query.where(selected))}
         return {
             (monitor_id, epsilon): alert_above(
-                epsilon, known[monitor_id].n_unsafe, guarantee_of(known[monitor_id].recipe)
+                epsilon, stored[monitor_id].n_unsafe, guarantee_of(stored[monitor_id].recipe)
             )
             for monitor_id, epsilon in pairs
         }
 
     def delete(self, monitor_id: str) -> None:
-        """Delete a monitor. NotFound; InUse where flights or scorings are of it."""
+        """Delete a monitor. InUse if flights or scorings refer to it."""
         with self._deleting() as connection:
             name = _row(connection, monitor_id).name
             if users := _users(connection, monitor_id):
                 raise InUse(f"monitor {name}", users)
             connection.execute(delete(monitors).where(monitors.c.id == monitor_id))
-        with self._ready_lock:
-            self._ready.pop(monitor_id, None)
+        with self._loaded_lock:
+            self._loaded.pop(monitor_id, None)
 
     def recover(self) -> None:
-        """Delete what a process that died left half stored."""
+        """Delete partly stored monitors of a process that died."""
         with self._deleting() as connection:
             connection.execute(delete(monitors).where(~monitors.c.complete))
 
@@ -282,7 +282,6 @@ _COLUMNS = [*columns(monitors, MonitorInfo), monitors.c.evaluation]
 
 
 def _evaluation(stored: dict[str, Any] | None) -> dict[str, Any] | None:
-    """The evaluation in the column of that name."""
     return {key: value for key, value in (stored or {}).items() if key != SUPPORT} or None
 
 
@@ -294,7 +293,7 @@ def _support(monitor: Monitor) -> SupportInfo | None:
 def _joined(
     evaluation: dict[str, Any] | None, support: SupportInfo | None
 ) -> dict[str, Any] | None:
-    """Content of the column `evaluation`: the evaluation and what validity is calibrated on."""
+    """Content of the column `evaluation`: evaluation and validity calibration."""
     return evaluation if support is None else (evaluation or {}) | {SUPPORT: asdict(support)}
 
 
@@ -315,11 +314,13 @@ def _info(row: Row, epsilon: float | None = None) -> MonitorInfo:
 
 
 def _users(connection: Connection, monitor_id: str) -> list[tuple[str, str]]:
-    """Flights and scorings of a monitor, in words, with their ids."""
-    shown = select(display_monitors.c.flight_id).where(display_monitors.c.monitor_id == monitor_id)
-    of_it = (flights.c.monitor_id == monitor_id) | flights.c.id.in_(shown)
-    flown = select(flights.c.id, flights.c.status).where(of_it)
-    scored = (
+    """Flights and scorings that use a monitor: what they are, and their ids."""
+    displaying = select(display_monitors.c.flight_id).where(
+        display_monitors.c.monitor_id == monitor_id
+    )
+    uses_it = (flights.c.monitor_id == monitor_id) | flights.c.id.in_(displaying)
+    of_flights = select(flights.c.id, flights.c.status).where(uses_it)
+    of_scorings = (
         select(scorings.c.id, recordings.c.name)
         .join(recordings, recordings.c.id == scorings.c.recording_id)
         .where(scorings.c.monitor_id == monitor_id)
@@ -327,11 +328,11 @@ def _users(connection: Connection, monitor_id: str) -> list[tuple[str, str]]:
     return [
         *(
             (f"{row.status} flight", row.id)
-            for row in connection.execute(flown.order_by(flights.c.created))
+            for row in connection.execute(of_flights.order_by(flights.c.created))
         ),
         *(
             (f"scoring of {row.name}", row.id)
-            for row in connection.execute(scored.order_by(scorings.c.created))
+            for row in connection.execute(of_scorings.order_by(scorings.c.created))
         ),
     ]
 

@@ -17,13 +17,13 @@ MOST_BINS = 60
 
 @dataclass(frozen=True)
 class PeakHistogram(Entry):
-    """Rollouts counted by their peak |channel| / limit; 1 is the limit and begins a bin."""
+    """Rollouts counted by their peak |channel| / limit; a bin starts at 1, the limit."""
 
     channel: str
     limit: float
     """in the channel's unit"""
     edges: tuple[float, ...]
-    """one more than bins; the last bin counts all beyond"""
+    """(n_bins + 1,) the last bin counts all higher peaks"""
     unsafe: tuple[int, ...]
     """(n_bins,) rollouts"""
     safe: tuple[int, ...]
@@ -31,13 +31,12 @@ class PeakHistogram(Entry):
 
     @classmethod
     def from_plain(cls, plain: dict[str, Any]) -> Self:
-        """Rebuild a histogram from JSON's types."""
         rows = (tuple(plain[name]) for name in ("edges", "unsafe", "safe"))
         return cls(plain["channel"], plain["limit"], *rows)
 
 
 def peak_histograms(dataset: Dataset) -> tuple[PeakHistogram, ...]:
-    """One histogram for each limited channel; none where the specification is not one of limits."""
+    """One histogram per limited channel; none unless the specification is one of limits."""
     limits = magnitudes_of(dataset.specification)
     if limits is None:
         return ()
@@ -54,7 +53,7 @@ def peak_histograms(dataset: Dataset) -> tuple[PeakHistogram, ...]:
 
 
 def _peaks(y: Array, limit: float) -> Array:
-    """(n,) highest |y| / limit of each rollout (n, n_samples), up to its end."""
+    """(n,) highest |y| / limit of each rollout (n, n_samples)."""
     return np.fmax.reduce(np.abs(y), axis=1, initial=0.0) / limit
 
 

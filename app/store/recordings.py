@@ -1,6 +1,6 @@
-"""Stored recordings: what they are, and what their columns are taken for.
+"""Stored recordings and the meaning of their columns.
 
-The files themselves lie in the data directory, see `app.recordings.files`.
+The files themselves are in the data directory, see `app.recordings.files`.
 """
 
 from collections.abc import Iterable
@@ -14,7 +14,7 @@ from app.store.repository import (
     Entry,
     InUse,
     Repository,
-    check_not_kept,
+    check_deletable,
     columns,
     complete,
     fetch,
@@ -29,7 +29,7 @@ MappingState = Literal["proposed", "remembered", "confirmed"]
 
 @dataclass(frozen=True)
 class RecordingInfo(Entry):
-    """An uploaded recording, without what its columns are taken for."""
+    """An uploaded recording, without the meaning of its columns."""
 
     id: str
     name: str
@@ -40,47 +40,47 @@ class RecordingInfo(Entry):
     digest: str
     """SHA-256 of the file"""
     format: str
-    """key of a format in the catalog"""
+    """key of its format in the catalog"""
     aircraft: str | None
     duration: float | None
-    """of the mapped channels [s]; null where the mapping cannot be applied"""
+    """of the mapped channels [s]; null if the mapping cannot be applied"""
     mapping_state: MappingState
     confirmed_over: dict[str, list[str]] | None
-    """warnings by channel that its mapping was confirmed over; null where it is not known"""
+    """warnings by channel that were open when its mapping was confirmed; null if unknown"""
     n_scorings: int
     same_as: str | None
     """id of an earlier upload of the same bytes"""
     keep: bool
-    """whether it is kept for ever"""
+    """whether it is kept permanently"""
     flight_id: str | None
-    """id of the live flight that it was, if that is stored still; null of an upload"""
+    """id of the live flight it was made from, if still stored; null for an upload"""
 
 
 @dataclass(frozen=True)
 class MappedColumns(Entry):
-    """What the columns of a recording are taken for, as plain data."""
+    """Meaning of a recording's columns, as plain data."""
 
     mapping: dict[str, Any]
-    """as of app.telemetry.mapping.mapping"""
+    """see app.telemetry.mapping.mapping"""
     mapping_state: MappingState
     proposal: dict[str, Any]
-    """why the mapping was proposed, and what else could be"""
+    """why this mapping was proposed, and the alternatives"""
     quality: dict[str, Any] | None
-    """of the times and channels so mapped"""
+    """quality of the mapped times and channels"""
     problem: str | None
-    """why the mapping cannot be applied"""
+    """why the mapping cannot be applied; null if it can"""
     duration: float | None
-    """of the mapped channels [s]; null where the mapping cannot be applied"""
+    """of the mapped channels [s]; null if the mapping cannot be applied"""
     statistics: list[list[float | None]]
-    """[n, missing, min, max, mean] of each signal, in the file's unit"""
+    """[n, missing, min, max, mean] of each signal, in the unit of the file"""
     confirmed_over: dict[str, list[str]] | None = None
-    """warnings by channel that the mapping was confirmed over; null where it is not known"""
+    """warnings by channel that were open when the mapping was confirmed; null if unknown"""
 
 
 class RecordingRepository(Repository):
     """Recordings by id."""
 
-    def begin(
+    def add(
         self,
         recording_id: str,
         name: str,
@@ -90,7 +90,7 @@ class RecordingRepository(Repository):
         aircraft: str | None,
         mapped: MappedColumns,
     ) -> None:
-        """Store a recording whose folder is about to be put in its place; it is not seen yet."""
+        """Store a recording, hidden until `complete`; its folder is then moved into place."""
         row = {
             "id": recording_id,
             "name": name,
@@ -106,14 +106,14 @@ class RecordingRepository(Repository):
     def complete(
         self, recording_id: str, flight_id: str | None = None, remarks: Iterable["Marker"] = ()
     ) -> None:
-        """Let a recording be seen: its folder is in its place.
+        """Make a recording visible once its folder is in place.
 
-        flight_id: of the live flight that it was.   remarks: markers that it has from there.
+        flight_id: live flight it was made from.   remarks: markers from that flight.
         """
-        this = recordings.c.id == recording_id
+        is_row = recordings.c.id == recording_id
         rows = [asdict(marker) | {"recording_id": recording_id} for marker in remarks]
         with self._writing() as connection:
-            connection.execute(update(recordings).where(this).values(complete=True))
+            connection.execute(update(recordings).where(is_row).values(complete=True))
             if flight_id is not None:
                 flown = update(flights).where(flights.c.id == flight_id)
                 connection.execute(flown.values(recording_id=recording_id))
@@ -121,7 +121,6 @@ class RecordingRepository(Repository):
                 connection.execute(insert(markers), rows)
 
     def info(self, recording_id: str) -> RecordingInfo:
-        """What a recording is; NotFound."""
         with self._reading() as connection:
             return fetch_recording(connection, recording_id)
 
@@ -132,7 +131,6 @@ class RecordingRepository(Repository):
             return [RecordingInfo(**row._mapping) for row in connection.execute(query)]
 
     def mapped_columns(self, recording_id: str) -> MappedColumns:
-        """What its columns are taken for; NotFound."""
         query = select(*columns(recordings, MappedColumns)).where(
             complete(recordings, recording_id)
         )
@@ -143,37 +141,37 @@ class RecordingRepository(Repository):
     def confirm_mapping(
         self, recording_id: str, mapped: MappedColumns, aircraft: str | None = None
     ) -> None:
-        """Take the columns for this from now on; aircraft: another than before. NotFound."""
+        """Replace the mapping. aircraft: new aircraft, None to keep it."""
         changed = {field.name for field in fields(mapped)} - {"statistics", "proposal"}
         values = {name: getattr(mapped, name) for name in changed}
         values |= {} if aircraft is None else {"aircraft": aircraft}
         with self._writing() as connection:
             fetch_recording(connection, recording_id)
-            this = recordings.c.id == recording_id
-            connection.execute(update(recordings).where(this).values(**values))
+            is_row = recordings.c.id == recording_id
+            connection.execute(update(recordings).where(is_row).values(**values))
 
     def withdraw(self, recording_id: str) -> None:
-        """Let a recording be seen no more: its folder is about to go.
+        """Hide a recording before its folder is deleted, and delete its scorings.
 
-        NotFound; InUse if flown; KeptForEver.
+        InUse while it is replayed; KeptPermanently.
         """
         with self._deleting() as connection:
             name = fetch_recording(connection, recording_id).name
             if users := replays_of(connection, "recording", recording_id):
                 raise InUse(f"recording {name}", users)
-            check_not_kept(connection, recordings, "recording", recording_id)
-            this = recordings.c.id == recording_id
-            connection.execute(update(recordings).where(this).values(complete=False))
+            check_deletable(connection, recordings, "recording", recording_id)
+            is_row = recordings.c.id == recording_id
+            connection.execute(update(recordings).where(is_row).values(complete=False))
             connection.execute(delete(scorings).where(scorings.c.recording_id == recording_id))
 
     def purge(self, recording_id: str) -> None:
-        """Delete the row of a recording that has no folder any more."""
-        this = (recordings.c.id == recording_id) & ~recordings.c.complete
+        """Delete the row of a hidden recording, after its folder."""
+        is_row = (recordings.c.id == recording_id) & ~recordings.c.complete
         with self._deleting() as connection:
-            connection.execute(delete(recordings).where(this))
+            connection.execute(delete(recordings).where(is_row))
 
     def incomplete(self) -> list[str]:
-        """Ids of recordings that were being put in their place, or removed, when a server died."""
+        """Ids of recordings that were being added or deleted when a server died."""
         query = select(recordings.c.id).where(~recordings.c.complete)
         with self._reading() as connection:
             return list(connection.execute(query).scalars())
@@ -201,6 +199,5 @@ def _recordings() -> Select:
 
 
 def fetch_recording(connection: Connection, recording_id: str) -> RecordingInfo:
-    """What a recording is; NotFound."""
     query = _recordings().where(complete(recordings, recording_id))
     return RecordingInfo(**fetch(connection, query, "recording", recording_id)._mapping)

@@ -1,4 +1,4 @@
-"""What the repositories of the store share: one engine, short transactions, rows by id."""
+"""Base of the store's repositories: one engine, short transactions, rows by id."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
@@ -16,11 +16,11 @@ TRANSACTION_BYTES = 4 * 2**20
 
 
 class NotFound(LookupError):
-    """There is nothing of this id."""
+    """Nothing has this id."""
 
 
 class InUse(ValueError):
-    """What was to be deleted is needed by others. users: their names and ids."""
+    """The thing to delete is used by others. users: their names and ids."""
 
     def __init__(self, what: str, users: Iterable[tuple[str, str]]) -> None:
         self.users = tuple(users)
@@ -29,20 +29,20 @@ class InUse(ValueError):
         super().__init__(f"{what} is used by {named}{more}: delete them first")
 
 
-class KeptForEver(ValueError):
-    """What was to be deleted is kept for ever."""
+class KeptPermanently(ValueError):
+    """The thing to delete is kept permanently."""
 
 
 class Entry:
-    """What a frozen dataclass of a row derives from: its docstrings describe its fields."""
+    """Base of dataclasses of a row: their docstrings describe the fields in the API."""
 
     __pydantic_config__ = ConfigDict(use_attribute_docstrings=True)
 
 
 class Writer:
-    """What those that write to one database share: their turns, and space to delete.
+    """Shared by all writers of a database: the lock, and reserved space for deletions.
 
-    unfinished: what must be written before anything else, since the disk was full when it was due.
+    unfinished: work to write before anything else, left over because the disk was full.
     """
 
     def __init__(self, reserve: Reserve) -> None:
@@ -52,7 +52,7 @@ class Writer:
 
     @contextmanager
     def turn(self) -> Iterator[None]:
-        """One writer at a time. StoreError where what is unfinished still cannot be written."""
+        """Let one thread write at a time. StoreError if unfinished work still cannot be written."""
         with self._lock:
             if (work := self.unfinished) is not None:
                 self.unfinished = None
@@ -65,9 +65,9 @@ class Writer:
 
 
 class Repository:
-    """The rows of one table family, reached through an engine from any thread.
+    """Rows of one table family; usable from any thread.
 
-    writer: what all repositories of an engine share.
+    Methods that take an id raise NotFound if nothing has it.   writer: shared per engine.
     """
 
     def __init__(self, engine: Engine, writer: Writer) -> None:
@@ -79,13 +79,13 @@ class Repository:
 
     @contextmanager
     def _writing(self) -> Iterator[Connection]:
-        """One writer at a time: SQLite lets others wait by polling, unfairly."""
+        """One writer at a time: SQLite itself makes others wait by polling, which is unfair."""
         with self._writer.turn(), writing(self._engine) as connection:
             yield connection
 
     @contextmanager
     def _deleting(self) -> Iterator[Connection]:
-        """As _writing, with the space that is held for deletions."""
+        """As _writing, with the space reserved for deletions."""
         with (
             self._writer.turn(),
             self._writer.reserve.freed(self._engine),
@@ -100,28 +100,27 @@ class Repository:
         part_table: Table,
         parts: Iterable[dict[str, Any]],
     ) -> None:
-        """Add a row with content too large for one short transaction.
+        """Add a row whose content is too large for one short transaction.
 
-        The row is `complete`, and so seen, once all parts are there. It is removed on failure; one
-        that a dying process left behind is removed when the store opens.
+        The row becomes `complete`, and so visible, with its last part. It is deleted on failure;
+        a row left by a process that died is deleted when the store opens.
         """
         with self._writing() as connection:
             connection.execute(insert(table).values(**row, complete=False))
-        this = table.c.id == row["id"]
+        is_row = table.c.id == row["id"]
         try:
             for group in _transactions(parts):
                 with self._writing() as connection:
                     connection.execute(insert(part_table), group)
             with self._writing() as connection:
-                connection.execute(update(table).where(this).values(complete=True))
+                connection.execute(update(table).where(is_row).values(complete=True))
         except BaseException:
             with self._writing() as connection:
-                connection.execute(delete(table).where(this))
+                connection.execute(delete(table).where(is_row))
             raise
 
 
 def _transactions(parts: Iterable[dict[str, Any]]) -> Iterator[list[dict[str, Any]]]:
-    """Group parts by the size of their content."""
     group, size = [], 0
     for part in parts:
         group.append(part)
@@ -133,26 +132,26 @@ def _transactions(parts: Iterable[dict[str, Any]]) -> Iterator[list[dict[str, An
         yield group
 
 
-def check_not_kept(connection: Connection, table: Table, what: str, identity: str) -> None:
-    """KeptForEver; nothing for what is not there."""
-    kept = connection.execute(select(table.c.keep).where(table.c.id == identity)).scalar()
-    if kept:
-        raise KeptForEver(f"{what} {identity} is kept for ever: release it first")
+def check_deletable(connection: Connection, table: Table, kind: str, identity: str) -> None:
+    """Raise KeptPermanently if the row has the flag `keep`."""
+    keep = connection.execute(select(table.c.keep).where(table.c.id == identity)).scalar()
+    if keep:
+        raise KeptPermanently(f"{kind} {identity} is kept permanently: release it first")
 
 
 def columns(table: Table, entry: type) -> list[Any]:
-    """The columns that an entry has fields of."""
+    """Columns that match the fields of an entry."""
     return [table.c[field.name] for field in fields(entry) if field.name in table.c]
 
 
-def fetch(connection: Connection, query: Select, what: str, identity: str) -> Row:
-    """The one row of a query; NotFound where there is none. what: its kind, in words."""
+def fetch(connection: Connection, query: Select, kind: str, identity: str) -> Row:
+    """The only row of a query. NotFound.   kind: what it is, for the message."""
     row = connection.execute(query).one_or_none()
     if row is None:
-        raise NotFound(f"there is no {what} {identity!r}: it was deleted, or never was")
+        raise NotFound(f"there is no {kind} {identity!r}: it was deleted or never existed")
     return row
 
 
 def complete(table: Table, identity: str) -> Any:
-    """Condition: the row of this id, once it is complete."""
+    """Condition: the row has this id and is complete."""
     return (table.c.id == identity) & table.c.complete

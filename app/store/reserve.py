@@ -1,7 +1,7 @@
-"""The reserve: disk space held beside the database, so that a full disk can still be emptied.
+"""The reserve: disk space held beside the database, so that a full disk can be emptied.
 
-SQLite needs space to delete. Where the disk is short the reserve is freed for a deletion, or for
-the server's start, and made again as soon as there is space.
+SQLite needs space to delete rows. If the disk is nearly full, the reserve is freed for a deletion
+or for the start of the server, and filled again as soon as there is space.
 """
 
 import logging
@@ -18,19 +18,19 @@ from app.store.database import StoreError, checkpoint, is_sqlite
 LOG = logging.getLogger("forewarn")
 RESERVE_BYTES = 8 * 2**20
 LEAST_BYTES = 2**20
-"""A smaller reserve would be no help."""
+"""A smaller reserve would not help."""
 BLOCK_BYTES = 2**18
 
 
 class Reserve:
-    """A file beside an SQLite database; nothing for a database of another kind."""
+    """A file beside an SQLite database; does nothing for other databases."""
 
     def __init__(self, url: URL) -> None:
         database = Path(str(url.database)) if is_sqlite(url) else None
         self.path = database and database.with_name(f"{database.name}.reserve")
 
     def make(self) -> None:
-        """Hold as much as there is space for, unless it is held already."""
+        """Fill the reserve as far as the disk allows, unless it exists."""
         if self.path is None or self.path.exists():
             return
         part = self.path.with_name(f"{self.path.name}.part")
@@ -41,10 +41,10 @@ class Reserve:
             else:
                 part.replace(self.path)
         except OSError as error:
-            LOG.warning("no space is held for deletions: %s", error)
+            LOG.warning("no disk space reserved for deletions: %s", error)
 
     def free(self) -> bool:
-        """Free the space where the disk is short of it; whether it was."""
+        """Free the reserve if the disk is nearly full; return whether it was."""
         if self.path is None or not self.path.parent.is_dir():
             return False
         if shutil.disk_usage(self.path.parent).free >= RESERVE_BYTES:
@@ -52,12 +52,12 @@ class Reserve:
         try:
             self.path.unlink(missing_ok=True)
         except OSError as error:
-            LOG.warning("the space held for deletions is not freed: %s", error)
+            LOG.warning("the disk space reserved for deletions could not be freed: %s", error)
         return True
 
     @contextmanager
     def freed(self, engine: Engine) -> Iterator[None]:
-        """Have the space free, where it is short, while something is deleted."""
+        """Free the reserve, if needed, while something is deleted."""
         was_short = self.free()
         try:
             yield
@@ -71,7 +71,7 @@ class Reserve:
 
 
 def _fill(path: Path) -> int:
-    """Write noise, which no file system makes smaller, as far as the disk has space; its size."""
+    """Write random bytes, which no file system compresses, until the disk is full; their number."""
     size = 0
     with path.open("wb", buffering=0) as file:
         path.chmod(0o600)

@@ -1,4 +1,4 @@
-"""The database's schema, brought up to this program's by alembic; never down, never past it."""
+"""The database's schema, upgraded by alembic to this program's revision; never downgraded."""
 
 import glob
 from collections.abc import Iterator
@@ -15,10 +15,10 @@ from app.store.database import (
     StoreError,
     broken_references,
     copy_database,
-    engine_to_look,
     file_of,
     make_directory,
     make_engine,
+    read_only_engine,
     writing,
 )
 from app.store.tables import metadata
@@ -28,16 +28,16 @@ if TYPE_CHECKING:
     from alembic.script import ScriptDirectory
 
 COPY = ".before-"
-"""Between the name of a database and the revision that its copy has."""
+"""Between the name of a database and the revision of its copy."""
 _COPIES: set[Path] = set()
-"""Made by this process, and so not yet followed by a good start."""
+"""Copies made by this process, which must first start well."""
 VERSION_TABLE = "alembic_version"
 ONE_AT_A_TIME = Lock()
-"""Alembic keeps the migration under way in global variables."""
+"""Alembic keeps the running migration in global variables."""
 
 
 def migrations() -> Path:
-    """Directory of the migrations: inside the installed package, or at the repository's root."""
+    """Directory of the migrations: in the installed package or at the root of the repository."""
     here = Path(__file__).parents[1]
     for directory in (here / "alembic", here.parent / "alembic"):
         if (directory / "env.py").is_file():
@@ -48,7 +48,6 @@ def migrations() -> Path:
 
 
 def configuration() -> "Config":
-    """Alembic's configuration, wherever the program is installed."""
     from alembic.config import Config
 
     config = Config()
@@ -57,13 +56,12 @@ def configuration() -> "Config":
 
 
 def newest_revision() -> str:
-    """Revision of the schema that this program works with."""
     return revisions(migrations())[0]
 
 
 @cache
 def scripts(directory: Path) -> "ScriptDirectory":
-    """The migrations of a directory, read once: they are many files."""
+    """Migrations of a directory, read once because there are many files."""
     from alembic.script import ScriptDirectory
 
     return ScriptDirectory(directory)
@@ -71,18 +69,18 @@ def scripts(directory: Path) -> "ScriptDirectory":
 
 @cache
 def revisions(directory: Path) -> tuple[str, ...]:
-    """Revisions that a directory of migrations leads to, the newest first."""
+    """Revisions in a directory of migrations, newest first."""
     return tuple(script.revision for script in scripts(directory).walk_revisions())
 
 
 def current_revision(url: URL) -> str | None:
-    """Revision of a database; None where it is new. The database is only looked at.
+    """Revision of a database; None if it is new. Reads only.
 
-    StoreError where it is not a database, is one of another program, or cannot be read.
+    StoreError if it is not a database, belongs to another program, or cannot be read.
     """
     from alembic.migration import MigrationContext
 
-    engine = engine_to_look(url)
+    engine = read_only_engine(url)
     if engine is None:
         return None
     place = url.render_as_string(hide_password=True)
@@ -93,23 +91,23 @@ def current_revision(url: URL) -> str | None:
             heads = MigrationContext.configure(connection).get_current_heads()
     except DBAPIError as error:
         raise StoreError(
-            f"{place} cannot be read ({error.orig}): choose a database of Forewarn, or a new file"
+            f"{place} cannot be read ({error.orig}): choose a Forewarn database, or a new file"
         ) from error
     finally:
         engine.dispose()
     if not heads and tables:
-        some = ", ".join(sorted(tables)[:3])
+        names = ", ".join(sorted(tables)[:3])
         raise StoreError(
-            f"{place} holds tables of another program ({some}): choose a database of Forewarn, or "
+            f"{place} holds tables of another program ({names}): choose a Forewarn database, or "
             "a new file"
         )
     return ", ".join(heads) or None
 
 
 def bring_up_to_date(url: URL) -> None:
-    """Upgrade a database to this program's schema, all or nothing; make a new one.
+    """Create a database or upgrade it to this program's schema, all or nothing.
 
-    StoreError, the database untouched, where a newer program made it.
+    StoreError, with the database unchanged, if a newer program made it.
     """
     from alembic import command, util
     from alembic.migration import MigrationContext
@@ -119,7 +117,7 @@ def bring_up_to_date(url: URL) -> None:
             return
         keep_copy(url)
         with migrating(url) as connection:
-            if not inspect(connection).get_table_names():  # nor has another process made any
+            if not inspect(connection).get_table_names():  # another process may have made them
                 metadata.create_all(connection, checkfirst=False)
                 script = scripts(migrations())
                 MigrationContext.configure(connection).stamp(script, "head")
@@ -133,18 +131,16 @@ def bring_up_to_date(url: URL) -> None:
 
 
 def keep_copy(url: URL) -> None:
-    """Copy an older program's SQLite database beside it; nothing for a new one. StoreError."""
+    """Copy an SQLite database beside itself before an upgrade; not a new one. StoreError."""
     current, database = current_revision(url), file_of(url)
     if current is not None and database is not None:
         copy = database.with_name(f"{database.name}{COPY}{current}")
-        copy_database(
-            url, copy, "an older program's is copied before it changes, make space for a copy"
-        )
+        copy_database(url, copy, "an upgrade copies the database first, make space for the copy")
         _COPIES.add(copy)
 
 
 def forget_copies(url: URL) -> None:
-    """Remove copies that were made before this process started: it has started well."""
+    """Delete copies from earlier processes, once this one has started well."""
     if (database := file_of(url)) is not None:
         for copy in database.parent.glob(f"{glob.escape(database.name)}{COPY}*"):
             if copy not in _COPIES:
@@ -152,7 +148,7 @@ def forget_copies(url: URL) -> None:
 
 
 def needs_upgrade(url: URL) -> bool:
-    """Whether an older program made the database, or nobody did. StoreError if a newer one did."""
+    """Whether the database is new or from an older program. StoreError if from a newer one."""
     known = revisions(migrations())
     current = current_revision(url)
     if current is None or current in known:
@@ -165,20 +161,20 @@ def needs_upgrade(url: URL) -> bool:
             "changed"
         )
     raise StoreError(
-        f"{place} has schema {current}, this program knows up to {known[0]}: a newer Forewarn made "
-        "it, upgrade this one; nothing was changed"
+        f"{place} has schema {current}, this program reads up to {known[0]}: upgrade Forewarn; "
+        "nothing was changed"
     )
 
 
 @contextmanager
 def migrating(url: URL) -> Iterator[Connection]:
-    """Open the one transaction in which tables are made, changed and rebuilt."""
+    """One transaction in which tables are created, changed and rebuilt."""
     make_directory(url)
     engine = make_engine(url, foreign_keys=False)
     try:
         with writing(engine) as connection:
             yield connection
-            if lost := broken_references(connection):
-                raise StoreError(f"the migration would break references: {'; '.join(lost[:3])}")
+            if broken := broken_references(connection):
+                raise StoreError(f"the migration would break references: {'; '.join(broken[:3])}")
     finally:
         engine.dispose()

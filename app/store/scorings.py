@@ -1,4 +1,4 @@
-"""Stored scorings: recordings as monitors scored them, without the samples."""
+"""Stored scorings: results of monitors on recordings, without the samples."""
 
 import hashlib
 import json
@@ -17,7 +17,7 @@ from core.specification import PlainSpecification
 
 @dataclass(frozen=True)
 class ScoringInfo(Entry):
-    """A recording as a monitor scored it, without the samples."""
+    """Result of a monitor on a recording, without the samples."""
 
     id: str
     recording_id: str
@@ -26,73 +26,73 @@ class ScoringInfo(Entry):
     monitor_digest: str
     """SHA-256 of the portable monitor"""
     specification: PlainSpecification
-    """what the monitor warns of: limits by channel, a label, null where it is not known"""
+    """limits the monitor warns of, by channel; a label for other kinds, null if unknown"""
     request_digest: str
-    """SHA-256 of all that decides the samples"""
+    """SHA-256 of everything that determines the samples"""
     digest: str
-    """SHA-256 of the samples: the same request gives the same"""
+    """SHA-256 of the samples; the same request gives the same digest"""
     created: str
     """UTC, ISO 8601"""
     version: str
-    """program that scored it"""
+    """version of the program that scored it"""
     epsilon: float
     """accepted miss rate"""
     lead: float
-    """promised by the monitor [s]"""
+    """lead time of the monitor [s]"""
     dt: float
     """sample interval [s]"""
     request: dict[str, Any]
-    """epsilon, trim and manoeuvres as asked for"""
+    """epsilon, trim and manoeuvres as requested"""
     mapping: dict[str, Any]
-    """that was used"""
+    """mapping used"""
     n_samples: int
     start: float
     """[s]"""
     end: float
     """[s]"""
     notes: list[str]
-    """what was assumed and done, oldest first"""
+    """assumptions and steps, oldest first"""
     quality: dict[str, Any] | None
-    """of the recorded times and channels, and whether the sensors agree"""
+    """quality of the recorded times and channels, and whether the sensors agree"""
     manoeuvres: list[dict[str, Any]]
-    """each with its trim, validity, alerts, exceedance and outcome"""
+    """each with trim, validity, alerts, exceedance and outcome"""
     outside_exceedances: list[dict[str, Any]]
-    """those that begin in no manoeuvre: t [s], channel and value of the first recorded sample, from
-    the trim of the manoeuvre before"""
+    """exceedances that start outside manoeuvres: t [s], channel and value of the first sample,
+    relative to the trim of the manoeuvre before"""
     limits_in_force: list[dict[str, Any]] | None = None
-    """those of a limit set, from start to end; null where none was, or of an older program"""
+    """limits of a limit set, from start to end; null if none was used, or in older scorings"""
     row_digest: str | None = None
-    """SHA-256 of all else that is said here; null of a scoring that an older program stored"""
+    """SHA-256 of all other fields; null if an older program stored the scoring"""
 
     def sealed(self) -> "ScoringInfo":
-        """Itself with its digest."""
+        """Copy with its row digest."""
         return replace(self, row_digest=self._digest())
 
     @property
     def damage(self) -> str:
-        """What is wrong with it; empty where it is as it was stored."""
+        """Error message if it has changed since it was stored, else empty."""
         if self.row_digest in (None, self._digest()):
             return ""
         return (
-            f"scoring {self.id} is damaged, what it says does not match its digest: delete this "
+            f"scoring {self.id} is damaged (its content does not match its digest): delete this "
             "scoring and score the recording again"
         )
 
     def _digest(self) -> str:
-        said = json.loads(to_text(asdict(replace(self, row_digest=None))))
-        if said["limits_in_force"] is None:  # so that what older programs stored stays whole
-            del said["limits_in_force"]
-        return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
+        content = json.loads(to_text(asdict(replace(self, row_digest=None))))
+        if content["limits_in_force"] is None:  # older programs did not have it
+            del content["limits_in_force"]
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 class ScoringRepository(Repository):
-    """Scorings of recordings by id."""
+    """Scorings of recordings."""
 
     def add(self, scoring: ScoringInfo) -> ScoringInfo:
-        """Store a scoring whose samples are in their place.
+        """Store a scoring whose samples are in place.
 
-        Returns the stored one: an earlier one where the request was carried out before.
-        NotFound where the recording or the monitor was deleted meanwhile; Damaged.
+        Returns the stored scoring, which is an earlier one if the request is a repetition.
+        NotFound if the recording or monitor was deleted in the meantime; Damaged.
         """
         scoring = scoring.sealed()
         values = {key: value for key, value in asdict(scoring).items() if key in scorings.c}
@@ -107,26 +107,26 @@ class ScoringRepository(Repository):
         return scoring
 
     def find(self, recording_id: str, request_digest: str) -> ScoringInfo | None:
-        """The scoring that this request led to before, None where it never did. Damaged."""
+        """Earlier scoring for the same request, if any. Damaged."""
         with self._reading() as connection:
             row = connection.execute(_same_request(recording_id, request_digest)).one_or_none()
         return None if row is None else _checked(row)
 
     def info(self, recording_id: str, scoring_id: str) -> ScoringInfo:
-        """What a scoring of this recording is. NotFound; Damaged."""
+        """Damaged if it has changed since it was stored."""
         with self._reading() as connection:
             query = _scorings(recording_id).where(scorings.c.id == scoring_id)
             return _checked(fetch(connection, query, "scoring", scoring_id))
 
     def of(self, recording_id: str) -> list[ScoringInfo]:
-        """All scorings of a recording, newest first; each says its own damage. NotFound."""
+        """All scorings of a recording, newest first; `damage` of each may be set."""
         query = _scorings(recording_id).order_by(scorings.c.created.desc())
         with self._reading() as connection:
             fetch_recording(connection, recording_id)
             return [ScoringInfo(**row._mapping) for row in connection.execute(query)]
 
     def ids(self, recording_id: str | None = None) -> set[str]:
-        """Ids of all scorings, of a recording if given."""
+        """Ids of all scorings, or of one recording's."""
         query = select(scorings.c.id)
         if recording_id is not None:
             query = query.where(scorings.c.recording_id == recording_id)
@@ -134,12 +134,12 @@ class ScoringRepository(Repository):
             return set(connection.execute(query).scalars())
 
     def delete(self, recording_id: str, scoring_id: str) -> None:
-        """Delete a scoring. NotFound; InUse while it is flown."""
+        """Delete a scoring. InUse while it is replayed."""
         with self._deleting() as connection:
             of_recording = scorings.c.recording_id == recording_id
-            this = (scorings.c.id == scoring_id) & of_recording
-            by = select(monitors.c.name).join(scorings).where(this)
-            name = fetch(connection, by, "scoring", scoring_id).name
+            is_row = (scorings.c.id == scoring_id) & of_recording
+            monitor_name = select(monitors.c.name).join(scorings).where(is_row)
+            name = fetch(connection, monitor_name, "scoring", scoring_id).name
             if users := replays_of(connection, "scoring", scoring_id):
                 raise InUse(f"the scoring by {name}", users)
             connection.execute(delete(scorings).where(scorings.c.id == scoring_id))

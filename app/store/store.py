@@ -1,7 +1,7 @@
-"""The store: datasets, monitors, jobs, flights, recordings in one database, by URL or path.
+"""The store: datasets, monitors, jobs, flights and recordings in one database, by URL or path.
 
-Every method is synchronous and may be called from any thread; a coroutine calls it through
-`asyncio.to_thread`. Only this package knows both rows and core objects.
+Every method is synchronous and may be called from any thread; coroutines call it through
+`asyncio.to_thread`. Only this package converts between rows and core objects.
 """
 
 import logging
@@ -18,24 +18,24 @@ from app.store.datasets import DatasetRepository
 from app.store.flight_markers import FlightMarkerRepository
 from app.store.flights import FlightRepository
 from app.store.jobs import JobRepository
-from app.store.keeping import KeepingRepository
 from app.store.limit_sets import LimitSetRepository
 from app.store.mappings import MappingRepository
 from app.store.markers import MarkerRepository
 from app.store.monitors import MonitorRepository
 from app.store.recordings import RecordingRepository
-from app.store.repository import InUse, KeptForEver, NotFound, Writer
+from app.store.repository import InUse, KeptPermanently, NotFound, Writer
 from app.store.reserve import Reserve
+from app.store.retention_flags import RetentionFlagRepository
 from app.store.schema import bring_up_to_date, current_revision, forget_copies
 from app.store.scorings import ScoringRepository
 from app.store.tokens import TokenRepository
 
 LOG = logging.getLogger("forewarn")
-__all__ = ["Damaged", "InUse", "KeptForEver", "NotFound", "Store", "StoreError", "open_store"]
+__all__ = ["Damaged", "InUse", "KeptPermanently", "NotFound", "Store", "StoreError", "open_store"]
 
 
 class Store:
-    """One database and its repositories, one for each family of tables; see `open_store`."""
+    """One database and its repositories, one per table family; see `open_store`."""
 
     def __init__(self, engine: Engine) -> None:
         self.reserve = Reserve(engine.url)
@@ -54,21 +54,21 @@ class Store:
         self.scorings = ScoringRepository(*shared)
         self.markers = MarkerRepository(*shared)
         self.campaigns = CampaignRepository(*shared)
-        self.keeping = KeepingRepository(*shared)
+        self.retention_flags = RetentionFlagRepository(*shared)
         self.answers = AnswerRepository(*shared)
         self.tokens = TokenRepository(*shared)
         self.audit = AuditRepository(*shared)
 
     def recover(self) -> None:
-        """Clear up after a process that died: interrupted work, half-stored content.
+        """Clean up after a process that died: mark its work interrupted, delete partial content.
 
-        Where the disk takes no writes this is done before the first one that it takes.
-        Recordings, whose content lies in folders, are cleared up by `app.recordings.files`.
+        If the database cannot be written now, this happens before the next write.
+        `app.recordings.files` cleans up recordings, whose content is in folders.
         """
         try:
             self._recover()
         except StoreError as error:
-            LOG.warning("the store can only be read for now: %s", error)
+            LOG.warning("the store is read-only for now: %s", error)
             self._writer.unfinished = self._recover
 
     def _recover(self) -> None:
@@ -76,32 +76,31 @@ class Store:
             repository.recover()
 
     def revision(self) -> str:
-        """Revision of the schema."""
         return str(current_revision(self.engine.url))
 
     def touch(self) -> None:
-        """See that the database takes writes; StoreError."""
+        """Test writing to the database. StoreError."""
         touch(self.engine)
 
     def damage(self) -> list[str]:
-        """Look through the whole database; one line for each thing that is wrong with it."""
+        """Check the whole database; one line per fault."""
         return damage(self.engine)
 
     def forget_copies(self) -> None:
-        """The start was good: copies made before an earlier migration are not needed any more."""
+        """Delete copies made before earlier migrations, once the server has started well."""
         forget_copies(self.engine.url)
 
     def close(self) -> None:
-        """Close idle connections; the store may still be used and opens new ones."""
+        """Close idle connections; the store remains usable and opens new ones."""
         self.engine.dispose()
 
 
 def open_store(url_or_path: str | Path, *, recover: bool = True) -> Store:
-    """Open the store, making it where it is missing and upgrading one of an older program.
+    """Open the store, creating it if missing and upgrading it if an older program made it.
 
-    recover: work that was running is reported as interrupted, half-stored content is removed.
-    False for a look at a store that another process is serving.
-    StoreError where it cannot be used; a database of a newer program is left untouched.
+    recover: mark running work as interrupted and delete partial content. False to read a store
+    that another process is serving.
+    StoreError if it cannot be used; a database from a newer program is left unchanged.
     """
     url = address(url_or_path)
     if recover:

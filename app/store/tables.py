@@ -1,8 +1,7 @@
-"""The tables: what is stored of datasets, monitors, jobs, flights, recordings and people.
+"""The tables of the database.
 
-Ids are random, times are UTC in ISO 8601, numbers are SI. Large content lies in tables of its own,
-in parts of a size that a short transaction can write. A migration in `alembic/` goes with every
-change here.
+Ids are random, times are UTC in ISO 8601, numbers are SI. Large content has its own tables, in
+parts that a short transaction can write. Every change here needs a migration in `alembic/`.
 """
 
 import secrets
@@ -41,17 +40,16 @@ metadata = MetaData(
 
 
 def new_id() -> str:
-    """Return an id that nothing else has: 12 hexadecimal digits."""
+    """Random id of 12 hexadecimal digits."""
     return secrets.token_hex(ID_BYTES)
 
 
 def now() -> str:
-    """Return the present time, UTC in ISO 8601, so that text order is time order."""
+    """Present time, UTC in ISO 8601, so that text order is time order."""
     return time_text(datetime.now(UTC))
 
 
 def time_text(utc: datetime) -> str:
-    """Return a time as it is stored."""
     return utc.isoformat(timespec="microseconds").replace("+00:00", "Z")
 
 
@@ -62,11 +60,9 @@ class WholeNumber(TypeDecorator[int]):
     cache_ok = True
 
     def process_bind_param(self, value: int | None, dialect: Dialect) -> str | None:
-        """Return its digits."""
         return None if value is None else str(value)
 
     def process_result_value(self, value: Any, dialect: Dialect) -> int | None:
-        """Return the number of these digits."""
         return None if value is None else int(value)
 
 
@@ -75,13 +71,13 @@ def _id() -> Column[str]:
 
 
 def _part_of(table: str) -> Column[str]:
-    """Part of the primary key that says whose part this is; deleted with that."""
+    """Part of the primary key that refers to the owner; deleted with the owner."""
     row = ForeignKey(f"{table}.id", ondelete="CASCADE")
     return Column(f"{table.removesuffix('s')}_id", String(2 * ID_BYTES), row, primary_key=True)
 
 
 def _refers_to(table: str, ondelete: str) -> Column[str]:
-    """The row of another table that this one needs (RESTRICT) or belongs to (CASCADE)."""
+    """Reference to another table's row, which this row needs (RESTRICT) or belongs to (CASCADE)."""
     row = ForeignKey(f"{table}.id", ondelete=ondelete)
     name = f"{table.removesuffix('s')}_id"
     return Column(name, String(2 * ID_BYTES), row, nullable=False, index=True)

@@ -1,7 +1,7 @@
-"""Tokens of people: stored as digests, with a role, an end, and a link that logs in once.
+"""Personal tokens: stored as digests, with a role, an expiry, and a link for one login.
 
-A token is 256 random bits, so that its plain SHA-256 cannot be turned back, and a look-up by that
-digest tells a guesser nothing by its time.
+A token has 256 random bits, so its plain SHA-256 cannot be reversed, and the timing of a look-up
+by that digest reveals nothing.
 """
 
 import hashlib
@@ -19,27 +19,27 @@ from app.store.tables import new_id, now, time_text, tokens
 
 Role = Literal["viewer", "operator", "engineer", "admin"]
 ROLES: tuple[Role, ...] = get_args(Role)
-"""Rising: each may what those before it may."""
+"""In rising order: each role includes the permissions of those before it."""
 SERVER, LOCAL = "server", "local"
-"""Who comes with the token of the settings, and who comes where no token is asked for."""
+"""Name for the token in the settings, and name without authentication."""
 NAME = re.compile(r"\w(?:[\w .@'-]{0,62}[\w.])?")
 LONGEST_DAYS = 36_500
 LINK_SECONDS = 600.0
-"""A link that lets in once does so for so long."""
+"""How long a login link is valid [s]."""
 SECRET_BYTES = 32
 
 
 class TokenError(ValueError):
-    """A token that cannot be made."""
+    """A token cannot be made."""
 
 
 @dataclass(frozen=True)
 class StoredToken(Entry):
-    """A token as it is stored; itself it is not."""
+    """A token without its secret, which is not stored."""
 
     id: str
     name: str
-    """of the person"""
+    """person's name"""
     role: Role
     created: str
     """UTC, ISO 8601"""
@@ -52,20 +52,19 @@ class StoredToken(Entry):
 
     @property
     def is_valid(self) -> bool:
-        """Whether it lets in at present."""
         return self.revoked is None and (self.expires is None or now() < self.expires)
 
 
 class TokenRepository(Repository):
-    """Tokens by the digest of the secret; a name has one valid token at most."""
+    """Tokens by the digest of the secret; a name has at most one valid token."""
 
     def add(self, name: str, role: Role, days: float | None = None) -> tuple[StoredToken, str]:
-        """Store a new token; returns it with the secret, which nobody can read again.
+        """Store a new token; return it with its secret, which cannot be read again.
 
-        days: until it expires; never if None.   TokenError for a name that is none or is taken.
+        days: until it expires; never if None.   TokenError for an invalid or taken name.
         """
         if days is not None and not 0 < days <= LONGEST_DAYS:
-            raise TokenError(f"{days:g} days were given: give more than 0, at most {LONGEST_DAYS}")
+            raise TokenError(f"days={days:g} was given: give more than 0, at most {LONGEST_DAYS}")
         if not NAME.fullmatch(name) or name.casefold() in (SERVER, LOCAL):
             raise TokenError(
                 f"{name!r} cannot be a person's name: give up to 64 letters, digits, blanks or "
@@ -81,65 +80,65 @@ class TokenRepository(Repository):
         return token, secret
 
     def all(self) -> list[StoredToken]:
-        """Every token that was made, the newest first."""
+        """All tokens ever made, newest first."""
         with self._reading() as connection:
             return _all(connection)[::-1]
 
     def known(self) -> dict[str, StoredToken]:
-        """Every token that was made, by its digest."""
+        """All tokens ever made, by digest."""
         query = select(tokens.c.digest, *columns(tokens, StoredToken))
         with self._reading() as connection:
             rows = [dict(row._mapping) for row in connection.execute(query)]
         return {row.pop("digest"): StoredToken(**row) for row in rows}
 
     def of_name(self, name: str) -> StoredToken:
-        """The valid token of a person. NotFound."""
+        """The valid token of a person."""
         for token in self.all():
             if token.is_valid and _same(token.name, name):
                 return token
         raise NotFound(f"{name} has no valid token: `forewarn token list` shows who has")
 
     def revoke(self, token_id: str) -> StoredToken:
-        """Revoke a token for good; the first time stays. NotFound."""
-        valid = _this(token_id) & tokens.c.revoked.is_(None)
+        """Revoke a token permanently; the time of the first revocation stays."""
+        valid = _has_id(token_id) & tokens.c.revoked.is_(None)
         with self._deleting() as connection:
             connection.execute(update(tokens).where(valid).values(revoked=now(), link=None))
             return _fetch(connection, token_id)
 
     def make_link(self, token_id: str) -> str:
-        """Return a code that logs the person in once, within LINK_SECONDS, in place of an earlier.
+        """Code that logs the person in once within LINK_SECONDS; it replaces an earlier code.
 
-        NotFound; TokenError where the token is revoked or has expired.
+        TokenError if the token is revoked or has expired.
         """
         code = secrets.token_urlsafe(SECRET_BYTES)
         values = {"link": digest_of(code), "link_expires": _in(timedelta(seconds=LINK_SECONDS))}
         with self._writing() as connection:
             token = _fetch(connection, token_id)
             if not token.is_valid:
-                raise TokenError(f"the token of {token.name} is revoked or has expired: make one")
-            connection.execute(update(tokens).where(_this(token_id)).values(**values))
+                raise TokenError(
+                    f"the token of {token.name} is revoked or has expired: make a new one"
+                )
+            connection.execute(update(tokens).where(_has_id(token_id)).values(**values))
         return code
 
     def use_link(self, code: str) -> str | None:
-        """Digest of the token that a code logs in with, now and never again; None if it does not.
+        """Use up a code: the digest of its token, None if the code is not valid.
 
-        Whether the token is valid is not looked at.
+        The token itself may be revoked or expired.
         """
-        made = (tokens.c.link == digest_of(code)) & (tokens.c.link_expires > now())
+        is_link = (tokens.c.link == digest_of(code)) & (tokens.c.link_expires > now())
         with self._writing() as connection:
-            digest = connection.execute(select(tokens.c.digest).where(made)).scalar_one_or_none()
-            connection.execute(update(tokens).where(made).values(link=None))
+            digest = connection.execute(select(tokens.c.digest).where(is_link)).scalar_one_or_none()
+            connection.execute(update(tokens).where(is_link).values(link=None))
         return digest
 
     def note_used(self, times: Mapping[str, str]) -> None:
-        """Note when tokens were last used, by their ids."""
         with self._writing() as connection:
             for token_id, time in times.items():
-                connection.execute(update(tokens).where(_this(token_id)).values(last_used=time))
+                connection.execute(update(tokens).where(_has_id(token_id)).values(last_used=time))
 
 
 def digest_of(secret: str) -> str:
-    """Digest by which a token or a link is stored."""
     return hashlib.sha256(secret.encode("utf-8", "surrogateescape")).hexdigest()
 
 
@@ -149,11 +148,11 @@ def _all(connection: Connection) -> list[StoredToken]:
 
 
 def _fetch(connection: Connection, token_id: str) -> StoredToken:
-    query = select(*columns(tokens, StoredToken)).where(_this(token_id))
+    query = select(*columns(tokens, StoredToken)).where(_has_id(token_id))
     return StoredToken(**fetch(connection, query, "token", token_id)._mapping)
 
 
-def _this(token_id: str) -> ColumnElement[bool]:
+def _has_id(token_id: str) -> ColumnElement[bool]:
     return tokens.c.id == token_id
 
 

@@ -1,1 +1,1 @@
-"""Upkeep of what is stored: backups, how long things are kept, and the disk that they take."""
+"""Upkeep of stored data: backup, restore, retention and disk usage."""

@@ -1,12 +1,12 @@
-"""The file of a backup: a tar of its parts and their manifest, and after it its own digest.
+"""The file of a backup: a tar of its parts and a manifest, followed by a digest.
 
-    forewarn.db               the database, as it was at one moment
-    recordings/<id>/...       the folders of the recordings that it knows
-    live/<flight>.jsonl       the journals of the live flights that it knows
+    forewarn.db               the database at one moment
+    recordings/<id>/...       folders of the recordings in that database
+    live/<flight>.jsonl       journals of the live flights in that database
     manifest.json             program, schema, time, and size and SHA-256 of each part
 
-Behind the tar's end stand a word and the SHA-256 of everything before them, so that a byte that was
-lost or changed anywhere is found. `tar xf` reads the file too.
+After the tar come a fixed word and the SHA-256 of everything before them, which detects any lost
+or changed byte. `tar xf` can read the file too.
 """
 
 import hashlib
@@ -34,7 +34,7 @@ REMEDY = "take another backup"
 
 @dataclass(frozen=True)
 class ArchivePart:
-    """One file of a backup. path: in it, with slashes."""
+    """One file of a backup. path: within the backup, with slashes."""
 
     path: str
     size: int
@@ -43,7 +43,7 @@ class ArchivePart:
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a backup holds. schema: revision of the database.   created: UTC, ISO 8601."""
+    """Content of a backup. schema: revision of the database.   created: UTC, ISO 8601."""
 
     format: int
     program: str
@@ -54,35 +54,31 @@ class Manifest:
 
     @property
     def size(self) -> int:
-        """Of all parts [bytes]."""
+        """Total size of the parts [bytes]."""
         return sum(part.size for part in self.parts)
 
 
 class Digested:
-    """A file whose digest is made as it is read or written."""
+    """A file that computes its digest while it is read or written."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file, self._digest, self.n_bytes = file, hashlib.sha256(), 0
 
     @property
     def sha256(self) -> str:
-        """Of what came by so far."""
         return self._digest.hexdigest()
 
     def read(self, n_bytes: int = PIECE_BYTES) -> bytes:
-        """Read so many bytes at most."""
-        return self._note(self._file.read(n_bytes))
+        return self._digest_piece(self._file.read(n_bytes))
 
     def write(self, piece: bytes) -> int:
-        """Write a piece."""
-        self._note(piece)
+        self._digest_piece(piece)
         return self._file.write(piece)
 
     def tell(self) -> int:
-        """Bytes that came by so far."""
         return self.n_bytes
 
-    def _note(self, piece: bytes) -> bytes:
+    def _digest_piece(self, piece: bytes) -> bytes:
         self._digest.update(piece)
         self.n_bytes += len(piece)
         return piece
@@ -98,7 +94,7 @@ class ArchiveWriter:
         self.parts: list[ArchivePart] = []
 
     def add(self, path: str, source: Path) -> ArchivePart:
-        """Add a file as it is now; one that grows is cut where it ended. FileNotFoundError."""
+        """Add a file at its present size, even if it still grows. FileNotFoundError."""
         with source.open("rb") as file:
             status = source.stat()
             size, content = status.st_size, cast(Any, Digested(file))
@@ -108,7 +104,6 @@ class ArchiveWriter:
         return part
 
     def close(self, manifest: Manifest) -> None:
-        """Complete the backup."""
         text = json.dumps(asdict(manifest), indent=1).encode()
         self._tar.addfile(_entry(MANIFEST, len(text)), io.BytesIO(text))
         self._tar.close()
@@ -116,7 +111,7 @@ class ArchiveWriter:
 
 
 class Archive:
-    """A backup that is read. It was compared with its digest when it was opened."""
+    """An open backup, whose digest was checked when it was opened."""
 
     def __init__(self, tar: tarfile.TarFile, manifest: Manifest) -> None:
         self._tar, self.manifest = tar, manifest
@@ -127,27 +122,27 @@ class Archive:
             self._copy(part, lambda piece: None)
 
     def extract(self, part: ArchivePart, target: Path) -> None:
-        """Write a part to a new file, as old as it was. Damaged."""
+        """Write a part to a new file, with its original time. Damaged."""
         with target.open("xb") as file:
             self._copy(part, file.write)
         modified = self._tar.getmember(part.path).mtime
         os.utime(target, (modified, modified))
 
-    def _copy(self, part: ArchivePart, take: Callable[[bytes], object]) -> None:
+    def _copy(self, part: ArchivePart, write: Callable[[bytes], object]) -> None:
         content: Any = self._tar.extractfile(part.path)
         digested = Digested(content)
         while piece := digested.read():
-            take(piece)
+            write(piece)
         if (digested.n_bytes, digested.sha256) != (part.size, part.sha256):
             raise Damaged(f"{part.path} of the backup is damaged: {REMEDY}")
 
 
 @contextmanager
 def open_archive(path: Path) -> Iterator[Archive]:
-    """Open a backup and compare all of it with its digest.
+    """Open a backup after checking its digest.
 
-    Damaged where a byte is lost or changed; StoreError for another file, and for one that a newer
-    program wrote.
+    Damaged if any byte is lost or changed; StoreError if it is another kind of file or from a newer
+    program.
     """
     with path.open("rb") as file:
         _check_digest(path, file)
@@ -157,7 +152,7 @@ def open_archive(path: Path) -> Iterator[Archive]:
                 archive = Archive(tar, _manifest(path, tar))
                 yield archive
         except tarfile.TarError as error:
-            raise Damaged(f"{path} is no whole backup ({error}): {REMEDY}") from error
+            raise Damaged(f"{path} is not a complete backup ({error}): {REMEDY}") from error
 
 
 def _check_digest(path: Path, file: BinaryIO) -> None:
@@ -165,14 +160,14 @@ def _check_digest(path: Path, file: BinaryIO) -> None:
     file.seek(max(size, 0))
     trailer = file.read()
     if size < 0 or not trailer.startswith(WORD):
-        raise Damaged(f"{path} is no whole backup: it was cut, damaged, or never was one")
+        raise Damaged(f"{path} is cut off, damaged, or not a backup: give another backup file")
     file.seek(0)
     digested = Digested(file)
     while digested.n_bytes < size:
         if not digested.read(min(PIECE_BYTES, size - digested.n_bytes)):
             break
     if digested.sha256.encode() != trailer[len(WORD) :]:
-        raise Damaged(f"{path} is damaged, its digest does not match: {REMEDY}")
+        raise Damaged(f"{path} is damaged (its digest does not match): {REMEDY}")
 
 
 def _manifest(path: Path, tar: tarfile.TarFile) -> Manifest:
@@ -180,29 +175,28 @@ def _manifest(path: Path, tar: tarfile.TarFile) -> Manifest:
     names = [member.name for member in members]
     last = members[-1] if members else None
     if last is None or last.name != MANIFEST or last.size > LARGEST_MANIFEST:
-        raise StoreError(f"{path} is no backup of Forewarn: it has no manifest")
+        raise StoreError(f"{path} is not a Forewarn backup (no manifest): give another file")
     content = tar.extractfile(last)
     try:
         plain = json.loads(content.read() if content else b"")
         if plain["format"] > FORMAT:
             raise StoreError(
-                f"{path} has format {plain['format']}, this program knows up to {FORMAT}: a newer "
-                "Forewarn wrote it, upgrade this one"
+                f"{path} has format {plain['format']}, this program reads up to {FORMAT}: upgrade "
+                "Forewarn"
             )
         manifest = Manifest(**plain | {"parts": [ArchivePart(**part) for part in plain["parts"]]})
     except (ValueError, KeyError, TypeError) as error:
-        raise StoreError(f"{path} has no manifest that can be read ({error}): {REMEDY}") from error
+        raise StoreError(f"the manifest of {path} cannot be read ({error}): {REMEDY}") from error
     listed = [*(part.path for part in manifest.parts), MANIFEST]
     plain_files = all(member.isfile() for member in members)
     if names != listed or not plain_files or not all(map(_is_part, names[:-1])):
-        raise StoreError(f"{path} holds other files than its manifest says: {REMEDY}")
+        raise StoreError(f"the files in {path} differ from its manifest: {REMEDY}")
     if listed[0] != DATABASE or len(set(names)) != len(names):
-        raise StoreError(f"{path} holds no database, or a file twice: {REMEDY}")
+        raise StoreError(f"{path} has no database, or has a file twice: {REMEDY}")
     return manifest
 
 
 def _is_part(name: str) -> bool:
-    """Whether this is the database, a file in a recording's folder, or a journal."""
     parts = PurePosixPath(name).parts
     inside = len(parts) > 2 and parts[0] == RECORDINGS and ".." not in parts
     journal = len(parts) == 2 and parts[0] == JOURNALS and parts[1] != ".."

@@ -1,8 +1,8 @@
-"""A backup: database, recordings and journals of one moment in one file, while the server runs.
+"""A backup: database, recordings and journals of one moment in one file, made while serving.
 
-The database is copied first, as it is at one moment. What it knows of recordings does not change
-after that but by deletion, and a journal only grows: it holds all that the database knows of its
-flight. What was deleted before it was copied is told by the database, and the backup begins anew.
+The database is copied first, in one consistent state. After that, its recordings can only be
+deleted and its journals can only grow, so both hold everything the copy refers to. If something
+was deleted before it was copied, the backup starts again.
 """
 
 import os
@@ -42,7 +42,7 @@ class Changed(Exception):
 
 @dataclass(frozen=True)
 class Backup:
-    """A backup that was written and read again. damaged: what it holds as damaged as it was."""
+    """A backup, written and verified. damaged: stored content that was already damaged."""
 
     path: Path
     size: int
@@ -51,34 +51,34 @@ class Backup:
 
 
 def destination(path: Path) -> Path:
-    """The file to write: path itself, or one with the time in its name in the directory path.
+    """The file to write: `path`, or a file named by the time if `path` is a directory.
 
-    StoreError where it is there already.
+    StoreError if it exists.
     """
     if path.is_dir():
         time = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%fZ")
         path = path / f"forewarn-{time}{ENDING}"
     if path.exists():
-        raise StoreError(f"{path} is there already: give another name, or a directory")
+        raise StoreError(f"{path} exists: give another name, or a directory")
     if not path.parent.is_dir():
-        raise StoreError(f"{path.parent} is no directory: make it first")
+        raise StoreError(f"{path.parent} is not a directory: create it first")
     return path
 
 
 def back_up(url: str, data_dir: Path, path: Path) -> Backup:
-    """Write a backup of a database and of what lies in the data directory.
+    """Write a backup of a database and its data directory.
 
     path: see `destination`.
 
-    It comes into its place once it was read again and is as it was written. StoreError.
+    The file appears only after it was read back and verified. StoreError.
     """
     path, database = destination(path), file_of(address(url))
     if database is None:
-        raise StoreError("only SQLite's database is backed up: use the tools of your database")
+        raise StoreError("only SQLite databases are backed up: use the tools of your database")
     if current_revision(address(url)) is None:
-        raise StoreError(f"{database} is no database yet: give --data-dir of what is to be kept")
+        raise StoreError(f"{database} does not exist: give the --data-dir to back up")
     if needs_upgrade(address(url)):
-        raise StoreError(f"{database} is of an older program: start `forewarn serve` once")
+        raise StoreError(f"{database} is from an older program: start `forewarn serve` once")
     part, copy = (path.with_name(f"{path.name}.{ending}") for ending in ("part", "part.db"))
     try:
         for _ in range(ATTEMPTS):
@@ -92,13 +92,17 @@ def back_up(url: str, data_dir: Path, path: Path) -> Backup:
     except OSError as error:
         if isinstance(error, StoreError):
             raise
-        raise StoreError(f"{path} cannot be written ({error}): nothing was kept of it") from error
+        raise StoreError(f"{path} cannot be written ({error}): no backup was made") from error
     finally:
-        for left in (part, copy, *(copy.with_name(copy.name + end) for end in ("-wal", "-shm"))):
-            left.unlink(missing_ok=True)
+        for leftover in (
+            part,
+            copy,
+            *(copy.with_name(copy.name + end) for end in ("-wal", "-shm")),
+        ):
+            leftover.unlink(missing_ok=True)
     raise StoreError(
-        f"recordings or flights were deleted during each of {ATTEMPTS} attempts: try again when "
-        "that is over"
+        f"recordings or flights were deleted during each of {ATTEMPTS} attempts: try again after "
+        "the deletions"
     )
 
 
@@ -110,7 +114,7 @@ def _write(url: str, data_dir: Path, copy: Path, part: Path) -> tuple[Manifest, 
     with part.open("wb") as file:
         os.chmod(part, 0o600)
         writer = ArchiveWriter(file)
-        writer.add(DATABASE, copy)  # before it is opened to be read
+        writer.add(DATABASE, copy)  # before opening it below
         with (
             closing(open_store(copy, recover=False)) as snapshot,
             closing(open_store(url, recover=False)) as live,
@@ -140,7 +144,7 @@ def _add_recording(
     live: Store,
     info: RecordingInfo,
 ) -> list[str]:
-    """Add the folder of a recording; say what of it is damaged or missing. Changed."""
+    """Add the folder of a recording; return what is damaged or missing. Changed."""
     scorings = snapshot.scorings.ids(info.id)
     folder = files.root / info.id
     added: set[Path] = set()
@@ -153,21 +157,21 @@ def _add_recording(
         if part is not None:
             added.add(path)
         if part is not None and inside.name == "file" and part.sha256 != info.digest:
-            damaged.append(f"recording {info.name}: its file's digest does not match")
-    wanted = {files.file(info.id): "file"} | {
-        files.scorings(info.id) / f"{one}.npy": f"scoring {one}" for one in scorings
+            damaged.append(f"recording {info.name}: the digest of its file does not match")
+    required = {files.file(info.id): "file"} | {
+        files.scorings(info.id) / f"{scoring}.npy": f"scoring {scoring}" for scoring in scorings
     }
-    for path, what in wanted.items():
+    for path, part_name in required.items():
         if path not in added:
-            _see_that_it_is_there(live, info.id, scorings)
-            damaged.append(f"recording {info.name}: its {what} is missing")
+            _check_not_deleted(live, info.id, scorings)
+            damaged.append(f"recording {info.name}: its {part_name} is missing")
     return damaged
 
 
 def _add_journal(
     writer: ArchiveWriter, journals: Journals, live: Store, info: FlightInfo
 ) -> list[str]:
-    """Add the journal of a live flight; say that it is missing. Changed."""
+    """Add the journal of a live flight; return that it is missing. Changed."""
     path = journals.path(info.id)
     if info.source.get("kind") != "live" or _add(writer, f"{JOURNALS}/{path.name}", path):
         return []
@@ -179,15 +183,15 @@ def _add_journal(
 
 
 def _add(writer: ArchiveWriter, name: str, path: Path) -> ArchivePart | None:
-    """Add a file; None where it is gone meanwhile."""
+    """Add a file; None if it has been deleted."""
     try:
         return writer.add(name, path)
     except FileNotFoundError:
         return None
 
 
-def _see_that_it_is_there(live: Store, recording_id: str, scorings: set[str]) -> None:
-    """Changed, where the recording or one of its scorings was deleted since."""
+def _check_not_deleted(live: Store, recording_id: str, scorings: set[str]) -> None:
+    """Raise Changed if the recording or one of its scorings was deleted since."""
     try:
         live.recordings.info(recording_id)
     except NotFound:
@@ -197,7 +201,7 @@ def _see_that_it_is_there(live: Store, recording_id: str, scorings: set[str]) ->
 
 
 def check_pages(copy: Path) -> None:
-    """See that a database that nobody writes to is sound. Damaged."""
+    """Check a database that no program is writing. Damaged."""
     uri = f"{copy.resolve().as_uri()}?immutable=1"
     try:
         with closing(sqlite3.connect(uri, uri=True)) as database:

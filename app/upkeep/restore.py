@@ -1,8 +1,8 @@
-"""Restoring a backup: whole or not at all, and what was there before is kept aside.
+"""Restoring a backup: whole or not at all; existing data is moved aside, not deleted.
 
-Everything is unpacked and checked beside its place first. Then a list of moves is written, the
-moves are made, and the list is removed; a program that dies in between leaves the list, and whoever
-opens the directory next makes the rest of the moves.
+Everything is unpacked and checked beside its destination first. Then a list of moves is written,
+the moves are made, and the list is deleted. If the program dies in between, the next one that opens
+the directory finds the list and finishes the moves.
 """
 
 import json
@@ -27,7 +27,7 @@ BUSY = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
 
 @dataclass(frozen=True)
 class Restored:
-    """What was restored. aside: where that is kept which was there before; None for nothing."""
+    """Result of a restore. aside: where the earlier data was moved; None if there was none."""
 
     manifest: Manifest
     aside: Path | None
@@ -36,44 +36,42 @@ class Restored:
 def restore(backup: Path, data_dir: Path, url: str, *, replace: bool = False) -> Restored:
     """Put database, recordings and journals of a backup into a data directory.
 
-    replace: where something is there already, keep it aside. StoreError, and nothing was changed:
-    for a backup that is damaged or of a newer program, a database that a server has open, and a
-    directory that is not empty without `replace`.
+    replace: move existing data aside. StoreError, with nothing changed, if the backup is damaged
+    or from a newer program, if a server has the database open, or if data exists without `replace`.
     """
     database = file_of(address(url))
     if database is None:
-        raise StoreError("only SQLite's database is restored: use the tools of your database")
+        raise StoreError("only SQLite databases are restored: use the tools of your database")
     data_dir = data_dir.absolute()
     with open_archive(backup) as archive:
         _check_schema(backup, archive.manifest)
         finish(data_dir)
         folders = [data_dir / RECORDINGS, data_dir / JOURNALS]
-        there = [path for path in (*_files_of(database), *folders) if _is_something(path)]
-        if there and not replace:
+        existing = [path for path in (*_files_of(database), *folders) if _has_content(path)]
+        if existing and not replace:
             raise StoreError(
-                f"{there[0]} is there already: give --replace, which keeps it aside, or another "
-                "--data-dir"
+                f"{existing[0]} exists: give --replace to move it aside, or another --data-dir"
             )
         for directory in (data_dir, database.parent):
             directory.mkdir(mode=0o700, parents=True, exist_ok=True)
-        with _alone(database):
+        with _locked(database):
             unpacked = _unpack(archive, data_dir, database)
         aside = f"replaced-{datetime.now(UTC):%Y%m%dT%H%M%S%fZ}"
-        with _alone(database):
-            moves = [(path, path.parent / aside / path.name) for path in there]
+        with _locked(database):
+            moves = [(path, path.parent / aside / path.name) for path in existing]
             moves += zip(unpacked, (*folders, database), strict=True)
             text = json.dumps([[str(old), str(new)] for old, new in moves])
             write_whole(data_dir / MOVES, text.encode())
             sync(data_dir)
         finish(data_dir)
-        return Restored(archive.manifest, data_dir / aside if there else None)
+        return Restored(archive.manifest, data_dir / aside if existing else None)
 
 
 def finish(data_dir: Path) -> bool:
-    """Make the moves that a restore had begun; whether there were any.
+    """Finish the moves of an interrupted restore; return whether there were any.
 
-    Each is a step within one directory, and none is made twice: what has moved is in its place.
-    StoreError where something else was put there meanwhile.
+    Each move is within one directory and is made only once.
+    StoreError if another file was put at a destination in the meantime.
     """
     moves = data_dir / MOVES
     if not moves.is_file():
@@ -82,21 +80,21 @@ def finish(data_dir: Path) -> bool:
         source, target = Path(old), Path(new)
         if not source.exists():
             continue
-        if _is_something(target):
+        if _has_content(target):
             if source.parent.name == UNPACKED:
                 raise StoreError(
-                    f"{target} was made while a backup was being restored: move it away, then "
+                    f"{target} was created while a backup was being restored: move it away, then "
                     "start again"
                 )
-            continue  # it is aside, and source is what came in its place
+            continue  # already moved aside; the restored file has taken its place
         target.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         if target.is_dir():
-            target.rmdir()  # an empty one
+            target.rmdir()  # empty
         with suppress(FileNotFoundError):  # another process makes the same moves
             source.rename(target)
         sync(target.parent)
         sync(source.parent)
-        with suppress(OSError):  # it holds what comes next
+        with suppress(OSError):  # not empty yet
             if source.parent.name == UNPACKED:
                 source.parent.rmdir()
     moves.unlink(missing_ok=True)
@@ -108,15 +106,15 @@ def _check_schema(backup: Path, manifest: Manifest) -> None:
     known = revisions(migrations())
     if manifest.schema not in known:
         raise StoreError(
-            f"{backup} has schema {manifest.schema}, this program knows up to {known[0]}: a newer "
-            "Forewarn wrote it, upgrade this one; nothing was changed"
+            f"{backup} has schema {manifest.schema}, this program reads up to {known[0]}: upgrade "
+            "Forewarn; nothing was changed"
         )
 
 
 def _unpack(archive: Archive, data_dir: Path, database: Path) -> tuple[Path, ...]:
-    """Write all parts beside their place, as the disk holds them. StoreError.
+    """Write all parts beside their destination and sync them to disk. StoreError.
 
-    Returns where recordings, journals and database are; there may be no journals.
+    Returns the paths of recordings, journals and database; the journals may not exist.
     """
     places = [directory / UNPACKED for directory in (data_dir, database.parent)]
     recordings, copy = places[0] / RECORDINGS, places[1] / DATABASE
@@ -138,7 +136,9 @@ def _unpack(archive: Archive, data_dir: Path, database: Path) -> tuple[Path, ...
     except BaseException as error:
         _clear(places)
         if isinstance(error, OSError) and not isinstance(error, StoreError):
-            raise StoreError(f"it cannot be unpacked ({error}); nothing was changed") from error
+            raise StoreError(
+                f"the backup cannot be unpacked ({error}); nothing was changed"
+            ) from error
         raise
     return recordings, places[0] / JOURNALS, copy
 
@@ -152,13 +152,13 @@ def _files_of(database: Path) -> list[Path]:
     return [database, *(database.with_name(database.name + end) for end in ("-wal", "-shm"))]
 
 
-def _is_something(path: Path) -> bool:
+def _has_content(path: Path) -> bool:
     return any(path.iterdir()) if path.is_dir() else path.exists()
 
 
 @contextmanager
-def _alone(database: Path) -> Iterator[None]:
-    """See that nobody has a database open, and keep others out. StoreError."""
+def _locked(database: Path) -> Iterator[None]:
+    """Lock a database against other programs. StoreError if one has it open."""
     if not database.exists():
         yield
         return

@@ -1,10 +1,9 @@
-"""Retention: which flights and recordings go because they are old, or all are too much.
+"""Retention: deletes old flights and recordings, by age or by total size.
 
-By age goes what ended, or came in, before so many days. By size the oldest go until what is left
-takes no more than so much. Never goes what is kept for ever, a flight under way, the recording of a
-live flight that is kept, and one that a flight which stays replays: what is referenced stays.
-Monitors and datasets are no matter of retention. Space in SQLite's file that a flight leaves is
-used again, and the file keeps its size.
+By age: flights that ended and recordings that were uploaded more than so many days ago. By size:
+the oldest, until the rest fits. Never deleted: what is kept permanently, running flights, the
+recording of a flight that is kept, and recordings that a remaining flight replays. Monitors and
+datasets are never deleted. SQLite's file keeps its size; freed space inside it is reused.
 """
 
 import asyncio
@@ -18,8 +17,8 @@ from typing import Literal
 
 from app.live.journal import Journals
 from app.recordings.recordings import Recordings
-from app.store.flights import FlightInfo, UnderWay
-from app.store.store import InUse, KeptForEver, NotFound, StoreError
+from app.store.flights import FlightInfo, FlightInProgress
+from app.store.store import InUse, KeptPermanently, NotFound, StoreError
 from app.store.tables import time_text
 
 LOG = logging.getLogger("forewarn")
@@ -30,7 +29,7 @@ RetainedKind = Literal["flight", "recording"]
 
 @dataclass(frozen=True)
 class RetentionRule:
-    """What goes. older_than: [days].   above: [bytes] that may stay. None: no matter."""
+    """What to delete. older_than: age [days].   above: total size allowed [bytes]."""
 
     older_than: float | None = None
     above: int | None = None
@@ -40,18 +39,18 @@ class RetentionRule:
 
 
 def retention_rule(days: float, size_gb: float) -> RetentionRule:
-    """The rule of settings, in which 0 says no matter. ValueError for what is no number."""
+    """The rule from the settings, in which 0 means no rule. ValueError."""
     for value in (days, size_gb):
         if not 0 <= value < inf:
-            raise ValueError(f"{value} was given: age and size are 0 or more")
+            raise ValueError(f"{value} was given: give an age and a size of 0 or more")
     return RetentionRule(days or None, int(size_gb * GB) or None)
 
 
 @dataclass(frozen=True)
 class Retained:
-    """A flight or a recording as retention sees it. since: UTC, when it ended or came in.
+    """A flight or recording. since: when it ended or was uploaded, UTC.
 
-    needed: it is under way or kept for ever, or its flight is.   replays: id of the recording that
+    needed: it is running or kept permanently, or its flight is.   replays: id of the recording that
     a flight replays.
     """
 
@@ -67,21 +66,21 @@ class Retained:
 
 @dataclass(frozen=True)
 class Retention:
-    """What goes by a rule, the oldest first, and what stays."""
+    """What a rule deletes, oldest first, and what stays."""
 
     goes: list[Retained]
     stays: list[Retained]
 
     @property
     def freed(self) -> int:
-        """Bytes of what goes."""
-        return sum(one.size for one in self.goes)
+        """Bytes freed."""
+        return sum(item.size for item in self.goes)
 
 
 def everything(recordings: Recordings, journals: Journals) -> list[Retained]:
-    """All flights, with their journals, and recordings."""
+    """All flights, with the size of their journals, and all recordings."""
     store, files = recordings.store, recordings.files
-    sizes, flights = store.keeping.sizes()["flights"], store.flights.all()
+    sizes, flights = store.retention_flags.sizes()["flights"], store.flights.all()
     flown = {info.recording for info in flights if info.keep}
     return [_flight(info, sizes.get(info.id, 0) + journals.size(info.id)) for info in flights] + [
         Retained(
@@ -105,64 +104,66 @@ def _flight(info: FlightInfo, size: int) -> Retained:
     return Retained("flight", info.id, name, since, size, info.keep, is_needed, replays)
 
 
-def choose(all_of_it: Iterable[Retained], rule: RetentionRule, now: datetime) -> Retention:
-    """Which of these go by a rule at a time."""
-    ordered = sorted(all_of_it, key=lambda one: (one.since, one.kind, one.id))
-    by_id = {one.id: one for one in ordered}
-    n_replaying = Counter(one.replays for one in ordered if one.replays)
+def choose(items: Iterable[Retained], rule: RetentionRule, now: datetime) -> Retention:
+    """What a rule deletes at a given time."""
+    ordered = sorted(items, key=lambda item: (item.since, item.kind, item.id))
+    by_id = {item.id: item for item in ordered}
+    n_replaying = Counter(item.replays for item in ordered if item.replays)
     goes: dict[str, Retained] = {}
 
-    def may_go(one: Retained) -> bool:
-        return one.id not in goes and not one.needed and not n_replaying[one.id]
+    def may_go(item: Retained) -> bool:
+        return item.id not in goes and not item.needed and not n_replaying[item.id]
 
-    def go(one: Retained) -> None:
-        goes[one.id] = one
-        if one.replays:
-            n_replaying[one.replays] -= 1
+    def go(item: Retained) -> None:
+        goes[item.id] = item
+        if item.replays:
+            n_replaying[item.replays] -= 1
 
     if rule.older_than is not None:
         before = time_text(now - timedelta(days=rule.older_than))
-        for kind in ("flight", "recording"):  # first what refers to the others
-            for one in ordered:
-                if one.kind == kind and one.since < before and may_go(one):
-                    go(one)
+        for kind in ("flight", "recording"):  # flights refer to recordings
+            for item in ordered:
+                if item.kind == kind and item.since < before and may_go(item):
+                    go(item)
     if rule.above is not None:
-        left = sum(one.size for one in ordered if one.id not in goes)
-        for flown in ordered:
-            replayed = by_id.get(flown.replays or "")  # older, and free to go with its last flight
-            for one in (flown, replayed):
-                if left > rule.above and one is not None and one.size and may_go(one):
-                    go(one)
-                    left -= one.size
-    stays = [one for one in ordered if one.id not in goes]
-    return Retention([one for one in ordered if one.id in goes], stays)
+        left = sum(item.size for item in ordered if item.id not in goes)
+        for item in ordered:
+            replayed = by_id.get(item.replays or "")  # deletable after its last flight
+            for candidate in (item, replayed):
+                if left > rule.above and candidate and candidate.size and may_go(candidate):
+                    go(candidate)
+                    left -= candidate.size
+    stays = [item for item in ordered if item.id not in goes]
+    return Retention([item for item in ordered if item.id in goes], stays)
 
 
 def retain(recordings: Recordings, journals: Journals, rule: RetentionRule) -> Retention:
-    """Delete what goes by a rule; what someone kept or flies meanwhile stays. StoreError."""
+    """Delete by a rule; what is kept or flown in the meantime stays. StoreError."""
     chosen = choose(everything(recordings, journals), rule, datetime.now(UTC))
-    gone = []
-    for one in sorted(chosen.goes, key=lambda one: one.kind):  # flights first
+    deleted = []
+    for item in sorted(chosen.goes, key=lambda item: item.kind):  # flights first
         try:
-            if one.kind == "flight":
-                recordings.store.flights.delete(one.id)
-                journals.delete(one.id)
+            if item.kind == "flight":
+                recordings.store.flights.delete(item.id)
+                journals.delete(item.id)
             else:
-                recordings.delete(one.id)
-        except (KeptForEver, InUse, UnderWay, NotFound) as error:
-            LOG.info("retention leaves %s %s: %s", one.kind, one.id, error)
+                recordings.delete(item.id)
+        except (KeptPermanently, InUse, FlightInProgress, NotFound) as error:
+            LOG.info("retention keeps %s %s: %s", item.kind, item.id, error)
             continue
-        LOG.info("retention deleted %s %s (%s, of %s)", one.kind, one.id, one.name, one.since)
-        gone.append(one)
-    return Retention(gone, [*chosen.stays, *(one for one in chosen.goes if one not in gone)])
+        LOG.info("retention deleted %s %s (%s, of %s)", item.kind, item.id, item.name, item.since)
+        deleted.append(item)
+    return Retention(
+        deleted, [*chosen.stays, *(item for item in chosen.goes if item not in deleted)]
+    )
 
 
 async def retain_daily(recordings: Recordings, journals: Journals, rule: RetentionRule) -> None:
-    """Delete by a rule once a day, the first time a while after the start; never returns."""
+    """Delete by a rule once a day, first FIRST_AFTER_S after the start; never returns."""
     await asyncio.sleep(FIRST_AFTER_S)
     while True:
         try:
             await asyncio.to_thread(retain, recordings, journals, rule)
         except (StoreError, OSError) as error:
-            LOG.warning("retention is tried again tomorrow: %s", error)
+            LOG.warning("retention failed, next attempt in a day: %s", error)
         await asyncio.sleep(DAY_S)

@@ -1,4 +1,4 @@
-"""The disk that what is stored takes, and what is left of it."""
+"""Disk usage of the stored data, and free space."""
 
 import shutil
 from collections.abc import Iterable
@@ -12,13 +12,13 @@ from app.store.database import file_of
 from app.upkeep.retention import Retained, everything
 
 SHORT_BYTES = 8 * SPARE_BYTES
-"""Less is short: 256 MiB before the disk is full no upload is taken any more."""
+"""Warn below this: uploads are refused with less than SPARE_BYTES left."""
 MOST_LISTED = 10
 
 
 @dataclass(frozen=True)
 class DiskSpace:
-    """Of the disk that the data lie on [bytes]. warning: empty where there is enough."""
+    """Disk of the data directory [bytes]. warning: empty if space is sufficient."""
 
     total: int
     free: int
@@ -27,7 +27,7 @@ class DiskSpace:
 
 @dataclass(frozen=True)
 class KindUsage:
-    """What all of a kind take [bytes]. oldest: UTC, ISO 8601; null where there is none."""
+    """Size of all items of a kind [bytes]. oldest: UTC, ISO 8601; null if there are none."""
 
     kind: str
     n: int
@@ -38,11 +38,11 @@ class KindUsage:
 
 @dataclass(frozen=True)
 class StorageUsage:
-    """What is stored takes so much [bytes].
+    """Disk usage of the stored data [bytes].
 
-    database: SQLite's file and its log; null for another database.   reusable: of that, what was
-    deleted and is used again before the file grows.   journals: of live flights, in whose size they
-    are; not of one that is a recording, which takes it.   largest, oldest: flights and recordings.
+    database: SQLite's file and log; null for other databases.   reusable: free space inside that
+    file, used before it grows.   journals: of live flights, included in their size; a journal that
+    became a recording counts there instead.   largest, oldest: flights and recordings.
     """
 
     space: DiskSpace
@@ -56,23 +56,22 @@ class StorageUsage:
 
 
 def space_of(data_dir: Path) -> DiskSpace:
-    """How much the disk of the data has left."""
     disk = shutil.disk_usage(data_dir)
-    words = (
+    warning = (
         f"the disk of the data directory has {disk.free / 10**9:.2f} GB left: below "
-        f"{SPARE_BYTES / 10**9:.2f} GB no recording is taken, and a full disk records no flight; "
-        "delete flights or recordings, or choose a larger disk"
+        f"{SPARE_BYTES / 10**9:.2f} GB uploads are refused, and on a full disk flights are not "
+        "recorded; delete flights or recordings, or use a larger disk"
     )
-    return DiskSpace(disk.total, disk.free, words if disk.free < SHORT_BYTES else "")
+    return DiskSpace(disk.total, disk.free, warning if disk.free < SHORT_BYTES else "")
 
 
 def usage_of(recordings: Recordings, journals: Journals, data_dir: Path) -> StorageUsage:
-    """What everything takes. StoreError."""
-    store, there = recordings.store, everything(recordings, journals)
-    sizes = store.keeping.sizes()
+    """Usage of everything stored. StoreError."""
+    store, items = recordings.store, everything(recordings, journals)
+    sizes = store.retention_flags.sizes()
     kinds = [
-        _kind("flight", [one for one in there if one.kind == "flight"]),
-        _kind("recording", [one for one in there if one.kind == "recording"]),
+        _kind("flight", [item for item in items if item.kind == "flight"]),
+        _kind("recording", [item for item in items if item.kind == "recording"]),
     ]
     for kind, infos in (("dataset", store.datasets.all()), ("monitor", store.monitors.all())):
         size = sum(sizes[f"{kind}s"].get(info.id, 0) for info in infos)
@@ -82,22 +81,22 @@ def usage_of(recordings: Recordings, journals: Journals, data_dir: Path) -> Stor
     return StorageUsage(
         space=space_of(data_dir),
         database=None if database is None else _size(database),
-        reusable=store.keeping.reusable(),
+        reusable=store.retention_flags.reusable(),
         recordings=kinds[1].size,
         journals=sum(journals.size(info.id) for info in store.flights.all()),
         kinds=kinds,
-        largest=sorted(there, key=lambda one: -one.size)[:MOST_LISTED],
-        oldest=sorted(there, key=lambda one: one.since)[:MOST_LISTED],
+        largest=sorted(items, key=lambda item: -item.size)[:MOST_LISTED],
+        oldest=sorted(items, key=lambda item: item.since)[:MOST_LISTED],
     )
 
 
-def _kind(kind: str, there: list[Retained]) -> KindUsage:
+def _kind(kind: str, items: list[Retained]) -> KindUsage:
     return KindUsage(
         kind,
-        len(there),
-        sum(one.keep for one in there),
-        sum(one.size for one in there),
-        min((one.since for one in there), default=None),
+        len(items),
+        sum(item.keep for item in items),
+        sum(item.size for item in items),
+        min((item.since for item in items), default=None),
     )
 
 

@@ -38,7 +38,7 @@ def manoeuvre(number: int, outcome: str, **more: Any) -> dict[str, Any]:
             "p_value": 0.4,
             "residual_p": 0.4,
             "distance_p": 0.6,
-            "reasons": [] if valid else ["N_y was off its forecast by 9 sigma"],
+            "reasons": [] if valid else ["N_y was 9 sigma off its forecast"],
             "checks": [
                 {"name": "rate", "ok": True, "text": "20 Hz, as the monitor needs"},
                 {"name": "trim", "ok": None, "text": "taken as it is"},

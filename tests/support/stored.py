@@ -145,7 +145,7 @@ def keep_recording(
     store: Store, identity: str, digest: str = "d", name: str = "flight.csv"
 ) -> None:
     """A recording of which nothing is on the disk."""
-    store.recordings.begin(identity, name, 2**40, digest, "csv", "PH-LAB", MAPPED)
+    store.recordings.add(identity, name, 2**40, digest, "csv", "PH-LAB", MAPPED)
     store.recordings.complete(identity)
 
 

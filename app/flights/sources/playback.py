@@ -132,7 +132,7 @@ class FollowedForecast:
         if self._forecast is None:
             return None
         if self._running is None or first != self._first or k < self._followed:
-            self._running = self._forecast.begin(self._dt)
+            self._running = self._forecast.start(self._dt)
             self._first, self._followed = first, first - 1
         until = min(k, self._followed + MOST_FOLLOWED)
         for at in range(self._followed + 1, until + 1):

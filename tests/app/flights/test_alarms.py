@@ -165,7 +165,7 @@ STATES = {
     "1": (State.INVALID, "outside training"),
     "-": (State.INVALID, BETWEEN),
     "w": (State.WARMING_UP, ""),
-    "s": (State.STALE, "the sample repeats the time of the one before it"),
+    "s": (State.STALE, "the sample has the same time as the previous one"),
 }
 
 

@@ -14,7 +14,7 @@ from app.flights.recorder import INTERVAL_S
 from app.flights.request import FlightRequest
 from app.flights.sources.source import Simulated
 from app.flights.sources.track import SourceError
-from app.store.flights import UnderWay
+from app.store.flights import FlightInProgress
 from app.store.store import NotFound, Store, StoreError, open_store
 from core.collection import DatasetRecipe, collect
 from core.monitor import Monitor, MonitorRecipe, train
@@ -243,13 +243,15 @@ def test_a_flight_is_ending_until_its_record_is_complete(
             assert flight.is_over
             assert (flights.unwritten, flights.problem) == (21, "the disk is full")
             assert hangar.store.flights.info(flight.id).status == "running"
-            with pytest.raises(UnderWay, match="its record is not complete: 21 samples"):
+            with pytest.raises(FlightInProgress, match="its record is not complete: 21 samples"):
                 await flights.delete(flight.id)
             full.undo()
             full.setattr(hangar.store.flights, "end", refuse)
             with pytest.raises(StoreError):
                 await flights.stop(flight.id)
-            with pytest.raises(UnderWay, match="not complete: status and time of its end wait"):
+            with pytest.raises(
+                FlightInProgress, match="not complete: status and time of its end wait"
+            ):
                 await flights.delete(flight.id)
         hangar.clock.advance(INTERVAL_S)
         await asyncio.gather(*flights._stopping)

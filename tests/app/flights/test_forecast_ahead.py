@@ -146,7 +146,7 @@ def test_the_last_sample_says_that_nothing_is_left_however_short_ago_the_rest_wa
     flown.seen.take()
     before, end = (frame["ahead"] for frame in flown.seen.frames[-2:])
     assert before["peak"]["mean"] > 0
-    assert end == {"t": [], "channels": {}, "why": "nothing is left of the test card"}
+    assert end == {"t": [], "channels": {}, "why": "the test card is complete"}
 
 
 @pytest.mark.parametrize(
@@ -154,7 +154,7 @@ def test_the_last_sample_says_that_nothing_is_left_however_short_ago_the_rest_wa
     [
         (exact_monitor, "“linear, by least squares” gives none"),
         (peak_trained, ""),
-        (combination, "a combination of monitors gives none"),
+        (combination, "not available for a combination"),
     ],
     ids=["linear", "peaks", "combination"],
 )

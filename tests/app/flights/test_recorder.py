@@ -10,7 +10,7 @@ import pytest
 from app.flights import recorder as module
 from app.flights.recorder import INTERVAL_S, JOURNALLED_S, Recorder
 from app.messages import Alarm
-from app.store.look import StoreLook
+from app.store.health import StoreHealth
 from app.store.store import StoreError, open_store
 from core.dataset import Dataset
 from core.monitor import train
@@ -154,13 +154,13 @@ def test_what_the_store_refuses_is_tried_again_and_not_lost(
 
 def test_a_store_that_takes_nothing_is_a_problem_also_while_nothing_waits() -> None:
     store = NoStore()
-    look = StoreLook(as_store(store))
+    health = StoreHealth(as_store(store))
 
     async def record() -> None:
-        recorder = Recorder(as_store(store), "f", ScriptedClock(), look=look)
+        recorder = Recorder(as_store(store), "f", ScriptedClock(), store_health=health)
         assert (recorder.unwritten, recorder.problem) == (0, "")
-        await look.look()  # it has no jobs
-        assert recorder.problem == look.fault == "the store cannot be read; the log says why"
+        await health.check()  # it has no jobs
+        assert recorder.problem == health.fault
 
     asyncio.run(record())
 

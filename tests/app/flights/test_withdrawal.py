@@ -166,7 +166,7 @@ def test_live_says_of_each_sample_what_the_track_says(
             assert getattr(one, name) == getattr(expected, name)
         np.testing.assert_array_equal(one.y_hat, expected.y_hat)
     silent = monitor() is checked() and flight.startswith("strange")
-    assert ("every safe observation" in said[-1].reason) == silent
+    assert ("nearest safe training sample" in said[-1].reason) == silent
 
 
 def test_a_monitor_that_is_not_calibrated_says_all_it_ever_said() -> None:
@@ -238,7 +238,7 @@ def test_a_warning_raised_before_stays_and_only_an_exceedance_raises_one_after()
         ("limit", exceeding),
     ]
     assert [alarm["level"] for alarm in raised] == ["warning", "caution", "warning"]
-    assert "off their forecast" in raised[1]["reason"]
+    assert "off its forecast" in raised[1]["reason"]
     assert flown.flight.alarms.n_open(Level.WARNING) == 2
     assert [frame["alert"] for frame in flown.seen.frames[first - 2 :]] == [
         True,
@@ -253,7 +253,7 @@ def test_the_page_is_told_once_with_the_reason_and_at_each_frame() -> None:
     assert Hello.model_validate(flown.seen.messages[0]).validity == "checked"
     told = [StateChange.model_validate(message) for message in flown.seen.of("state")]
     assert [one.state for one in told] == ["ok", "invalid"]
-    assert "the responses to the surfaces were off their forecast" in told[-1].reason
+    assert "off its forecast" in told[-1].reason
     for message in flown.seen.of("frames"):
         Frames.model_validate(message)
     assert [frame["state"] for frame in flown.seen.frames] == ["ok"] * 25 + ["invalid"] * 36
@@ -293,7 +293,7 @@ def test_the_record_keeps_the_reason(tmp_path: Path) -> None:
             stored = await flights.records.frames(flight.id, 0, 1000)
         told = [(frame["state"], frame["reason"]) for frame in flown]
         assert told == [(frame["state"], frame["reason"]) for frame in stored]
-        assert "by its forecast of delta_r" in told[-1][1]
+        assert "in forecast delta_r" in told[-1][1]
 
     asyncio.run(fly())
 

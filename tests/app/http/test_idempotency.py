@@ -62,12 +62,12 @@ def test_a_key_is_forgotten_after_its_time(
     client: TestClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     order(client)
-    monkeypatch.setattr(answers, "KEPT", timedelta(0))
+    monkeypatch.setattr(answers, "KEEP_FOR", timedelta(0))
     assert order(client, seed=2).status_code == 202
 
 
 def test_a_request_that_the_servers_end_cut_off_is_not_done_twice(client: TestClient) -> None:
-    store_of(client).answers.begin(DATASETS, "local k1", "")
+    store_of(client).answers.start(DATASETS, "local k1", "")
     assert "the server ended" in problem(order(client), 409)
     assert store_of(client).jobs.all() == []
 
@@ -152,7 +152,7 @@ def test_a_store_that_takes_nothing_is_said_before_anything_is_done(
         raise StoreError("the disk is full")
 
     with monkeypatch.context() as broken:
-        broken.setattr(store_of(client).answers, "begin", full)
+        broken.setattr(store_of(client).answers, "start", full)
         assert "the disk is full" in problem(order(client), 503)
     assert store_of(client).jobs.all() == []
     with monkeypatch.context() as broken:

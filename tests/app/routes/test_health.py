@@ -3,7 +3,7 @@ import threading
 
 import pytest
 
-from app.store import look
+from app.store import health
 from app.store.store import StoreError
 from core import __version__
 from tests.support.api import api, problem, store_of
@@ -61,7 +61,7 @@ def test_a_store_that_hangs_is_not_ready_and_is_asked_once(client, monkeypatch):
         asked.append(1)
         free.wait()
 
-    monkeypatch.setattr(look, "ANSWER_S", 0.05)
+    monkeypatch.setattr(health, "ANSWER_S", 0.05)
     monkeypatch.setattr(store_of(client), "touch", hang)
     for _ in range(3):
         assert "has not answered" in problem(client.get("/readyz"), 503)

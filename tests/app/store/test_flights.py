@@ -100,7 +100,7 @@ def test_samples_lie_a_thousand_to_a_blob(store: Store, trained: Monitor) -> Non
 def test_a_sample_is_stored_once(store: Store, trained: Monitor) -> None:
     flight = flown(store, trained)
     append(store, flight, 0, 10)
-    with pytest.raises(ValueError, match="stored up to sample 9: the next one cannot be 9"):
+    with pytest.raises(ValueError, match=r"stored up to sample 9: .*continue from 10"):
         append(store, flight, 9, 1)
     assert len(store.flights.assessments(flight)) == 10
 

@@ -144,7 +144,7 @@ def test_a_store_of_a_newer_program_is_refused_untouched(path: Path, tmp_path: P
     move(path, "head", configured(newer_program(tmp_path)))
     before = path.read_bytes()
     with pytest.raises(
-        StoreError, match=f"has schema next, this program knows up to {REVISIONS[-1]}"
+        StoreError, match=f"has schema next, this program reads up to {REVISIONS[-1]}"
     ):
         open_store(path)
     assert path.read_bytes() == before
@@ -317,6 +317,6 @@ def test_a_database_that_cannot_be_copied_is_not_migrated(
 ) -> None:
     move(path, OLDEST)
     path.with_name(f"{path.name}.before-{OLDEST}.part").mkdir()
-    with pytest.raises(StoreError, match="make space for a copy"):
+    with pytest.raises(StoreError, match="make space for the copy"):
         open_store(path)
     assert current_revision(address(path)) == OLDEST

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from sqlalchemy import update
 
+from app.store import monitor_upload
 from app.store import monitors as stored_monitors
-from app.store import sent_monitor
 from app.store.database import writing
 from app.store.monitors import SupportInfo
 from app.store.store import NotFound, Store, StoreError
@@ -80,14 +80,14 @@ DEEDS = {
 def test_a_monitor_file_can_harm_the_reader_s_process_alone(
     deed: str, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    order = sent_monitor._order
+    order = monitor_upload._request
 
     def wicked(path: Path) -> dict[str, Any]:
         return order(path) | {"reader": "tests.support.wicked_reader", "most_bytes": 2**20}
 
-    monkeypatch.setattr(sent_monitor, "_order", wicked)
-    monkeypatch.setattr(sent_monitor, "MEMORY", 200 * 2**20)
-    monkeypatch.setattr(sent_monitor, "SECONDS", 0.5 if deed == "loop" else 60.0)
+    monkeypatch.setattr(monitor_upload, "_request", wicked)
+    monkeypatch.setattr(monitor_upload, "MEMORY", 200 * 2**20)
+    monkeypatch.setattr(monitor_upload, "SECONDS", 0.5 if deed == "loop" else 60.0)
     monkeypatch.setattr(
         stored_monitors, "from_bytes", lambda *what: pytest.fail("read in this process")
     )
@@ -126,7 +126,7 @@ def test_a_monitor_is_tied_only_to_the_dataset_it_was_trained_on(
 
 
 def test_the_last_few_monitors_stay_ready(store: Store, trained: Monitor) -> None:
-    ids = [store.monitors.add(trained, "m").id for _ in range(stored_monitors.READY_MONITORS + 1)]
+    ids = [store.monitors.add(trained, "m").id for _ in range(stored_monitors.MOST_IN_MEMORY + 1)]
     first = store.monitors.get(ids[0])
     for monitor_id in ids[1:-1]:
         store.monitors.get(monitor_id)
@@ -134,7 +134,7 @@ def test_the_last_few_monitors_stay_ready(store: Store, trained: Monitor) -> Non
     second = store.monitors.get(ids[1])
     store.monitors.get(ids[-1])
     assert store.monitors.get(ids[1]) is second
-    assert len(store.monitors._ready) == stored_monitors.READY_MONITORS
+    assert len(store.monitors._loaded) == stored_monitors.MOST_IN_MEMORY
     store.monitors.delete(ids[1])
     with pytest.raises(NotFound):
         store.monitors.get(ids[1])

@@ -15,7 +15,7 @@ from tests.support.stored import MAPPED, count, keep_recording, scoring
 
 
 def test_a_recording_is_seen_once_its_folder_is_in_its_place(store: Store) -> None:
-    store.recordings.begin("a", "flight.csv", 3, "d", "csv", None, MAPPED)
+    store.recordings.add("a", "flight.csv", 3, "d", "csv", None, MAPPED)
     assert store.recordings.all() == []
     assert store.recordings.incomplete() == ["a"]
     with pytest.raises(NotFound):

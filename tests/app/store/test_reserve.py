@@ -74,7 +74,7 @@ def test_what_could_not_be_cleared_up_is_before_the_next_write(
     with monkeypatch.context() as broken:
         broken.setattr("app.store.flights.FlightRepository.recover", full)
         again = open_store(path)
-        assert "can only be read" in caplog.text
+        assert "read-only" in caplog.text
         assert again.flights.info(flight).status == "running"
         with pytest.raises(StoreError, match="full"):
             again.jobs.add("a", {})

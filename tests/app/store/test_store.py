@@ -11,7 +11,7 @@ import pytest
 from sqlalchemy import create_engine
 
 from app.store.database import address, reading
-from app.store.flights import UnderWay
+from app.store.flights import FlightInProgress
 from app.store.monitors import MonitorInfo
 from app.store.store import InUse, NotFound, Store, StoreError, open_store
 from app.store.tables import (
@@ -49,7 +49,7 @@ def test_a_monitor_that_flew_stays_and_names_its_flights(store: Store, trained: 
     monitor_id = store.flights.info(flight).monitor_id
     with pytest.raises(InUse, match=f"monitor m is used by running flight .{flight}."):
         store.monitors.delete(monitor_id)
-    with pytest.raises(UnderWay, match="under way: end it"):
+    with pytest.raises(FlightInProgress, match="in progress: end it"):
         store.flights.delete(flight)
     store.flights.end(flight)
     store.flights.delete(flight)
@@ -155,11 +155,11 @@ def test_work_under_way_is_interrupted_when_the_store_opens(path: Path, trained:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ("sqlite://", "no file"),
-        ("sqlite:///:memory:", "no file"),
-        ("sqlite:///a.db?mode=ro", "no file"),
-        ("nonsense://x", "no known kind"),
-        ("://", "no known kind"),
+        ("sqlite://", "sqlite:///"),
+        ("sqlite:///:memory:", "sqlite:///"),
+        ("sqlite:///a.db?mode=ro", "sqlite:///"),
+        ("nonsense://x", "unsupported"),
+        ("://", "unsupported"),
     ],
 )
 def test_what_is_no_database_address_is_refused(given: str, message: str) -> None:

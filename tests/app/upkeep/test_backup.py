@@ -162,11 +162,11 @@ def test_a_byte_changed_or_lost_anywhere_is_refused(
         damaged = bytearray(whole)
         damaged[place] ^= 1
         copy.write_bytes(damaged)
-        with pytest.raises(StoreError, match=r"damaged|no whole backup"):
+        with pytest.raises(StoreError, match=r"damaged|cut off, damaged"):
             restore(copy, target.data_dir, target.url)
     for short in (b"", whole[:-1], whole[: len(whole) // 2]):
         copy.write_bytes(short)
-        with pytest.raises(StoreError, match=r"no whole backup"):
+        with pytest.raises(StoreError, match=r"cut off, damaged"):
             restore(copy, target.data_dir, target.url)
     assert not target.data_dir.exists()
 
@@ -188,7 +188,7 @@ def resealed(kept: Kept, path: Path, **manifest: object) -> Path:
 def test_a_backup_of_a_newer_program_is_refused(
     kept: Kept, target: Settings, tmp_path: Path, newer: dict[str, object]
 ) -> None:
-    with pytest.raises(StoreError, match="a newer Forewarn wrote it"):
+    with pytest.raises(StoreError, match="upgrade Forewarn"):
         restore(resealed(kept, tmp_path / "newer", **newer), target.data_dir, target.url)
     assert not target.data_dir.exists()
 
@@ -349,7 +349,7 @@ def test_a_recording_deleted_meanwhile_makes_the_backup_begin_anew(
     again.close()
 
 
-def test_a_damaged_recording_is_backed_up_as_it_is_and_told(kept: Kept, tmp_path: Path) -> None:
+def test_a_damaged_recording_is_backed_up_as_it_is_and_reported(kept: Kept, tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path / "target")
     restored(kept, settings)
     (file,) = (settings.data_dir / "recordings").glob("*/file")
@@ -357,7 +357,9 @@ def test_a_damaged_recording_is_backed_up_as_it_is_and_told(kept: Kept, tmp_path
     (samples,) = (settings.data_dir / "recordings").glob("*/scorings/*[!s].npy")
     samples.unlink()
     told = back_up(settings.url, settings.data_dir, tmp_path / "b").damaged
-    assert [line.partition(": ")[2][:8] for line in told] == ["its file", "its scor"]
+    assert len(told) == 2
+    assert "digest" in told[0]
+    assert "scoring" in told[1]
 
 
 def test_backup_and_restore_on_the_command_line(
@@ -371,9 +373,9 @@ def test_backup_and_restore_on_the_command_line(
     assert (said["path"], said["size"]) == (str(backup), backup.stat().st_size)
     assert said["manifest"]["counts"]["recordings"] == 1
     assert main(["backup", str(backup), "--data-dir", str(kept.data)]) == 1
-    assert "is there already" in capsys.readouterr().err
+    assert "exists" in capsys.readouterr().err
     assert main(["backup", str(out), "--data-dir", str(tmp_path / "nothing")]) == 1
-    assert "no database yet" in capsys.readouterr().err
+    assert "does not exist" in capsys.readouterr().err
     assert not (tmp_path / "nothing").exists()
     target = str(tmp_path / "target")
     assert main(["restore", str(backup), "--data-dir", target]) == 0

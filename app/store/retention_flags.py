@@ -1,4 +1,4 @@
-"""What is kept for ever, and how much the rows of each thing take."""
+"""The flag `keep`, which protects a row from retention, and the stored size of each thing."""
 
 from sqlalchemy import Column, Table, func, select, update
 
@@ -13,15 +13,13 @@ from app.store.tables import (
 )
 
 
-class KeepingRepository(Repository):
-    """The flag `keep` of flights and recordings, and sizes."""
+class RetentionFlagRepository(Repository):
+    """Flags of flights and recordings, and sizes."""
 
     def set_flight(self, flight_id: str, keep: bool) -> None:
-        """Say whether a flight is kept for ever. NotFound."""
         self._set(flights, "flight", flight_id, keep)
 
     def set_recording(self, recording_id: str, keep: bool) -> None:
-        """Say whether a recording is kept for ever. NotFound."""
         self._set(recordings, "recording", recording_id, keep)
 
     def sizes(self) -> dict[str, dict[str, int]]:
@@ -33,7 +31,7 @@ class KeepingRepository(Repository):
         }
 
     def reusable(self) -> int | None:
-        """Bytes of SQLite's file that hold nothing and are used again; None elsewhere."""
+        """Free bytes inside SQLite's file, which it will reuse; None for other databases."""
         return reusable_bytes(self._engine)
 
     def _sizes(self, table: Table, owner: Column[str]) -> dict[str, int]:
@@ -41,10 +39,10 @@ class KeepingRepository(Repository):
         with self._reading() as connection:
             return {identity: int(size) for identity, size in connection.execute(query)}
 
-    def _set(self, table: Table, what: str, identity: str, keep: bool) -> None:
-        this = table.c.id == identity
+    def _set(self, table: Table, kind: str, identity: str, keep: bool) -> None:
+        is_row = table.c.id == identity
         if table is recordings:
-            this &= recordings.c.complete
+            is_row &= recordings.c.complete
         with self._writing() as connection:
-            fetch(connection, select(table.c.id).where(this), what, identity)
-            connection.execute(update(table).where(this).values(keep=keep))
+            fetch(connection, select(table.c.id).where(is_row), kind, identity)
+            connection.execute(update(table).where(is_row).values(keep=keep))

@@ -1,6 +1,6 @@
-"""A portable monitor that somebody sent: the reader's process reads it first, as any other file.
+"""Uploaded portable monitors: a separate process reads each file first.
 
-What a hostile one does to its reader, it does there; only one that was read whole is read here.
+A hostile file can only harm that process. Only a file it read completely is read here.
 """
 
 import tempfile
@@ -14,38 +14,38 @@ from core.monitor.file.loading import from_bytes
 from core.monitor.file.portable import MonitorFileError
 
 SECONDS, MEMORY = 60.0, 2**30
-"""What reading one may take, of time [s] and of the reader's memory [bytes]."""
+"""Limits for reading a file: time [s] and memory of the reader [bytes]."""
 
 
 def check(content: bytes, name: str) -> None:
-    """Have a file read elsewhere; MonitorFileError where it is no monitor, or costs too much.
+    """Read a file in a separate process. MonitorFileError if it is no monitor or costs too much.
 
-    name: what errors call the file.
+    name: of the file, for error messages.
     """
     with tempfile.TemporaryDirectory(prefix="forewarn-") as place:
         path = Path(place) / "monitor.fwm"
         path.write_bytes(content)
-        answer = isolation.carry_out(_order(path))
+        answer = isolation.carry_out(_request(path))
     if answer["end"] == "read":
         return
     if answer["end"] == "refused":
         raise MonitorFileError(f"{name}{answer['text']}")
-    why = {
+    problem = {
         "slow": f"took more than {SECONDS:g} s to read",
         "large": f"took more than {MEMORY / 2**20:.0f} MiB of memory to read",
     }.get(answer["end"], f"ended its reader ({answer.get('text', answer['end'])})")
-    raise MonitorFileError(f"{name} {why}: choose a file written by `forewarn train`")
+    raise MonitorFileError(f"{name} {problem}: choose a file written by `forewarn train`")
 
 
 def read(path: Path, writer: ColumnWriter) -> None:
-    """Read a file, in the reader's process; nothing is kept of it. TelemetryError: its refusal."""
+    """Read a file in the reader's process, discarding the result. TelemetryError if refused."""
     try:
         from_bytes(path.read_bytes(), "")
     except MonitorFileError as error:
         raise TelemetryError(str(error)) from None
 
 
-def _order(path: Path) -> dict[str, Any]:
+def _request(path: Path) -> dict[str, Any]:
     return {
         "path": str(path),
         "folder": str(path.parent),
