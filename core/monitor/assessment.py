@@ -1,4 +1,4 @@
-"""What a monitor says of one sample, and the states in which it says nothing."""
+"""The assessment of one sample, and the states in which there is none."""
 
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
@@ -20,7 +20,7 @@ class State(StrEnum):
 
 
 class Cause(StrEnum):
-    """Why a sample is `invalid`, where views have a word of its own for it."""
+    """Causes of `invalid` for which views use another word."""
 
     BETWEEN = "between_manoeuvres"
     NOT_APPLICABLE = "not_applicable"
@@ -28,49 +28,48 @@ class Cause(StrEnum):
 
 
 STATES = tuple(State)
-"""States in the order of the compiled path's codes."""
+"""States by the code that the compiled kernels use."""
 _CODES = {state: code for code, state in enumerate(STATES)}
 
 
 def code_of(state: State) -> int:
-    """The compiled path's code of a state."""
     return _CODES[state]
 
 
 REASONS = (
     "",
-    "the history restarted after a gap or an invalid sample and is not full yet",
-    "the sample repeats the time of the one before it",
-    "the sample is not finite, or its time does not follow the last one by the monitor's interval",
+    "filling the history again after a gap or an invalid sample",
+    "the sample has the same time as the previous one",
+    "a value is not finite, or the time step differs from the monitor's sample interval",
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Exemplar:
-    """The simulated rollout that an assessment resembles: the "why"."""
+    """The simulated rollout most similar to an assessed sample."""
 
     __pydantic_config__ = {"use_attribute_docstrings": True}  # noqa: RUF012
 
     rollout: int
-    """index into the dataset's unsafe or safe rollouts"""
+    """index among the dataset's unsafe or safe rollouts"""
     t: float
-    """time in it [s]"""
+    """time within the rollout [s]"""
     distance: float
-    """from the assessed point, in the monitor's scaled units"""
+    """distance to the assessed point, in the monitor's scaled units"""
     theta: dict[str, float]
-    """its parameters"""
+    """parameters of the rollout"""
 
 
 class Assessment(NamedTuple):
-    """What the monitor says of one sample; a tuple, which is made a microsecond sooner.
+    """Assessment of one sample; a tuple because that saves a microsecond.
 
     t: time [s].   p_value, alert, score: None unless state is `ok`.
-    alert_above: p-value above which it is an alert; None where there is none.
-    cause: the kind of reason of an invalid sample, where views tell it apart; else None.
-    y_hat: (6,) forecast of the outputs t_early ahead; None where the predictor makes none.
-    nearest_unsafe, nearest_safe: exemplars; None where the score looks up no neighbours.
-    group: the flight's group of failing flights, by which the p-value is; None where it is not
-    known yet, and for monitors without groups.
+    alert_above: p-value above which it is an alert; None unless state is `ok`.
+    cause: of an invalid sample, if views distinguish it; else None.
+    y_hat: (6,) forecast of the outputs t_early ahead; None if the predictor makes none.
+    nearest_unsafe, nearest_safe: exemplars; None if the score uses no neighbours.
+    group: group of failing flights whose calibration gives the p-value; None while unknown and for
+    monitors without groups.
     """
 
     t: float
@@ -87,7 +86,7 @@ class Assessment(NamedTuple):
     group: str | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the wire form: plain numbers, the forecast by channel key."""
+        """Wire form: plain numbers, the forecast by channel key."""
         return {
             "t": self.t,
             "p_value": self.p_value,
@@ -106,27 +105,27 @@ class Assessment(NamedTuple):
 
 
 class Withdrawal(NamedTuple):
-    """first: sample from which on nothing is said of a flight.   reason: why."""
+    """first: sample from which the flight is not assessed.   reason: why."""
 
     first: int
     reason: str
 
 
 def withdrawn(t: float, reason: str, cause: Cause | None = None) -> Assessment:
-    """What is said of a sample of which nothing may be said."""
+    """Assessment of a sample outside the monitor's validity."""
     return Assessment(t, None, None, State.INVALID, reason, cause=cause)
 
 
 @dataclass(frozen=True, eq=False)
 class Assessments:
-    """Assessments of a whole trajectory, one array a field; row i is sample i.
+    """Assessments of a whole trajectory, one array per field; row i is sample i.
 
-    t: (n,) [s].   state: (n,) codes into STATES.   p_value, score: (n,), NaN unless `ok`.
-    alert: (n,) false unless `ok`.   y_hat: (n, 6), NaN where there is no forecast.
-    nearest_unsafe, nearest_safe: (n,) point numbers of the monitor; -1 where there is none.
-    withdrawal: from where on the flight is invalid for being outside training; None if it is not.
+    t: (n,) [s].   state: (n,) indices into STATES.   p_value, score: (n,), NaN unless `ok`.
+    alert: (n,) false unless `ok`.   y_hat: (n, 6), NaN without a forecast.
+    nearest_unsafe, nearest_safe: (n,) point numbers of the monitor; -1 for none.
+    withdrawal: first sample outside training; None if the flight stays inside.
     alert_above: p-value above which a sample alerts.
-    group: (n,) numbers into group_names, -1 while it is not known; None without groups.
+    group: (n,) indices into group_names, -1 while unknown; None without groups.
     """
 
     t: Array
@@ -155,17 +154,16 @@ class Assessments:
             return Assessment(t, None, None, state, reason)
         y_hat = self.y_hat[k] if np.isfinite(self.y_hat[k]).all() else None
         p_value, alert, score = (float(self.p_value[k]), bool(self.alert[k]), float(self.score[k]))
-        said = p_value, alert, state, reason, y_hat, score
+        fields = p_value, alert, state, reason, y_hat, score
         group = self._group_name(k)
-        return Assessment(t, *said, alert_above=self.alert_above, group=group)
+        return Assessment(t, *fields, alert_above=self.alert_above, group=group)
 
     def _group_name(self, k: int) -> str | None:
-        """Name of the group at sample k; None where it is not known."""
         group = -1 if self.group is None else self.group.item(k)
         return None if group < 0 else self.group_names[group]
 
     def columns(self) -> dict[str, list[Any]]:
-        """Return what `as_dict` says of each sample but exemplars, a list a field.
+        """Fields of `as_dict` as lists over the samples, without exemplars.
 
         y_hat: lists (6,).
         """
@@ -187,22 +185,24 @@ class Assessments:
             "group": [self._group_name(k) if ok else None for k, ok in enumerate(known.tolist())],
         }
 
-    def withdrawn_from(self, lost: Withdrawal | None) -> "Assessments":
-        """Return them with nothing said from a sample on, or from one before it if it is so."""
-        if lost is None or (self.withdrawal is not None and self.withdrawal.first <= lost.first):
+    def withdrawn_from(self, withdrawal: Withdrawal | None) -> "Assessments":
+        """Copy that is invalid from `lost` on, unless it was withdrawn earlier."""
+        if withdrawal is None or (
+            self.withdrawal is not None and self.withdrawal.first <= withdrawal.first
+        ):
             return self
-        after = slice(lost.first, None)
-        arrays = {name: getattr(self, name).copy() for name in _NOTHING}
-        for name, nothing in _NOTHING.items():
-            arrays[name][after] = nothing
-        return replace(self, **arrays, withdrawal=lost)
+        after = slice(withdrawal.first, None)
+        arrays = {name: getattr(self, name).copy() for name in _MISSING}
+        for name, missing in _MISSING.items():
+            arrays[name][after] = missing
+        return replace(self, **arrays, withdrawal=withdrawal)
 
 
 def _where(known: Flags, values: Array | Flags) -> list[Any]:
     return [v if k else None for k, v in zip(known.tolist(), values.tolist(), strict=True)]
 
 
-_NOTHING = {
+_MISSING = {
     "state": code_of(State.INVALID),
     "p_value": np.nan,
     "alert": False,
@@ -211,4 +211,4 @@ _NOTHING = {
     "nearest_unsafe": -1,
     "nearest_safe": -1,
 }
-"""What stands in an array of Assessments where nothing is said."""
+"""Values of the arrays of Assessments for samples without an assessment."""

@@ -1,7 +1,7 @@
-"""A combination: several monitors of one planned test that raise their alerts by one rule.
+"""A combination: several monitors of one planned test with one common alert rule.
 
-Its risk is the highest that a member tells. That rule as a whole is calibrated, on failing flights
-that taught none of its members: the highest timely risk of each is its score.
+Its risk is the highest risk of its members. The combined rule is calibrated on failing flights
+that no member was trained on: the score of a flight is its highest timely risk.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from core.monitor.calibration import Guarantee, p_values
 from core.monitor.file.portable import Section
 from core.monitor.monitor import Monitor, Stream, assemble
 from core.monitor.observation import lead_steps
-from core.monitor.peak_forecast import LOST, Followed, PeakForecast, RunningForecast
+from core.monitor.peak_forecast import LOST, ForecastScores, PeakForecast, RunningForecast
 from core.monitor.predictor import Members
 from core.monitor.recipe import MonitorRecipe
 from core.monitor.score import HighestRisk
@@ -27,7 +27,7 @@ from core.types import Array, Indices
 
 FEWEST = 2
 SIZES = ("n_unsafe", "n_obs", "seed", "max_rollouts", "max_safe")
-"""Of a planned test's recipe, what says how much of it was simulated, and not what it is."""
+"""Fields of a planned test's recipe that only set the amount of simulation."""
 
 
 def combine(
@@ -38,37 +38,39 @@ def combine(
     epsilon: float = MonitorRecipe.epsilon,
     guarantee: Guarantee = MonitorRecipe.guarantee,
 ) -> Monitor:
-    """Return one monitor whose risk is the highest of its members', calibrated as it is flown.
+    """Combine monitors: the risk is the highest of the members', calibrated as in flight.
 
-    members: trained monitors of one planned test, of several leads, scores or predictors.
-    flights: y (n, n_samples, 6) and fail_index (n,) of fresh flights of that test, which trained
-    none of them; those that did not fail, with fail_index n_samples, are left out. As they chose
-    nothing, the promise with confidence holds exactly.
-    lead: an alert counts up to so long before the failure [s]; that of a member, whose validity,
-    limits and points the combination has. What members say of validity on their own is not heard:
-    withdrawn or not, each risk counts as in calibration, and one verdict withdraws the whole.
-    ValueError where members do not go together, or the failures cannot serve the epsilon.
+    members: trained monitors of one planned test, with different leads, scores or predictors.
+    flights: y (n, n_samples, 6) and fail_index (n,) of fresh flights of that test that trained no
+    member; safe flights (fail_index n_samples) are ignored. The guarantee with confidence is exact,
+    because these flights chose nothing.
+    lead: latest alert that counts, before the failure [s]. It must be a member's lead: the
+    combination takes validity, limits and points from that member. The validity of the other
+    members is ignored: their risks count as in calibration, and one verdict withdraws the whole.
+    ValueError if the members do not match, or the failures are too few for epsilon.
     """
-    own = check_members(members, lead)
+    lead_member = check_members(members, lead)
     y, fail_index, *_ = flights
     fails = fail_index < y.shape[1]
     rule = Combined(tuple(members))
-    last = fail_index[fails] - own.h
+    last = fail_index[fails] - lead_member.h
     alphas = np.sort(rule.lowest_scores(y[fails], np.zeros_like(last), last))
     recipe = MonitorRecipe(
-        t_early=own.recipe.t_early,
-        n_delay=own.recipe.n_delay,
+        t_early=lead_member.recipe.t_early,
+        n_delay=lead_member.recipe.n_delay,
         predictor=Members(),
         score=HighestRisk(),
-        scaling=own.recipe.scaling,
+        scaling=lead_member.recipe.scaling,
         epsilon=epsilon,
         guarantee=guarantee,
     )
     combination = replace(
-        own,
+        lead_member,
         recipe=recipe,
         n_early=int(np.isposinf(alphas).sum()),
-        fitted=assemble(recipe, own.affine, own.unsafe_points, own.safe_points, alphas),
+        fitted=assemble(
+            recipe, lead_member.affine, lead_member.unsafe_points, lead_member.safe_points, alphas
+        ),
         exact=SIMPLE,
         forecast=rule,
         evaluation=None,
@@ -79,40 +81,40 @@ def combine(
 
 
 def check_members(members: Sequence[Monitor], lead: float) -> Monitor:
-    """Return the member of this lead [s]; ValueError where these make no combination."""
-    own = _member_of_lead(members, lead)
+    """The member with this lead [s]. ValueError if the members cannot be combined."""
+    lead_member = _member_of_lead(members, lead)
     _check_alike(members)
-    return own
+    return lead_member
 
 
 def _member_of_lead(members: Sequence[Monitor], lead: float) -> Monitor:
     if len(members) < FEWEST:
-        raise ValueError(f"{len(members)} monitors were given: a combination has 2 or more members")
+        raise ValueError(f"{len(members)} monitors were given: give 2 or more to combine")
     if not lead > 0:
-        raise ValueError(f"lead={lead} s was given: it must be positive")
-    own = [member for member in members if member.h == lead_steps(lead, member.dt)]
-    if not own:
+        raise ValueError(f"lead={lead} s was given: give a positive lead")
+    matches = [member for member in members if member.h == lead_steps(lead, member.dt)]
+    if not matches:
         leads = ", ".join(f"{member.lead:g}" for member in members)
         raise ValueError(
-            f"lead={lead:g} s was given: choose that of a member, whose validity and points the "
-            f"combination has, {leads} s"
+            f"lead={lead:g} s was given: choose a member's lead, whose validity and points the "
+            f"combination uses: {leads} s"
         )
-    return own[0]
+    return matches[0]
 
 
 def _check_alike(members: Sequence[Monitor]) -> None:
-    """Refuse members that are not of one planned test, or that see its samples otherwise."""
+    """Refuse members of different planned tests, or with different sampling."""
     first = members[0]
     for number, member in enumerate(members, 1):
         if isinstance(member.forecast, Combined):
-            raise ValueError(f"member {number} is a combination: give its own members instead")
+            raise ValueError(f"member {number} is a combination: give its members instead")
         if any(_is_same(member, before) for before in members[: number - 1]):
             raise ValueError(f"member {number} was given before: give each monitor once")
         if member.groups is not None:
             raise ValueError(
-                f"member {number} is calibrated by groups: give one whose failures are pooled"
+                f"member {number} is calibrated by groups: give a monitor with groups pooled"
             )
-        for what, own, others in (
+        for name, value, expected in (
             ("sample interval dt [s]", member.dt, first.dt),
             ("number of past outputs n_delay", member.recipe.n_delay, first.recipe.n_delay),
             (
@@ -121,43 +123,44 @@ def _check_alike(members: Sequence[Monitor]) -> None:
             ),
             ("planned test", _test_of(member), _test_of(first)),
         ):
-            if own != others:
+            if value != expected:
                 raise ValueError(
-                    f"member {number} differs from member 1 in {what}: combine monitors of one "
-                    "planned test that see the same samples"
+                    f"member {number} differs from member 1 in {name}: combine monitors of one "
+                    "planned test with the same sampling and limits"
                 )
 
 
-def _is_same(one: Monitor, other: Monitor) -> bool:
-    """Whether they say the same of every flight."""
-    same = one.recipe == other.recipe and one.dataset_digest == other.dataset_digest
-    return same and np.array_equal(one.alphas, other.alphas)
+def _is_same(first: Monitor, other: Monitor) -> bool:
+    """Whether they give the same assessments for every flight."""
+    same = first.recipe == other.recipe and first.dataset_digest == other.dataset_digest
+    return same and np.array_equal(first.alphas, other.alphas)
 
 
 def _test_of(member: Monitor) -> dict[str, Any]:
     return {key: value for key, value in member.dataset_recipe.items() if key not in SIZES}
 
 
-NO_REST = "a combination of monitors gives none"
+NO_FORECAST = "not available for a combination of monitors"
 
 
 class RunningCombination(RunningForecast):
-    """The members' streams of one flight; lost as soon as one of them is.
+    """The members' streams of one flight.
 
-    With fewer members than were calibrated, the rule would miss more than it promises.
+    Lost as soon as one member is: with fewer members than in calibration, the rule would miss more
+    than it promises.
     """
 
     def __init__(self, members: Sequence[Monitor]) -> None:
         self._streams = [Stream(member, 1.0, exemplars=False) for member in members]
 
     def update(self, t: float, y: Array, code: int) -> tuple[float, int]:
-        """Take the next sample; its score is minus the highest risk of the members that tell one.
+        """Score of the next sample: minus the highest risk of the members that have one.
 
-        WARMING_UP where none does.
+        State WARMING_UP if no member has one.
         """
-        heard = [stream.update(t, y) for stream in self._streams]
-        self.lost = any(assessment.reason == LOST for assessment in heard)
-        risks = [assessment.p_value for assessment in heard if assessment.p_value is not None]
+        assessments = [stream.update(t, y) for stream in self._streams]
+        self.lost = any(assessment.reason == LOST for assessment in assessments)
+        risks = [assessment.p_value for assessment in assessments if assessment.p_value is not None]
         if code != OK or not risks:
             return np.nan, WARMING_UP if code == OK else code
         return -max(risks), code
@@ -165,19 +168,18 @@ class RunningCombination(RunningForecast):
 
 @dataclass(frozen=True, eq=False)
 class Combined(PeakForecast):
-    """The members of a combination, in place of a forecast.   members: as they were trained."""
+    """The members of a combination, in the role of a forecast.   members: as trained."""
 
     section: ClassVar[str] = "members"
     members: tuple[Monitor, ...]
 
     @property
-    def no_rest(self) -> str:
-        """Why the risk alone is told."""
-        return NO_REST
+    def no_forecast_reason(self) -> str:
+        return NO_FORECAST
 
     @cached_property
-    def heard(self) -> tuple[Monitor, ...]:
-        """The members without a verdict and a promise of their own: what is heard is their risk."""
+    def risk_members(self) -> tuple[Monitor, ...]:
+        """The members without their own validity and epsilon, for their risks alone."""
         return tuple(
             replace(
                 member,
@@ -187,17 +189,15 @@ class Combined(PeakForecast):
             for member in self.members
         )
 
-    def begin(self, dt: float) -> RunningCombination:
-        """Begin a flight."""
-        return RunningCombination(self.heard)
+    def start(self, dt: float) -> RunningCombination:
+        return RunningCombination(self.risk_members)
 
-    def follow(self, t: Array, y: Array, state: Indices, dt: float) -> Followed:
-        """Score a flight."""
-        heard = [member.assess(t, y, withdraw=False) for member in self.heard]
-        risk = np.fmax.reduce([assessments.p_value for assessments in heard])
-        lost = [a.withdrawal.first for a in heard if a.withdrawal is not None]
+    def follow(self, t: Array, y: Array, state: Indices, dt: float) -> ForecastScores:
+        assessed = [member.assess(t, y, withdraw=False) for member in self.risk_members]
+        risk = np.fmax.reduce([assessments.p_value for assessments in assessed])
+        lost = [a.withdrawal.first for a in assessed if a.withdrawal is not None]
         silent = (state == OK) & np.isnan(risk)
-        return Followed(
+        return ForecastScores(
             score=np.where(state == OK, -risk, np.nan),
             state=np.where(silent, WARMING_UP, state),
             y_hat=np.full(y.shape, np.nan),
@@ -205,33 +205,33 @@ class Combined(PeakForecast):
         )
 
     def lowest_scores(self, y: Array, first: Indices, last: Indices) -> Array:
-        """Minus the highest risk of each trajectory, from its first sample on.
+        """Minus the highest risk of each trajectory, from its first sample.
 
-        first: (n,) zeros, as the rule is calibrated as flown.
+        first: (n,) zeros, because the rule is calibrated as flown.
         """
         if first.any():
-            raise ValueError("a combination is calibrated over all samples: give zeros as first")
-        scores, unheard = np.where(last < 0, np.inf, 0.0), np.zeros(len(y), bool)
-        for member in self.heard:
+            raise ValueError("a combination is calibrated over all samples: give first as zeros")
+        scores, unscored = np.where(last < 0, np.inf, 0.0), np.zeros(len(y), bool)
+        for member in self.risk_members:
             if member.forecast is None:
                 risk = member.highest_p_values(y, last)
             else:
                 lowest = member.lowest_scores(y, last)
-                risk, unheard = p_values(lowest, member.alphas), unheard | np.isposinf(lowest)
+                risk, unscored = p_values(lowest, member.alphas), unscored | np.isposinf(lowest)
             scores = np.minimum(scores, np.where(last < 0, np.inf, -risk))
-        for flight in np.flatnonzero(unheard & (last >= 0)):
+        for flight in np.flatnonzero(unscored & (last >= 0)):
             if self._is_lost_at_once(y[flight, :1]):
                 scores[flight] = np.inf
         return scores
 
     def _is_lost_at_once(self, y: Array) -> bool:
-        """Whether a flight without a gap is lost: at its first sample, or never.   y: (1, 6)."""
+        """Whether the forecast is lost at the first sample, or else never.   y: (1, 6)."""
         start, state = np.zeros(1), np.full(1, OK)
-        forecasts = [(member.forecast, member.dt) for member in self.heard]
+        forecasts = [(member.forecast, member.dt) for member in self.risk_members]
         return any(f is not None and f.follow(start, y, state, dt).lost == 0 for f, dt in forecasts)
 
     def to_section(self) -> Section:
-        """Return the section of a monitor's file: the members' own files, whole."""
+        """Section of a monitor's file: the complete files of the members."""
         files = {
             f"{number}": np.frombuffer(member.to_bytes(), np.uint8)
             for number, member in enumerate(self.members, 1)
@@ -240,13 +240,13 @@ class Combined(PeakForecast):
 
 
 def members_of(monitor: Monitor) -> tuple[Monitor, ...]:
-    """The members of a combination, as they were trained; none of any other monitor."""
+    """Members of a combination as trained; empty for other monitors."""
     return monitor.forecast.members if isinstance(monitor.forecast, Combined) else ()
 
 
-def of_members(members: tuple[Monitor, ...], n_delay: int, h: int) -> Combined:
-    """Rebuild it; ValueError where these are no members of a monitor of this history and lead."""
-    own = check_members(members, h * members[0].dt)
-    if own.recipe.n_delay != n_delay:
-        raise ValueError(f"its members have n_delay={own.recipe.n_delay} instead of {n_delay}")
+def combination_of(members: tuple[Monitor, ...], n_delay: int, h: int) -> Combined:
+    """Combination from its members. ValueError if they do not match its history and lead."""
+    member = check_members(members, h * members[0].dt)
+    if member.recipe.n_delay != n_delay:
+        raise ValueError(f"its members have n_delay={member.recipe.n_delay} instead of {n_delay}")
     return Combined(members)

@@ -1,9 +1,10 @@
-"""Groups of failing flights: a promise kept over all of them may be broken in each of a few.
+"""Groups of failing flights, each with its own miss rate guarantee.
 
-A monitor that is calibrated by groups has a threshold for each (Mondrian conformal prediction:
-Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World, 2005). The group of a flight is
-known from a sample on, alike in calibration and in flight; until then its p-value is the largest
-over the groups that are still possible, which only adds alerts.
+A guarantee over all failing flights may fail within a small group of them. Calibration by groups
+has a threshold for each (Mondrian conformal prediction: Vovk, Gammerman and Shafer, Algorithmic
+Learning in a Random World, 2005). A flight's group becomes known at some sample, by the same rule
+in calibration and in flight. Until then its p-value is the largest over the possible groups, which
+can only add alerts.
 """
 
 from abc import ABC, abstractmethod
@@ -26,59 +27,57 @@ from core.types import Array, Flags, Indices
 
 NO_GROUP = -1
 RETURNED = 0.5
-"""Share of its largest deflection below which a surface has come back from it."""
+"""A surface has returned once its deflection is below this share of its largest."""
 
 
 @dataclass(frozen=True)
 class GroupRule(ABC):
-    """Which group a flight belongs to; rules are dataclasses of plain numbers, for the file."""
+    """Rule that assigns flights to groups: a dataclass of plain numbers, for the file."""
 
     kind: ClassVar[str]
 
     @property
     @abstractmethod
     def names(self) -> tuple[str, ...]:
-        """What people call each group."""
+        """Name of each group, for people."""
 
     @abstractmethod
     def of(self, y: Array, fail_index: Indices) -> Indices:
-        """(n,) group of failing flights; NO_GROUP for what is like no flight of calibration.
+        """(n,) group of failing flights; NO_GROUP for flights unlike all calibration flights.
 
         y: (n, n_samples, 6).   fail_index: (n,) first sample that exceeds a limit.
         """
 
     @abstractmethod
     def possible(self, y: Array) -> Indices:
-        """(n, n_groups) samples, from the first one on, at which each group is still possible.
+        """(n, n_groups) number of samples during which each group is still possible.
 
-        y: (n, n_samples, 6), NaN where it is not known.
+        y: (n, n_samples, 6), NaN if unknown.
         """
 
     @abstractmethod
-    def begin(self) -> "RunningGroup":
-        """Begin a flight."""
+    def start(self) -> "RunningGroup": ...
 
     @abstractmethod
     def check(self) -> None:
-        """Refuse what no training gives. ValueError."""
+        """Raise ValueError for impossible values."""
 
 
 class RunningGroup:
-    """Which groups one flight may belong to, sample by sample: all of them, here."""
+    """Possible groups of one flight, sample by sample: lowest to highest. Here always all."""
 
     def __init__(self, n_groups: int) -> None:
         self.lowest, self.highest = 0, n_groups - 1
 
-    def update(self, y: Array) -> None:
-        """Take the next sample y (6,)."""
+    def update(self, y: Array) -> None: ...
 
 
 @dataclass(frozen=True)
 class FirstLimitRule(GroupRule):
-    """By the limit that is exceeded first, which in flight is known too late.
+    """Groups by the limit exceeded first, which in flight is known too late.
 
-    Of several at one sample, the one exceeded farthest in proportion.
-    first: channels that some flight of calibration exceeded first, a group each.
+    If several are exceeded at one sample, the one exceeded most in proportion counts.
+    first: channels that some calibration flight exceeded first, one group each.
     limited, limits: channels with a limit, and their limits.
     """
 
@@ -89,11 +88,9 @@ class FirstLimitRule(GroupRule):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The limit."""
         return tuple(f"{CHANNELS[k].label} limit first" for k in self.first)
 
     def of(self, y: Array, fail_index: Indices) -> Indices:
-        """By the sample of the failure."""
         share = np.abs(y[np.arange(len(y)), fail_index][:, self.limited]) / self.limits
         share = np.where(np.isnan(share), np.inf, share)
         exceeded = np.array(self.limited)[share.argmax(axis=1)]
@@ -102,29 +99,26 @@ class FirstLimitRule(GroupRule):
         return group[exceeded]
 
     def possible(self, y: Array) -> Indices:
-        """All groups, always."""
         return np.full((len(y), len(self.first)), y.shape[1])
 
-    def begin(self) -> RunningGroup:
-        """Begin a flight of which every group stays possible."""
+    def start(self) -> RunningGroup:
         return RunningGroup(len(self.first))
 
     def check(self) -> None:
-        """Refuse channels that are none, or limits that are no magnitudes."""
         channels = [*self.first, *self.limited]
         if not all(type(k) is int and 0 <= k < N_CHANNELS for k in channels):
-            raise ValueError(f"groups name the channels {channels}")
+            raise ValueError(f"groups name unknown channels: {channels}")
         if not set(self.first) <= set(self.limited) or len(self.limited) != len(self.limits):
-            raise ValueError("groups and their limits do not fit together")
+            raise ValueError("groups and their limits do not match")
         if not all(type(limit) is float and limit > 0 for limit in self.limits):
-            raise ValueError(f"groups have the limits {list(self.limits)}")
+            raise ValueError(f"groups have invalid limits: {list(self.limits)}")
 
 
 @dataclass(frozen=True)
 class DeflectionRule(GroupRule):
-    """By the largest deflection of one surface until it comes back, or until the failure.
+    """Groups by the largest deflection of one surface until it returns, or until the failure.
 
-    surface: channel.   low, high: [rad] between the groups.
+    surface: channel.   low, high: bounds between the groups [rad].
     """
 
     kind: ClassVar[str] = "largest_deflection"
@@ -134,17 +128,17 @@ class DeflectionRule(GroupRule):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The bounds."""
         low, high = np.rad2deg([self.low, self.high])
         bounds = f"below {low:.2f} deg", f"{low:.2f} to {high:.2f} deg", f"from {high:.2f} deg"
-        return tuple(f"{one} deflections, {of}" for one, of in zip(CLASSES, bounds, strict=True))
+        pairs = zip(CLASSES, bounds, strict=True)
+        return tuple(f"{size} deflections, {bound}" for size, bound in pairs)
 
     def of(self, y: Array, fail_index: Indices) -> Indices:
-        """By the deflection that decides in flight; the largest before the failure if none does."""
+        """By the deflection that decides in flight, else the largest before the failure."""
         return self._class_of(self.decisive(y, fail_index))
 
     def decisive(self, y: Array, last: Indices) -> Array:
-        """(n,) deflection [rad] that decides.
+        """(n,) deflection that determines the group [rad].
 
         y: (n, n_samples, 6).   last: (n,) last sample that counts.
         """
@@ -154,23 +148,22 @@ class DeflectionRule(GroupRule):
         return np.nan_to_num(np.take_along_axis(peak, at, axis=1)[:, 0])
 
     def possible(self, y: Array) -> Indices:
-        """Until the deflection exceeds a group's, or has come back and is another's."""
+        """Until the deflection exceeds the group's bound, or has returned in another group."""
         peak, back = self._peaks(y[..., self.surface])
         least = np.where(np.arange(y.shape[1]) <= back[:, np.newaxis], self._class_of(peak), 0)
         least = np.maximum.accumulate(least, axis=1)
         passed = least[..., np.newaxis] > np.arange(len(CLASSES))
         until = np.where(passed.any(axis=1), passed.argmax(axis=1), y.shape[1])
-        is_own = least[:, -1:] == np.arange(len(CLASSES))
-        return np.where(is_own, y.shape[1], np.minimum(until, back[:, np.newaxis]))
+        is_final = least[:, -1:] == np.arange(len(CLASSES))
+        return np.where(is_final, y.shape[1], np.minimum(until, back[:, np.newaxis]))
 
-    def begin(self) -> RunningGroup:
-        """Begin a flight."""
+    def start(self) -> RunningGroup:
         return _RunningDeflection(self)
 
     def _peaks(self, deflection: Array) -> tuple[Array, Indices]:
-        """Largest deflection so far (n, n_samples), and the first sample that is back (n,).
+        """Largest deflection so far (n, n_samples), and first sample after the return (n,).
 
-        deflection: (n, n_samples), NaN where it is not known.
+        deflection: (n, n_samples), NaN if unknown.
         """
         deflection = np.abs(deflection)
         peak = np.fmax.accumulate(deflection, axis=1)
@@ -178,22 +171,21 @@ class DeflectionRule(GroupRule):
         return peak, np.where(is_back.any(axis=1), is_back.argmax(axis=1), deflection.shape[1])
 
     def _class_of(self, peak: Array) -> Indices:
-        """The group of a deflection, NaN for none yet."""
+        """Group of a deflection, which may be NaN."""
         return np.searchsorted([self.low, self.high], np.nan_to_num(peak), side="right")
 
     def check(self) -> None:
-        """Refuse what is no surface, and bounds that are none."""
         if self.surface not in SURFACES or type(self.surface) is not int:
-            raise ValueError(f"groups are by the channel {self.surface!r}, which is no surface")
+            raise ValueError(f"groups use the channel {self.surface!r}, which is not a surface")
         if not (type(self.low) is type(self.high) is float and 0 < self.low < self.high < np.inf):
-            raise ValueError(f"groups have the bounds {self.low!r} and {self.high!r}")
+            raise ValueError(f"groups have invalid bounds: {self.low!r} and {self.high!r}")
 
 
 class _RunningDeflection(RunningGroup):
     def __init__(self, rule: DeflectionRule) -> None:
         super().__init__(len(CLASSES))
         self._surface, self._bounds = rule.surface, [rule.low, rule.high]
-        self._begun, self._peak = RETURNED * rule.low, 0.0
+        self._least_peak, self._peak = RETURNED * rule.low, 0.0
 
     def update(self, y: Array) -> None:
         if self.lowest == self.highest:
@@ -202,7 +194,7 @@ class _RunningDeflection(RunningGroup):
         if deflection >= self._peak:
             self._peak = deflection
             self.lowest = bisect_right(self._bounds, deflection)
-        elif self._peak >= self._begun and deflection < RETURNED * self._peak:
+        elif self._peak >= self._least_peak and deflection < RETURNED * self._peak:
             self.highest = self.lowest
 
 
@@ -213,51 +205,49 @@ RULES: dict[str, type[FirstLimitRule] | type[DeflectionRule]] = {
 
 @dataclass(frozen=True)
 class Grouping(ABC):
-    """How failing flights are grouped, each group with a threshold of its own."""
+    """How failing flights are grouped; each group has its own threshold."""
 
     @abstractmethod
     def fit(
         self, y: Array, fail_index: Indices, specification: Specification
     ) -> tuple[GroupRule, Indices] | None:
-        """Return a rule for flights like these and the group of each; None for less than two.
+        """Fit a rule and assign each flight a group; None for fewer than two groups.
 
         y: (n, n_samples, 6).   fail_index: (n,) first sample that exceeds a limit, of each flight.
-        A flight that chose the rule is of NO_GROUP, as it must not calibrate it.
+        Flights that determined the rule get NO_GROUP, because they must not calibrate it.
         """
 
     def groups(
         self, y: Array, fail_index: Indices, specification: Specification
     ) -> dict[str, Flags]:
-        """Which flights belong to each group, by its name; empty where there are not two groups.
+        """Flights of each group, by name; empty for fewer than two groups.
 
-        y, fail_index: as of `fit`.
+        y, fail_index: as in `fit`.
         """
-        found = self.fit(y, fail_index, specification)
-        return {} if found is None else members(found[0], y, fail_index)
+        fitted = self.fit(y, fail_index, specification)
+        return {} if fitted is None else members(fitted[0], y, fail_index)
 
 
 def members(rule: GroupRule, y: Array, fail_index: Indices) -> dict[str, Flags]:
-    """Which failing flights belong to each group, by its name; arguments as of `GroupRule.of`."""
+    """Failing flights of each group, by name; arguments as in `GroupRule.of`."""
     group = rule.of(y, fail_index)
     return {name: group == k for k, name in enumerate(rule.names)}
 
 
 @dataclass(frozen=True)
 class Pooled(Grouping):
-    """No groups: all failing flights have one threshold."""
+    """No groups: one threshold for all failing flights."""
 
-    def fit(self, y: Array, fail_index: Indices, specification: Specification) -> None:
-        """Return nothing."""
+    def fit(self, y: Array, fail_index: Indices, specification: Specification) -> None: ...
 
 
 @dataclass(frozen=True)
 class FirstLimit(Grouping):
-    """By the limit that a flight exceeds first, known too late: the highest of the risks counts."""
+    """By the limit a flight exceeds first; unknown in flight, so the highest risk counts."""
 
     def fit(
         self, y: Array, fail_index: Indices, specification: Specification
     ) -> tuple[GroupRule, Indices] | None:
-        """One group for each limit that some flight exceeds first."""
         limits = magnitudes_of(specification)
         if limits is None or not np.isfinite(limits).any() or not len(y):
             return None
@@ -270,15 +260,14 @@ class FirstLimit(Grouping):
 
 @dataclass(frozen=True)
 class LargestDeflection(Grouping):
-    """By the largest deflection of the surface that moves farthest: small, medium, large inputs."""
+    """By the largest deflection of the surface that moves most: small, medium, large inputs."""
 
     low_deg: Annotated[float, Bounds(least=0)] = 0.0
-    """below it deflections are small [deg]; 0: a third of the failing flights."""
+    """small deflections below [deg]; 0: a third of the failing flights."""
     high_deg: Annotated[float, Bounds(least=0)] = 0.0
-    """from it on deflections are large [deg]; 0: a third of the failing flights."""
+    """large deflections from [deg]; 0: a third of the failing flights."""
 
     def __post_init__(self) -> None:
-        """Refuse bounds of which one is missing, or that are not in order."""
         check_bounds(self)
         if (self.low_deg or self.high_deg) and not 0 < self.low_deg < self.high_deg:
             raise ValueError(
@@ -289,7 +278,7 @@ class LargestDeflection(Grouping):
     def fit(
         self, y: Array, fail_index: Indices, specification: Specification
     ) -> tuple[GroupRule, Indices] | None:
-        """Three groups; none where the deflections scatter by less than .01 deg."""
+        """Three groups; None if the deflections differ by less than 0.01 deg."""
         if len(y) < len(CLASSES):
             return None
         peaks = np.abs(deflections(y, fail_index, SURFACES)).max(axis=1)
@@ -311,7 +300,7 @@ class LargestDeflection(Grouping):
 
 
 def _thirds(peaks: Array) -> tuple[float, float, Indices]:
-    """The peaks that part them in thirds, and whose they are."""
+    """Peaks that divide them into thirds, and the flights these belong to."""
     order = peaks.argsort(kind="stable")
     chose = order[[len(peaks) // 3, 2 * len(peaks) // 3]]
     low, high = peaks[chose].tolist()
@@ -332,7 +321,7 @@ GROUPINGS: dict[str, Grouping] = family(
 
 @dataclass(frozen=True, eq=False)
 class Groups:
-    """Calibration by groups: as many failures of each, so that all alert above one p-value.
+    """Calibration by groups, with equally many failures in each, so that one p-value applies.
 
     alphas: (n_groups, n) sorted calibration scores of each group.
     """
@@ -344,24 +333,24 @@ class Groups:
     @classmethod
     def calibrate(
         cls,
-        found: tuple[GroupRule, Indices] | None,
+        fitted: tuple[GroupRule, Indices] | None,
         alphas: Array,
         epsilon: float,
         guarantee: Guarantee,
     ) -> Self:
         """Calibrate each group with its first failures, as many as the smallest group has.
 
-        found: as `Grouping.fit` returns it.   alphas: (n_unsafe,) scores, in the order of flights.
-        ValueError where a group cannot serve the epsilon, with how many failures could.
+        fitted: result of `Grouping.fit`.   alphas: (n_unsafe,) scores, in the order of flights.
+        ValueError if a group has too few failures for epsilon, with the number needed.
         """
-        if found is None:
+        if fitted is None:
             raise ValueError(
-                f"the {len(alphas)} failing flights are all of one group: choose groups pooled"
+                f"all {len(alphas)} failing flights are in one group: choose groups pooled"
             )
-        rule, group = found
-        own = [alphas[group == k] for k in range(len(rule.names))]
-        smallest = min(range(len(own)), key=lambda k: len(own[k]))
-        n, needed = len(own[smallest]), failures_needed(epsilon, guarantee)
+        rule, group = fitted
+        by_group = [alphas[group == k] for k in range(len(rule.names))]
+        smallest = min(range(len(by_group)), key=lambda k: len(by_group[k]))
+        n, needed = len(by_group[smallest]), failures_needed(epsilon, guarantee)
         if n < needed:
             enough = (
                 f"collect about {-(-len(alphas) * needed // n)} unsafe rollouts"
@@ -369,26 +358,25 @@ class Groups:
                 else "change its bounds"
             )
             raise ValueError(
-                f"epsilon={epsilon:g} needs at least {needed} failures of each group; of "
-                f"{len(alphas)} failing flights {n} are of the group {rule.names[smallest]!r}: "
+                f"epsilon={epsilon:g} needs at least {needed} failures in each group; of "
+                f"{len(alphas)} failing flights {n} are in the group {rule.names[smallest]!r}: "
                 f"{enough}, raise epsilon, or choose groups pooled"
             )
-        return cls(rule, np.sort([scores[:n] for scores in own]))
+        return cls(rule, np.sort([scores[:n] for scores in by_group]))
 
     @property
     def n_unsafe(self) -> int:
-        """Failures of each group."""
         return self.alphas.shape[1]
 
     @property
     def n_early(self) -> int:
-        """Most failures of a group that came too early to be warned of."""
+        """Failures too early for a warning, in the group with most of them."""
         return int(np.isposinf(self.alphas).sum(axis=1).max())
 
     def p_values(self, scores: Array, y: Array) -> tuple[Array, Indices]:
-        """p-value and group of each sample of a flight: (n,) each, NaN where there is no score.
+        """p-value and group of each sample of a flight: (n,) each, NaN without a score.
 
-        scores: (n,), NaN where there is none.   y: (n, 6).
+        scores: (n,), NaN for none.   y: (n, 6).
         """
         (until,) = self.rule.possible(y[np.newaxis])
         possible = np.arange(len(y)) < until[:, np.newaxis]
@@ -401,7 +389,7 @@ class Groups:
     ) -> Array:
         """Highest p-value of each flight over its samples 0..last; 0 where last < 0.
 
-        y: (n, n_samples, 6).   lowest_scores: of (y, last), over samples 0..last.
+        y: (n, n_samples, 6).   lowest_scores: function of (y, last), over samples 0..last.
         """
         highest = np.zeros(len(y))
         for until, alphas in zip(self.rule.possible(y).T, self.alphas, strict=True):
@@ -410,23 +398,21 @@ class Groups:
             highest = np.where(while_possible < 0, highest, np.maximum(highest, p))
         return highest
 
-    def begin(self) -> "RunningGroups":
-        """Begin a flight."""
+    def start(self) -> "RunningGroups":
         return RunningGroups(self)
 
     def to_section(self) -> Section:
-        """Return the section of a monitor's file."""
         header = {"kind": self.rule.kind, "rule": asdict(self.rule)}
         return Section(self.section, 1, True, header, {"alphas": self.alphas})
 
     @classmethod
-    def of_section(cls, section: Section) -> Self:
-        """Read the section of a file. ValueError where it holds what no training gives."""
+    def from_section(cls, section: Section) -> Self:
+        """Read the section of a file. ValueError for impossible values."""
         rule, alphas = _rule_of(section.header), section.arrays["alphas"]
         if alphas.ndim != 2 or len(alphas) != len(rule.names) or alphas.dtype != np.float64:
-            raise ValueError(f"groups have alphas of shape {alphas.shape}, {alphas.dtype}")
+            raise ValueError(f"alphas of groups are {alphas.dtype} {alphas.shape}")
         if not alphas.size or np.isnan(alphas).any() or (alphas == -np.inf).any():
-            raise ValueError("groups hold no scores, or what is no number")
+            raise ValueError("alphas of groups are empty, or hold NaN or -inf")
         if (alphas[:, 1:] < alphas[:, :-1]).any():
             raise ValueError("alphas of groups are not sorted")
         return cls(rule, np.ascontiguousarray(alphas))
@@ -443,25 +429,23 @@ def _rule_of(header: Mapping[str, Any]) -> GroupRule:
 
 
 class RunningGroups:
-    """The p-value of one flight's samples by its group, bit for bit as of the whole flight."""
+    """p-values of one flight, sample by sample; bit for bit those of the whole flight."""
 
     def __init__(self, groups: Groups) -> None:
-        self._names, self._running = groups.rule.names, groups.rule.begin()
+        self._names, self._running = groups.rule.names, groups.rule.start()
         self._alphas: list[list[float]] = groups.alphas.tolist()
         self._n = groups.n_unsafe
 
     @property
     def name(self) -> str | None:
-        """Name of the group; None while it is not known."""
+        """Name of the group; None while unknown."""
         is_known = self._running.lowest == self._running.highest
         return self._names[self._running.lowest] if is_known else None
 
     def update(self, y: Array) -> None:
-        """Take the next sample y (6,)."""
         self._running.update(y)
 
     def p_value(self, score: float) -> float:
-        """p-value of the newest sample's score."""
         possible = self._alphas[self._running.lowest : self._running.highest + 1]
-        below = min(bisect_left(own, score) for own in possible)
+        below = min(bisect_left(alphas, score) for alphas in possible)
         return (self._n - below + 1) / (self._n + 1)

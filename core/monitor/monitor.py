@@ -1,4 +1,4 @@
-"""The trained and calibrated monitor: of a batch, of a stream."""
+"""The trained and calibrated monitor, for whole flights and streams."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -52,7 +52,7 @@ from core.whole_file import whole_file
 SAMPLE = (N_CHANNELS,)
 OK = State.OK
 make_assessment = tuple.__new__
-"""Of the fields in their order: a tenth of what the class itself takes, which reads their names."""
+"""Builds from the fields in order, in a tenth of the time of the class itself."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,21 +60,21 @@ class Monitor:
     """A safety monitor for one manoeuvre.
 
     dt: sample interval [s].   h: lead in samples.
-    scale: (6,) units of the channels in which distances count.
-    training_max_abs: (6,) largest magnitude of each channel among the rollouts it learned from.
+    scale: (6,) units of the channels for distances.
+    training_max_abs: (6,) largest magnitude of each channel in training.
     unsafe_points, safe_points: (n, d) mapped.   unsafe_where, safe_where: (n, 2) the rollout and
     the sample each point comes from.   theta_unsafe, theta_safe: (n, n_parameters) of rollouts.
-    n_early: failures that came before any warning could; their calibration score is +inf.
-    fitted, exact: arrays of the compiled path.
-    dataset_recipe, dataset_digest, seed, version: where it comes from.
-    specification: what its failures are; None where that is not known.
-    support: how far fresh flights deviate from what it learned; None where that is not calibrated,
-    and then it never withdraws.
-    evaluation: what fresh flights said of it, as plain data; None where none were flown.
-    inputs: how surfaces moved in fresh flights; None where that is not known.
-    forecast: of what is left of the manoeuvre; None for predictors that make none. Scores are then
-    of it, and `fitted` says what a sample is like.
-    groups: its calibration by groups; None where all failures are pooled.
+    n_early: failures too early for a warning; their calibration score is +inf.
+    fitted, exact: arrays of the compiled kernels.
+    dataset_recipe, dataset_digest, seed, version: its origin.
+    specification: defines its failures; None if unknown.
+    support: how far fresh flights deviate from training; None if validity is not calibrated, and
+    then it never withdraws.
+    evaluation: results of fresh test flights, as plain data; None if none were flown.
+    inputs: how surfaces moved in fresh flights; None if unknown.
+    forecast: of the rest of the manoeuvre; None for predictors without one. If present, scores are
+    of the forecast, and `fitted` only finds similar rollouts.
+    groups: calibration by groups; None if all failures are pooled.
     """
 
     recipe: MonitorRecipe
@@ -105,22 +105,22 @@ class Monitor:
 
     @property
     def alphas(self) -> Array:
-        """(n,) sorted calibration scores of all its failures."""
+        """(n,) sorted calibration scores of all failures."""
         return self.fitted.alphas
 
     @property
     def affine(self) -> Affine:
-        """The predictor's map from an observation in SI units to a point."""
+        """Map from an observation in SI units to a point."""
         return Affine(self.fitted.matrix[:, : self.fitted.d], self.fitted.offset[: self.fitted.d])
 
     @cached_property
     def limits(self) -> Array | None:
-        """(6,) magnitudes that its flights must not exceed; None where they are not known."""
+        """(6,) limits as magnitudes; None if unknown."""
         return magnitudes_of(self.specification)
 
     @cached_property
     def validity_basis(self) -> ValidityBasis | None:
-        """What the validity of a flight is judged by; None where it is not calibrated."""
+        """Basis for judging validity; None if it is not calibrated."""
         if self.support is None:
             return None
         reference = self.reference(self.support.innovation, self.support.sigma)
@@ -132,10 +132,10 @@ class Monitor:
     def reference(
         self, innovation: Innovation = NO_INNOVATION, sigma: Array | None = None
     ) -> Reference:
-        """What deviations are measured from.
+        """Reference from which deviations are measured.
 
-        innovation: of the responses.   sigma: (6,) of the residuals h samples ahead, which are not
-        tested unless given.
+        innovation: of the responses.   sigma: (6,) of the residuals h samples ahead, tested only if
+        given.
         """
         sigma = np.full(N_CHANNELS, np.nan) if sigma is None else sigma
         return Reference(
@@ -154,36 +154,36 @@ class Monitor:
 
     @cached_property
     def safe_tree(self) -> Tree:
-        """Search tree of the safe points, whether or not the score looks them up."""
+        """Search tree of the safe points, even if the score does not use them."""
         built = len(self.fitted.safe.slot) == len(self.safe_points)
         return self.fitted.safe if built else build(self.safe_points)
 
     @property
     def n_unsafe(self) -> int:
-        """Failures it is calibrated on; of each group where it has groups."""
+        """Failures in calibration; per group if it has groups."""
         return len(self.alphas) if self.groups is None else self.groups.n_unsafe
 
     @property
     def lead(self) -> float:
-        """Lead in effect, h * dt [s]."""
+        """Effective lead h * dt [s]."""
         return self.h * self.dt
 
     @property
     def smallest_epsilon(self) -> float:
-        """Smallest epsilon its failures can serve."""
+        """Smallest epsilon that its failures support."""
         return smallest_epsilon(self.n_unsafe, self.recipe.guarantee, self._most_early)
 
     @property
     def _most_early(self) -> int:
-        """Failures that came before any warning could; of the group that has most."""
+        """Failures too early for a warning; of the group with most of them."""
         return self.n_early if self.groups is None else self.groups.n_early
 
     def p_values(self, y: npt.ArrayLike) -> Array:
         """p-value of each sample of a trajectory sampled at the monitor's dt.
 
         y: (n_samples, 6) channels in order, SI units, N_y in g.
-        Returns (n_samples,) in [1/(n_unsafe+1), 1]; NaN where a sample or its history is invalid,
-        and from where on the flight is outside training.
+        Returns (n_samples,) in [1/(n_unsafe+1), 1]; NaN for invalid samples or history, and after
+        the flight is outside training.
         """
         y = _checked(y)
         t = np.arange(len(y), dtype=np.float64) * self.dt
@@ -205,30 +205,30 @@ class Monitor:
         *,
         withdraw: bool = True,
     ) -> Assessments:
-        """Assess every sample of a trajectory; the same bits as a stream of its samples.
+        """Assess every sample of a trajectory; bit for bit like a stream of its samples.
 
-        t: (n,) [s].   y: (n, 6).   epsilon: the recipe's unless given.
-        withdraw: say nothing from where on the flight is outside training, as a stream does.
+        t: (n,) [s].   y: (n, 6).   epsilon: that of the recipe unless given.
+        withdraw: mark samples invalid once the flight is outside training, as a stream does.
         """
         t, y = np.ascontiguousarray(t, np.float64), _checked(y)
         if t.shape != (len(y),):
-            raise ValueError(f"t has shape {t.shape}: it needs one time a sample, ({len(y)},)")
+            raise ValueError(f"t has shape {t.shape}: give one time per sample, ({len(y)},)")
         above = self.alert_above(epsilon)
         state = assessing.states(t, y, self.dt, self.recipe.n_delay)
         fresh = state != assessing.STALE
         z, s, p, unsafe, safe = assessing.score_all(
             self.fitted, self.exact, y[fresh], state[fresh] == assessing.OK, self.recipe.n_delay
         )
-        y_hat, lost = np.full((len(y), N_CHANNELS), np.nan), None
+        y_hat, lost_from = np.full((len(y), N_CHANNELS), np.nan), None
         if self.recipe.predictor.forecasts:
             y_hat[fresh] = z * self.scale
         if self.forecast is not None:
-            followed = self.forecast.follow(t, y, state, self.dt)
-            lost = Withdrawal(followed.lost, LOST) if followed.lost < len(y) else None
-            state, s = followed.state, followed.score[fresh]
+            scored = self.forecast.follow(t, y, state, self.dt)
+            lost_from = Withdrawal(scored.lost, LOST) if scored.lost < len(y) else None
+            state, s = scored.state, scored.score[fresh]
             p = p_values(s, self.alphas)
             if self.forecast.has_outputs:
-                y_hat = followed.y_hat
+                y_hat = scored.y_hat
         group = None
         if self.groups is not None:
             p, group = self.groups.p_values(s, y[fresh])
@@ -244,11 +244,11 @@ class Monitor:
             alert_above=above,
             group=None if group is None else _spread(group, fresh, NO_GROUP),
             group_names=() if self.groups is None else self.groups.rule.names,
-        ).withdrawn_from(lost)
+        ).withdrawn_from(lost_from)
         return result.withdrawn_from(self.withdrawal(t, y, result)) if withdraw else result
 
     def withdrawal(self, t: Array, y: Array, assessments: Assessments) -> Withdrawal | None:
-        """From which sample on a flight is outside training, and why; None where it is not.
+        """First sample at which a flight is outside training, and why; None if it never is.
 
         t: (n,) [s].   y: (n, 6).   assessments: of these samples, not withdrawn.
         """
@@ -257,7 +257,7 @@ class Monitor:
         return withdrawal(self.validity_basis, t, y, assessments, self.last_counted(y))
 
     def last_counted(self, y: Array) -> int | None:
-        """The first sample that exceeds a limit, after which nothing is judged; None for none.
+        """First sample that exceeds a limit, after which nothing is judged; None for none.
 
         y: (n, 6).
         """
@@ -267,9 +267,9 @@ class Monitor:
     def judge_and_withdraw(
         self, t: Array, y: Array, assessments: Assessments
     ) -> tuple[ValidityVerdict, Withdrawal | None]:
-        """The verdict on a whole manoeuvre, and from where on nothing may be said, and why.
+        """Verdict on a whole manoeuvre, and the sample from which it is withdrawn, if any.
 
-        It counts up to its first exceedance.   assessments: of these samples, not withdrawn.
+        Samples count up to the first exceedance.   assessments: of these samples, not withdrawn.
         """
         if self.validity_basis is None:
             return ValidityVerdict(None, reasons=(NOT_CALIBRATED,)), None
@@ -284,11 +284,11 @@ class Monitor:
         level: float | None = None,
         end: int | None = None,
     ) -> ValidityVerdict:
-        """Judge whether a whole manoeuvre is one that this monitor can speak of.
+        """Judge whether a whole manoeuvre is within this monitor's training.
 
-        assessments: of these samples, not withdrawn.   level: share of flights like those of
-        training that is called invalid, the support's own unless given.   end: last sample that
-        counts, the first that exceeds a limit if one does.
+        assessments: of these samples, not withdrawn.   level: share of flights like training that
+        may be called invalid, that of the support unless given.   end: last sample that counts, the
+        first that exceeds a limit if one does.
         """
         if self.validity_basis is None:
             return ValidityVerdict(None, reasons=(NOT_CALIBRATED,))
@@ -297,10 +297,10 @@ class Monitor:
     def flown_input(
         self, y: Array, end: int | None = None, planned: Array | None = None
     ) -> tuple[FlownInput, ...]:
-        """How a manoeuvre's input compares with fresh flights; nothing where that is not known.
+        """How a manoeuvre's input compares with fresh flights; empty if unknown.
 
-        y: (n, 6) from trim, NaN where unknown.   end: first sample that exceeds a limit, if any.
-        planned: (2,) amplitudes of aileron and rudder [rad]; None where they are not known.
+        y: (n, 6) from trim, NaN if unknown.   end: first sample that exceeds a limit, if any.
+        planned: (2,) amplitudes of aileron and rudder [rad]; None if unknown.
         """
         if self.inputs is None:
             return ()
@@ -311,20 +311,20 @@ class Monitor:
     def stream(self, epsilon: float | None = None, exemplars: bool = True) -> "Stream":
         """Start assessing one flight, sample by sample.
 
-        exemplars: whether they are told.
+        exemplars: whether assessments include them.
         """
         return Stream(self, self.alert_above(epsilon), exemplars)
 
     def check_epsilon(self, epsilon: float | None = None) -> float:
-        """Return the promised miss rate, the recipe's unless given; ValueError if too small."""
+        """The promised miss rate, that of the recipe unless given. ValueError if too small."""
         epsilon = self.recipe.epsilon if epsilon is None else epsilon
         self.alert_above(epsilon)
         return check_epsilon(epsilon, self.n_unsafe, self.recipe.guarantee)
 
     def alert_above(self, epsilon: float | None = None) -> float:
-        """Return the p-value above which it alerts; ValueError where it cannot serve the epsilon.
+        """p-value above which it alerts. ValueError if the failures are too few for epsilon.
 
-        epsilon: promised miss rate, the recipe's unless given.
+        epsilon: promised miss rate, that of the recipe unless given.
         """
         epsilon = self.recipe.epsilon if epsilon is None else epsilon
         above = alert_above(epsilon, self.n_unsafe, self.recipe.guarantee)
@@ -333,7 +333,7 @@ class Monitor:
         ):
             raise ValueError(
                 f"epsilon={epsilon:g} with 95 % confidence would alert on every flight: "
-                f"{self._most_early} of {self.n_unsafe} failures came before any warning could; "
+                f"{self._most_early} of {self.n_unsafe} failures came too early for a warning: "
                 "shorten t_early or raise epsilon"
             )
         return above
@@ -351,7 +351,7 @@ class Monitor:
         )
 
     def highest_p_values(self, y: Array, last: Indices) -> Array:
-        """Highest p-value of each trajectory over samples 0..last, not withdrawn; 0 if last < 0."""
+        """Highest p-value of each trajectory over samples 0..last; 0 if last < 0. Not withdrawn."""
         if self.groups is not None:
             return self.groups.highest_p_values(y, last, self.lowest_scores)
         if self.forecast is not None:
@@ -361,12 +361,11 @@ class Monitor:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the portable file: whole, or not at all."""
+        """Write the portable file, completely or not at all."""
         with whole_file(path) as file:
             portable.write(file, self._sections())
 
     def to_bytes(self) -> bytes:
-        """Return the portable file's content."""
         return portable.pack(self._sections())
 
     def _sections(self) -> list[portable.Section]:
@@ -397,11 +396,11 @@ class Monitor:
         return sections
 
     def first_withdrawn(self, y: Array, fail_index: Indices) -> Indices:
-        """First sample of each trajectory of which nothing is said, for being outside training.
+        """First sample at which each trajectory is outside training.
 
         y: (n, n_samples, 6), finite up to the first exceedance.
-        fail_index: (n,) the first exceedance, n_samples for a safe flight; what comes later never
-        withdraws.   Returns (n,); n_samples where there is none.
+        fail_index: (n,) first exceedance, n_samples for a safe flight; later samples never
+        withdraw.   Returns (n,); n_samples for none.
         """
         if self.validity_basis is None:
             return np.full(len(y), y.shape[1])
@@ -414,11 +413,11 @@ class Monitor:
         return np.minimum(first, np.where(wrong <= last, wrong, y.shape[1]))
 
     def unsafe_exemplar(self, point: int, distance: float) -> Exemplar:
-        """The failed rollout behind an unsafe point, at the sample t_early before it failed."""
+        """The failed rollout of an unsafe point, t_early before its failure."""
         return self._unsafe_neighbour().exemplar(point, distance)
 
     def safe_exemplar(self, point: int, distance: float) -> Exemplar:
-        """The safe rollout behind a safe point, at the sample it was observed."""
+        """The safe rollout of a safe point, at its observed sample."""
         return self._safe_neighbour().exemplar(point, distance)
 
     def _unsafe_neighbour(self) -> "_Neighbour":
@@ -429,10 +428,10 @@ class Monitor:
 
 
 class Stream:
-    """One flight through a monitor, sample by sample.
+    """Assesses one flight, sample by sample.
 
-    Once the flight is outside training, nothing more is said of it; of a monitor whose validity is
-    not calibrated, that never happens.
+    Once the flight is outside training, it stays invalid; without validity calibration this never
+    happens.
     """
 
     def __init__(self, monitor: Monitor, alert_above: float, exemplars: bool = True) -> None:
@@ -446,12 +445,12 @@ class Stream:
         basis, self._limits = monitor.validity_basis, monitor.limits
         self._validity = basis and RunningValidity(basis)
         self._reason, self._is_ok = "", False
-        self._forecast = monitor.forecast and monitor.forecast.begin(monitor.dt)
-        self._groups = monitor.groups and monitor.groups.begin()
+        self._forecast = monitor.forecast and monitor.forecast.start(monitor.dt)
+        self._groups = monitor.groups and monitor.groups.start()
         has_outputs = monitor.forecast is not None and monitor.forecast.has_outputs
         self._scale = monitor.scale
         self._maps_ahead = monitor.recipe.predictor.forecasts and not has_outputs
-        self._tells = exemplars
+        self._with_exemplars = exemplars
         self._unsafe, self._safe = monitor._unsafe_neighbour(), monitor._safe_neighbour()
         arrays = self._buffer, self._status, self._clock, self._point
         self._call = live_call(self._fitted, self._exact, *arrays, monitor.dt)
@@ -460,13 +459,11 @@ class Stream:
     def update(self, t: float, y: npt.ArrayLike) -> Assessment:
         """Assess the next sample.
 
-        t: time [s].   y: (6,) channels in order, SI units, N_y in g; NaN where unknown.
+        t: time [s].   y: (6,) channels in order, SI units, N_y in g; NaN if unknown.
         """
         y = np.ascontiguousarray(y, np.float64)
         if y.shape != SAMPLE:
-            raise ValueError(
-                f"a sample of shape {y.shape} was given: it needs the 6 channels, (6,)"
-            )
+            raise ValueError(f"a sample of shape {y.shape} was given: give the 6 channels, (6,)")
         self._is_ok = False
         if self._reason:
             return withdrawn(float(t), self._reason)
@@ -480,14 +477,14 @@ class Stream:
                 self._reason = in_words(self._validity.verdict.reasons)
                 return withdrawn(assessment.t, self._reason)
             if self._limits is not None and exceeds(self._limits, y):
-                self._validity = None  # the verdict of this moment stays
+                self._validity = None  # the verdict at this moment is final
         self._is_ok = assessment.state is OK
         return assessment
 
     def forecast_ahead(self) -> Ahead | None:
-        """What is forecast of the rest of the manoeuvre by the last sample.
+        """Forecast of the rest of the manoeuvre at the last sample.
 
-        None where that is not `ok`, and of a monitor without forecast.
+        None unless that sample is `ok`, and for monitors without a forecast.
         """
         return self._forecast.ahead() if self._forecast is not None and self._is_ok else None
 
@@ -510,7 +507,7 @@ class Stream:
         if self._groups is not None:
             p, group = self._groups.p_value(s), self._groups.name
         unsafe = safe = None
-        if self._tells:
+        if self._with_exemplars:
             if (point := self._status.item(2)) >= 0:
                 unsafe = self._unsafe.exemplar(point, self._clock.item(2))
             if (point := self._status.item(3)) >= 0:
@@ -521,7 +518,7 @@ class Stream:
 
 
 class _Neighbour:
-    """The exemplars of a flight's neighbours; mostly of a rollout that it was like before.
+    """Exemplars of a flight's neighbours; caches parameters, since rollouts recur.
 
     where: (n, 2) rollout and sample of each point.   theta: (n_rollouts, n_parameters).
     """
@@ -531,7 +528,6 @@ class _Neighbour:
         self._parameters: dict[int, dict[str, float]] = {}
 
     def exemplar(self, point: int, distance: float) -> Exemplar:
-        """Of a point at a distance."""
         rollout = self._where.item(point, 0)
         parameters = self._parameters.get(rollout)
         if parameters is None:
@@ -543,7 +539,7 @@ class _Neighbour:
 def assemble(
     recipe: MonitorRecipe, affine: Affine, unsafe_points: Array, safe_points: Array, alphas: Array
 ) -> Fitted:
-    """Build the arrays of the compiled path, search trees included where they are looked up."""
+    """Build the arrays of the compiled kernels, with the search trees that the score uses."""
     searched = recipe.score.channel < 0
     return Fitted(
         *affine.in_lanes(),
@@ -560,7 +556,7 @@ def assemble(
 def _checked(y: npt.ArrayLike) -> Array:
     y = np.ascontiguousarray(y, np.float64)
     if y.ndim != 2 or y.shape[1] != N_CHANNELS:
-        raise ValueError(f"y has shape {y.shape}: it needs (n_samples, {N_CHANNELS})")
+        raise ValueError(f"y has shape {y.shape}: give (n_samples, {N_CHANNELS})")
     return y
 
 

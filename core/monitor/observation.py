@@ -1,4 +1,4 @@
-"""Observations: the last few outputs stacked into one vector, and the times they stand for."""
+"""Observations: the last few outputs stacked into one vector."""
 
 import math
 from dataclasses import dataclass
@@ -11,20 +11,18 @@ from core.types import Array, Indices
 
 
 def lead_steps(t_early: float, dt: float) -> int:
-    """Whole samples h that cover the required lead: h = ceil(t_early / dt), guarded against floats.
+    """Whole samples h that cover the required lead: h = ceil(t_early / dt), safe against rounding.
 
-    t_early, dt [s]. The lead in effect is h * dt.
+    t_early, dt [s]. The effective lead is h * dt.
     """
     return math.ceil(t_early / dt - 1e-9)
 
 
 class RowSource(Protocol):
-    """Rows that are read slice by slice: an array, or what makes them when they are asked for."""
+    """Rows read in slices: an array, or an object that computes them on demand."""
 
     @property
-    def shape(self) -> tuple[int, ...]:
-        """How many rows, and how long."""
-        ...
+    def shape(self) -> tuple[int, ...]: ...
 
     def __getitem__(self, rows: slice, /) -> Array: ...
 
@@ -33,8 +31,8 @@ class RowSource(Protocol):
 class Observations:
     """Observations o_t = (y_{t-n_delay}, ..., y_t), oldest first, of chosen samples.
 
-    y: (n, n_samples, 6).   times: (n, k) sample indices.   scale: (6,) that outputs are divided by.
-    Before the first sample the history is padded by repeating it.
+    y: (n, n_samples, 6).   times: (n, k) sample indices.   scale: (6,) divisors of the outputs.
+    History before the first sample repeats the first sample.
     """
 
     y: Array
@@ -57,9 +55,9 @@ class Observations:
 
 @dataclass(frozen=True)
 class OutputsAhead:
-    """Outputs y_{t+h} of chosen samples; rows of NaN where the rollout ends before.
+    """Outputs y_{t+h} of chosen samples; rows of NaN if the rollout ends earlier.
 
-    y: (n, n_samples, 6).   times: (n, k).   scale: (6,) that outputs are divided by.
+    y: (n, n_samples, 6).   times: (n, k).   scale: (6,) divisors of the outputs.
     """
 
     y: Array
@@ -83,22 +81,22 @@ class OutputsAhead:
 
 
 def _chosen(times: Indices, rows: slice) -> tuple[Indices, Indices]:
-    """Rollout and sample of some of the chosen samples, counted rollout by rollout."""
+    """Rollout and sample index of the given rows, which run rollout by rollout."""
     start, stop, step = rows.indices(times.size)
     return np.arange(start, stop, step) // times.shape[1], times.ravel()[rows]
 
 
 def _samples(y: Array, rollouts: Indices, times: Indices) -> Array:
-    """y[rollouts, times]; rows are taken one number each, which is twice as fast as by two."""
+    """y[rollouts, times]; one flat index is twice as fast as two."""
     return y.reshape(-1, y.shape[2]).take(rollouts * y.shape[1] + times, axis=0)
 
 
 def channel_peaks(y: Array) -> Array:
-    """Largest magnitude of each channel, whatever is not a number left out.
+    """Largest magnitude of each channel, ignoring NaN.
 
     y: (n, n_samples, 6).   Returns (6,) in the channels' units.
     """
-    # First over the rollouts: along many numbers side by side it is several times as fast.
+    # First over the rollouts: several times faster on contiguous numbers.
     highest, lowest = np.fmax.reduce(y, axis=0), np.fmin.reduce(y, axis=0)
     return np.fmax(np.fmax.reduce(highest), -np.fmin.reduce(lowest))
 

@@ -1,4 +1,4 @@
-"""What predictors that forecast the rest of a manoeuvre have in common: a state for each flight."""
+"""Base of predictors that forecast the rest of a manoeuvre, with a state for each flight."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -11,21 +11,21 @@ from core.monitor.file.portable import Section
 from core.types import Array, Flags, Indices
 
 BAND = 0.9
-"""Share of the samples to come that the band of a forecast holds."""
+"""Share of future samples within the band of a forecast."""
 BAND_DEVIATIONS = NormalDist().inv_cdf(0.5 + BAND / 2)
 
 LOST = (
-    "too many samples were missing while an input of the test card was due: what is left of the "
-    "card cannot be forecast; wait for the next manoeuvre"
+    "too many samples were missing while an input of the test card was due, so the rest of the "
+    "card cannot be forecast: wait for the next manoeuvre"
 )
 
 
-class Followed(NamedTuple):
-    """What a forecast says of every sample of a flight.
+class ForecastScores(NamedTuple):
+    """Scores of a forecast for every sample of a flight.
 
     score: (n,) low means close to a failure; NaN unless `ok`.   state: (n,) codes.
-    y_hat: (n, 6) outputs h samples later, NaN for none.   lost: first sample from which on nothing
-    is forecast any more; n where there is none.
+    y_hat: (n, 6) outputs h samples later, NaN for none.   lost: first sample from which no forecast
+    is possible; n for none.
     """
 
     score: Array
@@ -36,10 +36,10 @@ class Followed(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ForecastAhead:
-    """What is to be measured of the rest of a test card.
+    """Forecast of the outputs over the rest of a test card.
 
-    made_t: of the newest sample [s].   t: (n,) of those to come [s].
-    mean, deviation: (n, 6) of each, SI units, N_y in g.   limits: (6,), inf for none.
+    made_t: time of the newest sample [s].   t: (n,) times of the forecast samples [s].
+    mean, deviation: (n, 6) SI units, N_y in g.   limits: (6,), inf for none.
     """
 
     made_t: float
@@ -50,20 +50,20 @@ class ForecastAhead:
 
     @property
     def low(self) -> Array:
-        """(n, 6) that BAND of the samples lie between, each by itself."""
+        """(n, 6) lower edge of the band, for each sample separately."""
         return self.mean - BAND_DEVIATIONS * self.deviation
 
     @property
     def high(self) -> Array:
-        """(n, 6) see `low`."""
+        """(n, 6) upper edge of the band."""
         return self.mean + BAND_DEVIATIONS * self.deviation
 
     def predicted(self, c: int) -> float | None:
-        """When the mean of channel c first exceeds its limit [s]; None where it never does."""
+        """Time at which the mean of channel c first exceeds its limit [s], if ever."""
         return self._first(np.abs(self.mean[:, c]) >= self.limits[c])
 
     def possible(self, c: int) -> float | None:
-        """When the band of channel c first does [s]."""
+        """Time at which the band of channel c first exceeds its limit [s], if ever."""
         reach = np.abs(self.mean[:, c]) + BAND_DEVIATIONS * self.deviation[:, c]
         return self._first(reach >= self.limits[c])
 
@@ -73,9 +73,9 @@ class ForecastAhead:
 
 @dataclass(frozen=True, eq=False)
 class PeakAhead:
-    """The peak that is still to come, as a share of its limit: of the channel nearest to its own.
+    """Forecast of the coming peak as a share of its limit, for the channel closest to its limit.
 
-    made_t: of the newest sample [s].   mean, deviation: of the forecast.
+    made_t: time of the newest sample [s].   mean, deviation: of the forecast.
     """
 
     made_t: float
@@ -84,36 +84,36 @@ class PeakAhead:
 
     @property
     def low(self) -> float:
-        """Of a BAND of the peaks."""
+        """Lower edge of the band."""
         return max(self.mean - BAND_DEVIATIONS * self.deviation, 0.0)
 
     @property
     def high(self) -> float:
-        """See `low`."""
+        """Upper edge of the band."""
         return self.mean + BAND_DEVIATIONS * self.deviation
 
 
 @dataclass(frozen=True, eq=False)
 class NothingAhead:
-    """Why nothing is forecast of the rest by a sample that was assessed.
+    """Why an assessed sample has no forecast of the rest.
 
-    made_t: of the newest sample [s].   why: NOT_BEGUN or OVER.
+    made_t: time of the newest sample [s].   why: NOT_BEGUN or OVER.
     """
 
     made_t: float
     why: str
 
 
-NOT_BEGUN = "not known before the input begins"
-OVER = "nothing is left of the test card"
+NOT_BEGUN = "unknown until the input begins"
+OVER = "the test card is complete"
 Ahead = ForecastAhead | PeakAhead | NothingAhead
 
 
 class RunningForecast(ABC):
     """The forecast of one flight, sample by sample.
 
-    y_hat: (6,) outputs h samples after the last sample; None for none.
-    lost: whether nothing can be forecast any more.
+    y_hat: (6,) outputs h samples after the last sample, if any.
+    lost: whether no forecast is possible any more.
     """
 
     y_hat: Array | None = None
@@ -121,38 +121,38 @@ class RunningForecast(ABC):
 
     @abstractmethod
     def update(self, t: float, y: Array, code: int) -> tuple[float, int]:
-        """Take the next sample; returns its score, NaN for none, and its state.
+        """Score of the next sample, NaN for none, and its state.
 
-        y: (6,) float64, contiguous.   code: its state so far.
+        y: (6,) float64, contiguous.   code: state before the forecast.
         """
 
     def ahead(self) -> Ahead | None:
-        """What is forecast of the rest by the last sample; None where that is not known."""
+        """Forecast of the rest at the last sample; None if unknown."""
         return None
 
 
 class PeakForecast(ABC):
-    """A fitted forecast of what is left of a manoeuvre, whose peak is scored."""
+    """A fitted forecast of the rest of a manoeuvre, whose peak is scored."""
 
     section: ClassVar[str]
-    """Name of its section in a monitor's file."""
+    """name of its section in a monitor's file"""
     has_outputs: ClassVar[bool] = False
-    """Whether it forecasts the outputs too."""
+    """whether it also forecasts the outputs"""
 
     @property
-    def no_rest(self) -> str:
-        """Why it tells nothing of the rest of the card, of no flight; empty where it does."""
+    def no_forecast_reason(self) -> str:
+        """Why it never shows a forecast of the rest; empty if it does."""
         return ""
 
     @abstractmethod
-    def begin(self, dt: float) -> RunningForecast:
-        """Begin a flight sampled at dt [s]."""
+    def start(self, dt: float) -> RunningForecast:
+        """Start a flight sampled at dt [s]."""
 
     @abstractmethod
-    def follow(self, t: Array, y: Array, state: Indices, dt: float) -> Followed:
-        """Return what `begin(dt).update` says sample by sample.
+    def follow(self, t: Array, y: Array, state: Indices, dt: float) -> ForecastScores:
+        """Scores of a whole flight, equal to those of `start(dt).update` sample by sample.
 
-        t: (n,) [s].   y: (n, 6).   state: (n,) codes so far.   dt: [s].
+        t: (n,) [s].   y: (n, 6).   state: (n,) codes before the forecast.   dt: [s].
         """
 
     @abstractmethod
@@ -163,5 +163,4 @@ class PeakForecast(ABC):
         """
 
     @abstractmethod
-    def to_section(self) -> Section:
-        """Return the section of a monitor's file."""
+    def to_section(self) -> Section: ...

@@ -1,9 +1,8 @@
-"""The peak of what is left of a manoeuvre, forecast by ridge regression on what was flown of it.
+"""The peak of the rest of a manoeuvre, forecast by ridge regression on the flown part.
 
-It needs neither a model of the aircraft nor its step responses, only flights that calibration does
-not use. For each phase the largest |y| / limit that is still to come is regressed on the samples
-since the input began; a specification that is known only by its label has the log odds of a failure
-to come in its place.
+It needs no model of the aircraft and no step responses, only flights that calibration does not use.
+For each phase, the largest |y| / limit still to come is regressed on the samples since the input
+began. For a specification known only by its label, the target is the log odds of a later failure.
 """
 
 from collections.abc import Callable
@@ -22,7 +21,7 @@ from core.monitor.peak_forecast import (
     NOT_BEGUN,
     OVER,
     Ahead,
-    Followed,
+    ForecastScores,
     NothingAhead,
     PeakAhead,
     PeakForecast,
@@ -33,39 +32,39 @@ from core.monitor.validity.flown_input import SURFACES
 from core.types import Array, Flags, Indices
 
 PENALTIES = 10.0 ** np.arange(-1, 5)
-"""Of the squares of standardised weights; leave-one-out residuals choose among them."""
+"""Candidates, on squared standardised weights; leave-one-out residuals choose among them."""
 MOST_FLIGHTS, MOST_PHASES, MOST_PAST = 2_000, 150, 20
-"""Flights that it is fitted on; phases that have weights; past samples of each."""
+"""Largest number of flights to fit, of phases with weights, and of past samples per phase."""
 LEAST_SHARE = 0.1
-"""Share of the flights that a phase needs to have weights of its own."""
+"""A phase gets weights only if at least this share of the flights reaches it."""
 LEAST_OF_A_KIND = 5
-"""Flights that fail, and that do not, to tell them apart by."""
+"""Failing and safe flights needed for a regression on labels."""
 BEGUN = 0.1
-"""Share of the usual peak of the surface from which on the input has begun."""
-SEEN = 8.0
-"""The same in deviations of the surface at trim, if that is more."""
+"""The input has begun once the surface exceeds this share of its usual peak."""
+VISIBLE = 8.0
+"""Or this many standard deviations of the surface at trim, if that is more."""
 MOVES = 0.25
-"""Share of the largest peak of any surface from which on one is moved by the manoeuvre."""
+"""A surface is part of the manoeuvre if its peak exceeds this share of the largest peak."""
 FINEST = 1e-3
-"""Least deviation of a forecast, in limits."""
+"""Smallest deviation of a forecast, in limits."""
 NEWTON_STEPS, SMALL_STEP = 10, 0.01
-"""Steps of Newton's method at most, and of which size the last one is, in log odds."""
+"""Maximum number of Newton steps, and size of the last step in log odds."""
 NO_PEAK = (
-    "this monitor gives none: it looks no farther than a window, has no limits, or is an older file"
+    "not available: this monitor looks only one window ahead, has no limits, or is an older file"
 )
 LEAST_WEIGHT = 0.05
-"""Of a flight whose outcome is certain, so that no step goes too far."""
+"""Smallest weight of a flight in a Newton step, which keeps steps from diverging."""
 MOST_SAMPLES = 100_000
 
 Fit = Callable[[Array, list[Array]], list[tuple[Array, float, float]]]
-"""Regressors (n, m) and targets (n,) to the weights (m,) and constant of each target."""
+"""Regressors (n, m) and targets (n,) -> weights (m,), constant and deviation of each target."""
 
 
 @dataclass(frozen=True)
 class LearnedFlights:
-    """Flights that calibration does not use.
+    """Training flights, which calibration does not use.
 
-    y: (n, n_samples, 6), NaN from a sample after the failure on, if at all.
+    y: (n, n_samples, 6), may be NaN after the failure.
     fail_index: (n,) first sample that fails, n_samples for a safe flight.
     """
 
@@ -74,21 +73,21 @@ class LearnedFlights:
 
     @classmethod
     def of(cls, safe: Array, more: tuple[Array, Indices] | None, judged: bool) -> "LearnedFlights":
-        """Safe rollouts, and more flights; of these the safe ones only where peaks are `judged`.
+        """Safe rollouts and more flights; only the safe ones of these if peaks are `judged`.
 
-        A failure's peak may be cut off, and with safe flights alone more safe flights pass.
+        The peak of a failing flight may be cut off, and safe flights alone give fewer false alarms.
         """
         y, fail_index = (safe[:0], np.empty(0, np.int64)) if more is None else more[:2]
         if y.shape[1:] != safe.shape[1:]:
             raise ValueError(
-                f"rollouts of shape {y.shape[1:]} were given: those of the dataset have "
+                f"rollouts of shape {y.shape[1:]} were given: rollouts of the dataset have "
                 f"{safe.shape[1:]}, roll out the same manoeuvre"
             )
-        use = np.flatnonzero(fail_index >= y.shape[1]) if judged else np.arange(len(y))
-        use = use[:MOST_FLIGHTS]
-        safe = safe[: MOST_FLIGHTS - len(use)]
+        chosen = np.flatnonzero(fail_index >= y.shape[1]) if judged else np.arange(len(y))
+        chosen = chosen[:MOST_FLIGHTS]
+        safe = safe[: MOST_FLIGHTS - len(chosen)]
         lasting = np.full(len(safe), safe.shape[1])
-        return cls(np.concatenate([y[use], safe]), np.concatenate([fail_index[use], lasting]))
+        return cls(np.concatenate([y[chosen], safe]), np.concatenate([fail_index[chosen], lasting]))
 
 
 def fit_peaks(
@@ -96,9 +95,9 @@ def fit_peaks(
 ) -> "RidgeForecast":
     """Fit the weights of each phase.
 
-    limits: (6,); None where only fail_index says what failed.
-    window: samples that are looked ahead, 0 for what is left of the manoeuvre.   dt: [s].
-    ValueError where flights do not show when their input began, or too few failed.
+    limits: (6,); None if failures are known only by fail_index.
+    window: samples to look ahead, 0 for the rest of the manoeuvre.   dt: [s].
+    ValueError if flights do not show when their input begins, or if too few failed.
     """
     return fit_windows(predictor, flights, limits, [window], dt)[0]
 
@@ -110,7 +109,7 @@ def fit_windows(
     windows: list[int],
     dt: float,
 ) -> list["RidgeForecast"]:
-    """The same for several windows, which share what they regress on."""
+    """As `fit_peaks` for several windows, which share the regressors."""
     y, n_samples = flights.y, flights.y.shape[1]
     surface, threshold = (-1, 0.0) if predictor.phase == "start" else _begin_of_input(y)
     start, sign = _starts(y, surface, threshold)
@@ -118,9 +117,9 @@ def fit_windows(
         fails = flights.fail_index < n_samples
         if min(fails.sum(), (~fails).sum()) < LEAST_OF_A_KIND:
             raise ValueError(
-                f"{fails.sum()} of {len(fails)} rollouts failed: for a specification that is known "
-                f"by its label the predictor peak_ridge needs {LEAST_OF_A_KIND} or more of either "
-                "kind beside those that it is calibrated on: train(dataset, recipe, rollouts=...)"
+                f"{fails.sum()} of {len(fails)} rollouts failed: for a specification known only by "
+                f"its label, the predictor peak_ridge needs {LEAST_OF_A_KIND} or more of either "
+                "kind besides the calibration flights: train(dataset, recipe, rollouts=...)"
             )
         fit: Fit = _all_log_odds
         targets = [_fails_later(flights, window).astype(np.float64) for window in windows]
@@ -141,37 +140,41 @@ def fit_windows(
         past = past[past >= 0]
         samples = y[use[:, None], start[use, None] + past] * sign[use, None, None]
         x = samples.reshape(len(use), -1)
-        found = fit(x, [target[use, now[use]] for target in targets])
-        for k, (coefficients, constant, deviation) in enumerate(found):
-            own = np.zeros((n_past, N_CHANNELS))
-            own[: len(past)] = -coefficients.reshape(-1, N_CHANNELS)
-            weights[k].append(own)
+        fits = fit(x, [target[use, now[use]] for target in targets])
+        for k, (coefficients, constant, deviation) in enumerate(fits):
+            phase_weights = np.zeros((n_past, N_CHANNELS))
+            phase_weights[: len(past)] = -coefficients.reshape(-1, N_CHANNELS)
+            weights[k].append(phase_weights)
             offsets[k].append(-constant)
             deviations[k].append(deviation)
     if not weights[0]:
         raise ValueError(
-            "no phase of the manoeuvre is in a tenth of the rollouts: give rollouts that begin "
+            "no phase of the manoeuvre occurs in a tenth of the rollouts: give rollouts that begin "
             "before their input, or choose phase start"
         )
     return [
         RidgeForecast(
-            PeakWeights(np.array(own), np.array(offset), every, stride, surface, threshold),
+            PeakWeights(
+                np.array(phase_weights), np.array(offset), every, stride, surface, threshold
+            ),
             np.array(off) if window == 0 and limits is not None else None,
         )
-        for window, own, offset, off in zip(windows, weights, offsets, deviations, strict=True)
+        for window, phase_weights, offset, off in zip(
+            windows, weights, offsets, deviations, strict=True
+        )
     ]
 
 
 def _begin_of_input(y: Array) -> tuple[int, float]:
-    """The surface that the input moves first, and from which magnitude on it has begun."""
+    """The surface that the input moves first, and the magnitude at which the input has begun."""
     deflection = np.abs(y[:, :, list(SURFACES)])
     peak = np.median(np.nanmax(deflection, axis=1), axis=0)
     if not peak.any():
         raise ValueError(
-            "no surface moves in the rollouts, so when the input begins cannot be seen: choose "
+            "no surface moves in the rollouts, so the begin of the input is not visible: choose "
             "phase start"
         )
-    threshold = np.maximum(BEGUN * peak, SEEN * deflection[:, 0].std(axis=0))
+    threshold = np.maximum(BEGUN * peak, VISIBLE * deflection[:, 0].std(axis=0))
     first = [_starts(y, c, at)[0] for c, at in zip(SURFACES, threshold, strict=True)]
     mean = [starts[starts >= 0].mean() if (starts >= 0).any() else np.inf for starts in first]
     k = int(np.where(peak >= MOVES * peak.max(), mean, np.inf).argmin())
@@ -179,7 +182,7 @@ def _begin_of_input(y: Array) -> tuple[int, float]:
 
 
 def _starts(y: Array, surface: int, threshold: float) -> tuple[Indices, Array]:
-    """Sample at which each flight's input begins, -1 where that is not seen; and its sign."""
+    """Sample at which each flight's input begins, -1 if not visible; and its sign."""
     n = np.arange(len(y))
     if surface < 0:
         return np.zeros(len(y), np.int64), np.ones(len(y))
@@ -207,25 +210,25 @@ def _fails_later(flights: LearnedFlights, window: int) -> Flags:
 
 
 def _margins(x: Array, peaks: list[Array]) -> list[tuple[Array, float, float]]:
-    """Weights and constants of (forecast of a peak - 1) / deviation of what it is off, and that."""
-    regressors, found = Regressors(x, np.ones(len(x))), []
+    """Weights and constant of (peak forecast - 1) / deviation, and the deviation of its error."""
+    regressors, fits = Regressors(x, np.ones(len(x))), []
     for peak in peaks:
-        weights, constant, off = regressors.ridge(peak)
-        deviation = max(float(np.sqrt(np.mean(off**2))), FINEST)
-        found.append((weights / deviation, (constant - 1.0) / deviation, deviation))
-    return found
+        weights, constant, residuals = regressors.ridge(peak)
+        deviation = max(float(np.sqrt(np.mean(residuals**2))), FINEST)
+        fits.append((weights / deviation, (constant - 1.0) / deviation, deviation))
+    return fits
 
 
 def _all_log_odds(x: Array, fails: list[Array]) -> list[tuple[Array, float, float]]:
-    return [(*log_odds(x, each), np.nan) for each in fails]
+    return [(*log_odds(x, labels), np.nan) for labels in fails]
 
 
 def log_odds(x: Array, fails: Array) -> tuple[Array, float]:
     """Weights and constant of the log odds of failing, by penalised logistic regression.
 
     fails: (n,) 1 or 0.
-    Newton's method, each step a weighted ridge regression. Where hardly any flight fails, or all
-    do, the odds of all of them.
+    Newton's method, each step a weighted ridge regression. If almost no flight or almost every
+    flight fails, the odds are constant.
     """
     from scipy.special import expit  # slow to import, and only needed here
 
@@ -245,12 +248,12 @@ def log_odds(x: Array, fails: Array) -> tuple[Array, float]:
 
 
 def ridge(x: Array, target: Array, precision: Array) -> tuple[Array, float, Array]:
-    """Weights, constant and leave-one-out residuals of a ridge regression, see Regressors.ridge."""
+    """See Regressors.ridge."""
     return Regressors(x, precision).ridge(target)
 
 
 class Regressors:
-    """What targets are regressed on, standardised and decomposed once for all targets.
+    """Regressors, standardised and decomposed once for all targets.
 
     x: (n, m).   precision: (n,) of the targets.
     """
@@ -272,8 +275,8 @@ class Regressors:
     def ridge(self, target: Array) -> tuple[Array, float, Array]:
         """Weights, constant and leave-one-out residuals of a ridge regression.
 
-        The penalty is of standardised weights, and is the one of PENALTIES with the least sum of
-        squares of these residuals.   target: (n,).
+        The penalty on standardised weights is the one of PENALTIES with the smallest sum of squared
+        residuals.   target: (n,).
         """
         center = float(self._share @ target)
         off = self._root * (target - center)
@@ -290,7 +293,7 @@ class Regressors:
 
 
 class RunningPeaks(RunningForecast):
-    """The forecast of one flight; lost where the begin of the input passed unseen."""
+    """Forecast of one flight; lost if the begin of the input was missed."""
 
     def __init__(self, peaks: PeakWeights, dt: float, deviation: Array | None) -> None:
         self._deviation, self._score = deviation, np.nan
@@ -300,16 +303,15 @@ class RunningPeaks(RunningForecast):
         self._update: Callable[..., tuple[float, int]] = entry(update, *arguments)
 
     def update(self, t: float, y: Array, code: int) -> tuple[float, int]:
-        """Take the next sample."""
-        found = self._update(*self._state, t, y, code)
+        result = self._update(*self._state, t, y, code)
         self.lost = bool(self._history.counts[LOST])
-        self._score = found[0]
-        return found
+        self._score = result[0]
+        return result
 
     def ahead(self) -> Ahead | None:
-        """The peak of what is left of the manoeuvre, once its input has begun.
+        """Peak over the rest of the manoeuvre, once its input has begun.
 
-        After the last scored phase nothing is left that is to be known of.
+        Over after the last scored phase.
         """
         if self._deviation is None:
             return None
@@ -327,10 +329,10 @@ class RunningPeaks(RunningForecast):
 
 @dataclass(frozen=True, eq=False)
 class RidgeForecast(PeakForecast):
-    """Weights of each phase.   peaks: what its kernels need.
+    """Weights of each phase.   peaks: arrays for the kernels.
 
-    deviation: (n_scored,) of forecast peaks, in limits; None where the score looks no farther than
-    a window, where limits are not known, and in files of before.
+    deviation: (n_scored,) of forecast peaks, in limits; None if the score looks only one window
+    ahead, if limits are unknown, and in older files.
     """
 
     section: ClassVar[str] = "peaks"
@@ -338,33 +340,28 @@ class RidgeForecast(PeakForecast):
     deviation: Array | None = None
 
     @property
-    def no_rest(self) -> str:
-        """Why it tells no peak."""
+    def no_forecast_reason(self) -> str:
         return "" if self.deviation is not None else NO_PEAK
 
-    def begin(self, dt: float) -> RunningPeaks:
-        """Begin a flight."""
+    def start(self, dt: float) -> RunningPeaks:
         return RunningPeaks(self.peaks, dt, self.deviation)
 
-    def follow(self, t: Array, y: Array, state: Indices, dt: float) -> Followed:
-        """Score a flight."""
+    def follow(self, t: Array, y: Array, state: Indices, dt: float) -> ForecastScores:
         score, state = np.full(len(t), np.nan), state.copy()
         lost = kernels.follow(self.peaks, t, y, state, dt, score)
-        return Followed(score, state, np.full((len(t), N_CHANNELS), np.nan), lost)
+        return ForecastScores(score, state, np.full((len(t), N_CHANNELS), np.nan), lost)
 
     def lowest_scores(self, y: Array, first: Indices, last: Indices) -> Array:
-        """Lowest score of each trajectory."""
         return kernels.lowest_scores(self.peaks, y, first, last)
 
     def scores(self, y: Array, last: Indices) -> Array:
-        """Score of each sample 0..last of flights (n, n_samples); +inf for the rest.
+        """Scores (n, n_samples) of samples 0..last of each flight; +inf for the rest.
 
         y: (n, n_samples, 6), finite over samples 0..last.   last: (n,).
         """
         return kernels.scores(self.peaks, y, last)
 
     def to_section(self) -> Section:
-        """Return the section of a monitor's file."""
         header = self.peaks._asdict()
         arrays = {name: header.pop(name) for name in ("weights", "offset")}
         if self.deviation is not None:
@@ -372,13 +369,13 @@ class RidgeForecast(PeakForecast):
         return Section(self.section, 1, True, header, arrays)
 
 
-def of_section(section: Section) -> RidgeForecast:
-    """Rebuild it; ValueError where no kernel may read it."""
+def from_section(section: Section) -> RidgeForecast:
+    """Forecast from its section. ValueError if kernels cannot read it."""
     counts = {name: section.header[name] for name in ("every", "stride", "surface")}
     threshold = section.header["threshold"]
     weights, offset = (np.ascontiguousarray(section.arrays[key]) for key in ("weights", "offset"))
     if any(type(count) is not int for count in counts.values()) or type(threshold) is not float:
-        raise ValueError("peaks every, stride, surface or threshold is no number of its kind")
+        raise ValueError("peaks every, stride, surface or threshold has the wrong type")
     n_past = weights.shape[1] if weights.ndim == 3 else 0
     for name, array, shape in (
         ("weights", weights, (len(offset), n_past, N_CHANNELS)),
@@ -387,12 +384,12 @@ def of_section(section: Section) -> RidgeForecast:
         if array.dtype != np.float64 or array.shape != shape or not array.size:
             raise ValueError(f"peaks {name} is {array.dtype} {array.shape}")
         if not np.isfinite(array).all():
-            raise ValueError(f"peaks {name} holds what is no finite number")
+            raise ValueError(f"peaks {name} holds a value that is not finite")
     for name in ("every", "stride"):
         if not 1 <= counts[name] <= MOST_SAMPLES:
             raise ValueError(f"peaks {name} is {counts[name]} instead of 1 to {MOST_SAMPLES}")
     if n_past * counts["stride"] + counts["every"] > MOST_SAMPLES:
-        raise ValueError("peaks weights remember more samples than any flight has")
+        raise ValueError("peaks weights need a longer history than any flight has")
     if counts["surface"] not in (-1, *SURFACES) or not 0 <= threshold < np.inf:
         raise ValueError(f"peaks surface is {counts['surface']}, threshold {threshold}")
     deviation = section.arrays.get("deviation")
@@ -402,6 +399,6 @@ def of_section(section: Section) -> RidgeForecast:
         and np.isfinite(deviation).all()
         and (deviation > 0).all()
     ):
-        raise ValueError("peaks deviation holds what is no deviation of each phase")
+        raise ValueError("peaks deviation is not a positive number for each phase")
     peaks = PeakWeights(weights, offset, **counts, threshold=threshold)
     return RidgeForecast(peaks, deviation)

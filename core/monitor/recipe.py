@@ -1,4 +1,4 @@
-"""The recipe of a monitor: every choice that training makes, and what the form shows."""
+"""The recipe of a monitor: every choice for training, as shown in the form."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal, get_args
@@ -12,7 +12,7 @@ from core.monitor.score import SCORES, Score
 Calibration = Literal["trajectory", "pointwise"]
 PValue = Literal["simple", "exact"]
 Scaling = Literal["safe_std", "raw"]
-MISS_RATE = Bounds(above=0, below=1, words="a miss rate lies between 0 and 1")
+MISS_RATE = Bounds(above=0, below=1, words="give a miss rate between 0 and 1")
 
 
 @dataclass(frozen=True)
@@ -20,33 +20,31 @@ class MonitorRecipe:
     """How to train a monitor. The defaults are the method with trajectory calibration."""
 
     t_early: Annotated[float, Bounds(above=0, words="the lead must be positive")] = 0.25
-    """required warning lead time [s]; the one in effect is the next whole number of samples."""
+    """required warning lead time [s]; rounded up to whole samples."""
     n_delay: Annotated[int, Bounds(least=0, words="it must be 0 or more")] = 2
-    """past outputs in an observation: beside the newest one."""
+    """past outputs in an observation: besides the newest one."""
     predictor: Predictor = PREDICTORS["linear"]
     score: Score = SCORES["nearest_neighbor"]
     calibration: Calibration = "trajectory"
-    """calibration rule: as flown, over all samples up to t_fail - h, or by that one alone, as in
-    the paper; `trajectory` or `pointwise`. The former is as valid and more powerful."""
+    """calibration rule: `trajectory` (as flown, over all samples up to t_fail - h) or `pointwise`
+    (that sample alone, as in the paper). Both are valid; `trajectory` gives fewer false alarms."""
     p_value: PValue = "simple"
-    """p-value rule: `simple`, or the `exact` transductive one, never larger. With trajectory
-    calibration the exact one judges a flight by its riskiest moment so far, so it hardly falls
-    again. Scores of a magnitude or of the card look up no neighbours and have the simple one
-    either way."""
+    """p-value rule: `simple`, or `exact` (transductive, never larger). With trajectory calibration
+    the exact one uses the riskiest moment so far, so it hardly falls again. Scores without
+    neighbours (a magnitude, the card) always use the simple one."""
     scaling: Scaling = "safe_std"
-    """scaling of the channels: by their standard deviation on safe flights, or none, as in the
-    paper; `safe_std` or `raw`."""
+    """scaling of the channels: by their standard deviation on safe flights (`safe_std`), or none as
+    in the paper (`raw`)."""
     epsilon: Annotated[float, MISS_RATE] = 0.1
-    """accepted miss rate epsilon: share of failing flights on which silence is accepted."""
+    """accepted miss rate epsilon: accepted share of missed failures."""
     guarantee: Guarantee = "average"
     """promise on the miss rate: at most epsilon on `average` over many monitors trained alike, or
-    of this very one with `95%` confidence, which alerts more and needs more failures."""
+    for this monitor with `95%` confidence, which alerts more and needs more failures."""
     groups: Grouping = GROUPINGS["pooled"]
-    """groups of failing flights: the promise holds for each, with a threshold of its own; it needs
-    as many failures in each."""
+    """groups of failing flights: the promise holds for each group, which has its own threshold and
+    needs as many failures."""
 
     def __post_init__(self) -> None:
-        """Refuse what no dataset could make right."""
         check_bounds(self)
         for name, choices in (
             ("calibration", Calibration),
@@ -60,13 +58,13 @@ class MonitorRecipe:
                     f"{' or '.join(get_args(choices))}"
                 )
         if not isinstance(self.groups, Pooled) and self.is_exact:
-            raise ValueError("groups need p_value simple: choose that, or groups pooled")
+            raise ValueError("groups need p_value simple: choose it, or groups pooled")
         if wrong := mismatch(self.predictor, self.score):
             raise ValueError(wrong)
 
     @property
     def is_exact(self) -> bool:
-        """Whether p-values are transductive, as they are for scores that look up neighbours."""
+        """Whether p-values are transductive, which needs a score with neighbours."""
         return self.p_value == "exact" and self.score.looks_up_neighbors
 
 
@@ -75,24 +73,22 @@ METHODS: dict[str, tuple[Predictor, Score]] = {
     "test_card": (PREDICTORS["response_filter"], SCORES["card_window"]),
     "outputs_ahead": (PREDICTORS["linear"], SCORES["nearest_neighbor"]),
 }
-"""Pairs of predictor and score that people choose by name, the recommended one first."""
+"""Named pairs of predictor and score, the recommended one first."""
 
 
 def mismatch(predictor: Predictor, score: Score) -> str:
-    """Why a predictor and a score make no monitor; empty where they do."""
+    """Why a predictor and a score do not work together; empty if they do."""
     if score.of_members != (predictor.forecast == "members"):
-        return (
-            "the predictor combination goes with the score highest_risk, and neither with another"
-        )
+        return "the predictor combination and the score highest_risk only work together"
     if score.reads_card != bool(predictor.forecast):
-        forecasting = (key for key, one in PREDICTORS.items() if one.forecast)
-        reading = (key for key, one in SCORES.items() if one.reads_card)
+        forecasting = (key for key, known in PREDICTORS.items() if known.forecast)
+        reading = (key for key, known in SCORES.items() if known.reads_card)
         return (
             f"the predictors {' and '.join(forecasting)} go with the score "
-            f"{' or '.join(reading)}, and these with no other predictor"
+            f"{' or '.join(reading)}, and these scores with no other predictor"
         )
     if score.channel >= 0 and not predictor.maps_to_outputs:
-        own = next(key for key, one in SCORES.items() if type(one) is type(score))
-        mapping = (k for k, one in PREDICTORS.items() if one.maps_to_outputs and not one.forecast)
-        return f"the score {own} reads an output: choose the predictor {' or '.join(mapping)}"
+        key = next(key for key, known in SCORES.items() if type(known) is type(score))
+        mapping = (k for k, p in PREDICTORS.items() if p.maps_to_outputs and not p.forecast)
+        return f"the score {key} reads an output: choose the predictor {' or '.join(mapping)}"
     return ""

@@ -1,4 +1,4 @@
-"""The response filter of a card, fitted: components, noise, and what a monitor's file keeps."""
+"""The fitted response filter of a test card: components, noise, and its section of the file."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,8 +19,8 @@ from core.monitor.peak_forecast import (
     NOT_BEGUN,
     OVER,
     Ahead,
-    Followed,
     ForecastAhead,
+    ForecastScores,
     NothingAhead,
     PeakForecast,
     RunningForecast,
@@ -30,21 +30,21 @@ from core.specification import Specification, magnitudes_of
 from core.types import Array, Indices
 
 LIMITED_WEIGHT = 2.0
-"""Of a channel with a limit among the others, where components are chosen."""
+"""Weight of channels with a limit when components are chosen."""
 FINEST = 1e-3
-"""Least deviation of a sample, as a share of its channel's; and of a channel that never moves, in
+"""Smallest deviation of a sample, as a share of its channel's; for a channel that never moves, in
 its SI unit (N_y in g)."""
-SEEN = 8.0
-"""A switch shows once the surface has answered by so many deviations of its noise."""
+VISIBLE = 8.0
+"""A switch is visible once the surface has moved by this many standard deviations of its noise."""
 N_CASES = 5
-"""Times at which the pilot may switch next."""
+"""Number of possible times of the pilot's next switch."""
 MOST_FLIGHTS = 200
-"""Safe rollouts that the noise is estimated from."""
+"""Safe rollouts for estimating the noise."""
 CHI_SQUARE_MEDIAN = NormalDist().inv_cdf(0.75) ** 2
-"""Median of the square of a normal deviate."""
+"""Median of a squared standard normal variable."""
 NO_CARD = (
     "the predictor response_filter needs the test card: train(dataset, recipe, "
-    "card=card_of(dataset_recipe)), or choose the predictor peak_ridge where there is none"
+    "card=card_of(dataset_recipe)), or choose the predictor peak_ridge if there is none"
 )
 ARRAYS = ("mean", "components", "residual", "noise", "steps", "apart", "later", "limits")
 NUMBERS = ("tail", "surface", "seen_after", "least_apart", "h", "window")
@@ -54,16 +54,16 @@ MOST_SAMPLES = 100_000
 def fit_card(
     card: Card, safe: Array, specification: Specification, score: Score, h: int
 ) -> "CardForecast":
-    """Fit the responses of a card to a step, and the noise of the samples.
+    """Fit the responses to a step of the card, and the noise of the samples.
 
-    safe: (n, n_samples, 6) safe rollouts, which tell how far samples are off beside the sensors'
-    noise: gusts, lags and gains that step responses do not have.
-    ValueError where the specification has no limits.
+    safe: (n, n_samples, 6) safe rollouts, which show deviations besides sensor noise: gusts, lags
+    and gains that the step responses do not contain.
+    ValueError if the specification has no limits.
     """
     limits = magnitudes_of(specification)
     if limits is None:
         raise ValueError(
-            "the predictor response_filter forecasts limited channels and the specification has no "
+            "the predictor response_filter forecasts limited channels; the specification has no "
             "limits: choose the predictor peak_ridge, and give train its rollouts"
         )
     responses = card.step_responses
@@ -97,34 +97,34 @@ def fit_card(
 
 
 def _components(off: Array, noise: Array, limited: Array) -> tuple[Array, Array]:
-    """Principal components of responses in units of the noise, and variance of what they leave.
+    """Principal components of responses in units of the noise, and the residual variance.
 
-    off: (n, n_lags, 6) from the mean.   limited: (6,) channels that count more.
-    Returns (n_lags, 6, 8), those that are not there zeros; and (n_lags, 6).
+    off: (n, n_lags, 6) deviation from the mean.   limited: (6,) channels with more weight.
+    Returns (n_lags, 6, 8), missing components zero; and (n_lags, 6).
     """
     n, n_lags, _ = off.shape
     units = np.where(limited, 1 / LIMITED_WEIGHT, 1.0) * noise
     vectors = np.linalg.svd((off / units).reshape(n, -1), full_matrices=False)[0][:, :WIDTH]
     components = np.zeros((WIDTH, n_lags, N_CHANNELS))
-    found = np.sqrt(n) * vectors
-    components[: found.shape[1]] = np.tensordot(found.T / n, off, 1)
-    residual = off - np.tensordot(found, components[: found.shape[1]], 1)
+    scores = np.sqrt(n) * vectors
+    components[: scores.shape[1]] = np.tensordot(scores.T / n, off, 1)
+    residual = off - np.tensordot(scores, components[: scores.shape[1]], 1)
     return np.ascontiguousarray(components.transpose(1, 2, 0)), residual.var(axis=0)
 
 
 def _seen_after(response: Array, noise: float) -> int:
-    """Samples by which a switch shows in its surface.   response: (n_lags,) of it."""
-    shows = np.abs(response) > SEEN * noise
-    return int(shows.argmax()) if shows.any() else len(response) - 1
+    """Samples until a switch is visible in its surface.   response: (n_lags,) of the surface."""
+    is_visible = np.abs(response) > VISIBLE * noise
+    return int(is_visible.argmax()) if is_visible.any() else len(response) - 1
 
 
 def _share(response: Array, seen_after: int) -> float:
-    """Midway from what the surface has answered a sample before to what it has by then."""
+    """Mean of the surface's relative response at that sample and one sample earlier."""
     return float(0.5 * (1 + response[seen_after - 1] / response[seen_after]))
 
 
 def _later(apart: Indices, deviation: float, n_lags: int) -> Indices:
-    """(n_switches, n_lags, N_CASES) samples from a switch to the next, given that so many passed.
+    """(n_switches, n_lags, N_CASES) samples from a switch to the next, given the samples passed.
 
     apart: (n_switches,) as planned.   deviation: of the pilot's timing [samples].
     """
@@ -146,21 +146,21 @@ def _later(apart: Indices, deviation: float, n_lags: int) -> Indices:
 
 
 def _excess(fitted: CardResponses, safe: Array) -> Array:
-    """(6,) variance of samples off their forecasts beyond what is expected; by medians."""
+    """(6,) excess variance of the forecast errors over the expected one; by medians."""
     off = np.empty((safe.shape[0] * safe.shape[1], N_CHANNELS))
     expected = np.empty_like(off)
     n = squares(fitted, np.ascontiguousarray(safe), off, expected)
     if n == 0:
         raise ValueError(
             "no safe rollout shows the first step of the test card in its surface: give rollouts "
-            "of the card's own manoeuvre"
+            "of the card's manoeuvre"
         )
-    found = np.median(off[:n], axis=0) / CHI_SQUARE_MEDIAN
-    return np.maximum(found - np.median(expected[:n], axis=0), 0.0)
+    variance = np.median(off[:n], axis=0) / CHI_SQUARE_MEDIAN
+    return np.maximum(variance - np.median(expected[:n], axis=0), 0.0)
 
 
 class RunningCard(RunningForecast):
-    """The forecast of one flight's card; lost where a switch may have passed unseen."""
+    """Forecast of one flight's card; lost if a switch may have been missed."""
 
     def __init__(self, card: CardResponses, dt: float) -> None:
         self._estimate, self._ahead = begin(len(card.steps)), np.empty(N_CHANNELS)
@@ -172,14 +172,12 @@ class RunningCard(RunningForecast):
         self._look_ahead: Callable[..., int] = entry(look_ahead, *about)
 
     def update(self, t: float, y: Array, code: int) -> tuple[float, int]:
-        """Take the next sample."""
         s = self._update(*self._state, t, y, code, self._ahead)
         self.lost = bool(self._estimate.counts[kernels.LOST])
         self.y_hat = self._ahead.copy() if isfinite(self._ahead[0]) else None
         return s, code
 
     def ahead(self) -> Ahead | None:
-        """The rest of the card."""
         card, estimate, clock, dt = self._state
         mean, variance = self._rest
         n = self._look_ahead(card, estimate, mean, variance)
@@ -195,28 +193,25 @@ class RunningCard(RunningForecast):
 
 @dataclass(frozen=True, eq=False)
 class CardForecast(PeakForecast):
-    """The response filter of a card.   card: what its kernels need."""
+    """The response filter of a card.   card: arrays for the kernels."""
 
     section: ClassVar[str] = "card"
     has_outputs: ClassVar[bool] = True
     card: CardResponses
 
-    def begin(self, dt: float) -> RunningCard:
-        """Begin a flight."""
+    def start(self, dt: float) -> RunningCard:
         return RunningCard(self.card, dt)
 
-    def follow(self, t: Array, y: Array, state: Indices, dt: float) -> Followed:
-        """Score a flight."""
+    def follow(self, t: Array, y: Array, state: Indices, dt: float) -> ForecastScores:
         score, y_hat = np.full(len(t), np.nan), np.full((len(t), N_CHANNELS), np.nan)
         lost = kernels.follow(self.card, t, y, state, dt, score, y_hat)
-        return Followed(score, state, y_hat, lost)
+        return ForecastScores(score, state, y_hat, lost)
 
     def lowest_scores(self, y: Array, first: Indices, last: Indices) -> Array:
-        """Lowest score of each trajectory."""
         return kernels.lowest_scores(self.card, y, first, last)
 
     def scores_within(self, windows: Indices, y: Array, last: Indices) -> Array:
-        """Score of each sample, were the card's window another: what `fit_card` fits is the same.
+        """Score of each sample for other windows of the card, without fitting again.
 
         windows: (n_windows,) samples, ascending; 0, for the rest of the card, is the first of them.
         y: (n, n_samples, 6), finite over samples 0..last.   last: (n,).
@@ -225,14 +220,13 @@ class CardForecast(PeakForecast):
         return kernels.scores_within(self.card, windows, y, last)
 
     def to_section(self) -> Section:
-        """Return the section of a monitor's file."""
         header: dict[str, Any] = {name: getattr(self.card, name) for name in NUMBERS}
         arrays = {name: getattr(self.card, name) for name in ARRAYS}
         return Section(self.section, 1, True, header | {"share": self.card.share}, arrays)
 
 
-def of_section(section: Section, h: int, score: Score) -> CardForecast:
-    """Rebuild it; ValueError where no kernel may read it.
+def from_section(section: Section, h: int, score: Score) -> CardForecast:
+    """Forecast from its section. ValueError if kernels cannot read it.
 
     h, score: of the monitor.
     """
@@ -254,7 +248,7 @@ def of_section(section: Section, h: int, score: Score) -> CardForecast:
         if arrays[name].dtype != kind or arrays[name].shape != shape or not arrays[name].size:
             raise ValueError(f"card {name} is {arrays[name].dtype} {arrays[name].shape}")
         if name != "limits" and not np.isfinite(arrays[name]).all():
-            raise ValueError(f"card {name} holds what is no finite number")
+            raise ValueError(f"card {name} holds a value that is not finite")
     for name in NUMBERS:
         if type(header[name]) is not int or not 0 <= header[name] <= MOST_SAMPLES:
             raise ValueError(f"card {name} is {header[name]!r} instead of 0 to {MOST_SAMPLES}")
@@ -262,15 +256,15 @@ def of_section(section: Section, h: int, score: Score) -> CardForecast:
         if not 0 <= arrays[name].min() <= arrays[name].max() <= MOST_SAMPLES:
             raise ValueError(f"card {name} holds numbers outside 0 to {MOST_SAMPLES} samples")
     if header["h"] != h or header["window"] != score.window(h) or header["tail"] > n_lags:
-        raise ValueError("card h, window or tail is not that of the monitor")
+        raise ValueError("card h, window or tail does not match the monitor")
     if not (header["surface"] < N_CHANNELS and 1 <= header["seen_after"] < n_lags):
         raise ValueError("card surface or seen_after is out of range")
     if type(header["share"]) is not float or not 0 < header["share"] <= 1:
         raise ValueError(f"card share is {header['share']!r}")
     if not (arrays["noise"] > 0).all() or (arrays["residual"] < 0).any() or arrays["steps"][0] != 1:
-        raise ValueError("card noise, residual or steps hold what no training gives")
+        raise ValueError("card noise, residual or steps hold impossible values")
     if not arrays["mean"][header["seen_after"], header["surface"]]:
-        raise ValueError("card mean says that the first step moves nothing")
+        raise ValueError("card mean has no response to the first step")
     if np.isnan(arrays["limits"]).any() or (arrays["limits"] <= 0).any():
-        raise ValueError("card limits hold what is no limit")
+        raise ValueError("card limits hold NaN or a value that is not positive")
     return CardForecast(CardResponses(**arrays, **header))

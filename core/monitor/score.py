@@ -12,15 +12,15 @@ from core.recipe import family
 class Score:
     """A score s(z) = a min_u |z - y_u|^2 - b min_s |z - y_s|^2, or -|z_channel|.
 
-    y_u, y_s: mapped unsafe and safe points. In calibration a point's own trajectory is left out.
+    y_u, y_s: mapped unsafe and safe points. Calibration leaves out a point's own trajectory.
     """
 
     unsafe_weight: ClassVar[float] = 0.0
     safe_weight: ClassVar[float] = 0.0
     reads_card: ClassVar[bool] = False
-    """Whether it is of a forecast of the card; distances then only say what a sample is like."""
+    """whether it scores a forecast of the card; distances then only find similar rollouts"""
     of_members: ClassVar[bool] = False
-    """Whether it is that of a combination."""
+    """whether it is the score of a combination"""
 
     @property
     def channel(self) -> int:
@@ -29,11 +29,11 @@ class Score:
 
     @property
     def looks_up_neighbors(self) -> bool:
-        """Whether it is of distances."""
+        """Whether it scores distances to neighbours."""
         return self.channel < 0 and not self.reads_card
 
     def window(self, h: int) -> int:
-        """Samples of the card that are looked ahead, with a lead of h; 0 for what is left of it."""
+        """Samples to look ahead, for a lead of h; 0 for the rest of the card."""
         return 0
 
 
@@ -54,7 +54,7 @@ class UnsafeDistance(Score):
 
 @dataclass(frozen=True)
 class SafeDistance(Score):
-    """Minus the nearest safe squared distance (ablation): far from all that was safe."""
+    """Minus the nearest safe squared distance (ablation): far from all safe flights."""
 
     safe_weight: ClassVar[float] = 1.0
 
@@ -68,15 +68,14 @@ class NegativeMagnitude(Score):
 
     @property
     def channel(self) -> int:
-        """Index of the channel in y."""
         return KEYS.index(self.key)
 
 
 @dataclass(frozen=True)
 class RestOfCard(NearestNeighbor):
-    """How surely a limit is exceeded in what is left of the card, or of another manoeuvre.
+    """How certainly a limit is exceeded in the rest of the card, or of another manoeuvre.
 
-    Minus the largest (|forecast| - limit) / deviation of the forecast; of a specification known
+    Minus the largest (|forecast| - limit) / deviation of the forecast; for a specification known
     only by its label, minus the log odds of a failure.
     """
 
@@ -85,27 +84,25 @@ class RestOfCard(NearestNeighbor):
 
 @dataclass(frozen=True)
 class CardWindow(RestOfCard):
-    """How probably a limit is exceeded within the lead and a little more.
+    """How probably a limit is exceeded within the lead and a few more samples.
 
-    Minus the log odds of it, over the times at which the pilot may switch next; with a forecast of
-    the peak alone, minus (forecast - limit) / deviation.
+    Minus its log odds over the possible times of the pilot's next switch; for a forecast of the
+    peak alone, minus (forecast - limit) / deviation.
     """
 
     n_after: Annotated[int, Bounds(least=0, words="it must be 0 or more")] = 4
-    """samples after the lead: looked ahead too."""
+    """samples after the lead: also looked ahead."""
 
     def __post_init__(self) -> None:
-        """Refuse a window that ends before the lead."""
         check_bounds(self)
 
     def window(self, h: int) -> int:
-        """The lead and the samples after it."""
         return h + self.n_after
 
 
 @dataclass(frozen=True)
 class HighestRisk(RestOfCard):
-    """Minus the highest risk that a member of a combination tells."""
+    """Minus the highest risk of the members of a combination."""
 
     of_members: ClassVar[bool] = True
 

@@ -1,6 +1,6 @@
-"""The headline of a flight: the worst that is true of it, decided here and nowhere else.
+"""The headline of a flight: the worst condition that applies, decided only here.
 
-Levels are those of 14 CFR 25.1322: a warning asks for action now, a caution for attention now.
+Levels follow 14 CFR 25.1322: a warning requires action now, a caution requires attention now.
 """
 
 from enum import StrEnum
@@ -11,7 +11,7 @@ from core.monitor.assessment import Cause, State
 
 
 class Status(StrEnum):
-    """What a headline can say, the worst first."""
+    """Possible headlines, worst first."""
 
     EXCEEDING = "exceeding"
     ALARM = "alarm"
@@ -26,7 +26,7 @@ class Status(StrEnum):
 
 
 class Level(StrEnum):
-    """How urgent something is: red is for warnings, amber for cautions."""
+    """Urgency: warnings are red, cautions amber."""
 
     WARNING = "warning"
     CAUTION = "caution"
@@ -35,13 +35,13 @@ class Level(StrEnum):
 
 
 class Facts(NamedTuple):
-    """What is known of a flight at a moment.
+    """State of a flight at a moment.
 
-    exceeds: its newest sample exceeds a limit.   alarm: a warning waits for its acknowledgement.
-    alert: the newest risk lies above the alert level.   stale: no sample comes, or no new one.
+    exceeds: the newest sample exceeds a limit.   alarm: a warning is unacknowledged.
+    alert: the newest risk is above the alert threshold.   stale: no new samples arrive.
     invalid: the monitor is not applicable.   warming_up: its history is not full yet.
-    calibrated: whether its validity is.   caution: one waits for its acknowledgement.
-    exceeded_t: first exceedance that it has come to [s], sought back since or not; None for none.
+    calibrated: whether validity is calibrated.   caution: a caution is unacknowledged.
+    exceeded_t: first exceedance so far [s], even if the replay was moved back; None for none.
     """
 
     exceeds: bool = False
@@ -56,9 +56,9 @@ class Facts(NamedTuple):
 
 
 class Headline(NamedTuple):
-    """The worst that is true, its level, and what stands beside it: stale and invalid.
+    """The worst condition, its level, and what is shown beside it: stale and invalid.
 
-    exceeded_t: first exceedance that the flight has come to [s]; said whatever the status.
+    exceeded_t: first exceedance so far [s]; always shown.
     """
 
     status: Status
@@ -93,20 +93,19 @@ WORDS = {
     Status.OK: "OK",
 }
 BETWEEN = "between manoeuvres"
-"""Reason of a sample that is invalid since nothing was to be assessed there."""
+"""Reason of samples between manoeuvres, which are not assessed."""
 NOT_APPLICABLE, LIMITS_UNKNOWN = "not applicable", "limits unknown"
-"""What reasons begin with where other limits are in force than the monitor's, or nobody knows which
-are."""
+"""Start of the reason if other limits than the monitor's are in force, or if they are unknown."""
 CAUSE_WORDS = {
     Cause.BETWEEN: "NOT ASSESSED",
     Cause.NOT_APPLICABLE: "NOT APPLICABLE",
     Cause.LIMITS_UNKNOWN: "LIMITS UNKNOWN",
 }
-"""What stands in place of INVALID."""
+"""Words shown instead of INVALID."""
 
 
 def cause_of(state: State, reason: str) -> Cause | None:
-    """The cause of an assessment that was stored, of which the reason in words is kept alone."""
+    """Cause of a stored assessment, from its reason, because the cause is not stored."""
     if state is not State.INVALID:
         return None
     if reason == BETWEEN:
@@ -117,7 +116,7 @@ def cause_of(state: State, reason: str) -> Cause | None:
 
 
 AlarmKind = Literal["risk", "limit", "invalid", "stale"]
-"""A predicted exceedance, a measured one, a monitor that is not applicable, a late source."""
+"""Predicted exceedance, measured exceedance, monitor not applicable, late source."""
 ALARM_LEVELS: dict[AlarmKind, Level] = {
     "risk": Level.WARNING,
     "limit": Level.WARNING,
@@ -128,7 +127,7 @@ ALARM_LEVELS: dict[AlarmKind, Level] = {
 
 @lru_cache(maxsize=1024)
 def headline(facts: Facts) -> Headline:
-    """The worst that is true. What a stale sample shows is past: it is never "now"."""
+    """The worst condition. A stale sample shows the past, so it never exceeds or alerts now."""
     fresh = not facts.stale
     holds = {
         Status.EXCEEDING: facts.exceeds and fresh,
@@ -151,20 +150,20 @@ def headline(facts: Facts) -> Headline:
     return Headline(worst, level, beside, facts.exceeded_t)
 
 
-def in_words(said: Headline, cause: Cause | None = None) -> str:
-    """A headline as every view words it: `ALARM · STALE · EXCEEDED first at 8.76 s`.
+def in_words(summary: Headline, cause: Cause | None = None) -> str:
+    """Text of a headline in all views: `ALARM · STALE · EXCEEDED first at 8.76 s`.
 
-    cause: of the newest sample, by which INVALID has a word of its own.
+    cause: of the newest sample, which may replace the word INVALID.
     """
-    words = [_word(status, said, cause) for status in (said.status, *said.beside)]
-    if said.exceeded_t is not None and said.status not in (Status.EXCEEDING, Status.EXCEEDED):
-        words.append(_word(Status.EXCEEDED, said, cause))
+    words = [_word(status, summary, cause) for status in (summary.status, *summary.beside)]
+    if summary.exceeded_t is not None and summary.status not in (Status.EXCEEDING, Status.EXCEEDED):
+        words.append(_word(Status.EXCEEDED, summary, cause))
     return " · ".join(words)
 
 
-def _word(status: Status, said: Headline, cause: Cause | None) -> str:
+def _word(status: Status, summary: Headline, cause: Cause | None) -> str:
     if status is Status.INVALID and cause is not None:
         return CAUSE_WORDS[cause]
-    if status is Status.EXCEEDED and said.exceeded_t is not None:
-        return f"{WORDS[status]} first at {said.exceeded_t:.2f} s"
+    if status is Status.EXCEEDED and summary.exceeded_t is not None:
+        return f"{WORDS[status]} first at {summary.exceeded_t:.2f} s"
     return WORDS[status]

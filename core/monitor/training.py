@@ -35,11 +35,11 @@ from core.specification import magnitudes_of
 from core.types import Array, Indices
 
 FreshFlights = Iterable[tuple[Array, Indices, *tuple[Any, ...]]]
-"""Batches of flights: outputs y (n, n_samples, 6), fail_index (n,), and what else comes along."""
+"""Batches of flights: outputs y (n, n_samples, 6), fail_index (n,), further items ignored."""
 
 
 class SafeObservations:
-    """What a dataset's safe rollouts teach: the scale, and each predictor's fit, made once."""
+    """Scale and predictors fitted on a dataset's safe rollouts; each predictor is fitted once."""
 
     def __init__(self, dataset: Dataset, recipe: MonitorRecipe) -> None:
         y, times, self.scale = dataset.safe, dataset.safe_times, np.ones(N_CHANNELS)
@@ -70,29 +70,29 @@ def train(
 ) -> Monitor:
     """Fit the predictor on safe observations, then calibrate the score on the failures.
 
-    Calibration data chooses nothing: scale and predictor come from safe observations only.
-    fresh: batches of fresh flights that validity is calibrated on, see `with_validity`; without
-    them the monitor cannot tell whether a flight is like those it was trained on.
-    card: the test card, for predictors that read it, see core.collection.card_of.
+    Calibration data chooses nothing: scale and predictor use safe observations only.
+    fresh: batches of fresh flights to calibrate validity on, see `with_validity`; without them the
+    monitor cannot tell whether a flight resembles its training.
+    card: test card, for predictors that need it, see core.collection.card_of.
     rollouts: y (n, n_samples, 6) and fail_index (n,), n_samples for a safe flight, of flights that
-    the dataset does not have, for the predictor peak_ridge: it learns from them beside the safe
-    ones of the dataset, and needs them where the specification is known only by its label, see
+    are not in the dataset. The predictor peak_ridge learns from them and the dataset's safe ones;
+    it needs them if the specification is known only by its label, see
     core.collection.training_rollouts.
-    safe: those of this dataset and of a recipe that differs in predictor and score at most, to
-    share them among monitors.
-    ValueError where the dataset has no unsafe or no safe rollout, fresh flights are too few, or the
-    card is missing.
+    safe: shared safe observations of this dataset, for recipes that differ only in predictor and
+    score.
+    ValueError if the dataset has no unsafe or no safe rollout, if fresh flights are too few, or if
+    the card is missing.
     """
     monitor = _calibrated(dataset, recipe or MonitorRecipe(), safe, card, rollouts)
     return monitor if fresh is None else with_validity(monitor, dataset, fresh)
 
 
 def with_validity(monitor: Monitor, dataset: Dataset, fresh: FreshFlights) -> Monitor:
-    """Return the monitor with its validity calibrated, and what it knows of flown inputs.
+    """Return the monitor with calibrated validity and the statistics of flown inputs.
 
-    dataset: what it was trained on.
+    dataset: its training dataset.
     fresh: batches of y (n, n_samples, 6) and fail_index (n,), n_samples for a safe flight, that
-    neither trained nor tested it; only as many are taken as are needed.   SupportError.
+    neither trained nor tested it; reads only as many as needed.   SupportError.
     """
     reference, inputs = monitor.reference(fit_innovation(dataset)), FreshInputs(dataset.dt)
     support = calibrate(reference, dataset.safe.shape[1], _noted(fresh, inputs))
@@ -100,9 +100,9 @@ def with_validity(monitor: Monitor, dataset: Dataset, fresh: FreshFlights) -> Mo
 
 
 def _noted(fresh: FreshFlights, inputs: FreshInputs) -> FreshFlights:
-    """The same batches, their inputs gathered on the way."""
+    """The same batches, while their inputs are gathered."""
     for y, fail_index, *rest in fresh:
-        inputs.take(y, fail_index)
+        inputs.add(y, fail_index)
         yield y, fail_index, *rest
 
 
@@ -128,17 +128,17 @@ def _calibrated(
     safe_points = map_samples(affine, dataset.safe, safe_where, n_delay)
 
     fitted = assemble(recipe, affine, unsafe_points, safe_points, np.empty(0))
-    own = np.full(len(last), -1)
-    own[timely] = np.arange(len(timely))
+    own_point = np.full(len(last), -1)
+    own_point[timely] = np.arange(len(timely))
     first = np.maximum(last, 0) if recipe.calibration == "pointwise" else np.zeros_like(last)
     if forecast is not None:
         alphas = forecast.lowest_scores(dataset.unsafe, first, last)
     else:
-        alphas = lowest_scores(fitted, dataset.unsafe, n_delay, first, last, own, np.empty(0))
+        alphas = lowest_scores(fitted, dataset.unsafe, n_delay, first, last, own_point, np.empty(0))
     groups = None
     if not isinstance(recipe.groups, Pooled):
-        found = recipe.groups.fit(dataset.unsafe, dataset.fail_index, dataset.specification)
-        groups = Groups.calibrate(found, alphas, recipe.epsilon, recipe.guarantee)
+        assigned = recipe.groups.fit(dataset.unsafe, dataset.fail_index, dataset.specification)
+        groups = Groups.calibrate(assigned, alphas, recipe.epsilon, recipe.guarantee)
     exact = SIMPLE
     if recipe.is_exact:
         running = recipe.calibration == "trajectory"
@@ -178,7 +178,7 @@ def _fit_forecast(
     card: Card | None,
     rollouts: tuple[Array, Indices, *tuple[Any, ...]] | None,
 ) -> PeakForecast | None:
-    """Fit what forecasts the rest of the manoeuvre; None for predictors that do not."""
+    """Forecast of the rest of the manoeuvre; None for predictors without one."""
     predictor, specification = recipe.predictor, dataset.specification
     if isinstance(predictor, PeakRidge):
         limits = magnitudes_of(specification)
@@ -202,7 +202,7 @@ def _transduction(
     alphas: Array,
     running: bool,
 ) -> Transduction:
-    """Keep the distances that calibration looked up, so that a joined test point can lower them."""
+    """Keep the calibration's distances, because an added test point can lower them."""
     lengths = (last - first + 1)[timely]
     start = np.concatenate([[0], lengths.cumsum()])
     point = np.repeat(np.arange(len(timely)), lengths)
@@ -214,7 +214,7 @@ def _transduction(
 
 
 def check_lead(t_early: float, horizon: float) -> None:
-    """Refuse, by ValueError, a lead [s] that no manoeuvre so long [s] has."""
+    """Raise ValueError for a lead [s] that is not shorter than the manoeuvre [s]."""
     if t_early >= horizon:
         raise ValueError(
             f"t_early={t_early} s was given: the manoeuvre lasts {horizon:g} s, choose a "

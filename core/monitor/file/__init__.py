@@ -1,1 +1,1 @@
-"""The portable file of a monitor: its sections, what they must hold, and how they are read."""
+"""The portable file of a monitor: sections, checks and loading."""

@@ -1,4 +1,4 @@
-"""Reading a portable monitor: from its sections to one that is ready to assess."""
+"""Loading a portable monitor from its sections."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,7 +8,7 @@ import numpy as np
 
 from core.kernels.p_value import SIMPLE, Transduction
 from core.monitor import peak_ridge, response_filter
-from core.monitor.combination import Combined, of_members
+from core.monitor.combination import Combined, combination_of
 from core.monitor.file import portable
 from core.monitor.file.checks import (
     check_arrays,
@@ -33,18 +33,18 @@ from core.specification import specification_from_plain
 
 
 def load(path: str | Path) -> Monitor:
-    """Read a portable monitor; MonitorFileError says what is wrong with the file."""
+    """Read a portable monitor. MonitorFileError."""
     return from_bytes(portable.read(path), str(path))
 
 
 def from_bytes(blob: bytes, name: str = "monitor") -> Monitor:
-    """Read a portable monitor from memory; `name` is what errors call it."""
+    """Read a portable monitor from memory. MonitorFileError, which calls it `name`."""
     sections = portable.unpack(blob, name)
     try:
         return _rebuild(sections)
     except KeyError as error:
         raise MonitorFileError(
-            f"{name} has no {portable.in_short(error)}: it was written by an older program, train "
+            f"{name} has no {portable.in_short(error)}, because an older program wrote it: train "
             "the monitor again"
         ) from error
     except (TypeError, ValueError, AttributeError, ArithmeticError, IndexError) as error:
@@ -91,10 +91,9 @@ def _exact(section: Section | None) -> Transduction:
 
 
 def _support(section: Section | None, forecasts: bool) -> Support | None:
-    """The support; None where the monitor's validity is not calibrated."""
     if section is None:
         return None
-    support = Support.of_section(section)
+    support = Support.from_section(section)
     if section.version == 1:
         check_residuals(support, forecasts)
     else:
@@ -106,48 +105,45 @@ def _support(section: Section | None, forecasts: bool) -> Support | None:
 def _forecast(
     sections: Mapping[str, Section], recipe: MonitorRecipe, h: int
 ) -> PeakForecast | None:
-    """The forecast of what is left of the manoeuvre; None where the predictor makes none."""
+    """Forecast of the rest of the manoeuvre; None if the predictor makes none."""
     wanted = recipe.predictor.forecast
     for name in ("card", "peaks", "members"):
         if (name in sections) != (name == wanted):
-            raise ValueError(f"its predictor and its section {name} do not fit together")
+            raise ValueError(f"its predictor and its section {name} do not match")
     if wanted == "members":
-        return of_members(_members(sections["members"]), recipe.n_delay, h)
+        return combination_of(_members(sections["members"]), recipe.n_delay, h)
     if wanted == "card":
-        return response_filter.of_section(sections["card"], h, recipe.score)
-    return peak_ridge.of_section(sections["peaks"]) if wanted else None
+        return response_filter.from_section(sections["card"], h, recipe.score)
+    return peak_ridge.from_section(sections["peaks"]) if wanted else None
 
 
 def _groups(section: Section | None, recipe: MonitorRecipe) -> Groups | None:
-    """Its calibration by groups; None where all failures are pooled."""
     if (section is None) != isinstance(recipe.groups, Pooled):
-        raise ValueError("its recipe and its section groups do not fit together")
-    return None if section is None else Groups.of_section(section)
+        raise ValueError("its recipe and its section groups do not match")
+    return None if section is None else Groups.from_section(section)
 
 
 def _members(section: Section) -> tuple[Monitor, ...]:
-    """The members of a combination; MonitorFileError names the one that is none."""
+    """Members of a combination. MonitorFileError names an invalid member."""
     n_members, members = section.header["n_members"], []
     if type(n_members) is not int or n_members != len(section.arrays):
-        raise ValueError(f"n_members is {n_members!r} where {len(section.arrays)} files are held")
+        raise ValueError(f"n_members is {n_members!r}, but there are {len(section.arrays)} files")
     for number in range(1, n_members + 1):
         name, file = f"member {number}", section.arrays[f"{number}"]
         if file.dtype != np.uint8 or file.ndim != 1:
             raise ValueError(f"{name} is {file.dtype} {file.shape} instead of a file's bytes")
         parts = portable.unpack(file.tobytes(), name)
         if Combined.section in parts:
-            raise ValueError(f"{name} is a combination itself")
+            raise ValueError(f"{name} is itself a combination")
         members.append(_rebuild(parts))
     return tuple(members)
 
 
 def _inputs(section: Section | None) -> InputSupport | None:
-    """How surfaces moved in fresh flights; None where that is not known."""
-    return None if section is None else InputSupport.of_section(section)
+    return None if section is None else InputSupport.from_section(section)
 
 
 def _evaluation(section: Section | None) -> dict[str, Any] | None:
-    """What fresh flights said; None where none were flown."""
     if section is None:
         return None
     check_evaluation(section.header)

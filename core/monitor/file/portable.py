@@ -1,11 +1,11 @@
-"""The portable monitor file: one line of text, a digest, and named sections; never pickle.
+"""The portable monitor file: a line of text, a digest, and named sections; never pickle.
 
-FOREWARN MONITOR 3\\n  sha-256 of all that follows, hexadecimal\\n  an npz archive with `sections`
-(JSON: name, version, required, header of each) and the arrays of each, `section/array`
+FOREWARN MONITOR 3\\n  SHA-256 of everything after it, hexadecimal\\n  an npz archive with
+`sections` (JSON: name, version, required, header of each) and the arrays of each, `section/array`
 
-A program refuses a required section that it does not know and ignores an optional one, so that a
-later program's additions break nothing that does not depend on them. Formats 1 and 2, one header
-with arrays beside it, are read as these sections.
+A program refuses an unknown required section and ignores an unknown optional one. So later
+additions break only programs that depend on them. Formats 1 and 2, one header with arrays, are
+read as these sections.
 """
 
 import hashlib
@@ -36,7 +36,7 @@ VERSIONS = {
     "members": 1,
     "evaluation": 1,
 }
-"""Newest version of each section that this program knows."""
+"""Newest supported version of each section."""
 INDEX = "sections"
 MONITOR_FIELDS = ("dt", "h", "n_early", "dataset_recipe", "dataset_digest", "seed", "version")
 MONITOR_ARRAYS = (
@@ -51,34 +51,34 @@ MONITOR_ARRAYS = (
     "alphas",
 )
 UNFOLDS_BY, UNFOLDS_TO = 8, 16 * 2**20
-"""A file's arrays may take so many times its size, or so many bytes if that is more. Those of
-trained monitors take less than twice its size."""
+"""Largest size of the arrays: this multiple of the file's size, or this many bytes if more. Trained
+monitors take less than twice the file's size."""
 COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 NO_DIGEST = b"0" * 64
-"""What stands for the digest while the rest is written."""
+"""Placeholder for the digest while the rest is written."""
 SAMPLED, WORTH_SHRINKING = 2**16, 0.75
-"""Bytes of an array that are compressed to see whether it shrinks to less than such a share."""
+"""An array is compressed if a sample of this many bytes shrinks below this share."""
 LONGEST_TEXT = 4 * 2**20
 LONGEST_REASON = 300
 DEEPEST = 32
-"""Objects within one another in what a header says."""
+"""Maximum nesting of a header."""
 UNREADABLE = (
     *(ValueError, KeyError, TypeError, AttributeError, ArithmeticError, EOFError),
     *(OSError, RecursionError, NotImplementedError, RuntimeError),
     *(zipfile.BadZipFile, zlib.error, struct.error),
 )
-"""What the libraries raise on an archive that no monitor's writer made."""
+"""Errors that the libraries raise on an invalid archive."""
 EXACT_ARRAYS = ("points", "unsafe", "safe", "start", "alphas")
 
 
 class MonitorFileError(ValueError):
-    """A file that is not a whole, unaltered monitor of a version this program reads."""
+    """Not a complete, unaltered monitor in a format that this program reads."""
 
 
 class Section(NamedTuple):
     """A part of the file.
 
-    required: whether a program that does not know it must refuse the file.
+    required: a program that does not support it must refuse the file.
     header: plain data.   arrays: by name.
     """
 
@@ -90,14 +90,13 @@ class Section(NamedTuple):
 
 
 def pack(sections: Iterable[Section]) -> bytes:
-    """Return the file of these sections."""
     file = io.BytesIO()
     write(file, sections)
     return file.getvalue()
 
 
 def write(file: BinaryIO, sections: Iterable[Section]) -> None:
-    """Write the file of these sections, which can seek, from where it stands."""
+    """Write the sections to a seekable file, from its current position."""
     sections = list(sections)
     index = [{key: getattr(part, key) for key in Section._fields[:-1]} for part in sections]
     arrays = {
@@ -124,8 +123,6 @@ def write(file: BinaryIO, sections: Iterable[Section]) -> None:
 
 
 class _Digested(io.RawIOBase):
-    """A file whose content is digested while it is written."""
-
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
         self.digest = hashlib.sha256()
@@ -139,7 +136,7 @@ class _Digested(io.RawIOBase):
 
 
 def _shrinks(array: npt.NDArray[Any]) -> bool:
-    """Whether compressing is worth its time: measurements hardly shrink, counts and text do."""
+    """Whether compression pays: measurements hardly shrink, counts and text do."""
     flat = array.reshape(-1)
     n = max(1, SAMPLED // array.itemsize)
     sample = flat[(len(flat) - min(n, len(flat))) // 2 :][:n].tobytes()
@@ -147,9 +144,9 @@ def _shrinks(array: npt.NDArray[Any]) -> bool:
 
 
 def unpack(blob: bytes, name: str) -> dict[str, Section]:
-    """Check a packed monitor and return the sections that this program knows.
+    """Check a packed monitor and return the supported sections.
 
-    name: what errors call the file.   MonitorFileError.
+    name: of the file, for error messages.   MonitorFileError.
     """
     title, _, rest = blob.partition(b"\n")
     digest, _, body = rest.partition(b"\n")
@@ -163,7 +160,7 @@ def unpack(blob: bytes, name: str) -> dict[str, Section]:
         )
     if hashlib.sha256(body).hexdigest().encode() != digest:
         raise MonitorFileError(
-            f"{name} is cut off or was altered, its digest does not match: copy it again from "
+            f"{name} is cut off or altered (its digest does not match): copy it again from "
             "where it was trained"
         )
     try:
@@ -181,37 +178,37 @@ def unpack(blob: bytes, name: str) -> dict[str, Section]:
 
 
 def _inflate(body: bytes) -> dict[str, npt.NDArray[Any]]:
-    """The arrays of an npz archive, whose sizes are looked at before any is inflated."""
+    """Arrays of an npz archive, whose sizes are checked before any is inflated."""
     with zipfile.ZipFile(io.BytesIO(body)) as archive:
         members = archive.infolist()
         most = max(UNFOLDS_TO, UNFOLDS_BY * len(body))
         if (size := sum(member.file_size for member in members)) > most:
-            raise ValueError(f"its {len(body)} bytes unfold to {size}, {most} at most are read")
+            raise ValueError(f"its {len(body)} bytes unpack to {size}, more than {most}")
         if any(member.compress_type not in COMPRESSIONS for member in members):
-            raise ValueError("it is compressed in a way that no monitor is")
+            raise ValueError("it uses an unsupported compression")
         if len({member.filename for member in members}) < len(members):
-            raise ValueError("it has two arrays of one name")
+            raise ValueError("it has two arrays with the same name")
         return {member.filename.removesuffix(".npy"): _array(archive, member) for member in members}
 
 
 def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> npt.NDArray[Any]:
-    """One array of numbers; ValueError where it declares another size than it has."""
+    """One array of numbers. ValueError if its declared size is wrong."""
     with archive.open(member) as file:
         version = np.lib.format.read_magic(file)
         header = np.lib.format.read_array_header_1_0 if version == (1, 0) else None
         if header is None:
-            raise ValueError(f"{member.filename} is of a kind that no monitor has")
+            raise ValueError(f"{member.filename} has an unsupported array format")
         shape, by_columns, dtype = header(file)
         if dtype.kind not in "biuf":
             raise ValueError(f"{member.filename} holds {dtype} instead of numbers")
         if math.prod(shape) * dtype.itemsize != member.file_size - file.tell():
-            raise ValueError(f"{member.filename} has not the size that it declares, {shape}")
+            raise ValueError(f"{member.filename} does not have its declared shape {shape}")
         flat = np.frombuffer(file.read(), dtype)
     return flat.reshape(shape, order="F" if by_columns else "C").copy(order="K")
 
 
 def _plain(text: npt.NDArray[Any]) -> Any:
-    """What an array of JSON says; ValueError where it is too long, or could not be sent on."""
+    """Content of a JSON array. ValueError if it is too long or cannot be sent on."""
     if text.nbytes > LONGEST_TEXT:
         raise ValueError(f"its header has {text.nbytes} bytes")
     plain = json.loads(text.tobytes())
@@ -220,11 +217,11 @@ def _plain(text: npt.NDArray[Any]) -> Any:
 
 
 def _check_plain(value: object, depth: int = 0) -> None:
-    """Refuse plain data that could not be stored or sent on: no number, no text, too deep."""
+    """Refuse data that cannot be stored or sent on: non-finite, not text, or too deep."""
     if depth > DEEPEST:
         raise ValueError(f"its header nests deeper than {DEEPEST} levels")
     if isinstance(value, float) and not math.isfinite(value):
-        raise ValueError(f"its header holds {value}, which is no number")
+        raise ValueError(f"its header holds {value}, which is not finite")
     if isinstance(value, str):
         value.encode()
     if isinstance(value, Mapping):
@@ -235,15 +232,17 @@ def _check_plain(value: object, depth: int = 0) -> None:
 
 
 def in_short(error: BaseException) -> str:
-    """What an error says, on one line of a length that can be read."""
+    """Text of an error on one line, shortened."""
     text = " ".join(str(error).split())
     return text if len(text) <= LONGEST_REASON else f"{text[: LONGEST_REASON - 3]}..."
 
 
 def _section(entry: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> Section:
     prefix = f"{entry['name']}/"
-    own = {key.removeprefix(prefix): a for key, a in arrays.items() if key.startswith(prefix)}
-    section = Section(**entry, arrays=own)
+    section_arrays = {
+        key.removeprefix(prefix): a for key, a in arrays.items() if key.startswith(prefix)
+    }
+    section = Section(**entry, arrays=section_arrays)
     kinds = {"name": str, "version": int, "required": bool, "header": dict}
     if wrong := [key for key, kind in kinds.items() if type(getattr(section, key)) is not kind]:
         raise ValueError(f"a section's {wrong[0]} is {getattr(section, wrong[0])!r}")
@@ -251,18 +250,17 @@ def _section(entry: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -
 
 
 def _known(sections: Iterable[Section], name: str) -> dict[str, Section]:
-    """The sections that are known here; MonitorFileError for a required one that is not."""
+    """Supported sections. MonitorFileError for an unsupported required one."""
     known = {}
     for section in sections:
         if section.name in known:
-            raise ValueError(f"it has two sections {section.name!r}")
+            raise ValueError(f"it has the section {section.name!r} twice")
         if section.version <= VERSIONS.get(section.name, 0):
             known[section.name] = section
         elif section.required:
             raise MonitorFileError(
-                f"{name} has a section {section.name!r}, version {section.version}, which this "
-                "program does not know and must not ignore: upgrade forewarn or train the monitor "
-                "again"
+                f"{name} needs section {section.name!r} version {section.version}, which this "
+                "program does not support: upgrade forewarn or train the monitor again"
             )
     return known
 
@@ -270,7 +268,7 @@ def _known(sections: Iterable[Section], name: str) -> dict[str, Section]:
 def _of_older_format(
     header: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]
 ) -> dict[str, Section]:
-    """The sections of a file of format 1 or 2; its limits are those of its dataset's recipe."""
+    """Sections of a file in format 1 or 2; its limits are in the recipe of its dataset."""
     renamed = {"training_max_abs": "reach"}
     monitor = {key: arrays[renamed.get(key, key)] for key in (*MONITOR_ARRAYS, "matrix", "offset")}
     specification = {"specification": header["dataset_recipe"].get("specification") or None}
@@ -294,13 +292,13 @@ def _not_a_monitor(name: str | Path) -> MonitorFileError:
 
 
 def read(path: str | Path) -> bytes:
-    """Read the file's bytes; MonitorFileError where there is none, or it begins as no monitor."""
+    """Content of a file. MonitorFileError if missing, or if it does not start as a monitor."""
     try:
         with Path(path).open("rb") as file:
-            begin = file.read(len(MAGIC))
-            if begin != MAGIC:  # a recording, say: it may be larger than the memory
+            start = file.read(len(MAGIC))
+            if start != MAGIC:  # it may be a recording larger than memory
                 raise _not_a_monitor(path)
-            return begin + file.read()
+            return start + file.read()
     except OSError as error:
         raise MonitorFileError(
             f"{path} cannot be read ({error.strerror}): give the path of a monitor file"

@@ -1,1 +1,1 @@
-"""Validity: whether a flight is one that a monitor can speak of, and what that is judged by."""
+"""Validity: whether a flight is within a monitor's training."""

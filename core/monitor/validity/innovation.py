@@ -1,4 +1,4 @@
-"""The forecast whose innovations validity is judged by, fitted on rollouts of training."""
+"""The forecast whose innovations determine validity, fitted on training rollouts."""
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -11,28 +11,28 @@ from core.monitor.predictor import PREDICTORS
 from core.types import Array
 
 N_PAST = 4
-"""Past outputs of a forecast: with SPACING_S they reach back 0.4 s. Over all pairs of aircraft that
-leaves a worst pair of .005 of the failing flights valid and missed; 0.2 s leave .12 in some draws,
-and with 0.6 s aircraft that fail as early are not compared: .2."""
+"""Past outputs of a forecast. With SPACING_S they reach back 0.4 s. In the worst pair of aircraft,
+0.005 of the failing flights are then valid and missed; with 0.2 s it is 0.12 in some draws, and
+with 0.6 s, where aircraft that fail early are not compared, 0.2."""
 SPACING_S = 0.1
-"""Between past outputs [s]."""
+"""Interval between past outputs [s]."""
 WINDOW_S = 0.5
-"""Over which innovations are summed [s]."""
+"""Window over which innovations are summed [s]."""
 FINEST = 1e-3
-"""Least deviation of an innovation, as a share of the channel's; of a channel that never moves, in
-its SI unit (N_y in g): 1 mrad, 1 mrad/s, 1 mg, about what a sensor resolves."""
+"""Smallest deviation of an innovation, as a share of the channel's. For a channel that never moves,
+in its SI unit (N_y in g): 1 mrad, 1 mrad/s, 1 mg, about the resolution of a sensor."""
 NOW = slice(N_CHANNELS * N_PAST, N_CHANNELS * N_PAST + N_RESPONSES)
-"""The responses to be forecast, in a sample with its past outputs."""
+"""Columns of the responses to forecast, within a sample and its past outputs."""
 MOST_SAMPLES = 200_000
-"""Of safe rollouts that are fitted, and of unsafe ones: enough for any digit that matters."""
+"""Samples to fit, of safe and of unsafe rollouts each: enough for all significant digits."""
 
 
 def fit_innovation(dataset: Dataset) -> Innovation:
-    """Fit the responses of a sample to the outputs before it and to its own surfaces.
+    """Fit the responses of a sample to the past outputs and to its surfaces.
 
-    By least squares on safe and unsafe rollouts; of least norm where channels depend on each other,
-    so that a channel which never moves has no weight. Innovations are whitened by their covariance.
-    None is tested where rollouts are too short for one.
+    Least squares on safe and unsafe rollouts, of least norm if channels are dependent, so that a
+    channel that never moves has no weight. Innovations are whitened by their covariance. Rollouts
+    too short for a forecast give NO_INNOVATION.
     """
     spacing = max(1, round(SPACING_S / dataset.dt))
     most = max(1, MOST_SAMPLES // dataset.safe.shape[1])
@@ -45,10 +45,10 @@ def fit_innovation(dataset: Dataset) -> Innovation:
     forecast = PREDICTORS["linear"].fit(known / units, responses).in_units(units)
     innovations = responses - (known @ forecast.matrix + forecast.offset)
     covariance = innovations.T @ innovations / len(innovations) + np.diag((FINEST * scale) ** 2)
-    own = np.insert(-forecast.matrix, NOW.start, np.eye(N_RESPONSES), axis=0)
+    residual_map = np.insert(-forecast.matrix, NOW.start, np.eye(N_RESPONSES), axis=0)
     white = np.linalg.inv(np.linalg.cholesky(covariance)).T
     return Innovation(
-        matrix=np.hstack([own @ white, own]),
+        matrix=np.hstack([residual_map @ white, residual_map]),
         offset=np.hstack([-forecast.offset @ white, -forecast.offset]),
         sigma=np.sqrt(np.diag(covariance)),
         n_past=N_PAST,
@@ -58,7 +58,7 @@ def fit_innovation(dataset: Dataset) -> Innovation:
 
 
 def _observations(y: Array, spacing: int) -> Array:
-    """(m, 6 * (N_PAST + 1)) each sample that has enough before it, with its past outputs.
+    """(m, 6 * (N_PAST + 1)) each sample with enough history, with its past outputs.
 
     y: (n, n_samples, 6), NaN after a failure.   The oldest outputs come first.
     """
@@ -66,5 +66,5 @@ def _observations(y: Array, spacing: int) -> Array:
     if y.shape[1] <= history:
         return np.empty((0, N_CHANNELS * (N_PAST + 1)))
     windows = sliding_window_view(y, history + 1, axis=1)[..., ::spacing].swapaxes(2, 3)
-    there = np.isfinite(windows[:, :, -1]).all(axis=2)
-    return windows[there].reshape(-1, N_CHANNELS * (N_PAST + 1))
+    known = np.isfinite(windows[:, :, -1]).all(axis=2)
+    return windows[known].reshape(-1, N_CHANNELS * (N_PAST + 1))

@@ -1,8 +1,8 @@
-"""The shape of an input: which way it begins, and how long it holds; another one is another card.
+"""The shape of an input: its first direction and the duration of its holds.
 
-A deflection of half the usual peak or more, to one side without a break, is a hold. One to the
-other side than fresh flights begin with, or one that lasts longer than theirs of the same number,
-tells a card that was flown the other way, or slower.
+A hold is a deflection of at least half the usual peak to one side without a break. An input that
+begins to the other side than fresh flights do, or whose hold lasts longer than theirs with the same
+number, shows that the card was flown the other way or more slowly.
 """
 
 from collections.abc import Sequence
@@ -16,24 +16,24 @@ from core.channels import CHANNELS
 from core.types import Array, Flags, Indices
 
 BEGUN = 0.5
-"""Share of the usual peak from which on a surface has begun to move as the manoeuvre wants it."""
+"""A surface has begun to move once it exceeds this share of its usual peak."""
 FEWEST = 500
-"""Fresh flights without any, or hardly any, like that: with fewer, one might be."""
+"""Minimum number of fresh flights: with fewer, rare shapes may be missing by chance."""
 SIDE_LEVEL = 0.02
-"""p-value up to which a flight begins wrong. Hardly any does, so that hardly any is called so."""
+"""Largest p-value for a wrong first direction."""
 HOLD_LEVEL = 0.004
-"""Share of fresh flights that may be called wrong for how long they hold."""
+"""Share of fresh flights that may be flagged because of their holds."""
 MOST_HOLDS = 8
-"""Holds of a flight that are looked at, the first ones."""
+"""Number of holds per flight that are checked, from the first."""
 GUARD_S = 1e-4
-"""Times that are not told apart [s]."""
+"""Tolerance on times [s]."""
 
 
 class WrongInput(NamedTuple):
-    """An input that is flown as hardly any of training was.
+    """An input flown differently from almost all training flights.
 
-    sample, t: number and time [s] of the sample that shows it.   channel: its key.
-    p_value: conformal, of all surfaces, sides and holds by Bonferroni's rule.   words: the reason.
+    sample, t: number and time [s] of the sample that shows it.   channel: key of the surface.
+    p_value: conformal, Bonferroni over surfaces, sides and holds.   words: the reason.
     """
 
     sample: int
@@ -46,8 +46,8 @@ class WrongInput(NamedTuple):
 class Holds(NamedTuple):
     """Holds of surfaces, sample by sample: (..., n_samples, k).
 
-    side: -1 or 1 while a surface is held, else 0.   number: of the hold, from 1 on.
-    lasted: time since it began, or since the last gap [s].
+    side: -1 or 1 while a surface is held, else 0.   number: of the hold, from 1.
+    lasted: time since its begin or the last gap [s].
     """
 
     side: Indices
@@ -56,10 +56,9 @@ class Holds(NamedTuple):
 
     @classmethod
     def of(cls, deflection: Array, begun: Array, t: Array, follows: Flags) -> "Holds":
-        """Tell the holds of deflections (..., n_samples, k), NaN for none.
+        """Find the holds of deflections (..., n_samples, k), NaN for none.
 
-        begun: (k,).   t: (n_samples,) [s].   follows: (n_samples,) whether no sample is missing
-        before it.
+        begun: (k,).   t: (n_samples,) [s].   follows: (n_samples,) false after a missing sample.
         """
         side = np.where(np.abs(deflection) >= begun, np.sign(deflection), 0.0).astype(np.int64)
         before = np.zeros_like(side)
@@ -73,15 +72,15 @@ class Holds(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class InputShape:
-    """Which way surfaces began to move in fresh flights, and how long they held.
+    """First direction of surfaces in fresh flights, and duration of their holds.
 
-    surfaces: (k,) numbers of channels.   begun: (k,) magnitude that tells [rad].
-    flights: (k, 2) fresh flights whose first sample of that magnitude is negative, positive.
-    longest_s: (k, m) hold that hardly a flight exceeds, of the first m ones [s]; none in older
+    surfaces: (k,) channel numbers.   begun: (k,) magnitude from which they are held [rad].
+    flights: (k, 2) fresh flights whose first hold is negative, positive.
+    longest_s: (k, m) duration that almost no flight exceeds, for holds 1..m [s]; empty in older
     files.
 
-    Of flights drawn like them at most SIDE_LEVEL are called wrong for the way they begin, in fact
-    as few as did among these, and HOLD_LEVEL for their holds.
+    Among similar flights at most SIDE_LEVEL are flagged for their direction (in fact as few as
+    among these flights), and HOLD_LEVEL for their holds.
     """
 
     surfaces: Indices
@@ -90,26 +89,25 @@ class InputShape:
     longest_s: Array
 
     def check(self) -> None:
-        """Refuse arrays that do not fit together; ValueError."""
         k = len(self.surfaces)
         if self.begun.dtype != np.float64 or self.begun.shape != (k,):
             raise ValueError(f"input begun is {self.begun.dtype} {self.begun.shape}")
         if not (np.isfinite(self.begun).all() and (self.begun > 0).all()):
-            raise ValueError("input begun holds what is no deflection")
+            raise ValueError("input begun holds a value that is not positive")
         if self.flights.dtype != np.int64 or self.flights.shape != (k, 2):
             raise ValueError(f"input flights is {self.flights.dtype} {self.flights.shape}")
         if (self.flights < 0).any():
-            raise ValueError("input flights holds what is no count")
+            raise ValueError("input flights holds a negative count")
         longest = self.longest_s
         if longest.dtype != np.float64 or longest.ndim != 2 or len(longest) != k:
             raise ValueError(f"input longest_s is {longest.dtype} {longest.shape}")
         if not (np.isfinite(longest).all() and (longest >= 0).all()):
-            raise ValueError("input longest_s holds what is no time")
+            raise ValueError("input longest_s holds a negative time or NaN")
 
     def first_wrong(self, t: Array, y: Array, counts: Flags) -> WrongInput | None:
-        """The first sample by which a surface was moved as in hardly any of the fresh flights.
+        """The first sample at which a surface moves differently from almost all fresh flights.
 
-        t: (n,) [s].   y: (n, 6) from trim.   counts: (n,) samples that are looked at.
+        t: (n,) [s].   y: (n, 6) from trim.   counts: (n,) samples to check.
         """
         samples = np.flatnonzero(counts)
         if not len(samples):
@@ -125,7 +123,7 @@ class InputShape:
         return self.wrong(sample, float(t[sample]), k, (side, number, lasted))
 
     def first_wrong_of(self, y: Array, dt: float) -> Indices:
-        """(n,) that sample of each trajectory y (n, n_samples, 6); n_samples for none."""
+        """(n,) that sample for each trajectory y (n, n_samples, 6); n_samples for none."""
         t = dt * np.arange(y.shape[1])
         follows = np.ones(len(t), bool)
         holds = Holds.of(y[..., self.surfaces], self.begun, t, follows)
@@ -133,7 +131,7 @@ class InputShape:
         return np.where(np.any(wrong, axis=1), np.argmax(wrong, axis=1), len(t))
 
     def _wrong(self, holds: Holds) -> Flags:
-        """(..., n_samples, k) samples of holds that begin wrong, or last too long."""
+        """(..., n_samples, k) samples of holds with a wrong direction, or that last too long."""
         k = np.arange(len(self.surfaces))
         begins_wrong = (holds.number == 1) & self._untaken[k, (holds.side > 0).astype(int)]
         number = np.minimum(holds.number, self._bounds_s.shape[1] - 1)
@@ -146,43 +144,41 @@ class InputShape:
 
     @cached_property
     def _untaken(self) -> Flags:
-        """(k, 2) sides, negative and positive, to which hardly any of enough flights began."""
+        """(k, 2) sides, negative and positive, to which almost no flight began."""
         n, chances = self._n[:, np.newaxis], self.flights.size
         return (n >= FEWEST) & (chances * (self.flights + 1) <= SIDE_LEVEL * (n + 1))
 
     @cached_property
     def _bounds_s(self) -> Array:
-        """(k, m + 2) what a hold of a number must last beyond [s]; infinite where none is known."""
+        """(k, m + 2) longest valid duration by number of the hold [s]; inf if unknown."""
         known = np.where(self._n[:, np.newaxis] >= FEWEST, self.longest_s + GUARD_S, np.inf)
         return np.pad(known, ((0, 0), (1, 1)), constant_values=np.inf)
 
     def wrong(self, sample: int, t: float, k: int, hold: tuple[int, int, float]) -> WrongInput:
-        """What is wrong with surface k in a hold.
+        """Describe a wrong hold of surface k.
 
-        hold: its side, number, and how long it lasts so far [s].
+        hold: its side, number and duration so far [s].
         """
         side, number, lasted = hold
         n, channel = int(self._n[k]), CHANNELS[self.surfaces[k]]
-        way, other = ("positive", "negative") if side > 0 else ("negative", "positive")
+        side_name, other_side = ("positive", "negative") if side > 0 else ("negative", "positive")
         if number == 1 and self._untaken[k, int(side > 0)]:
             rest, chances = int(self.flights[k, int(side > 0)]), self.flights.size
             words = (
-                f"{channel.label} began to the {way} side at {t:.2f} s, in {_all_but(rest, n)} "
-                f"fresh flights to the {other} one"
+                f"{channel.label} began {side_name} at {t:.2f} s, but {other_side} in "
+                f"{_all_but(rest, n)} fresh flights"
             )
         else:
             rest, chances = _rank(n, self.longest_s.shape[1]) - 1, self.longest_s.size
             words = (
-                f"{channel.label} stayed to the {way} side for {lasted:.2f} s until {t:.2f} s, in "
-                f"{_all_but(rest, n)} fresh flights for {self.longest_s[k, number - 1]:.2f} s at "
-                "most"
+                f"{channel.label} stayed {side_name} for {lasted:.2f} s until {t:.2f} s, but at "
+                f"most {self.longest_s[k, number - 1]:.2f} s in {_all_but(rest, n)} fresh flights"
             )
         p_value = chances * (rest + 1) / (n + 1)
-        words = f"{words}: the input is not the planned one"
+        words = f"{words}: the input differs from the planned one"
         return WrongInput(sample, t, channel.key, p_value, words)
 
-    def begin(self) -> "RunningShape":
-        """Begin a flight."""
+    def start(self) -> "RunningShape":
         return RunningShape(self, self._untaken.tolist(), self._bounds_s.tolist())
 
 
@@ -191,14 +187,14 @@ def _all_but(some: int, n: int) -> str:
 
 
 def _rank(n: int, m: int) -> int:
-    """Which of the longest of n holds bounds each of m numbers."""
+    """Rank, from the longest of n holds, of the bound for each of m hold numbers."""
     return max(1, int(HOLD_LEVEL / m * (n + 1)))
 
 
 class RunningShape:
-    """The same of a flight under way, sample by sample.
+    """Checks the input of one flight, sample by sample.
 
-    untaken: of each surface, both sides.   bounds_s: of each surface, by the number of a hold.
+    untaken: per surface and side.   bounds_s: per surface, by number of the hold.
     """
 
     def __init__(
@@ -213,7 +209,7 @@ class RunningShape:
         self._newest = -2
 
     def update(self, sample: int, t: float, y: Array) -> WrongInput | None:
-        """Take a sample y (6,) that counts; what is wrong with it, if anything is."""
+        """Check the next sample y (6,) that counts."""
         follows, self._newest = sample == self._newest + 1, sample
         wrong = None
         for k, channel, begun in self._surfaces:
@@ -234,9 +230,9 @@ class RunningShape:
 
 
 class FreshShapes:
-    """Gathers the shapes of fresh flights' inputs, batch by batch.
+    """Gathers the input shapes of fresh flights, batch by batch.
 
-    surfaces: numbers of channels.   begun: (k,) [rad].   dt: [s].
+    surfaces: channel numbers.   begun: (k,) [rad].   dt: [s].
     """
 
     def __init__(self, surfaces: Sequence[int], begun: Array, dt: float) -> None:
@@ -244,8 +240,8 @@ class FreshShapes:
         self._flights = np.zeros((len(surfaces), 2), np.int64)
         self._longest: list[Array] = []
 
-    def take(self, y: Array, last: Indices) -> None:
-        """Count flights over their samples 0..last.
+    def add(self, y: Array, last: Indices) -> None:
+        """Add flights over their samples 0..last.
 
         y: (n, n_samples, 6) from trim.   last: (n,).
         """
@@ -256,15 +252,15 @@ class FreshShapes:
             first = (holds.number == 1) & (holds.side == side)
             self._flights[:, column] += first.any(axis=1).sum(axis=0)
         numbers = np.arange(1, MOST_HOLDS + 1)
-        own = (holds.number[..., np.newaxis] == numbers) & (holds.side != 0)[..., np.newaxis]
-        self._longest.append(np.where(own, holds.lasted[..., np.newaxis], -1.0).max(axis=1))
+        in_hold = (holds.number[..., np.newaxis] == numbers) & (holds.side != 0)[..., np.newaxis]
+        self._longest.append(np.where(in_hold, holds.lasted[..., np.newaxis], -1.0).max(axis=1))
 
     def shape(self, main: Indices) -> InputShape:
-        """Of all flights taken, and of some of the surfaces."""
+        """Shape of all flights added, for some of the surfaces."""
         longest = np.sort(np.concatenate(self._longest)[:, main], axis=0)
         m = max(1, int((longest[-1] >= 0).any(axis=0).sum()))
         n = self._flights[main].sum(axis=1)
-        ranks = [_rank(of, m) for of in n.tolist()]
+        ranks = [_rank(flights, m) for flights in n.tolist()]
         bounds = np.array([longest[-rank, k, :m] for k, rank in enumerate(ranks)])
         return InputShape(
             np.array(self._surfaces)[main],
@@ -275,7 +271,7 @@ class FreshShapes:
 
 
 def deflections(y: Array, last: Indices, surfaces: Sequence[int] | Indices) -> Array:
-    """(n, n_samples, k) surfaces over samples 0..last; 0 after, and where it is not known.
+    """(n, n_samples, k) surfaces over samples 0..last; 0 later and if unknown.
 
     y: (n, n_samples, 6) from trim.   last: (n,).
     """

@@ -1,4 +1,4 @@
-"""Why a flight is outside a monitor's training, or cannot be judged, in words."""
+"""Texts for why a flight is outside a monitor's training, or cannot be judged."""
 
 import numpy as np
 
@@ -16,16 +16,16 @@ from core.monitor.validity.support import ValidityBasis
 from core.types import Array
 
 MOST_NAMED = 3
-"""Channels that are named, the worst ones."""
+"""Number of worst channels to name."""
 
 
 def outside_training(
     basis: ValidityBasis, deviation: Deviation, bounds: Array, level: float, outlier: Array | None
 ) -> list[str]:
-    """Where and how far beyond the bounds; nothing for a flight within them.
+    """Where and how far a flight exceeds the bounds; empty for a flight within them.
 
-    bounds: (2,) of what is off a forecast, and of the distance.
-    outlier: (6,) forecast made of the farthest observation; None or NaN where there is none.
+    bounds: (2,) of the forecast error and of the distance.
+    outlier: (6,) forecast from the farthest observation; None or NaN for none.
     """
     support, dt = basis.support, basis.reference.dt
     share = f"{100 * (1 - level / len(support.statistics)):.4g} % of fresh flights stay within"
@@ -40,15 +40,15 @@ def outside_training(
         reasons.append(f"{_off_forecasts(basis, deviation)}; {share} {bounds[0]:.1f}")
     if distance > bounds[1]:
         reasons.append(
-            f"it was {distance:.3g} from every safe observation of training at "
-            f"{when[DISTANCE]:.2f} s, in scaled units{_mostly(basis, outlier)}; {share} "
+            f"the nearest safe training sample was {distance:.3g} (scaled units) away at "
+            f"{when[DISTANCE]:.2f} s{_mostly(basis, outlier)}; {share} "
             f"{bounds[1]:.3g}"
         )
     n_due = deviation.n_due(dt)
     if reasons and n_due > support.n_samples:
         reasons.append(
-            f"it lasts {n_due * dt:.2f} s, the flights of training {support.n_samples * dt:.2f} s: "
-            "a longer one deviates farther, split it up"
+            f"the manoeuvre lasts {n_due * dt:.2f} s, training flights only "
+            f"{support.n_samples * dt:.2f} s: split it, because longer ones deviate more"
         )
     return reasons
 
@@ -59,7 +59,7 @@ def _off_forecasts(basis: ValidityBasis, deviation: Deviation) -> str:
     c = int((deviation.responses / innovation.sigma).argmax())
     channel, amount = CHANNELS[c], float(deviation.responses[c])
     return (
-        f"the responses to the surfaces were off their forecast by {size:.1f} sigma over the "
+        f"the response to the surfaces was {size:.1f} sigma off its forecast over the "
         f"{innovation.window * dt:g} s to {when:.2f} s, mostly {channel.key} "
         f"({channel.read(amount)})"
     )
@@ -71,27 +71,26 @@ def _off_forecast(
     channel, amount = CHANNELS[c], residual * basis.support.sigma[c]
     if basis.training_max_abs[c] == 0:
         return (
-            f"{channel.key} moved by {channel.read(amount)} at {when:.2f} s; it never moved "
-            "in training"
+            f"{channel.key} moved by {channel.read(amount)} at {when:.2f} s, but never in training"
         )
     return (
-        f"{channel.key} was off its forecast by {residual:.1f} sigma ({channel.read(amount)}) "
+        f"{channel.key} was {residual:.1f} sigma ({channel.read(amount)}) off its forecast "
         f"at {when:.2f} s; {share} {bound:.1f}"
     )
 
 
 def _mostly(basis: ValidityBasis, outlier: Array | None) -> str:
-    """In which channel a forecast is farthest from that of the nearest safe observation."""
+    """Channel in which a forecast differs most from the nearest safe observation's."""
     if outlier is None or not np.isfinite(outlier).all():
         return ""
     apart = np.abs(basis.safe_points - outlier / basis.reference.scale)
     with np.errstate(over="ignore"):
         nearest = apart[np.square(apart).sum(axis=1).argmin()]
-    return f", mostly by its forecast of {CHANNELS[int(nearest.argmax())].key}"
+    return f", mostly in forecast {CHANNELS[int(nearest.argmax())].key}"
 
 
 def too_little(basis: ValidityBasis, deviation: Deviation) -> list[str]:
-    """Why nothing can be said of a flight: less than half was seen of what one without gaps has."""
+    """Why a flight cannot be judged: less than half of its samples could be used."""
     reference = basis.reference
     n_due = deviation.n_due(reference.dt)
     placed, compared = int(deviation.counts[PLACED]), int(deviation.counts[COMPARED])
@@ -103,12 +102,11 @@ def too_little(basis: ValidityBasis, deviation: Deviation) -> list[str]:
     n_pairs = n_due - n_before
     if n_pairs <= 0:
         return [
-            f"{n_due} samples are too few to judge validity: a forecast is compared with what came "
-            f"from sample {n_before + 1} on"
+            f"{n_due} samples are too few to judge validity: forecasts are checked "
+            f"from sample {n_before + 1}"
         ]
     if 2 * compared < n_pairs:
         return [
-            f"only {compared} of {n_pairs} forecasts could be compared with what came: too few to "
-            "judge validity"
+            f"only {compared} of {n_pairs} forecasts could be checked: too few to judge validity"
         ]
     return []

@@ -1,4 +1,4 @@
-"""What a monitor's training supports: how far fresh flights deviate from it, by conformal rank."""
+"""The support of a monitor's training: how far fresh flights deviate, by conformal rank."""
 
 import math
 from collections.abc import Iterable
@@ -16,36 +16,36 @@ from core.monitor.validity.input_shape import InputShape
 from core.types import Array, Indices
 
 LEVEL = 0.02
-"""Share of the flights of either kind that is accepted to be wrongly called invalid."""
+"""Accepted share of safe, and of failing, flights wrongly called invalid."""
 WORST_LEVEL = 0.1
-"""Largest level that is taken where fresh flights of one kind are too few for LEVEL."""
+"""Largest accepted level if fresh flights of one kind are too few for LEVEL."""
 LEAST, MOST = 1_000, 5_000
-"""Fresh flights to calibrate on; and of one kind, at most."""
+"""Fresh flights to calibrate on; maximum of one kind."""
 KINDS, FIELDS = ("safe", "unsafe"), ("n_samples", "level")
 INNOVATION_ARRAYS = ("matrix", "offset", "sigma")
 INNOVATION_FIELDS = ("n_past", "spacing", "window")
-"""What a section of a monitor's file holds."""
+"""Content of the section of a monitor's file."""
 NOT_CALIBRATED = (
-    "validity is not calibrated: this monitor cannot tell whether a flight is like those it was "
-    "trained on, train it again"
+    "validity is not calibrated: this monitor cannot tell whether a flight resembles its training; "
+    "train it again"
 )
 
 
 class SupportError(ValueError):
-    """Fresh flights that are too few to calibrate validity, or a level they cannot serve."""
+    """Too few fresh flights to calibrate validity, or for the level."""
 
 
 @dataclass(frozen=True, eq=False)
 class Support:
-    """How far flights deviate that are drawn like the simulated ones.
+    """How far fresh simulated flights deviate.
 
-    sigma: (6,) deviation of the residual of the monitor's own forecast on safe training rollouts,
-    in the channels' units, which monitors of older files are judged by; else NaN.
-    safe, unsafe: (n, 2) the largest off a forecast [sigma] and distance [scaled units] of fresh
-    flights that stayed safe, and of those that failed up to their failure; each column sorted.
-    n_samples: of each of these flights.
-    level: share of the flights of either kind that is wrongly called invalid, at most.
-    innovation: forecast of the responses, whose innovations are judged instead.
+    sigma: (6,) deviation of the monitor's forecast error on safe training rollouts, in the
+    channels' units, used by older files; else NaN.
+    safe, unsafe: (n, 2) largest forecast error [sigma] and distance [scaled units] of fresh flights
+    that stayed safe, and of failing ones up to the failure; each column sorted.
+    n_samples: samples per flight.
+    level: largest share of safe, and of failing, flights wrongly called invalid.
+    innovation: forecast of the responses, whose innovations newer monitors judge.
     """
 
     sigma: Array
@@ -56,7 +56,6 @@ class Support:
     innovation: Innovation = NO_INNOVATION
 
     def check(self) -> None:
-        """Refuse arrays that do not fit together; ValueError."""
         for name, array in (("safe", self.safe), ("unsafe", self.unsafe)):
             if array.dtype != np.float64 or array.shape != (len(array), 2) or not len(array):
                 raise ValueError(f"support {name} is {array.dtype} {array.shape}")
@@ -67,7 +66,7 @@ class Support:
         self.check_level()
 
     def to_section(self) -> Section:
-        """Return the section of a monitor's file; version 1 is of residuals, 2 of innovations."""
+        """Section of a monitor's file; version 1 has residuals, 2 innovations."""
         header = {name: getattr(self, name) for name in FIELDS}
         arrays = {name: getattr(self, name) for name in KINDS}
         if np.isfinite(self.sigma).all():
@@ -77,8 +76,8 @@ class Support:
         return Section("validity", 2, True, header, arrays | innovation)
 
     @classmethod
-    def of_section(cls, section: Section) -> Self:
-        """Rebuild it, unchecked."""
+    def from_section(cls, section: Section) -> Self:
+        """Rebuild it from its section, unchecked."""
         header, arrays = section.header, section.arrays
         known: dict[str, Any] = {name: header[name] for name in FIELDS}
         known |= {name: arrays[name] for name in KINDS}
@@ -93,33 +92,33 @@ class Support:
 
     @property
     def statistics(self) -> tuple[int, ...]:
-        """Columns that are tested: what is off a forecast only where there are forecasts."""
+        """Columns to test: forecast errors only if there are forecasts."""
         has_forecasts = self.innovation.window > 0 or np.isfinite(self.sigma).all()
         return (0, 1) if has_forecasts else (1,)
 
     @property
     def smallest_level(self) -> float:
-        """Smallest level that the smaller of both kinds can serve."""
+        """Smallest level that the smaller kind supports."""
         return _smallest_level(len(self.statistics), min(len(self.safe), len(self.unsafe)))
 
     def check_level(self, level: float | None = None) -> float:
-        """Return the level, its own unless given; SupportError where it cannot be served."""
+        """The level, its default unless given. SupportError if flights are too few for it."""
         level = self.level if level is None else level
         if not 0 < level < 1:
-            raise SupportError(f"level={level} was given: a share lies between 0 and 1")
+            raise SupportError(f"level={level} was given: give a share between 0 and 1")
         if level < self.smallest_level - 1e-12:
             needed = math.ceil(len(self.statistics) / level - 1 - 1e-9)
             raise SupportError(
-                f"level={level:g} needs {needed} fresh flights of either kind; validity is "
-                f"calibrated on {len(self.safe)} safe and {len(self.unsafe)} failing ones: raise "
-                f"the level to {math.ceil(1e4 * self.smallest_level - 1e-6) / 1e4:g}"
+                f"level={level:g} needs {needed} safe and {needed} failing fresh flights; validity "
+                f"is calibrated on {len(self.safe)} safe and {len(self.unsafe)} failing ones: "
+                f"raise the level to {math.ceil(1e4 * self.smallest_level - 1e-6) / 1e4:g}"
             )
         return level
 
     def p_values(self, largest: Array) -> Array:
-        """p-value of each statistic: the larger of those among safe and among failing flights.
+        """p-value of each statistic: the larger of the ones among safe and failing flights.
 
-        largest: (n, 2) off a forecast, and distance.   Returns (n, 2), NaN where none is tested.
+        largest: (n, 2) forecast error and distance.   Returns (n, 2), NaN if not tested.
         """
         p = np.full(largest.shape, np.nan)
         for k in self.statistics:
@@ -129,11 +128,11 @@ class Support:
         return p
 
     def combined(self, p: Array) -> Array:
-        """One p-value of all statistics, by Bonferroni's rule. p: (n, 2).   Returns (n,)."""
+        """One p-value for all statistics, by Bonferroni's rule. p: (n, 2).   Returns (n,)."""
         return np.minimum(1.0, len(self.statistics) * np.nanmin(p, axis=1))
 
     def bounds(self, level: float | None = None) -> Array:
-        """(2,) what a statistic must exceed to be invalid: the rule combined p <= level."""
+        """(2,) bounds above which a statistic is invalid: combined p <= level."""
         level = self.check_level(level)
         bounds = np.full(2, np.inf)
         for k in self.statistics:
@@ -146,10 +145,10 @@ class Support:
 
 @dataclass(frozen=True, eq=False)
 class ValidityBasis:
-    """What a flight is compared with: all that a monitor remembers of its training.
+    """Basis for judging a flight: a monitor's memory of its training.
 
     training_max_abs: (6,) largest magnitude of each channel.   safe_points: (n, d) mapped.
-    input_shape: which way its inputs begin, and how long they hold; None where it is not known.
+    input_shape: first direction and holds of inputs; None if unknown.
     """
 
     support: Support
@@ -162,13 +161,13 @@ class ValidityBasis:
 def calibrate(
     reference: Reference, n_samples: int, flights: Iterable[tuple[Array, Indices, *tuple[Any, ...]]]
 ) -> Support:
-    """Calibrate validity on fresh flights, in batches, until both kinds can serve LEVEL.
+    """Calibrate validity on fresh flights, in batches, until both kinds support LEVEL.
 
-    n_samples: of a rollout.
+    n_samples: per rollout.
     flights: batches of y (n, n_samples, 6) and fail_index (n,), n_samples for a safe flight, that
-    neither trained nor tested the monitor. No more of them are taken than are needed; only their
-    labels decide that, so flights of one kind stay exchangeable.
-    SupportError where they end too early for WORST_LEVEL.
+    neither trained nor tested the monitor. Reads only as many as needed, which depends only on
+    their labels, so flights of one kind stay exchangeable.
+    SupportError if they are too few for WORST_LEVEL.
     """
     n_statistics = 2 if reference.has_forecasts else 1
     kinds: tuple[list[Array], list[Array]] = [], []
@@ -176,11 +175,11 @@ def calibrate(
     for y, fail_index, *_ in flights:
         n_flights += len(y)
         is_unsafe = fail_index < y.shape[1]
-        for kind, these in enumerate((~is_unsafe, is_unsafe)):
-            some = np.flatnonzero(these)[: MOST - counts[kind]]
-            last = np.minimum(fail_index[some], y.shape[1] - 1)
-            kinds[kind].append(farthest(reference, y[some], last))
-            counts[kind] += len(some)
+        for kind, is_kind in enumerate((~is_unsafe, is_unsafe)):
+            chosen = np.flatnonzero(is_kind)[: MOST - counts[kind]]
+            last = np.minimum(fail_index[chosen], y.shape[1] - 1)
+            kinds[kind].append(farthest(reference, y[chosen], last))
+            counts[kind] += len(chosen)
         level = max(LEVEL, _smallest_level(n_statistics, min(counts)))
         if n_flights >= LEAST and level <= LEVEL:
             break
@@ -188,7 +187,7 @@ def calibrate(
         needed = math.ceil(n_statistics / WORST_LEVEL - 1 - 1e-9)
         raise SupportError(
             f"validity is not calibrated: of {n_flights} fresh flights {counts[0]} stayed safe and "
-            f"{counts[1]} failed, {needed} of either are needed; change the amplitude or the limit"
+            f"{counts[1]} failed, {needed} of each are needed; change the amplitude or the limit"
         )
     safe, unsafe = (np.sort(np.concatenate(kind), axis=0) for kind in kinds)
     return Support(reference.sigma, safe, unsafe, n_samples, level, reference.innovation)
@@ -199,5 +198,5 @@ def _smallest_level(n_statistics: int, n: int) -> float:
 
 
 def _rank(level: float, n_statistics: int, n: int) -> int:
-    """Position, among n sorted ones, of the largest that is not yet invalid."""
+    """Position, among n sorted values, of the largest valid one."""
     return n - math.floor(level / n_statistics * (n + 1) + 1e-9)

@@ -1,15 +1,14 @@
-"""Validity: whether a flight is one that a monitor can speak of, one verdict a manoeuvre.
+"""Validity: whether a flight is within a monitor's training, one verdict per manoeuvre.
 
-A flight drawn like the simulated ones, safe or failing, is called invalid with a probability of at
-most the level, over a whole manoeuvre and so at any moment of it: its statistics only ever grow. A
-longer flight than those of training has more samples to deviate in, and is called so more often.
-A flight is invalid too whose input begins in another direction, or holds for longer, than those of
-hardly any fresh flight do.
+A flight like the simulated ones, safe or failing, is called invalid with a probability of at most
+the level, over the whole manoeuvre and so at any moment, because its statistics only grow. A flight
+longer than the training flights has more samples that may deviate, so its probability is higher.
+A flight is also invalid if its input begins in another direction, or holds longer, than in almost
+all fresh flights.
 
-Once a flight is invalid, it is so to its end: nothing more is said of it. What counts ends with the
-first sample that exceeds a limit, as it did for the flights behind the bounds. The guarantee is
-about what comes before; so the verdict of that moment stays, and no aircraft is called invalid for
-where it goes once it has left its envelope.
+An invalid flight stays invalid to its end. Samples count up to the first that exceeds a limit, as
+for the flights behind the bounds. The guarantee concerns the time before, so the verdict at that
+moment is final: an aircraft is not called invalid for what it does outside its envelope.
 """
 
 from collections.abc import Sequence
@@ -43,18 +42,18 @@ from core.types import Array, Flags, Indices
 
 @dataclass(frozen=True)
 class ValidityVerdict:
-    """Whether a manoeuvre lies within what its monitor was trained on.
+    """Whether a manoeuvre is within its monitor's training.
 
-    valid: False where it deviates farther than all but a share `level` of the fresh flights of
-    either kind; None where nothing can be said: not calibrated, or less than half of it was seen.
+    valid: False if it deviates more than all but a share `level` of the safe, or of the failing,
+    fresh flights; None if it cannot be judged: not calibrated, or less than half could be used.
     p_value: of both statistics, by Bonferroni's rule.   residual_p, distance_p: of each.
-    residual: largest off a forecast [sigma]: of the responses one step ahead, root mean square over
-    half a second; in monitors of older files of one channel, the monitor's lead ahead.
+    residual: largest forecast error [sigma]: of the responses one step ahead, root mean square over
+    half a second; in older files of one channel, the monitor's lead ahead.
     distance: largest [scaled units].
-    sample, t, channel: where it deviates most: number, time [s] and the channel's key; no channel
-    where that is the distance.
+    sample, t, channel: largest deviation: sample number, time [s] and channel key; no channel if it
+    is the distance.
     reasons: why `valid` is not True.
-    None stands for what is not tested or not there.
+    None: not tested or not available.
     """
 
     valid: bool | None
@@ -81,8 +80,8 @@ def judge(
     """Judge a whole manoeuvre.
 
     t: (n,) [s].   y: (n, 6).   assessments: of these samples, not withdrawn.
-    level: the support's own unless given.   end: last sample that counts; the first that exceeds
-    a limit, if one does, as failing flights are calibrated up to there.
+    level: that of the support unless given.   end: last sample that counts, the first that exceeds
+    a limit if one does, because failing flights are calibrated up to there.
     """
     deviation, _ = deviation_of(basis, t, y, assessments, end)
     wrong = _wrong_input(basis, assessments.t, y, assessments.state, end)
@@ -96,9 +95,9 @@ def judge_and_withdraw(
     assessments: Assessments,
     end: int | None = None,
 ) -> tuple[ValidityVerdict, Withdrawal | None]:
-    """The verdict on a whole manoeuvre, and `withdrawal` of it.
+    """The verdict on a whole manoeuvre, and its `withdrawal`.
 
-    Arguments as of `judge`.
+    Arguments as in `judge`.
     """
     deviation, largest = deviation_of(basis, t, y, assessments, end)
     wrong = _wrong_input(basis, assessments.t, y, assessments.state, end)
@@ -107,13 +106,13 @@ def judge_and_withdraw(
 
 
 def _outlier(deviation: Deviation, assessments: Assessments) -> Array | None:
-    """The forecast at the largest distance; None where there is none."""
+    """The forecast at the largest distance, if any."""
     at = int(deviation.peaks[AT, DISTANCE])
     return assessments.y_hat[at] if at >= 0 else None
 
 
 def _first_outside(basis: ValidityBasis, largest: Array, wrong: WrongInput | None) -> int | None:
-    """First sample at which a statistic lies beyond its bound, or the input is wrong.
+    """First sample at which a statistic exceeds its bound, or the input is wrong.
 
     largest: (n, 2).
     """
@@ -125,7 +124,7 @@ def _first_outside(basis: ValidityBasis, largest: Array, wrong: WrongInput | Non
 def _wrong_input(
     basis: ValidityBasis, t: Array, y: Array, state: Indices, end: int | None
 ) -> WrongInput | None:
-    """What is wrong with the input of a manoeuvre, in samples up to `end` that were assessed."""
+    """First wrong input of a manoeuvre, among assessed samples up to `end`."""
     if basis.input_shape is None:
         return None
     n = len(t) if end is None else end + 1
@@ -139,10 +138,10 @@ def deviation_of(
     assessments: Assessments,
     end: int | None = None,
 ) -> tuple[Deviation, Array]:
-    """How far a manoeuvre deviates in the end, and (n, 2) both statistics by each sample.
+    """Final deviation of a manoeuvre, and (n, 2) both statistics up to each sample.
 
-    Samples in which nothing was assessed add nothing. A sample is compared with a forecast only
-    where it and every sample since that was made of were assessed.
+    Samples that were not assessed add nothing. A forecast is checked only if its sample and all
+    samples it uses were assessed.
     """
     return _deviation_of(basis, t, y, assessments.state, assessments.nearest_safe, end)
 
@@ -150,7 +149,7 @@ def deviation_of(
 def _deviation_of(
     basis: ValidityBasis, t: Array, y: Array, state: Indices, near: Indices, end: int | None
 ) -> tuple[Deviation, Array]:
-    """`deviation_of`. state: (n,) codes.   near: (n,) nearest safe points, -1 where not known."""
+    """`deviation_of`. state: (n,) codes.   near: (n,) nearest safe points, -1 if unknown."""
     n = len(state) if end is None else end + 1
     codes, near = state[:n], near[:n]
     t, y = np.ascontiguousarray(t, np.float64)[:n], np.ascontiguousarray(y, np.float64)[:n]
@@ -168,9 +167,9 @@ def withdrawal(
     assessments: Assessments,
     end: int | None = None,
 ) -> Withdrawal | None:
-    """From which sample on nothing may be said of a flight, and why; None for a valid one.
+    """First sample from which a flight is withdrawn, and why; None for a valid flight.
 
-    Arguments as of `judge`. It is the sample at which `RunningValidity` becomes invalid.
+    Arguments as in `judge`. It is the sample at which `RunningValidity` becomes invalid.
     """
     _, largest = deviation_of(basis, t, y, assessments, end)
     wrong = _wrong_input(basis, assessments.t, y, assessments.state, end)
@@ -180,9 +179,9 @@ def withdrawal(
 def first_withdrawn(
     basis: ValidityBasis, t: Array, y: Array, state: Indices, end: int | None = None
 ) -> int | None:
-    """The sample of `withdrawal`, where nothing but the states of the samples is known; or None.
+    """The sample of `withdrawal`, computed from the states alone.
 
-    t: (n,) [s].   y: (n, 6).   state: (n,) codes, not withdrawn.   end: as of `judge`.
+    t: (n,) [s].   y: (n, 6).   state: (n,) codes, not withdrawn.   end: as in `judge`.
     """
     _, largest = _deviation_of(basis, t, y, state, np.full(len(state), -1), end)
     return _first_outside(basis, largest, _wrong_input(basis, t, y, state, end))
@@ -196,7 +195,7 @@ def _withdrawal(
     largest: Array,
     wrong: WrongInput | None,
 ) -> Withdrawal | None:
-    """The first sample that is outside training, and why, by what was known at it.
+    """The first sample outside training, and why, from the samples up to it.
 
     largest: (n, 2).
     """
@@ -206,7 +205,7 @@ def _withdrawal(
 
 
 def exceeds(limits: Array, y: Array) -> Flags:
-    """(...,) whether a sample exceeds a limit; a value that is missing does not.
+    """(...,) whether a sample exceeds a limit; missing values do not.
 
     limits: (6,).   y: (..., 6).
     """
@@ -216,14 +215,13 @@ def exceeds(limits: Array, y: Array) -> Flags:
 
 
 def in_words(reasons: Sequence[str]) -> str:
-    """The reasons of a verdict as one text."""
     return "; ".join(reasons)
 
 
 class RunningValidity:
-    """Validity of a flight under way, sample by sample; invalid once is invalid to the end.
+    """Validity of a flight in progress, sample by sample; once invalid, it stays invalid.
 
-    level: the support's own unless given.   SupportError for one that it cannot serve.
+    level: that of the support unless given.   SupportError.
     """
 
     def __init__(self, basis: ValidityBasis, level: float | None = None) -> None:
@@ -234,21 +232,21 @@ class RunningValidity:
         self._deviation: Deviation = begin(basis.reference)
         self._outlier: Array | None = None
         self._call = take_call(basis.reference, self._deviation, self._history)
-        self._take = entry(take_at, *self._call, self._history[0], 0.0, 0, 0.0)
+        self._update = entry(take_at, *self._call, self._history[0], 0.0, 0, 0.0)
         self._peaks, self._counts = self._deviation.peaks, self._deviation.counts
-        self._shape = basis.input_shape and basis.input_shape.begin()
+        self._shape = basis.input_shape and basis.input_shape.start()
         self._wrong: WrongInput | None = None
 
     def update(self, y: Array, assessment: Assessment, distance: float = np.nan) -> bool:
-        """Take the next sample. Returns whether the flight is invalid, from now or before on.
+        """Judge the next sample. Returns whether the flight is invalid, now or earlier.
 
         y: (6,) float64, contiguous.   assessment: of it, not withdrawn.
-        distance: from the nearest safe point; NaN where it is not known, or told by the assessment.
+        distance: from the nearest safe point; NaN if unknown or given in the assessment.
         """
         if assessment.nearest_safe is not None:
             distance = assessment.nearest_safe.distance
         code = code_of(assessment.state)
-        residual, distance = self._take(*self._call, y, assessment.t, code, distance)
+        residual, distance = self._update(*self._call, y, assessment.t, code, distance)
         if self._peaks.item(AT, DISTANCE) == self._counts.item(SAMPLES) - 1:
             self._outlier = assessment.y_hat
         if self._shape is not None and assessment.state == "ok":
@@ -302,7 +300,7 @@ def _verdict(
 def _worst(
     basis: ValidityBasis, deviation: Deviation, bounds: Array
 ) -> tuple[int | None, float | None, str | None]:
-    """What comes closest to its bound, or is farthest beyond it: sample, time [s] and channel."""
+    """Sample, time [s] and channel that are closest to a bound, or farthest beyond it."""
     row, channel = _worst_row(basis, deviation, bounds)
     if deviation.peaks[AT, row] < 0:
         return None, None, None

@@ -67,7 +67,7 @@ def test_epsilon_that_a_float_just_misses_is_put_on_the_grid() -> None:
 
 @pytest.mark.parametrize("epsilon", [0.0, 1.0, -0.1, 1.5, nan])
 def test_epsilon_outside_0_to_1_is_refused(epsilon: float) -> None:
-    with pytest.raises(ValueError, match="was given: a miss rate lies between 0 and 1"):
+    with pytest.raises(ValueError, match=r"was given: .* between 0 and 1"):
         check_epsilon(epsilon, 50)
 
 

@@ -154,17 +154,17 @@ def test_a_file_with_a_member_that_is_none_is_refused_by_its_number(combination:
     cut = whole.arrays["2"][:-3]
     assert "member 2 is cut off" in refusal(**{"2": cut})
     assert "member 2 is uint8 (1," in refusal(**{"2": cut[None]})
-    assert "member 3 is a combination itself" in refusal(**{"3": np.frombuffer(own, np.uint8)})
+    assert "member 3 is itself a combination" in refusal(**{"3": np.frombuffer(own, np.uint8)})
     assert "n_members is 3" in refusal(**{"4": cut})
     short = np.frombuffer(rule.members[0].to_bytes(), np.uint8)
-    assert "choose that of a member" in refusal(**{"2": short, "3": short})
+    assert "choose a member's lead" in refusal(**{"2": short, "3": short})
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         (lambda m: m[:1], "1 monitors were given"),
-        (lambda m: (m[0], m[0]), "choose that of a member"),
+        (lambda m: (m[0], m[0]), "choose a member's lead"),
         (lambda m: (m[0], replace(m[1], specification=Limits(Ny=0.6))), "in limits"),
         (lambda m: (m[0], replace(m[1], dataset_recipe={})), "in planned test"),
         (lambda m: (replace(m[0], dt=0.1, h=5), m[1]), "in sample interval"),

@@ -182,14 +182,14 @@ def test_a_group_with_too_few_failures_is_refused_with_the_number_that_would_do(
     dataset: Dataset,
 ) -> None:
     recipe = MonitorRecipe(epsilon=0.015, groups=GROUPINGS["largest_deflection"])
-    told = r"needs at least 66 failures of each group; of 150 .* collect about 2\d\d unsafe"
+    told = r"needs at least 66 failures in each group; of 150 .* collect about 2\d\d unsafe"
     with pytest.raises(ValueError, match=told):
         train(dataset, recipe)
     alike = MonitorRecipe(groups=LargestDeflection(80.0, 85.0))
-    with pytest.raises(ValueError, match=r"0 are of the group 'medium .*change its bounds"):
+    with pytest.raises(ValueError, match=r"0 are in the group 'medium .*change its bounds"):
         train(dataset, alike)
     one_limit = oscillator.collect(np.random.default_rng(1), n_unsafe=12)
-    with pytest.raises(ValueError, match="all of one group: choose groups pooled"):
+    with pytest.raises(ValueError, match="in one group: choose groups pooled"):
         train(one_limit, MonitorRecipe(groups=GROUPINGS["first_limit"]))
     with pytest.raises(ValueError, match="groups need p_value simple"):
         MonitorRecipe(groups=GROUPINGS["first_limit"], p_value="exact")

@@ -331,13 +331,13 @@ def test_no_peak_is_told_of_verdicts_alone_or_of_a_window_which_say_so():
             stream.update(k * monitor.dt, y[k])
         assert stream.forecast_ahead() is None
         assert monitor.forecast is not None
-        assert monitor.forecast.no_rest.startswith("this monitor gives none")
+        assert "not available" in monitor.forecast.no_forecast_reason
 
 
 def test_before_the_input_and_at_the_end_of_the_manoeuvre_no_peak_is_told_but_why():
     monitor, y = trained(), flights()[0]
     assert monitor.forecast is not None
-    assert monitor.forecast.no_rest == ""
+    assert monitor.forecast.no_forecast_reason == ""
     stream, told = monitor.stream(), []
     for k, sample in enumerate(np.concatenate([y, np.repeat(y[-1:], 40, axis=0)])):
         stream.update(k * monitor.dt, sample)
@@ -382,7 +382,7 @@ def test_a_file_that_no_kernel_may_read_is_refused(name: str, value: object):
     with pytest.raises(MonitorFileError, match=r"cannot rebuild|holds no monitor"):
         from_bytes(pack(sections))
     without = [part for part in trained()._sections() if part.name != "peaks"]
-    with pytest.raises(MonitorFileError, match="section peaks do not fit"):
+    with pytest.raises(MonitorFileError, match="section peaks do not match"):
         from_bytes(pack(without))
 
 

@@ -330,7 +330,7 @@ def test_a_file_that_no_kernel_may_read_is_refused():
         with pytest.raises(MonitorFileError, match="cannot rebuild"):
             from_bytes(pack(sections))
     without = [part for part in monitor._sections() if part.name != "card"]
-    with pytest.raises(MonitorFileError, match="section card do not fit"):
+    with pytest.raises(MonitorFileError, match="section card do not match"):
         from_bytes(pack(without))
 
 

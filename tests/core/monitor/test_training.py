@@ -334,7 +334,7 @@ def test_a_lead_as_long_as_the_manoeuvre_is_refused(dataset: Dataset) -> None:
         ({"t_early": 0.0}, "the lead must be positive"),
         ({"t_early": np.nan}, "the lead must be positive"),
         ({"n_delay": -1}, "it must be 0 or more"),
-        ({"epsilon": 1.0}, "a miss rate lies between 0 and 1"),
+        ({"epsilon": 1.0}, "a miss rate between 0 and 1"),
         ({"calibration": "point"}, "calibration='point' was given: choose trajectory or pointwise"),
         ({"p_value": "full"}, "p_value='full' was given: choose simple or exact"),
         ({"scaling": "none"}, "scaling='none' was given: choose safe_std or raw"),

@@ -208,7 +208,7 @@ def test_groups_that_make_no_sense_are_refused(path: tuple[str, ...]) -> None:
         without = {key: part for key, part in sections_of(name).items() if key != "groups"}
         if name == "simple":
             without["groups"] = sections_of(others)["groups"]
-        assert "its section groups do not fit" in refusal(pack(without.values()))
+        assert "section groups do not match" in refusal(pack(without.values()))
 
 
 @pytest.mark.parametrize(("key", "value"), [("always", 1), ("always", None), ("running", False)])
@@ -218,7 +218,7 @@ def test_a_transduction_that_is_not_of_these_failures_is_refused(key: str, value
 
 def test_what_claims_another_p_value_than_it_has_is_refused() -> None:
     without = [part for name, part in sections_of("exact").items() if name != "transduction"]
-    assert "its section transduction says not so" in refusal(pack(without))
+    assert "section transduction" in refusal(pack(without))
 
 
 @pytest.mark.parametrize(
@@ -229,7 +229,7 @@ def test_a_section_that_is_none_is_refused(field: str, value: object) -> None:
     odd = Section("odd", 1, True, {}, {})._replace(**{field: value})
     assert "holds no monitor" in refusal(pack([*sections_of("simple").values(), odd]))
     twice = [*sections_of("simple").values(), sections_of("simple")["monitor"]]
-    assert "two sections 'monitor'" in refusal(pack(twice))
+    assert "section 'monitor' twice" in refusal(pack(twice))
 
 
 def paths() -> list[tuple[str, str, tuple[str, ...]]]:
@@ -350,7 +350,7 @@ def test_a_file_that_unfolds_to_much_more_is_refused_before_it_does(
     content = signed(archive({"monitor/alphas.npy": zeros, "sections.npy": npy(np.zeros(1))}))
     assert len(content) < UNFOLDS_TO / 100
     before = memory()
-    assert "bytes unfold to" in refusal(content)
+    assert "bytes unpack to" in refusal(content)
     assert memory() - before < UNFOLDS_TO / 4
     size = len(zeros).to_bytes(4, "little")
     lying = signed(content.split(b"\n", 2)[2].replace(size, (200).to_bytes(4, "little")))
@@ -360,14 +360,14 @@ def test_a_file_that_unfolds_to_much_more_is_refused_before_it_does(
 def test_an_array_that_declares_more_than_it_has_is_refused(memory: Callable[[], int]) -> None:
     large = npy(np.zeros(9)).replace(b"(9,), }", b"(9000000000,), }")
     before = memory()
-    assert "not the size that it declares" in refusal(signed(archive({"a.npy": large})))
+    assert "declared shape" in refusal(signed(archive({"a.npy": large})))
     assert memory() - before < UNFOLDS_TO / 4
 
 
 @pytest.mark.parametrize("kind", [zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2])
 def test_another_compression_is_refused(kind: int) -> None:
     body = archive({"sections.npy": npy(np.zeros(1))}, kind)
-    assert "compressed in a way" in refusal(signed(body))
+    assert "unsupported compression" in refusal(signed(body))
 
 
 @pytest.mark.parametrize(

@@ -137,9 +137,7 @@ def test_a_later_programs_sections_are_ignored_or_refused_as_they_ask(
     p_values = load(tmp_path / "m.fwm").p_values(flights[0])
     assert p_values.tobytes() == train(dataset).p_values(flights[0]).tobytes()
     for later in (with_section(blob, True), with_section(blob, True, "validity", 3)):
-        assert "which this program does not know and must not ignore: upgrade" in refusal(
-            later, tmp_path / "m.fwm"
-        )
+        assert "which this program does not support: upgrade" in refusal(later, tmp_path / "m.fwm")
 
 
 NONSENSE = {
@@ -228,8 +226,8 @@ def test_a_file_cut_off_anywhere_is_refused(blob: bytes, tmp_path: Path) -> None
         if length <= len(b"FOREWARN MONITOR "):
             assert "is not a Forewarn monitor: choose a file written by" in message
         else:
-            assert "is cut off or was altered, its digest does not match" in message
-    assert "is cut off or was altered" in refusal(blob + b"\0", tmp_path / "m.fwm")
+            assert "is cut off or altered" in message
+    assert "is cut off or altered" in refusal(blob + b"\0", tmp_path / "m.fwm")
 
 
 def test_a_file_with_any_byte_changed_is_refused(blob: bytes, tmp_path: Path) -> None:

@@ -60,7 +60,7 @@ def test_the_first_large_deflection_decides(rudder: tuple[float, ...], first: in
     if wrong:
         assert (wrong.t, wrong.channel) == (t[wrong.sample], "delta_r")
         assert wrong.p_value == 2 / 1501
-        assert "in all 1,500 fresh flights to the positive one" in wrong.words
+        assert "positive in all 1,500 fresh flights" in wrong.words
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_a_hold_that_outlasts_those_of_its_number_is_wrong(
     assert SHAPE.first_wrong_of(y[None], DT).tolist() == [len(y) if first is None else first]
     if wrong:
         number = 1 if first == 4 else 2
-        assert f"fresh flights for {0.2 * number:.2f} s at most" in wrong.words
+        assert f"at most {0.2 * number:.2f} s in all but" in wrong.words
         assert wrong.p_value == 2 * 3 / 1501  # two holds; a share of .002 of either lasts longer
 
 
@@ -105,7 +105,7 @@ def test_a_flight_under_way_is_told_what_the_whole_one_is() -> None:
     found = set()
     for _ in range(300):
         y, t = np.cumsum(rng.normal(0, 0.3, (n, len(KEYS))), axis=0), TIMES
-        counts, running = rng.random(n) < 0.95, shape.begin()
+        counts, running = rng.random(n) < 0.95, shape.start()
         told = (running.update(k, t.item(k), y[k]) for k in np.flatnonzero(counts).tolist())
         first = next((wrong for wrong in told if wrong), None)
         assert first == shape.first_wrong(t, y, counts)
@@ -128,7 +128,7 @@ def test_few_fresh_flights_say_nothing() -> None:
 def test_flights_are_counted_by_their_first_deflection_up_to_the_last_sample() -> None:
     y = np.stack([flight(0, 1, -1), flight(0, -1, 1), flight(0, 0, -1), flight(0, 0, 0)])
     found = FreshShapes([AILERON, RUDDER], np.array([0.5, 0.5]), DT)
-    found.take(y, np.array([2, 2, 1, 2]))
+    found.add(y, np.array([2, 2, 1, 2]))
     assert found.shape(np.array([0, 1])).flights.tolist() == [[0, 0], [1, 1]]
 
 
@@ -212,7 +212,7 @@ def test_a_file_without_holds_is_read_as_one_that_knows_of_none(monitor: Monitor
     assert monitor.inputs
     section = monitor.inputs.to_section()
     arrays = {name: array for name, array in section.arrays.items() if name != "longest_s"}
-    shape = InputSupport.of_section(section._replace(arrays=arrays)).shape
+    shape = InputSupport.from_section(section._replace(arrays=arrays)).shape
     assert shape
     assert shape.longest_s.shape == (1, 0)
     assert shape.first_wrong_of(flight(*[1.0] * 50)[None], DT).tolist() == [50]

@@ -1,5 +1,6 @@
 """Validity: statistics against brute force, p-values against fractions, stream against batch."""
 
+import re
 from collections.abc import Callable
 from dataclasses import astuple, replace
 from fractions import Fraction
@@ -259,10 +260,10 @@ def test_invalid_iff_the_exact_combined_p_value_is_at_most_the_level(
 def test_a_level_that_the_calibration_cannot_serve_is_refused(monitor: Monitor) -> None:
     support = replace(support_of(monitor), unsafe=support_of(monitor).unsafe[:98])
     assert support.smallest_level == 2 / 99
-    with pytest.raises(SupportError, match=r"level=0\.02 needs 99 fresh .* 98 failing .* 0\.0203"):
+    with pytest.raises(SupportError, match=r"level=0\.02 needs 99 safe .* 98 failing .* 0\.0203"):
         support.check_level(0.02)
     assert support.check_level(0.0203) == 0.0203
-    with pytest.raises(SupportError, match="a share lies between 0 and 1"):
+    with pytest.raises(SupportError, match="give a share between 0 and 1"):
         support.bounds(1.0)
 
 
@@ -296,7 +297,7 @@ def test_too_few_flights_of_one_kind_raise_the_level_or_are_refused(dataset: Dat
 
     support = support_of(with_validity(monitor, dataset, with_failing(39)))
     assert support.level == support.smallest_level == 2 / 40
-    with pytest.raises(SupportError, match=r"\d+ stayed safe and 18 failed, 19 of either"):
+    with pytest.raises(SupportError, match=r"\d+ stayed safe and 18 failed, 19 of each"):
         with_validity(monitor, dataset, with_failing(18))
 
 
@@ -371,7 +372,7 @@ def test_reasons_name_response_size_and_time(monitor: Monitor, flights: Array) -
     assert (verdict.residual_p, verdict.p_value) == (least, 2 * least)
     # 0.6 g off at one of ten samples: a root mean square of 0.19 g
     assert verdict.reasons[0] == (
-        f"the responses to the surfaces were off their forecast by {verdict.residual:.1f} sigma "
+        f"the response to the surfaces was {verdict.residual:.1f} sigma off its forecast "
         f"over the 0.5 s to 3.00 s, mostly Ny (0.187 g); 99 % of fresh flights stay within "
         f"{support.bounds()[0]:.1f}"
     )
@@ -382,8 +383,8 @@ def test_reasons_name_response_size_and_time(monitor: Monitor, flights: Array) -
     near = min(monitor.safe_points, key=lambda point: ((point - z) ** 2).sum())
     mostly = max(range(6), key=lambda c: abs(near[c] - z[c]))
     assert verdict.reasons[-1] == (
-        f"it was {verdict.distance:.3g} from every safe observation of training at 3.00 s, in "
-        f"scaled units, mostly by its forecast of {KEYS[mostly]}; 99 % of fresh flights "
+        f"the nearest safe training sample was {verdict.distance:.3g} (scaled units) away "
+        f"at 3.00 s, mostly in forecast {KEYS[mostly]}; 99 % of fresh flights "
         f"stay within {support.bounds()[1]:.3g}"
     )
 
@@ -398,7 +399,7 @@ def test_the_residual_of_an_older_file_names_its_channel(dataset: Dataset, fligh
     assert (verdict.sample, verdict.valid) == (60, False)
     assert verdict.residual == pytest.approx(off / support.sigma[NY])
     assert verdict.reasons[0] == (
-        f"Ny was off its forecast by {verdict.residual:.1f} sigma ({off:.3g} g) at 3.00 s; "
+        f"Ny was {verdict.residual:.1f} sigma ({off:.3g} g) off its forecast at 3.00 s; "
         f"99 % of fresh flights stay within {support.bounds()[0]:.1f}"
     )
 
@@ -440,10 +441,7 @@ def test_a_flight_longer_than_those_of_training_says_so_where_it_strays(monitor:
     t = np.arange(len(y), dtype=np.float64) * DT
     verdict = monitor.judge(t, y, untouched(monitor, t, y))
     assert verdict.valid is False
-    assert verdict.reasons[-1] == (
-        "it lasts 122.00 s, the flights of training 3.05 s: a longer one deviates farther, "
-        "split it up"
-    )
+    assert re.search(r"lasts 122\.00 s, .* 3\.05 s: split it", verdict.reasons[-1])
 
 
 def test_a_flight_counts_up_to_its_first_exceedance(monitor: Monitor, flights: Array) -> None:
@@ -468,7 +466,7 @@ def test_a_flight_of_which_too_little_was_seen_is_not_called_valid(
     assert reasons(TIMES, y)[0].startswith("only 15 of 61 samples could be assessed")
     y = flights[3].copy()
     y[12::13, 0] = np.nan
-    assert reasons(TIMES, y)[0].startswith("only 10 of 53 forecasts could be compared")
+    assert reasons(TIMES, y)[0].startswith("only 10 of 53 forecasts could be checked")
     late = TIMES.copy()
     late[30:] += 10.0
     assert reasons(late, flights[3])[0].startswith("only 59 of 261 samples could be assessed")
@@ -519,7 +517,7 @@ def test_responses_are_judged_whatever_the_predictor(dataset: Dataset, flights: 
     y[30:, NY] *= -1
     verdict = monitor.judge(TIMES, y, untouched(monitor, TIMES, y))
     assert verdict.valid is False
-    assert verdict.reasons[0].startswith("the responses to the surfaces were off their forecast")
+    assert verdict.reasons[0].startswith("the response to the surfaces was")
 
 
 def test_one_sample_exceeds_as_a_row_of_many_does() -> None:
