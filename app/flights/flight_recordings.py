@@ -14,7 +14,7 @@ from app.live.journal import Journals, lines_of
 from app.recordings.files import NoSpace
 from app.recordings.flown_journal import FlownJournal
 from app.recordings.recordings import Recordings
-from app.recordings.workers import to_its_end
+from app.recordings.workers import run_to_end
 from app.store.flights import INTERRUPTED, FlightInfo
 from app.store.markers import Marker
 from app.store.store import NotFound
@@ -48,7 +48,7 @@ class FlightRecordings:
         async with self._turn:
             self.under_way = flight_id
             try:
-                await to_its_end(self.make_now, flight_id)
+                await run_to_end(self.make_now, flight_id)
             except NotFound:
                 LOG.info("flight %s is gone before it became a recording", flight_id)
             except TelemetryError as error:
@@ -74,7 +74,7 @@ class FlightRecordings:
         name = self._name(info, header, aircraft)
         markers = self._markers(flight_id, str(header.get("began", now())))
         flown = FlownJournal(flight_id, path, name, aircraft, mapping, markers)
-        return self._recordings.take(flown)
+        return self._recordings.add_journal(flown)
 
     def waiting(self) -> list[str]:
         """Ids of flights that are over and became no recording yet, the oldest first. StoreError.

@@ -1,1 +1,1 @@
-"""Uploaded files: received, read, mapped, scored and kept."""
+"""Uploaded files: receive, read, map, score and store them."""

@@ -1,4 +1,4 @@
-"""A recording as plain data: what it holds, its mapping, small plots."""
+"""A recording as plain data: contents, mapping, small plots."""
 
 from dataclasses import asdict
 from typing import Any
@@ -19,11 +19,11 @@ from core.channels import KEYS
 from core.types import Array
 
 BINS = 120
-"""Of a small plot."""
+"""Bins of a small plot."""
 SUMMARY = ("n", "missing", "min", "max", "mean")
 
 
-def described(recordings: Recordings, recording_id: str) -> dict[str, Any]:
+def recording_answer(recordings: Recordings, recording_id: str) -> dict[str, Any]:
     """A recording with its contents and mapping. NotFound; StoreError."""
     info = recordings.store.recordings.info(recording_id)
     mapped = recordings.store.recordings.mapped_columns(recording_id)
@@ -42,7 +42,7 @@ def described(recordings: Recordings, recording_id: str) -> dict[str, Any]:
 def preview(
     recordings: Recordings, recording_id: str, mapping: Mapping, bins: int
 ) -> dict[str, Any]:
-    """What comes of a mapping, channel by channel, without storing it. NotFound; StoreError."""
+    """Channels, quality and warnings under a mapping, without storing it. NotFound; StoreError."""
     mapped = recordings.mapped(recording_id, mapping)
     with recordings.present(recording_id):
         columns = recordings.files.columns(recording_id)
@@ -56,9 +56,9 @@ def preview(
 
 
 def channel_bands(traces: Traces, bins: int = BINS) -> dict[str, dict[str, Any]]:
-    """Small plots by key: t, low and high of at most so many equal bins; unit, min, max.
+    """Small plots by key: t, low and high of at most `bins` equal bins; unit, min, max.
 
-    In JSON's types, None for what is no number.
+    In JSON's types, None for missing numbers.
     """
     return {key: _bands(trace, TARGETS[key].unit, bins) for key, trace in traces.channels.items()}
 
@@ -85,7 +85,7 @@ def _plain(numbers: Array) -> list[float | None]:
 
 
 def signal_bands(recordings: Recordings, recording_id: str, index: int) -> dict[str, Any]:
-    """A signal of a recording in a few bins. NotFound; StoreError."""
+    """A signal of a recording in at most BINS bins. NotFound; StoreError."""
     recordings.store.recordings.info(recording_id)
     columns = recordings.columns(recording_id)
     signals = columns.contents.signals
@@ -123,7 +123,7 @@ def _contents(contents: Contents, mapped: MappedColumns) -> dict[str, Any]:
 
 
 def _rates(contents: Contents, mapped: MappedColumns) -> dict[int, float]:
-    """Rate of each group that a channel is of [Hz]."""
+    """Sample rate of each group with a mapped channel [Hz]."""
     groups = {signal.name: signal.group for signal in contents.signals}
     clocks = mapped.quality["clocks"] if mapped.quality else []
     return {

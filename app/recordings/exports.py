@@ -1,7 +1,7 @@
-"""A scored recording as a file for other programs: CSV, Parquet or MAT, with units.
+"""Export a scored recording as CSV, Parquet or MAT, with units.
 
-Channels are as assessed: from trim, SI units, N_y in g. Their names say so in CSV, and carry the
-unit, so that the file can be scored again; the other two keep both beside each column.
+Channels are as assessed: from trim, in SI units, N_y in g. In CSV the names contain both, so that
+the file can be scored again; the other formats store them beside each column.
 """
 
 import io
@@ -25,9 +25,9 @@ SUFFIXES = {"rad": "rad", "rad/s": "radps", "g": "g", "s": "s"}
 ANGLES = ("phi", "theta", "psi")
 MAT_TITLE = b"MATLAB 5.0 MAT-file, written by Forewarn"
 MAT_TITLE_BYTES = 116
-"""scipy writes the time of day there; the same flight makes the same file."""
+"""scipy writes the time of day there; we replace it, so that equal flights give equal files."""
 BLOCK = 65_536
-"""Rows of a table in memory at once, where its format is written row by row."""
+"""Rows in memory at once, for formats that are written row by row."""
 ALL = slice(None)
 
 
@@ -35,7 +35,7 @@ ALL = slice(None)
 class ExportColumn:
     """One column of an export.
 
-    unit: "" for what has none.   values: (n,); where there are words, their numbers.
+    unit: "" if none.   values: (n,); indices of `words` if there are words.
     from_trim: whether the trim is subtracted.
     """
 
@@ -47,14 +47,14 @@ class ExportColumn:
 
     @property
     def long_name(self) -> str:
-        """`beta_from_trim_rad`: how tables say what they have no other place for."""
+        """Name with reference and unit, such as `beta_from_trim_rad`."""
         name = f"{self.name}_from_trim" if self.from_trim else self.name
         return f"{name}_{SUFFIXES[self.unit]}" if self.unit else name
 
 
 @dataclass(frozen=True)
 class ExportFormat:
-    """A format of exports. write: columns and what is known about them, into a file."""
+    """A format of exports. write: writes columns and plain data about them to a file."""
 
     ending: str
     media_type: str
@@ -64,7 +64,7 @@ class ExportFormat:
 def export(samples: npt.NDArray, about: Mapping[str, Any], form: str, file: BinaryIO) -> None:
     """Write stored samples (see app.scoring) in a format of EXPORTS.
 
-    about: plain data kept with them where the format has a place: hashes, epsilon, monitor.
+    about: plain data stored with them if the format allows it: hashes, epsilon, monitor.
     """
     EXPORTS[form].write(columns(samples, about.get("limits_in_force")), about, file)
 
@@ -72,9 +72,9 @@ def export(samples: npt.NDArray, about: Mapping[str, Any], form: str, file: Bina
 def columns(
     samples: npt.NDArray, in_force: Sequence[Mapping[str, Any]] | None = None
 ) -> list[ExportColumn]:
-    """The columns of stored samples in their order; attitude only where there is any.
+    """The columns of stored samples in order; attitude only if recorded.
 
-    in_force: limits that were, see app.scoring.limits_history; a column each channel with one.
+    in_force: limits in force, see app.scoring.limits_history; one column per limited channel.
     """
     units = {channel.key: channel.unit for channel in CHANNELS}
     states = tuple(state.value for state in STATES)
@@ -107,10 +107,10 @@ def columns(
 
 
 def _limits(t: Array, in_force: Sequence[Mapping[str, Any]]) -> list[ExportColumn]:
-    """The limit in force of each channel that had one, at each time; NaN where none held."""
+    """The limit in force of each channel that had one, over time; NaN if none applied."""
     pieces = pieces_of(np.full(len(CHANNELS), np.inf), in_force)
     limited = np.isfinite([piece.limits for piece in pieces]).any(axis=0)
-    given = []
+    limit_columns = []
     for c in np.flatnonzero(limited):
         channel, limits = CHANNELS[c], np.full(len(t), np.nan)
         for piece in pieces:
@@ -118,19 +118,19 @@ def _limits(t: Array, in_force: Sequence[Mapping[str, Any]]) -> list[ExportColum
             limits[(t >= piece.start) & (t <= piece.end)] = limit
         if np.isfinite(limits).any():
             name = f"limit_{channel.key}"
-            given.append(ExportColumn(name, channel.unit, limits, from_trim=True))
-    return given
+            limit_columns.append(ExportColumn(name, channel.unit, limits, from_trim=True))
+    return limit_columns
 
 
-def _table(given: list[ExportColumn], names: list[str], rows: slice = ALL) -> "pa.Table":
-    """An Arrow table in which a missing value is null, not a number that is none."""
+def _table(export_columns: list[ExportColumn], names: list[str], rows: slice = ALL) -> "pa.Table":
+    """An Arrow table with nulls for missing values."""
     import pyarrow as pa
 
-    return pa.table([_arrow(column, rows) for column in given], names=names)
+    return pa.table([_arrow(column, rows) for column in export_columns], names=names)
 
 
 def _arrow(column: ExportColumn, rows: slice = ALL) -> "pa.Array":
-    """Some rows of a column as Arrow has them; its own way from numpy imports pandas first."""
+    """Some rows of a column as an Arrow array; Arrow's own conversion imports pandas first."""
     import pyarrow as pa
 
     values = column.values[rows]
@@ -152,7 +152,7 @@ def _bits(flags: npt.NDArray[np.bool_]) -> "pa.Buffer":
 
 
 def _texts(values: npt.NDArray[Any], words: tuple[str, ...]) -> "pa.Array":
-    """Words by their numbers, of which many that follow each other are the same."""
+    """Words by index; built from runs, because neighbours are usually equal."""
     import pyarrow as pa
 
     changes = np.ones(len(values), bool)
@@ -168,50 +168,52 @@ def _texts(values: npt.NDArray[Any], words: tuple[str, ...]) -> "pa.Array":
     )
 
 
-def _csv(given: list[ExportColumn], about: Mapping[str, Any], file: BinaryIO) -> None:
+def _csv(export_columns: list[ExportColumn], about: Mapping[str, Any], file: BinaryIO) -> None:
     from pyarrow.csv import CSVWriter, WriteOptions
 
-    names = [column.long_name for column in given]
+    names = [column.long_name for column in export_columns]
     options = WriteOptions(quoting_style="none", quoting_header="none")
-    first = _table(given, names, slice(0, BLOCK))
+    first = _table(export_columns, names, slice(0, BLOCK))
     with CSVWriter(file, first.schema, write_options=options) as writer:
         writer.write_table(first)
-        for begin in range(BLOCK, len(given[0].values), BLOCK):
-            writer.write_table(_table(given, names, slice(begin, begin + BLOCK)))
+        for begin in range(BLOCK, len(export_columns[0].values), BLOCK):
+            writer.write_table(_table(export_columns, names, slice(begin, begin + BLOCK)))
 
 
-def _parquet(given: list[ExportColumn], about: Mapping[str, Any], file: BinaryIO) -> None:
+def _parquet(export_columns: list[ExportColumn], about: Mapping[str, Any], file: BinaryIO) -> None:
     import pyarrow as pa
     from pyarrow.parquet import write_table
 
-    table = _table(given, [column.name for column in given])
+    table = _table(export_columns, [column.name for column in export_columns])
     fields = [
         field.with_metadata({"unit": column.unit, "reference": "trim" if column.from_trim else ""})
-        for field, column in zip(table.schema, given, strict=True)
+        for field, column in zip(table.schema, export_columns, strict=True)
     ]
     schema = pa.schema(fields, metadata={"forewarn": _text(about)})
     write_table(table.cast(schema), file)
 
 
-def _mat(given: list[ExportColumn], about: Mapping[str, Any], file: BinaryIO) -> None:
+def _mat(export_columns: list[ExportColumn], about: Mapping[str, Any], file: BinaryIO) -> None:
     from scipy.io import savemat
 
-    data = {column.name: np.ascontiguousarray(column.values) for column in given}
-    states = next(column for column in given if column.words)
+    data = {column.name: np.ascontiguousarray(column.values) for column in export_columns}
+    states = next(column for column in export_columns if column.words)
     names, data["state"] = np.unique(np.array(states.words)[states.values], return_inverse=True)
-    units = {column.name: column.unit for column in given if column.unit}
+    units = {column.name: column.unit for column in export_columns if column.unit}
     data["state"] = data["state"].astype(np.uint8) + 1  # MATLAB counts from 1
     content = {
         **data,
         "state_names": names.astype(object),
         "units": units,
-        "from_trim": np.array([column.name for column in given if column.from_trim], object),
+        "from_trim": np.array(
+            [column.name for column in export_columns if column.from_trim], object
+        ),
         "about": _text(about),
     }
-    made = io.BytesIO()
-    savemat(made, content, oned_as="column")
+    buffer = io.BytesIO()
+    savemat(buffer, content, oned_as="column")
     file.write(MAT_TITLE.ljust(MAT_TITLE_BYTES))
-    file.write(made.getbuffer()[MAT_TITLE_BYTES:])
+    file.write(buffer.getbuffer()[MAT_TITLE_BYTES:])
 
 
 def _text(about: Mapping[str, Any]) -> str:

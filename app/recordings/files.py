@@ -1,12 +1,12 @@
-"""Folders of recordings: what is uploaded, its columns, its scored samples.
+"""Folders of recordings: uploaded file, columns and scored samples.
 
     recordings/<id>/file            the uploaded file, byte for byte
-                    columns/        what was read from it
+                    columns/        signals read from it
                     digests.json    SHA-256 of each file of the columns
                     scorings/       samples and tiles of each scoring
-    recordings/incoming/<id>/       a recording that is on its way in, or out
+    recordings/incoming/<id>/       a recording that is being added or removed
 
-A folder moves in and out in one step, so that what lies under `recordings/<id>` is whole.
+A folder moves in and out in one step, so `recordings/<id>` is always complete.
 """
 
 import errno
@@ -31,30 +31,30 @@ LOG = logging.getLogger("forewarn")
 DIGESTS = "digests.json"
 REMEDY = "restore the data directory, or delete the recording and upload it again"
 SPARE_BYTES = 256 * 2**20
-"""Left free on the disk for the database and the rest of the machine."""
+"""Free space reserved for the database and the rest of the machine."""
 
 
 class NoSpace(OSError):
-    """The disk has no room for what is to be kept."""
+    """The disk has no room for new data."""
 
 
 class RecordingFiles:
-    """The folders under one root, each named by the id of its recording."""
+    """The folders under one root, named by recording id."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
         self.incoming = root / "incoming"
         self.verified = Verified()
 
-    def begin(self, recording_id: str) -> Path:
-        """Make the folder of a recording that is on its way in."""
+    def create(self, recording_id: str) -> Path:
+        """Create the folder of a recording that is being added."""
         folder = self.incoming / recording_id
-        with spacious():
+        with reporting_full_disk():
             folder.mkdir(parents=True, mode=0o700)
         return folder
 
     def admit(self, recording_id: str) -> None:
-        """Put a folder in its place, whole on the disk."""
+        """Move a complete folder into its place, synced to disk."""
         folder = self.incoming / recording_id
         (folder / "scorings").mkdir()
         digests = {path.name: digest_of(path) for path in sorted((folder / "columns").iterdir())}
@@ -65,35 +65,33 @@ class RecordingFiles:
         sync(self.root)
 
     def reject(self, recording_id: str) -> None:
-        """Remove the folder of a recording that is on its way in; nothing where there is none."""
+        """Remove the folder of a recording that is being added, if there is one."""
         shutil.rmtree(self.incoming / recording_id, ignore_errors=True)
 
     def discard(self, recording_id: str) -> None:
-        """Remove a folder from its place in one step; nothing where there is none."""
-        gone = self.incoming / f"{recording_id}.gone"
+        """Remove a folder from its place in one step, if there is one."""
+        removed = self.incoming / f"{recording_id}.gone"
         try:
             self.incoming.mkdir(parents=True, exist_ok=True)
-            (self.root / recording_id).rename(gone)
+            (self.root / recording_id).rename(removed)
         except FileNotFoundError:
             return
-        shutil.rmtree(gone, ignore_errors=True)
+        shutil.rmtree(removed, ignore_errors=True)
 
     def unnamed(self) -> BinaryIO:
-        """A file on the same disk, to write and read, that is gone once it is closed."""
-        with spacious():
+        """A temporary file on the same disk, deleted when closed."""
+        with reporting_full_disk():
             self.incoming.mkdir(parents=True, exist_ok=True)
             return cast(BinaryIO, tempfile.TemporaryFile(dir=self.incoming))
 
     def file(self, recording_id: str) -> Path:
-        """The uploaded file."""
         return self.root / recording_id / "file"
 
     def scorings(self, recording_id: str) -> Path:
-        """Folder of the scored samples."""
         return self.root / recording_id / "scorings"
 
     def columns(self, recording_id: str) -> Columns:
-        """The columns of a recording, each checked as it is read. FileNotFoundError; Damaged."""
+        """The columns of a recording; each is checked on reading. FileNotFoundError; Damaged."""
         folder = self.root / recording_id / "columns"
         try:
             digests = self._digests(recording_id)
@@ -106,9 +104,9 @@ class RecordingFiles:
     def check(
         self, recording_id: str, file_digest: str, digest: Callable[[Path], str] = digest_of
     ) -> None:
-        """Read a whole recording, but for its scorings. FileNotFoundError; Damaged.
+        """Check all files of a recording except its scorings. FileNotFoundError; Damaged.
 
-        digest: of a file's content, in hexadecimal; it may take its time.
+        digest: computes the digest of a file in hexadecimal; may be slow.
         """
         folder = self.root / recording_id / "columns"
         self.verified.check(self.file(recording_id), file_digest, REMEDY, digest)
@@ -120,7 +118,7 @@ class RecordingFiles:
             raise Damaged(f"{folder} is damaged ({error}): {REMEDY}") from error
 
     def _digests(self, recording_id: str) -> dict[str, str]:
-        """Digests of the columns by file; none of a recording of an older program."""
+        """Digests of the columns by file; empty for a recording of an older version."""
         try:
             text = (self.root / recording_id / DIGESTS).read_text(encoding="utf-8")
         except FileNotFoundError:
@@ -137,31 +135,31 @@ class RecordingFiles:
             self.verified.check(path, digests[path.name], REMEDY, digest)
 
     def clear(self, recordings: Iterable[str], scorings: Collection[str]) -> None:
-        """Remove what a server that died left half-way, in these recordings and on its way.
+        """Remove incomplete files of a server that crashed. Arguments: known ids.
 
-        A folder that no row knows is left alone: it may belong to another database.
+        A folder without a row in the database stays: it may belong to another database.
         """
-        for left in self.incoming.glob("*"):
-            LOG.warning("removed %s, which a server that died left half-way", left)
-            shutil.rmtree(left, ignore_errors=True)
+        for folder in self.incoming.glob("*"):
+            LOG.warning("removed the incomplete recording %s after a server crash", folder)
+            shutil.rmtree(folder, ignore_errors=True)
         for recording_id in recordings:
-            for left in self.scorings(recording_id).glob("*"):
-                if left.name.partition(".")[0] not in scorings:
-                    left.unlink(missing_ok=True)
+            for file in self.scorings(recording_id).glob("*"):
+                if file.name.partition(".")[0] not in scorings:
+                    file.unlink(missing_ok=True)
 
     def size(self, recording_id: str) -> int:
-        """Bytes of all files in the folder of a recording; 0 where it is gone."""
+        """Bytes of all files of a recording; 0 if it does not exist."""
         return _size_of(self.root / recording_id)
 
     def require(self, n_bytes: int) -> None:
-        """Check that so many bytes can be kept; NoSpace."""
-        here = next(path for path in (self.root, *self.root.parents) if path.exists())
-        free = shutil.disk_usage(here).free
+        """Check that so many bytes can be stored; NoSpace."""
+        existing = next(path for path in (self.root, *self.root.parents) if path.exists())
+        free = shutil.disk_usage(existing).free
         if n_bytes > free - SPARE_BYTES:
             unit, name = (2**20, "MiB") if n_bytes >= 10 * 2**20 else (2**10, "KiB")
             raise NoSpace(
-                f"this needs {ceil(n_bytes / unit):,} {name}, and the disk of the data directory "
-                f"has {max(0, free - SPARE_BYTES) // unit:,} {name} to spare: delete recordings"
+                f"this needs {ceil(n_bytes / unit):,} {name}, but the disk of the data directory "
+                f"has {max(0, free - SPARE_BYTES) // unit:,} {name} available: delete recordings"
             )
 
 
@@ -174,8 +172,8 @@ def _size_of(folder: Path) -> int:
 
 
 @contextmanager
-def spacious() -> Iterator[None]:
-    """Say as NoSpace that the disk is full."""
+def reporting_full_disk() -> Iterator[None]:
+    """Raise NoSpace for errors of a full disk."""
     try:
         yield
     except OSError as error:
@@ -185,8 +183,8 @@ def spacious() -> Iterator[None]:
 
 
 def sync(path: Path) -> None:
-    """Have the disk hold a file or directory, against a power cut."""
-    if os.name == "nt":  # it opens no directories
+    """Flush a file or directory to disk, against a power cut."""
+    if os.name == "nt":  # cannot open directories
         return
     handle = os.open(path, os.O_RDONLY)
     try:

@@ -1,4 +1,4 @@
-"""The journal of a live flight on its way to be a recording, with the mapping it was flown by."""
+"""The journal of an ended live flight, which becomes a recording with the mapping of the flight."""
 
 import os
 import shutil
@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from app.recordings.files import spacious
+from app.recordings.files import reporting_full_disk
 from app.store.markers import Marker
 from app.telemetry.contents import Columns
 from app.telemetry.mapping.derivations import DERIVATIONS
@@ -19,9 +19,9 @@ from core.channels import KEYS
 
 @dataclass(frozen=True)
 class FlownJournal:
-    """What a flight that is over leaves.
+    """Data of an ended flight.
 
-    mapping: None for our own names in SI units.   markers: that were set in it.
+    mapping: None for our own names in SI units.   markers: set during the flight.
     """
 
     flight_id: str
@@ -32,12 +32,12 @@ class FlownJournal:
     markers: Sequence[Marker] = ()
 
     def mapping_for(self, columns: Columns) -> Mapping:
-        """The mapping that the flight was read by, of what was sent."""
+        """The mapping of the flight, reduced to the signals that were sent."""
         names = {signal.name for signal in columns.contents.signals}
         (group,) = columns.contents.groups
         if self.mapping is None:
-            own = [key for key in (*KEYS, *ATTITUDE) if key in names]
-            channels = {key: ChannelSource(key, TARGETS[key].unit) for key in own}
+            keys = [key for key in (*KEYS, *ATTITUDE) if key in names]
+            channels = {key: ChannelSource(key, TARGETS[key].unit) for key in keys}
             return Mapping(channels, {group.name: TimeSource(group.time)})
         times = [time for time in self.mapping.times.values() if time.signal]
         channels = {
@@ -50,12 +50,12 @@ class FlownJournal:
         return replace(self.mapping, channels=channels, times={group.name: times[0]})
 
 
-def share(path: Path, target: Path) -> None:
-    """Have a file under another name too, on the disk once where that can be. NoSpace."""
+def link_or_copy(path: Path, target: Path) -> None:
+    """Hard-link a file under another name, or copy it if that fails. NoSpace."""
     with suppress(OSError):
         os.link(path, target)
         return
-    with spacious():
+    with reporting_full_disk():
         shutil.copyfile(path, target)
         target.chmod(0o600)
 

@@ -1,4 +1,4 @@
-"""The mapping of a recording as it is stored: proposed or confirmed, with the quality under it."""
+"""The stored mapping of a recording, proposed or confirmed, with the quality of its channels."""
 
 import hashlib
 import json
@@ -22,13 +22,13 @@ from app.telemetry.traces import Traces
 from core.compatibility import TOLERANCES
 
 BLOCK = 2**18
-"""Values looked at together."""
+"""Values that are read at once."""
 
 
 def propose_mapping(
     columns: Columns, remembered: RememberedMapping | None
 ) -> tuple[MappedColumns, MappedRecording]:
-    """Propose a mapping for the columns of a new recording; return it as stored, and applied."""
+    """Propose a mapping for a new recording; return it in stored form, and applied."""
     before = _still_known(remembered)
     proposal = propose(columns, before, aircraft=remembered.aircraft if remembered else "")
     unchanged = before is not None and before.channels.items() <= proposal.mapping.channels.items()
@@ -47,7 +47,7 @@ def propose_mapping(
 
 
 def with_mapping(before: MappedColumns, mapped: MappedRecording) -> MappedColumns:
-    """The stored mapping changed to another, with the quality of the channels under it."""
+    """The stored form with another mapping and the quality of its channels."""
     repaired = mapped.repaired
     return replace(
         before,
@@ -59,7 +59,7 @@ def with_mapping(before: MappedColumns, mapped: MappedRecording) -> MappedColumn
 
 
 def _still_known(remembered: RememberedMapping | None) -> Mapping | None:
-    """The mapping that was remembered; None where it names what this version does not know."""
+    """The remembered mapping; None if this version does not know all of its names."""
     try:
         return None if remembered is None else Mapping.from_plain(remembered.mapping)
     except TelemetryError:
@@ -71,13 +71,13 @@ def _way(derivation: Derivation) -> dict[str, Any]:
 
 
 def signature(contents: Contents) -> str:
-    """Digest of the signals that a recorder writes: their names and units, in any order."""
+    """Digest of the names and units of a recorder's signals, in any order."""
     names = sorted((signal.name, signal.unit) for signal in contents.signals)
     return hashlib.sha256(json.dumps(names).encode()).hexdigest()
 
 
 def statistics(columns: Columns) -> list[list[float | None]]:
-    """n, missing, min, max and mean of each signal, in the unit of the file."""
+    """n, missing, min, max and mean of each signal, in the file's unit."""
     return [_summary(columns.values(signal.name)) for signal in columns.contents.signals]
 
 
@@ -94,24 +94,24 @@ def _summary(values: np.ndarray) -> list[float | None]:
 
 
 def _duration(traces: Traces) -> float | None:
-    """From the first time to the last; repaired times are finite."""
+    """From the first time to the last [s]; repaired times are finite."""
     clocks = {id(trace.t): trace.t for trace in traces.channels.values() if len(trace.t)}
     ends = [(float(t.min()), float(t.max())) for t in clocks.values()]
     return max(e for _, e in ends) - min(b for b, _ in ends) if ends else None
 
 
 def plain_quality(quality: Quality) -> dict[str, Any]:
-    """Quality as JSON's types, its sentences among them."""
+    """Quality as JSON's types, with its sentences."""
     return plain(quality) | {"sentences": list(quality.sentences())}
 
 
 def quality_of(scored: ScoredRecording) -> dict[str, Any]:
-    """Quality of a recording that was scored, with whether its sensors agree."""
+    """Quality of a scored recording, and whether its sensors agree."""
     checks = [check.to_plain() for check in scored.compatibility]
-    told = {"compatibility": plain(checks), "compatibility_tolerances": TOLERANCES}
-    return plain_quality(scored.quality) | told
+    compatibility = {"compatibility": plain(checks), "compatibility_tolerances": TOLERANCES}
+    return plain_quality(scored.quality) | compatibility
 
 
 def plain(content: Any) -> Any:
-    """Dataclasses and arrays as JSON's types; what is not a number becomes null."""
+    """Dataclasses and arrays as JSON's types; NaN and infinity become null."""
     return json_codec.decode(json_codec.encode(content))

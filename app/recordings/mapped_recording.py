@@ -1,8 +1,7 @@
-"""The channels of a recording under one mapping: applied and repaired once, for all who need them.
+"""The channels of a recording under one mapping, applied and repaired once.
 
-A preview, the quality, the warnings and every scoring look at the same channels. The last ones are
-held in memory, so that a mapping that was tried is not applied again when it is confirmed, nor the
-times repaired for each monitor.
+Preview, quality, warnings and every scoring use the same channels. The most recent ones stay in
+memory, so a mapping is not applied again when it is confirmed, or for each monitor.
 """
 
 import json
@@ -20,15 +19,15 @@ from app.telemetry.timing.repair import RepairedTraces, repair
 from app.telemetry.traces import Traces
 
 MOST_BYTES = 2**28
-"""Held in memory; a larger recording is mapped anew each time."""
+"""Limit of the memory; a larger recording is mapped again each time."""
 
 
 @dataclass(frozen=True, eq=False)
 class MappedRecording:
-    """What comes of a mapping.
+    """The result of a mapping.
 
-    applied: channels as recorded; None where the mapping cannot be applied.   repaired: None
-    where that cannot be, or the times not repaired.   problem: why, in one sentence.
+    applied: channels as recorded; None if the mapping cannot be applied.   repaired: None if
+    `applied` is, or if the times cannot be repaired.   problem: the reason in one sentence.
     """
 
     mapping: Mapping
@@ -38,7 +37,6 @@ class MappedRecording:
 
     @classmethod
     def of(cls, columns: Columns, mapping: Mapping) -> Self:
-        """Apply a mapping and repair the times, once."""
         applied = None
         try:
             applied = apply_mapping(columns, mapping)
@@ -47,14 +45,14 @@ class MappedRecording:
             return cls(mapping, applied, None, str(error))
 
     def scorable(self) -> RepairedTraces:
-        """The repaired channels; TelemetryError where there are none."""
+        """The repaired channels; TelemetryError if there are none."""
         if self.repaired is None:
             raise TelemetryError(self.problem or "")
         return self.repaired
 
     @property
     def n_bytes(self) -> int:
-        """Of the arrays, each counted once."""
+        """Size of the arrays, each counted once."""
         parts = [self.applied, self.repaired.traces if self.repaired else None]
         traces = [trace for part in parts if part for trace in part.channels.values()]
         arrays = {id(array): array for trace in traces for array in (trace.t, trace.values)}
@@ -62,7 +60,7 @@ class MappedRecording:
 
 
 class RecentMappings:
-    """The mapped recordings of late, of MOST_BYTES at most. May be called from any thread."""
+    """Recently mapped recordings, at most MOST_BYTES. Safe in any thread."""
 
     def __init__(self) -> None:
         self._mapped: OrderedDict[tuple[str, str], MappedRecording] = OrderedDict()
@@ -71,7 +69,7 @@ class RecentMappings:
     def mapped(
         self, recording_id: str, mapping: Mapping, columns: Callable[[], Columns]
     ) -> MappedRecording:
-        """A recording under a mapping. columns: opens those of the recording, where needed."""
+        """A recording under a mapping. columns: opens the recording's columns if needed."""
         key = _key(recording_id, mapping)
         with self._lock:
             if key in self._mapped:
@@ -82,16 +80,15 @@ class RecentMappings:
         return mapped
 
     def add(self, recording_id: str, mapped: MappedRecording) -> None:
-        """Hold a recording that was just mapped, and drop the oldest beyond MOST_BYTES."""
+        """Store a mapped recording, and drop the oldest ones beyond MOST_BYTES."""
         with self._lock:
             self._mapped[_key(recording_id, mapped.mapping)] = mapped
-            n_bytes = sum(held.n_bytes for held in self._mapped.values())
+            n_bytes = sum(recent.n_bytes for recent in self._mapped.values())
             while n_bytes > MOST_BYTES:
                 _, dropped = self._mapped.popitem(last=False)
                 n_bytes -= dropped.n_bytes
 
     def forget(self, recording_id: str) -> None:
-        """Drop all that is held of a recording."""
         with self._lock:
             for key in [key for key in self._mapped if key[0] == recording_id]:
                 del self._mapped[key]

@@ -1,8 +1,7 @@
-"""Recordings: received, read, mapped, kept and removed; no folder without a row, nor half of one.
+"""Receive, read, map, store and delete recordings.
 
-An upload goes to a folder of its own among those that are on their way in; it is read there, and
-comes into its place when it is whole. A failure at any moment, a sender who leaves and a server
-that dies all leave nothing behind.
+An upload is written and read in a folder under `incoming`, which moves into its place when it is
+complete. A failure, a client that disconnects or a server crash leaves nothing behind.
 """
 
 import asyncio
@@ -13,13 +12,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
-from app.recordings.files import RecordingFiles, spacious
-from app.recordings.flown_journal import FlownJournal, share
+from app.recordings.files import RecordingFiles, reporting_full_disk
+from app.recordings.flown_journal import FlownJournal, link_or_copy
 from app.recordings.mapped_columns import propose_mapping, signature, with_mapping
 from app.recordings.mapped_recording import MappedRecording, RecentMappings
 from app.recordings.upload import Received, receive
 from app.recordings.verified import digest_of
-from app.recordings.workers import Busy, Workers, to_its_end
+from app.recordings.workers import Busy, Workers, run_to_end
 from app.store.recordings import MappedColumns
 from app.store.store import NotFound, Store, StoreError
 from app.store.tables import new_id
@@ -31,21 +30,21 @@ from app.telemetry.recording import TelemetryError
 
 LOG = logging.getLogger("forewarn")
 MOST_UPLOADS = 8
-"""At once."""
-PATIENCE_S = 5.0
-"""Uploads that the server has told to end are waited for so long."""
+"""Most uploads at once."""
+SHUTDOWN_WAIT_S = 5.0
+"""How long a shutdown waits for uploads."""
 
 
 class Abandoned(Exception):
-    """The sender left before there was an answer."""
+    """The client disconnected before the answer."""
 
 
 @dataclass(frozen=True)
 class Upload:
-    """A file that is about to come.
+    """A file to receive.
 
-    name: as its user calls it.   length: as its sender says [bytes], None if it does not.
-    body: its content as it comes.   is_abandoned: whether its sender has left.
+    name: original file name.   length: declared by the client [bytes], None if unknown.
+    body: content in chunks.   is_abandoned: whether the client has disconnected.
     """
 
     name: str
@@ -56,7 +55,7 @@ class Upload:
 
 
 class Recordings:
-    """The recordings of a server; a context, at whose end no upload is under way."""
+    """The recordings of a server; leaving the context ends all uploads."""
 
     def __init__(self, store: Store, root: Path) -> None:
         self.store = store
@@ -68,66 +67,66 @@ class Recordings:
 
     async def __aenter__(self) -> Self:
         try:
-            await to_its_end(self._recover)
+            await run_to_end(self._recover)
         except (StoreError, OSError) as error:
-            LOG.warning("what a server that died left of recordings stays for now: %s", error)
+            LOG.warning("incomplete recordings of a crashed server remain for now: %s", error)
         return self
 
     async def __aexit__(self, *error: object) -> None:
         for workers in (self.readers, self.workers):
             await asyncio.to_thread(workers.close)
         if self._uploads:
-            _, late = await asyncio.wait(self._uploads, timeout=PATIENCE_S)
+            _, late = await asyncio.wait(self._uploads, timeout=SHUTDOWN_WAIT_S)
             for upload in late:
                 upload.cancel()
             await asyncio.gather(*late, return_exceptions=True)
 
     @property
     def under_way(self) -> int:
-        """Uploads that have not ended."""
+        """Number of uploads in progress."""
         return len(self._uploads)
 
     async def receive(self, upload: Upload) -> str:
-        """Keep what is uploaded; return its id.
+        """Store an upload; return its id.
 
-        Busy; NoSpace; Stalled; Abandoned; TelemetryError where the file cannot be read.
+        Busy; NoSpace; Stalled; Abandoned; TelemetryError if the file cannot be read.
         """
         if len(self._uploads) >= MOST_UPLOADS:
-            raise Busy(f"{MOST_UPLOADS} uploads are under way, as many as may be: try again soon")
+            raise Busy(f"{MOST_UPLOADS} uploads are in progress, the maximum: try again soon")
         task = asyncio.current_task()
         assert task is not None
         self._uploads.add(task)
         recording_id = new_id()
         try:
-            folder = await to_its_end(self._begin, recording_id, upload.length or 0)
+            folder = await run_to_end(self._begin, recording_id, upload.length or 0)
             received = await receive(upload.body, folder / "file", self.files.require)
             if received.size == 0:
-                raise TelemetryError(f"{upload.name} is empty: choose a file that holds telemetry")
+                raise TelemetryError(f"{upload.name} is empty: choose a file with telemetry")
             stored, mapped = await self.readers.run(self._read, folder, upload)
             if await upload.is_abandoned():
                 raise Abandoned
             about = upload.name, upload.aircraft, received, stored
-            await to_its_end(self._admit, recording_id, *about)
+            await run_to_end(self._admit, recording_id, *about)
             self._recent.add(recording_id, mapped)
         except BaseException:
-            await to_its_end(self._drop, recording_id)
+            await run_to_end(self._drop, recording_id)
             raise
         finally:
             self._uploads.discard(task)
         return recording_id
 
-    def take(self, flown: FlownJournal) -> str:
-        """Keep the journal of a flight that is over, its mapping confirmed; for a thread.
+    def add_journal(self, flown: FlownJournal) -> str:
+        """Store the journal of an ended flight with a confirmed mapping; runs in a thread.
 
-        Returns its id. NoSpace; TelemetryError where it holds no samples to speak of; StoreError.
+        Returns its id. NoSpace; TelemetryError if it has too few samples; StoreError.
         """
         recording_id = new_id()
         try:
             size = flown.path.stat().st_size
             folder = self._begin(recording_id, size)
-            share(flown.path, folder / "file")
+            link_or_copy(flown.path, folder / "file")
             received = Received(size, digest_of(folder / "file"))
-            with spacious():
+            with reporting_full_disk():
                 read_file(folder / "file", folder / "columns", name=flown.name)
             columns = open_columns(folder / "columns")
             proposed, _ = propose_mapping(columns, None)
@@ -144,14 +143,12 @@ class Recordings:
         return recording_id
 
     def columns(self, recording_id: str) -> Columns:
-        """The columns of a recording; NotFound; StoreError where its folder was lost."""
+        """The columns of a recording. NotFound; StoreError if its folder is missing."""
         with self.present(recording_id):
             return self.files.columns(recording_id)
 
     def mapped(self, recording_id: str, mapping: Mapping | None = None) -> MappedRecording:
-        """The channels of a recording, under its own mapping if none is given. NotFound;
-        StoreError.
-        """
+        """The channels of a recording, by default under its own mapping. NotFound; StoreError."""
         stored = self.store.recordings.mapped_columns(recording_id)
         mapping = Mapping.from_plain(stored.mapping) if mapping is None else mapping
         with self.present(recording_id):
@@ -162,11 +159,11 @@ class Recordings:
     def confirm_mapping(
         self, recording_id: str, mapping: Mapping, aircraft: str | None, *, remember: bool
     ) -> None:
-        """Keep a mapping, and propose it for the aircraft's next recording. NotFound;
+        """Store a mapping, and propose it for the aircraft's next recording. NotFound;
         TelemetryError.
 
-        aircraft: another than was said with the upload. Where none is named nothing is remembered:
-        the next recording may be of one that counts its signals the other way.
+        aircraft: replaces that of the upload. Without an aircraft nothing is remembered, because
+        the next recording may be from an aircraft with other signs.
         """
         mapped = self.mapped(recording_id, mapping)
         mapped.scorable()
@@ -192,7 +189,7 @@ class Recordings:
 
     @contextmanager
     def present(self, recording_id: str) -> Iterator[None]:
-        """Say NotFound of files that are gone because the recording is, else StoreError."""
+        """Turn missing files into NotFound if the recording was deleted, else StoreError."""
         try:
             yield
         except FileNotFoundError as error:
@@ -203,14 +200,13 @@ class Recordings:
             ) from error
 
     def _begin(self, recording_id: str, length: int) -> Path:
-        """Make place for an upload."""
         self.files.require(length)
         warm_up()
-        return self.files.begin(recording_id)
+        return self.files.create(recording_id)
 
     def _read(self, folder: Path, upload: Upload) -> tuple[MappedColumns, MappedRecording]:
-        """Read the file that came into a folder, and propose a mapping of its columns."""
-        with spacious():
+        """Read the file in a folder, and propose a mapping of its columns."""
+        with reporting_full_disk():
             read_file(folder / "file", folder / "columns", name=upload.name)
         columns = open_columns(folder / "columns")
         key = signature(columns.contents)
@@ -225,7 +221,7 @@ class Recordings:
         mapped: MappedColumns,
         flown: FlownJournal | None = None,
     ) -> None:
-        """Put a recording in its place, first the row that is not seen, then the folder."""
+        """Add a recording: first a hidden row, then the folder, then show the row."""
         folder = self.files.incoming / recording_id
         self.store.recordings.add(
             recording_id,
@@ -236,7 +232,7 @@ class Recordings:
             aircraft,
             mapped,
         )
-        with spacious():
+        with reporting_full_disk():
             self.files.admit(recording_id)
         if flown is None:
             self.store.recordings.complete(recording_id)
@@ -244,7 +240,7 @@ class Recordings:
             self.store.recordings.complete(recording_id, flown.flight_id, flown.markers)
 
     def _drop(self, recording_id: str) -> None:
-        """Leave nothing of a recording that did not come in."""
+        """Remove all traces of a recording that failed to arrive."""
         try:
             self.files.reject(recording_id)
             with suppress(NotFound):
@@ -255,7 +251,7 @@ class Recordings:
             LOG.exception("recording %s is removed at the next start", recording_id)
 
     def _recover(self) -> None:
-        """Clear up after a server that died."""
+        """Remove the remains of a server that crashed."""
         for recording_id in self.store.recordings.incomplete():
             self.files.discard(recording_id)
             self.store.recordings.purge(recording_id)

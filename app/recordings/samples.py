@@ -1,4 +1,4 @@
-"""Samples of scorings as files: flat .npy arrays that are mapped, not loaded, with their tiles."""
+"""Samples of scorings and their tiles as files: memory-mapped .npy arrays."""
 
 import hashlib
 from collections.abc import Callable
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from app.recordings.files import spacious
+from app.recordings.files import reporting_full_disk
 from app.recordings.tiles import TILE, make_tiles
 from app.recordings.verified import Verified
 from app.scoring import SAMPLE
@@ -18,29 +18,28 @@ Samples = npt.NDArray[np.void]
 
 WHOLE, TILES = "npy", "tiles.npy"
 PIECE = 8192
-"""Samples that are hashed at a time."""
+"""Samples that are hashed at once."""
 REMEDY = "delete this scoring and score the recording again"
 
 
 def digest(samples: Samples, rest: Callable[[], None] = lambda: None) -> str:
-    """SHA-256 of samples, bit for bit. rest: called between their pieces."""
-    found = hashlib.sha256()
+    """SHA-256 of samples, bit for bit. rest: called between pieces of work."""
+    sha = hashlib.sha256()
     for first in range(0, len(samples), PIECE):
-        found.update(np.ascontiguousarray(samples[first : first + PIECE]).data)
+        sha.update(np.ascontiguousarray(samples[first : first + PIECE]).data)
         rest()
-    return found.hexdigest()
+    return sha.hexdigest()
 
 
-def keep(folder: Path, scoring_id: str, samples: Samples) -> None:
-    """Write samples and the tiles made of them, each whole or not at all. NoSpace."""
-    with spacious():
+def save_samples(folder: Path, scoring_id: str, samples: Samples) -> None:
+    """Write samples and their tiles, each complete or not at all. NoSpace."""
+    with reporting_full_disk():
         for kind, array in ((WHOLE, samples), (TILES, make_tiles(samples))):
             with whole_file(folder / f"{scoring_id}.{kind}") as file:
                 np.save(file, array, allow_pickle=False)
 
 
 def samples_file(folder: Path, scoring_id: str) -> Path:
-    """The file of a scoring's samples."""
     return folder / f"{scoring_id}.{WHOLE}"
 
 
@@ -51,9 +50,9 @@ def check_samples(
     verified: Verified,
     rest: Callable[[], None] = lambda: None,
 ) -> None:
-    """Read the samples and tiles of a scoring. FileNotFoundError; Damaged.
+    """Check the samples and tiles of a scoring. FileNotFoundError; Damaged.
 
-    rest: called between pieces of the work.
+    rest: called between pieces of work.
     """
     open_samples(folder, scoring_id, expected, verified, rest)
     open_tiles(folder, scoring_id, expected, verified)
@@ -66,11 +65,11 @@ def open_samples(
     verified: Verified,
     rest: Callable[[], None] = lambda: None,
 ) -> Samples:
-    """The samples of a scoring, mapped, read-only. Damaged where they are not those stored.
+    """The samples of a scoring, memory-mapped, read-only. Damaged if they changed since stored.
 
-    expected: their digest.   rest: called between pieces of reading them.
+    expected: their digest.   rest: called between pieces of work.
 
-    Version 0.1.0 named a field otherwise; what lies in it is the same, bit for bit.
+    Version 0.1.0 used another name for one field, with the same bits.
     """
     path = samples_file(folder, scoring_id)
     verified.check(path, expected, REMEDY, lambda path: digest(_mapped(path, SAMPLE), rest))
@@ -78,23 +77,23 @@ def open_samples(
 
 
 def open_tiles(folder: Path, scoring_id: str, expected: str, verified: Verified) -> Samples:
-    """The tiles of a scoring, as of app.recordings.tiles, mapped, read-only. Damaged.
+    """The tiles of a scoring (app.recordings.tiles), memory-mapped, read-only. Damaged.
 
-    expected: digest of the samples, of which they are made.
+    expected: digest of the samples that they are made from.
     """
     path = folder / f"{scoring_id}.{TILES}"
 
     def compare(path: Path) -> str:
         samples = open_samples(folder, scoring_id, expected, verified)
-        same = digest(make_tiles(samples)) == digest(_mapped(path, TILE))
-        return expected if same else ""
+        is_intact = digest(make_tiles(samples)) == digest(_mapped(path, TILE))
+        return expected if is_intact else ""
 
     verified.check(path, expected, REMEDY, compare)
     return _mapped(path, TILE)
 
 
 def remove(folder: Path, scoring_id: str) -> None:
-    """Remove the files of a scoring, those that are there."""
+    """Remove the files of a scoring, if they exist."""
     for kind in (WHOLE, TILES):
         (folder / f"{scoring_id}.{kind}").unlink(missing_ok=True)
 

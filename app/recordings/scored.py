@@ -1,7 +1,7 @@
-"""Scored recordings: a recording through a monitor, kept with all that decided the samples.
+"""Score recordings by monitors, and store the samples with all inputs that determine them.
 
-The samples of a scoring lie in the recording's folder; the row beside them is stored last. The same
-request leads to the same samples, so one that was carried out before is answered by what was kept.
+The samples are in the recording's folder; their row in the database is stored last. Equal requests
+give equal samples, so a repeated request returns the stored scoring.
 """
 
 import hashlib
@@ -17,11 +17,11 @@ from app.recordings.recordings import Recordings
 from app.recordings.samples import (
     Samples,
     digest,
-    keep,
     open_samples,
     open_tiles,
     remove,
     samples_file,
+    save_samples,
 )
 from app.recordings.tiles import TILE, Window, window
 from app.scoring import ScoredRecording, ScoringRecipe, score
@@ -39,7 +39,7 @@ from core.types import Array
 
 @dataclass(frozen=True, eq=False)
 class Ingredients:
-    """All that decides a scoring."""
+    """All inputs that determine a scoring."""
 
     recording: RecordingInfo
     mapped: MappedColumns
@@ -49,7 +49,7 @@ class Ingredients:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of them all, this version of the program among them."""
+        """SHA-256 of all inputs, including the version of this program."""
         parts = [
             self.recording.digest,
             self.mapped.mapping,
@@ -71,22 +71,22 @@ class ScoredRecordings:
     async def score(
         self, recording_id: str, monitor_id: str, recipe: ScoringRecipe
     ) -> tuple[ScoringInfo, bool]:
-        """Score a recording; return what is kept, and whether it was made now.
+        """Score a recording; return the stored scoring, and whether it is new.
 
-        NotFound, also where the recording is deleted meanwhile; EpsilonError; TelemetryError;
+        NotFound, also if the recording is deleted meanwhile; EpsilonError; TelemetryError;
         NoSpace; Busy.
         """
         work = self.recordings.workers.run
         return await work(self._score, recording_id, monitor_id, recipe)
 
     def samples(self, info: ScoringInfo) -> Samples:
-        """The samples of a scoring, mapped. NotFound; StoreError."""
+        """The samples of a scoring, memory-mapped. NotFound; StoreError."""
         with self.recordings.present(info.recording_id):
             folder = self.files.scorings(info.recording_id)
             return open_samples(folder, info.id, info.digest, self.files.verified)
 
     def verified(self, info: ScoringInfo) -> bool:
-        """Whether its samples were read in this process and are those stored: quick."""
+        """Whether its samples were checked in this process and are unchanged: quick."""
         path = samples_file(self.files.scorings(info.recording_id), info.id)
         return self.files.verified.knows(path, info.digest)
 
@@ -106,27 +106,29 @@ class ScoredRecordings:
         return samples, window(samples, tiles, first, last, bins)
 
     def delete(self, recording_id: str, scoring_id: str) -> None:
-        """Delete a scoring with its samples. NotFound; InUse while it is flown."""
+        """Delete a scoring with its samples. NotFound; InUse during a flight."""
         self.store.scorings.delete(recording_id, scoring_id)
         remove(self.files.scorings(recording_id), scoring_id)
 
     def _score(
         self, recording_id: str, monitor_id: str, recipe: ScoringRecipe
     ) -> tuple[ScoringInfo, bool]:
-        of = self._ingredients(recording_id, monitor_id, recipe)
-        if stored := self.store.scorings.find(recording_id, of.digest):
+        inputs = self._ingredients(recording_id, monitor_id, recipe)
+        if stored := self.store.scorings.find(recording_id, inputs.digest):
             self.samples(stored)
             return stored, False
-        mapping = Mapping.from_plain(of.mapped.mapping)
+        mapping = Mapping.from_plain(inputs.mapped.mapping)
         recorded = self.recordings.mapped(recording_id, mapping).scorable()
-        scored = score(of.monitor, recorded, of.recipe, self._history(recording_id, mapping))
+        scored = score(
+            inputs.monitor, recorded, inputs.recipe, self._history(recording_id, mapping)
+        )
         folder, scoring_id = self.files.scorings(recording_id), new_id()
         self.files.require(2 * scored.samples.nbytes)
         hashed = threads().submit(digest, scored.samples)
         try:
             with self.recordings.present(recording_id):
-                keep(folder, scoring_id, scored.samples)
-            stored = self.store.scorings.add(_entry(of, scored, scoring_id, hashed.result()))
+                save_samples(folder, scoring_id, scored.samples)
+            stored = self.store.scorings.add(_entry(inputs, scored, scoring_id, hashed.result()))
         except BaseException:
             remove(folder, scoring_id)
             raise
@@ -159,25 +161,25 @@ class ScoredRecordings:
 
 
 def _entry(
-    of: Ingredients, scored: ScoredRecording, scoring_id: str, samples_digest: str
+    inputs: Ingredients, scored: ScoredRecording, scoring_id: str, samples_digest: str
 ) -> ScoringInfo:
     t = scored.samples["t"]
     return ScoringInfo(
         id=scoring_id,
-        recording_id=of.recording.id,
-        monitor_id=of.info.id,
-        monitor_name=of.info.name,
-        monitor_digest=of.info.digest,
-        specification=of.info.specification,
-        request_digest=of.digest,
+        recording_id=inputs.recording.id,
+        monitor_id=inputs.info.id,
+        monitor_name=inputs.info.name,
+        monitor_digest=inputs.info.digest,
+        specification=inputs.info.specification,
+        request_digest=inputs.digest,
         digest=samples_digest,
         created=now(),
         version=__version__,
         epsilon=scored.epsilon,
-        lead=of.monitor.lead,
+        lead=inputs.monitor.lead,
         dt=scored.dt,
-        request=of.recipe.to_plain(),
-        mapping=of.mapped.mapping,
+        request=inputs.recipe.to_plain(),
+        mapping=inputs.mapped.mapping,
         n_samples=len(t),
         start=float(t[0]),
         end=float(t[-1]),

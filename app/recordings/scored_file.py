@@ -1,4 +1,4 @@
-"""A recorded flight scored from its file: read, mapped, and scored by every monitor asked for."""
+"""Score a recorded flight from its file by one or more monitors."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -27,11 +27,11 @@ from core.simulation.attitude import surface_signs
 
 @dataclass(frozen=True)
 class ScoreRequest:
-    """What is asked for on the command line.
+    """The request on the command line.
 
-    epsilons: None for a monitor's own.   mapping: what the signals are; None: as proposed.
-    rate: of the rows of groups that have no time otherwise.   accept_useless: score by a monitor
-    whose alerts tell nothing although it is the only one.
+    epsilons: None for the monitor's own.   mapping: None to use the proposed one.
+    rate: sample rate of groups without a time.   accept_useless: score even if the only monitor's
+    alerts carry no information.
     """
 
     monitors: tuple[Path, ...]
@@ -44,7 +44,7 @@ class ScoreRequest:
 
 
 class Scored(NamedTuple):
-    """One scoring of several. label: what tells it from the others, "" where it is alone."""
+    """One of several scorings. label: distinguishes it from the others, "" if there is only one."""
 
     label: str
     path: Path
@@ -54,9 +54,9 @@ class Scored(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ScoredFile:
-    """A file with all that was said of it.
+    """A file with its mapping and scorings.
 
-    proposal: why it was mapped so; None: as given.   accept_useless: as was asked for.
+    proposal: None if the mapping was given.   accept_useless: as requested.
     """
 
     contents: Contents
@@ -67,7 +67,7 @@ class ScoredFile:
 
 
 class UnmappedFile(TelemetryError):
-    """A file of which the proposed mapping does not do. template: one to fill in, as plain data."""
+    """The proposed mapping is not sufficient. template: one to complete, as plain data."""
 
     def __init__(self, message: str, contents: Contents, template: dict[str, Any]) -> None:
         super().__init__(message)
@@ -77,8 +77,8 @@ class UnmappedFile(TelemetryError):
 def score_file(request: ScoreRequest, memory: MappingMemory | None = None) -> ScoredFile:
     """Score a file by each monitor at each epsilon.
 
-    memory: of the aircraft's recorders: asked for a mapping unless one is given, which it keeps
-    once everything is scored. UselessMonitor unless that is accepted.
+    memory: provides the aircraft's mapping if none is given; otherwise stores the given one after
+    scoring. UselessMonitor unless accepted.
     """
     monitors = [load(path) for path in request.monitors]
     for monitor in monitors:
@@ -92,8 +92,8 @@ def score_file(request: ScoreRequest, memory: MappingMemory | None = None) -> Sc
         mapping = proposal.mapping if proposal else _as_given(contents, request)
         if request.rate and request.rate not in mapping.times.values():
             raise TelemetryError(
-                f"--rate {rate_words(request.rate)}: every group of {request.file} has a time; "
-                "give a --mapping with the rate in its `times` to use that instead"
+                f"--rate {rate_words(request.rate)} is not used: every group of {request.file} has "
+                "a time; to use the rate instead, give a --mapping with it in `times`"
             )
         applied = False
         try:
@@ -109,7 +109,7 @@ def score_file(request: ScoreRequest, memory: MappingMemory | None = None) -> Sc
                 raise UnmappedFile(message, contents, template) from None
             raise TelemetryError(message) from None
     if memory and request.mapping:
-        memory.keep(contents, request.mapping)
+        memory.remember(contents, request.mapping)
     return ScoredFile(contents, mapping, proposal, scored, request.accept_useless)
 
 
@@ -121,17 +121,18 @@ def _check_use(path: Path, monitor: Monitor, epsilon: float) -> None:
 
 
 def _as_given(contents: Contents, request: ScoreRequest) -> Mapping:
-    """The mapping that was given, with the rate for groups of which it says no time."""
-    given = request.mapping or Mapping()
+    """The given mapping, with the given rate for groups without a time."""
+    mapping = request.mapping or Mapping()
     if request.rate is None:
-        return given
-    return replace(given, times={g.name: request.rate for g in contents.groups} | given.times)
+        return mapping
+    rates = {group.name: request.rate for group in contents.groups}
+    return replace(mapping, times=rates | mapping.times)
 
 
 def _proposed(
     columns: Columns, request: ScoreRequest, monitor: Monitor, memory: MappingMemory | None
 ) -> Proposal:
-    """What the signals most likely are, surfaces with the signs of the monitor's aircraft."""
+    """The proposed mapping; surfaces get the signs of the monitor's aircraft."""
     aircraft = planned_test(monitor).aircraft
     return propose(
         columns,
@@ -143,16 +144,20 @@ def _proposed(
 
 
 def _why(error: TelemetryError, proposal: Proposal | None) -> str:
-    """Why nothing was taken for the channels that are missing."""
+    """Why channels are missing, from the proposal."""
     if proposal is None or not isinstance(error, MissingChannels):
         return ""
     rationales = [proposal.rationales.get(key) for key in error.keys]
-    reasons = [found.reasons[0] for found in rationales if found is not None and found.reasons]
+    reasons = [
+        rationale.reasons[0]
+        for rationale in rationales
+        if rationale is not None and rationale.reasons
+    ]
     return f" ({'; '.join(reasons)})" if reasons else ""
 
 
 def labels(request: ScoreRequest) -> list[str]:
-    """What tells each scoring from the others, in their order; "" for one that is alone."""
+    """Labels that distinguish the scorings, in order; "" for a single one."""
     several = [len(request.monitors) > 1, len(request.epsilons) > 1]
     parts = [
         [name, f"epsilon-{epsilon:g}" if epsilon is not None else ""]
@@ -175,7 +180,7 @@ def _score(
 
 
 def _distinct(names: list[str]) -> list[str]:
-    """The same names, with a number behind one that was there before."""
+    """The names, with a number appended to repeated ones."""
     before = [names[:k].count(name) for k, name in enumerate(names)]
     return [
         f"{name}-{count + 1}" if count else name for name, count in zip(names, before, strict=True)

@@ -1,4 +1,4 @@
-"""What is answered about a scoring, as plain data."""
+"""Scorings as plain data."""
 
 from dataclasses import asdict
 from typing import Any
@@ -21,7 +21,7 @@ from core.specification import specification_from_plain
 
 OF_ITS_OWN = ("recording_id", "monitor_id", "specification", "request_digest", "row_digest")
 VERDICTS = ("manoeuvres", "outside_exceedances", "notes")
-"""Not said of a scoring that is damaged."""
+"""Omitted for a damaged scoring."""
 
 
 def answers(
@@ -29,7 +29,7 @@ def answers(
 ) -> list[dict[str, Any]]:
     """Scorings without their samples.
 
-    verified: those were found to be as stored; else each says what is known of it.
+    verified: whether all samples have just been checked; otherwise each scoring has its own flag.
     """
     used = [(info.monitor_id, info.epsilon) for info in infos]
     warnings = scored.store.monitors.warnings(used)
@@ -60,17 +60,17 @@ def _answer(info: ScoringInfo, warnings: list[str], verified: bool) -> dict[str,
     }
 
 
-def manoeuvres_found(
+def detected_manoeuvres(
     recordings: Recordings, recording_id: str, monitor_id: str
 ) -> list[dict[str, Any]]:
-    """Manoeuvres that scoring by a monitor would find. NotFound; TelemetryError."""
+    """Manoeuvres that scoring by a monitor would detect. NotFound; TelemetryError."""
     monitor = recordings.store.monitors.get(monitor_id)
     recorded = recordings.mapped(recording_id).scorable()
     return [interval._asdict() for interval in manoeuvres_in(monitor, recorded)]
 
 
 def frames(info: ScoringInfo, samples: Samples, first: int) -> list[dict[str, Any]]:
-    """Frames of samples, numbered from `first`; what is not finite becomes null when encoded."""
+    """Frames of samples, numbered from `first`; NaN and infinity become null when encoded."""
     y, y_hat = (np.ascontiguousarray(samples[name]) for name in ("y", "y_hat"))
     known = np.isfinite(samples["p_value"])
     forecast = known & np.isfinite(y_hat).all(axis=1)
@@ -99,7 +99,7 @@ def frames(info: ScoringInfo, samples: Samples, first: int) -> list[dict[str, An
 
 
 def tiled(info: ScoringInfo, samples: Samples, window: Window) -> dict[str, Any]:
-    """A window of tiles, field by field."""
+    """A window of tiles by field."""
     bins, n = window.bins, len(window.bins)
     t = samples["t"]
     end = min(window.first + n * window.width, len(t)) - 1

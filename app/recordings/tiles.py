@@ -1,8 +1,8 @@
-"""Tiles of a scoring: the least and the most of every few samples, made once, drawn at any zoom.
+"""Tiles of a scoring: extremes of consecutive samples, computed once and drawn at any zoom.
 
-A pyramid over the samples: tiles of FINEST samples, of FACTOR times as many, and so on. Any window
-is answered from the level whose tiles are somewhat finer than its bins, so that the work goes with
-the bins asked for and not with the length of the recording. A bin's extremes are exact.
+A pyramid over the samples: tiles of FINEST samples, of FACTOR times as many, and so on. A window
+uses the level with tiles slightly finer than its bins, so the work depends on the number of bins
+and not on the length of the recording. The extremes of a bin are exact.
 """
 
 from dataclasses import dataclass
@@ -18,9 +18,9 @@ Samples = npt.NDArray[np.void]
 FINEST = 8
 """Samples of the smallest tile."""
 FACTOR = 4
-"""Tiles that make a tile of the next level."""
+"""Tiles per tile of the next level."""
 BLOCK = 2**15
-"""Samples that are looked at together."""
+"""Samples that are processed at once."""
 
 TILE = np.dtype(
     [
@@ -33,7 +33,7 @@ TILE = np.dtype(
         ("alert", "?"),
     ]
 )
-"""Extremes of y and p_value, largest withdrawn, worst state, any alert; NaN where nothing is."""
+"""Extremes of y and p_value, largest withdrawn, worst state, any alert; NaN if missing."""
 
 JOINED: dict[str, Any] = {
     "low": np.fmin,
@@ -44,16 +44,16 @@ JOINED: dict[str, Any] = {
     "state": np.maximum,
     "alert": np.logical_or,
 }
-"""What a tile says of several: fmin and fmax pass over what is missing."""
+"""How the fields of several samples or tiles are joined; fmin and fmax skip missing values."""
 OF_SAMPLE = {"low": "y", "high": "y", "risk_low": "p_value", "risk_high": "p_value"}
-"""Fields of a sample that a tile's are made of, where they have another name."""
+"""Fields of a tile whose source in a sample has another name."""
 
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """Bins of a manoeuvre of samples. first: sample of the first bin.   width: samples a bin.
+    """Bins of consecutive samples. first: first sample.   width: samples per bin.
 
-    The last bin is shorter only where the samples end.
+    Only the last bin may be shorter, at the end of the samples.
     """
 
     first: int
@@ -62,7 +62,7 @@ class Window:
 
 
 def make_tiles(samples: Samples) -> Samples:
-    """All levels of the pyramid over the samples of a scoring, finest first, one after another."""
+    """All levels of the pyramid over the samples of a scoring, finest level first."""
     blocks = (samples[first : first + BLOCK] for first in range(0, len(samples), BLOCK))
     levels = [np.concatenate([np.empty(0, TILE), *(_joined(b, FINEST) for b in blocks)])]
     while len(levels[-1]) > FACTOR:
@@ -71,9 +71,9 @@ def make_tiles(samples: Samples) -> Samples:
 
 
 def window(samples: Samples, tiles: Samples, first: int, last: int, bins: int) -> Window:
-    """Samples first to last in at most `bins` bins, and hardly fewer where there are as many.
+    """Samples first to last in at most `bins` bins.
 
-    Bins begin where tiles do, so the window may begin and end a little outside of what was asked.
+    Bins start at tiles, so the window may start and end slightly outside the given range.
     """
     width = -(-(last - first + 1) // bins)
     size, source = _level(samples, tiles, width)
@@ -84,7 +84,7 @@ def window(samples: Samples, tiles: Samples, first: int, last: int, bins: int) -
 
 
 def _level(samples: Samples, tiles: Samples, width: int) -> tuple[int, Samples]:
-    """Samples a tile and the tiles: the coarsest with FACTOR or more to a bin, or the samples."""
+    """Size and tiles of the coarsest level with FACTOR or more per bin, or the samples."""
     size, first, level = 1, 0, samples
     while (larger := size * FACTOR if size > 1 else FINEST) * FACTOR <= width:
         n = -(-len(samples) // larger)
@@ -94,7 +94,7 @@ def _level(samples: Samples, tiles: Samples, width: int) -> tuple[int, Samples]:
 
 
 def _joined(source: Samples, n: int) -> Samples:
-    """A tile for each n samples, or tiles; the last one may be of fewer."""
+    """A tile for each n samples or tiles; the last one may have fewer."""
     joined = np.empty(-(-len(source) // n), TILE)
     starts = np.arange(0, len(source), n)
     of_samples = source.dtype != TILE

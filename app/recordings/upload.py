@@ -1,4 +1,4 @@
-"""An upload: a body of any size to a file, as it comes, off the event loop."""
+"""Write an upload of any size to a file in chunks, outside the event loop."""
 
 import asyncio
 import hashlib
@@ -8,22 +8,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from app.recordings.files import spacious
-from app.recordings.workers import to_its_end
+from app.recordings.files import reporting_full_disk
+from app.recordings.workers import run_to_end
 
 BLOCK_BYTES = 2**20
-"""Written at once."""
-PATIENCE_S = 60.0
-"""An upload that sends nothing for so long is given up."""
+"""Size of a write."""
+STALL_AFTER_S = 60.0
+"""An upload without data for this long is aborted."""
 
 
 class Stalled(Exception):
-    """The sender stopped half-way and keeps the connection."""
+    """The client stopped sending but keeps the connection open."""
 
 
 @dataclass(frozen=True)
 class Received:
-    """A whole body on the disk. digest: its SHA-256."""
+    """A complete body on the disk. digest: its SHA-256."""
 
     size: int
     digest: str
@@ -34,45 +34,45 @@ async def receive(
 ) -> Received:
     """Write a body to a new file.
 
-    require: raises where the disk has no room for so many bytes more.   Stalled; NoSpace.
+    require: raises if the disk has no room for so many more bytes.   Stalled; NoSpace.
     """
     sha, size, block = hashlib.sha256(), 0, bytearray()
     loop = asyncio.get_running_loop()
-    file: BinaryIO = await to_its_end(lambda: path.open("xb"))
+    file: BinaryIO = await run_to_end(lambda: path.open("xb"))
 
     def write(content: bytearray) -> None:
         require(len(content))
-        with spacious():
+        with reporting_full_disk():
             file.write(content)
         sha.update(content)
 
     try:
-        async with asyncio.timeout(PATIENCE_S) as patience:
+        async with asyncio.timeout(STALL_AFTER_S) as deadline:
             async for chunk in body:
                 block += chunk
                 size += len(chunk)
                 if len(block) >= BLOCK_BYTES:
-                    await to_its_end(write, block)
+                    await run_to_end(write, block)
                     block = bytearray()
-                patience.reschedule(loop.time() + PATIENCE_S)
-        await to_its_end(write, block)
+                deadline.reschedule(loop.time() + STALL_AFTER_S)
+        await run_to_end(write, block)
     except TimeoutError:
         raise Stalled(
-            f"nothing came for {PATIENCE_S:g} s after {size} bytes: send the file again"
+            f"no data for {STALL_AFTER_S:g} s after {size} bytes: send the file again"
         ) from None
     finally:
-        await to_its_end(file.close)
+        await run_to_end(file.close)
     return Received(size, sha.hexdigest())
 
 
 def plain_name(name: str) -> str:
-    """What people call a file: without its path, and with nothing in it that does not print."""
+    """A file name for people: without path and non-printing characters."""
     base = unicodedata.normalize("NFC", name.replace("\\", "/").rpartition("/")[2])
     return " ".join("".join(map(_shown, base)).split())
 
 
 def _shown(character: str) -> str:
-    """A character as it prints; a mark that only steers how others do is left out."""
+    """A printable character; formatting characters are removed, others become blanks."""
     if character.isprintable():
         return character
     return "" if unicodedata.category(character) == "Cf" else " "

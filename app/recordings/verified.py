@@ -1,4 +1,4 @@
-"""Files against their digests: each is read through once, and again whenever it was touched."""
+"""Check files against their digests; a file is read again only after it was touched."""
 
 import hashlib
 from collections.abc import Callable
@@ -11,7 +11,7 @@ Signature = tuple[int, int, int, int]
 
 
 def digest_of(path: Path, rest: Callable[[], None] = lambda: None) -> str:
-    """SHA-256 of a file. rest: called between its pieces."""
+    """SHA-256 of a file. rest: called between pieces of work."""
     digest = hashlib.sha256()
     with path.open("rb") as file:
         while piece := file.read(PIECE_BYTES):
@@ -21,7 +21,7 @@ def digest_of(path: Path, rest: Callable[[], None] = lambda: None) -> str:
 
 
 class Verified:
-    """Files that were found to be as they were stored."""
+    """Files whose digests were checked."""
 
     def __init__(self) -> None:
         self._files: dict[Path, tuple[Signature, str]] = {}
@@ -29,9 +29,9 @@ class Verified:
     def check(
         self, path: Path, expected: str, remedy: str, digest: Callable[[Path], str] = digest_of
     ) -> None:
-        """Compare a file with its digest. Damaged where it differs; FileNotFoundError.
+        """Compare a file with its digest. Damaged if it differs; FileNotFoundError.
 
-        remedy: what to do then.   digest: of what the file holds, in hexadecimal.
+        remedy: advice for the message.   digest: computes the digest in hexadecimal.
         """
         known = _signature(path), expected
         if self._files.get(path) == known:
@@ -41,7 +41,7 @@ class Verified:
         self._files[path] = known
 
     def knows(self, path: Path, expected: str) -> bool:
-        """Whether a file was found to have this digest, and was not touched since: quick."""
+        """Whether a file had this digest and was not touched since: quick."""
         try:
             return self._files.get(path) == (_signature(path), expected)
         except OSError:

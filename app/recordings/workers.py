@@ -1,4 +1,4 @@
-"""Work in threads that is waited for to its end; a few threads for what takes all of a core."""
+"""Run work in threads to its end, with a few threads for work that needs a whole core."""
 
 import asyncio
 from collections.abc import Callable
@@ -9,11 +9,11 @@ Result = TypeVar("Result")
 
 
 class Busy(RuntimeError):
-    """As much is under way as may be."""
+    """The maximum of work is in progress."""
 
 
 class Workers:
-    """n threads for seconds of work each, and a queue before them, which may be so long."""
+    """n threads for seconds of work each, with a queue of limited length."""
 
     def __init__(self, n: int = 2, queue: int = 16) -> None:
         self.limit = n + queue
@@ -21,29 +21,29 @@ class Workers:
         self._pool = ThreadPoolExecutor(n, "recordings")
 
     async def run(self, call: Callable[..., Result], *arguments: object) -> Result:
-        """Run in one of the threads when it is free. Busy."""
+        """Run in a thread when one is free. Busy."""
         if self.n_under_way >= self.limit:
             raise Busy(
-                f"{self.n_under_way} files are being worked on, as many as may be: try again "
-                "when one of them is done"
+                f"{self.n_under_way} files are in progress, the maximum: try again when one is "
+                "finished"
             )
         self.n_under_way += 1
         try:
-            return await to_its_end(call, *arguments, pool=self._pool)
+            return await run_to_end(call, *arguments, pool=self._pool)
         finally:
             self.n_under_way -= 1
 
     def close(self) -> None:
-        """Wait for what has begun; the rest never does."""
+        """Finish started work; queued work is dropped."""
         self._pool.shutdown(cancel_futures=True)
 
 
-async def to_its_end(
+async def run_to_end(
     call: Callable[..., Result], *arguments: object, pool: ThreadPoolExecutor | None = None
 ) -> Result:
-    """Run in a thread; a cancelled caller waits for the end of the call all the same.
+    """Run in a thread; a cancelled caller still waits for the end of the call.
 
-    A thread cannot be stopped, and the files it works on must not be taken from under it.
+    A thread cannot be stopped, and its files must not be removed while it works.
     """
     work = asyncio.get_running_loop().run_in_executor(pool, call, *arguments)
     try:

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Query, Request
 from starlette.requests import ClientDisconnect
 
 from app.http.problems import Problem, problem_responses
-from app.recordings.answers import described, preview, signal_bands
+from app.recordings.answers import preview, recording_answer, signal_bands
 from app.recordings.recordings import Abandoned, Upload
 from app.recordings.training_proposal import training_proposal
 from app.recordings.upload import plain_name
@@ -82,7 +82,7 @@ async def upload_recording(
     except (ClientDisconnect, Abandoned):
         raise Problem(408, "the upload was interrupted: nothing of it is kept") from None
     location = {"Location": f"/api/v1/recordings/{recording_id}"}
-    answer = await asyncio.to_thread(described, recordings, recording_id)
+    answer = await asyncio.to_thread(recording_answer, recordings, recording_id)
     return json_response(answer, 201, location)
 
 
@@ -95,7 +95,7 @@ async def list_recordings(recordings: RecordingsDep) -> list[RecordingInfo]:
 @router.get("/{recording_id}", response_model=RecordingDetails, responses=problem_responses(404))
 async def read_recording(recording_id: str, recordings: RecordingsDep):
     """One recording: what it holds, and what its signals are taken for."""
-    return await json_from(described, recordings, recording_id)
+    return await json_from(recording_answer, recordings, recording_id)
 
 
 @router.delete("/{recording_id}", status_code=204, responses=problem_responses(404, 409))
@@ -120,7 +120,7 @@ async def confirm_mapping(recording_id: str, request: MappingRequest, recordings
         recordings.confirm_mapping(
             recording_id, mapping, request.aircraft, remember=request.remember
         )
-        return described(recordings, recording_id)
+        return recording_answer(recordings, recording_id)
 
     return await json_from(confirm)
 

@@ -13,7 +13,7 @@ from fastapi.responses import StreamingResponse
 
 from app.http.problems import problem_responses
 from app.recordings.exports import EXPORTS, export
-from app.recordings.files import spacious
+from app.recordings.files import reporting_full_disk
 from app.report.page import report
 from app.report.stored import stored_subject
 from app.report.subject import about
@@ -77,7 +77,7 @@ async def export_samples(
         samples, kind = scored.samples(info), EXPORTS[form]
         with ExitStack() as held:
             file = held.enter_context(scored.files.unnamed())
-            with spacious():
+            with reporting_full_disk():
                 export(samples, about(asdict(recording), asdict(info)), form, file)
                 headers = {"Content-Length": str(file.tell())}
             headers |= _as_file(f"{PurePath(recording.name).stem} scored.{kind.ending}")

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.http.problems import Problem, problem_responses
 from app.messages import ChannelLimit, Frame
-from app.recordings.scoring_answers import answers, frames, manoeuvres_found, tiled
+from app.recordings.scoring_answers import answers, detected_manoeuvres, frames, tiled
 from app.routes.dependencies import RecordingsDep, ScoredDep, json_from, json_response
 from app.routes.recording_models import ManoeuvreInterval, Number
 from app.scoring import Interval, ScoringRecipe
@@ -170,7 +170,7 @@ async def find_manoeuvres(
     recordings: RecordingsDep,
 ):
     """Manoeuvres that control activity shows, as a scoring by this monitor would find them."""
-    found = await recordings.workers.run(manoeuvres_found, recordings, recording_id, monitor)
+    found = await recordings.workers.run(detected_manoeuvres, recordings, recording_id, monitor)
     return json_response(found)
 
 

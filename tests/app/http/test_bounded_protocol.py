@@ -198,7 +198,7 @@ def test_a_body_that_is_given_up_is_told_why(tmp_path):
 
 def test_a_server_that_is_slow_itself_gives_nobody_up(tmp_path, monkeypatch, flights):
     """A disk that takes longer than a body may stall does not end the upload that waits for it."""
-    content, real = csv_of(flights[0]) * 300, upload_module.to_its_end
+    content, real = csv_of(flights[0]) * 300, upload_module.run_to_end
     assert len(content) > 2 * upload_module.BLOCK_BYTES
     waited = []
 
@@ -207,7 +207,7 @@ def test_a_server_that_is_slow_itself_gives_nobody_up(tmp_path, monkeypatch, fli
             waited.append(await asyncio.sleep(4 * SOON))
         return await real(*arguments)
 
-    monkeypatch.setattr(upload_module, "to_its_end", slow)
+    monkeypatch.setattr(upload_module, "run_to_end", slow)
     with served(tmp_path, body_seconds=SOON) as (address, _):
         answer = httpx2.post(
             f"{address}{RECORDINGS}", params={"name": "a.csv"}, content=content, headers=OCTETS,

@@ -71,11 +71,11 @@ def test_a_sender_that_leaves_half_way_leaves_nothing(tmp_path):
 
 
 def test_a_sender_that_falls_silent_is_told_and_leaves_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr(upload_module, "PATIENCE_S", 0.2)
+    monkeypatch.setattr(upload_module, "STALL_AFTER_S", 0.2)
     with served(tmp_path) as (address, _), half_sent(address) as connection:
         answer = b"".join(iter(lambda: connection.recv(4096), b"")).decode()
         assert answer.startswith("HTTP/1.1 408")
-        assert "nothing came for 0.2 s" in answer
+        assert "no data for 0.2 s" in answer
         assert kept_files(tmp_path) == set()
 
 

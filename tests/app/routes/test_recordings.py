@@ -194,13 +194,13 @@ def test_what_cannot_be_read_leaves_nothing(client, body, untouched):
 
 def test_an_empty_file_is_called_empty_by_its_name(client, untouched):
     said = problem(upload(client, b"", name="rud1.csv"), 422)
-    assert said == "rud1.csv is empty: choose a file that holds telemetry"
+    assert said == "rud1.csv is empty: choose a file with telemetry"
 
 
 def test_no_upload_begins_on_a_full_disk(client, file, untouched, monkeypatch):
     monkeypatch.setattr(recording_files, "SPARE_BYTES", 2**62)
     said = problem(upload(client, file), 507)
-    assert re.search(r"needs [1-9][\d,]* KiB, .* has 0 KiB to spare", said)
+    assert re.search(r"needs [1-9][\d,]* KiB, .* has 0 KiB available", said)
 
 
 def test_a_disk_that_fills_up_leaves_nothing(client, file, untouched, monkeypatch):
@@ -247,7 +247,7 @@ def test_uploads_at_once_are_each_whole(client, flights):
 
 def test_too_many_uploads_at_once_are_refused(client, file, untouched, monkeypatch):
     monkeypatch.setattr(recordings_module, "MOST_UPLOADS", 0)
-    assert "as many as may be" in problem(upload(client, file), 429)
+    assert "uploads are in progress" in problem(upload(client, file), 429)
 
 
 def test_bad_rows_are_listed(client, flights):

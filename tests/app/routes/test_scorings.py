@@ -294,7 +294,7 @@ def test_a_recording_deleted_while_it_is_scored_leaves_nothing(
 ):
     files = kept_files(data_dir)
     recording = uploaded(client, csv_of(flight))
-    name = {"before": "score", "after": "keep"}[moment]
+    name = {"before": "score", "after": "save_samples"}[moment]
     real = getattr(scored_recordings, name)
 
     def deleting(*arguments):
@@ -312,7 +312,7 @@ def test_a_full_disk_keeps_no_part_of_a_scoring(client, data_dir, recording, mon
     files = kept_files(data_dir)
     monkeypatch.setattr(recording_files, "SPARE_BYTES", 2**62)
     path = f"{RECORDINGS}/{recording['id']}/scorings"
-    assert "to spare" in problem(client.post(path, json={"monitor": monitor} | WHOLE), 507)
+    assert "available" in problem(client.post(path, json={"monitor": monitor} | WHOLE), 507)
     assert kept_files(data_dir) == files
 
 
@@ -320,4 +320,4 @@ def test_too_many_scorings_at_once_are_refused(client, recording, monitor, monke
     kept: Recordings = client.app.state.recordings
     monkeypatch.setattr(kept.workers, "limit", 0)
     path = f"{RECORDINGS}/{recording['id']}/scorings"
-    assert "as many as may be" in problem(client.post(path, json={"monitor": monitor}), 429)
+    assert "files are in progress" in problem(client.post(path, json={"monitor": monitor}), 429)
