@@ -405,7 +405,7 @@ def condition_request_schema() -> dict[str, Any]:
 
 def choice_request_schema() -> dict[str, Any]:
     """JSON schema of the body that asks for an epsilon."""
-    return schema_of(RECIPES["epsilon"]) | {"title": "What an epsilon is chosen by"}
+    return schema_of(RECIPES["epsilon"]) | {"title": "Epsilon to choose"}
 
 
 _NAME = {

@@ -18,7 +18,7 @@ MOST_SAMPLES = 1_000_000
 class TelemetryBody(BaseModel):
     """Telemetry, one array a channel, SI units; null for a missing value."""
 
-    model_config = ConfigDict(extra="forbid", title="Telemetry")
+    model_config = ConfigDict(extra="forbid", title="Telemetry to score")
 
     t: list[float] = Field(
         description="time [s], increasing", min_length=1, max_length=MOST_SAMPLES

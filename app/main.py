@@ -18,6 +18,13 @@ from app.flights.clock import MonotonicClock
 from app.flights.flights import Flights
 from app.flights.frame_ticks import FrameTicks
 from app.http.audit import Audit
+from app.http.document import (
+    TAGS,
+    describe_arrays,
+    describe_examples,
+    describe_links,
+    describe_names,
+)
 from app.http.head_requests import HeadAsGet
 from app.http.idempotency import Idempotent, describe_keys
 from app.http.page import serve_page
@@ -27,7 +34,6 @@ from app.http.security import BodyLimit, Guard
 from app.http.sessions import Sessions
 from app.integrity import Integrity
 from app.jobs.jobs import Jobs
-from app.links import describe_links
 from app.live.journal import Journals
 from app.metrics import Measured, Metrics
 from app.recordings.recordings import Recordings
@@ -107,9 +113,13 @@ class Application(FastAPI):
     def openapi(self) -> dict[str, Any]:
         """The OpenAPI document, with the problem schema that the routes refer to."""
         if self.openapi_schema is None:
-            describe_problems(super().openapi())
-            describe_keys(super().openapi())
-            describe_links(super().openapi())
+            document = super().openapi()
+            describe_problems(document)
+            describe_keys(document)
+            describe_examples(document)
+            describe_names(document)
+            describe_links(document)
+            describe_arrays(document)
         return super().openapi()
 
 
@@ -120,6 +130,10 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         title="Forewarn",
         version=__version__,
         description=DESCRIPTION,
+        contact={"name": "The Forewarn project"},
+        license_info={"name": "MIT", "identifier": "MIT"},
+        servers=[{"url": "/", "description": "this server"}],
+        openapi_tags=[{"name": name, "description": words} for name, words in TAGS.items()],
         lifespan=_lifespan,
         docs_url=None,
         redoc_url=None,

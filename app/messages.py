@@ -152,7 +152,7 @@ class FlightMarker(Message):
     """A marker that someone set in the flight; it neither ends nor pauses it."""
 
     number: int = Field(description="1, 2, 3 ... in the order set")
-    kind: FlightMarkerKey
+    kind: FlightMarkerKey = Field(title="Call")
     word: str = Field(description="how people call its kind")
     meaning: str = Field(description="of its kind")
     level: Level

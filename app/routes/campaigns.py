@@ -194,7 +194,13 @@ async def read_campaign_file(campaign_id: str, campaigns: CampaignsDep) -> Respo
 @router.get(
     "/{campaign_id}/derivatives",
     responses=problem_responses(404)
-    | {200: {"content": {"application/json": {"schema": {"type": "array"}}}}},
+    | {
+        200: {
+            "content": {
+                "application/json": {"schema": {"type": "array", "items": {"type": "object"}}}
+            }
+        }
+    },
 )
 async def read_derivatives(campaign_id: str, campaigns: CampaignsDep) -> Response:
     """The aircraft at each flight condition, as known after each complete point.

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Annotated, Any, TypeVar
 
 from fastapi import Depends, Request, Response
+from pydantic import BaseModel, ConfigDict, Field
 
 from app import json_codec
 from app.http.people import Person
@@ -60,6 +61,16 @@ RecordingsDep = Annotated[Recordings, Depends(_recordings)]
 JournalsDep = Annotated[Journals, Depends(_journals)]
 ScoredDep = Annotated[ScoredRecordings, Depends(_scored)]
 PersonDep = Annotated[Person, Depends(_person)]
+
+
+class SignedRequest(BaseModel):
+    """Who does this. Ignored where a person is logged in: then it is that person."""
+
+    model_config = ConfigDict(
+        extra="forbid", strict=True, json_schema_extra={"examples": [{"by": "Ann"}]}
+    )
+
+    by: str = Field(default=LOCAL, min_length=1, max_length=200)
 
 
 def signature(person: Person, given: str) -> str:

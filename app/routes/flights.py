@@ -30,7 +30,7 @@ from app.messages import (
     Verdict,
 )
 from app.recipes import RecipeError
-from app.routes.dependencies import PersonDep, json_from, signature
+from app.routes.dependencies import PersonDep, SignedRequest, json_from, signature
 from app.store.flights import FlightInfo, FlightInProgress
 from app.store.tokens import LOCAL
 from core.evaluation.certificate import UselessMonitor
@@ -180,22 +180,6 @@ class FramesPart(BaseModel):
     frames: list[Frame]
 
 
-class Acknowledgement(BaseModel):
-    """Who has seen an alarm, where nobody is logged in; else it is who is."""
-
-    model_config = ConfigDict(extra="forbid", strict=True)
-
-    by: str = Field(default=LOCAL, min_length=1, max_length=200)
-
-
-class EndRequest(BaseModel):
-    """Who ends a flight, where nobody is logged in; else it is who is."""
-
-    model_config = ConfigDict(extra="forbid", strict=True)
-
-    by: str = Field(default=LOCAL, min_length=1, max_length=200)
-
-
 class MarkerRequest(BaseModel):
     """What is called in a flight under way, and by whom, where nobody is logged in."""
 
@@ -252,7 +236,7 @@ async def read_flight(flight_id: str, flights: FlightsDep) -> FlightStatus:
 
 @router.post("/{flight_id}/end", responses=problem_responses(404, 409, 422, 429, 503))
 async def end_flight(
-    flight_id: str, flights: FlightsDep, person: PersonDep, who: EndRequest | None = None
+    flight_id: str, flights: FlightsDep, person: PersonDep, who: SignedRequest | None = None
 ) -> FlightStatus:
     """End a flight under way and keep its record; one that is over stays as it ended.
 
@@ -261,7 +245,7 @@ async def end_flight(
     and what waits is written as soon as the store takes it.
     """
     try:
-        await flights.end(flight_id, signature(person, (who or EndRequest()).by))
+        await flights.end(flight_id, signature(person, (who or SignedRequest()).by))
     except TooManyFlights as error:
         raise Problem(429, str(error), "urn:forewarn:too-many-flights") from error
     except NotPossible as error:
@@ -338,13 +322,13 @@ async def acknowledge(
     alarm_id: str,
     flights: FlightsDep,
     person: PersonDep,
-    who: Acknowledgement | None = None,
+    who: SignedRequest | None = None,
 ) -> Alarm:
     """Acknowledge an alarm in one's own name; of several acknowledgements the first one stays.
 
     It is stored before it is answered; 503 says that it is not, and the alarm stays open.
     """
-    by = signature(person, (who or Acknowledgement()).by)
+    by = signature(person, (who or SignedRequest()).by)
     return await flights.records.acknowledge(flight_id, alarm_id, by)
 
 

@@ -4,7 +4,7 @@ import asyncio
 from typing import Annotated
 
 from fastapi import APIRouter, Body, Request, Response
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 from app.flights.flights import Flights, TooManyFlights
 from app.flights.sources.live import LiveFlight, SequenceConflict
@@ -12,9 +12,8 @@ from app.flights.transport import NotPossible
 from app.http.problems import Problem, problem_responses
 from app.live.journal import JournalFull
 from app.messages import LiveStatus
-from app.routes.dependencies import PersonDep, signature
+from app.routes.dependencies import PersonDep, SignedRequest, signature
 from app.routes.flights import FlightsDep
-from app.store.tokens import LOCAL
 from app.telemetry.recording import TelemetryError
 
 router = APIRouter(prefix="/api/v1/flights", tags=["flights"])
@@ -40,14 +39,6 @@ class SamplesTaken(BaseModel):
     unread: list[str] = Field(
         default_factory=list, description="names in it that nothing reads, the first 20"
     )
-
-
-class ManoeuvreMark(BaseModel):
-    """Who says that a manoeuvre begins."""
-
-    model_config = ConfigDict(extra="forbid", strict=True)
-
-    by: str = Field(default=LOCAL, min_length=1, max_length=200)
 
 
 @router.post(
@@ -113,12 +104,12 @@ async def begin_manoeuvre(
     flight_id: str,
     flights: FlightsDep,
     person: PersonDep,
-    who: Annotated[ManoeuvreMark | None, Body()] = None,
+    who: Annotated[SignedRequest | None, Body()] = None,
 ) -> Response:
     """Say that a manoeuvre begins now, where the surfaces have not shown it."""
     flight = await _live(flight_id, flights)
     try:
-        written = flight.begin_manoeuvre(signature(person, (who or ManoeuvreMark()).by))
+        written = flight.begin_manoeuvre(signature(person, (who or SignedRequest()).by))
         await asyncio.shield(written)
     except NotPossible as error:
         raise Problem(409, str(error), "urn:forewarn:not-live") from error

@@ -86,10 +86,18 @@ class RecordingDetails(RecordingInfo):
     """why the mapping cannot be applied"""
 
 
+MAPPING_EXAMPLE: dict[str, Any] = {
+    "mapping": {
+        "channels": {"beta": {"signal": "AOSS", "unit": "deg", "sign": -1}},
+        "times": {"": {"signal": "TIME", "unit": "s"}},
+    }
+}
+
+
 class OfMapping(BaseModel):
     """A request with a mapping, or a mapping file as it is: what the command line writes."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [MAPPING_EXAMPLE]})
 
     mapping: Mapping
 

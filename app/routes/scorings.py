@@ -86,7 +86,9 @@ class Scoring(BaseModel):
         description="empty; in a list: why this is not what was stored, without its verdicts. One "
         "scoring is never answered so"
     )
-    request: dict[str, Any] = Field(description="epsilon, trim and manoeuvres as asked for")
+    request: dict[str, Any] = Field(
+        title="Parameters", description="epsilon, trim and manoeuvres as asked for"
+    )
     mapping: Mapping = Field(description="that was used")
     channels: list[ChannelLimit]
     n_samples: int
@@ -243,7 +245,7 @@ async def delete_scoring(recording_id: str, scoring_id: str, scored: ScoredDep) 
     response_model=ScoredFrames,
     responses=problem_responses(404, 422),
 )
-async def read_assessments(
+async def read_scored_samples(
     recording_id: str,
     scoring_id: str,
     scored: ScoredDep,

@@ -18,9 +18,19 @@ LARGEST_HEAD = 16_384
 """Bytes of the headers of one field of a form."""
 _BINARY = {"type": "string", "format": "binary"}
 CONTENT: dict[str, Any] = {
-    FORM: {"schema": {"type": "object", "properties": {"file": _BINARY}, "required": ["file"]}},
-    OCTETS: {"schema": _BINARY | {"description": "the file; any other type will do"}},
-    "text/csv": {"schema": _BINARY},
+    FORM: {
+        "schema": {
+            "title": "File in a form",
+            "type": "object",
+            "properties": {"file": _BINARY},
+            "required": ["file"],
+        },
+        "example": {"file": "t_s,beta_rad\n0.0,0.01\n"},
+    },
+    OCTETS: {
+        "schema": _BINARY | {"description": "the file; any other type will do"},
+        "example": "t_s,beta_rad\n0.0,0.01\n",
+    },
 }
 """OpenAPI's description of a file that is sent."""
 

@@ -15,7 +15,9 @@ router = APIRouter(prefix="/api/v1", tags=["storage"])
 class Keeping(BaseModel):
     """Whether something is kept for ever: neither retention nor anybody deletes it then."""
 
-    model_config = ConfigDict(extra="forbid", strict=True)
+    model_config = ConfigDict(
+        extra="forbid", strict=True, json_schema_extra={"examples": [{"keep": True}]}
+    )
 
     keep: bool
 

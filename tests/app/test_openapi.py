@@ -117,6 +117,33 @@ def test_every_operation_and_parameter_says_what_it_is():
                 assert answer["description"], (method, path)
 
 
+def test_every_request_body_has_an_example_that_fits_its_schema():
+    whole = document()
+    bodies = [
+        (f"{method} {path} {media}", content)
+        for path, item in whole["paths"].items()
+        for method, operation in item.items()
+        for media, content in operation.get("requestBody", {}).get("content", {}).items()
+    ]
+    assert len(bodies) > 30
+    for where, content in bodies:
+        schema = content["schema"] | {"components": whole["components"]}
+        assert "example" in content, where
+        assert jsonschema_rs.is_valid(schema, content["example"]), where
+
+
+def test_tags_operations_server_and_licence_are_described():
+    whole = document()
+    operations = [each for item in whole["paths"].values() for each in item.values()]
+    names = [operation["operationId"] for operation in operations]
+    assert len(set(names)) == len(names)
+    described = {tag["name"] for tag in whole["tags"] if tag["description"]}
+    assert {tag for operation in operations for tag in operation["tags"]} == described
+    assert [server["url"] for server in whole["servers"]] == ["/"]
+    assert whole["info"]["contact"]["name"]
+    assert whole["info"]["license"]["identifier"] == "MIT"
+
+
 def test_errors_are_described_as_problems():
     assert "HTTPValidationError" not in document()["components"]["schemas"]
     for path, item in document()["paths"].items():

@@ -1,0 +1,96 @@
+"""The OpenAPI document: tags, examples of every body, links from an answer to what it made."""
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+TAGS = {
+    "catalog": "Families, recipes, channels and formats; the WebSocket streams.",
+    "datasets": "Simulated flights with labels, that monitors are trained on.",
+    "monitors": "Trained and calibrated monitors; scoring of telemetry at once.",
+    "limit sets": "Limits with versions, that are put in force in flight.",
+    "recordings": "Telemetry files: upload, mapping, scorings, markers, exports.",
+    "flights": "Flights in progress and ended: source, samples, alarms, markers.",
+    "campaigns": "Build-ups: points that are cleared, flown and identified one by one.",
+    "jobs": "Long work: progress, result, cancelling.",
+    "studies": "Comparisons of methods and of warning lead times.",
+    "storage": "Disk space, and what is kept.",
+    "people": "Roles, tokens, sessions, and the log of changes.",
+    "demonstration": "The recorded flight that the page replays at first.",
+    "health": "Whether the server runs, is ready, and what it counts.",
+}
+"""Resources, in the order of the documentation."""
+
+JOBS = "/api/v1/jobs"
+HAS_JOB = "202"
+HAS_RESOURCE = "201"
+ALREADY_THERE = "200"
+
+
+def describe_links(document: dict[str, Any]) -> None:
+    """Add to each POST that creates the operations on what it made, by the `id` of its answer."""
+    paths = document["paths"]
+    for path, item in paths.items():
+        answers = item.get("post", {}).get("responses", {})
+        if HAS_JOB in answers and not path.startswith(f"{JOBS}/"):
+            answers[HAS_JOB]["links"] = dict(_links(paths, JOBS))
+        if HAS_RESOURCE in answers:
+            for status in {HAS_RESOURCE, ALREADY_THERE} & set(answers):
+                answers[status]["links"] = dict(_links(paths, path))
+
+
+def _links(paths: dict[str, Any], collection: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Each operation on a member of a collection that needs no other id."""
+    asked = {name: f"$request.path.{name}" for name in re.findall(r"{(\w+)}", collection)}
+    member = re.compile(re.escape(collection) + r"/{(\w+)}[^{}]*")
+    for path, item in paths.items():
+        if found := member.fullmatch(path):
+            parameters = asked | {found[1]: "$response.body#/id"}
+            for operation in item.values():
+                called = operation["operationId"]
+                yield called, {"operationId": called, "parameters": parameters}
+
+
+def describe_names(document: dict[str, Any]) -> None:
+    """Short names for generated clients: an operation is its route's function, a body its title."""
+    schemas = document["components"]["schemas"]
+    for path, item in document["paths"].items():
+        for method, operation in item.items():
+            suffix = re.sub(r"\W", "_", path) + f"_{method}"
+            operation["operationId"] = operation["operationId"].removesuffix(suffix)
+            for content in operation.get("requestBody", {}).get("content", {}).values():
+                if title := content["schema"].get("title", ""):
+                    name = re.sub(r"\W", "", title.title())
+                    if schemas.setdefault(name, content["schema"]) != content["schema"]:
+                        raise AssertionError(f"two schemas are called {name}: name one otherwise")
+                    content["schema"] = {"$ref": f"#/components/schemas/{name}"}
+
+
+def describe_examples(document: dict[str, Any]) -> None:
+    """Give every request body an example: its own, or the first one of its schema."""
+    schemas = document["components"]["schemas"]
+    for item in document["paths"].values():
+        for operation in item.values():
+            for media, content in operation.get("requestBody", {}).get("content", {}).items():
+                if media == "application/json" and "example" not in content:
+                    content["example"] = _example(content["schema"], schemas)
+
+
+def _example(schema: dict[str, Any], schemas: dict[str, Any]) -> Any:
+    for part in (schema, *schema.get("anyOf", ())):
+        named = schemas[part["$ref"].rpartition("/")[2]] if "$ref" in part else part
+        for example in named.get("examples", ()):
+            return example
+    raise AssertionError(f"a request body has no example: {str(schema)[:200]}")
+
+
+def describe_arrays(part: Any) -> None:
+    """Give arrays of a fixed length the `items` that generators of clients ask for."""
+    if isinstance(part, dict):
+        prefix = part.get("prefixItems")
+        if isinstance(prefix, list) and "items" not in part:
+            part["items"] = prefix[0]
+        part = list(part.values())
+    if isinstance(part, list):
+        for inner in part:
+            describe_arrays(inner)
