@@ -294,14 +294,14 @@ def lead_figure() -> None:
     axes.plot(t, n_y, color="#00559c", linewidth=2)
     axes.axhline(0.5, color="#b3190f", linewidth=1.5)
     axes.text(0.02, 0.515, "limit 0.5 g", color="#b3190f")
-    marks = {
-        at - 0.45: ("alert", "#8a5200"),
-        at - 0.25: ("latest alert\nin time", "#555555"),
-        at: ("limit\nexceeded", "#b3190f"),
-    }
-    for x, (words, colour) in marks.items():
+    marks = (
+        (at - 0.45, "alert ", "#8a5200", "right", 0.66),
+        (at - 0.25, "latest alert in time ", "#555555", "right", 0.73),
+        (at, " limit exceeded", "#b3190f", "left", 0.73),
+    )
+    for x, words, colour, side, height in marks:
         axes.axvline(x, color=colour, linestyle="--", linewidth=1)
-        axes.text(x, 0.735, words, color=colour, ha="center", va="top", backgroundcolor="white")
+        axes.text(x, height, words, color=colour, ha=side, va="top")
     for start, height, words in ((0.45, 0.14, "lead time 0.45 s"), (0.25, 0.05, "lead 0.25 s")):
         arrow = {"arrowstyle": "<->", "color": "#333333"}
         axes.annotate("", (at - start, height), (at, height), arrowprops=arrow)
