@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from textwrap import shorten
 from typing import Annotated, Any
 
 from fastapi import APIRouter, HTTPException, Query
@@ -125,8 +126,7 @@ def _excerpt(text: str, words: list[str]) -> str:
     places = [place for word in words if (place := text.lower().find(word)) >= 0]
     start = max(0, min(places, default=0) - EXCERPT // 3)
     start = text.rfind(" ", 0, start) + 1 if start else 0
-    end = start + EXCERPT
-    return ("… " if start else "") + text[start:end].strip() + (" …" if end < len(text) else "")
+    return ("… " if start else "") + shorten(text[start:], EXCERPT, placeholder=" …")
 
 
 def _read(directory: Path, slug: str) -> GuidePage:

@@ -50,6 +50,7 @@ def test_links_between_pages_lead_to_a_heading_here_and_on_github(client: TestCl
 def test_a_page_is_found_under_the_name_of_its_file_too(client: TestClient):
     assert client.get("/guide/glossary.md").text == client.get("/guide/glossary").text
     assert client.get("/guide/README.md").text == client.get("/guide").text
+    assert client.get("/guide/").text == client.get("/guide").text
 
 
 def test_an_unknown_page_is_refused_with_the_pages_that_exist(client: TestClient):
