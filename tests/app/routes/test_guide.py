@@ -7,6 +7,7 @@ from starlette.testclient import TestClient
 from app.main import STATIC, create_app
 from app.routes.guide import SLUGS, anchor_of
 from app.settings import Settings
+from tests.support.places import ROOT
 
 GUIDE = STATIC / "guide"
 FILES = ["README", *SLUGS]
@@ -38,6 +39,7 @@ def test_links_between_pages_lead_to_a_heading_here_and_on_github(client: TestCl
     for target in re.findall(r"\]\(([^)]+)\)", text):
         name, _, anchor = target.partition("#")
         if name.startswith("pictures/"):
+            assert client.get(f"/guide/{name}").status_code == 200, name
             continue
         to = name.removesuffix(".md") or file
         assert name in ("", f"{to}.md")
@@ -82,3 +84,11 @@ def test_the_search_says_that_nothing_was_found_and_escapes_the_words(client: Te
 def test_a_heading_that_is_repeated_is_numbered_as_on_github():
     assert anchor_of("ABORT, or not?", set()) == "abort-or-not"
     assert anchor_of("Keys", {"keys"}) == "keys-1"
+
+
+def test_every_picture_is_used_and_all_are_small():
+    files = [GUIDE / f"{file}.md" for file in FILES]
+    texts = "".join(file.read_text(encoding="utf-8") for file in [*files, ROOT / "README.md"])
+    pictures = [*(GUIDE / "pictures").iterdir()]
+    assert [picture.name for picture in pictures if f"pictures/{picture.name}" not in texts] == []
+    assert sum(picture.stat().st_size for picture in pictures) < 2_000_000
