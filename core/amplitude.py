@@ -1,4 +1,4 @@
-"""The amplitude at which a planned test fails as often as a monitor can be trained on."""
+"""Suggest an amplitude at which enough flights of a planned test exceed a limit."""
 
 from dataclasses import dataclass, replace
 from math import copysign
@@ -7,15 +7,15 @@ from core.planned_test import DatasetRecipe, Simulator
 from core.seeds import Branch, stream
 
 WANTED_SHARE = 0.25
-"""Share of rollouts that exceed a limit at the suggested amplitude, unless another is wanted."""
+"""Default share of rollouts that exceed a limit at the suggested amplitude."""
 TOLERANCE = 0.1
-"""Largest distance of the share found from the one wanted."""
+"""Largest difference between the share reached and the one wanted."""
 LOWEST_DEG, HIGHEST_DEG = 0.01, 45.0
-"""Plausible amplitudes."""
+"""Range of plausible amplitudes."""
 CLOSE_ENOUGH = 1.003
-"""Ratio of two amplitudes that are not told apart."""
+"""Ratio of two amplitudes at which the bisection ends."""
 PILOT_ROLLOUTS, PILOT_STEPS = 400, 1_000_000
-"""Rollouts at each amplitude, and their steps at most; never fewer than FEWEST rollouts."""
+"""Rollouts at each amplitude, and the largest number of their steps; at least FEWEST rollouts."""
 FEWEST = 50
 
 
@@ -25,7 +25,7 @@ class AmplitudeError(ValueError):
 
 @dataclass(frozen=True)
 class Suggestion:
-    """An amplitude and what a pilot run found at it.
+    """An amplitude and the result of a pilot run at it.
 
     share: of n_rollouts that exceeded a limit.
     """
@@ -44,11 +44,11 @@ class Suggestion:
 def suggest_amplitude(recipe: DatasetRecipe, share: float = WANTED_SHARE) -> Suggestion:
     """Find the amplitude [deg] at which about this share of the rollouts exceeds a limit.
 
-    Bisection over the same aircraft, pilots and seed; a table is scaled as a whole, the sign stays.
-    AmplitudeError where no amplitude from LOWEST_DEG to HIGHEST_DEG has about that share.
+    Bisection with the same aircraft, pilots and seed. A table is scaled as a whole; the sign stays.
+    AmplitudeError if no amplitude from LOWEST_DEG to HIGHEST_DEG has about that share.
     """
     if not 0 < share < 1:
-        raise AmplitudeError(f"a share of {share} was asked for: give one between 0 and 1")
+        raise AmplitudeError(f"share={share} was given: give a number between 0 and 1")
     n = max(FEWEST, min(PILOT_ROLLOUTS, PILOT_STEPS // recipe.n_steps))
     low, high = LOWEST_DEG, HIGHEST_DEG
     _check_range(share, low, _share(recipe, low, n), high, _share(recipe, high, n))
@@ -62,7 +62,7 @@ def suggest_amplitude(recipe: DatasetRecipe, share: float = WANTED_SHARE) -> Sug
 
 
 def _share(recipe: DatasetRecipe, amplitude_deg: float, n: int) -> float:
-    """Share of n rollouts at this amplitude that exceed a limit; the same aircraft at every one."""
+    """Share of n rollouts at this amplitude that exceed a limit; always the same aircraft."""
     peak = copysign(amplitude_deg, recipe.maneuver.peak_deg)
     simulator = Simulator(replace(recipe, maneuver=recipe.maneuver.with_peak(peak)))
     flown = simulator.rollouts(n, stream(recipe.seed, Branch.PILOT_RUN))
@@ -72,23 +72,23 @@ def _share(recipe: DatasetRecipe, amplitude_deg: float, n: int) -> float:
 def _check_range(share: float, low: float, least: float, high: float, most: float) -> None:
     if least >= share:
         raise AmplitudeError(
-            f"{100 * least:.0f} % of the rollouts exceed a limit even at {low:g} deg, "
-            f"{100 * share:.0f} % are wanted: raise the limit, shorten the manoeuvre "
+            f"{100 * least:.0f} % of the rollouts exceed a limit even at {low:g} deg, wanted "
+            f"{100 * share:.0f} %: raise the limit, shorten the manoeuvre "
             "or choose a stabilising law"
         )
     if most < share:
         raise AmplitudeError(
-            f"{100 * most:.0f} % of the rollouts exceed a limit even at {high:g} deg, "
-            f"{100 * share:.0f} % are wanted: lower the limit or choose another manoeuvre or law"
+            f"{100 * most:.0f} % of the rollouts exceed a limit even at {high:g} deg, wanted "
+            f"{100 * share:.0f} %: lower the limit or choose another manoeuvre or law"
         )
 
 
 def _checked(recipe: DatasetRecipe, share: float, amplitude_deg: float, n: int) -> Suggestion:
-    found = _share(recipe, amplitude_deg, n)
-    if abs(found - share) > TOLERANCE:
+    reached = _share(recipe, amplitude_deg, n)
+    if abs(reached - share) > TOLERANCE:
         raise AmplitudeError(
-            f"the share of rollouts that exceed a limit leaps to {100 * found:.0f} % at "
-            f"{amplitude_deg:g} deg, {100 * share:.0f} % are wanted: the aircraft differ too "
-            "little, give more of their uncertainty"
+            f"the share of rollouts that exceed a limit jumps to {100 * reached:.0f} % at "
+            f"{amplitude_deg:g} deg, wanted {100 * share:.0f} %: the aircraft are too similar, "
+            "increase their uncertainty"
         )
-    return Suggestion(copysign(amplitude_deg, recipe.maneuver.peak_deg), found, n)
+    return Suggestion(copysign(amplitude_deg, recipe.maneuver.peak_deg), reached, n)

@@ -1,4 +1,4 @@
-"""What a parameter may be, written beside its type: checked here, published by the catalog."""
+"""Bounds of parameters, as annotations of their types: checked here, published by the catalog."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -8,9 +8,9 @@ from typing import Any, get_type_hints
 
 @dataclass(frozen=True)
 class Bounds:
-    """A finite number from `least` on, or larger than `above`, and smaller than `below`.
+    """A finite number: at least `least` or larger than `above`, and smaller than `below`.
 
-    words: what is said of one that is not; made from the bounds unless given.
+    words: error message for other numbers; made from the bounds unless given.
     """
 
     least: float | None = None
@@ -19,7 +19,6 @@ class Bounds:
     words: str = ""
 
     def hold(self, value: float) -> bool:
-        """Whether a value is within."""
         return (
             isfinite(value)
             and (self.least is None or value >= self.least)
@@ -29,7 +28,7 @@ class Bounds:
 
     @property
     def as_schema(self) -> dict[str, float]:
-        """The same in JSON schema's keywords, which say nothing of what is no number."""
+        """JSON schema keywords. They cannot express "finite"."""
         keywords = ("minimum", self.least), ("exclusiveMinimum", self.above)
         pairs = (*keywords, ("exclusiveMaximum", self.below))
         return {name: bound for name, bound in pairs if bound is not None}
@@ -47,7 +46,7 @@ NOT_NEGATIVE = Bounds(least=0, words="it must be a finite number, 0 or more")
 
 @cache
 def bounds_of(kind: type) -> dict[str, Bounds]:
-    """Bounds of a dataclass's parameters by name, inherited ones too."""
+    """Bounds of a dataclass's parameters by name, including inherited ones."""
     written = get_type_hints(kind, include_extras=True)
     return {
         name: bounds
@@ -58,9 +57,9 @@ def bounds_of(kind: type) -> dict[str, Bounds]:
 
 
 def check_bounds(recipe: Any, what: str = "") -> None:
-    """ValueError for the first parameter that is out of its bounds; None has none.
+    """ValueError for the first parameter out of its bounds; None is always allowed.
 
-    what: stands before its name.
+    what: prefix of its name in the message.
     """
     for name, bounds in bounds_of(type(recipe)).items():
         value = getattr(recipe, name)

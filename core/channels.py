@@ -1,4 +1,4 @@
-"""The telemetry dictionary: what a sample y holds, in which order and in which units."""
+"""The telemetry dictionary: the channels of a sample y, their order and units."""
 
 from dataclasses import dataclass
 from math import degrees, pi
@@ -8,11 +8,11 @@ from core.kernels import N_CHANNELS
 
 @dataclass(frozen=True)
 class Channel:
-    """One quantity as control rooms name, draw and label it.
+    """One measured quantity, with its unit, label and display.
 
-    unit: SI, or g; of what is computed, stored and sent.
-    display_unit: what people read it in; display_factor times the value in `unit`.
-    display_decimals: digits behind the point that mean something there.
+    unit: SI, or g; for computing, storing and sending.
+    display_unit: for people; display_factor converts from `unit`.
+    display_decimals: significant decimals in display_unit.
     """
 
     key: str
@@ -24,16 +24,16 @@ class Channel:
     display_decimals: int
 
     def read(self, value: float, digits: int = 3) -> str:
-        """`4.98 deg`: a value in `unit` as people read it, to so many significant digits."""
+        """`4.98 deg`: a value in its display unit, to this many significant digits."""
         return f"{significant(value * self.display_factor, digits)} {self.display_unit}"
 
 
 READABLE = 1e9
-"""From here on a number is written with its power of ten."""
+"""From this magnitude on, numbers are written with a power of ten."""
 
 
 def significant(value: float, digits: int = 3) -> str:
-    """A number to so many significant digits; one of more digits before the point as it is."""
+    """A number to this many significant digits, but never fewer than before the point."""
     text = f"{value:.{digits}g}"
     return f"{value:.0f}" if "e+" in text and abs(value) < READABLE else text
 
@@ -43,14 +43,14 @@ DISPLAY: dict[str, tuple[str, float, int]] = {
     "rad/s": ("deg/s", degrees(1.0), 1),
     "g": ("g", 1.0, 3),
 }
-"""Unit, factor and decimals that people read a unit with; any other one is read as it is."""
+"""Display unit, factor and decimals of a unit; other units are displayed unchanged."""
 
 BEYOND_FLIGHT: dict[str, float] = {"rad": pi, "rad/s": 4.0 * pi}
-"""Magnitudes that no aircraft comes near, by unit: a half turn, two turns a second."""
+"""Magnitudes that no aircraft reaches, by unit: a half turn, two turns a second."""
 
 
 def channel(key: str, symbol: str, unit: str, label: str) -> Channel:
-    """A channel in a unit, displayed as DISPLAY says."""
+    """A channel with the display of its unit."""
     return Channel(key, symbol, unit, label, *DISPLAY.get(unit, (unit, 1.0, 2)))
 
 

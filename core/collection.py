@@ -1,4 +1,4 @@
-"""Collection: roll out the manoeuvre on random aircraft until enough of them turned unsafe."""
+"""Collection: roll out the manoeuvre on random aircraft until enough of them turn unsafe."""
 
 from bisect import bisect_left
 from collections import deque
@@ -28,17 +28,17 @@ FIRST_CHUNK, LARGEST_CHUNK = 256, 4096
 CHUNK_STEPS = 2_000_000
 """Steps of all rollouts of a chunk: about 100 MB."""
 MOST_UNSAFE = 20_000
-"""Unsafe rollouts that are collected for the sake of a scarce group."""
+"""Largest number of unsafe rollouts collected for a scarce group."""
 CERTAINTY = 1e-6
 FRESH_BATCH, MOST_FRESH = 1_000, 20_000
-"""Fresh flights of a batch, and in all unless asked for more."""
+"""Fresh flights in a batch, and the default total."""
 TRAINING_ROLLOUTS = 2_000
 CARD_PLANTS = 500
-"""Aircraft whose step response a card knows: more change no digit of a monitor's power."""
+"""Aircraft whose step response a card holds; more do not improve a monitor."""
 
 
 class CollectionError(ValueError):
-    """A collection that would not end, or that leaves too few safe rollouts."""
+    """A collection that would not end, or that has no safe rollouts."""
 
 
 def collect(
@@ -47,21 +47,21 @@ def collect(
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> Dataset:
-    """Roll out until recipe.n_unsafe rollouts turned unsafe; keep the safe ones met on the way.
+    """Roll out until recipe.n_unsafe rollouts turn unsafe; keep the safe ones on the way.
 
-    Of a recipe with groups, as many at least of each group; what others have more is kept too.
+    With groups, at least n_unsafe of each group; surplus ones are kept.
 
-    executor: where chunks are rolled out; here, on the kernels' threads, unless given. The result
+    executor: rolls out the chunks; default: this thread and the kernels' threads. The result
     depends on the recipe alone.
-    progress: called with (unsafe rollouts found, rollouts made); what it raises cancels.
-    CollectionError where the budget cannot suffice or too few safe rollouts remain.
+    progress: called with (unsafe rollouts, rollouts made); an exception cancels.
+    CollectionError if the budget cannot suffice or no safe rollouts remain.
     """
     simulator, failures = Simulator(recipe), _Failures(recipe)
     parts: list[Rollouts] = []
     n_made = n_safe_stored = 0
     for rollouts in _chunks(simulator, executor):
         rollouts = rollouts.some(slice(recipe.max_rollouts - n_made))
-        rollouts = rollouts.some(slice(failures.take(rollouts)))
+        rollouts = rollouts.some(slice(failures.add(rollouts)))
         n_made += len(rollouts.y)
         keep = rollouts.is_unsafe | (
             n_safe_stored + np.cumsum(~rollouts.is_unsafe) <= recipe.max_safe
@@ -79,9 +79,9 @@ def collect(
 
 
 def fresh(recipe: DatasetRecipe, most: int = MOST_FRESH) -> Iterator[Rollouts]:
-    """Roll out flights that neither train nor test a monitor of this recipe, for its validity.
+    """Roll out flights to calibrate a monitor's validity; they neither train nor test it.
 
-    Batches as large as memory likes, `most` flights in all; made as they are asked for.
+    Yields batches on demand, `most` flights in total.
     """
     simulator = Simulator(recipe)
     rng, made = stream(recipe.seed, Branch.VALIDITY), 0
@@ -95,69 +95,69 @@ def fresh(recipe: DatasetRecipe, most: int = MOST_FRESH) -> Iterator[Rollouts]:
 def combination_failures(
     recipe: DatasetRecipe, n: int, progress: Progress | None = None
 ) -> tuple[Rollouts, int]:
-    """Roll out until n flights failed that taught no monitor of this recipe, for a combination.
+    """Roll out until n flights fail, to calibrate a combination; they train no monitor.
 
-    progress: called with (failures found, flights made); what it raises cancels.
-    Returns the failing flights, and how many were made for them.   CollectionError where the
-    recipe's budget of rollouts cannot suffice.
+    progress: called with (failures, flights made); an exception cancels.
+    Returns the failing flights, and the number of flights made.   CollectionError if the recipe's
+    budget of rollouts cannot suffice.
     """
     simulator, rng = Simulator(recipe), stream(recipe.seed, Branch.COMBINATION)
     size = max(1, min(FRESH_BATCH, CHUNK_STEPS // recipe.n_steps))
     parts: list[Rollouts] = []
-    found = made = 0
-    while found < n:
+    n_failed = made = 0
+    while n_failed < n:
         flights = simulator.rollouts(min(size, recipe.max_rollouts - made), rng)
-        failed = np.flatnonzero(flights.is_unsafe)[: n - found]
-        found += len(failed)
-        made += int(failed[-1]) + 1 if found == n else len(flights.y)
+        failed = np.flatnonzero(flights.is_unsafe)[: n - n_failed]
+        n_failed += len(failed)
+        made += int(failed[-1]) + 1 if n_failed == n else len(flights.y)
         parts.append(flights.some(failed))
         if progress:
-            progress(found, made)
-        if found < n:
-            _check_budget(replace(recipe, n_unsafe=n), found, made)
+            progress(n_failed, made)
+        if n_failed < n:
+            _check_budget(replace(recipe, n_unsafe=n), n_failed, made)
     return _joined(parts), made
 
 
 def evaluation_flights(recipe: DatasetRecipe, n: int) -> Rollouts:
-    """Roll out n flights that neither train a monitor of this recipe nor calibrate its validity."""
+    """Roll out n flights to test a monitor; they neither train it nor calibrate its validity."""
     return Simulator(recipe).rollouts(n, stream(recipe.seed, Branch.TEST))
 
 
 def stopped_flights(
     recipe: DatasetRecipe, n: int, which: Indices, neutral_from: Indices
 ) -> Indices:
-    """Fly some of these n flights again, the same but that the manoeuvre is stopped on the way.
+    """Fly some of these n flights again, stopping the manoeuvre on the way.
 
-    which: (m,) numbers.   neutral_from: (m,) sample from which on the controls are held neutral.
-    Returns (m,) their first sample that exceeds a limit, n_samples where none does.
+    which: (m,) numbers.   neutral_from: (m,) sample from which the controls are neutral.
+    Returns (m,) their first sample that exceeds a limit, n_samples without one.
     """
     return stopping_flights(recipe, n)(which, neutral_from)
 
 
 def stopping_flights(recipe: DatasetRecipe, n: int) -> Callable[[Indices, Indices], Indices]:
-    """The same for several times: draw the n flights once, to fly them again as is asked for."""
+    """As stopped_flights, for several calls: draws the n flights only once."""
     return Simulator(recipe).stopping(n, stream(recipe.seed, Branch.TEST))
 
 
 def training_rollouts(recipe: DatasetRecipe, n: int = TRAINING_ROLLOUTS) -> Rollouts:
-    """Roll out n flights for a forecast of peaks to learn from, which calibrate and test nothing.
+    """Roll out n flights to train a forecast of peaks; they neither calibrate nor test.
 
-    The outputs of those that fail go on behind the failure.
+    Outputs of failing flights continue after the failure.
     """
     return Simulator(recipe).rollouts(n, stream(recipe.seed, Branch.FORECAST))
 
 
 def card_of(recipe: DatasetRecipe, n_plants: int = CARD_PLANTS) -> Card:
-    """The card of the planned manoeuvre, for monitors that know what input is still to come.
+    """The card of the planned manoeuvre, for monitors that use the remaining planned input.
 
-    n_plants: aircraft whose response to its first step is simulated.
-    CardError for a manoeuvre that is no sequence of steps of one surface.
+    n_plants: aircraft to simulate the response to the first step on.
+    CardError for a manoeuvre that is not a sequence of steps on one surface.
     """
     maneuver = recipe.maneuver
     if not isinstance(maneuver, Steps) or not (switches := maneuver.switches):
         raise CardError(
-            f"the manoeuvre {type(maneuver).__name__} is no sequence of steps, so that responses "
-            "to each cannot be told apart: choose the predictor peak_ridge"
+            f"the manoeuvre {type(maneuver).__name__} is not a sequence of steps, so it has no "
+            "step responses: choose the predictor peak_ridge"
         )
     simulator, rng = Simulator(recipe), stream(recipe.seed, Branch.CARD)
     times, steps = np.array(switches).T
@@ -187,22 +187,22 @@ def card_of(recipe: DatasetRecipe, n_plants: int = CARD_PLANTS) -> Card:
 
 
 def _chunks(simulator: Simulator, executor: Executor | None) -> Iterator[Rollouts]:
-    """Chunks in order; with an executor, a few of them under way ahead of time."""
+    """Chunks in order; an executor computes a few of them ahead."""
     if executor is None:
         yield from (_chunk(simulator, number) for number in count())
         return
-    under_way = deque(executor.submit(_chunk, simulator, number) for number in range(4))
+    pending = deque(executor.submit(_chunk, simulator, number) for number in range(4))
     try:
         for number in count(4):
-            yield under_way.popleft().result()
-            under_way.append(executor.submit(_chunk, simulator, number))
+            yield pending.popleft().result()
+            pending.append(executor.submit(_chunk, simulator, number))
     finally:
-        for future in under_way:
+        for future in pending:
             future.cancel()
 
 
 def _chunk(simulator: Simulator, number: int) -> Rollouts:
-    """Roll out the chunk of this number of the recipe's seed, each with its own stream."""
+    """Roll out one numbered chunk, with its own random stream."""
     recipe = simulator.recipe
     largest = max(FIRST_CHUNK, min(LARGEST_CHUNK, CHUNK_STEPS // recipe.n_steps))
     size = min(FIRST_CHUNK << min(number, 30), largest)
@@ -210,10 +210,9 @@ def _chunk(simulator: Simulator, number: int) -> Rollouts:
 
 
 class _Failures:
-    """Failing rollouts met so far.
+    """Failing rollouts so far.
 
-    n_met: all of them.   n: those of the group that has fewest, `scarcest`; all of them where all
-    are pooled.
+    n_met: all of them.   n: those in the smallest group, `scarcest`; all if groups are pooled.
     """
 
     def __init__(self, recipe: DatasetRecipe) -> None:
@@ -222,8 +221,8 @@ class _Failures:
         self.n_met = self.n = 0
         self.scarcest = ""
 
-    def take(self, rollouts: Rollouts) -> int:
-        """Count those of a chunk up to the last one wanted; return how many rollouts that takes."""
+    def add(self, rollouts: Rollouts) -> int:
+        """Count failures up to the last one wanted; return the number of rollouts used."""
         unsafe, before = np.flatnonzero(rollouts.is_unsafe), self.n_met
         if not isinstance(self._recipe.groups, Pooled):
             failing = rollouts.some(unsafe)
@@ -242,14 +241,14 @@ class _Failures:
         self.n, self.scarcest = self._fewest(n_met)
 
     def _fewest(self, n_met: int) -> tuple[int, str]:
-        """Of the first ones met, how many the group has that has fewest, and its name."""
+        """Size of the smallest group among the first n_met failures, and its name."""
         if self._met is None:
             return n_met, ""
         y, fail_index, _ = self._met.some(slice(n_met))
-        found = self._recipe.groups.fit(y, fail_index, self._recipe.specification)
-        if found is None:
+        grouping = self._recipe.groups.fit(y, fail_index, self._recipe.specification)
+        if grouping is None:
             return 0, "a second group"
-        rule, group = found
+        rule, group = grouping
         sizes = [int(np.count_nonzero(group == k)) for k in range(len(rule.names))]
         return min(sizes), f"the group {rule.names[int(np.argmin(sizes))]!r}"
 
@@ -259,7 +258,7 @@ def _joined(parts: list[Rollouts]) -> Rollouts:
 
 
 def _check_reach(failures: _Failures, recipe: DatasetRecipe, n_made: int) -> None:
-    """CollectionError where not enough failures, of each group, can be met."""
+    """CollectionError if enough failures of each group are out of reach."""
     if not failures.scarcest:
         _check_budget(recipe, failures.n, n_made)
         return
@@ -268,7 +267,7 @@ def _check_reach(failures: _Failures, recipe: DatasetRecipe, n_made: int) -> Non
     if n_made < recipe.max_rollouts and recipe.n_unsafe <= highest * among:
         return
     raise CollectionError(
-        f"{failures.n} of {failures.n_met} unsafe rollouts were of {failures.scarcest}: "
+        f"{failures.n} of {failures.n_met} unsafe rollouts were in {failures.scarcest}: "
         f"{recipe.n_unsafe} of each group are out of reach among {among} unsafe ones; change the "
         "groups or the limits, lower n_unsafe, or choose groups pooled"
     )
@@ -279,26 +278,26 @@ def _check_budget(recipe: DatasetRecipe, n_unsafe: int, n_made: int) -> None:
     if n_made < recipe.max_rollouts and recipe.n_unsafe <= highest * recipe.max_rollouts:
         return
     raise CollectionError(
-        f"{n_unsafe} of {n_made} rollouts were unsafe (rate about {n_unsafe / n_made:.2g}, surely "
-        f"below {highest:.2g}): {recipe.n_unsafe} unsafe ones are out of reach within "
+        f"{n_unsafe} of {n_made} rollouts were unsafe (rate about {n_unsafe / n_made:.2g}, at "
+        f"most {highest:.2g}): {recipe.n_unsafe} unsafe ones are out of reach within "
         f"{recipe.max_rollouts} rollouts; raise the amplitude, lower the limit or raise "
         f"max_rollouts. {_working_amplitude(recipe)}"
     )
 
 
 def _highest_share(k: int, n: int) -> float:
-    """Largest share of which k of n are as good as ever found."""
+    """Upper confidence bound on a share with k of n found; it is wrong with CERTAINTY."""
     from scipy.special import betaincinv  # slow to import, and only needed here
 
     return float(betaincinv(k + 1, n - k or 1, 1 - CERTAINTY))
 
 
 def _working_amplitude(recipe: DatasetRecipe) -> str:
-    """What a pilot run says of the amplitude, as the end of an error."""
+    """The suggested amplitude, as the last sentence of an error."""
     try:
         return f"{suggest_amplitude(recipe)}"
     except ValueError as error:
-        return f"No amplitude was found: {error}"
+        return f"No suitable amplitude found: {error}"
 
 
 def _dataset(simulator: Simulator, parts: list[Rollouts], n_safe_met: int) -> Dataset:
@@ -307,7 +306,7 @@ def _dataset(simulator: Simulator, parts: list[Rollouts], n_safe_met: int) -> Da
     is_unsafe = fail_index < y.shape[1]
     if n_safe_met == 0:
         raise CollectionError(
-            f"all {recipe.n_unsafe} rollouts were unsafe and a monitor needs safe ones too: lower "
+            f"all {recipe.n_unsafe} rollouts were unsafe, but a monitor needs safe ones too: lower "
             f"the amplitude, raise the limit or raise n_unsafe. {_working_amplitude(recipe)}"
         )
     unsafe, fail_index = y[is_unsafe], fail_index[is_unsafe]

@@ -1,18 +1,18 @@
-"""Data compatibility: whether the sensors of a recording agree by kinematics, whatever aircraft.
+"""Data compatibility: do the sensors of a recording agree by kinematics, for any aircraft?
 
     p = d(phi)/dt - d(psi)/dt sin(theta)
     r = d(psi)/dt cos(theta) cos(phi) - d(theta)/dt sin(phi)
     d(beta)/dt = -A r + B p + K (g/V) (N_y + sin(phi) cos(theta))
 
-The first two compare a rate with the attitude. In the third A is 1, and B the sine of the angle of
-attack, which need not be recorded: A is the scale of sideslip over that of yaw rate, K/A that of
-airspeed times yaw rate over that of the accelerations. All are linear, so that a window through
-which both sides go leaves them true; the residual is gust and noise.
+The first two compare a rate with the attitude. In the third, without sensor errors, A is 1 and B is
+the sine of the angle of attack, which need not be recorded. A is the scale of sideslip over that of
+yaw rate; K/A is the scale of airspeed times yaw rate over that of the accelerations. All equations
+are linear, so they remain true after both sides are smoothed alike; the residual is gust and noise.
 
 Equation error by least squares with a delay; the intervals allow for the autocorrelation of the
 residuals (Klein and Morelli, Aircraft System Identification, AIAA 2006, chapters 5 and 10; Morelli
-and Klein, NASA CR-194893). A ratio of scales can be told, never one alone, and a vane that is x
-ahead of the centre of gravity reads as one that is x/V late.
+and Klein, NASA CR-194893). Only ratios of scales can be measured. A vane x ahead of the centre of
+gravity looks like a vane that is late by x/V.
 """
 
 from collections.abc import Mapping
@@ -28,41 +28,42 @@ from core.types import Array
 GRAVITY = 9.80665
 """[m/s2]"""
 SCALE_TOLERANCE = {"p": 0.1, "r": 0.1, "beta": 0.1, "Ny": 0.2, "V": 0.2}
-"""By channel: a scale is remarked on where all of its interval is farther from 1. Of accelerometer
-and airspeed less is known: they make a tenth of the slope of sideslip."""
+"""By channel: a scale gets a remark if its whole interval is farther from 1. Accelerometer and
+airspeed are less certain: they make a tenth of the slope of sideslip."""
 DELAY_TOLERANCE_S = 0.05
-"""The same of a delay [s]."""
+"""The same for a delay [s]."""
 RATE_TOLERANCE = float(np.radians(0.5))
-"""The same of the bias of a rate against the attitude, and of the constant in the balance of
-sideslip as a bias of yaw rate [rad/s]: 280 simulated flights of seven aircraft without a fault have
-0.35 deg/s there for sure at most, the real ones of tests 0.05."""
+"""The same for the bias of a rate against the attitude, and for the constant in the balance of
+sideslip as a bias of yaw rate [rad/s]. In 280 simulated flights of seven aircraft without a fault
+it is at most 0.35 deg/s; in the real test records, 0.05."""
 WIDEST = 0.3
-"""Half an interval of a scale, as a share of it, beyond which there was too little motion."""
+"""Half the interval of a scale, as a share of it; if wider, there was too little motion."""
 FOLLOWS = 0.5
-"""Share of a sensor's motion that the others must explain for a scale to mean anything."""
+"""Share of a sensor's motion that the others must explain for a meaningful scale."""
 SLOWEST = 15.0
-"""Airspeed below which nothing flies [m/s]."""
+"""Lowest plausible airspeed in flight [m/s]."""
 LEAST_MOTION = float(np.radians(0.5))
-"""Root mean square of a rate from which on sensors can be compared [rad/s]."""
+"""Smallest root mean square of a rate for comparing sensors [rad/s]."""
 MOST_NOISE = 0.5
-"""Share of noise in the motion that a scale is taken from beyond which that was too little."""
+"""Largest share of noise in the motion that a scale is measured from."""
 
 
 TOLERANCES = (
-    f"remarked on where all of an interval is beyond: a scale farther from 1 than "
-    f"{SCALE_TOLERANCE['beta']:g}, of accelerometer and airspeed {SCALE_TOLERANCE['V']:g}; a delay "
-    f"of {DELAY_TOLERANCE_S:g} s; a bias of a rate of {np.degrees(RATE_TOLERANCE):.2g} deg/s, "
-    "and the constant of the balance of sideslip as such a bias of yaw rate"
+    "remarks where a whole interval is beyond: "
+    f"scale within {SCALE_TOLERANCE['beta']:g} of 1 "
+    f"({SCALE_TOLERANCE['V']:g} for accelerometer and airspeed); delay {DELAY_TOLERANCE_S:g} s; "
+    f"bias of a rate {np.degrees(RATE_TOLERANCE):.2g} deg/s, also for the constant of the balance "
+    "of sideslip as a bias of yaw rate"
 )
-"""What is beyond tolerance, in words."""
+"""The tolerances in words."""
 
 
 @dataclass(frozen=True, eq=False)
 class SensorReadings:
-    """What was recorded, on an even grid; NaN where nothing was, and between separate windows.
+    """Recorded channels on an even grid; NaN where not recorded and between separate windows.
 
-    dt: [s].   channels: (n,) each, by key: beta, p, r, Ny, phi, theta, psi, V, those recorded;
-    angles without jumps.
+    dt: [s].   channels: (n,) each, by key, any of beta, p, r, Ny, phi, theta, psi, V; angles
+    without jumps.
     """
 
     dt: float
@@ -71,13 +72,13 @@ class SensorReadings:
 
 @dataclass(frozen=True)
 class SensorCheck:
-    """A sensor against others that tell the same quantity by kinematics.
+    """A sensor compared with others that give the same quantity by kinematics.
 
-    channel: its key.   against: keys of the others, those first without which it cannot be.
-    scale: its reading over what they say.   bias: its reading less what they say, in its unit.
-    delay: [s] that it reads late.   None where that cannot be told.   unchecked: why nothing can.
-    remarks: what lies beyond tolerance, in words.   suspects: keys of the sensors whose scale alone
-    would explain a scale beyond tolerance, and contradict no other check.
+    channel: its key.   against: keys of the others, the most important first.
+    scale: its reading over theirs.   bias: its reading minus theirs, in its unit.
+    delay: [s] by which it is late.   None where unknown.   unchecked: why nothing was measured.
+    remarks: values beyond tolerance, in words.   suspects: keys of the sensors whose scale alone
+    explains a scale beyond tolerance without contradicting another check.
     """
 
     channel: str
@@ -91,16 +92,14 @@ class SensorCheck:
 
     @property
     def title(self) -> str:
-        """What is compared with what, in words."""
         return f"{NAMES[self.channel]} against {_others(self)}"
 
     def to_plain(self) -> dict[str, Any]:
-        """Return JSON's types."""
-        told = {name: getattr(self, name) for name in ("scale", "bias", "delay")}
+        estimates = {name: getattr(self, name) for name in ("scale", "bias", "delay")}
         return {
             "channel": self.channel,
             "title": self.title,
-            **{name: estimate and estimate._asdict() for name, estimate in told.items()},
+            **{name: estimate and estimate._asdict() for name, estimate in estimates.items()},
             "unchecked": self.unchecked,
             "remarks": list(self.remarks),
             "suspects": list(self.suspects),
@@ -124,8 +123,8 @@ POWERS = {
     "Ny": {"Ny": 1, "r": -1, "V": -1},
     "V": {"V": 1, "r": 1},
 }
-"""Of the scale that a check finds, by channel: the power of each sensor's own. Accelerometer and
-bank angle make but a part each of what airspeed is checked by."""
+"""By check: the power of each sensor's scale in the measured scale. Accelerometer and bank angle
+are left out of the check of airspeed: each makes only a part of it."""
 
 
 def check_sensors(readings: SensorReadings) -> tuple[SensorCheck, ...]:
@@ -137,11 +136,13 @@ def check_sensors(readings: SensorReadings) -> tuple[SensorCheck, ...]:
 
 
 def _remarked(checks: tuple[SensorCheck, ...], speed: float | None) -> tuple[SensorCheck, ...]:
-    """The same, each with what lies beyond tolerance. speed: true airspeed [m/s]."""
+    """Add remarks and suspects. speed: true airspeed [m/s]."""
     return tuple(
-        replace(check, remarks=(*check.remarks, *_remarks(check, found, speed)), suspects=found)
+        replace(
+            check, remarks=(*check.remarks, *_remarks(check, suspects, speed)), suspects=suspects
+        )
         for check in checks
-        for found in [_suspects(check, checks)]
+        for suspects in [_suspects(check, checks)]
     )
 
 
@@ -149,11 +150,9 @@ def _remarks(check: SensorCheck, suspects: tuple[str, ...], speed: float | None)
     remarks, name, others = [], NAMES[check.channel], _others(check)
     scale, delay, bias = check.scale, check.delay, check.bias
     if _is_off(check) and scale:
-        who = " or ".join(NAMES[key] for key in suspects) or "more than one of them"
-        told = f"{scale.value:.2f} times ({scale.low:.2f} to {scale.high:.2f})"
-        remarks.append(
-            f"{name} reads {told} what {others} says: check gain, unit and sign of {who}"
-        )
+        sensors = " or ".join(NAMES[key] for key in suspects) or "more than one of them"
+        ratio = f"{scale.value:.2f} times ({scale.low:.2f} to {scale.high:.2f})"
+        remarks.append(f"{name} reads {ratio} {others}: check gain, unit and sign of {sensors}")
     if delay and delay.is_beyond(DELAY_TOLERANCE_S):
         late, against = (name, others) if delay.value > 0.0 else (others, name)
         low, high = sorted((abs(delay.low), abs(delay.high)))
@@ -161,7 +160,7 @@ def _remarks(check: SensorCheck, suspects: tuple[str, ...], speed: float | None)
             f"{late} is {abs(delay.value):.2f} s late ({low:.2f} to {high:.2f} s) against {against}"
         )
         if check.channel == "beta" and delay.value > 0.0:
-            ahead = f"{speed * delay.value:.0f} m" if speed else "so much flight"
+            ahead = f"{speed * delay.value:.0f} m" if speed else "this flight distance"
             words += f", or measured {ahead} ahead of the centre of gravity"
         remarks.append(words)
     if check.channel in ("p", "r") and bias and bias.is_beyond(RATE_TOLERANCE):
@@ -171,10 +170,10 @@ def _remarks(check: SensorCheck, suspects: tuple[str, ...], speed: float | None)
 
 
 def _suspects(check: SensorCheck, checks: tuple[SensorCheck, ...]) -> tuple[str, ...]:
-    """Sensors whose scale alone explains a check, and contradicts no other."""
+    """Sensors whose scale alone explains a check without contradicting another."""
     if not _is_off(check) or check.scale is None:
         return ()
-    found = []
+    suspects = []
     for key, power in POWERS[check.channel].items():
         scale = check.scale.value**power
         others = [other for other in checks if other is not check and key in POWERS[other.channel]]
@@ -182,8 +181,8 @@ def _suspects(check: SensorCheck, checks: tuple[SensorCheck, ...]) -> tuple[str,
             _contradicts(other, scale ** POWERS[other.channel][key]) for other in others
         ):
             continue
-        found.append(key)
-    return tuple(found)
+        suspects.append(key)
+    return tuple(suspects)
 
 
 def _is_off(check: SensorCheck) -> bool:
@@ -192,7 +191,7 @@ def _is_off(check: SensorCheck) -> bool:
 
 
 def _contradicts(check: SensorCheck, scale: float) -> bool:
-    """Whether another scale than this was found, by more than tolerance."""
+    """Whether a check measured another scale, by more than the tolerance."""
     if check.scale is None:
         return False
     low, high = sorted((check.scale.low / scale, check.scale.high / scale))
@@ -200,13 +199,13 @@ def _contradicts(check: SensorCheck, scale: float) -> bool:
 
 
 def _others(check: SensorCheck) -> str:
-    """What a sensor is compared with, in words; the first says most."""
+    """The main quantity that a sensor is compared with, in words."""
     slopes = {"p": "the slope of bank angle", "r": "the slope of heading", "beta": "yaw rate"}
     return slopes.get(check.channel, "the balance of sideslip")
 
 
 class _Signals:
-    """What was recorded, and all of it smoothed alike."""
+    """The recorded channels, all smoothed alike."""
 
     def __init__(self, readings: SensorReadings) -> None:
         self.dt, self.channels = readings.dt, dict(readings.channels)
@@ -219,7 +218,7 @@ class _Signals:
             self.channels["V"], self.mean_speed = speed, float(np.nanmean(speed))
 
     def raw(self, key: str) -> Array:
-        """(n,) as recorded; zeros for an angle that was not: of level flight."""
+        """(n,) as recorded; zeros (level flight) for an angle that was not."""
         return self.channels.get(key, self._none)
 
     def value(self, key: str) -> Array:
@@ -227,11 +226,10 @@ class _Signals:
         return self.smoothing.value(self.raw(key)).values
 
     def slope(self, key: str) -> SmoothedSignal:
-        """The derivative."""
         return self.smoothing.slope(self.raw(key))
 
     def lacks(self, check: SensorCheck) -> str:
-        """Why a check cannot be: what is not recorded; "" where all is."""
+        """`without heading`: channels that a check lacks; "" if all are recorded."""
         keys = (check.channel, *check.against)
         lacking = [NAMES[key] for key in keys if key not in self.channels]
         return f"without {' and '.join(lacking)}" if lacking else ""
@@ -244,32 +242,33 @@ def _roll_rate(signals: _Signals) -> SensorCheck:
     else:
         yaw = signals.smoothing.value(signals.raw("r") * np.cos(signals.raw("phi"))).values
         turn = np.tan(theta) * yaw
-    told = slope._replace(values=slope.values - turn)
-    return _of_rate(signals, SensorCheck("p", ("phi",)), told)
+    expected = slope._replace(values=slope.values - turn)
+    return _of_rate(signals, SensorCheck("p", ("phi",)), expected)
 
 
 def _yaw_rate(signals: _Signals) -> SensorCheck:
     slope, phi, theta = signals.slope("psi"), signals.value("phi"), signals.value("theta")
     pitching = np.sin(phi) * signals.slope("theta").values
-    told = slope._replace(values=np.cos(theta) * np.cos(phi) * slope.values - pitching)
-    return _of_rate(signals, SensorCheck("r", ("psi",)), told)
+    expected = slope._replace(values=np.cos(theta) * np.cos(phi) * slope.values - pitching)
+    return _of_rate(signals, SensorCheck("r", ("psi",)), expected)
 
 
-def _of_rate(signals: _Signals, check: SensorCheck, told: SmoothedSignal) -> SensorCheck:
-    """A rate against what the attitude tells of it."""
+def _of_rate(signals: _Signals, check: SensorCheck, expected: SmoothedSignal) -> SensorCheck:
+    """A rate against the rate from the attitude."""
     if lacking := signals.lacks(check):
         return replace(check, unchecked=lacking)
-    fit = EquationError.fit(signals.value(check.channel), (told,), signals.dt)
-    if fit is None or (scale := _scale(fit, 0)) is None or fit.motion(told) < LEAST_MOTION:
-        return _unclear(check, fit, told)
+    fit = EquationError.fit(signals.value(check.channel), (expected,), signals.dt)
+    if fit is None or (scale := _scale(fit, 0)) is None or fit.motion(expected) < LEAST_MOTION:
+        return _unclear(check, fit, expected)
     return replace(check, scale=scale, bias=fit.constant, delay=fit.delay)
 
 
 def _sideslip(signals: _Signals, yaw: SensorCheck) -> tuple[SensorCheck, SensorCheck, SensorCheck]:
-    """Sideslip against yaw rate; accelerometer and airspeed by what they add to that.
+    """Sideslip against yaw rate; accelerometer and airspeed by their part of that balance.
 
-    First accelerometer and gravity together, which both stand with g/V; then each alone, as far as
-    they differ: a vane that is late looks much as another scale of theirs. yaw: of yaw rate.
+    First with accelerometer and gravity together, since both have the factor g/V. Then each alone,
+    as far as they differ: a late vane looks much like another scale of theirs. yaw: check of yaw
+    rate.
     """
     beta = SensorCheck("beta", ("r", "p", "Ny", "phi"))
     lateral = SensorCheck("Ny", ("beta", "r", "p", "phi", "V"))
@@ -295,79 +294,83 @@ def _sideslip(signals: _Signals, yaw: SensorCheck) -> tuple[SensorCheck, SensorC
     if lacking := signals.lacks(speed):
         return beta, replace(lateral, unchecked=lacking), replace(speed, unchecked=lacking)
     parts = (turn, roll, smooth(force), smooth(gravity))
-    apart = EquationError.fit(slope, parts, signals.dt, fit.tau)
-    if read := _scale(apart, 0, over=2) if apart else None:
-        lateral = replace(lateral, scale=read, bias=_bias(offset, signals.mean_speed or 0.0))
+    separate = EquationError.fit(slope, parts, signals.dt, fit.tau)
+    if force_scale := _scale(separate, 0, over=2) if separate else None:
+        lateral = replace(lateral, scale=force_scale, bias=_bias(offset, signals.mean_speed or 0.0))
     else:
-        words = "too little motion to tell its scale from delay of sideslip and angle of attack"
+        words = "too little motion to separate its scale from delay of sideslip and angle of attack"
         lateral = replace(lateral, unchecked=words)
-    told = _scale(fit, 2, over=0)
+    speed_scale = _scale(fit, 2, over=0)
     return (
         beta,
         lateral,
-        replace(speed, scale=told) if told else _too_little(speed),
+        replace(speed, scale=speed_scale) if speed_scale else _too_little(speed),
     )
 
 
 def _bias(offset: Estimate, speed: float) -> Estimate:
-    """Of the accelerometer [g], were it alone what makes the constant. offset: [rad/s]."""
+    """Bias of the accelerometer [g] that alone would make this offset [rad/s]."""
     low, value, high = sorted(-speed / GRAVITY * part for part in offset)
     return Estimate(value, low, high)
 
 
 def _constant(offset: Estimate, yaw: SensorCheck, speed: float | None) -> tuple[str, ...]:
-    """What a constant in the balance of sideslip may be, where it is beyond tolerance.
+    """Remark on possible causes of a constant in the balance of sideslip beyond tolerance.
 
-    offset: as a bias of yaw rate [rad/s].   yaw: of yaw rate; a heading that agrees clears it.
-    speed: true airspeed [m/s], None where it is not known.
+    offset: as a bias of yaw rate [rad/s].   yaw: check of yaw rate; agreement with heading rules
+    yaw rate out.   speed: true airspeed [m/s], None where unknown.
     """
     if not offset.is_beyond(RATE_TOLERANCE):
         return ()
     value, low, high = np.degrees(offset)
-    may_be = [f"a bias of yaw rate of {value:.2f} deg/s ({low:.2f} to {high:.2f})"]
+    causes = [f"a bias of yaw rate of {value:.2f} deg/s ({low:.2f} to {high:.2f})"]
     if yaw.bias and abs(yaw.bias.value) < 0.5 * abs(offset.value):
-        may_be = []
+        causes = []
     if speed is None:
-        may_be += ["one of lateral acceleration or bank angle, whose size needs airspeed"]
+        causes += ["a bias of lateral acceleration or bank angle (size needs airspeed)"]
     else:
         force = _bias(offset, speed)
         bank = float(np.degrees(np.arcsin(np.clip(force.value, -1.0, 1.0))))
-        may_be += [
+        causes += [
             f"a bias of lateral acceleration of {force.value:.3f} g ({force.low:.3f} to "
             f"{force.high:.3f})",
-            f"a mean bank angle that is {bank:.1f} deg off",
+            f"a mean bank angle error of {bank:.1f} deg",
         ]
-    words = ", or ".join(may_be)
+    words = ", or ".join(causes)
     return (f"the balance of sideslip has a constant: {words}; kinematics cannot tell which",)
 
 
 def _scale(fit: EquationError, k: int, over: int | None = None) -> Estimate | None:
-    """A scale from coefficients; None where there was too little motion, or too much noise.
+    """A scale from coefficients; None with too little motion or too much noise.
 
-    The interval is widened by what noise may have made a coefficient too small.
+    The interval includes the possible attenuation of a coefficient by noise.
     """
-    told = fit.coefficient(k, over)
+    estimate = fit.coefficient(k, over)
     noise = max(fit.noise_share(part) for part in (k, over) if part is not None)
-    wide = noise * abs(told.value)
+    wide = noise * abs(estimate.value)
     if (
-        not isfinite(told.value)
+        not isfinite(estimate.value)
         or noise > MOST_NOISE
-        or told.high - told.value + wide > WIDEST * abs(told.value)
+        or estimate.high - estimate.value + wide > WIDEST * abs(estimate.value)
     ):
         return None
     is_clear = fit.share >= FOLLOWS and fit.delay_is_inside
-    return Estimate(told.value, told.low - wide, told.high + wide) if is_clear else None
+    if not is_clear:
+        return None
+    return Estimate(estimate.value, estimate.low - wide, estimate.high + wide)
 
 
-def _unclear(check: SensorCheck, fit: EquationError | None, told: SmoothedSignal) -> SensorCheck:
-    """A check without a scale: too little motion, or two that do not go together."""
-    if fit is None or min(fit.motion(told), fit.spread) < LEAST_MOTION or fit.share >= FOLLOWS:
+def _unclear(
+    check: SensorCheck, fit: EquationError | None, expected: SmoothedSignal
+) -> SensorCheck:
+    """A check without a scale: too little motion, or sensors that do not match."""
+    if fit is None or min(fit.motion(expected), fit.spread) < LEAST_MOTION or fit.share >= FOLLOWS:
         return _too_little(check)
     words = (
         f"{NAMES[check.channel]} does not follow {_others(check)}, which explains {fit.share:.0%}"
     )
-    return replace(check, unchecked="they do not go together", remarks=(words,))
+    return replace(check, unchecked="the signals do not match", remarks=(words,))
 
 
 def _too_little(check: SensorCheck) -> SensorCheck:
-    return replace(check, unchecked="not enough motion to tell")
+    return replace(check, unchecked="not enough motion")

@@ -1,4 +1,4 @@
-"""Labelled trajectories that a monitor learns from, simulated or flown."""
+"""Labelled trajectories to train a monitor on, simulated or flown."""
 
 import hashlib
 import json
@@ -19,12 +19,12 @@ class Dataset:
     unsafe: (n_unsafe, n_samples, 6) measured outputs y, NaN after the failure sample.
     fail_index: (n_unsafe,) first sample that exceeds a limit.
     safe: (n_safe, n_samples, 6).
-    safe_times: (n_safe, n_obs) the sampled observation indices of each safe rollout, ascending.
+    safe_times: (n_safe, n_obs) sampled observation indices of each safe rollout, ascending.
     theta_unsafe, theta_safe: (n, n_parameters) parameters, named by `theta_names`.
     dt: sample interval [s].
-    n_safe_met: safe rollouts met before the last unsafe one, kept or not.
-    specification: which limit the unsafe ones exceed; None where that is not known.
-    recipe: what it was simulated from, as plain data; empty where it was not simulated.
+    n_safe_met: safe rollouts before the last unsafe one, stored or not.
+    specification: the limits that the unsafe ones exceed; None where unknown.
+    recipe: of the simulation, as plain data; empty for flown trajectories.
     """
 
     unsafe: Array
@@ -42,12 +42,12 @@ class Dataset:
 
     @property
     def unsafe_rate(self) -> float:
-        """Unbiased share of unsafe rollouts when collection stopped at the last unsafe one."""
+        """Unbiased share of unsafe rollouts; collection stopped at the last unsafe one."""
         n_unsafe = len(self.unsafe)
         return (n_unsafe - 1) / (n_unsafe + self.n_safe_met - 1)
 
     def digest(self) -> str:
-        """SHA-256 of everything a monitor can learn from this dataset, in hexadecimal."""
+        """SHA-256, in hexadecimal, of everything a monitor can learn from this dataset."""
         return self._digest
 
     @cached_property

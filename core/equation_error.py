@@ -1,9 +1,9 @@
-"""Equation error: smoothed signals against each other by least squares, one of them late.
+"""Equation error: least squares between smoothed signals, with a delay.
 
-Both sides of a linear equation go through one window, and what is differentiated through its slope,
-so that the equation stays true while noise averages out. The intervals allow for the
-autocorrelation of the residuals, as of gusts and of the window (Klein and Morelli, Aircraft System
-Identification, AIAA 2006, chapter 5; Morelli and Klein, NASA CR-194893).
+Both sides of a linear equation pass through one window, derivatives through its slope, so the
+equation stays true while noise averages out. The intervals allow for autocorrelated residuals, from
+gusts and from the window (Klein and Morelli, Aircraft System Identification, AIAA 2006, chapter 5;
+Morelli and Klein, NASA CR-194893).
 """
 
 from math import floor, inf
@@ -14,16 +14,16 @@ import numpy as np
 from core.types import Array, Flags
 
 WIDTH_S = 0.6
-"""Of the smoothing window [s]; the Dutch roll of a large transport takes ten times as long."""
+"""Width of the smoothing window [s]; the Dutch roll of a large transport takes ten times this."""
 CORRELATED_S = 2.0
-"""Residuals farther apart are taken as independent [s]."""
+"""Residuals farther apart count as independent [s]."""
 MOST_DELAY_S, DELAY_STEP_S = 0.3, 0.05
-"""Delays that are looked for, and how far apart those are that are tried first [s]."""
+"""Largest delay searched, and the step of the first coarse search [s]."""
 STEPS, SMALL_STEP_S = 6, 1e-4
-"""Of Gauss and Newton, from the best of those; and the one after which no more are made [s]."""
+"""Gauss-Newton steps from the best of those, and the step at which they end [s]."""
 CONFIDENCE = 0.95
 FEWEST_FREE = 4.0
-"""Independent residuals beyond the unknowns that an interval needs."""
+"""Fewest independent residuals, beyond the unknowns, for an interval."""
 
 
 class Estimate(NamedTuple):
@@ -34,25 +34,25 @@ class Estimate(NamedTuple):
     high: float
 
     def is_beyond(self, tolerance: float, about: float = 0.0) -> bool:
-        """Whether all of the interval is farther from a number than a tolerance."""
+        """Whether the whole interval is farther from a number than the tolerance."""
         return self.low > about + tolerance or self.high < about - tolerance
 
 
 class SmoothedSignal(NamedTuple):
-    """values: (n,), NaN where unknown.   noise: variance of the noise that is left in them."""
+    """values: (n,), NaN where unknown.   noise: variance of the remaining noise."""
 
     values: Array
     noise: float
 
 
 DIFFERENCES: Array = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
-"""Of samples two before to two behind, the derivative up to (omega dt)^4 / 30."""
+"""Derivative from samples two before to two behind, with error (omega dt)^4 / 30."""
 
 
 def smoothing_window(dt: float, width_s: float = WIDTH_S) -> tuple[Array, Array]:
-    """A biweight window, and the one that takes the derivative of what that one leaves.
+    """A biweight window, and the window for the derivative of its output.
 
-    Both exact for constants and straight lines.
+    Both are exact for constants and straight lines.
     """
     reach = max(2, round(0.5 * width_s / dt))
     u = np.arange(-reach, reach + 1) / (reach + 1)
@@ -63,22 +63,20 @@ def smoothing_window(dt: float, width_s: float = WIDTH_S) -> tuple[Array, Array]
 
 
 class Smoothing:
-    """One window, and its slope, for all the signals of an equation."""
+    """One window, and its slope, for all (n,) signals of an equation."""
 
     def __init__(self, dt: float) -> None:
         self.dt = dt
         self._smooth, self._slope = smoothing_window(dt)
 
     def value(self, signal: Array) -> SmoothedSignal:
-        """(n,) smoothed."""
         return self._through(signal, self._smooth)
 
     def slope(self, signal: Array) -> SmoothedSignal:
-        """(n,) the derivative, smoothed."""
         return self._through(signal, self._slope)
 
     def _through(self, signal: Array, window: Array) -> SmoothedSignal:
-        """Noise is taken as white, and as all that the window takes out."""
+        """Assumes white noise, and that the window removes only noise."""
         values, reach = np.full(len(signal), np.nan), len(window) // 2
         if len(signal) < len(window):
             return SmoothedSignal(values, 0.0)
@@ -94,7 +92,7 @@ class Smoothing:
 class EquationError:
     """y(t) = sum of b_k x_k(t - tau) + b_last, fitted.
 
-    share: of the variance of y that is explained.   spread: standard deviation of y.
+    share: explained share of the variance of y.   spread: standard deviation of y.
     """
 
     def __init__(self, y: Array, x: tuple[SmoothedSignal, ...], rows: Flags, dt: float) -> None:
@@ -107,9 +105,9 @@ class EquationError:
     def fit(
         cls, y: Array, x: tuple[SmoothedSignal, ...], dt: float, tau: float | None = None
     ) -> Self | None:
-        """Fit where all is known as far around as delays are looked for; None where that is short.
+        """Fit the rows with all signals known within MOST_DELAY_S; None if there are too few.
 
-        y, x: (n,) each, a sample each dt [s].   tau: delay to begin with [s]; None: looked for.
+        y, x: (n,) each, one sample each dt [s].   tau: delay to start from [s]; None: searched.
         """
         margin = round(MOST_DELAY_S / dt) + 3
         signals = np.column_stack([y, *(signal.values for signal in x)])
@@ -118,11 +116,11 @@ class EquationError:
         if rows.sum() * dt < CORRELATED_S:
             return None
         fitted = cls(y, x, rows, dt)
-        fitted.tau = fitted._about() if tau is None else tau
+        fitted.tau = fitted._coarse_delay() if tau is None else tau
         return fitted if fitted._solve() else None
 
     def motion(self, signal: SmoothedSignal) -> float:
-        """Standard deviation of a signal where it was fitted."""
+        """Standard deviation of a signal over the fitted rows."""
         return float(signal.values[self._rows].std())
 
     @property
@@ -137,11 +135,11 @@ class EquationError:
 
     @property
     def delay_is_inside(self) -> bool:
-        """Whether the best delay is not the largest one that was looked for."""
+        """Whether the best delay is inside the searched range."""
         return abs(self.tau) < MOST_DELAY_S
 
     def coefficient(self, k: int, over: int | None = None) -> Estimate:
-        """b_k, or its quotient with another coefficient; infinite where that is 0."""
+        """b_k, or its ratio to another coefficient; infinite if that is 0."""
         b, gradient = self._b, np.zeros(len(self._covariance))
         if over is None:
             gradient[k] = 1.0
@@ -152,7 +150,7 @@ class EquationError:
         return self._estimate(b[k] / b[over], gradient)
 
     def noise_share(self, k: int) -> float:
-        """Share of noise in what of x_k the others do not explain: so much too small is b_k."""
+        """Share of noise in the part of x_k the others do not explain: b_k is too small by it."""
         return float(self._noise_shares[k])
 
     def _estimate(self, value: float, gradient: Array) -> Estimate:
@@ -160,8 +158,7 @@ class EquationError:
         half = self._quantile * variance**0.5 if variance >= 0.0 else inf
         return Estimate(float(value), float(value - half), float(value + half))
 
-    def _about(self) -> float:
-        """About the best delay."""
+    def _coarse_delay(self) -> float:
         tries = np.arange(-MOST_DELAY_S, MOST_DELAY_S + 0.5 * DELAY_STEP_S, DELAY_STEP_S)
         return float(min(tries, key=self._misfit))
 
@@ -170,7 +167,7 @@ class EquationError:
         return float(np.square(y - x @ np.linalg.lstsq(x, y)[0]).sum())
 
     def _solve(self) -> bool:
-        """Find delay, coefficients and their covariance; whether there are residuals enough."""
+        """Solve for delay, coefficients and covariance; False with too few residuals."""
         for _ in range(STEPS):
             jacobian, residuals = self._linearised()
             step = float(np.linalg.lstsq(jacobian[self._rows], residuals[self._rows])[0][-1])
@@ -181,32 +178,32 @@ class EquationError:
         return self._judge(jacobian, residuals)
 
     def _judge(self, jacobian: Array, residuals: Array) -> bool:
-        """The covariance of the unknowns, from how long the residuals resemble each other."""
+        """Covariance of the unknowns, from the autocorrelation of the residuals."""
         n, n_unknown = int(self._rows.sum()), jacobian.shape[1]
         most = min(round(CORRELATED_S / self._dt), len(residuals) - 1)
         products = [residuals[: len(residuals) - lag] @ residuals[lag:] for lag in range(most + 1)]
-        alike = (1.0 - np.arange(most + 1) / (most + 1)) * np.array(products) / n
-        if not alike[0] > 0.0:
+        correlation = (1.0 - np.arange(most + 1) / (most + 1)) * np.array(products) / n
+        if not correlation[0] > 0.0:
             return False
-        n_free = n / max(1.0, 2.0 * alike.sum() / alike[0] - 1.0) - n_unknown
+        n_free = n / max(1.0, 2.0 * correlation.sum() / correlation[0] - 1.0) - n_unknown
         if n_free < FEWEST_FREE:
             return False
         gram = jacobian.T @ jacobian
         inverse = np.linalg.pinv(gram, rcond=1e-12, hermitian=True)
-        middle = alike[0] * gram
+        middle = correlation[0] * gram
         for lag in range(1, most + 1):
             product = jacobian[:-lag].T @ jacobian[lag:]
-            middle += alike[lag] * (product + product.T)
+            middle += correlation[lag] * (product + product.T)
         self._covariance = inverse @ middle @ inverse * (1.0 + n_unknown / n_free)
         from scipy.special import stdtrit  # slow to import, and only needed here
 
         self._quantile = float(stdtrit(n_free, 0.5 + 0.5 * CONFIDENCE))
         self._noise_shares = self._noise * n * np.diag(inverse)[: len(self._noise)]
-        self.share = float(1.0 - alike[0] / self.spread**2) if self.spread else 0.0
+        self.share = float(1.0 - correlation[0] / self.spread**2) if self.spread else 0.0
         return True
 
     def _linearised(self) -> tuple[Array, Array]:
-        """Derivatives of the model by its unknowns (n, k + 2), the delay last; residuals (n,)."""
+        """Jacobian of the model (n, k + 2), the delay last; residuals (n,)."""
         x = self._at(self.tau)
         self._b = np.linalg.lstsq(x[self._rows], self._y[self._rows])[0]
         ahead, behind = (self._at(self.tau + sign * self._dt) for sign in (-1, 1))
@@ -214,13 +211,13 @@ class EquationError:
         return np.column_stack([x, by_delay]), self._y - x @ self._b
 
     def _at(self, tau: float) -> Array:
-        """Signals and constant (n, k + 1) at a delay; zeros in rows that are not fitted."""
+        """Signals and constant (n, k + 1) at a delay; zeros outside the fitted rows."""
         x = np.column_stack([late(self._x, tau / self._dt), np.ones(len(self._y))])
         return np.where(self._rows[:, None], x, 0.0)
 
 
 def late(x: Array, samples: float) -> Array:
-    """x (n, k) so many samples later, by cubics; NaN where that is outside."""
+    """x (n, k) delayed by this many samples, by cubic interpolation; NaN outside."""
     whole = floor(samples)
     u = samples - whole
     weights = (

@@ -1,7 +1,7 @@
-"""Markers that a crew or a control room sets in a flight under way: a family.
+"""Markers that a crew or control room sets during a flight: a family.
 
-ABORT is called for the safety of flight, KNOCK IT OFF where no useful data come. Neither ends nor
-pauses the flight: what follows is monitored and recorded as before.
+ABORT is for the safety of flight, KNOCK IT OFF for no useful data. Neither ends nor pauses the
+flight: monitoring and recording continue.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ FlightMarkerKey = Literal["abort", "knock_it_off"]
 
 @dataclass(frozen=True)
 class FlightMarkerKind:
-    """How a kind of marker is called, what it means, how urgent it is, and the page's key."""
+    """The word of a kind of marker, its meaning, its urgency, and its key on the page."""
 
     kind: FlightMarkerKey
     word: str

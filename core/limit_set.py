@@ -1,4 +1,4 @@
-"""Limits by flight condition: which limits are in force at which Mach number, and so on."""
+"""Limits by flight condition, such as Mach number."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ ConditionKey = Literal["mach", "dynamic_pressure", "configuration"]
 
 @dataclass(frozen=True)
 class ConditionChannel:
-    """A quantity that flight conditions are told by, as people call it."""
+    """A quantity that defines flight conditions, with its words for people."""
 
     key: ConditionKey
     symbol: str
@@ -31,18 +31,18 @@ CONDITIONS: dict[ConditionKey, ConditionChannel] = {
 }
 CONDITION_KEYS: tuple[ConditionKey, ...] = tuple(CONDITIONS)
 Condition = tuple[float | str, ...]
-"""In the order of CONDITION_KEYS: a value, or the word for why there is none."""
+"""In the order of CONDITION_KEYS: a value, or the word for its absence."""
 MISSING, STALE = "missing", "stale"
 NO_CONDITION: Condition = (MISSING,) * len(CONDITION_KEYS)
 Range = tuple[float | None, float | None]
-"""From the first on, below the second; None for no end."""
+"""From the first (included) to the second (excluded); None for no end."""
 
 
 @dataclass(frozen=True)
 class LimitCase:
     """A flight condition and its limits.
 
-    ranges: by channel; a channel without one does not matter.
+    ranges: by channel; channels without a range do not matter.
     """
 
     name: str
@@ -50,22 +50,21 @@ class LimitCase:
     limits: Limits
 
     def __post_init__(self) -> None:
-        """Refuse a range of what is no channel, or that holds nothing. ValueError."""
         for key, (low, high) in self.ranges.items():
             if key not in CONDITIONS:
                 raise ValueError(
                     f"{self.name} has a range of {key!r}: choose {', '.join(CONDITIONS)}"
                 )
             if not all(end is None or isfinite(end) for end in (low, high)):
-                raise ValueError(f"the range of {key} of {self.name} has an end that is no number")
+                raise ValueError(f"the range of {key} of {self.name} has a non-finite end")
             if low is not None and high is not None and low >= high:
                 raise ValueError(
-                    f"the range of {key} of {self.name} holds nothing: it begins at {low:g} and "
-                    f"ends before {high:g}"
+                    f"the range of {key} of {self.name} is empty: it begins at {low:g} and ends "
+                    f"before {high:g}"
                 )
 
     def holds(self, condition: Condition) -> bool:
-        """Whether a condition is this one; what it asks for must be known."""
+        """Whether a condition is this one; a channel with a range must have a value."""
         for key, value in zip(CONDITION_KEYS, condition, strict=True):
             if key in self.ranges:
                 low, high = _ends(self.ranges[key])
@@ -74,7 +73,7 @@ class LimitCase:
         return True
 
     def overlaps(self, other: "LimitCase") -> bool:
-        """Whether a condition could be both."""
+        """Whether one condition could be both."""
         return all(
             max(low, other_low) < min(high, other_high)
             for key in CONDITION_KEYS
@@ -86,44 +85,42 @@ class LimitCase:
 
 @dataclass(frozen=True)
 class LimitSet:
-    """Limits by flight condition, of which one at most holds at a time."""
+    """Limits by flight condition; at most one case applies at a time."""
 
     cases: tuple[LimitCase, ...]
 
     def __post_init__(self) -> None:
-        """Refuse a set of nothing, and conditions that overlap. ValueError."""
         if not self.cases:
-            raise ValueError("the limit set has no condition: give one at least, with its limits")
-        for one, other in combinations(self.cases, 2):
-            if one.name == other.name:
-                raise ValueError(f"two conditions are called {one.name!r}: name them apart")
-            if one.overlaps(other):
+            raise ValueError("the limit set has no condition: give at least one, with its limits")
+        for case, other in combinations(self.cases, 2):
+            if case.name == other.name:
+                raise ValueError(f"two conditions are called {case.name!r}: use different names")
+            if case.overlaps(other):
                 raise ValueError(
-                    f"a flight can be {one.name} and {other.name} at once: give them ranges that "
-                    "do not overlap; a range ends before its second number"
+                    f"{case.name} and {other.name} overlap: give ranges that do not; a range ends "
+                    "before its second number"
                 )
 
     @property
     def needed(self) -> list[ConditionKey]:
-        """Channels without which it cannot be told which limits hold."""
+        """Channels needed to decide which limits apply."""
         return [key for key in CONDITION_KEYS if any(key in case.ranges for case in self.cases)]
 
     def find(self, condition: Condition) -> int | None:
-        """Which case a condition is; None where it is none, or that cannot be told."""
+        """Number of the case of a condition; None if it is no case or unknown."""
         holding = (k for k, case in enumerate(self.cases) if case.holds(condition))
         return next(holding, None)
 
     def why_none(self, condition: Condition) -> str:
-        """Why a condition is no case."""
         values = dict(zip(CONDITION_KEYS, condition, strict=True))
         unknown = [f"{key} is {values[key]}" for key in self.needed if isinstance(values[key], str)]
         if unknown:
             return " and ".join(unknown)
-        return f"there are none for this {' and '.join(self.needed)}"
+        return f"no limits for this {' and '.join(self.needed)}"
 
 
 def limit_set_to_plain(limit_set: LimitSet) -> list[dict[str, Any]]:
-    """Return JSON's types, a condition each."""
+    """Plain data, one item for each condition."""
     return [
         {
             "name": case.name,
@@ -135,17 +132,16 @@ def limit_set_to_plain(limit_set: LimitSet) -> list[dict[str, Any]]:
 
 
 def limit_set_from_plain(plain: Sequence[Mapping[str, Any]]) -> LimitSet:
-    """Rebuild a limit set. ValueError."""
     cases = []
     for case in plain:
         limits = specification_from_plain(case["limits"])
         if not isinstance(limits, Limits):
-            raise ValueError(f"{case['name']} has no limits: give one channel's at least")
+            raise ValueError(f"{case['name']} has no limits: give at least one channel's")
         ranges = {key: (low, high) for key, (low, high) in case["ranges"].items()}
         cases.append(LimitCase(case["name"], ranges, limits))
     return LimitSet(tuple(cases))
 
 
-def _ends(of: Range | None) -> tuple[float, float]:
-    low, high = of or (None, None)
+def _ends(interval: Range | None) -> tuple[float, float]:
+    low, high = interval or (None, None)
     return -inf if low is None else low, inf if high is None else high

@@ -1,4 +1,4 @@
-"""The planned test: a manoeuvre on an uncertain aircraft, what unsafe means, its simulation."""
+"""The planned test: a manoeuvre on an uncertain aircraft, its limits, its simulation."""
 
 from collections.abc import Callable
 from copy import deepcopy
@@ -27,7 +27,7 @@ from core.types import Array, Flags, Indices
 DEFAULT_AIRCRAFT = AIRCRAFT["f16_sl_h0_v502"]
 USUAL = DEFAULT_AIRCRAFT.usual_test
 MOST_SAMPLES = 20_000
-"""Steps of a rollout, so that a chunk of them stays within memory."""
+"""Largest number of steps of a rollout, so that a chunk fits in memory."""
 
 
 Deviation = Annotated[
@@ -37,9 +37,9 @@ Deviation = Annotated[
 
 @dataclass(frozen=True)
 class SensorNoise:
-    """White Gaussian noise on what the monitor sees, 1 sigma a channel in its SI unit.
+    """White Gaussian sensor noise, 1 sigma of each channel in its SI unit.
 
-    It is not fed back; the specification judges the outputs without it.
+    It is not fed back, and limits are judged without it.
     """
 
     beta: Deviation = 0.0
@@ -50,7 +50,6 @@ class SensorNoise:
     delta_r: Deviation = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse a deviation that is negative or not a number."""
         check_bounds(self, "noise ")
 
     def add_to(self, y: Array, rng: np.random.Generator) -> None:
@@ -68,9 +67,9 @@ USUAL_NOISE = SensorNoise(
     delta_a=radians(0.02),
     delta_r=radians(0.02),
 )
-"""Of vane, rate gyros, accelerometer and position transducers that are made for flight tests."""
+"""Noise of a flight-test vane, rate gyros, accelerometer and position transducers."""
 USUAL_TIMING_JITTER_S, USUAL_AMPLITUDE_JITTER = 0.1, 0.15
-"""Of a pilot who flies a doublet by hand."""
+"""Scatter of a pilot who flies a doublet by hand."""
 
 
 class Rollouts(NamedTuple):
@@ -90,7 +89,6 @@ class Rollouts(NamedTuple):
         return self.fail_index < self.y.shape[1]
 
     def some(self, which: slice | Flags | Indices) -> "Rollouts":
-        """Return the rollouts of a slice, a mask or numbers."""
         return Rollouts(self.y[which], self.fail_index[which], self.theta[which])
 
 
@@ -98,8 +96,8 @@ class Rollouts(NamedTuple):
 class DatasetRecipe:
     """The planned test and how much of it to simulate.
 
-    The default is the usual test of an F-16: with yaw and roll damper, on a rudder doublet that
-    about a quarter of the aircraft fail.
+    The default is the usual test of an F-16 with yaw and roll damper: a rudder doublet that exceeds
+    a limit on about a quarter of the aircraft.
     """
 
     aircraft: Aircraft = DEFAULT_AIRCRAFT
@@ -107,31 +105,28 @@ class DatasetRecipe:
     maneuver: Maneuver = MANEUVERS["rudder_doublet"].with_peak(USUAL.doublet_deg)  # noqa: RUF009
     specification: Limits = Limits(Ny=USUAL.limit_g)  # noqa: RUF009
     noise: SensorNoise = SensorNoise()
-    """sensor noise: white and Gaussian on what the monitor sees, 1 sigma a channel."""
+    """sensor noise: white and Gaussian, 1 sigma of each channel."""
     imperfections: Imperfections = Imperfections()  # noqa: RUF009
-    """imperfections of a real flight: what it has besides noise and jitter, drawn anew for each
-    rollout."""
+    """imperfections of a real flight: effects besides noise and jitter, drawn for each rollout."""
     dt: Annotated[float, Bounds(above=0)] = 0.05
     """sample interval of the telemetry [s]."""
     substeps: Annotated[int, Bounds(least=1)] = 1
-    """substeps of a sample: parts of its interval after which limits are checked; an exceedance
-    between two samples then counts at the later one."""
+    """substeps of a sample: limits are checked after each; an exceedance between two samples counts
+    at the later one."""
     n_unsafe: Annotated[int, Bounds(least=2)] = 50
     """unsafe rollouts to collect; at least as many of each group."""
     groups: Grouping = GROUPINGS["pooled"]
-    """groups of failing rollouts: collected until each has enough, for a monitor that is
-    calibrated by groups."""
+    """groups of failing rollouts: each gets enough of them, for a monitor calibrated by groups."""
     n_obs: Annotated[int, Bounds(least=1)] = 50
     """observation times kept of each safe rollout."""
     seed: Annotated[int, Bounds(least=0)] = 0
     """seed of every random draw: the same recipe makes the same dataset."""
     max_rollouts: Annotated[int, Bounds(least=1)] = 1_000_000
-    """budget of rollouts: a collection that cannot end within it stops early."""
+    """budget of rollouts: a collection that would exceed it stops early."""
     max_safe: Annotated[int, Bounds(least=1)] = 50_000
-    """safe rollouts kept: the first ones; more are counted only."""
+    """safe rollouts kept: the first ones; further ones are only counted."""
 
     def __post_init__(self) -> None:
-        """Refuse sizes that make no dataset."""
         if not 0 < self.dt < self.maneuver.duration_s:
             raise ValueError(
                 f"dt={self.dt} s was given: it must be positive and shorter than the manoeuvre's "
@@ -140,8 +135,8 @@ class DatasetRecipe:
         n_samples = self.maneuver.n_samples(self.dt)
         if n_samples * self.substeps > MOST_SAMPLES:
             raise ValueError(
-                f"a rollout of {n_samples} samples in {self.substeps} substeps was asked for: at "
-                f"most {MOST_SAMPLES} steps fit, choose a larger dt or a shorter manoeuvre"
+                f"a rollout has {n_samples} samples in {self.substeps} substeps: at most "
+                f"{MOST_SAMPLES} steps fit, choose a larger dt or a shorter manoeuvre"
             )
         check_bounds(self)
         if self.n_obs > n_samples:
@@ -152,13 +147,13 @@ class DatasetRecipe:
 
     @property
     def n_steps(self) -> int:
-        """Steps that a rollout is computed in, its run-up too."""
+        """Computed steps of a rollout, including its run-up."""
         run_up = self.imperfections.run_up(self.dt)
         return (run_up + self.maneuver.n_samples(self.dt)) * self.substeps
 
     @classmethod
     def usual(cls, aircraft: Aircraft) -> "DatasetRecipe":
-        """The test to begin with on this aircraft: about a quarter of the rollouts fail it."""
+        """The usual first test of this aircraft: about a quarter of the rollouts exceed a limit."""
         usual = aircraft.usual_test
         return cls(
             aircraft=aircraft,
@@ -168,7 +163,7 @@ class DatasetRecipe:
         )
 
     def as_flown(self) -> "DatasetRecipe":
-        """Return the same test with noise, jitter and imperfections as they are usual in flight."""
+        """The same test with the usual noise, jitter and imperfections of real flights."""
         maneuver = replace(
             self.maneuver,
             timing_jitter_s=USUAL_TIMING_JITTER_S,
@@ -184,10 +179,10 @@ Look = Callable[[Array, Array], object]
 
 
 class Simulator:
-    """The planned test made ready to roll out on random aircraft."""
+    """Rolls out the planned test on random aircraft."""
 
     def __init__(self, recipe: DatasetRecipe, spread: float = 1.0) -> None:
-        """spread: of D_theta about its middle, as a multiple of the recipe's."""
+        """spread: width of D_theta about its mean, as a multiple of the recipe's."""
         self.recipe, self.spread = recipe, spread
         self.plant = recipe.aircraft.uncertain_plant()
         self.controller = recipe.control_law.controller(self.plant)
@@ -209,11 +204,11 @@ class Simulator:
     def fly(
         self, theta: Array, rng: np.random.Generator, scale: Array | None = None
     ) -> tuple[Rollouts, Array]:
-        """Fly these aircraft, theta (n, n_parameters), by pilots of their own.
+        """Fly these aircraft, theta (n, n_parameters), each with its own pilot.
 
-        scale: (n,) what their commands are multiplied by.
-        Returns the rollouts, and (n,) the largest part of a limit that the true outputs reach:
-        infinite for a flight that diverged.
+        scale: (n,) factors on their commands.
+        Returns the rollouts, and (n,) the largest part of a limit reached by the true outputs,
+        infinite for a diverged flight.
         """
         pilot = self.recipe.maneuver.pilot(self.recipe.dt, len(theta), rng)
         if scale is not None:
@@ -228,7 +223,7 @@ class Simulator:
         return rollouts, peaks[0]
 
     def _rolled_out(self, drawn: "_Drawn", rng: np.random.Generator, look: Look) -> Rollouts:
-        """Roll out flights as this test measures them; look as in `recorded`, trim 0 without
+        """Roll out flights as measured. look: as in `recorded`; trim is 0 without
         imperfections."""
         if not self.recipe.imperfections.are_none:
             return self._recorded(drawn, rng, look)
@@ -240,15 +235,14 @@ class Simulator:
         return Rollouts(y, first, drawn.theta)
 
     def recorded(self, n: int, rng: np.random.Generator, look: Look) -> Rollouts:
-        """Roll out n aircraft as they would be flown and recorded, whatever the imperfections.
+        """Roll out n aircraft as flown and recorded, with any imperfections.
 
-        look: called with the true outputs from trim (n, n_samples, 6), and with that trim (n, 6),
-        which gust and inexact inputs make differ from 0.
+        look: called with the true outputs from trim (n, n_samples, 6) and that trim (n, 6); gust
+        and inexact inputs shift it from 0.
         """
         return self._recorded(self._drawn(n, rng), rng, look)
 
     def _recorded(self, drawn: "_Drawn", rng: np.random.Generator, look: Look) -> Rollouts:
-        """Record flights as `recorded` does."""
         recipe, imperfections = self.recipe, self.recipe.imperfections
         every, step = recipe.substeps, recipe.dt / recipe.substeps
         start = imperfections.run_up(recipe.dt) * every
@@ -264,45 +258,45 @@ class Simulator:
     def stopping(
         self, n: int, rng: np.random.Generator, theta: Array | None = None
     ) -> Callable[[Indices, Indices], Indices]:
-        """Draw n flights as `rollouts` does from rng, to fly some again with the manoeuvre stopped.
+        """Draw n flights from rng as `rollouts` does, to fly some again with the manoeuvre stopped.
 
-        theta: (n, n_parameters) of these aircraft, as `fly` draws their flights from rng.
+        theta: (n, n_parameters) of given aircraft; their flights are then drawn as in `fly`.
 
-        Returns what takes (m,) numbers of these flights, and the (m,) samples from which on the
-        pilot holds neutral controls; how fast they get there is the manoeuvre's pedal lag. It
-        returns (m,) their first sample that exceeds a limit, n_samples where none does.
+        Returns a function of (m,) flight numbers and (m,) samples from which the pilot commands
+        neutral controls (reached with the manoeuvre's pedal lag). It returns (m,) the first sample
+        that exceeds a limit, n_samples without one.
         """
         if theta is None:
             theta, pilot = self._planned(n, rng)
         else:
             pilot = self.recipe.maneuver.pilot(self.recipe.dt, n, rng)
-        pilot, as_before = np.broadcast_to(pilot, (n, *pilot.shape[1:])), deepcopy(rng)
+        pilot, rng_before = np.broadcast_to(pilot, (n, *pilot.shape[1:])), deepcopy(rng)
         drawn = self._flown(theta, pilot, rng)
 
         def stopped(which: Indices, neutral_from: Indices) -> Indices:
             commands = pilot[which]
-            held = np.arange(pilot.shape[1]) < neutral_from[:, np.newaxis]
-            commands[~held] = 0.0
-            again = drawn.some(which)._replace(commands=commands)
+            is_neutral = np.arange(pilot.shape[1]) >= neutral_from[:, np.newaxis]
+            commands[is_neutral] = 0.0
+            repeated = drawn.some(which)._replace(commands=commands)
             if not self.recipe.imperfections.are_none:
-                of_all = pilot.copy()
-                of_all[which] = commands
-                of_all, _ = self._inexact(of_all, n, deepcopy(as_before))
-                again = again._replace(commands=of_all[which])
-            return self._first_exceedance(self._outputs(again), again)
+                all_commands = pilot.copy()
+                all_commands[which] = commands
+                all_commands, _ = self._inexact(all_commands, n, deepcopy(rng_before))
+                repeated = repeated._replace(commands=all_commands[which])
+            return self._first_exceedance(self._outputs(repeated), repeated)
 
         return stopped
 
     def commands(self, n: int, rng: np.random.Generator) -> Array:
         """Commands (n, n_samples, 2) [rad] of the n flights that `rollouts` draws from rng.
 
-        Without what imperfections make of them.
+        Before imperfections.
         """
         _, pilot = self._planned(n, rng)
         return np.broadcast_to(pilot, (n, *pilot.shape[1:]))
 
     def _drawn(self, n: int, rng: np.random.Generator) -> "_Drawn":
-        """What chance decides of n flights."""
+        """The random part of n flights."""
         return self._flown(*self._planned(n, rng), rng)
 
     def _planned(self, n: int, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -314,7 +308,7 @@ class Simulator:
         return theta, recipe.maneuver.pilot(recipe.dt, n, rng)
 
     def _flown(self, theta: Array, pilot: Array, rng: np.random.Generator) -> "_Drawn":
-        """What imperfections make of these flights."""
+        """Add imperfections to these flights."""
         recipe, n = self.recipe, len(theta)
         if recipe.imperfections.are_none:
             return _Drawn(theta, pilot, np.zeros(n, np.int64), None)
@@ -325,13 +319,13 @@ class Simulator:
         )
 
     def _inexact(self, pilot: Array, n: int, rng: np.random.Generator) -> tuple[Array, Indices]:
-        """What n pilots make of planned commands, the run-up before them; and samples at rest."""
+        """Commands as n pilots fly them, with a run-up before; and samples at rest."""
         recipe = self.recipe
         lead_in = round(recipe.maneuver.lead_in_s / recipe.dt)
         return recipe.imperfections.fly(pilot, n, recipe.dt, lead_in, rng)
 
     def _outputs(self, drawn: "_Drawn") -> Array:
-        """True outputs (n, n_steps, 6), the run-up's before."""
+        """True outputs (n, n_steps, 6), including the run-up."""
         recipe = self.recipe
         return roll_out(
             self.plant.plants(drawn.theta),
@@ -345,7 +339,7 @@ class Simulator:
         )
 
     def _first_exceedance(self, y: Array, drawn: "_Drawn") -> Indices:
-        """(n,) first sample that exceeds a limit, n_samples for none; y is from trim then."""
+        """(n,) first sample that exceeds a limit, n_samples for none. Subtracts trim from y."""
         recipe, every = self.recipe, self.recipe.substeps
         if not recipe.imperfections.are_none:
             y = from_trim(y, recipe.imperfections.run_up(recipe.dt) * every, every, drawn.rest)
@@ -354,8 +348,8 @@ class Simulator:
 
 
 class _Drawn(NamedTuple):
-    """What chance decides of flights: theta (n, n_parameters), commands (1 or n, n_samples, 2) with
-    those of the run-up, samples at rest (n,), gust (n, n_steps) or None."""
+    """The random part of flights: theta (n, n_parameters), commands (1 or n, n_samples, 2) with the
+    run-up, samples at rest (n,), gust (n, n_steps) or None."""
 
     theta: Array
     commands: Array
@@ -363,7 +357,6 @@ class _Drawn(NamedTuple):
     gust: Array | None
 
     def some(self, which: Indices) -> "_Drawn":
-        """Return those of these numbers."""
         commands = self.commands if len(self.commands) == 1 else self.commands[which]
         gust = None if self.gust is None else self.gust[which]
         return _Drawn(self.theta[which], commands, self.rest[which], gust)

@@ -1,4 +1,4 @@
-"""What was given, as an error repeats it."""
+"""Quote an input value in an error."""
 
 from reprlib import Repr
 from typing import Any
@@ -9,5 +9,5 @@ _short.maxstring = _short.maxother = _short.maxlong = MOST_SIGNS
 
 
 def quoted(value: Any) -> str:
-    """A value as Python writes it; of one that is long its beginning and its end."""
+    """The repr of a value; a long one shortened to its beginning and end."""
     return _short.repr(value)

@@ -1,4 +1,4 @@
-"""Recipes as plain data and back: the one rule for what files, options and requests say."""
+"""Recipes as plain data and back, the same way for files, options and requests."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
@@ -11,9 +11,9 @@ M = TypeVar("M")
 
 
 class Family(NamedTuple):
-    """Parts of recipes of one base class, which plain data tells apart by `kind`.
+    """Recipe parts of one base class; `kind` distinguishes them in plain data.
 
-    members: those to choose from.   made: others, by the kind that stored recipes have of them.
+    members: those to choose from.   made: others, by their `kind` in stored recipes.
     """
 
     name: str
@@ -23,36 +23,35 @@ class Family(NamedTuple):
 
     @property
     def known(self) -> dict[str, Any]:
-        """Every kind that a recipe may have."""
         return {**self.members, **self.made}
 
 
 FAMILIES: dict[str, Family] = {}
-"""Every family by its name, as far as its module is imported."""
+"""Families by name, of the modules imported so far."""
 
 
 class RecipeError(ValueError):
-    """A recipe that names something unknown or holds a value that is not allowed."""
+    """A recipe with an unknown name or a value that is not allowed."""
 
 
 def family(
     name: str, base: type[M], members: dict[str, M], made: Mapping[str, M] | None = None
 ) -> dict[str, M]:
-    """Return the members of a family; recipes hold them by `kind` from now on.
+    """Register a family and return its members; plain recipes name them by `kind`.
 
-    made: parts that nobody chooses, such as those of what is made from finished parts.
+    made: parts that are not for choosing, such as combinations of finished parts.
     """
     FAMILIES[name] = Family(name, base, members, made or {})
     return members
 
 
 def family_of(member: Any) -> Family | None:
-    """Return the family a recipe's part belongs to; None for a part that is not of one."""
+    """The family of a recipe's part; None if it has none."""
     return next((known for known in FAMILIES.values() if isinstance(member, known.base)), None)
 
 
 def to_plain(recipe: Any) -> Any:
-    """Return a recipe as JSON's types; a family's member names itself by `kind`."""
+    """A recipe as plain data; a family's member names itself by `kind`."""
     if isinstance(recipe, tuple | list):
         return [to_plain(value) for value in recipe]
     if isinstance(recipe, dict):
@@ -65,7 +64,7 @@ def to_plain(recipe: Any) -> Any:
 
 
 def _kind(member: Any, members: Mapping[str, Any]) -> str:
-    """Name of the entry that the member was most likely made from."""
+    """Name of the entry most similar to a member."""
     same = {name: entry for name, entry in members.items() if type(entry) is type(member)}
 
     def agreement(name: str) -> int:
@@ -78,7 +77,7 @@ def _kind(member: Any, members: Mapping[str, Any]) -> str:
 
 
 def _build(default: Any, values: Mapping[str, Any], where: str) -> Any:
-    """Return another of the default's class; RecipeError where it refuses its values."""
+    """Build an object of the default's class; RecipeError for refused values."""
     try:
         return type(default)(**values)
     except (TypeError, ValueError) as error:
@@ -91,11 +90,11 @@ def from_plain(
     where: str = "recipe",
     build: Callable[[Any, Mapping[str, Any], str], Any] = _build,
 ) -> Any:
-    """Return `default` with what `plain` says put in place.
+    """`default` with the values of `plain`.
 
-    A family's part may change its `kind`; a parameter that is not given keeps its default.
-    build: makes another of (default, values, where); one that checks types where `plain` comes
-    from a person. RecipeError says which part is wrong and what would be right.
+    A family's part may change its `kind`; parameters that are not given keep their default.
+    build: makes an object from (default, values, where); one for input from people checks types.
+    RecipeError names the wrong part and the possible values.
     """
     if not isinstance(plain, dict):
         raise RecipeError(f"{where} is {plain!r}: it must be an object of parameters")

@@ -1,4 +1,4 @@
-"""What unsafe means: the first exceedance of each trajectory of a batch."""
+"""The limits of a test, and the first exceedance of each trajectory."""
 
 from dataclasses import asdict, dataclass
 from typing import Annotated
@@ -17,9 +17,9 @@ Magnitude = Annotated[
 
 @dataclass(frozen=True)
 class Limits:
-    """Unsafe as soon as the magnitude of one channel exceeds its limit; the limit itself is unsafe.
+    """Unsafe as soon as the magnitude of one channel reaches its limit: the limit itself is unsafe.
 
-    One optional limit a channel, in the channel's SI unit (N_y in g). The default is the paper's.
+    One optional limit for each channel, in SI units (N_y in g). The default is the paper's.
     """
 
     beta: Magnitude = None
@@ -30,7 +30,6 @@ class Limits:
     delta_r: Magnitude = None
 
     def __post_init__(self) -> None:
-        """Refuse limits that every flight exceeds, or none."""
         if all(limit is None for limit in asdict(self).values()):
             raise ValueError("no limit was given: set at least one channel's, for example Ny=0.5")
         check_bounds(self, "limit ")
@@ -44,8 +43,8 @@ class Limits:
     def first_exceedance(self, y: Array) -> Indices:
         """First sample of each trajectory that exceeds a limit.
 
-        y: (n, n_samples, 6). A limited channel that is not finite exceeds: it has diverged.
-        Returns (n,) sample indices; n_samples where the limits hold throughout.
+        y: (n, n_samples, 6). A limited channel that is not finite has diverged and exceeds.
+        Returns (n,) sample indices; n_samples without an exceedance.
         """
         return first_exceedance(y, self.magnitudes)
 
@@ -53,24 +52,23 @@ class Limits:
 SPECIFICATIONS = {"limits": Limits()}
 
 Specification = Limits | str | None
-"""What unsafe means for a monitor: limits, the label of what is known by its verdicts alone, or
-None where it is not known. Only limits can be judged from telemetry."""
+"""What is unsafe for a monitor: limits, a label where only verdicts are known, or None where
+unknown. Only limits can be judged from telemetry."""
 PlainSpecification = dict[str, float | None] | str | None
 """A specification as JSON: limits by channel, the label, or null."""
 
 
 def magnitudes_of(specification: Specification) -> Array | None:
-    """(6,) magnitudes that must not be exceeded; None where there are no limits to judge by."""
+    """(6,) largest permitted magnitudes; None without limits."""
     return specification.magnitudes if isinstance(specification, Limits) else None
 
 
 def specification_to_plain(specification: Specification) -> PlainSpecification:
-    """Return JSON's types."""
     return asdict(specification) if isinstance(specification, Limits) else specification
 
 
 def specification_from_plain(plain: PlainSpecification) -> Specification:
-    """Rebuild a specification; a channel that is not named has no limit. ValueError."""
+    """Rebuild a specification; channels that are not named have no limit. Raises ValueError."""
     if plain is None or isinstance(plain, str):
         return plain
     if unknown := [key for key in plain if key not in KEYS]:

@@ -1,4 +1,4 @@
-"""The arrays that everything computes with, by what they hold."""
+"""Array types, by their content."""
 
 import numpy as np
 import numpy.typing as npt
@@ -8,4 +8,4 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 """Positions of samples, rollouts or points."""
 Flags = npt.NDArray[np.bool_]
-"""Yes or no for each of a batch."""
+"""Yes or no for each item."""

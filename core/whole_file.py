@@ -1,4 +1,4 @@
-"""Files that are whole or not there at all."""
+"""Write files completely or not at all."""
 
 import os
 import tempfile
@@ -11,7 +11,7 @@ from typing import BinaryIO
 def write_whole(path: str | Path, content: bytes) -> None:
     """Write under a temporary name beside the file, then move it into place.
 
-    An interruption at any moment leaves the file as it was before.
+    An interruption at any moment leaves the old file unchanged.
     """
     with whole_file(path) as file:
         file.write(content)
@@ -19,7 +19,7 @@ def write_whole(path: str | Path, content: bytes) -> None:
 
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[BinaryIO]:
-    """Open a file to write, which comes into its place when the block ends well."""
+    """Open a file to write; it replaces `path` if the block ends without an error."""
     path = Path(path)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:

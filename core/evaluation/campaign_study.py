@@ -1,9 +1,9 @@
-"""What campaigns avoid, and what that costs: exceedances avoided against safe points lost.
+"""Campaign study: exceedances avoided against safe points lost.
 
-Aircraft of D_theta fly a fixed build-up. Each point after the first is flown where its clearance
-says so, from the steps before it; a flight with an alert is aborted, after the crew's reaction. A
-point that is refused or aborted ends the build-up there, and so does an exceedance. Every pair of
-the clearance's and the monitor's epsilon is tried on the same flights.
+Aircraft of D_theta fly a fixed build-up. Each point after the first is flown if it is cleared from
+the steps before it; a flight with an alert is aborted after the crew's reaction. A refused or
+aborted point ends the build-up, and so does an exceedance. Every pair of epsilons, of the clearance
+and of the monitor, is applied to the same flights.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,24 +27,23 @@ from core.types import Array, Flags, Indices
 
 Progress = Callable[[str, int, int], object]
 WITHOUT = 1.0
-"""Epsilon that stands for no clearance, or no monitor, at all."""
+"""Epsilon that means no clearance, or no monitor."""
 OTHERS = 10_000
-"""Added to the study's seed for the monitors: their flights are none of those tried."""
+"""Added to the study's seed for the monitors, so that their flights are other ones."""
 
 
 @dataclass(frozen=True)
 class CampaignStudyRecipe:
-    """Which build-ups are flown, by how many aircraft, and how they are watched."""
+    """The build-ups, aircraft, clearances and monitors of a study."""
 
     tests: tuple[str, ...] = tuple(TESTS)
     """planned tests: by name."""
     imperfections: Literal["none", "usual"] = "none"
-    """imperfections of a real flight: with noise and a pilot's scatter as usual in flight; `none`
-    or `usual`."""
+    """imperfections of a real flight: `none`, or `usual` noise and pilot's scatter."""
     steps: tuple[float, ...] = (0.6, 0.8, 1.0)
-    """points: shares of the planned amplitude, growing; the first is flown without a clearance."""
+    """points: growing shares of the planned amplitude; the first needs no clearance."""
     clearance_epsilons: tuple[float, ...] = (0.01, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, WITHOUT)
-    """accepted shares of wrong clearances; 1 for none at all."""
+    """accepted shares of wrong clearances; 1 for no clearance."""
     monitor_epsilons: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2, WITHOUT)
     """accepted miss rates; 1 for no monitor."""
     guarantee: Guarantee = "average"
@@ -58,27 +57,28 @@ class CampaignStudyRecipe:
     n_flown: Annotated[int, Bounds(least=10)] = 1000
     """aircraft that fly the build-up."""
     n_unsafe: Annotated[int, Bounds(least=2)] = 500
-    """failures that each point's monitor is calibrated on."""
+    """failures for calibrating each point's monitor."""
     n_exceeding: Annotated[int, Bounds(least=20)] = 400
-    """exceeding aircraft that calibrate each clearance."""
+    """exceeding aircraft for calibrating each clearance."""
     n_aircraft: Annotated[int, Bounds(least=100)] = 400
-    """aircraft that calibrate its checks."""
+    """aircraft for calibrating its checks."""
     seed: Annotated[int, Bounds(least=0)] = 0
     """seed of every random draw."""
 
     def __post_init__(self) -> None:
-        """Refuse what makes no study."""
         check_bounds(self)
-        for what, given, known in (
+        for kind, given, known in (
             ("planned test", self.tests, TESTS),
             ("method", (self.method,), METHODS),
             ("imperfections", (self.imperfections,), ("none", "usual")),
         ):
             if unknown := [name for name in given if name not in known]:
-                raise ValueError(f"{what} {unknown[0]!r} was given: choose {', '.join(known)}")
+                raise ValueError(f"{kind} {unknown[0]!r} was given: choose {', '.join(known)}")
         if len(self.steps) < 2 or sorted({*self.steps}) != [*self.steps] or self.steps[0] <= 0:
-            raise ValueError(f"steps={self.steps} was given: give two or more, positive, growing")
-        for given, n, of in (
+            raise ValueError(
+                f"steps={self.steps} was given: give two or more positive, growing shares"
+            )
+        for given, n, kind in (
             (self.clearance_epsilons, self.n_exceeding, "exceeding aircraft"),
             (self.monitor_epsilons, self.n_unsafe, "failures"),
         ):
@@ -87,16 +87,16 @@ class CampaignStudyRecipe:
                 raise ValueError(f"epsilons of {given} were given: give numbers above 0, at most 1")
             if smallest < WITHOUT and (needed := failures_needed(smallest, self.guarantee)) > n:
                 raise ValueError(
-                    f"epsilon={smallest:g} was given with {n} {of}: it needs {needed} at least"
+                    f"epsilon={smallest:g} was given with {n} {kind}: it needs at least {needed}"
                 )
 
 
 class CampaignCounts(NamedTuple):
-    """What came of the points after the first, at one pair of epsilons on one planned test.
+    """Counts over the points after the first, for one pair of epsilons on one planned test.
 
-    n_exceeding, avoided: points that would exceed a limit, and of these the refused ones and those
-    aborted in time.   n_safe, lost: points that would not, and of these the refused ones and those
-    aborted in vain.   caused: safe points that exceed since they were aborted.
+    n_exceeding, avoided: points that would exceed a limit; those refused or aborted in time.
+    n_safe, lost: points that would not; those refused or aborted unnecessarily.
+    caused: safe points that exceed a limit because they were aborted.
     """
 
     test: str
@@ -110,12 +110,12 @@ class CampaignCounts(NamedTuple):
 
     @property
     def avoided_share(self) -> float:
-        """Of the points that would exceed; NaN where none would."""
+        """Share of the points that would exceed; NaN without any."""
         return self.avoided / self.n_exceeding if self.n_exceeding else np.nan
 
     @property
     def lost_share(self) -> float:
-        """Of the points that would not exceed; NaN where all would."""
+        """Share of the points that would not exceed; NaN without any."""
         return self.lost / self.n_safe if self.n_safe else np.nan
 
     @property
@@ -126,11 +126,11 @@ class CampaignCounts(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class _TriedPoint:
-    """A point as every aircraft would fly it.
+class _PointOutcomes:
+    """One point for every aircraft.
 
-    would: (n,) exceeds if nobody stops it.   cleared: by epsilon, (n,).   aborted, exceeds: by
-    epsilon of the monitor, (n,) whether it is, and whether it exceeds all the same.
+    would: (n,) exceeds if not stopped.   cleared: (n,) by epsilon of the clearance.   aborted,
+    exceeds: (n,) by epsilon of the monitor; `exceeds` counts aborted flights that still exceed.
     """
 
     would: Flags
@@ -144,30 +144,30 @@ def campaign_study(
 ) -> list[CampaignCounts]:
     """Fly the build-ups; one entry for each planned test and pair of epsilons.
 
-    progress: called with what is done, and (points done, points in all); what it raises cancels.
+    progress: called with (name of the point, points done, total); an exception cancels.
     """
     each = len(recipe.steps) - 1
-    found: list[CampaignCounts] = []
+    counts: list[CampaignCounts] = []
     tests = planned_tests(recipe.tests, recipe.imperfections)
     for of_test, (name, test) in enumerate(tests.items()):
         build_up = _BuildUp(test, recipe, of_test)
-        points: list[_TriedPoint] = []
+        points: list[_PointOutcomes] = []
         for number in range(1, len(recipe.steps)):
             if progress:
                 done = of_test * each + number - 1
                 progress(f"{name}, point {number + 1}", done, len(tests) * each)
-            points.append(build_up.tried(number))
+            points.append(build_up.outcomes(number))
         first = build_up.flown[0].is_unsafe
-        found += [
+        counts += [
             _counted(name, points, first, clearance, monitor)
             for monitor in recipe.monitor_epsilons
             for clearance in recipe.clearance_epsilons
         ]
-    return found
+    return counts
 
 
 class _BuildUp:
-    """The aircraft of one planned test, and their flights of every point."""
+    """The aircraft of one planned test, and their flights at every point."""
 
     def __init__(self, test: DatasetRecipe, recipe: CampaignStudyRecipe, of_test: int) -> None:
         self._recipe = recipe
@@ -188,8 +188,8 @@ class _BuildUp:
             for simulator, rng in zip(simulators, rngs, strict=True)
         ]
 
-    def tried(self, number: int) -> _TriedPoint:
-        """One point after the first, by every epsilon."""
+    def outcomes(self, number: int) -> _PointOutcomes:
+        """One point after the first, at every epsilon."""
         flown = self.flown[number]
         monitor = self._monitor(number)
         aborted: dict[float, Flags] = {}
@@ -200,10 +200,10 @@ class _BuildUp:
                 alerts = first_alerts(monitor, flown.y, flown.fail_index, epsilon)
             aborted[epsilon] = alerts < np.minimum(flown.fail_index, flown.y.shape[1])
             exceeds[epsilon] = self._exceeds(number, alerts, aborted[epsilon])
-        return _TriedPoint(flown.is_unsafe, self._cleared(number), aborted, exceeds)
+        return _PointOutcomes(flown.is_unsafe, self._cleared(number), aborted, exceeds)
 
     def _exceeds(self, number: int, alerts: Indices, aborted: Flags) -> Flags:
-        """(n,) whether a flight exceeds that is aborted so long after its alert."""
+        """(n,) whether a flight exceeds although it is aborted after its alert and a reaction."""
         flown, recipe = self.flown[number], self._recipe
         unit = unit_reactions(len(alerts), stream(*self._seed, number, 1))
         which, exceeds = np.flatnonzero(aborted), flown.is_unsafe.copy()
@@ -214,7 +214,7 @@ class _BuildUp:
         return exceeds
 
     def _monitor(self, number: int) -> Monitor | None:
-        """One trained for the point; None where hardly any of its flights exceeds."""
+        """The monitor of a point; None if too few of its flights exceed a limit."""
         recipe = self._recipe
         predictor, score = METHODS[recipe.method]
         settings = MonitorRecipe(
@@ -226,26 +226,26 @@ class _BuildUp:
         )
         if settings.epsilon == WITHOUT:
             return None
-        wanted = replace(
+        planned = replace(
             self.points[number], n_unsafe=recipe.n_unsafe, seed=recipe.seed + OTHERS + number
         )
         try:
-            card = card_of(wanted) if predictor.forecast == "card" else None
-            return train(collect(wanted), settings, card=card)
+            card = card_of(planned) if predictor.forecast == "card" else None
+            return train(collect(planned), settings, card=card)
         except CollectionError:
             return None
 
     def _cleared(self, number: int) -> dict[float, Flags]:
         """Whether each aircraft's point is cleared from the steps before it, by epsilon."""
         recipe = self._recipe
-        every: Flags = np.ones(recipe.n_flown, bool)
-        asked = [epsilon for epsilon in recipe.clearance_epsilons if epsilon < WITHOUT]
-        if not asked:
-            return {WITHOUT: every}
+        everyone: Flags = np.ones(recipe.n_flown, bool)
+        epsilons = [epsilon for epsilon in recipe.clearance_epsilons if epsilon < WITHOUT]
+        if not epsilons:
+            return {WITHOUT: everyone}
         rule = calibrate(
             BuildUp(tuple(self.points[:number]), self.points[number]),
             ClearanceRecipe(
-                epsilon=min(asked),
+                epsilon=min(epsilons),
                 guarantee=recipe.guarantee,
                 n_exceeding=recipe.n_exceeding,
                 n_aircraft=recipe.n_aircraft,
@@ -256,45 +256,45 @@ class _BuildUp:
         rng = stream(*self._seed, number, 2)
         p_values, unflagged = [], []
         for first in range(0, recipe.n_flown, BATCH):
-            some = slice(first, first + BATCH)
-            found = predictor.predict([step.y[some] for step in self.flown[:number]], rng)
-            below = found.quantiles[:, 2] < 1.0
+            batch = slice(first, first + BATCH)
+            prediction = predictor.predict([step.y[batch] for step in self.flown[:number]], rng)
+            below = prediction.quantiles[:, 2] < 1.0
             p_values.append(
-                np.where(below, 0.0, 1.0) if rule.is_rare else rule.p_values(found.score)
+                np.where(below, 0.0, 1.0) if rule.is_rare else rule.p_values(prediction.score)
             )
-            unflagged.append((found.checks <= rule.levels).all(axis=1))
+            unflagged.append((prediction.checks <= rule.levels).all(axis=1))
         p, unflagged = np.concatenate(p_values), np.concatenate(unflagged)
         cleared = {
             epsilon: (p <= alert_above(epsilon, max(rule.n_exceeding, 1), recipe.guarantee))
             & unflagged
-            for epsilon in asked
+            for epsilon in epsilons
         }
-        return {**cleared, WITHOUT: every}
+        return {**cleared, WITHOUT: everyone}
 
 
 def _counted(
-    name: str, points: Sequence[_TriedPoint], over: Flags, clearance: float, monitor: float
+    name: str, points: Sequence[_PointOutcomes], over: Flags, clearance: float, monitor: float
 ) -> CampaignCounts:
-    """Go through the build-up with every aircraft.   over: (n,) exceeded at the first point."""
+    """Count over the build-up.   over: (n,) aircraft that exceeded at the first point."""
     n_exceeding = avoided = n_safe = lost = caused = 0
-    held: Flags = np.zeros(len(over), bool)
+    on_hold: Flags = np.zeros(len(over), bool)
     over = over.copy()
     for point in points:
-        flown = ~over & ~held & point.cleared[clearance]
+        flown = ~over & ~on_hold & point.cleared[clearance]
         aborted = flown & point.aborted[monitor]
         exceeds = flown & point.exceeds[monitor]
-        asked_for = ~over
-        n_exceeding += int(np.count_nonzero(asked_for & point.would))
-        avoided += int(np.count_nonzero(asked_for & point.would & ~exceeds))
-        n_safe += int(np.count_nonzero(asked_for & ~point.would))
-        lost += int(np.count_nonzero(asked_for & ~point.would & (~flown | aborted)))
+        counted = ~over
+        n_exceeding += int(np.count_nonzero(counted & point.would))
+        avoided += int(np.count_nonzero(counted & point.would & ~exceeds))
+        n_safe += int(np.count_nonzero(counted & ~point.would))
+        lost += int(np.count_nonzero(counted & ~point.would & (~flown | aborted)))
         caused += int(np.count_nonzero(exceeds & ~point.would))
-        held |= asked_for & (~flown | aborted)
+        on_hold |= counted & (~flown | aborted)
         over |= exceeds
     return CampaignCounts(name, clearance, monitor, n_exceeding, avoided, n_safe, lost, caused)
 
 
 def best_of(counts: Sequence[CampaignCounts], avoided: float) -> CampaignCounts | None:
-    """The pair that loses the fewest safe points of those that avoid at least this share."""
-    enough = [one for one in counts if one.avoided_share >= avoided]
-    return min(enough, key=lambda one: one.lost_share) if enough else None
+    """Among pairs that avoid at least this share, the one that loses the fewest safe points."""
+    enough = [pair for pair in counts if pair.avoided_share >= avoided]
+    return min(enough, key=lambda pair: pair.lost_share) if enough else None

@@ -1,10 +1,9 @@
-"""The ceiling of warnings: what could be known of a flight at each sample, were all else known.
+"""The information limit: how well any monitor could warn, given the samples so far.
 
-The derivatives of the aircraft and the pilot's amplitude are estimated from the samples so far, by
-Gauss and Newton's method on the simulation itself, a step a sample. Aircraft drawn from that
-posterior then fly on with the input that is still to come, by pilots who switch as planned but for
-their scatter. What they exceed is the score. No monitor that hears the samples as they come can
-tell much more; it takes too long to fly with.
+The aircraft's derivatives and the pilot's amplitude are estimated from the samples so far, with one
+Gauss-Newton step on the simulation for each sample. Aircraft drawn from this posterior continue the
+planned input, with the pilot's scatter; the score is how often they exceed a limit. No monitor of
+the same samples can do much better. This is too slow to use in flight.
 """
 
 from typing import NamedTuple
@@ -22,17 +21,17 @@ from core.types import Array, Indices
 N_DRAWN = 64
 """Aircraft and pilots drawn from each posterior."""
 DIFFERENCE, LARGEST_STEP = 0.02, 3.0
-"""Of Gauss and Newton's method, in standard deviations of the prior."""
+"""Of the Gauss-Newton method, in standard deviations of the prior."""
 LEAST_NOISE, LEAST_DEVIATION = 1e-6, 0.01
-"""Of a sample, in its SI unit; of drawn peaks, in limits."""
+"""Smallest noise of a sample, in SI; smallest deviation of drawn peaks, in limits."""
 FINEST_SHARE, MARGIN_WEIGHT = 1e-3, 0.02
-"""Shares closer to 0 or 1 than the first are told apart by the margin, with this weight."""
+"""Shares closer to 0 or 1 than the first are ranked by the margin, with this weight."""
 
 
 class Posterior(NamedTuple):
-    """Of deviates that are standard normal before the first sample, flight by flight.
+    """Of deviates, flight by flight; they are standard normal before the first sample.
 
-    mean: (n, m).   root: (n, m, m), with root root' their covariance.
+    mean: (n, m).   root: (n, m, m), root root' is the covariance.
     """
 
     mean: Array
@@ -40,18 +39,18 @@ class Posterior(NamedTuple):
 
 
 class Ceiling:
-    """The posterior of a planned test of steps, without imperfections but noise and scatter.
+    """The posterior of a planned test of steps, with noise and scatter as the only imperfections.
 
-    Derivatives that are uniform are taken for normal ones of the same variance.
-    ValueError for a test whose probabilities are not known like that.
+    Uniform derivatives are treated as normal with the same variance.
+    ValueError for other tests.
     """
 
     def __init__(self, test: DatasetRecipe) -> None:
         maneuver, limits = test.maneuver, magnitudes_of(test.specification)
         if not isinstance(maneuver, Steps) or limits is None or not test.imperfections.are_none:
             raise ValueError(
-                "the ceiling needs a manoeuvre made of steps, limits, and no imperfections but "
-                "noise and scatter: leave it out, or the imperfections"
+                "the information limit needs a manoeuvre of steps, limits, and no imperfections "
+                "besides noise and scatter: leave it out, or the imperfections"
             )
         self._test, self._maneuver, self._limits = test, maneuver, limits
         self._simulator = Simulator(test)
@@ -65,7 +64,7 @@ class Ceiling:
         self._levels = np.deg2rad(np.concatenate([[0.0], np.cumsum(steps)]))
         self._column = COLUMN[maneuver.surface]
         m = len(self._uncertain) + 1
-        from scipy.stats import qmc  # half a second, which only this needs
+        from scipy.stats import qmc  # slow to import, and only needed here
 
         points = ndtri(qmc.Sobol(m + len(steps), scramble=False).random(2 * N_DRAWN)[N_DRAWN:])
         whitened = np.linalg.cholesky(np.linalg.inv(np.cov(points[:, :m].T, bias=True)))
@@ -75,13 +74,13 @@ class Ceiling:
     def scores(self, y: Array, commands: Array, last: Indices, windows: Indices) -> Array:
         """Score of each sample 0..last of flights; low means close to a failure.
 
-        y: (n, n_samples, 6).   commands: (n, n_samples, 2) of the pilot, known once they are given.
-        last: (n,).   windows: (n_windows,) samples that are looked ahead, 0 for all to come.
+        y: (n, n_samples, 6).   commands: (n, n_samples, 2) of the pilot; only past ones are used.
+        last: (n,).   windows: (n_windows,) samples to look ahead, 0 for the rest of the flight.
         Returns (n_windows, n, n_samples), +inf before the first input and after `last`.
         """
         given = commands[:, :, self._column]
         changes = np.diff(given, axis=1, prepend=0.0) != 0
-        found, n_samples = np.full((len(windows), *y.shape[:2]), np.inf), y.shape[1]
+        scores, n_samples = np.full((len(windows), *y.shape[:2]), np.inf), y.shape[1]
         mean = np.zeros((len(y), len(self._uncertain) + 1))
         for now in range(1, int(last.max(initial=-1)) + 1):
             switched = changes[:, :now].sum(axis=1)
@@ -97,8 +96,8 @@ class Ceiling:
             margin = self._margins(posterior, level[:, :end], known, latest, now)
             for k, window in enumerate(windows):
                 ahead = margin[:, :, : window or None]
-                found[k, which, now] = -_danger(ahead.max(axis=2, initial=0.0))
-        return found
+                scores[k, which, now] = -_danger(ahead.max(axis=2, initial=0.0))
+        return scores
 
     def _outputs(self, deviates: Array, level: Array) -> Array:
         """Outputs (n, n_samples, 6) of aircraft and pilots of these deviates (n, m).
@@ -121,7 +120,7 @@ class Ceiling:
         )
 
     def _estimated(self, y: Array, level: Array, mean: Array) -> Posterior:
-        """One step of Gauss and Newton's method from `mean` (n, m)."""
+        """One Gauss-Newton step from `mean` (n, m)."""
         n, m = mean.shape
         tried = mean[:, np.newaxis] + DIFFERENCE * np.vstack([np.zeros(m), np.eye(m)])
         outputs = self._outputs(tried.reshape(-1, m), np.repeat(level, m + 1, axis=0))
@@ -137,9 +136,9 @@ class Ceiling:
     def _margins(
         self, posterior: Posterior, level: Array, known: Indices, latest: Indices, now: int
     ) -> Array:
-        """Largest |y| / limit (n, N_DRAWN, n_samples - now - 1) of what is drawn, after `now`.
+        """Largest |y| / limit (n, N_DRAWN, n_samples - now - 1) of the drawn flights after `now`.
 
-        known: (n,) switches before `now`.   latest: (n,) sample of the last one of these.
+        known: (n,) number of switches before `now`.   latest: (n,) sample of the last of these.
         """
         n, n_samples = level.shape
         deviates = posterior.mean[:, np.newaxis] + self._drawn @ posterior.root.transpose(0, 2, 1)
@@ -160,7 +159,7 @@ class Ceiling:
         return margin.reshape(n, N_DRAWN, -1)
 
     def _wait(self, j: int, passed: Indices) -> Array:
-        """(n, N_DRAWN) samples from switch j - 1 to switch j, given that so many (n,) passed."""
+        """(n, N_DRAWN) samples from switch j - 1 to switch j, given that `passed` (n,) are over."""
         planned = self._apart[j - 1]
         jitter = self._maneuver.timing_jitter_s / self._test.dt
         if jitter == 0:
@@ -172,7 +171,7 @@ class Ceiling:
 
 
 def _danger(peaks: Array) -> Array:
-    """(n,) log odds that a limit is exceeded, by drawn peaks (n, N_DRAWN) in limits."""
+    """(n,) log odds of an exceedance, from drawn peaks (n, N_DRAWN) in limits."""
     share = (peaks >= 1.0).mean(axis=1)
     margin = (peaks.mean(axis=1) - 1.0) / np.hypot(peaks.std(axis=1), LEAST_DEVIATION)
     return np.log((share + FINEST_SHARE) / (1 - share + FINEST_SHARE)) + MARGIN_WEIGHT * margin

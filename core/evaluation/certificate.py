@@ -1,4 +1,4 @@
-"""The certificate of a monitor: what its own test flights say of its promise, and of its use."""
+"""The certificate of a monitor: its miss rate and usefulness on its own test flights."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,12 +9,12 @@ import numpy as np
 from core.evaluation.rates import clopper_pearson
 
 USELESS = 0.2
-"""A monitor is of no use that lets, with 97.5 % confidence, less of the safe flights pass."""
+"""A monitor is useless if, with 97.5 % confidence, fewer safe flights than this pass it."""
 
 
 UNTESTED = (
-    "the monitor was not tested on fresh flights: how often it misses, and how many safe flights "
-    "pass without an alert, is not known"
+    "the monitor was not tested on fresh flights: its miss rate and the share of safe flights "
+    "without a false alarm are unknown"
 )
 
 
@@ -27,17 +27,14 @@ class Share:
 
     @property
     def share(self) -> float:
-        """count / total."""
         return self.count / self.total
 
     @property
     def low(self) -> float:
-        """Lower end of the interval."""
         return float(clopper_pearson(self.count, self.total)[0])
 
     @property
     def high(self) -> float:
-        """Upper end of the interval."""
         return float(clopper_pearson(self.count, self.total)[1])
 
     def __str__(self) -> str:
@@ -46,13 +43,13 @@ class Share:
 
 @dataclass(frozen=True)
 class Certificate:
-    """What fresh flights said at an epsilon that was tested; None where there was none to count.
+    """Shares of fresh flights at a tested epsilon; None without flights to count.
 
-    missed: of the failing flights, valid and without a timely alert.   quiet: of the safe flights,
-    valid and without an alert ("power").   fail_given_alert: failing ones of those with an alert.
-    withdrawn, safe_withdrawn: failing and safe flights that were called invalid before, and
-    without, an alert, and so are in neither share; None where the version that tested the monitor
-    did not count them, whose quiet flights may be withdrawn ones.
+    missed: failing flights, valid and without a timely alert.   quiet: safe flights, valid and
+    without an alert ("power").   fail_given_alert: failing flights among those with an alert.
+    withdrawn, safe_withdrawn: failing flights invalid before an alert, and safe flights invalid
+    without an alert; they are in neither share. None where an older version did not count them;
+    its quiet flights may include invalid ones.
     """
 
     epsilon: float
@@ -64,51 +61,48 @@ class Certificate:
 
     @property
     def is_worse_than_promised(self) -> bool:
-        """Whether more was missed than promised, by the whole interval."""
+        """Whether the whole interval of the miss rate is above epsilon."""
         return self.missed is not None and self.missed.low > self.epsilon
 
     @property
     def is_useless(self) -> bool:
-        """Whether so few safe flights pass without an alert that an alert tells nothing."""
+        """Whether so few safe flights pass without an alert that alerts mean nothing."""
         return self.quiet is not None and self.quiet.high < USELESS
 
     @property
     def warnings(self) -> list[str]:
-        """What a person must know before relying on the monitor; empty where all is well.
-
-        Each says what is wrong, then after a colon the figures and what to do.
-        """
-        found = []
+        """What to know before relying on the monitor: problem, figures, remedy; may be empty."""
+        warnings = []
         if self.missed is not None and self.is_worse_than_promised:
-            found.append(
+            warnings.append(
                 f"the monitor is worse than its promise: it missed {self.missed} of failing "
-                f"flights, where at most {self.epsilon:.3g} was promised; calibrate it "
-                "on more failures, or promise with confidence"
+                f"flights, promised at most {self.epsilon:.3g}; calibrate it on more failures, or "
+                "choose the promise with 95 % confidence"
             )
         if self.quiet is not None and self.is_useless:
-            found.append(
-                f"the monitor is of no use: only {self.quiet} of safe flights stay valid "
-                f"and without an alert at epsilon {self.epsilon:.3g}, so that an alert tells "
-                "nothing; accept a larger epsilon, or train for a shorter lead or by another method"
+            warnings.append(
+                f"the monitor is of no use: only {self.quiet} of safe flights stay valid and "
+                f"without an alert at epsilon {self.epsilon:.3g}, so alerts mean nothing; accept a "
+                "larger epsilon, or train for a shorter lead or with another method"
             )
-        return found
+        return warnings
 
 
 class UselessMonitor(ValueError):
-    """A monitor that alerts on nearly every safe flight, where it would be a flight's only one."""
+    """A monitor that alerts on nearly every safe flight, chosen as a flight's only monitor."""
 
 
 def check_use(evaluation: Mapping[str, Any] | None, epsilon: float) -> None:
-    """UselessMonitor for one whose alerts tell nothing; one that was not tested may be used."""
+    """Raise UselessMonitor if alerts mean nothing; untested monitors pass."""
     tested = certificate(evaluation, epsilon)
     if tested is not None and tested.is_useless:
-        raise UselessMonitor(f"{tested.warnings[-1]}. To use it all the same, accept that it is")
+        raise UselessMonitor(f"{tested.warnings[-1]}. To use it anyway, accept a useless monitor")
 
 
 def certificate(evaluation: Mapping[str, Any] | None, epsilon: float) -> Certificate | None:
-    """What the test flights said at this epsilon, or at the nearest one that they were asked.
+    """The certificate at this epsilon, or at the nearest tested one.
 
-    evaluation: as plain data, as a monitor carries it; None: it was not tested.
+    evaluation: plain data, as stored with a monitor; None if it was not tested.
     """
     if evaluation is None:
         return None
@@ -133,10 +127,10 @@ def certificate(evaluation: Mapping[str, Any] | None, epsilon: float) -> Certifi
 
 
 def with_power_of_quiet(evaluation: Mapping[str, Any]) -> dict[str, Any]:
-    """The evaluation with the power of quiet flights, also where an older version wrote it.
+    """The evaluation with the power recomputed, for those of older versions.
 
-    Once the power counted flights that were called invalid without an alert. Where these were not
-    counted apart it stays as it is.
+    They counted flights that were invalid without an alert as quiet. Where such flights were not
+    counted separately, the evaluation stays unchanged.
     """
     n_safe, at, curves = (evaluation[key] for key in ("n_safe", "at_epsilon", "curves"))
     if not n_safe or "safe_withdrawn" not in at or "safe_withdrawn" not in curves:
@@ -151,7 +145,7 @@ def with_power_of_quiet(evaluation: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def warnings_of(evaluation: Mapping[str, Any] | None, epsilon: float) -> list[str]:
-    """Sentences that stand wherever a monitor is told of; also that it was not tested."""
+    """Warnings to show wherever a monitor appears; also that it was not tested."""
     tested = certificate(evaluation, epsilon)
     return [UNTESTED] if tested is None else tested.warnings
 

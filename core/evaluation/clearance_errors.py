@@ -1,4 +1,4 @@
-"""What a clearance says where the model is wrong: whom it clears wrongly, what it sees of it."""
+"""Clearance under model errors: wrong clearances, and errors that its checks detect."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
@@ -21,9 +21,9 @@ Progress = Callable[[int, int], object]
 Recipe = Callable[[DatasetRecipe], DatasetRecipe]
 
 SOFT_SIDESLIP = 0.1
-"""[rad] from which on the yaw stiffness of a nonlinear aircraft does not fall any more."""
+"""[rad] Above this sideslip the yaw stiffness of a nonlinear aircraft stays constant."""
 SUBSTEPS = 10
-"""Runge-Kutta steps of a sample of a nonlinear aircraft."""
+"""Runge-Kutta steps per sample of a nonlinear aircraft."""
 
 
 def _same(recipe: DatasetRecipe) -> DatasetRecipe:
@@ -63,12 +63,12 @@ def _without_law(recipe: DatasetRecipe) -> DatasetRecipe:
 
 @dataclass(frozen=True)
 class ModelError:
-    """A way in which the aircraft, or its next flight, is not as it was modelled.
+    """A difference between the aircraft, or its next flight, and the model.
 
-    step, following: from the planned test to the one flown, of each step and of the next point.
-    shift: part by which derivatives lie beside D_theta's middle, by name.   spread: of theta about
-    it, as a multiple.   reads: factor of a channel as it is recorded, by key.   softening: part of
-    the yaw stiffness N_beta that is lost at SOFT_SIDESLIP, growing with its square.
+    step, following: change of the planned test, for each flown step and for the next point.
+    shift: relative offset of derivatives from D_theta's mean, by name.   spread: factor on the
+    width of D_theta.   reads: factor of a recorded channel, by key.   softening: share of the yaw
+    stiffness N_beta lost at SOFT_SIDESLIP, growing with the square of sideslip.
     """
 
     words: str
@@ -85,11 +85,11 @@ MODEL_ERRORS = (
     ModelError("yaw stiffness falls by 20 % with sideslip", softening=0.2),
     ModelError("yaw stiffness falls by 30 % with sideslip", softening=0.3),
     ModelError("yaw stiffness grows by 30 % with sideslip", softening=-0.3),
-    ModelError("bank angle acts, as it is not modelled", _with_bank, _with_bank),
+    ModelError("bank angle acts but is not modelled", _with_bank, _with_bank),
     ModelError("actuators of 10 rad/s", _actuators(10.0), _actuators(10.0)),
     ModelError("actuators of 40 rad/s", _actuators(40.0), _actuators(40.0)),
-    ModelError("N_beta 30 % beside what is expected", shift=(("N_beta", -0.3),)),
-    ModelError("N_dr 30 % beside what is expected", shift=(("N_dr", 0.3),)),
+    ModelError("N_beta 30 % off", shift=(("N_beta", -0.3),)),
+    ModelError("N_dr 30 % off", shift=(("N_dr", 0.3),)),
     ModelError("derivatives scatter twice as far", spread=2.0),
     ModelError("noise twice as large", _noisier),
     ModelError("sideslip reads 0.8", reads=(("beta", 0.8),)),
@@ -102,7 +102,7 @@ MODEL_ERRORS = (
 
 @dataclass(frozen=True)
 class ErrorTableRecipe:
-    """What is tried, on how many flights."""
+    """The planned tests of the table and the size of each clearance."""
 
     tests: tuple[str, ...] = tuple(TESTS)
     """planned tests: by name."""
@@ -111,22 +111,21 @@ class ErrorTableRecipe:
     epsilon: Annotated[float, Bounds(above=0, below=1)] = 0.05
     """accepted share of wrong clearances."""
     n_exceeding: Annotated[int, Bounds(least=20)] = 200
-    """exceeding aircraft that calibrate each clearance."""
+    """exceeding aircraft for calibrating each clearance."""
     n_aircraft: Annotated[int, Bounds(least=100)] = 400
-    """aircraft that calibrate its checks, and that each error is tried on."""
+    """aircraft for calibrating its checks, and for flying each error."""
     seed: Annotated[int, Bounds(least=0)] = 0
     """seed of every random draw."""
 
     def __post_init__(self) -> None:
-        """Refuse what makes no table."""
         check_bounds(self)
         if unknown := [name for name in self.tests if name not in TESTS]:
             raise ValueError(f"planned test {unknown[0]!r} was given: choose {', '.join(TESTS)}")
 
 
 class ErrorRow(NamedTuple):
-    """Counts of aircraft with one error.   wrongly: exceeding ones that a prediction clears;
-    wrongly_unflagged: those of them that no check withdraws."""
+    """Counts of aircraft with one error.   wrongly: exceeding ones that the prediction clears;
+    wrongly_unflagged: those of them without a failed check."""
 
     test: str
     error: str
@@ -156,10 +155,10 @@ def error_table(recipe: ErrorTableRecipe, progress: Progress | None = None) -> I
             if progress:
                 progress(of_test * len(MODEL_ERRORS) + number, total)
             rng = stream(recipe.seed, Branch.CLEARANCE, 2, of_test, number)
-            yield _tried(name, error, rule, recipe.n_aircraft, rng)
+            yield _row(name, error, rule, recipe.n_aircraft, rng)
 
 
-def _tried(
+def _row(
     name: str, error: ModelError, rule: Clearance, n: int, rng: np.random.Generator
 ) -> ErrorRow:
     """Fly and identify n aircraft with an error, as if they had none."""
@@ -170,13 +169,13 @@ def _tried(
     for first in range(0, n, BATCH):
         theta = _theta(predictor, error, min(BATCH, n - first), rng)
         exceeds.append(following.fly(theta, rng)[1])
-        found = predictor.predict([step.fly(theta, rng)[0] for step in steps], rng)
-        cleared.append(rule.p_values(found.score) <= rule.clear_below)
-        flagged.append(~(found.checks <= rule.levels).all(axis=1))
+        prediction = predictor.predict([step.fly(theta, rng)[0] for step in steps], rng)
+        cleared.append(rule.p_values(prediction.score) <= rule.clear_below)
+        flagged.append(~(prediction.checks <= rule.levels).all(axis=1))
     exceed, clear, flag = (np.concatenate(parts) for parts in (exceeds, cleared, flagged))
     counts = (exceed, exceed & clear, exceed & clear & ~flag)
     counts += (~exceed, ~exceed & clear & ~flag, flag)
-    return ErrorRow(name, error.words, *(int(np.count_nonzero(some)) for some in counts))
+    return ErrorRow(name, error.words, *(int(np.count_nonzero(flags)) for flags in counts))
 
 
 def _theta(predictor: PointPredictor, error: ModelError, n: int, rng: np.random.Generator) -> Array:
@@ -189,7 +188,7 @@ def _theta(predictor: PointPredictor, error: ModelError, n: int, rng: np.random.
 
 
 class _Truth:
-    """A planned test as it is really flown."""
+    """A planned test as flown, with an error."""
 
     def __init__(self, planned: DatasetRecipe, error: ModelError, changed: Recipe) -> None:
         self._simulator, self._error = Simulator(changed(planned)), error
@@ -214,7 +213,7 @@ def softened(
 ) -> Array:
     """True outputs (n, n_samples, 6) of aircraft whose yaw stiffness falls with sideslip.
 
-    N_beta (1 - softening min((beta / SOFT_SIDESLIP)^2, 1)), by Runge and Kutta's fourth order.
+    N_beta (1 - softening min((beta / SOFT_SIDESLIP)^2, 1)), by the fourth-order Runge-Kutta method.
     """
     recipe, n = simulator.recipe, len(theta)
     plants, names = simulator.plant.plants(theta), simulator.plant.states

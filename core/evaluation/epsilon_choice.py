@@ -1,7 +1,7 @@
-"""Choosing epsilon: by what a miss and a false alarm cost, or by a target for each.
+"""Choose epsilon: by the cost of a miss in false alarms, or by a target for each.
 
-An epsilon is chosen on one half of the fresh flights and certified on the other, so that what was
-chosen by chance does not certify itself.
+One half of the fresh flights chooses epsilon and the other half certifies it, so that a lucky
+choice does not certify itself.
 """
 
 from dataclasses import dataclass, replace
@@ -17,36 +17,35 @@ from core.types import Array, Flags
 
 MOST_CANDIDATES = 200
 MOST_FLIGHTS = 10_000_000
-"""Flights beyond which a certificate is out of reach."""
+"""If more flights are needed, a certificate is out of reach."""
 N_FLIGHTS = 10_000
-"""Fresh flights unless another number is asked for."""
+"""Default number of fresh flights."""
 
 
 class ChoiceError(ValueError):
-    """Targets that no epsilon keeps, or that so few flights cannot certify."""
+    """Targets that no epsilon keeps, or that need more flights to certify."""
 
 
 @dataclass(frozen=True)
 class ChoiceRecipe:
-    """What an epsilon is chosen by: both targets, or the cost of a miss."""
+    """The criterion for epsilon: both targets, or the cost of a miss."""
 
     most_missed: float | None = None
-    """misses: share of the failing flights that may be missed."""
+    """misses: accepted share of the failing flights."""
     most_false_alarms: float | None = None
-    """false alarms: share of the safe flights that may have an alert."""
+    """false alarms: accepted share of the safe flights."""
     cost_of_miss: float | None = None
     """cost of a miss: in false alarms, instead of both targets."""
     n_test: Annotated[int, Bounds(least=1)] = N_FLIGHTS
-    """fresh flights: half of them choose, the others certify."""
+    """fresh flights: one half chooses, the other certifies."""
 
     def __post_init__(self) -> None:
-        """Refuse what is neither both targets nor a cost."""
         check_bounds(self)
         targets = self.most_missed, self.most_false_alarms
         if (self.cost_of_miss is None) == (None in targets):
             raise ChoiceError(
                 f"most_missed={self.most_missed}, most_false_alarms={self.most_false_alarms} and "
-                f"cost_of_miss={self.cost_of_miss} were given: give both targets, or the cost alone"
+                f"cost_of_miss={self.cost_of_miss} were given: give both targets, or only the cost"
             )
         for name, target in (("most_missed", targets[0]), ("most_false_alarms", targets[1])):
             if target is not None and not 0 < target < 1:
@@ -58,13 +57,13 @@ class ChoiceRecipe:
 
 @dataclass(frozen=True)
 class Choice:
-    """An epsilon, and what it costs, by flights that had no part in choosing it.
+    """An epsilon and its counts over the flights that did not choose it.
 
-    most_missed, most_false: upper bounds of the shares of failing flights that are missed and of
-    safe flights with an alert, which hold together with 95 % confidence.
-    withdrawn, safe_withdrawn: failing flights that were called invalid before an alert, and safe
-    ones without one: in neither share, and in no cost.
-    cost: of a flight, in false alarms; None where no cost of a miss was given.
+    most_missed, most_false: upper bounds on the shares of missed failing flights and of safe
+    flights with an alert; both hold together with 95 % confidence.
+    withdrawn, safe_withdrawn: failing flights invalid before an alert, and safe flights invalid
+    without one; in neither share, and not in the cost.
+    cost: per flight, in false alarms; None without a cost of a miss.
     """
 
     epsilon: float
@@ -81,11 +80,10 @@ class Choice:
 
 
 def choose(monitor: Monitor, flights: Rollouts, recipe: ChoiceRecipe) -> Choice:
-    """Choose an epsilon as the recipe asks.
+    """Choose an epsilon by the recipe.
 
-    flights: fresh ones, which neither trained nor calibrated the monitor; half of them choose.
-    ChoiceError where no epsilon keeps both targets, or with how many flights one could be
-    certified.
+    flights: fresh ones that neither trained nor calibrated the monitor; half of them choose.
+    ChoiceError if no epsilon keeps both targets, or if more flights are needed to certify one.
     """
     missed, false = recipe.most_missed, recipe.most_false_alarms
     if missed is not None and false is not None:
@@ -97,25 +95,25 @@ def choose(monitor: Monitor, flights: Rollouts, recipe: ChoiceRecipe) -> Choice:
 def _by_targets(
     monitor: Monitor, flights: Rollouts, most_missed: float, most_false: float
 ) -> Choice:
-    """The epsilon that keeps two targets with the most room, certified."""
+    """The epsilon that keeps both targets with the largest margin, certified."""
     chosen, certified = _halves(monitor, flights, candidates(monitor))
     room = np.minimum(
         _room(chosen.miss_rate, most_missed, chosen.n_unsafe),
         _room(chosen.false_alarm_rate, most_false, chosen.n_safe),
     )
     best = int(room.argmax())
-    found = _choice(monitor, certified, best)
-    if found.most_missed <= most_missed and found.most_false <= most_false:
-        return found
+    choice = _choice(monitor, certified, best)
+    if choice.most_missed <= most_missed and choice.most_false <= most_false:
+        return choice
     missed, false = (
         (first + second) / n
         for first, second, n in (
-            (chosen.misses[best], found.misses, chosen.n_unsafe + found.n_unsafe),
-            (chosen.false_alerts[best], found.false_alerts, chosen.n_safe + found.n_safe),
+            (chosen.misses[best], choice.misses, chosen.n_unsafe + choice.n_unsafe),
+            (chosen.false_alerts[best], choice.false_alerts, chosen.n_safe + choice.n_safe),
         )
     )
     both = (
-        f"at epsilon {found.epsilon:.3g} {_percent(missed)} are missed and {_percent(false)} have "
+        f"at epsilon {choice.epsilon:.3g} {_percent(missed)} are missed and {_percent(false)} have "
         "a false alarm"
     )
     beyond = [
@@ -128,8 +126,8 @@ def _by_targets(
     ]
     if beyond:
         raise ChoiceError(
-            f"no epsilon keeps both targets: {both}, which comes closest; out of reach: "
-            f"{' and '.join(beyond)}. Accept more of either, or train for a shorter lead or by "
+            f"no epsilon keeps both targets; the closest: {both}; out of reach: "
+            f"{' and '.join(beyond)}. Accept more of either, or train for a shorter lead or with "
             "another method"
         )
     share = chosen.n_unsafe / (chosen.n_unsafe + chosen.n_safe)
@@ -142,9 +140,9 @@ def _by_targets(
     else:
         many = f"about {round(2 * needed, -2):,.0f}"
     raise ChoiceError(
-        f"{len(flights.y):,} fresh flights cannot certify both targets: {both}, which is below "
-        f"them, but with 95 % confidence only at most {_percent(found.most_missed)} and "
-        f"{_percent(found.most_false)}; {many} fresh flights would"
+        f"{len(flights.y):,} fresh flights cannot certify both targets: {both}, but with 95 % "
+        f"confidence only at most {_percent(choice.most_missed)} and "
+        f"{_percent(choice.most_false)}; use {many} fresh flights"
     )
 
 
@@ -153,40 +151,40 @@ def _percent(share: float) -> str:
 
 
 def _by_cost(monitor: Monitor, flights: Rollouts, cost_of_miss: float) -> Choice:
-    """The epsilon of the least expected cost a flight, where a false alarm costs 1."""
+    """The epsilon with the lowest expected cost per flight; a false alarm costs 1."""
     chosen, certified = _halves(monitor, flights, candidates(monitor))
     unsafe_share = flights.is_unsafe.mean()
     cost = unsafe_share * cost_of_miss * chosen.miss_rate
     best = int((cost + (1 - unsafe_share) * chosen.false_alarm_rate).argmin())
-    found = _choice(monitor, certified, best)
-    of_all = cost_of_miss * found.misses + found.false_alerts
-    return replace(found, cost=of_all / (found.n_unsafe + found.n_safe))
+    choice = _choice(monitor, certified, best)
+    total = cost_of_miss * choice.misses + choice.false_alerts
+    return replace(choice, cost=total / (choice.n_unsafe + choice.n_safe))
 
 
 def candidates(monitor: Monitor) -> Array:
-    """Miss rates among which to choose: steps of the p-values that its failures can serve."""
+    """Miss rates to choose from: the steps of the p-values, from the smallest possible one."""
     steps = np.arange(1, monitor.n_unsafe + 1) / (monitor.n_unsafe + 1)
-    served = steps[steps >= monitor.smallest_epsilon - 1e-9]
-    few = np.unique(np.linspace(0, len(served) - 1, MOST_CANDIDATES).astype(int))
-    return served[few]
+    possible = steps[steps >= monitor.smallest_epsilon - 1e-9]
+    selected = np.unique(np.linspace(0, len(possible) - 1, MOST_CANDIDATES).astype(int))
+    return possible[selected]
 
 
 def _halves(monitor: Monitor, flights: Rollouts, epsilons: Array) -> tuple[Evaluation, Evaluation]:
-    """Counts of the flights that choose, and of those that certify: every second one."""
+    """Counts of the flights that choose and of those that certify: every second one."""
     second: Flags = np.arange(len(flights.y)) % 2 == 1
     halves = flights.some(~second), flights.some(second)
     for half in halves:
         if not 0 < np.count_nonzero(half.is_unsafe) < len(half.y):
             raise ChoiceError(
-                f"{len(flights.y)} fresh flights were given, too few of which failed or stayed "
-                "safe: give more"
+                f"{len(flights.y)} fresh flights were given, but too few failed or stayed safe: "
+                "give more"
             )
-    one, two = (evaluate(monitor, half.y, half.fail_index, epsilons) for half in halves)
-    return one, two
+    chosen, certified = (evaluate(monitor, half.y, half.fail_index, epsilons) for half in halves)
+    return chosen, certified
 
 
 def _room(share: Array, target: float, n: int) -> Array:
-    """How far below its target a share is, in standard errors of one that lies at the target."""
+    """Distance of a share below its target, in standard errors at the target."""
     return (target - share) / np.sqrt(target * (1 - target) / n)
 
 
@@ -208,15 +206,15 @@ def _choice(monitor: Monitor, certified: Evaluation, at: int) -> Choice:
 
 
 def upper_bound(count: float, n: float) -> float:
-    """Upper bound of one of two shares: both hold with 95 % confidence, by Bonferroni's rule.
+    """Upper bound of one of two shares; both hold with 95 % confidence (Bonferroni).
 
-    So it is the upper end of the share's own two-sided 95 % interval.
+    This is the upper end of the share's two-sided 95 % interval.
     """
     return float(clopper_pearson(count, n)[1])
 
 
 def _flights_needed(share: float, target: float) -> float:
-    """Flights of one kind by which a share that stays as it is would be certified; inf for many."""
+    """Flights of one kind that would certify an unchanged share; inf above MOST_FLIGHTS."""
     n = 10.0
     while upper_bound(share * n, n) > target:
         n *= 1.05

@@ -1,8 +1,8 @@
-"""Lead against power: how early a planned test can be warned of, by which method, and what for.
+"""Lead-time study: power of each method against lead, and the failures that alerts prevent.
 
-For every planned test, method and lead several monitors are trained, each on a dataset of its own,
-and fresh flights are flown through each. Counted are failures without a timely alert, safe flights
-without an alert, and failures that the alert prevents by the time that people take to react.
+For every planned test, method and lead, several monitors are trained, each on its own dataset, and
+fresh flights are flown through each. The study counts failures without a timely alert, safe flights
+without an alert, and failures that an alert prevents, given the reaction time.
 """
 
 import os
@@ -47,19 +47,19 @@ METHODS: dict[str, tuple[Predictor, Score]] = {
     "test card: window": (PREDICTORS["response_filter"], SCORES["card_window"]),
     "test card: rest": (PREDICTORS["response_filter"], SCORES["rest_of_card"]),
 }
-"""Methods that are compared, as pairs of predictor and score."""
+"""Compared methods, as pairs of predictor and score."""
 CEILING = "ceiling"
-"""Name of what methods hardly get beyond: see core.evaluation.ceiling."""
+"""Name of the information limit: see core.evaluation.ceiling."""
 CEILING_FLIGHTS, CEILING_POOL, FLIGHTS_A_TASK = 1000, 5000, 25
-"""Flights of a ceiling, half of them failing; those that they are the first of; and some of them
-that a thread takes at a time."""
+"""Flights of the information limit, half of them failing; flights they are selected from; flights
+that a thread processes at a time."""
 FALSE_ALARMS = 0.1
-"""Share of safe flights with an alert at which methods are compared by what they prevent."""
+"""Share of safe flights with an alert at which prevented failures are compared."""
 NOISE = SensorNoise(beta=0.001, p=0.004, r=0.001, Ny=0.004, delta_a=0.003, delta_r=0.0003)
 
 
 def _doublet(aircraft: str, control_law: str, amplitude_deg: float) -> DatasetRecipe:
-    """A rudder doublet of 1 s halves, flown by hand, that about a quarter of the aircraft fail."""
+    """A rudder doublet of 1 s halves, flown by hand; about a quarter of the aircraft fail."""
     usual = DatasetRecipe()
     return replace(
         usual,
@@ -78,30 +78,29 @@ TESTS = {
     "F-104A": _doublet("f104a_sl_m0p8", "f104a_damper", 4.01),
     "ATTAS": _doublet("attas_id_16kft", "none", 9.63),
 }
-"""Planned tests that methods are compared on: with noise and a pilot's scatter."""
+"""Planned tests for comparing methods, with noise and a pilot's scatter."""
 
 
 @dataclass(frozen=True)
 class SweepRecipe:
-    """What is compared, and how many monitors and flights it takes."""
+    """The tests, leads and methods to compare, with how many monitors and flights."""
 
     tests: tuple[str, ...] = tuple(TESTS)
     """planned tests: by name."""
     imperfections: Literal["none", "usual"] = "none"
-    """imperfections of a real flight: with noise and a pilot's scatter as usual in flight; `none`
-    or `usual`."""
+    """imperfections of a real flight: `none`, or `usual` noise and pilot's scatter."""
     leads_s: tuple[float, ...] = (0.25, 0.5, 0.75, 1.0)
-    """leads: warning lead times that monitors are trained for [s]."""
+    """leads: warning lead times of the monitors [s]."""
     methods: tuple[str, ...] = tuple(METHODS)
     """methods compared: by name."""
     epsilon: Annotated[float, MISS_RATE] = 0.05
     """promised miss rate epsilon."""
     guarantee: Guarantee = "average"
-    """promise on the miss rate: on `average`, or of each monitor with `95%` confidence."""
+    """promise on the miss rate: on `average`, or for each monitor with `95%` confidence."""
     n_unsafe: Annotated[int, Bounds(least=2)] = 200
-    """unsafe rollouts that each monitor is calibrated on."""
+    """unsafe rollouts for calibrating each monitor."""
     n_monitors: Annotated[int, Bounds(least=1)] = 3
-    """monitors of each method and lead: each from a dataset of its own."""
+    """monitors of each method and lead: each from its own dataset."""
     n_test: Annotated[int, Bounds(least=1)] = 1000
     """fresh test flights of each monitor."""
     reactions_s: tuple[float, ...] = REACTIONS_S
@@ -109,40 +108,39 @@ class SweepRecipe:
     seed: Annotated[int, Bounds(least=0)] = 0
     """seed of every random draw."""
     ceiling: bool = False
-    """information limit: what a posterior of all derivatives could tell, on 1,000 flights; takes a
-    minute a test."""
+    """information limit: power of a posterior of all derivatives, on 1,000 flights; takes a minute
+    for each test."""
 
     def __post_init__(self) -> None:
-        """Refuse what makes no sweep."""
         check_bounds(self)
         if self.ceiling and self.imperfections != "none":
             raise ValueError(
-                f"a ceiling with imperfections={self.imperfections!r} was asked for: it is known "
-                "without imperfections only, leave either out"
+                f"ceiling and imperfections={self.imperfections!r} were given: the information "
+                "limit needs imperfections none, leave out either"
             )
-        for what, given, known in (
+        for kind, given, known in (
             ("method", self.methods, METHODS),
             ("planned test", self.tests, TESTS),
             ("imperfections", (self.imperfections,), ("none", "usual")),
         ):
             if unknown := [name for name in given if name not in known]:
-                raise ValueError(f"{what} {unknown[0]!r} was given: choose {', '.join(known)}")
+                raise ValueError(f"{kind} {unknown[0]!r} was given: choose {', '.join(known)}")
         check_epsilon(self.epsilon, self.n_unsafe, self.guarantee)
         for name, times in (("leads_s", self.leads_s), ("reactions_s", self.reactions_s)):
             if not times or not all(np.isfinite(t) and t > 0 for t in times):
-                raise ValueError(f"{name}={times} was given: give one time above 0 s or more")
+                raise ValueError(f"{name}={times} was given: give at least one time above 0 s")
 
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """Counts of one method at one lead on one planned test, a row a monitor.
+    """Counts of one method at one lead on one planned test, one row for each monitor.
 
     misses, n_unsafe, false_alerts, n_safe: (n_monitors,).   prevented: (n_monitors, n_reactions).
-    n_early: (n_monitors,) failures that came before any timely alert could.
-    power_at_epsilon: (n_monitors,) share of safe flights without an alert where just the share
-    epsilon of these very failing flights is missed.
-    prevented_alike: (n_monitors, n_reactions) where just the share FALSE_ALARMS of these safe
-    flights has an alert: what methods are compared by.
+    n_early: (n_monitors,) failures too early for any timely alert.
+    power_at_epsilon: (n_monitors,) share of safe flights without an alert, at the threshold that
+    misses exactly epsilon of these failing flights.
+    prevented_alike: (n_monitors, n_reactions) prevented failures at the threshold that alerts on
+    FALSE_ALARMS of these safe flights; for comparing methods.
     lead: in effect [s].   epsilon: promised.
     """
 
@@ -159,7 +157,7 @@ class Cell:
 
     @classmethod
     def pool(cls, cells: list["Cell"]) -> "Cell":
-        """Pool cells of one method and lead, each of monitors of its own."""
+        """Pool cells of one method and lead with different monitors."""
         rows = (field.name for field in fields(cls)[2:])
         columns = {name: np.concatenate([getattr(cell, name) for cell in cells]) for name in rows}
         return cls(cells[0].epsilon, cells[0].lead, **columns)
@@ -171,7 +169,7 @@ class Cell:
 
     @property
     def miss_interval(self) -> Array:
-        """(2,) 95 % interval that allows for the scatter between monitors."""
+        """(2,) 95 % interval, including the scatter between monitors."""
         return clustered_interval(self.misses, self.n_unsafe)
 
     @property
@@ -181,7 +179,7 @@ class Cell:
 
     @property
     def power_interval(self) -> Array:
-        """(2,) 95 % interval that allows for the scatter between monitors."""
+        """(2,) 95 % interval, including the scatter between monitors."""
         return clustered_interval(self.n_safe - self.false_alerts, self.n_safe)
 
     @property
@@ -197,11 +195,11 @@ class Cell:
 
 @dataclass(frozen=True)
 class PlannedTestSweep:
-    """What was found on one planned test.
+    """The results on one planned test.
 
-    earliest_s: time from the first input by which 5 % of the failing flights have failed [s]: a
-    longer lead leaves the manoeuvre.   unsafe_share: of fresh flights that fail.
-    cells: by method and wanted lead [s]; the ceiling, if asked for, under CEILING.
+    earliest_s: time from the first input by which 5 % of the failing flights have failed [s]; a
+    longer lead starts before the manoeuvre.   unsafe_share: share of fresh flights that fail.
+    cells: by method and requested lead [s]; the information limit, if requested, under CEILING.
     """
 
     earliest_s: float
@@ -209,8 +207,8 @@ class PlannedTestSweep:
     cells: Mapping[tuple[str, float], Cell]
 
 
-_Found = tuple[float, float, dict[tuple[str, float], Cell]]
-"""Of one monitor: earliest_s, unsafe_share and cells of PlannedTestSweep."""
+_PartResult = tuple[float, float, dict[tuple[str, float], Cell]]
+"""earliest_s, unsafe_share and cells of PlannedTestSweep, for one dataset."""
 
 
 def sweep(
@@ -221,17 +219,17 @@ def sweep(
 ) -> dict[str, PlannedTestSweep]:
     """Train and test every method at every lead on every planned test.
 
-    tests: by name, those of the recipe unless given. Methods that need a test card are left out
-    where the manoeuvre has none.
-    progress: called with (monitors done, monitors in all); what it raises cancels.
+    tests: by name; default: those of the recipe. Methods that need a test card are left out if the
+    manoeuvre has none.
+    progress: called with (monitors done, total); an exception cancels.
     """
     recipe = recipe or SweepRecipe()
     tests = planned_tests(recipe.tests, recipe.imperfections) if tests is None else tests
     check_leads(recipe, tests)
     seeds = monitor_seeds(recipe.seed, recipe.n_monitors)
-    made = {name: replace(test, n_unsafe=recipe.n_unsafe) for name, test in tests.items()}
-    one = {name: replace(test, seed=seeds[0][0]) for name, test in made.items()}
-    ceilings = [_CeilingTest(test, recipe) for test in one.values() if recipe.ceiling]
+    sized = {name: replace(test, n_unsafe=recipe.n_unsafe) for name, test in tests.items()}
+    seeded = [replace(test, seed=seeds[0][0]) for test in sized.values()]
+    ceilings = [_CeilingTest(test, recipe) for test in seeded if recipe.ceiling]
     each, cancelled = len(recipe.methods) * len(recipe.leads_s), Event()
     pool = ThreadPoolExecutor(os.cpu_count() or 1)
     try:
@@ -240,7 +238,7 @@ def sweep(
                 pool.submit(_part_alone, replace(test, seed=seed), recipe, cancelled)
                 for seed, _ in seeds
             ]
-            for name, test in made.items()
+            for name, test in sized.items()
         }
         chunks = [
             [pool.submit(ceiling.scores, start, cancelled) for start in ceiling.starts]
@@ -257,16 +255,16 @@ def sweep(
     finally:
         cancelled.set()
         pool.shutdown(cancel_futures=True)
-    found = {name: _pooled([part.result() for part in own]) for name, own in parts.items()}
-    for name, ceiling, own in zip(found, ceilings, chunks, strict=False):
-        cells = {**found[name].cells, **ceiling.cells([chunk.result() for chunk in own])}
+    results = {name: _pooled([part.result() for part in group]) for name, group in parts.items()}
+    for name, ceiling, group in zip(results, ceilings, chunks, strict=False):
+        cells = {**results[name].cells, **ceiling.cells([chunk.result() for chunk in group])}
         by_lead = sorted(cells.items(), key=lambda item: recipe.leads_s.index(item[0][1]))
-        found[name] = replace(found[name], cells=dict(by_lead))
-    return found
+        results[name] = replace(results[name], cells=dict(by_lead))
+    return results
 
 
 def planned_tests(names: Sequence[str], imperfections: str) -> dict[str, DatasetRecipe]:
-    """The planned tests of these names, with imperfections of a real flight: none or usual."""
+    """The planned tests of these names. imperfections: none or usual."""
     tests = {name: TESTS[name] for name in names}
     if imperfections == "none":
         return tests
@@ -274,7 +272,7 @@ def planned_tests(names: Sequence[str], imperfections: str) -> dict[str, Dataset
 
 
 def check_leads(recipe: SweepRecipe, tests: Mapping[str, DatasetRecipe]) -> None:
-    """Refuse a lead that is as long as a manoeuvre; ValueError."""
+    """ValueError for a lead that is as long as a manoeuvre."""
     longest = max(recipe.leads_s)
     for name, test in tests.items():
         if longest >= test.maneuver.duration_s:
@@ -284,18 +282,18 @@ def check_leads(recipe: SweepRecipe, tests: Mapping[str, DatasetRecipe]) -> None
             )
 
 
-def _part_alone(test: DatasetRecipe, recipe: SweepRecipe, cancelled: Event) -> _Found:
+def _part_alone(test: DatasetRecipe, recipe: SweepRecipe, cancelled: Event) -> _PartResult:
     with on_this_thread():
-        return _Part(test, recipe).found(cancelled)
+        return _Part(test, recipe).result(cancelled)
 
 
 @dataclass(frozen=True, eq=False)
-class _Said:
-    """What one monitor says of flights.
+class _Scores:
+    """One monitor's scores of the test flights.
 
     h: lead [samples].   lowest: (n,) lowest timely score.   alerts: (n,) whether it alerts in time.
-    level: highest score that alerts.   first: from a level to the (n,) first alerts on failing
-    flights, in time or not; n_samples for none.
+    level: highest score that alerts.   first: function from a level to (n,) first alerts on
+    failing flights, timely or not; n_samples for none.
     """
 
     h: int
@@ -308,8 +306,8 @@ class _Said:
 class _Part:
     """One dataset, and its monitors of every method and lead on the same fresh flights.
 
-    What monitors have in common is computed once: a forecast's scores do not depend on the lead,
-    which only says up to when an alert is in time.
+    Shared work is done once: a forecast's scores do not depend on the lead, which only decides
+    until when an alert is timely.
     """
 
     def __init__(self, test: DatasetRecipe, recipe: SweepRecipe) -> None:
@@ -318,21 +316,21 @@ class _Part:
         self._flights = evaluation_flights(test, recipe.n_test)
         self._above = alert_above(recipe.epsilon, recipe.n_unsafe, recipe.guarantee)
 
-    def found(self, cancelled: Event) -> _Found:
+    def result(self, cancelled: Event) -> _PartResult:
         """Train and test the monitors."""
         flights, recipe, test = self._flights, self._recipe, self._test
         stopped = stopping_flights(test, recipe.n_test)
         counted: dict[tuple[str, float], Cell] = {}
-        for key, said in chain(self._by_monitors(), self._by_forecasts()):
+        for key, scores in chain(self._by_monitors(), self._by_forecasts()):
             if cancelled.is_set():
                 raise InterruptedError("the sweep was cancelled")
-            counted[key] = _counted(said, flights, test, recipe, stopped)
+            counted[key] = _counted(scores, flights, test, recipe, stopped)
         ordered = ((name, lead) for lead in recipe.leads_s for name in recipe.methods)
         cells = {key: counted[key] for key in ordered if key in counted}
         return _earliest(flights, test), float(flights.is_unsafe.mean()), cells
 
-    def _by_monitors(self) -> Iterator[tuple[tuple[str, float], _Said]]:
-        """Methods that look at the samples just flown."""
+    def _by_monitors(self) -> Iterator[tuple[tuple[str, float], _Scores]]:
+        """Methods that use only the latest samples."""
         recipe = self._recipe
         names = [name for name in recipe.methods if not METHODS[name][0].forecast]
         for lead in recipe.leads_s if names else ():
@@ -342,36 +340,37 @@ class _Part:
             safe = SafeObservations(self._dataset, settings)
             for name in names:
                 predictor, score = METHODS[name]
-                chosen = replace(settings, predictor=predictor, score=score)
-                yield (name, lead), self._said_by(train(self._dataset, chosen, safe=safe))
+                monitor_recipe = replace(settings, predictor=predictor, score=score)
+                monitor = train(self._dataset, monitor_recipe, safe=safe)
+                yield (name, lead), self._monitor_scores(monitor)
 
-    def _said_by(self, monitor: Monitor) -> _Said:
+    def _monitor_scores(self, monitor: Monitor) -> _Scores:
         last = _last_timely(self._flights, monitor.h)
         lowest = monitor.lowest_scores(self._flights.y, last)
         level = _highest_alerting(monitor.alphas, self._above)
         first = partial(_first_alerts, monitor, self._flights)
-        return _Said(monitor.h, lowest, (last >= 0) & (lowest <= level), level, first)
+        return _Scores(monitor.h, lowest, (last >= 0) & (lowest <= level), level, first)
 
-    def _by_forecasts(self) -> Iterator[tuple[tuple[str, float], _Said]]:
-        """Methods that forecast what is left of the manoeuvre."""
-        chosen = [(name, *METHODS[name]) for name in self._recipe.methods]
-        for predictor in dict.fromkeys(predictor for _, predictor, _ in chosen):
-            wanted = {
+    def _by_forecasts(self) -> Iterator[tuple[tuple[str, float], _Scores]]:
+        """Methods that forecast the rest of the manoeuvre."""
+        methods = [(name, *METHODS[name]) for name in self._recipe.methods]
+        for predictor in dict.fromkeys(predictor for _, predictor, _ in methods):
+            windows = {
                 (name, lead): (score.window(h), h)
-                for name, own, score in chosen
-                if own == predictor
+                for name, used, score in methods
+                if used == predictor
                 for lead in self._recipe.leads_s
                 for h in (lead_steps(lead, self._test.dt),)
             }
-            scores = self._scores(predictor, sorted({window for window, _ in wanted.values()}))
-            for key, (window, h) in wanted.items():
+            scores = self._scores(predictor, sorted({window for window, _ in windows.values()}))
+            for key, (window, h) in windows.items():
                 if scores:
-                    yield key, self._said_by_forecast(*scores[window], h)
+                    yield key, self._forecast_scores(*scores[window], h)
 
     def _scores(self, predictor: Predictor, windows: list[int]) -> dict[int, tuple[Array, Array]]:
-        """Scores of the dataset's failures and of the flights, by window; nothing without a card.
+        """Scores of the dataset's failures and of the flights, by window; empty without a card.
 
-        Each (n, n_samples), of all samples up to the failure.
+        Each (n, n_samples), for all samples up to the failure.
         """
         dataset, flights = self._dataset, self._flights
         both = (
@@ -383,7 +382,7 @@ class _Part:
             if card is None:
                 return {}
             forecast = fit_card(card, dataset.safe, dataset.specification, RestOfCard(), 0)
-            failures, tests = (forecast.scores_within(np.array(windows), *some) for some in both)
+            failures, tests = (forecast.scores_within(np.array(windows), *flown) for flown in both)
             return dict(zip(windows, zip(failures, tests, strict=True), strict=True))
         if isinstance(predictor, PeakRidge):
             learned = LearnedFlights.of(dataset.safe, None, judged=True)
@@ -395,14 +394,14 @@ class _Part:
             }
         return {}
 
-    def _said_by_forecast(self, failures: Array, tests: Array, h: int) -> _Said:
+    def _forecast_scores(self, failures: Array, tests: Array, h: int) -> _Scores:
         """failures, tests: scores of all their samples."""
         alphas = np.sort(_lowest(failures, self._dataset.fail_index - h))
-        return _said_by_scores(tests, self._flights, h, _highest_alerting(alphas, self._above))
+        return _at_level(tests, self._flights, h, _highest_alerting(alphas, self._above))
 
 
 class _CeilingTest:
-    """What the ceiling says of one planned test's flights, some at a time."""
+    """The information limit on one planned test's flights, in batches."""
 
     def __init__(self, test: DatasetRecipe, recipe: SweepRecipe) -> None:
         self._test, self._recipe, self._ceiling = test, recipe, Ceiling(test)
@@ -423,61 +422,60 @@ class _CeilingTest:
         self._windows = np.array([score.window(h) for _, h, score in self._looks])
         fails = self._flights.fail_index
         latest = fails.max(where=self._flights.is_unsafe, initial=0)
-        self._last = np.minimum(fails, latest)  # later nothing fails: an alert would be in vain
+        self._last = np.minimum(fails, latest)  # no failure comes later
         self.starts = range(0, len(self._which), FLIGHTS_A_TASK)
 
     def scores(self, start: int, cancelled: Event) -> Array:
         """Scores (n_looks, n, n_samples) of the flights from `start` on."""
         if cancelled.is_set():
             raise InterruptedError("the sweep was cancelled")
-        some = slice(start, start + FLIGHTS_A_TASK)
+        batch = slice(start, start + FLIGHTS_A_TASK)
         with on_this_thread():
             return self._ceiling.scores(
-                self._flights.y[some], self._commands[some], self._last[some], self._windows
+                self._flights.y[batch], self._commands[batch], self._last[batch], self._windows
             )
 
     def cells(self, scores: list[Array]) -> dict[tuple[str, float], Cell]:
-        """Cells where just the share epsilon of these very failing flights is missed.
+        """Cells at the threshold that misses exactly epsilon of these failing flights.
 
-        Each of the window or the rest of the card, whichever lets more safe flights pass.
+        The better one, for safe flights, of the window and the rest of the card.
         """
         flights, test, recipe = self._flights, self._test, self._recipe
-        of_pool = stopping_flights(test, CEILING_POOL)
+        stopped = stopping_flights(test, CEILING_POOL)
         counted: dict[tuple[str, float], Cell] = {}
-        for (lead, h, _), own in zip(self._looks, np.concatenate(scores, axis=1), strict=True):
-            lowest = _lowest(own, _last_timely(flights, h))
+        for (lead, h, _), look in zip(self._looks, np.concatenate(scores, axis=1), strict=True):
+            lowest = _lowest(look, _last_timely(flights, h))
             level = _level_at(recipe.epsilon, lowest[flights.is_unsafe])
-            said = _said_by_scores(own, flights, h, level)
             cell = _counted(
-                said,
+                _at_level(look, flights, h, level),
                 flights,
                 test,
                 recipe,
-                lambda which, neutral_from: of_pool(self._which[which], neutral_from),
+                lambda which, neutral_from: stopped(self._which[which], neutral_from),
             )
             if (CEILING, lead) not in counted or cell.power > counted[CEILING, lead].power:
                 counted[CEILING, lead] = cell
         return counted
 
 
-def _said_by_scores(scores: Array, flights: Rollouts, h: int, level: float) -> _Said:
+def _at_level(scores: Array, flights: Rollouts, h: int, level: float) -> _Scores:
     """scores: (n, n_samples) of the flights up to their failure.   level: highest that alerts."""
     last = _last_timely(flights, h)
     lowest = _lowest(scores, last)
     first = partial(_first_at_or_below, scores, flights)
-    return _Said(h, lowest, (last >= 0) & (lowest <= level), level, first)
+    return _Scores(h, lowest, (last >= 0) & (lowest <= level), level, first)
 
 
 def _first_at_or_below(scores: Array, flights: Rollouts, level: float) -> Indices:
-    """First score (n, n_samples) of each failing flight that is no higher, by its failure."""
-    heard = np.arange(scores.shape[1]) <= flights.fail_index[:, np.newaxis]
-    alerts = heard & (scores <= level) & flights.is_unsafe[:, np.newaxis]
+    """First score (n, n_samples) at or below a level, in each failing flight up to its failure."""
+    until = np.arange(scores.shape[1]) <= flights.fail_index[:, np.newaxis]
+    alerts = until & (scores <= level) & flights.is_unsafe[:, np.newaxis]
     return np.where(alerts.any(axis=1), alerts.argmax(axis=1), scores.shape[1])
 
 
 def _first_alerts(monitor: Monitor, flights: Rollouts, level: float) -> Indices:
-    """The same of a monitor's scores, by halves: most of them need not be known."""
-    found = np.full(len(flights.y), flights.y.shape[1])
+    """As _first_at_or_below, by bisection: computes only some of a monitor's scores."""
+    first = np.full(len(flights.y), flights.y.shape[1])
     unsafe = np.flatnonzero(flights.is_unsafe)
     by_failure = monitor.lowest_scores(flights.y[unsafe], flights.fail_index[unsafe])
     which = unsafe[by_failure <= level]
@@ -486,23 +484,23 @@ def _first_alerts(monitor: Monitor, flights: Rollouts, level: float) -> Indices:
         between = np.where(apart, (silent + alerted) // 2, alerted)
         alerts = monitor.lowest_scores(y, between) <= level
         silent, alerted = np.where(alerts, silent, between), np.where(alerts, between, alerted)
-    found[which] = alerted
-    return found
+    first[which] = alerted
+    return first
 
 
 def _last_timely(flights: Rollouts, h: int) -> Indices:
-    """(n,) last sample at which an alert counts: in time before a failure, at all otherwise."""
+    """(n,) last sample at which an alert counts: timely before a failure, else the last one."""
     return np.where(flights.is_unsafe, flights.fail_index - h, flights.y.shape[1] - 1)
 
 
 def _lowest(scores: Array, last: Indices) -> Array:
     """(n,) lowest of the scores (n, n_samples) 0..last; +inf where last < 0."""
-    heard = np.arange(scores.shape[1]) <= last[:, np.newaxis]
-    return np.where(heard, scores, np.inf).min(axis=1)
+    until = np.arange(scores.shape[1]) <= last[:, np.newaxis]
+    return np.where(until, scores, np.inf).min(axis=1)
 
 
 def _highest_alerting(alphas: Array, above: float) -> float:
-    """Highest score with a p-value above this, +inf where every score has one."""
+    """Highest score with a p-value above this, +inf if every score has one."""
     if p_values(np.inf, alphas) > above:
         return np.inf
     return float(alphas[p_values(alphas, alphas) > above].max(initial=-np.inf))
@@ -522,14 +520,18 @@ def _card(test: DatasetRecipe) -> Card | None:
 
 
 def _counted(
-    said: _Said, flights: Rollouts, test: DatasetRecipe, recipe: SweepRecipe, stopped: Stopped
+    scores: _Scores,
+    flights: Rollouts,
+    test: DatasetRecipe,
+    recipe: SweepRecipe,
+    stopped: Stopped,
 ) -> Cell:
-    """Count what is missed, alerted of in vain and prevented."""
+    """Count misses, false alerts and prevented failures."""
     fails, is_unsafe, n_samples = flights.fail_index, flights.is_unsafe, flights.y.shape[1]
-    alike = _level_of_false_alarms(said.lowest[~is_unsafe])
+    alike = _level_of_false_alarms(scores.lowest[~is_unsafe])
     prevented, prevented_alike = (
         prevention(
-            said.first(level),
+            scores.first(level),
             fails,
             n_samples,
             test.dt,
@@ -537,31 +539,31 @@ def _counted(
             stream(test.seed, Branch.REACTION),
             recipe.reactions_s,
         ).prevented
-        for level in (said.level, alike)
+        for level in (scores.level, alike)
     )
     return Cell(
         epsilon=recipe.epsilon,
-        lead=said.h * test.dt,
-        misses=np.array([np.count_nonzero(~said.alerts[is_unsafe])]),
+        lead=scores.h * test.dt,
+        misses=np.array([np.count_nonzero(~scores.alerts[is_unsafe])]),
         n_unsafe=np.array([np.count_nonzero(is_unsafe)]),
-        n_early=np.array([np.count_nonzero(fails[is_unsafe] < said.h)]),
-        false_alerts=np.array([np.count_nonzero(said.alerts[~is_unsafe])]),
+        n_early=np.array([np.count_nonzero(fails[is_unsafe] < scores.h)]),
+        false_alerts=np.array([np.count_nonzero(scores.alerts[~is_unsafe])]),
         n_safe=np.array([np.count_nonzero(~is_unsafe)]),
         prevented=prevented[np.newaxis],
-        power_at_epsilon=np.array([_power_at(recipe.epsilon, said.lowest, is_unsafe)]),
+        power_at_epsilon=np.array([_power_at(recipe.epsilon, scores.lowest, is_unsafe)]),
         prevented_alike=prevented_alike[np.newaxis],
     )
 
 
 def _level_of_false_alarms(safe: Array) -> float:
-    """Highest level at which no more than FALSE_ALARMS of safe flights alert, by lowest scores."""
+    """Highest level at which at most FALSE_ALARMS of safe flights alert. safe: lowest scores."""
     if not len(safe):
         return -np.inf
     return float(np.nextafter(np.sort(safe)[int(FALSE_ALARMS * len(safe) + 1e-9)], -np.inf))
 
 
 def _power_at(epsilon: float, lowest: Array, is_unsafe: Flags) -> float:
-    """Power of the threshold that misses just the share epsilon of these failing flights."""
+    """Power of the threshold that misses exactly epsilon of these failing flights."""
     failing, safe = lowest[is_unsafe], lowest[~is_unsafe]
     if not (len(failing) and len(safe)):
         return np.nan
@@ -569,14 +571,14 @@ def _power_at(epsilon: float, lowest: Array, is_unsafe: Flags) -> float:
 
 
 def _level_at(epsilon: float, failing: Array) -> float:
-    """That threshold, by the lowest scores (n,) of the failing flights; an alert at or below it."""
+    """That threshold, from the lowest scores (n,) of the failing flights; alert at or below it."""
     if not len(failing):
         return -np.inf
     return float(np.sort(failing)[len(failing) - 1 - int(epsilon * len(failing) + 1e-9)])
 
 
-def _pooled(parts: list[_Found]) -> PlannedTestSweep:
-    """One planned test's parts, a monitor each, as one."""
+def _pooled(parts: list[_PartResult]) -> PlannedTestSweep:
+    """Pool the parts of one planned test."""
     earliest, unsafe_share, counted = zip(*parts, strict=True)
     cells = {key: Cell.pool([part[key] for part in counted]) for key in counted[0]}
     return PlannedTestSweep(float(np.nanmean(earliest)), float(np.mean(unsafe_share)), cells)

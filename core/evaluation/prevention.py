@@ -1,4 +1,4 @@
-"""What an alert prevents: flights flown again, with the controls neutral after a reaction."""
+"""Failures that alerts prevent: flights repeated with neutral controls after a reaction."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,24 +8,23 @@ import numpy as np
 from core.types import Array, Indices
 
 REACTIONS_S = (0.25, 0.5, 1.0, 1.5, 2.5)
-"""Mean times from an alert to neutral controls [s]: from a switch that acts by itself to a call
-over the radio."""
+"""Mean times from an alert to neutral controls [s]: from an automatic switch to a radio call."""
 VARIATION = 0.3
-"""Standard deviation of a reaction time, as a share of its mean; it is Gamma distributed."""
+"""Standard deviation of a reaction time, as a share of its mean; Gamma distributed."""
 
 Stopped = Callable[[Indices, Indices], Indices]
-"""Flies flights again, see core.collection.stopped_flights: (m,) numbers and (m,) samples of the
-first neutral command to the (m,) first samples that exceed a limit."""
+"""Repeats flights, see core.collection.stopped_flights: from (m,) numbers and (m,) samples of the
+first neutral command to (m,) first samples that exceed a limit."""
 
 
 @dataclass(frozen=True, eq=False)
 class Prevention:
     """Counts over fresh flights at one epsilon, for each mean reaction time.
 
-    reactions_s: (n_reactions,) [s].   n_unsafe, n_safe: flights that fail, and that do not, where
-    nobody reacts.   stopped: safe flights that an alert stops.
-    prevented: (n_reactions,) failing flights that do not fail, as their alert stops them in time.
-    caused: (n_reactions,) safe flights that fail since they were stopped.
+    reactions_s: (n_reactions,) [s].   n_unsafe, n_safe: flights that fail, and that do not, without
+    a reaction.   stopped: safe flights stopped unnecessarily by an alert.
+    prevented: (n_reactions,) failing flights that their alert stops in time.
+    caused: (n_reactions,) safe flights that fail because they were stopped.
     """
 
     reactions_s: Array
@@ -37,7 +36,7 @@ class Prevention:
 
 
 def unit_reactions(n: int, rng: np.random.Generator) -> Array:
-    """(n,) reaction times of a mean of 1."""
+    """(n,) reaction times with mean 1."""
     return rng.gamma(VARIATION**-2, VARIATION**2, n)
 
 
@@ -55,10 +54,10 @@ def prevention(
     rng: np.random.Generator,
     reactions_s: tuple[float, ...] = REACTIONS_S,
 ) -> Prevention:
-    """Fly the flights with an alert again, and count which failures that prevents.
+    """Repeat the flights with an alert, and count the prevented failures.
 
     alerts, fail_index: (n,) first alert and first exceedance, n_samples for none.   dt: [s].
-    rng: of the reaction times.
+    rng: for the reaction times.
     """
     is_unsafe = fail_index < n_samples
     which = np.flatnonzero(alerts < n_samples)

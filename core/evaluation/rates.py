@@ -1,4 +1,4 @@
-"""Evaluation on fresh rollouts: how often a monitor is silent, how often it alerts in vain."""
+"""Evaluation on fresh rollouts: missed failures and false alarms of a monitor."""
 
 from dataclasses import dataclass
 
@@ -18,8 +18,8 @@ def clopper_pearson(
 ) -> Array:
     """Exact binomial interval of a share.
 
-    successes, trials: counts of any one shape, (...); fractional counts serve effective sizes.
-    Returns (..., 2) lower and upper bound; (0, 1) where there was no trial.
+    successes, trials: counts of any one shape, (...); fractional for effective sizes.
+    Returns (..., 2) lower and upper bound; (0, 1) without a trial.
     """
     from scipy.special import betaincinv  # slow to import, and only needed here
 
@@ -34,10 +34,10 @@ def clopper_pearson(
 def clustered_interval(
     successes: npt.NDArray, trials: npt.NDArray, confidence: float = 0.95
 ) -> Array:
-    """Interval of a share over clusters whose own shares scatter, such as one monitor's flights.
+    """Interval of a share over clusters with scattering shares, such as one monitor's flights.
 
     Clopper-Pearson at the effective sample size (Korn and Graubard, Survey Methodology 24, 1998):
-    as many independent trials as would give the scatter seen between the clusters.
+    the number of independent trials with the same scatter as between the clusters.
 
     successes: (n_clusters, ...).   trials: the same or broadcast to it.   Returns (..., 2).
     """
@@ -63,15 +63,15 @@ class Evaluation:
     """Counts over fresh flights at each epsilon.
 
     epsilons: (n_eps,).   n_unsafe, n_safe: flights that failed and that did not.
-    n_early: failures that came before any timely alert could; each is a miss.
+    n_early: failures too early for any timely alert; each is a miss.
     misses: (n_eps,) failing flights without an alert at least t_early before the failure.
     false_alerts: (n_eps,) safe flights with an alert at any time.
-    withdrawn: (n_eps,) failing flights of which nothing was said any more, for being outside
-    training, before an alert that would have counted: neither missed nor caught.
-    safe_withdrawn: (n_eps,) safe flights that were called so without an alert: no false alarm, and
-    no quiet flight either.
+    withdrawn: (n_eps,) failing flights outside training, so withdrawn before a timely alert:
+    neither missed nor caught.
+    safe_withdrawn: (n_eps,) safe flights withdrawn without an alert: neither a false alarm nor
+    quiet.
 
-    So each failing flight is missed, withdrawn or caught, and each safe one has a false alert, is
+    Each failing flight is missed, withdrawn or caught; each safe flight has a false alert, is
     withdrawn or is quiet.
     """
 
@@ -111,7 +111,7 @@ class Evaluation:
 
     @property
     def power(self) -> Array:
-        """(n_eps,) share of the safe flights that are quiet: those called invalid do not count."""
+        """(n_eps,) share of the safe flights that are quiet; invalid ones are not."""
         return 1 - (self.false_alerts + self.safe_withdrawn) / max(self.n_safe, 1)
 
     @property
@@ -134,22 +134,22 @@ class Evaluation:
 def evaluate(
     monitor: Monitor, y: Array, fail_index: Indices, epsilons: Array | None = None
 ) -> Evaluation:
-    """Fly fresh trajectories through a monitor and count, at each epsilon it can serve.
+    """Fly fresh trajectories through a monitor and count at each epsilon.
 
-    A monitor whose validity is calibrated says nothing of a flight once it is outside training.
+    A monitor with calibrated validity withdraws once a flight is outside training.
 
     y: (n, n_samples, 6), none of which trained the monitor; safe ones over the full horizon.
     fail_index: (n,) first sample that exceeds a limit, n_samples for a safe flight.
-    epsilons: (n_eps,); unless given, those of EPSILONS that the monitor's failures can serve.
+    epsilons: (n_eps,); default: those of EPSILONS for which the monitor has enough failures.
     """
     if epsilons is None:
         epsilons = EPSILONS[monitor.smallest_epsilon <= EPSILONS + 1e-9]
     above = np.array([monitor.alert_above(epsilon) for epsilon in epsilons])
     is_unsafe = fail_index < y.shape[1]
     last = np.where(is_unsafe, fail_index - monitor.h, y.shape[1] - 1)
-    heard = np.minimum(last, monitor.first_withdrawn(y, fail_index) - 1)
-    silent = monitor.highest_p_values(y, heard)[:, None] <= above
-    is_missed = silent & (heard == last)[:, None]
+    until = np.minimum(last, monitor.first_withdrawn(y, fail_index) - 1)
+    silent = monitor.highest_p_values(y, until)[:, None] <= above
+    is_missed = silent & (until == last)[:, None]
     return Evaluation(
         epsilons=np.asarray(epsilons),
         n_unsafe=int(is_unsafe.sum()),
@@ -165,57 +165,57 @@ def evaluate(
 def evaluate_groups(
     monitor: Monitor, y: Array, fail_index: Indices, epsilon: float | None = None
 ) -> dict[str, dict[str, Evaluation]]:
-    """Count at one epsilon over the failing flights of each group, by grouping and by its name.
+    """Count at one epsilon over the failing flights of each group, by grouping and group name.
 
-    What is promised of all failing flights is not promised of each group.
+    The guarantee for all failing flights does not hold for each group.
 
-    y, fail_index: as in `evaluate`.   epsilon: the monitor's own unless given.
-    Groupings of which the flights are not in two groups at least are left out; of a monitor that is
-    calibrated by groups, these are its own.
+    y, fail_index: as in `evaluate`.   epsilon: default: the monitor's own.
+    Groupings with fewer than two groups of these flights are left out. For a monitor calibrated by
+    groups, its own groups are used.
     """
     at, fails = np.array([monitor.check_epsilon(epsilon)]), fail_index < y.shape[1]
     y, fail_index = y[fails], fail_index[fails]
-    own, found = monitor.groups, {}
+    own_groups, evaluations = monitor.groups, {}
     for rule, grouping in GROUPINGS.items():
-        if own is not None and own.rule.kind == rule:
-            groups = members(own.rule, y, fail_index)
+        if own_groups is not None and own_groups.rule.kind == rule:
+            groups = members(own_groups.rule, y, fail_index)
         else:
             groups = grouping.groups(y, fail_index, monitor.specification)
         if groups:
-            found[rule] = {
+            evaluations[rule] = {
                 name: evaluate(monitor, y[those], fail_index[those], at)
                 for name, those in groups.items()
             }
-    return found
+    return evaluations
 
 
 def first_alerts(
     monitor: Monitor, y: Array, fail_index: Indices, epsilon: float | None = None
 ) -> Indices:
-    """First sample of each flight at which the monitor alerts, by its failure if it fails.
+    """First sample of each flight with an alert, up to its failure.
 
-    y, fail_index: as in `evaluate`.   Returns (n,); n_samples where it does not alert.
+    y, fail_index: as in `evaluate`.   Returns (n,); n_samples without an alert.
     """
     above, n_samples = monitor.alert_above(epsilon), y.shape[1]
     last = np.minimum(fail_index, n_samples - 1)
-    heard = np.minimum(last, monitor.first_withdrawn(y, fail_index) - 1)
-    found = np.full(len(y), n_samples)
-    which = np.flatnonzero(monitor.highest_p_values(y, heard) > above)
-    y, silent, alerted = y[which], np.full(len(which), -1), heard[which]
+    until = np.minimum(last, monitor.first_withdrawn(y, fail_index) - 1)
+    first = np.full(len(y), n_samples)
+    which = np.flatnonzero(monitor.highest_p_values(y, until) > above)
+    y, silent, alerted = y[which], np.full(len(which), -1), until[which]
     while (apart := alerted - silent > 1).any():
         between = np.where(apart, (silent + alerted) // 2, alerted)
         alerts = monitor.highest_p_values(y, between) > above
         silent, alerted = np.where(alerts, silent, between), np.where(alerts, between, alerted)
-    found[which] = alerted
-    return found
+    first[which] = alerted
+    return first
 
 
 def leads(alerts: Indices, fail_index: Indices, n_samples: int, dt: float) -> Array:
     """Time from the first alert to the failure of each failing flight.
 
-    alerts: (n,) as `first_alerts` finds them.   fail_index: (n,).   dt: [s].
-    Returns (n_unsafe,) [s], shorter than the monitor's lead where the alert came too late to
-    count, negative infinity where none came by the failure.
+    alerts: (n,) of `first_alerts`.   fail_index: (n,).   dt: [s].
+    Returns (n_unsafe,) [s], shorter than the monitor's lead for a late alert, negative infinity
+    without an alert by the failure.
     """
     alerts, fails = alerts[fail_index < n_samples], fail_index[fail_index < n_samples]
     return np.where(alerts < n_samples, (fails - alerts) * dt, -np.inf)

@@ -1,4 +1,4 @@
-"""Robustness: what a monitor says of flights that differ from the planned test it is made for."""
+"""Robustness: a monitor on flights that differ from its planned test."""
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
@@ -19,9 +19,9 @@ WORSE_AIR: dict[Turbulence, Turbulence] = {
     "light": "moderate",
     "moderate": "severe",
 }
-"""The next class of turbulence; where gusts are given, they are doubled."""
+"""The next class of turbulence; given gusts are doubled instead."""
 DOUBLED = "gust_sigma_deg", "gain", "bias", "lag_s", "trim_deg", "unsteadiness_deg", "asymmetry"
-"""Numbers of imperfections."""
+"""Imperfections to double."""
 
 
 def _as_planned(recipe: DatasetRecipe) -> DatasetRecipe:
@@ -64,8 +64,8 @@ def _less_perfect(recipe: DatasetRecipe) -> DatasetRecipe:
 class Difference:
     """A way in which flights differ from the planned test.
 
-    words: what differs.   number: of its stream of random numbers, which never changes.
-    recipe: from the planned test to the one flown.   spread: of theta, as a multiple.
+    words: the difference.   number: of its random stream; it never changes.
+    recipe: changes the planned test.   spread: factor on the width of D_theta.
     """
 
     words: str
@@ -90,12 +90,12 @@ def robustness(
 ) -> dict[str, Evaluation]:
     """Fly n flights of each difference through the monitor, and count at one epsilon.
 
-    recipe: the planned test that it is made for.   epsilon: the monitor's own unless given.
+    recipe: the monitor's planned test.   epsilon: default: the monitor's own.
     """
-    at, found = np.array([monitor.check_epsilon(epsilon)]), {}
+    at, evaluations = np.array([monitor.check_epsilon(epsilon)]), {}
     for name, difference in DIFFERENCES.items():
         simulator = Simulator(difference.recipe(recipe), difference.spread)
         rng = stream(recipe.seed, Branch.ROBUSTNESS, difference.number)
         flights = simulator.rollouts(n, rng)
-        found[name] = evaluate(monitor, flights.y, flights.fail_index, at)
-    return found
+        evaluations[name] = evaluate(monitor, flights.y, flights.fail_index, at)
+    return evaluations

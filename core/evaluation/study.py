@@ -1,4 +1,4 @@
-"""The paper's experiment: five methods, several monitors each, miss rate and power over epsilon."""
+"""The paper's experiment: miss rate and power of five methods over epsilon."""
 
 import os
 from collections.abc import Callable
@@ -36,7 +36,7 @@ METHODS: dict[str, tuple[str, str]] = {
 
 
 def methods(specification: Limits) -> dict[str, tuple[Predictor, Score]]:
-    """Return the five methods for a specification: magnitudes are those of its first limit."""
+    """The five methods for a specification; magnitudes use the channel of its first limit."""
     key = KEYS[int(np.isfinite(specification.magnitudes).argmax())]
     scores = SCORES | {"negative_magnitude": NegativeMagnitude(key)}  # type: ignore[arg-type]
     return {
@@ -52,21 +52,20 @@ class StudyRecipe:
     dataset: DatasetRecipe = DatasetRecipe()  # noqa: RUF009
     """planned test: its seed starts the whole study."""
     monitor: MonitorRecipe = MonitorRecipe(calibration="pointwise", scaling="raw")  # noqa: RUF009
-    """settings of the monitors: every choice but predictor and score. The defaults are the
+    """settings of the monitors: everything except predictor and score. The defaults are the
     paper's."""
     n_monitors: Annotated[int, Bounds(least=1)] = 10
-    """monitors of each method: each from a dataset of its own."""
+    """monitors of each method: each from its own dataset."""
     n_test: Annotated[int, Bounds(least=1)] = 500
     """fresh test flights of each monitor."""
 
     def __post_init__(self) -> None:
-        """Refuse a study without monitors or flights."""
         check_bounds(self)
 
 
 @dataclass(frozen=True, eq=False)
 class MethodResult:
-    """One method's counts, a row a monitor.
+    """One method's counts, one row for each monitor.
 
     epsilons: (n_eps,).   misses, false_alerts: (n_monitors, n_eps).
     n_unsafe, n_safe: (n_monitors, 1) test flights that failed and that did not.
@@ -96,7 +95,7 @@ class MethodResult:
 
     @property
     def miss_interval(self) -> Array:
-        """(n_eps, 2) 95 % interval that allows for the scatter between monitors."""
+        """(n_eps, 2) 95 % interval, including the scatter between monitors."""
         return clustered_interval(self.misses, self.n_unsafe)
 
     @property
@@ -106,7 +105,7 @@ class MethodResult:
 
     @property
     def power_interval(self) -> Array:
-        """(n_eps, 2) 95 % interval that allows for the scatter between monitors."""
+        """(n_eps, 2) 95 % interval, including the scatter between monitors."""
         return clustered_interval(self.n_safe - self.false_alerts, self.n_safe)
 
     @property
@@ -117,10 +116,10 @@ class MethodResult:
 
 @dataclass(frozen=True, eq=False)
 class StudyResult:
-    """Every method's counts, and an example to look at.
+    """Every method's counts, and an example.
 
     methods: by name.   unsafe_rate: unbiased estimate from all collections.
-    monitor, flights: the first monitor of the first method and its test flights, to look at.
+    monitor, flights: the example: first monitor of the first method and its test flights.
     """
 
     recipe: StudyRecipe
@@ -143,7 +142,7 @@ def study(
 ) -> StudyResult:
     """Train n_monitors monitors of every method and fly fresh test flights through each.
 
-    progress: called with (monitors done, monitors in all); what it raises cancels.
+    progress: called with (monitors done, total); an exception cancels.
     """
     recipe = recipe or StudyRecipe()
     n_monitors = recipe.n_monitors
@@ -178,7 +177,7 @@ def _part_alone(recipe: StudyRecipe, seed: int, test_seed: int) -> Part:
 
 
 def _part(recipe: StudyRecipe, seed: int, test_seed: int) -> Part:
-    """One dataset, its monitors of every method, and their evaluation on the same fresh flights."""
+    """One dataset, its monitors by every method, and their evaluation on the same flights."""
     dataset = collect(replace(recipe.dataset, seed=seed))
     flights = Simulator(recipe.dataset).rollouts(recipe.n_test, np.random.default_rng(test_seed))
     epsilons = EPSILONS[

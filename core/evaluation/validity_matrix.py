@@ -1,7 +1,7 @@
-"""The pair matrix of validity: the monitor of each published aircraft on flights of every other.
+"""The validity matrix: the monitor of each published aircraft on flights of every other.
 
-A flight of another aircraft that exceeds its limit unwarned is no miss where it was called invalid.
-What counts is the share of the exceeding flights that are neither.
+An exceeding flight of another aircraft counts as a miss only if it was valid and had no timely
+alert. The matrix counts the share of such flights.
 """
 
 from collections.abc import Callable, Iterator
@@ -28,38 +28,37 @@ from core.types import Array, Indices
 Command = Literal["same", "retuned"]
 COMMANDS: tuple[Command, ...] = ("same", "retuned")
 DOUBLET_DEG = -6.2
-"""Rudder doublet that every monitor is trained for."""
+"""Rudder doublet of every monitor's planned test."""
 EXCEEDING = 0.25
-"""Share of the own aircraft that exceeds the limit, and of another where its doublet is retuned."""
+"""Share of flights that exceed: of the own aircraft, and of others with a retuned doublet."""
 N_PEAKS = 2_000
-"""Flights that a limit is taken from."""
+"""Flights for choosing a limit."""
 BATCH = 400
 NY = KEYS.index("Ny")
 N_FAILING = 1
-"""Where the exceeding flights stand among the counts."""
+"""Position of the exceeding flights among the counts."""
 UNLIMITED_G = 1e6
 Progress = Callable[[int, int], object]
 
 
 @dataclass(frozen=True)
 class MatrixRecipe:
-    """Which pairs, and how many flights of each."""
+    """The pairs, and the number of flights of each."""
 
     monitors: tuple[ModelName, ...] = tuple(MODELS)
-    """published aircraft that monitors are trained for."""
+    """published aircraft to train monitors for"""
     aircraft: tuple[ModelName, ...] = tuple(MODELS)
-    """published aircraft that are flown."""
+    """published aircraft to fly"""
     n_unsafe: int = 200
-    """unsafe rollouts that each monitor is trained on."""
+    """unsafe rollouts for training each monitor"""
     n_failing: int = 400
-    """exceeding flights of each pair, as far as there are any."""
+    """exceeding flights of each pair, if there are any"""
     most_flights: int = 4_000
-    """flights of each pair at most."""
+    """largest number of flights of each pair"""
     seed: int = 1
-    """seed of every random draw: each pair has streams of its own, whichever others are asked."""
+    """seed of every random draw; the streams of a pair do not depend on the other pairs"""
 
     def __post_init__(self) -> None:
-        """Refuse what is no published aircraft, and no flights."""
         for name in (*self.monitors, *self.aircraft):
             if name not in MODELS:
                 raise ValueError(f"no published model {name!r}; there are {', '.join(MODELS)}")
@@ -74,8 +73,8 @@ class MatrixRecipe:
 class Pair:
     """Flights of one aircraft through the monitor of another, or through its own.
 
-    command: `same` as the monitor was trained for, or `retuned` so that a quarter exceeds.
-    missed: exceeding flights without a timely alert, valid or not; of these valid_and_missed.
+    command: `same` as in training, or `retuned` so that a quarter of the flights exceeds.
+    missed: exceeding flights without a timely alert, valid or not; valid_and_missed: valid ones.
     """
 
     monitor: str
@@ -92,30 +91,30 @@ class Pair:
 
     @property
     def is_own(self) -> bool:
-        """Whether the aircraft is the one that the monitor was trained for."""
+        """Whether the monitor was trained for this aircraft."""
         return self.monitor == self.aircraft
 
     @property
     def share_invalid(self) -> float:
-        """Of all flights."""
+        """Share of all flights."""
         return (self.invalid_safe + self.invalid_failing) / (self.n_safe + self.n_failing)
 
     @property
     def share_unwarned(self) -> float | None:
-        """P(valid and missed | exceeds); None where no flight exceeds."""
+        """P(valid and missed | exceeds); None if no flight exceeds."""
         return self.valid_and_missed / self.n_failing if self.n_failing else None
 
     @property
     def most_unwarned(self) -> float:
-        """Upper 95 % bound of that share (Clopper and Pearson, one-sided)."""
+        """One-sided upper 95 % bound (Clopper-Pearson) of that share."""
         return float(clopper_pearson(self.valid_and_missed, self.n_failing, confidence=0.9)[1])
 
 
 def pairs(recipe: MatrixRecipe, progress: Progress | None = None) -> Iterator[Pair]:
     """Train each monitor and fly every aircraft through it; pairs in the order of the recipe.
 
-    An aircraft of which no amplitude makes a quarter exceed is flown with the same command only.
-    progress: called with (monitors done, monitors in all).
+    An aircraft without an amplitude at which a quarter exceeds is flown only with the same command.
+    progress: called with (monitors done, total).
     """
     for done, name in enumerate(recipe.monitors):
         if progress:
@@ -129,7 +128,7 @@ def pairs(recipe: MatrixRecipe, progress: Progress | None = None) -> Iterator[Pa
 
 
 def planned_for(name: ModelName, recipe: MatrixRecipe) -> DatasetRecipe:
-    """The test of a monitor: without a law, at the limit that a quarter of its aircraft exceeds."""
+    """The test of a monitor: no control law, and a limit that a quarter of its flights exceeds."""
     number = tuple(MODELS).index(name)
     seed = int(stream(recipe.seed, Branch.PAIRS, number).integers(2**32))
     unlimited = DatasetRecipe(
@@ -147,7 +146,7 @@ def planned_for(name: ModelName, recipe: MatrixRecipe) -> DatasetRecipe:
 
 
 def _flown(planned: DatasetRecipe, aircraft: ModelName, command: Command) -> DatasetRecipe | None:
-    """What is flown of an aircraft; None where it is not retuned."""
+    """The test flown with an aircraft; None if it cannot be retuned."""
     flown = replace(planned, aircraft=PublishedAircraft(aircraft, 4))
     if command == "same":
         return flown
@@ -168,7 +167,7 @@ def _pair(
     command: Command,
     flown: DatasetRecipe,
 ) -> Pair:
-    """Fly until enough exceed; one batch alone where none of it does."""
+    """Fly until enough flights exceed; only one batch if none of it does."""
     numbers = (tuple(MODELS).index(part) for part in (name, aircraft))
     rng = stream(recipe.seed, Branch.PAIRS, *numbers, COMMANDS.index(command))
     simulator, counts, n_flights = Simulator(flown), np.zeros(6, np.int64), 0

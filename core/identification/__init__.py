@@ -1,1 +1,1 @@
-"""Identification: what recorded flights say of an aircraft whose parameters are uncertain."""
+"""Identification: parameters of an uncertain aircraft from recorded flights."""

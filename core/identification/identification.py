@@ -1,11 +1,10 @@
-"""One aircraft identified from recorded segments: theta with its full covariance, and how it fits.
+"""Identify one aircraft from recorded segments: theta with its full covariance, and its fit.
 
-Where the noise is not known, residuals tell of it, and they are no white noise: the model leaves
-something out, and what it leaves out lasts as long as the motion itself. Cramer and Rao's bounds
-are then several times too small; identified derivatives scatter by five to ten times as much
-between repeated manoeuvres (Maine and Iliff, NASA RP-1168, section 5.3). So what of a channel's
-residuals is no white noise counts once for each swing of the Dutch roll. Segments that contradict
-each other leave such residuals in the fit of all.
+Unknown noise is estimated from the residuals. They are not white: the model is incomplete, and its
+errors last as long as the motion. Cramer-Rao bounds are then several times too small; identified
+derivatives scatter five to ten times more between repeated manoeuvres (Maine and Iliff, NASA
+RP-1168, section 5.3). So the coloured part of a channel's residuals counts as one independent
+sample per swing of the Dutch roll. Contradictory segments leave such residuals in the joint fit.
 """
 
 from collections.abc import Sequence
@@ -30,28 +29,27 @@ from core.simulation.uncertain_plant import UncertainPlant
 from core.types import Array, Flags
 
 FIRST_NOISE = 0.02
-"""Of an output before its residuals are known, in parts of its motion."""
+"""First guess of an output's noise, as a share of its motion."""
 ROUNDS, CLOSE = 12, 0.02
-"""Of noise and posterior, each from the other, at most; and the relative change that ends them."""
+"""Largest number of alternations between noise and posterior; relative change that ends them."""
 FIRST_STEPS, STEPS_A_ROUND = 5, 1
 LEAST_FREE = 0.25
-"""Share of what swings tell of the residuals that is left at least beside what they were fitted
-with."""
+"""Smallest share of degrees of freedom that remains after the fit."""
 SHORTEST = 20
-"""Samples of a segment."""
+"""Fewest samples of a segment."""
 LONGEST_SWING_S = 20.0
 UNDETERMINED = 0.9
-"""Share of the prior's sigma that is left, above which a derivative is called undetermined."""
+"""A derivative is undetermined if more than this share of the prior's sigma remains."""
 INTERVAL = 1.96
-"""Standard deviations either side of a 95 % interval."""
+"""Half width of a 95 % interval, in standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
 class FlownSegment:
-    """A run of samples without a gap, from trim: y (n_samples, 6) each dt [s], SI units, N_y in g.
+    """A segment without gaps, from trim: y (n_samples, 6) each dt [s], SI units, N_y in g.
 
     An output that was not recorded is NaN throughout.
-    ValueError for other shapes and for samples that are missing.
+    ValueError for other shapes and for missing samples.
     """
 
     y: Array
@@ -59,11 +57,10 @@ class FlownSegment:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be fitted."""
         if self.y.ndim != 2 or self.y.shape[1] != N_CHANNELS or len(self.y) < SHORTEST:
             raise ValueError(
-                f"a segment has shape {self.y.shape}: it needs (n_samples, 6), {SHORTEST} samples "
-                "or more"
+                f"a segment has shape {self.y.shape}: it needs (n_samples, 6) with {SHORTEST} "
+                "samples or more"
             )
         if not self.dt > 0.0:
             raise ValueError(f"a segment's samples are {self.dt} s apart: give a positive interval")
@@ -71,28 +68,28 @@ class FlownSegment:
         absent: Flags = ~np.any(finite, axis=0)
         if absent[N_OUTPUTS:].any() or absent[:N_OUTPUTS].all():
             missing = ", ".join(key for key, none in zip(KEYS, absent, strict=True) if none)
-            raise ValueError(f"a segment has no {missing}: both surfaces and one output are needed")
+            raise ValueError(f"a segment lacks {missing}: both surfaces and one output are needed")
         whole: Flags = np.all(finite | absent, axis=0)
         if not whole.all():
             raise ValueError(
-                f"a segment lacks samples of {KEYS[int(whole.argmin())]}: choose one without a gap"
+                f"a segment lacks samples of {KEYS[int(whole.argmin())]}: choose one without gaps"
             )
         if not np.ptp(self.y[:, N_OUTPUTS:], axis=0).any():
             raise ValueError("neither surface moves in a segment: choose one with an input")
 
     @property
     def recorded(self) -> Flags:
-        """(6,) channels that were."""
+        """(6,) recorded channels."""
         return np.isfinite(self.y[0])
 
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """What segments say of an aircraft.
+    """An aircraft identified from segments.
 
     names, prior_mean, prior_sigma, mean: (n_params,).   covariance: (n_params, n_params).
-    deviates: posterior of the deviates of D_theta.   distance: mean square of their means: about
-    1 at most where D_theta is right.   noise: (6,) what was believed, SI units, N_y in g.
+    deviates: posterior of the deviates of D_theta.   distance: mean square of their means; about 1
+    or less if D_theta is right.   noise: (6,) assumed or estimated, SI units, N_y in g.
     residual_rms: (4,) of the outputs.
     r2: (n_segments, 4) share of each output's variance explained, NaN where not recorded.
     """
@@ -113,12 +110,12 @@ class Identification:
 
     @property
     def sigma(self) -> Array:
-        """(n_params,) standard deviation of each parameter, after."""
+        """(n_params,) posterior standard deviation of each parameter."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def inflation(self) -> Array:
-        """(4,) noise that was believed, in parts of the residuals'."""
+        """(4,) noise as a multiple of the residuals."""
         return self.noise[:N_OUTPUTS] / self.residual_rms
 
     @property
@@ -130,13 +127,13 @@ class Identification:
 
     @property
     def identified(self) -> IdentifiedAircraft:
-        """The aircraft as it is known now, to simulate and to train monitors with."""
+        """The identified aircraft, for simulation and for training monitors."""
         return IdentifiedAircraft.of(self.aircraft, self.mean, self.covariance, self.sources)
 
     def predict(self, segment: FlownSegment) -> "OutputPrediction":
-        """What the identified aircraft answers to the surfaces of a segment that was not used.
+        """Response of the identified aircraft to the surfaces of an unused segment.
 
-        Its initial state and biases are the best ones.
+        Initial state and biases are fitted.
         """
         plant = self.aircraft.uncertain_plant()
         fit = RecordFit(plant, self.law, _record(segment, self.noise))
@@ -160,39 +157,38 @@ def identify(
     segments: Sequence[FlownSegment],
     noise: Array | None = None,
 ) -> Identification:
-    """Identify an aircraft under its D_theta as the prior.
+    """Identify an aircraft with its D_theta as the prior.
 
-    noise: (6,) 1 sigma of each channel where it is known and white, SI units, N_y in g; from the
-    segments otherwise.
-    ValueError for no segment, and for an aircraft that is certain.
+    noise: (6,) 1 sigma of each channel if known and white, SI units, N_y in g; None: estimated.
+    ValueError without segments, and for an aircraft without uncertainty.
     """
     plant = aircraft.uncertain_plant()
     if not segments:
-        raise ValueError("no segment was given: identification needs one or more")
+        raise ValueError("no segment was given: identification needs at least one")
     if not (n_deviates := plant.root.shape[1]):
         raise ValueError("no derivative of the aircraft is uncertain: give it a spread")
-    moving = Law(law.controller(plant), law.actuator)
-    believed = _first_noise(segments) if noise is None else noise
-    fits = [RecordFit(plant, moving, _record(segment, believed)) for segment in segments]
+    control = Law(law.controller(plant), law.actuator)
+    assumed = _first_noise(segments) if noise is None else noise
+    fits = [RecordFit(plant, control, _record(segment, assumed)) for segment in segments]
     prior = prior_of(plant, 1)
     mean, information = settle(fits, prior, prior.mean, STEPS if noise is not None else FIRST_STEPS)
     for _ in range(ROUNDS if noise is None else 0):
         n_free = sum(part.n_offsets for part in fits) + n_deviates
         fitted = n_free - float(np.trace(np.linalg.inv(information[0])))
         residuals = [part.innovations(mean)[0] for part in fits]
-        before, believed = believed, _noise(segments, residuals, swing_s(plant), fitted)
+        before, assumed = assumed, _noise(segments, residuals, swing_s(plant), fitted)
         for part in fits:
-            part.noise = np.where(part.measured, believed, np.inf)
+            part.noise = np.where(part.measured, assumed, np.inf)
         mean, information = settle(fits, prior, mean, STEPS_A_ROUND)
         measured = np.isfinite(before)
-        if np.abs(np.log(believed[measured] / before[measured])).max() < CLOSE:
+        if np.abs(np.log(assumed[measured] / before[measured])).max() < CLOSE:
             mean, information = settle(fits, prior, mean)
             break
     posterior = PlantPosterior(mean, np.asarray(np.linalg.inv(information), np.float64))
     root = plant.root
     return Identification(
         aircraft=aircraft,
-        law=moving,
+        law=control,
         sources=tuple(segment.name for segment in segments),
         names=plant.names,
         prior_mean=plant.nominal,
@@ -201,7 +197,7 @@ def identify(
         covariance=root @ posterior.covariance[0] @ root.T,
         deviates=posterior,
         distance=float(np.square(mean).sum() / n_deviates),
-        noise=believed,
+        noise=assumed,
         residual_rms=_rms([part.innovations(mean)[0] for part in fits]),
         r2=np.array(
             [
@@ -213,7 +209,7 @@ def identify(
 
 
 def swing_s(plant: UncertainPlant) -> float:
-    """Period of the nominal plant's slowest oscillation [s], LONGEST_SWING_S at most."""
+    """Period of the nominal plant's slowest oscillation [s], at most LONGEST_SWING_S."""
     frequency = np.abs(np.linalg.eigvals(plant.nominal_plant().a[0]).imag)
     slowest = frequency[frequency > 1e-6].min(initial=np.inf)
     return float(min(2 * np.pi / slowest, LONGEST_SWING_S)) if slowest < np.inf else LONGEST_SWING_S
@@ -226,7 +222,7 @@ def _record(segment: FlownSegment, noise: Array) -> RecordedStep:
 
 
 def _first_noise(segments: Sequence[FlownSegment]) -> Array:
-    """(6,) of outputs a part of their motion, of surfaces their roughness; infinite for none."""
+    """(6,) share of the motion of outputs, roughness of surfaces; infinite if not recorded."""
     motion = _rms([segment.y - segment.y.mean(axis=0) for segment in segments])
     rough = _rms([roughness(segment.y)[np.newaxis] for segment in segments])
     noise = np.where(np.arange(N_CHANNELS) < N_OUTPUTS, FIRST_NOISE * motion, rough)
@@ -236,10 +232,10 @@ def _first_noise(segments: Sequence[FlownSegment]) -> Array:
 def _noise(
     segments: Sequence[FlownSegment], residuals: list[Array], swing: float, fitted: float
 ) -> Array:
-    """(6,) noise to believe in: white as far as residuals are rough, the rest once each swing.
+    """(6,) estimated noise: the white part of the residuals, and the rest once per swing.
 
-    That rest is enlarged alike in all outputs, since what the model lacks in one of them acts on
-    those that this one drives.   fitted: numbers that the residuals were made small with.
+    The rest is enlarged equally in all outputs, because a model error in one output acts on the
+    others.   fitted: effective number of fitted parameters.
     """
     noise = _first_noise(segments)
     white = np.square(_rms([np.diff(left, 3, axis=0) for left in residuals])) / 20.0
@@ -247,29 +243,29 @@ def _noise(
     n = sum(len(left) for left in residuals)
     coloured = np.maximum(total - (1.0 + 3.0 * np.sqrt(3.0 / n)) * white, 0.0)
     swings = [max(1.0, len(s.y) * s.dt / swing) for s in segments]
-    seen = sum(
+    available = sum(
         k * np.count_nonzero(s.recorded[:N_OUTPUTS]) for k, s in zip(swings, segments, strict=True)
     )
-    lasting = n / sum(swings) * seen / max(seen - fitted, LEAST_FREE * seen)
+    lasting = n / sum(swings) * available / max(available - fitted, LEAST_FREE * available)
     inflation = np.nanmax(np.minimum(white, total) / total + lasting * coloured / total)
     noise[:N_OUTPUTS] = np.where(np.isnan(total), np.inf, np.sqrt(inflation * total))
     return noise
 
 
 def roughness(y: Array) -> Array:
-    """(m,) white noise of signals (n_samples, m) that move slowly, by their third differences."""
+    """(m,) white noise of slow signals (n_samples, m), from their third differences."""
     return 1.4826 * np.median(np.abs(np.diff(y, 3, axis=0)), axis=0) / np.sqrt(20.0)
 
 
 def _rms(parts: Sequence[Array]) -> Array:
-    """(m,) root mean square by channel over all parts (n_samples, m); NaN where never recorded."""
+    """(m,) root mean square by channel over all parts (n_samples, m); NaN if never recorded."""
     squares = np.concatenate([np.square(part) for part in parts])
     count = np.isfinite(squares).sum(axis=0)
     return np.sqrt(np.nansum(squares, axis=0) / np.where(count, count, np.nan))
 
 
 def _r2(y: Array, residuals: Array) -> Array:
-    """(4,) share of each output's variance that is explained."""
+    """(4,) explained share of each output's variance."""
     outputs = y[:, :N_OUTPUTS]
     motion = np.square(outputs - outputs.mean(axis=0)).sum(axis=0)
     return 1.0 - np.square(residuals).sum(axis=0) / np.where(motion > 0.0, motion, np.nan)
@@ -278,7 +274,7 @@ def _r2(y: Array, residuals: Array) -> Array:
 def _prediction(
     fit: RecordFit, segment: FlownSegment, deviates: PlantPosterior, residual_rms: Array
 ) -> OutputPrediction:
-    """Of the outputs to measured surfaces, with the scatter of theta and the residuals."""
+    """Predict outputs from measured surfaces, with the scatter of theta and residuals."""
     fit.filter_of(deviates.mean)
     for _ in range(2):
         fit.linearise(deviates.mean)

@@ -1,11 +1,11 @@
-"""Aircraft, law and surfaces as one stochastic system: what was measured of each tells of all.
+"""Aircraft, control law and surfaces as one stochastic system, estimated jointly.
 
-The surfaces that drive an aircraft are measured with noise, and noise of an input does not average
-out: it makes derivatives too small, and one that the record does not show look well known. So a
-surface is a state: what the law makes of the outputs, and what the pilot adds, a Gaussian process
-that is twice differentiable (Matern, nu 5/2), as in Hartikainen and Sarkka, Kalman filtering and
-smoothing solutions to temporal Gaussian process regression models (2010). Where the law is another
-one than it is said to be, the measured surfaces tell so and the process takes the difference.
+The surfaces that drive an aircraft are measured with noise. Input noise does not average out: it
+makes derivatives too small, and undetermined ones look well known. So each surface is a state: the
+law's part from the outputs, plus the pilot's part, a twice differentiable Gaussian process (Matern,
+nu 5/2), as in Hartikainen and Sarkka, Kalman filtering and smoothing solutions to temporal Gaussian
+process regression models (2010). If the real law differs from the stated one, the measured surfaces
+show it and the process absorbs the difference.
 """
 
 from math import ceil, log2, sqrt
@@ -23,23 +23,23 @@ N_OUTPUTS, N_SURFACES = 4, 2
 """beta, p, r, N_y; aileron and rudder."""
 LENGTHS_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
 RATIOS = (0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
-"""Lengths [s] of a surface's motion, and its sizes in parts of the noise, that are tried."""
+"""Candidate lengths [s] of a surface's motion, and candidate sizes as multiples of the noise."""
 TERMS, LARGEST_NORM = 9, 0.5
-"""Of the exponential's series: exact to 1e-9 up to this norm."""
+"""Terms of the exponential's series: exact to 1e-9 up to this norm."""
 CHAIN = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, -3.0, -3.0]])
-"""What a surface, its rate and acceleration, in units of its length, do to each other."""
+"""Dynamics of a surface, its rate and acceleration, in units of its length."""
 CHAIN_COVARIANCE = np.array([[1.0, 0.0, -1 / 3], [0.0, 1 / 3, 0.0], [-1 / 3, 0.0, 1.0]])
 
 
 class SurfaceMotion(NamedTuple):
-    """How each surface of n aircraft moves: length [s] and size [rad], both (n, 2)."""
+    """Motion of each surface of n aircraft: length [s] and size [rad], both (n, 2)."""
 
     length: Array
     size: Array
 
     @classmethod
     def likeliest(cls, surfaces: Array, noise: Array, dt: float) -> "SurfaceMotion":
-        """By Whittle's likelihood of what was measured without the law's part.
+        """Maximise Whittle's likelihood of the measured surfaces without the law's part.
 
         surfaces: (n, n_samples, 2) [rad], each dt [s].   noise: (2,) 1 sigma [rad], positive.
         """
@@ -60,23 +60,23 @@ class SurfaceMotion(NamedTuple):
                 better = likelihood > best
                 best = np.where(better, likelihood, best)
                 length, ratio = (
-                    np.where(better, tried, kept)
-                    for tried, kept in ((tried_length, length), (tried_ratio, ratio))
+                    np.where(better, tried, best_so_far)
+                    for tried, best_so_far in ((tried_length, length), (tried_ratio, ratio))
                 )
         return cls(length, ratio * noise)
 
     @property
     def rate(self) -> Array:
-        """(n, 2) what the length means [1/s]."""
+        """(n, 2) decay rate of the process [1/s]."""
         return sqrt(5.0) / self.length
 
     def times(self, c: int) -> "SurfaceMotion":
-        """Each of them c times in a row."""
+        """Repeat each aircraft c times."""
         return SurfaceMotion(np.repeat(self.length, c, axis=0), np.repeat(self.size, c, axis=0))
 
 
 class Law(NamedTuple):
-    """What moves the surfaces besides the pilot."""
+    """The control law and the actuators."""
 
     controller: Controller
     actuator: Actuator
@@ -85,10 +85,10 @@ class Law(NamedTuple):
 class JointModel(NamedTuple):
     """s_k+1 = f s_k + noise of covariance q,  measured y_k = h s_k + noise.
 
-    s: the aircraft's nx states, the law's part of both surfaces, the law's states, then of each
-    surface what the pilot adds, its rate and acceleration in units of its length.
-    f, q: (n, k, k).   h: (n, 6, k).   start: (n, k, k) covariance of s at the first sample, the
-    aircraft's and the law's states being known.
+    s: the aircraft's nx states, the law's part of both surfaces, the law's states, then for each
+    surface the pilot's part, its rate and acceleration in units of its length.
+    f, q: (n, k, k).   h: (n, 6, k).   start: (n, k, k) covariance of s at the first sample, with
+    the aircraft's and the law's states known.
     """
 
     f: Array
@@ -98,7 +98,7 @@ class JointModel(NamedTuple):
 
 
 def joint_model(plants: Plants, law: Law, motion: SurfaceMotion, dt: float) -> JointModel:
-    """Model of n plants, a sample each dt [s]."""
+    """Model of n plants, one sample each dt [s]."""
     flow, h = joint_flow(plants, law, motion)
     n, k = flow.shape[:2]
     density, start = np.zeros((n, k)), np.zeros((n, k, k))
@@ -114,13 +114,13 @@ def joint_model(plants: Plants, law: Law, motion: SurfaceMotion, dt: float) -> J
     block[:, :k, :k] = -flow
     block[:, k:, k:] = np.swapaxes(flow, 1, 2)
     block[:, np.arange(k), k + np.arange(k)] = density
-    held = exponential(dt * block)
-    f = np.swapaxes(held[:, k:, k:], 1, 2)
-    return JointModel(f, f @ held[:, :k, k:], h, start)
+    steps = exponential(dt * block)
+    f = np.swapaxes(steps[:, k:, k:], 1, 2)
+    return JointModel(f, f @ steps[:, :k, k:], h, start)
 
 
 def joint_flow(plants: Plants, law: Law, motion: SurfaceMotion) -> tuple[Array, Array]:
-    """Derivative of the joint state by itself (n, k, k) [1/s], and what is measured (n, 6, k)."""
+    """System matrix of the joint state (n, k, k) [1/s], and its outputs (n, 6, k)."""
     (n, nx), controller = plants.a.shape[:2], law.controller
     of_law, states = slice(nx, nx + N_SURFACES), slice(nx + N_SURFACES, nx + 2 + len(controller.a))
     k = states.stop + 3 * N_SURFACES
@@ -147,9 +147,9 @@ def joint_flow(plants: Plants, law: Law, motion: SurfaceMotion) -> tuple[Array, 
 
 
 def law_part(law: Law, y: Array, dt: float) -> Array:
-    """(n, n_samples, 2) what the law alone makes of measured outputs y (n, n_samples, 6) [rad].
+    """(n, n_samples, 2) the law's part of the surfaces, from outputs y (n, n_samples, 6) [rad].
 
-    Bank angle is not measured: a law that feeds it back is taken without.
+    Bank angle is not measured; its feedback is left out.
     """
     controller, bandwidth = law.controller, law.actuator.bandwidth_rad_s
     m = len(controller.a)
@@ -158,17 +158,17 @@ def law_part(law: Law, y: Array, dt: float) -> Array:
     flow[m:-N_CHANNELS, :m] = -bandwidth * controller.c
     flow[m:-N_CHANNELS, m:-N_CHANNELS] = -bandwidth * np.eye(N_SURFACES)
     flow[m:-N_CHANNELS, -N_CHANNELS:] = -bandwidth * controller.d[:, :N_CHANNELS]
-    held = exponential(dt * flow[np.newaxis])[0, :-N_CHANNELS]
+    step = exponential(dt * flow[np.newaxis])[0, :-N_CHANNELS]
     out, state = np.zeros((*y.shape[:2], N_SURFACES)), np.zeros((len(y), m + N_SURFACES))
     middle = np.nan_to_num(0.5 * (y[:, :-1] + y[:, 1:]))
     for k in range(y.shape[1] - 1):
-        state = state @ held[:, :-N_CHANNELS].T + middle[:, k] @ held[:, -N_CHANNELS:].T
+        state = state @ step[:, :-N_CHANNELS].T + middle[:, k] @ step[:, -N_CHANNELS:].T
         out[:, k + 1] = state[:, m:]
     return out
 
 
 def driven_response(plants: Plants, surfaces: Array, dt: float, start: Array) -> Array:
-    """Outputs (n, n_samples, 4) to surfaces (n, n_samples, 2) [rad] that move along lines.
+    """Outputs (n, n_samples, 4) to surfaces (n, n_samples, 2) [rad], linear between samples.
 
     start: (n, nx) state at the first sample.
     """
@@ -177,13 +177,13 @@ def driven_response(plants: Plants, surfaces: Array, dt: float, start: Array) ->
     inputs, slopes = slice(nx, nx + N_SURFACES), slice(nx + N_SURFACES, None)
     block[:, :nx, :nx], block[:, :nx, inputs] = dt * plants.a, dt * plants.b
     block[:, inputs, slopes] = np.eye(N_SURFACES)
-    held = exponential(block)[:, :nx]
-    along = held[:, np.newaxis, :, inputs] @ surfaces[:, :-1, :, np.newaxis]
-    along += held[:, np.newaxis, :, slopes] @ np.diff(surfaces, axis=1)[..., np.newaxis]
+    step = exponential(block)[:, :nx]
+    along = step[:, np.newaxis, :, inputs] @ surfaces[:, :-1, :, np.newaxis]
+    along += step[:, np.newaxis, :, slopes] @ np.diff(surfaces, axis=1)[..., np.newaxis]
     states, state = np.empty((n, surfaces.shape[1], nx, 1)), start[..., np.newaxis]
     states[:, 0] = state
     for k in range(surfaces.shape[1] - 1):
-        state = held[:, :, :nx] @ state + along[:, k]
+        state = step[:, :, :nx] @ state + along[:, k]
         states[:, k + 1] = state
     outputs = plants.c[:, np.newaxis, :N_OUTPUTS] @ states
     outputs += plants.d[:, np.newaxis, :N_OUTPUTS] @ surfaces[..., np.newaxis]

@@ -1,7 +1,7 @@
-"""Kalman filters of batches: gains that a model asks for, and the white residuals that are left.
+"""Batches of Kalman filters: gains of a model, and white residuals of records.
 
 Anderson and Moore, Optimal Filtering (1979), chapter 3. Records have a constant interval, so the
-gains settle and are then kept.
+gains settle and then stay constant.
 """
 
 from typing import NamedTuple
@@ -12,14 +12,14 @@ from core.identification.joint_model import JointModel
 from core.types import Array
 
 SETTLED = 1e-7
-"""Relative change of what a measurement is expected to scatter by, below which gains are kept."""
+"""Gains count as settled below this relative change of the expected innovation variance."""
 
 
 class Gains(NamedTuple):
-    """Of n filters, sample by sample; the last ones hold for all samples that follow.
+    """Gains of n filters, sample by sample; the last ones apply to all later samples.
 
-    gain: n_settled arrays (n, k, m).   root: as many (n, m, m); what turns a residual into a white
-    one of variance 1.   log_root: (n,) sum of their logarithms' traces over all samples.
+    gain: n_settled arrays (n, k, m).   root: as many (n, m, m); they whiten a residual to variance
+    1.   log_root: (n,) sum of the traces of their logarithms over all samples.
     """
 
     gain: list[Array]
@@ -28,9 +28,9 @@ class Gains(NamedTuple):
 
 
 def gains(model: JointModel, noise: Array, n_samples: int) -> Gains:
-    """Run the covariances of n filters; only those outputs count whose noise is finite.
+    """Propagate the covariances of n filters, using the outputs with finite noise.
 
-    noise: (n or 1, 6) 1 sigma, positive; infinite where not measured, in all n alike.
+    noise: (n or 1, 6) 1 sigma, positive; infinite where not measured, equal in all n.
     """
     measured = np.isfinite(noise[0])
     h, r = model.h[:, measured], np.square(noise[:, measured])
@@ -59,7 +59,7 @@ def gains(model: JointModel, noise: Array, n_samples: int) -> Gains:
 
 
 def white_residuals(
-    f: Array, h: Array, of: Gains, y: Array, start: Array, measured: Array
+    f: Array, h: Array, filter_gains: Gains, y: Array, start: Array, measured: Array
 ) -> Array:
     """(n, c, n_samples, m) white residuals of c variants of each of n filters.
 
@@ -69,22 +69,22 @@ def white_residuals(
     channels = np.flatnonzero(measured)
     h, y = h[:, :, channels], y[..., channels]
     n, c, m, n_states = h.shape
-    n_samples, n_settled = y.shape[2], min(len(of.gain) - 1, y.shape[2])
+    n_samples, n_settled = y.shape[2], min(len(filter_gains.gain) - 1, y.shape[2])
     residuals = np.empty((n, c, n_samples, m))
     state = start[..., np.newaxis]
     for k in range(n_settled):
         residual = y[:, :, k, :, np.newaxis] - h @ state
         residuals[:, :, k] = residual[..., 0]
-        state = f @ (state + of.gain[k][:, np.newaxis] @ residual)
+        state = f @ (state + filter_gains.gain[k][:, np.newaxis] @ residual)
     # From here on the gains are the same, and the filter is one linear system.
-    gain, late = f @ of.gain[-1][:, np.newaxis], y[:, :, n_settled:]
+    gain, late = f @ filter_gains.gain[-1][:, np.newaxis], y[:, :, n_settled:]
     closed, driven = f - gain @ h, late @ np.swapaxes(gain, -1, -2)
     states = np.empty((n, c, n_samples - n_settled, n_states))
     for k in range(n_samples - n_settled):
         states[:, :, k] = state[..., 0]
         state = closed @ state + driven[:, :, k, :, np.newaxis]
     residuals[:, :, n_settled:] = late - states @ np.swapaxes(h, -1, -2)
-    roots = np.stack([*of.root[:n_settled], of.root[-1]], axis=1)[:, np.newaxis]
+    roots = np.stack([*filter_gains.root[:n_settled], filter_gains.root[-1]], axis=1)[:, np.newaxis]
     out = np.empty_like(residuals)
     early, turned = residuals[:, :, :n_settled, :, np.newaxis], np.swapaxes(roots[:, :, -1], -1, -2)
     out[:, :, :n_settled] = (roots[:, :, :-1] @ early)[..., 0]

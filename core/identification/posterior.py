@@ -1,9 +1,9 @@
-"""Posterior of an aircraft's parameters by the filter-error method, of many aircraft at once.
+"""Posterior of aircraft parameters by the filter-error method, for many aircraft at once.
 
-Jategaonkar, Flight Vehicle System Identification, 2nd ed. (2015), chapter 5: residuals of a Kalman
-filter are made small by Gauss and Newton's steps. D_theta, or what earlier flights left of it, is
-the prior; initial state and biases of each record are fitted along. A constant input is not, since
-these two together can be it.
+Jategaonkar, Flight Vehicle System Identification, 2nd ed. (2015), chapter 5: Gauss-Newton steps
+minimise the residuals of a Kalman filter. The prior is D_theta, or the posterior of earlier
+flights. Initial state and biases of each record are fitted too; a constant input is not, because
+initial state and biases can represent it.
 """
 
 from collections.abc import Sequence
@@ -29,21 +29,20 @@ from core.simulation.uncertain_plant import UncertainPlant
 from core.types import Array
 
 STEPS, SMALL_STEP = 12, 0.02
-"""Of Gauss and Newton's method, at most; and that after which no more are made, in standard
-deviations of D_theta."""
+"""Largest number of Gauss-Newton steps, and the step that ends them, in standard deviations of
+D_theta."""
 LARGEST_STEP, HALVINGS = 2.0, 4
-"""What a step is shortened to in those deviations, and how often it is halved while it does not
-help."""
+"""Largest step in those deviations, and how often a step that does not help is halved."""
 DIFFERENCE = 0.01
-"""Of a derivative by theta, in standard deviations of D_theta."""
+"""Finite difference in theta, in standard deviations of D_theta."""
 WIDE = 1.0
-"""Deviation of initial states and biases [rad, rad/s, g]: far wider than they are."""
+"""Prior deviation of initial states and biases [rad, rad/s, g], far wider than real ones."""
 LEAST_NOISE, LEAST_RESOLUTION = 1e-4, 1e-6
-"""Of a channel, in parts of its motion, and in its unit: where no noise is said."""
+"""Smallest noise of a channel: as a share of its motion, plus this in its unit."""
 
 
 class PlantPosterior(NamedTuple):
-    """Of deviates of n aircraft, which are standard normal where nothing was flown yet.
+    """Posterior of deviates of n aircraft; standard normal before any flight.
 
     mean: (n, m).   covariance: (n, m, m).
     """
@@ -54,10 +53,10 @@ class PlantPosterior(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RecordedStep:
-    """What n aircraft answered to a manoeuvre, from trim.
+    """The record of a manoeuvre by n aircraft, from trim.
 
-    y: (n, n_samples, 6), a sample each dt [s].   noise: (6,) 1 sigma of each channel, SI units, N_y
-    in g; infinite for an output that is not recorded.
+    y: (n, n_samples, 6), one sample each dt [s].   noise: (6,) 1 sigma of each channel, SI units,
+    N_y in g; infinite for an output that was not recorded.
     """
 
     y: Array
@@ -66,11 +65,11 @@ class RecordedStep:
 
 
 class Fit(NamedTuple):
-    """What records say of n aircraft.
+    """The fit of records of n aircraft.
 
-    posterior: of their deviates.   chi_square: (n, n_records) mean square of the white residuals:
-    about 1 where model and noise are right.   distance: (n,) squared, of the mean from the prior's,
-    in the prior's covariance.
+    posterior: of their deviates.   chi_square: (n, n_records) mean square of the white residuals;
+    about 1 if model and noise are right.   distance: (n,) squared distance of the mean from the
+    prior's, in the prior's covariance.
     """
 
     posterior: PlantPosterior
@@ -79,7 +78,7 @@ class Fit(NamedTuple):
 
 
 def prior_of(plant: UncertainPlant, n: int) -> PlantPosterior:
-    """D_theta itself, n times."""
+    """D_theta itself, for n aircraft."""
     m = plant.root.shape[1]
     return PlantPosterior(np.zeros((n, m)), np.broadcast_to(np.eye(m), (n, m, m)))
 
@@ -87,7 +86,7 @@ def prior_of(plant: UncertainPlant, n: int) -> PlantPosterior:
 def fit(
     plant: UncertainPlant, law: Law, records: Sequence[RecordedStep], prior: PlantPosterior
 ) -> Fit:
-    """Posterior of n aircraft, each from its own part of the records."""
+    """Posterior of n aircraft, each from its own records."""
     fits = [RecordFit(plant, law, record) for record in records]
     mean, information = settle(fits, prior, prior.mean)
     covariance, away = np.linalg.inv(information), mean - prior.mean
@@ -101,10 +100,10 @@ def fit(
 def settle(
     fits: Sequence["RecordFit"], prior: PlantPosterior, mean: Array, steps: int = STEPS
 ) -> tuple[Array, Array]:
-    """Step from a mean (n, m) until that of the posterior is found, or so many times.
+    """Iterate from a mean (n, m) to the posterior's mean, with at most `steps` steps.
 
-    Initial states and biases of the records follow.
-    Returns it, and the posterior's information (n, m, m).
+    Initial states and biases of the records are updated too.
+    Returns the mean, and the posterior's information (n, m, m).
     """
     from_prior = np.asarray(np.linalg.inv(prior.covariance), np.float64)
     information = from_prior
@@ -112,10 +111,10 @@ def settle(
         for part in fits:
             part.filter_of(mean)
         pieces = [part.linearise(mean) for part in fits]
-        information = np.add(from_prior, sum(told for told, _ in pieces))
+        information = np.add(from_prior, sum(part for part, _ in pieces))
         pull = from_prior @ (prior.mean - mean)[..., np.newaxis] + sum(pull for _, pull in pieces)
         change = np.asarray(np.linalg.solve(information, pull)[..., 0], np.float64)
-        share = _helpful(fits, prior, from_prior, mean, change)
+        share = _step_share(fits, prior, from_prior, mean, change)
         for part in fits:
             part.follow(change, share)
         change = share[:, np.newaxis] * change
@@ -125,14 +124,14 @@ def settle(
     return mean, information
 
 
-def _helpful(
+def _step_share(
     fits: Sequence["RecordFit"],
     prior: PlantPosterior,
     from_prior: Array,
     mean: Array,
     change: Array,
 ) -> Array:
-    """(n,) share of a change that is not too large, and does not make the misfit larger."""
+    """(n,) share of a change that is small enough and does not increase the misfit."""
 
     def misfit(share: Array) -> Array:
         away = mean + share[:, np.newaxis] * change - prior.mean
@@ -149,7 +148,7 @@ def _helpful(
 
 
 class RecordFit:
-    """One record of n aircraft under fit: its filter, initial states and biases."""
+    """One record of n aircraft during a fit: its filter, initial states and biases."""
 
     def __init__(self, plant: UncertainPlant, law: Law, record: RecordedStep) -> None:
         self._plant, self._law, self._y, self._dt = plant, law, record.y, record.dt
@@ -164,17 +163,17 @@ class RecordFit:
 
     @property
     def n_offsets(self) -> int:
-        """Initial states and biases of one aircraft."""
+        """Number of initial states and biases of one aircraft."""
         return self._offsets.shape[1]
 
     def filter_of(self, mean: Array) -> None:
-        """Take the filter that is best for these deviates (n, m)."""
+        """Use the optimal filter for these deviates (n, m)."""
         plants = self._plant.plants(self._plant.theta_of(mean))
         model = joint_model(plants, self._law, self._motion, self._dt)
         self._gains = gains(model, self.noise[np.newaxis], self._y.shape[1])
 
     def linearise(self, mean: Array) -> tuple[Array, Array]:
-        """Information (n, m, m) and pull (n, m, 1) on deviates about a mean (n, m).
+        """Information (n, m, m) and gradient (n, m, 1) for deviates about a mean (n, m).
 
         Initial state and biases are eliminated.
         """
@@ -186,29 +185,34 @@ class RecordFit:
         slopes = (white[:, :1] - white[:, 1:]) / DIFFERENCE
         free = self._free_columns(mean)
         columns = np.concatenate([slopes, free], axis=1)
-        self._told = columns @ np.swapaxes(columns, -1, -2)
+        self._information = columns @ np.swapaxes(columns, -1, -2)
         self._pull = columns @ residual[..., np.newaxis]
         k = free.shape[1]
-        self._told[:, m + np.arange(k), m + np.arange(k)] += WIDE**-2
+        self._information[:, m + np.arange(k), m + np.arange(k)] += WIDE**-2
         self._pull[:, m:, 0] -= self._offsets / WIDE**2
-        across = np.linalg.solve(self._told[:, m:, m:], self._told[:, m:, :m])
-        told = self._told[:, :m, :m] - np.swapaxes(across, -1, -2) @ self._told[:, m:, :m]
+        across = np.linalg.solve(self._information[:, m:, m:], self._information[:, m:, :m])
+        information = (
+            self._information[:, :m, :m]
+            - np.swapaxes(across, -1, -2) @ self._information[:, m:, :m]
+        )
         pull = self._pull[:, :m] - np.swapaxes(across, -1, -2) @ self._pull[:, m:]
-        return told, pull
+        return information, pull
 
     def follow(self, change: Array, share: Array) -> None:
-        """Move initial states and biases as a share (n,) of a change (n, m) of the deviates
-        asks for."""
+        """Update initial states and biases for a share (n,) of a change (n, m) of the
+        deviates."""
         self._offsets = self._followed(change, share)
 
     def _followed(self, change: Array, share: Array) -> Array:
         m = change.shape[1]
-        rest = self._pull[:, m:, 0] - (self._told[:, m:, :m] @ change[..., np.newaxis])[..., 0]
-        moved = np.linalg.solve(self._told[:, m:, m:], rest[..., np.newaxis])[..., 0]
+        rest = (
+            self._pull[:, m:, 0] - (self._information[:, m:, :m] @ change[..., np.newaxis])[..., 0]
+        )
+        moved = np.linalg.solve(self._information[:, m:, m:], rest[..., np.newaxis])[..., 0]
         return self._offsets + share[:, np.newaxis] * moved
 
     def misfit(self, mean: Array, change: Array, share: Array) -> Array:
-        """(n,) sum of squares after a share (n,) of a change, initial states and biases too."""
+        """(n,) sum of squares after a share (n,) of a change, with initial states and biases."""
         offsets = self._followed(change, share)
         white = self._white((mean + share[:, np.newaxis] * change)[:, np.newaxis], offsets)[:, 0]
         return np.square(white).sum(axis=1) + np.square(offsets / WIDE).sum(axis=1)
@@ -218,22 +222,22 @@ class RecordFit:
         return self._white(mean[:, np.newaxis], self._offsets)[:, 0]
 
     def innovations(self, mean: Array) -> Array:
-        """(n, n_samples, 4) white residuals of the outputs, times what is believed of their noise;
-        NaN for outputs that were not recorded."""
+        """(n, n_samples, 4) white residuals of the outputs times their assumed noise; NaN for
+        outputs that were not recorded."""
         white = self.white(mean).reshape(len(mean), self._y.shape[1], -1)
         out = np.full((*white.shape[:2], N_OUTPUTS), np.nan)
         out[..., self._outputs] = white[..., : len(self._outputs)] * self.noise[self._outputs]
         return out
 
     def output_residuals(self, mean: Array) -> Array:
-        """(n, n_samples, 4) outputs less what the measured surfaces alone make of the aircraft."""
+        """(n, n_samples, 4) outputs minus the response to the measured surfaces alone."""
         nx, outputs = self._n_states, self._outputs
         expected = self._driven(mean[:, np.newaxis], self._offsets[:, :nx])[:, 0]
         expected[..., outputs] += self._offsets[:, np.newaxis, nx:]
         return self._y[..., :N_OUTPUTS] - expected
 
     def output_slopes(self, mean: Array) -> Array:
-        """(n, m, n_samples, 4) by deviates, as far as no initial state and bias could do the same.
+        """(n, m, n_samples, 4) derivatives by deviates, orthogonal to initial states and biases.
 
         0 for outputs that were not recorded.
         """
@@ -290,7 +294,7 @@ class RecordFit:
         return out.reshape(n, c, -1)
 
     def _without(self, offsets: Array, k: int) -> tuple[Array, Array]:
-        """Samples without the biases, and the state (n, k) that they begin with."""
+        """Samples without the biases, and their initial state (n, k)."""
         nx = self._n_states
         start, y = np.zeros((len(self._y), k)), self._y.copy()
         start[:, :nx] = offsets[:, :nx]
@@ -298,7 +302,7 @@ class RecordFit:
         return y, start
 
     def _free_columns(self, mean: Array) -> Array:
-        """(n, nx + outputs, all) what each initial state and bias adds to what is expected."""
+        """(n, nx + outputs, all) contribution of each initial state and bias to the prediction."""
         plants = self._plant.plants(self._plant.theta_of(mean))
         flow, h = joint_flow(plants, self._law, self._motion)
         f, (n, k) = exponential(self._dt * flow), flow.shape[:2]

@@ -1,4 +1,4 @@
-"""The aircraft that the real one might be: published models, and the user's own matrices."""
+"""Uncertain aircraft: published models, the user's own matrices, identified ones."""
 
 import re
 from abc import ABC, abstractmethod
@@ -38,58 +38,58 @@ PUBLISHED_SCATTER = Uncertainty(dict(SIGMA_FRACTION))
 
 @dataclass(frozen=True)
 class Aircraft(ABC):
-    """The recipe of an uncertain aircraft: which model, and how well it is known."""
+    """The recipe of an uncertain aircraft: a model and its uncertainty."""
 
     @property
     @abstractmethod
     def description(self) -> str:
-        """What aircraft this is and where its numbers come from, in one line."""
+        """The aircraft and the source of its numbers, in one line."""
 
     @property
     @abstractmethod
     def aircraft_class(self) -> AircraftClass:
-        """What it looks like."""
+        """Its shape, for display."""
 
     @property
     @abstractmethod
     def usual_test(self) -> UsualTest:
-        """The test to begin with: law, rudder doublet and limit."""
+        """The usual first test: law, rudder doublet and limit."""
 
     @property
     @abstractmethod
     def altitude(self) -> float | None:
-        """Where it is flown [m], 0 for a model for sea level; None where that is not known."""
+        """Altitude [m], 0 for a sea-level model; None where unknown."""
 
     @property
     @abstractmethod
     def airspeed(self) -> float | None:
-        """True airspeed [m/s]; None where it is not known."""
+        """True airspeed [m/s]; None where unknown."""
 
     @abstractmethod
     def uncertain_plant(self) -> UncertainPlant:
-        """The plant with its parameters' distribution; cheap, and the same at every call."""
+        """The plant and the distribution of its parameters; cheap and deterministic."""
 
 
 @dataclass(frozen=True)
 class PublishedAircraft(Aircraft):
-    """A model from the literature whose fifteen stability derivatives are uncertain.
+    """A model from the literature with fifteen uncertain stability derivatives.
 
     beta_dot = Y_beta beta + (sin alpha0 + Y_p) p + (Y_r - cos alpha0) r + (g cos theta0 / V) phi
                + Y_da delta_a + Y_dr delta_r
     N_y = (V / g) (Y_beta beta + Y_p p + Y_r r + Y_da delta_a + Y_dr delta_r)  [g]
 
-    Only the Y, L, N terms are aerodynamic and uncertain; a Y derivative moves beta_dot and N_y
-    together, the kinematic terms stay.
+    Only the Y, L, N terms are aerodynamic and uncertain; a Y derivative changes beta_dot and N_y
+    together. The kinematic terms are exact.
     Raises ValueError for an unknown model, number of states or derivative.
     """
 
     name: ModelName
     """published model."""
     n_states: Literal[3, 4] = 3
-    """number of states: 4 with bank angle phi, or 3 as in the paper; without it the Dutch roll
-    damps more than the aircraft's where g/V is not small."""
+    """number of states: 4 with bank angle phi, or 3 as in the paper; with 3, the Dutch roll is too
+    well damped unless g/V is small."""
     uncertainty: Uncertainty = PUBLISHED_SCATTER
-    """uncertainty of the derivatives: how far each scatters about its nominal value."""
+    """uncertainty of the derivatives: scatter of each about its nominal value."""
 
     def __post_init__(self) -> None:
         if self.name not in MODELS:
@@ -100,12 +100,10 @@ class PublishedAircraft(Aircraft):
 
     @property
     def model(self) -> PublishedModel:
-        """The numbers and where they come from."""
         return MODELS[self.name]
 
     @property
     def aircraft_class(self) -> AircraftClass:
-        """As published."""
         return self.model.aircraft_class
 
     @property
@@ -116,17 +114,14 @@ class PublishedAircraft(Aircraft):
 
     @property
     def usual_test(self) -> UsualTest:
-        """The model's."""
         return self.model.usual_test
 
     @property
     def altitude(self) -> float:
-        """As published."""
         return self.model.altitude
 
     @property
     def airspeed(self) -> float:
-        """As published."""
         return self.model.speed
 
     def uncertain_plant(self) -> UncertainPlant:
@@ -144,7 +139,7 @@ class PublishedAircraft(Aircraft):
 
 
 def _kinematics(model: PublishedModel, n_states: int) -> Plants:
-    """What geometry and gravity fix in a published model; the states and surfaces as outputs."""
+    """The part of a published model fixed by geometry and gravity; outputs are states, surfaces."""
     weight = model.phi_to_beta
     if weight is None:
         weight = model.gravity * cos(model.theta0) / model.speed
@@ -161,7 +156,7 @@ def _kinematics(model: PublishedModel, n_states: int) -> Plants:
 
 
 def _derivative_effects(speed_over_gravity: float) -> tuple[Effect, ...]:
-    """Y, L, N are rows 0-2 of A and B; Y times V/g is the N_y row of C and D too."""
+    """Y, L, N are rows 0-2 of A and B; Y times V/g is also the N_y row of C and D."""
     effects: list[Effect] = []
     for parameter in range(len(DERIVATIVES)):
         row, cause = divmod(parameter, 5)
@@ -174,12 +169,11 @@ def _derivative_effects(speed_over_gravity: float) -> tuple[Effect, ...]:
 
 @dataclass(frozen=True)
 class MatrixAircraft(Aircraft):
-    """The user's own linear model, by its nominal matrices and the uncertainty of their entries.
+    """The user's own linear model: nominal matrices and the uncertainty of their entries.
 
     Inputs delta_a, delta_r [rad]; outputs beta [rad], p, r [rad/s], Ny [g]. a (nx, nx), b (nx, 2),
     c (4, nx), d (4, 2), any nx >= 1 with any states.
-    Raises ValueError for wrong shapes, numbers that are not finite, entries that do not exist, and
-    fractions of zero.
+    Raises ValueError for wrong shapes, non-finite numbers, missing entries, and fractions of zero.
     """
 
     a: Rows
@@ -194,16 +188,16 @@ class MatrixAircraft(Aircraft):
     appended. With 6 rows, the last two must be the surfaces: zeros in c, identity in d."""
     uncertainty: Uncertainty
     """uncertainty of the entries: by entry, as {"A[0,0]": 0.1, "C[3,0]": 0.1} (row, column, from 0;
-    not the surfaces' rows). One number means every entry that is not 0, 1 or -1; kinematic ones
-    such as cos(alpha0) are then among them. Entries vary independently, also where beta_dot and N_y
+    not the surfaces' rows). One number means every entry that is not 0, 1 or -1, including
+    kinematic ones such as cos(alpha0). Entries vary independently, even where beta_dot and N_y
     share a derivative."""
     states: tuple[str, ...] = ()
-    """names of the states: none for x0, x1 and so on. A law that feeds back bank angle looks for
+    """names of the states: none for x0, x1 and so on. A law that feeds back bank angle needs
     "phi"."""
     altitude_m: float | None = None
-    """altitude of the flight condition: 0 for a model for sea level [m]; gusts depend on it."""
+    """altitude of the flight condition: 0 for a sea-level model [m]; gusts depend on it."""
     airspeed_mps: float | None = None
-    """true airspeed of the flight condition [m/s]: gusts depend on it, and a recorded airspeed is
+    """true airspeed of the flight condition [m/s]: gusts depend on it, and recorded airspeed is
     compared with it."""
 
     def __post_init__(self) -> None:
@@ -215,15 +209,15 @@ class MatrixAircraft(Aircraft):
 
     @classmethod
     def from_json(cls, document: Any) -> Self:
-        """From parsed JSON; the keys are the fields, matrices in capitals or not, as lists of rows.
+        """From parsed JSON; keys are the fields, matrices (capital or not) as lists of rows.
 
             {"states": ["beta", "p", "r"],
              "A": [[...], ...], "B": [[...], ...], "C": [[...], ...], "D": [[...], ...],
              "uncertainty": {"distribution": "normal", "unit": "fraction",
                              "spread": {"A[0,0]": 0.1, "B[2,1]": 0.15}}}
 
-        `states`, `distribution` and `unit` may be left out; `spread` may be one number. May have
-        `altitude_m` and `airspeed_mps` too, and `kind`, as in recipes.
+        `states`, `distribution` and `unit` are optional; `spread` may be one number. Optional too:
+        `altitude_m`, `airspeed_mps` and, as in recipes, `kind`.
         """
         if not isinstance(document, dict):
             raise ValueError(
@@ -243,8 +237,8 @@ class MatrixAircraft(Aircraft):
             {"spread"} <= uncertainty.keys() <= {"spread", "distribution", "unit"}
         ):
             raise ValueError(
-                f"uncertainty is {quoted(uncertainty)}; give an object with spread, and if you "
-                "like distribution and unit"
+                f"uncertainty is {quoted(uncertainty)}; give an object with spread, and optionally "
+                "distribution and unit"
             )
         states = fields.get("states", [])
         if not isinstance(states, list) or not all(isinstance(name, str) for name in states):
@@ -264,8 +258,8 @@ class MatrixAircraft(Aircraft):
     def from_statespace(cls, system: "InputOutputSystem", uncertainty: Uncertainty) -> Self:
         """From python-control: continuous time, inputs delta_a, delta_r, outputs beta, p, r, Ny.
 
-        Signals labelled as in core.channels are found by label, further outputs are left out;
-        unlabelled ones (u[0], y[0], ...) are taken in that order, with or without the surfaces.
+        Signals labelled as in core.channels are found by label; other outputs are ignored.
+        Unlabelled ones (u[0], y[0], ...) are taken in that order, with or without the surfaces.
         """
         from control import StateSpace
 
@@ -291,27 +285,25 @@ class MatrixAircraft(Aircraft):
 
     @property
     def aircraft_class(self) -> AircraftClass:
-        """A fighter, since nobody says."""
+        """A fighter: the shape is unknown."""
         return "fighter"
 
     @property
     def description(self) -> str:
-        """Its name in lists, then its size, where a published model has its source."""
+        """Its name in lists, and its size."""
         return f"Your own model (matrices); {len(self.a)} states"
 
     @property
     def usual_test(self) -> UsualTest:
-        """Without a law; the amplitude is that of the example, another model needs its own."""
+        """Without a law; the amplitude suits the example, other models need their own."""
         return OWN_MODEL_TEST
 
     @property
     def altitude(self) -> float | None:
-        """As given."""
         return self.altitude_m
 
     @property
     def airspeed(self) -> float | None:
-        """As given."""
         return self.airspeed_mps
 
     def uncertain_plant(self) -> UncertainPlant:
@@ -324,7 +316,7 @@ class MatrixAircraft(Aircraft):
         asked = self.uncertainty.absolute(names, np.ones(len(names)))
         for name in np.array(names)[(asked > 0.0) & (spread == 0.0)]:
             raise ValueError(
-                f"{name} is 0, and a fraction of 0 does not vary; give its spread as absolute"
+                f"{name} is 0 and a fraction of 0 does not vary; give an absolute spread"
             )
         for matrix, row, column in places:
             matrices[matrix][row, column] = 0.0
@@ -339,7 +331,7 @@ class MatrixAircraft(Aircraft):
         )
 
     def _matrices(self) -> Plants:
-        """A, B, C, D checked and with the surfaces' rows; without the batch axis."""
+        """A, B, C, D, checked, with the surfaces' rows, without the batch axis."""
         a, b, c, d = (
             np.array(_rows(name, rows), dtype=np.float64)
             for name, rows in zip("ABCD", (self.a, self.b, self.c, self.d), strict=True)
@@ -408,7 +400,7 @@ def _rows(name: str, matrix: Any) -> Rows:
 def _signals(
     kind: str, labels: list[str], default: str, choices: tuple[tuple[str, ...], ...]
 ) -> list[int]:
-    """Positions of the first set of signals that is there: by label, or all unlabelled in order."""
+    """Positions of the first complete set of signals: by label, or unlabelled in order."""
     unlabelled = labels == [f"{default}[{i}]" for i in range(len(labels))]
     for keys in choices:
         if set(keys) <= set(labels):
@@ -426,7 +418,7 @@ def _by(shape: tuple[int, ...]) -> str:
 
 
 def _example() -> MatrixAircraft:
-    """The F-16's 3-state matrices and scatter, entry by entry: the form that a user overwrites."""
+    """The F-16's 3-state matrices and scatter, entry by entry, as an example to overwrite."""
     plant = PublishedAircraft("f16_sl_h0_v502").uncertain_plant()
     a, b, c, d = (np.round(matrix[0], 6) for matrix in plant.nominal_plant())
     scatter = {
@@ -446,22 +438,21 @@ def _example() -> MatrixAircraft:
 
 @dataclass(frozen=True)
 class IdentifiedAircraft(Aircraft):
-    """An aircraft whose parameters are known from flights: their mean and full covariance.
+    """An aircraft identified from flights: mean and full covariance of its parameters.
 
     Raises ValueError for a mean and a covariance that do not fit the aircraft's parameters.
     """
 
     base: Aircraft
-    """aircraft before it was identified: its model, class and flight condition."""
+    """aircraft before identification: its model, class and flight condition."""
     mean: tuple[float, ...]
     """mean of each parameter, in the order of the model's."""
     covariance: Rows
-    """covariance of the parameters: a row each."""
+    """covariance of the parameters: one row for each."""
     sources: tuple[str, ...] = ()
-    """flights that it was identified from."""
+    """flights used for identification."""
 
     def __post_init__(self) -> None:
-        """Refuse moments that are none."""
         n = len(self.base.uncertain_plant().names)
         mean, covariance = np.array(self.mean), np.array(self.covariance)
         if mean.shape != (n,) or covariance.shape != (n, n):
@@ -470,7 +461,7 @@ class IdentifiedAircraft(Aircraft):
                 f"{n} parameters"
             )
         if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
-            raise ValueError("mean or covariance holds what is no number")
+            raise ValueError("mean or covariance holds a non-finite number")
         deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         scaled = covariance / np.outer(*(2 * (np.where(deviation > 0.0, deviation, 1.0),)))
         if not np.allclose(scaled, scaled.T) or np.linalg.eigvalsh(scaled).min() < -1e-6:
@@ -486,37 +477,32 @@ class IdentifiedAircraft(Aircraft):
 
     @classmethod
     def undetermined(cls, base: Aircraft) -> Self:
-        """As it is known before any flight."""
+        """The aircraft before any flight."""
         plant = base.uncertain_plant()
         return cls.of(base, plant.nominal, plant.root @ plant.root.T)
 
     @property
     def description(self) -> str:
-        """The aircraft, and what flights it is known from."""
         return f"{self.base.description}; identified from {', '.join(self.sources) or 'no flight'}"
 
     @property
     def aircraft_class(self) -> AircraftClass:
-        """As before."""
         return self.base.aircraft_class
 
     @property
     def usual_test(self) -> UsualTest:
-        """As before."""
         return self.base.usual_test
 
     @property
     def altitude(self) -> float | None:
-        """As before."""
         return self.base.altitude
 
     @property
     def airspeed(self) -> float | None:
-        """As before."""
         return self.base.airspeed
 
     def uncertain_plant(self) -> UncertainPlant:
-        """Return the model's parameters, which vary together."""
+        """The model's parameters with their joint distribution."""
         covariance = np.array(self.covariance)
         deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         uncertain = np.flatnonzero(deviation)

@@ -1,10 +1,10 @@
-"""Attitude for display, from rates where nobody measured it: bank and heading drift, boundedly.
+"""Attitude for display, from rates if it was not measured, with bounded drift.
 
 phi_dot = p + tan(theta0) r - phi / wash_out_s,   psi_dot = r / cos(theta0),   theta = theta0
 
-the kinematics of the linear model about wings-level trim (see core.simulation.aircraft), plus a
-slow return to wings level, so that a rate bias b ends as a bank of b wash_out_s and not as a roll.
-For a picture of the aircraft only: no monitor or limit may use these angles.
+The kinematics of the linear model about wings-level trim (see core.simulation.aircraft), plus a
+slow return to wings level: a rate bias b leads to a bank of b wash_out_s, not to a continuous roll.
+Only for drawing the aircraft: no monitor or limit may use these angles.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ P, R = KEYS.index("p"), KEYS.index("r")
 WASH_OUT_S = 60.0
 """Time constant of the return to wings level [s]; a 6 s doublet loses a tenth of its bank."""
 LONGEST_GAP_S = 0.5
-"""Rates are not integrated across a longer gap: the attitude is held [s]."""
+"""Across a longer gap the attitude is held instead of integrated [s]."""
 
 
 class Attitude(NamedTuple):
@@ -34,11 +34,11 @@ class Attitude(NamedTuple):
 
 @dataclass
 class DisplayAttitude:
-    """Integrates sample by sample, by the trapezoidal rule; starts and restarts at trim.
+    """Integrates sample by sample with the trapezoidal rule; starts and restarts at trim.
 
     theta0: pitch at trim [rad].   phi0, psi0: bank and heading at the first sample [rad].
-    Time that runs backwards is a new run. Gaps, and samples without finite rates, hold the
-    attitude. Raises ValueError for theta0 beyond the vertical and a wash-out that is not positive.
+    A step back in time starts a new run. Gaps and samples without finite rates hold the attitude.
+    Raises ValueError for theta0 beyond the vertical and a wash-out that is not positive.
     """
 
     theta0: float = 0.0
@@ -81,7 +81,7 @@ class DisplayAttitude:
 def attitude(
     t: Array, y: Array, theta0: float = 0.0, phi0: float = 0.0, psi0: float = 0.0
 ) -> Array:
-    """Attitude (n, 3) of a whole trajectory: phi, theta, psi [rad]; as DisplayAttitude gives them.
+    """Attitude (n, 3) of a whole trajectory: phi, theta, psi [rad], by DisplayAttitude.
 
     t: (n,) [s].   y: (n, 6) in the order of core.channels.
     """
@@ -91,14 +91,14 @@ def attitude(
 
 
 class SurfaceSigns(NamedTuple):
-    """Which way the aircraft goes at positive deflection: +1 rolls right, yaws right; -1 left."""
+    """Response to a positive deflection: +1 rolls or yaws right, -1 left."""
 
     aileron: int
     rudder: int
 
 
 def surface_signs(plant: UncertainPlant) -> SurfaceSigns:
-    """Of dp_dot/d(delta_a) and dr_dot/d(delta_r), nominally; published models differ in them."""
+    """Signs of nominal dp_dot/d(delta_a) and dr_dot/d(delta_r); published models differ."""
     nominal = plant.nominal_plant()
     effect = nominal.c[0] @ nominal.b[0]
     return SurfaceSigns(_sign(effect[P, 0]), _sign(effect[R, 1]))

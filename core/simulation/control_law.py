@@ -1,4 +1,4 @@
-"""Actuators and feedback laws: how pilot commands and measurements move the surfaces.
+"""Actuators and feedback laws: from pilot commands and measurements to the surfaces.
 
 u_cmd = pilot (after the pedals' lag) - K(s) y; each surface: delta_dot = bandwidth (u_cmd - delta).
 y = (beta, p, r, Ny, delta_a, delta_r, phi), in rad, rad/s and g.
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 Rows = tuple[tuple[float, ...], ...]
 
 FEEDBACK: tuple[str, ...] = (*KEYS, "phi")
-"""What a law may feed back; phi only where it is the plant's fourth state."""
+"""Possible feedback; phi only if it is the plant's fourth state."""
 SURFACES: tuple[str, ...] = KEYS[4:]
 PHI_STATE = 3
 LARGEST_GROWTH = 1e3
-"""Growth over a manoeuvre beyond which a nominal closed loop is refused."""
+"""Largest permitted growth of the nominal closed loop over a manoeuvre."""
 
 
 @dataclass(frozen=True)
@@ -69,18 +69,18 @@ class Controller(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class ControlLaw(ABC):
-    """The recipe of a feedback law, with the actuators that it drives."""
+    """The recipe of a feedback law with its actuators."""
 
     actuator: Actuator = Actuator()
     """surface actuators: first order, both surfaces alike, with limits if any."""
 
     @abstractmethod
     def controller(self, plant: UncertainPlant) -> Controller:
-        """K(s) for this aircraft; ValueError where the law needs what the plant lacks."""
+        """K(s) for this aircraft; ValueError if the plant lacks a needed state."""
 
 
 def _checked(controller: Controller, plant: UncertainPlant) -> Controller:
-    """Refuse a law that feeds back the bank angle of a plant that has none."""
+    """ValueError for feedback of bank angle if the plant does not have it."""
     uses_phi = controller.b[:, -1].any() or controller.d[:, -1].any()
     if uses_phi and (len(plant.states) <= PHI_STATE or plant.states[PHI_STATE] != "phi"):
         raise ValueError(
@@ -96,7 +96,6 @@ class NoFeedback(ControlLaw):
     """The pilot alone moves the surfaces."""
 
     def controller(self, plant: UncertainPlant) -> Controller:
-        """K = 0."""
         return Controller(np.zeros((0, 0)), np.zeros((0, 7)), np.zeros((2, 0)), np.zeros((2, 7)))
 
 
@@ -133,7 +132,6 @@ class OutputFeedback(ControlLaw):
     """washout corner of the yaw rate: slower turns are not fed back [rad/s]."""
 
     def controller(self, plant: UncertainPlant) -> Controller:
-        """Return K(s), one state."""
         gains = np.array([self.aileron, self.rudder])
         if gains.shape != (2, 4):
             raise ValueError("aileron and rudder need four gains each, of r, p, beta and phi")
@@ -144,8 +142,8 @@ class OutputFeedback(ControlLaw):
 class RateDamper(ControlLaw):
     """Washed-out yaw damper and roll damper: rudder +-kr s/(s + washout) r, aileron +-kp p.
 
-    Signs are those that damp the nominal aircraft, by the sign of the surface's effect on the rate;
-    a negative gain takes damping away.
+    Signs damp the nominal aircraft, given the surface's effect on the rate; a negative gain reduces
+    damping.
     """
 
     kr: float = 0.5
@@ -155,10 +153,10 @@ class RateDamper(ControlLaw):
     washout_rad_s: float = 1.0
     """washout corner of the yaw rate: slower turns are not fed back [rad/s]."""
     made_for: str = ""
-    """gains chosen for: the aircraft that they suit; a remark."""
+    """gains chosen for: an aircraft; a remark."""
 
     def controller(self, plant: UncertainPlant) -> Controller:
-        """Return K(s), one state; ValueError where a surface does not move its rate."""
+        """K(s) with one state; ValueError if a surface does not change its rate."""
         nominal = plant.nominal_plant()
         effect = (nominal.c[0] @ nominal.b[0])[[KEYS.index("p"), KEYS.index("r")], [0, 1]]
         for gain, value, words in (
@@ -220,7 +218,6 @@ class StateSpaceLaw(ControlLaw):
         return a, b, c, d
 
     def controller(self, plant: UncertainPlant) -> Controller:
-        """K(s) with its inputs and outputs in FEEDBACK's and SURFACES' places."""
         a, b, c, d = self._matrices()
         columns = [FEEDBACK.index(name) for name in self.inputs]
         rows = [SURFACES.index(name) for name in self.outputs]
@@ -287,7 +284,7 @@ def _rows(matrix: npt.ArrayLike) -> Rows:
 
 
 def _realise(system: Any) -> tuple[Array, Array, Array, Array]:
-    """State space of a transfer matrix, each entry realised on its own and put side by side."""
+    """State space of a transfer matrix, realised entry by entry."""
     from scipy.linalg import block_diag
     from scipy.signal import tf2ss
 
@@ -347,9 +344,9 @@ def closed_loop(plant: Plants, controller: Controller, actuator: Actuator) -> tu
 def check_usable(
     plant: UncertainPlant, controller: Controller, actuator: Actuator, duration_s: float
 ) -> None:
-    """Refuse a nominal closed loop that would grow beyond LARGEST_GROWTH within the manoeuvre.
+    """ValueError if the nominal closed loop grows beyond LARGEST_GROWTH within the manoeuvre.
 
-    A mildly unstable spiral passes. ValueError with the pole otherwise.
+    A mildly unstable spiral passes.
     """
     loop, _ = closed_loop(plant.nominal_plant(), controller, actuator)
     poles = np.linalg.eigvals(loop)

@@ -1,4 +1,4 @@
-"""What a real flight has that its model lacks: gust, instrument errors, inexact inputs."""
+"""Imperfections of real flights: gust, instrument errors, inexact inputs."""
 
 from dataclasses import dataclass, replace
 from math import exp, radians
@@ -21,16 +21,16 @@ from core.simulation.turbulence import (
 from core.types import Array, Indices
 
 RUN_UP_S = 3.0
-"""[s] that gust and trim error act before a rollout's first sample: as when it is flown, the
-aircraft then moves already."""
+"""[s] Gust and trim error act this long before a rollout's first sample, so that the aircraft
+already moves, as in flight."""
 UNSTEADY_S = 1.0
-"""[s] Time constant of a pilot's small movements, white noise through a first-order lag."""
+"""[s] Time constant of a pilot's small movements: white noise through a first-order lag."""
 CHUNK = 128
 """Rollouts that a thread records at a time."""
 
 
 def channel_array(by_channel: object) -> Array:
-    """(6,) numbers of an object that has one of each channel by its key."""
+    """(6,) numbers of an object with one attribute for each channel key."""
     return np.array([getattr(by_channel, key) for key in KEYS], dtype=np.float64)
 
 
@@ -42,7 +42,7 @@ NotNegative = Annotated[float, NOT_NEGATIVE]
 class Quantisation:
     """Step between recorded values, by channel, in its SI unit (N_y in g); 0 for none.
 
-    The trim may lie anywhere between two of them.
+    The trim may lie anywhere between two values.
     """
 
     beta: Step = 0.0
@@ -53,12 +53,11 @@ class Quantisation:
     delta_r: Step = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse a step that is negative or not a number."""
         check_bounds(self, "quantisation ")
 
     @classmethod
     def of_words(cls, bits: int) -> "Quantisation":
-        """Steps of words of so many bits over +-30 deg, +-120 deg/s, +-60 deg/s and +-1 g."""
+        """Steps of words with this many bits over +-30 deg, +-120 deg/s, +-60 deg/s and +-1 g."""
         part = 2.0 ** (1 - bits)
         angle = radians(30.0) * part
         return cls(angle, radians(120.0) * part, radians(60.0) * part, part, angle, angle)
@@ -66,52 +65,51 @@ class Quantisation:
 
 @dataclass(frozen=True)
 class Imperfections:
-    """What a real flight has besides noise and jitter, drawn anew for each rollout; 0: without.
+    """Effects of real flights besides noise and jitter, drawn for each rollout; 0 for none.
 
-    A limit is exceeded by the true outputs from trim, gust included; gain, lag, noise, quantisation
-    and bias come after. Where any of these imperfections is there, trim is the mean of the trim
-    segment, and subtracted, as of a recorded flight.
+    Limits are judged on the true outputs from trim, including gust; gain, lag, noise, quantisation
+    and bias are added after. With any imperfection, trim is the mean of the trim segment and is
+    subtracted, as for a recorded flight.
     """
 
     turbulence: Turbulence = "none"
-    """lateral gust: Dryden's spectrum (MIL-F-8785C, MIL-HDBK-1797) with the scale of its altitude
-    and true airspeed. `smooth` is 0.3 m/s at any altitude; `light`, `moderate` and `severe` are by
-    altitude, below 1000 ft for winds of 15, 30 and 45 kt, above 2000 ft as exceeded with a
-    probability of 1e-2, 1e-3 and 1e-5; `given` is by the two numbers that follow."""
+    """lateral gust: Dryden's spectrum (MIL-F-8785C, MIL-HDBK-1797), scaled for altitude and true
+    airspeed. `smooth` is 0.3 m/s at any altitude; `light`, `moderate` and `severe` depend on
+    altitude: below 1000 ft for winds of 15, 30 and 45 kt, above 2000 ft exceeded with probability
+    1e-2, 1e-3 and 1e-5; `given` uses the next two numbers."""
     gust_sigma_deg: NotNegative = 0.15
-    """gust as sideslip: 1 sigma, where it is `given`, or where altitude or airspeed of the aircraft
-    are not known."""
+    """gust as sideslip: 1 sigma, for `given`, or where the aircraft's altitude or airspeed is
+    unknown."""
     gust_time_s: NotNegative = 4.0
-    """time constant of the gust: scale length over airspeed, where the gust is given as sideslip;
-    of 1750 ft at 133 m/s unless said."""
+    """time constant of the gust: scale length over airspeed, for a gust given as sideslip; default
+    1750 ft at 133 m/s."""
     least_height_m: NotNegative = 305.0
-    """least height above ground: a model for sea level, a lower one too, has the gusts of this
-    height, since tests are not flown near the ground [m]."""
+    """least height above ground: models at lower altitudes have the gusts of this height, because
+    tests are not flown near the ground [m]."""
     gain: NotNegative = 0.0
-    """gain error of each channel: standard deviation, normal, as a fraction of its reading, which
-    calibration leaves (Maine and Iliff, NASA RP-1168, on instrumentation)."""
+    """gain error of each channel: standard deviation, normal, as a fraction of its reading, after
+    calibration (Maine and Iliff, NASA RP-1168, on instrumentation)."""
     bias: NotNegative = 0.0
-    """bias of each channel: standard deviation, normal, in parts of its noise; what a sensor drifts
-    since its trim was taken (NASA RP-1168)."""
+    """bias of each channel: standard deviation, normal, as a multiple of its noise; the drift of a
+    sensor since trim (NASA RP-1168)."""
     lag_s: NotNegative = 0.0
-    """transport lag of each channel: uniform from 0 to this, one channel unlike another; of
+    """transport lag of each channel: uniform from 0 to this, independent between channels; from
     filters, sampling and transmission (NASA RP-1168, on time skews)."""
     trim_deg: NotNegative = 0.0
-    """trim error of each surface: standard deviation, normal, of a constant command beside the one
-    that would hold the aircraft in trim."""
+    """trim error of each surface: standard deviation, normal, of a constant command added to the
+    one that holds trim."""
     unsteadiness_deg: NotNegative = 0.0
-    """unsteadiness of each control: standard deviation, normal, of small movements that the pilot
-    does not mean, of the other hand's too; they come and go within a second (remnant of the human
-    pilot, AGARD-AG-188)."""
+    """unsteadiness of each control: standard deviation, normal, of the pilot's unintended small
+    movements, on both controls, lasting about a second (remnant of the human pilot,
+    AGARD-AG-188)."""
     asymmetry: NotNegative = 0.0
     """asymmetry of the inputs: standard deviation, normal, of the fraction by which commands to one
-    side are larger than planned, and those to the other side smaller."""
+    side are larger than planned and those to the other side smaller."""
     quantisation: Quantisation = Quantisation()
-    """quantisation of each channel: step between recorded values; 0 for none; usual are words of 12
+    """quantisation of each channel: step between recorded values; 0 for none. Usual: words of 12
     bits (IRIG 106) over +-30 deg, +-120 deg/s in roll, +-60 deg/s in yaw and +-1 g."""
 
     def __post_init__(self) -> None:
-        """Refuse an unknown turbulence, and numbers that are negative or not finite."""
         if self.turbulence not in get_args(Turbulence):
             raise ValueError(
                 f"turbulence={self.turbulence!r} was given: choose "
@@ -119,11 +117,11 @@ class Imperfections:
             )
         check_bounds(self)
         if self.turbulence != "none" and self.gust_time_s == 0:
-            raise ValueError("gust_time_s=0 was given: a gust lasts, give a time above zero")
+            raise ValueError("gust_time_s=0 was given: give a time above zero")
 
     @property
     def are_none(self) -> bool:
-        """Whether a rollout is what its model says, but for noise and jitter."""
+        """Whether rollouts have no effects besides noise and jitter."""
         none = Imperfections()
         same = replace(
             self,
@@ -152,10 +150,10 @@ class Imperfections:
     def fly(
         self, planned: Array, n: int, dt: float, most: int, rng: np.random.Generator
     ) -> tuple[Array, Indices]:
-        """What n pilots make of planned commands (1 or n, n_samples, 2) [rad].
+        """Planned commands (1 or n, n_samples, 2) [rad] as n pilots fly them.
 
-        Returns the commands, those of the run-up before them, and (n,) the samples before the first
-        planned input, from 1 to `most`: those that trim is the mean of.
+        Returns the commands, with the run-up before them, and (n,) the samples at rest before the
+        first planned input, from 1 to `most`; trim is their mean.
         """
         before = self.run_up(dt)
         out, rest = np.empty((n, before + planned.shape[1], 2)), np.empty(n, np.int64)
@@ -193,10 +191,10 @@ class Imperfections:
         step: float,
         rng: np.random.Generator,
     ) -> Array:
-        """Record true outputs: return (n, n_samples, 6), each rollout with errors of its own.
+        """Record true outputs (n, n_samples, 6), each rollout with its own errors.
 
-        y: (n, n_steps, 6), a row each `step` s; recorded is each `every`-th from `start` on.
-        rest: as `fly` returns it.   noise: (6,) 1 sigma.
+        y: (n, n_steps, 6), one row each `step` s; every `every`-th from `start` on is recorded.
+        rest: of `fly`.   noise: (6,) 1 sigma.
         """
         seed, out = _seed(rng), np.empty((len(y), (y.shape[1] - start - 1) // every + 1, len(KEYS)))
         instruments = Instruments(
@@ -215,7 +213,7 @@ class Imperfections:
 
 
 def from_trim(y: Array, start: int, every: int, rest: Indices) -> Array:
-    """Subtract trim, the mean of each channel at rest, in place; arguments as of `record`."""
+    """Subtract trim, the mean of each channel at rest, in place; arguments as in `record`."""
     in_chunks(len(y), CHUNK, lambda first, last: subtract_trim(y, start, every, rest, first, last))
     return y[:, start:]
 
@@ -236,6 +234,6 @@ USUAL_IMPERFECTIONS = Imperfections(
 )
 """Smooth air and calibrated instruments, in round numbers.
 
-The unsteadiness was tried at 0.05, 0.1 and 0.2 deg on one record of a rudder doublet, which is
-valid with each; nothing else was tried on any record.
+One record of a rudder doublet is valid with an unsteadiness of 0.05, 0.1 and 0.2 deg; no other
+number was fitted to records.
 """

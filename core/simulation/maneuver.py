@@ -1,6 +1,6 @@
-"""The planned manoeuvre as the pilot's commands, with the pilot's scatter in timing and amplitude.
+"""The planned manoeuvre as pilot commands, with the pilot's scatter in timing and amplitude.
 
-Commands are held over each step: the one at sample k is the value at t_k = k dt. All start at trim.
+Commands are constant over each step, with the value at t_k = k dt for sample k. All start at trim.
 """
 
 from abc import ABC, abstractmethod
@@ -19,35 +19,35 @@ Spacing = Literal["log", "linear"]
 Interpolation = Literal["hold", "linear"]
 
 COLUMN: dict[Surface, int] = {"aileron": 0, "rudder": 1}
-"""Where a surface's command stands in (delta_a, delta_r)."""
+"""Column of a surface's command in (delta_a, delta_r)."""
 TIME_GUARD = 1e-9
-"""[s] An input due at t_k is flown from sample k on, however t_k was rounded."""
+"""[s] An input due at t_k starts at sample k, despite rounding of t_k."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Maneuver(ABC):
     """A trim segment, then inputs in segments; amplitudes in degrees of command, either sign.
 
-    Raises ValueError for numbers that are not finite, for negative times, frequencies and jitters,
-    and for a trim segment that leaves nothing of the duration.
+    Raises ValueError for non-finite numbers, negative times, frequencies and jitters, and for a
+    trim segment as long as the duration.
     """
 
     duration_s: float = 6.0
-    """length of the rollout; inputs that last longer are cut."""
+    """length of the rollout; longer inputs are cut."""
     lead_in_s: float = 0.5
     """length of the trim segment: before the first input."""
     pedal_lag_s: float = 0.1
-    """lag of stick and pedals: first order; applied by the rollout, not by `pilot`."""
+    """lag of stick and pedals: first order; the rollout applies it, not `pilot`."""
     timing_jitter_s: float = 0.0
     """scatter of the timing: standard deviation, normal, of the first input's start and,
-    independently, of every segment's duration; later segments shift along. A start before t = 0 is
-    moved to 0, a negative duration to 0; a segment planned to last 0 s stays out."""
+    independently, of every segment's duration; later segments shift accordingly. A start before
+    t = 0 becomes 0, and so does a negative duration; a segment planned with 0 s is left out."""
     amplitude_jitter: float = 0.0
-    """scatter of the amplitude: standard deviation of the one factor 1 + jitter on all commands of
+    """scatter of the amplitude: standard deviation of a common factor 1 + jitter on all commands of
     a rollout."""
     build_up: tuple[float, ...] = ()
-    """steps of a build-up: shares of the amplitude, of which each rollout flies one, drawn evenly;
-    none: the amplitude alone."""
+    """steps of a build-up: shares of the amplitude; each rollout flies one, drawn at random;
+    none: the full amplitude."""
 
     def __post_init__(self) -> None:
         for entry in fields(self):
@@ -81,7 +81,7 @@ class Maneuver(ABC):
 
     @abstractmethod
     def with_peak(self, peak_deg: float) -> Self:
-        """Return the same manoeuvre with this peak [deg], all commands in proportion."""
+        """The same manoeuvre with this peak [deg]; all commands scale with it."""
 
     @abstractmethod
     def commands(self, elapsed: Array, segments: Array) -> Array:
@@ -123,7 +123,7 @@ class Maneuver(ABC):
         return np.multiply(commands, scale, out=commands if len(commands) == n else None)
 
     def steps_flown(self, n: int, rng: np.random.Generator) -> Array:
-        """Share of the amplitude that each of n rollouts flies; (1,) where all fly the same."""
+        """(n,) share of the amplitude that each rollout flies; (1,) if all fly the same."""
         return rng.choice(self.build_up, n) if self.build_up else np.ones(1)
 
 
@@ -147,19 +147,16 @@ class OneSurface(Maneuver, ABC):
 
     @property
     def peak_deg(self) -> float:
-        """The amplitude [deg]."""
         return self.amplitude_deg
 
     def with_peak(self, peak_deg: float) -> Self:
-        """Return the same manoeuvre with this amplitude [deg]."""
         return replace(self, amplitude_deg=peak_deg)
 
     @abstractmethod
     def shape(self, elapsed: Array, segments: Array) -> Array:
-        """The command (n, n_samples) in amplitudes; arguments as for `commands`."""
+        """The command (n, n_samples), in amplitudes; arguments as in `commands`."""
 
     def commands(self, elapsed: Array, segments: Array) -> Array:
-        """`shape` on the one surface, the other at trim."""
         command = np.zeros((*elapsed.shape, len(COLUMN)))
         column = command[..., COLUMN[self.surface]]
         np.multiply(self.shape(elapsed, segments), self.amplitude_deg, out=column)
@@ -168,7 +165,7 @@ class OneSurface(Maneuver, ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class Steps(OneSurface, ABC):
-    """A manoeuvre that holds one level per segment."""
+    """A manoeuvre with one level per segment."""
 
     @property
     @abstractmethod
@@ -177,17 +174,17 @@ class Steps(OneSurface, ABC):
 
     @property
     def switches(self) -> tuple[tuple[float, float], ...]:
-        """Each change of the command as planned: time [s] and step [deg]."""
-        found, time, before = [], self.lead_in_s, 0.0
+        """Each planned change of the command: time [s] and step [deg]."""
+        switches, time, before = [], self.lead_in_s, 0.0
         for duration, level in zip((*self.segments_s, inf), (*self.levels, 0.0), strict=True):
             if level != before and duration > 0.0 and time < self.duration_s:
-                found.append((time, (level - before) * self.amplitude_deg))
+                switches.append((time, (level - before) * self.amplitude_deg))
                 before = level
             time += duration
-        return tuple(found)
+        return tuple(switches)
 
     def shape(self, elapsed: Array, segments: Array) -> Array:
-        """The level of the segment that each time falls into; trim before and after."""
+        """The level of the segment at each time; trim before and after."""
         edges = np.cumsum(segments, axis=1) - TIME_GUARD
         begun = (elapsed >= -TIME_GUARD).astype(np.uint8)
         for edge in edges.T:
@@ -197,34 +194,30 @@ class Steps(OneSurface, ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class Doublet(Steps):
-    """One way, then the other, equally long; the paper's is 1 s + 1 s of rudder from t = 0.5 s."""
+    """An input to one side, then equally long to the other (paper: 1 s each from t = 0.5 s)."""
 
     half_s: float = 1.0
     """length of each half [s]."""
 
     @property
     def segments_s(self) -> tuple[float, ...]:
-        """Two equal halves [s]."""
         return self.half_s, self.half_s
 
     @property
     def levels(self) -> tuple[float, ...]:
-        """One amplitude, then its opposite."""
         return 1.0, -1.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Step(Steps):
-    """One input that is held to the end."""
+    """One input, held to the end."""
 
     @property
     def segments_s(self) -> tuple[float, ...]:
-        """One segment to the end."""
         return (inf,)
 
     @property
     def levels(self) -> tuple[float, ...]:
-        """One amplitude."""
         return (1.0,)
 
 
@@ -237,12 +230,10 @@ class Pulse(Steps):
 
     @property
     def segments_s(self) -> tuple[float, ...]:
-        """The pulse's width [s]."""
         return (self.width_s,)
 
     @property
     def levels(self) -> tuple[float, ...]:
-        """One amplitude."""
         return (1.0,)
 
 
@@ -255,12 +246,10 @@ class Multistep3211(Steps):
 
     @property
     def segments_s(self) -> tuple[float, ...]:
-        """3, 2, 1 and 1 units [s]."""
         return 3 * self.unit_s, 2 * self.unit_s, self.unit_s, self.unit_s
 
     @property
     def levels(self) -> tuple[float, ...]:
-        """Alternating signs."""
         return 1.0, -1.0, 1.0, -1.0
 
 
@@ -276,22 +265,20 @@ class BankToBank(Steps):
 
     @property
     def segments_s(self) -> tuple[float, ...]:
-        """In, hold, across, hold, out [s]."""
         return self.roll_s, self.hold_s, 2 * self.roll_s, self.hold_s, self.roll_s
 
     @property
     def levels(self) -> tuple[float, ...]:
-        """Centred stick while holding a bank."""
         return 1.0, 0.0, -1.0, 0.0, 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class FrequencySweep(OneSurface):
-    """A sine whose frequency runs from start to end, logarithmically or linearly in time.
+    """A sine with a frequency that changes logarithmically or linearly in time.
 
-    One segment: jitter of its duration stretches the sweep, its frequencies stay.
-    Raises ValueError for frequencies that are not above zero; `pilot` refuses a dt with fewer than
-    two samples a period.
+    One segment: jitter of its duration stretches the sweep without changing its frequencies.
+    Raises ValueError for frequencies not above zero; `pilot` refuses a dt with fewer than two
+    samples per period.
     """
 
     start_hz: float = 0.2
@@ -313,15 +300,14 @@ class FrequencySweep(OneSurface):
 
     @property
     def segments_s(self) -> tuple[float, ...]:
-        """The sweep [s]."""
         return (self.sweep_s,)
 
     def n_samples(self, dt: float) -> int:
-        """As for every manoeuvre; ValueError too if dt cannot show the highest frequency."""
+        """As for every manoeuvre; ValueError also if dt is too large for the highest frequency."""
         highest = max(self.start_hz, self.end_hz)
         if dt * highest >= 0.5:
             raise ValueError(
-                f"dt={dt} s shows frequencies below {0.5 / dt:.4g} Hz; the sweep goes to "
+                f"dt={dt} s resolves frequencies below {0.5 / dt:.4g} Hz; the sweep goes to "
                 f"{highest} Hz: give a smaller dt or a lower frequency"
             )
         return super().n_samples(dt)
@@ -340,7 +326,7 @@ class FrequencySweep(OneSurface):
 
 @dataclass(frozen=True, kw_only=True)
 class Table(Maneuver):
-    """Commands at given times after the trim segment, held or joined by lines; the last one stays.
+    """Commands at times after the trim segment, constant or linear between; the last one stays.
 
     Trim before the first time. One segment: jitter of its duration stretches the whole table.
     Raises ValueError for no rows, columns of unequal length and times that do not increase.
@@ -353,7 +339,7 @@ class Table(Maneuver):
     delta_r_deg: tuple[float, ...] = (0.0, 5.0, -5.0, 1.0, 0.0)
     """rudder commands: as many as t_s. Trim before the first time."""
     interpolation: Interpolation = "linear"
-    """between the times: hold the command, or join it by lines."""
+    """between the times: hold the command, or change it linearly."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -370,16 +356,15 @@ class Table(Maneuver):
 
     @property
     def segments_s(self) -> tuple[float, ...]:
-        """From the end of the trim segment to the last row [s]."""
         return (self.t_s[-1],)
 
     @property
     def peak_deg(self) -> float:
-        """The command that is farthest from trim [deg]."""
+        """The command farthest from trim [deg]."""
         return max((*self.delta_a_deg, *self.delta_r_deg), key=abs)
 
     def with_peak(self, peak_deg: float) -> Self:
-        """Return the table with both columns in proportion; ValueError where all is trim."""
+        """Scale both columns; ValueError if all commands are at trim."""
         if not self.peak_deg:
             raise ValueError("the table stays at trim: give a command other than 0")
         factor = peak_deg / self.peak_deg
@@ -388,7 +373,7 @@ class Table(Maneuver):
         return replace(self, delta_a_deg=a, delta_r_deg=r)
 
     def commands(self, elapsed: Array, segments: Array) -> Array:
-        """The table at the planned time that each sample, stretched, stands for."""
+        """The table at each sample's planned time, after stretching."""
         last = self.t_s[-1]
         planned = elapsed * (last / np.maximum(segments, TIME_GUARD)) if last else elapsed
         begun = np.searchsorted(self.t_s, planned + TIME_GUARD, side="right")
@@ -403,36 +388,32 @@ class Table(Maneuver):
 
 @dataclass(frozen=True, kw_only=True)
 class Altered(Maneuver):
-    """Another manoeuvre flown otherwise than planned: slower, or left for trim before its end."""
+    """A manoeuvre flown differently than planned: slower, or stopped before its end."""
 
     planned: Maneuver
     slower: float = 1.0
-    """how many times as long every segment lasts."""
+    """factor on the length of every segment."""
     flown_share: float = 1.0
-    """of the inputs' planned length, after which all is trim."""
+    """share of the inputs' planned length after which commands return to trim."""
 
     @classmethod
     def of(cls, planned: Maneuver, slower: float = 1.0, flown_share: float = 1.0) -> Self:
-        """The planned manoeuvre, with its scatter, flown so."""
         common = {entry.name: getattr(planned, entry.name) for entry in fields(Maneuver)}
         return cls(planned=planned, slower=slower, flown_share=flown_share, **common)
 
     @property
     def segments_s(self) -> tuple[float, ...]:
-        """As planned, before they are stretched."""
         return self.planned.segments_s
 
     @property
     def peak_deg(self) -> float:
-        """As planned."""
         return self.planned.peak_deg
 
     def with_peak(self, peak_deg: float) -> Self:
-        """Return the same with this peak [deg]."""
         return replace(self, planned=self.planned.with_peak(peak_deg))
 
     def commands(self, elapsed: Array, segments: Array) -> Array:
-        """Those of the planned manoeuvre at the planned time that each sample stands for."""
+        """The planned manoeuvre's commands at each sample's planned time."""
         planned = elapsed / self.slower
         commands = self.planned.commands(planned, segments)
         if self.flown_share < 1.0:

@@ -1,4 +1,4 @@
-"""Batches of closed-loop rollouts: what the telemetry of each random aircraft would be."""
+"""Batches of closed-loop rollouts: the telemetry of each random aircraft."""
 
 from functools import partial
 from math import ceil, exp, inf, isfinite, radians
@@ -29,7 +29,7 @@ from core.simulation.uncertain_plant import Plants
 from core.types import Array
 
 CHUNK = 32 * GROUPS * WIDTH
-"""Rollouts that a thread takes at a time."""
+"""Rollouts that a thread processes at a time."""
 LONGEST_STEP = 0.002
 """[s] Runge-Kutta step where surfaces have limits, and at most a fifth of the fastest time constant
 of actuators and law; plants with modes beyond 500 rad/s need smaller steps (substeps)."""
@@ -48,19 +48,18 @@ def roll_out(
     gust: Array | None = None,
     out: Array | None = None,
 ) -> Array:
-    """Simulate every plant in the closed loop from trim, exactly where surfaces have no limits.
+    """Simulate every plant in closed loop from trim; exact if surfaces have no limits.
 
     pilot: (1 or n, n_samples, 2) commands [rad] of aileron and rudder; that of sample k acts from
         t_k to t_(k+1) (zero-order hold), through a first-order lag of pedal_lag_s if that is not 0.
-    substeps: output samples a step.   out: written and returned if given.
-    gust: (n, (n_samples - 1) substeps + 1) sideslip [rad] that the air adds at each output sample,
-        joined by lines: the aircraft feels, and the vane reads, its own and the gust's. Only the
-        changes from the first sample on count, as the aircraft is in trim with that one.
+    substeps: output samples per step.   out: written and returned if given.
+    gust: (n, (n_samples - 1) substeps + 1) sideslip [rad] added by the air at each output sample,
+        linear in between; it acts on the aircraft and on the vane. Only changes from the first
+        sample on count: the aircraft is in trim with that one.
     Returns y (n, (n_samples - 1) substeps + 1, 6) in the order of core.channels; sample k is
-    y(t_k), before command k has acted. An unstable rollout may grow to inf and then be NaN: a
-    sample that is not finite exceeds every limit. The numbers of a rollout depend, bit for bit, on
-    its own plant and commands only.
-    Raises ValueError for shapes that do not fit and numbers that are not finite.
+    y(t_k), before command k has acted. An unstable rollout may grow to inf and NaN; non-finite
+    samples exceed every limit. A rollout depends, bit for bit, only on its own plant and commands.
+    Raises ValueError for wrong shapes and non-finite numbers.
     """
     n, n_states, pilot = _checked(plants, controller, pilot, dt, pedal_lag_s, substeps)
     n_out = (pilot.shape[1] - 1) * substeps + 1
@@ -83,7 +82,7 @@ def roll_out(
     def simulate(start: int, stop: int) -> None:
         failed = kernel(aligned(work), np.empty(iwork, np.int64), out, start, stop)
         if failed >= 0:
-            raise ValueError(_what_failed(plants, failed, step))
+            raise ValueError(_failure(plants, failed, step))
 
     in_chunks(n, CHUNK, simulate)
     return out
@@ -97,7 +96,7 @@ def _checked(
     pedal_lag_s: float,
     substeps: int,
 ) -> tuple[int, int, Array]:
-    """Refuse what the kernels could not compute with; n, nx and the pilot's commands."""
+    """Check the input of the kernels; return n, nx and the pilot's commands."""
     if plants.a.ndim != 3 or 0 in plants.a.shape:
         raise ValueError(f"plants.a has shape {plants.a.shape}; it needs (n, nx, nx), n, nx >= 1")
     n, nx, m = len(plants.a), plants.a.shape[1], len(controller.a)
@@ -139,7 +138,6 @@ def _checked(
 
 
 def _gusts(plants: Plants, gust: Array, shape: tuple[int, int]) -> Gusts:
-    """The gusts and the state that they act on."""
     if gust.shape != shape:
         raise ValueError(f"gust has shape {gust.shape}; it needs {shape}")
     if not np.isfinite(gust).all():
@@ -148,14 +146,14 @@ def _gusts(plants: Plants, gust: Array, shape: tuple[int, int]) -> Gusts:
 
 
 def sideslip_state(plants: Plants) -> int:
-    """The state that is sideslip, on which gusts act; ValueError where it is none of them."""
+    """Number of the state that is sideslip, on which gusts act; ValueError without one."""
     row = plants.c[0, 0]
     is_beta = np.flatnonzero(row)
     same = (plants.c[:, 0] == row).all() and not plants.d[:, 0].any()
     if len(is_beta) != 1 or row[is_beta[0]] != 1.0 or not same:
         raise ValueError(
-            "sideslip is not one of the plant's states, so that a gust cannot act on it; take beta "
-            "as a state (in C a row of 0 with one 1), or fly without gust"
+            "sideslip is not one of the plant's states, so a gust cannot act on it; make beta a "
+            "state (in C a row of 0 with one 1), or fly without gust"
         )
     return int(is_beta[0])
 
@@ -179,7 +177,7 @@ def _surfaces(actuator: Actuator) -> Surfaces:
 def _runge_kutta(
     step: float, actuator: Actuator, controller: Controller, lag_s: float, substeps: int
 ) -> TimeSteps:
-    """Cut each output step into parts that follow the fastest of actuators and law."""
+    """Divide each output step into parts short enough for actuators and law."""
     law_poles = np.abs(np.linalg.eigvals(controller.a)) if len(controller.a) else np.zeros(1)
     fastest = max(actuator.bandwidth_rad_s, law_poles.max())
     parts = ceil(step / min(LONGEST_STEP, 0.2 / fastest) - 1e-9)
@@ -187,8 +185,8 @@ def _runge_kutta(
     return TimeSteps(step, substeps, parts, half_fade)
 
 
-def _what_failed(plants: Plants, first: int, step: float) -> str:
-    """Say why the block of rollouts that begins with `first` could not be simulated."""
+def _failure(plants: Plants, first: int, step: float) -> str:
+    """The reason why the block of rollouts starting at `first` failed."""
     for i in range(first, min(first + GROUPS * WIDTH, len(plants.a))):
         if not all(np.isfinite(matrix[i]).all() for matrix in plants):
             return f"plant {i} holds numbers that are not finite; check its uncertainty"

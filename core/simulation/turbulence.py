@@ -13,17 +13,17 @@ Turbulence = Literal["none", "smooth", "light", "moderate", "severe", "given"]
 
 FOOT, KNOT = 0.3048, 0.514444
 SMOOTH = 0.3
-"""Intensity [m/s] of air in which tests are flown, about 1 ft/s: a tenth of what the specification
-calls light near the ground, and an eddy dissipation rate far below the 0.1 m^(2/3)/s up to which
-air is smooth (ICAO Annex 3)."""
+"""Intensity [m/s] of usual test air, about 1 ft/s: a tenth of the specification's light turbulence
+near the ground, and far below the eddy dissipation rate of 0.1 m^(2/3)/s that is still smooth (ICAO
+Annex 3)."""
 WIND_AT_20_FT = {"light": 15 * KNOT, "moderate": 30 * KNOT, "severe": 45 * KNOT}
-"""[m/s] W_20 by which low-altitude turbulence is classed (MIL-F-8785C, 3.7.3)."""
+"""[m/s] W_20 of the classes of low-altitude turbulence (MIL-F-8785C, 3.7.3)."""
 LOW, HIGH = 1000.0, 2000.0
-"""[ft] Below the first and above the second the forms differ; between them lines join both."""
+"""[ft] Low-altitude form below the first, high-altitude form above the second, linear between."""
 LOWEST = 10.0
-"""[ft] of the low-altitude forms."""
+"""[ft] Lowest height of the low-altitude form."""
 SCALE_HIGH = 1750.0
-"""[ft] L_v of MIL-F-8785C. MIL-HDBK-1797 gives half of it and writes 2 L_v in the spectrum."""
+"""[ft] L_v of MIL-F-8785C. MIL-HDBK-1797 uses half of it, with 2 L_v in the spectrum."""
 ALTITUDES = (2000.0, 3750.0, 7500.0, 15e3, 25e3, 35e3, 45e3, 55e3, 65e3, 75e3, 80e3)
 """[ft] of INTENSITY_HIGH."""
 INTENSITY_HIGH = {
@@ -31,9 +31,9 @@ INTENSITY_HIGH = {
     "moderate": (9.73, 10.6, 10.1, 8.0, 6.6, 5.0, 4.2, 2.7, 0.0, 0.0, 0.0),
     "severe": (18.28, 23.0, 23.6, 22.1, 20.0, 16.0, 15.1, 12.1, 7.9, 6.2, 5.1),
 }
-"""[ft/s] exceeded with a probability of 1e-2, 1e-3 and 1e-5 (MIL-F-8785C, figure 7)."""
+"""[ft/s] exceeded with probability 1e-2, 1e-3 and 1e-5 (MIL-F-8785C, figure 7)."""
 CHUNK = 512
-"""Gusts that a thread takes at a time."""
+"""Gusts that a thread processes at a time."""
 
 
 class LateralGust(NamedTuple):
@@ -44,7 +44,7 @@ class LateralGust(NamedTuple):
 
 
 def intensity(turbulence: Turbulence, altitude: float) -> float:
-    """sigma_v [m/s] at an altitude [m], below 1000 ft a height above ground."""
+    """sigma_v [m/s] at an altitude [m]; below 1000 ft, height above ground."""
     if turbulence not in WIND_AT_20_FT:
         return SMOOTH if turbulence == "smooth" else 0.0
     feet = max(altitude / FOOT, LOWEST)
@@ -54,7 +54,7 @@ def intensity(turbulence: Turbulence, altitude: float) -> float:
 
 
 def scale_length(altitude: float) -> float:
-    """L_v [m] at an altitude [m], below 1000 ft a height above ground."""
+    """L_v [m] at an altitude [m]; below 1000 ft, height above ground."""
     feet = max(altitude / FOOT, LOWEST)
     low = min(feet, LOW)
     near_ground = low / _roughness(low) ** 1.2

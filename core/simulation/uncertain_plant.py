@@ -1,4 +1,4 @@
-"""A plant known only up to a parameter vector theta: D_theta, and the (A, B, C, D) of each theta.
+"""A plant with an uncertain parameter vector theta: D_theta, and (A, B, C, D) for each theta.
 
 x_dot = A x + B u,  y = C x + D u,  u = (delta_a, delta_r) [rad], y in the order of core.channels.
 """
@@ -36,21 +36,21 @@ class Effect(NamedTuple):
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """How far each parameter scatters about its nominal value, independently of the others.
+    """Scatter of each parameter about its nominal value, independent of the others.
 
     Raises ValueError for a spread that is negative or not finite, or an unknown word.
     """
 
     spread: float | dict[str, float] = field(hash=False)
-    """width of the uncertainty: one number for all parameters, or one by name; a parameter not
-    named is certain. A standard deviation where the distribution is normal (not truncated), a half
-    width where it is uniform."""
+    """width of the uncertainty: one number for all parameters, or by name; parameters not named are
+    certain. A standard deviation for a normal distribution (not truncated), a half width for a
+    uniform one."""
     distribution: Distribution = "normal"
     """shape of the uncertainty: normal, its width a standard deviation, or uniform, a half
     width."""
     unit: Unit = "fraction"
-    """unit of the width: the spread is a fraction of the nominal value, or absolute in the
-    parameter's own unit."""
+    """unit of the width: a fraction of the nominal value, or absolute in the parameter's own
+    unit."""
 
     def __post_init__(self) -> None:
         for given, known in ((self.distribution, Distribution), (self.unit, Unit)):
@@ -82,10 +82,10 @@ class UncertainPlant:
     """A parameter vector theta, its distribution, and the linear map from theta to the plant.
 
     states: names of x.   names, nominal, spread: (n_params,); spread in the parameter's own unit.
-    fixed: a batch of one, what the plant holds besides theta (kinematics, the surfaces' rows).
-    effects: where theta enters; an entry may take several.
-    joint_root: (n_params, m) what m standard normal deviates do to theta, where parameters do not
-    vary independently: its covariance is joint_root joint_root'. None where they do.
+    fixed: a batch of one, the part of the plant without theta (kinematics, the surfaces' rows).
+    effects: entries that depend on theta; an entry may depend on several parameters.
+    joint_root: (n_params, m) map from m standard normal deviates to theta, for dependent
+    parameters with covariance joint_root joint_root'. None for independent ones.
     """
 
     states: tuple[str, ...]
@@ -99,7 +99,7 @@ class UncertainPlant:
 
     @property
     def root(self) -> Array:
-        """(n_params, m) what m deviates of variance 1 do to theta, one each uncertain parameter."""
+        """(n_params, m) map from m deviates of variance 1 to theta."""
         if self.joint_root is not None:
             return self.joint_root
         deviation = self.spread if self.distribution == "normal" else 3**-0.5 * self.spread
@@ -123,7 +123,7 @@ class UncertainPlant:
         return theta
 
     def plants(self, theta: Array) -> Plants:
-        """The plants that theta (n, n_params) means, in fresh arrays."""
+        """The plants of theta (n, n_params), in fresh arrays."""
         if theta.ndim != 2 or theta.shape[1] != len(self.names):
             raise ValueError(
                 f"theta has shape {theta.shape}; this aircraft needs (n, {len(self.names)})"

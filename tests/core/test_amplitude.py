@@ -31,7 +31,7 @@ def test_the_usual_test_of_every_aircraft_trains(kind: str):
 
 @pytest.mark.parametrize("maneuver", MANEUVERS.values(), ids=MANEUVERS)
 @pytest.mark.parametrize("share", [0.1, 0.25, 0.5])
-def test_at_the_suggested_amplitude_the_wanted_share_fails(maneuver: Maneuver, share: float):
+def test_the_wanted_share_fails_at_the_suggested_amplitude(maneuver: Maneuver, share: float):
     recipe = replace(RECIPE, maneuver=maneuver, specification=Limits(Ny=0.2))
     suggested = suggest_amplitude(recipe, share)
     assert abs(share_at(recipe, suggested.amplitude_deg) - share) < 0.07
@@ -57,11 +57,11 @@ def test_the_same_seed_suggests_the_same_amplitude_and_the_sign_stays():
         ({"specification": Limits(Ny=1e-6)}, "100 % of the rollouts exceed a limit even at 0.01"),
         (
             {"aircraft": PublishedAircraft("f16_sl_h0_v502", 3, Uncertainty(0.0))},
-            "the aircraft differ too little",
+            "the aircraft are too similar",
         ),
     ],
 )
-def test_where_no_amplitude_works_the_reason_is_said(changed, message):
+def test_an_error_names_the_reason_if_no_amplitude_works(changed, message):
     with pytest.raises(AmplitudeError, match=message):
         suggest_amplitude(replace(RECIPE, **changed))
 
@@ -75,7 +75,7 @@ def test_a_table_at_trim_and_a_share_of_one_are_refused():
 
 
 @pytest.mark.parametrize("peak_deg", [0.5, 60.0])
-def test_a_collection_that_cannot_end_names_an_amplitude_that_works(peak_deg: float):
+def test_a_collection_that_cannot_end_suggests_an_amplitude(peak_deg: float):
     recipe = replace(RECIPE, maneuver=RECIPE.maneuver.with_peak(peak_deg), max_rollouts=5000)
     with pytest.raises(CollectionError, match="pilot rollouts exceed") as caught:
         collect(recipe)

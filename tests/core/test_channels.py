@@ -1,4 +1,4 @@
-"""People read degrees, deg/s and g; what is computed with stays SI."""
+"""Displays use degrees, deg/s and g; computation uses SI."""
 
 from math import radians
 
@@ -17,9 +17,11 @@ from core.channels import BY_KEY, significant
         ("r", 0.0, "0 deg/s"),
     ],
 )
-def test_a_value_is_read_in_its_display_unit_to_three_digits(key: str, value: float, words: str):
+def test_a_value_is_displayed_in_its_display_unit_to_three_digits(
+    key: str, value: float, words: str
+):
     assert BY_KEY[key].read(value) == words
 
 
-def test_no_number_is_read_with_a_power_of_ten_for_being_large():
+def test_large_numbers_are_written_without_a_power_of_ten():
     assert [significant(x) for x in (999.7, 1234.0, 0.012345)] == ["1000", "1234", "0.0123"]

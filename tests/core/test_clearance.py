@@ -1,4 +1,4 @@
-"""Clearance of the next point: its two promises, its checks, and what it refuses."""
+"""Clearance of the next point: its two guarantees, its checks, and refused input."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ POINTS = BuildUp.fractions(TEST, (0.6,))
 
 @pytest.fixture(scope="module")
 def clearance() -> Clearance:
-    """Of the full doublet of an ATTAS after a step of 60 %."""
+    """For the full doublet of an ATTAS after a step of 60 %."""
     return calibrate(
         POINTS, ClearanceRecipe(epsilon=0.1, n_exceeding=50, n_aircraft=150, n_draws=32, seed=3)
     )
@@ -36,12 +36,12 @@ def fly(theta: Array, seed: int, points: BuildUp = POINTS) -> list[Array]:
 
 
 def nominal() -> Array:
-    """(1, n_params) of the middle of D_theta."""
+    """(1, n_params) the mean of D_theta."""
     return TEST.aircraft.uncertain_plant().nominal[np.newaxis]
 
 
 def test_a_safe_point_is_cleared_and_a_dangerous_one_is_not(clearance: Clearance) -> None:
-    """By the record of the step alone: one aircraft answers less, the other more."""
+    """Only the record of the step differs: one aircraft responds less, the other more."""
     simulator, rng = Simulator(TEST), np.random.default_rng(8)
     theta = simulator.plant.sample(200, rng)
     _, peaks = simulator.fly(theta, rng)
@@ -62,25 +62,24 @@ def test_a_safe_point_is_cleared_and_a_dangerous_one_is_not(clearance: Clearance
 
 
 def test_p_values_are_exact_ranks_among_those_that_exceed(clearance: Clearance) -> None:
-    """Of n exceeding aircraft: those with no higher score, and one, over n + 1."""
+    """(1 + number of exceeding aircraft with no higher score) / (n + 1)."""
     exceeding = clearance.scores[clearance.exceeds]
     n = len(exceeding)
     assert n >= 50
     assert clearance.n_tried == 1_000
     assert np.count_nonzero(clearance.drawn) == 150
-    found = clearance.p_values(np.array([-np.inf, np.sort(exceeding)[4], np.inf]))
-    np.testing.assert_allclose(found, np.array([1, 6, n + 1]) / (n + 1))
+    actual = clearance.p_values(np.array([-np.inf, np.sort(exceeding)[4], np.inf]))
+    np.testing.assert_allclose(actual, np.array([1, 6, n + 1]) / (n + 1))
     assert clearance.clear_below == 0.1
 
 
-def test_promise_with_confidence_clears_less(clearance: Clearance) -> None:
-    """Of this very calibration, where the other holds on average."""
+def test_the_guarantee_with_confidence_clears_less(clearance: Clearance) -> None:
     sure = replace(clearance, recipe=replace(clearance.recipe, guarantee="95%"))
     assert 0.0 < sure.clear_below < clearance.clear_below
 
 
-def test_a_prediction_of_a_batch_is_that_of_each_record(clearance: Clearance) -> None:
-    """Posterior by posterior; only the drawn pilots differ."""
+def test_a_batch_is_predicted_as_each_record_alone(clearance: Clearance) -> None:
+    """The posteriors are equal; only the drawn pilots differ."""
     records = fly(nominal(), 5)
     predictor = PointPredictor(POINTS, 32)
     twice = predictor.predict(
@@ -92,7 +91,7 @@ def test_a_prediction_of_a_batch_is_that_of_each_record(clearance: Clearance) ->
 
 
 def test_amplitudes_just_reach_a_limit(clearance: Clearance) -> None:
-    """Flown again with a little more or less, the same flights exceed or do not."""
+    """A little more makes the same flights exceed, a little less does not."""
     predictor = PointPredictor(POINTS, 32)
     theta = predictor.plant.sample(50, np.random.default_rng(1))
     factors = predictor.amplitudes(theta, np.random.default_rng(2))
@@ -103,32 +102,29 @@ def test_amplitudes_just_reach_a_limit(clearance: Clearance) -> None:
 
 
 class TestWrongModels:
-    """What a fit can see withdraws the clearance, and says which check speaks against it."""
+    """Failed checks of the fit withdraw the clearance and are named."""
 
-    def test_noise_that_was_not_said(self, clearance: Clearance) -> None:
-        """Three times as much: the residuals are too large."""
+    def test_more_noise_than_stated(self, clearance: Clearance) -> None:
+        """Three times the noise: the residuals are too large."""
         noisy = replace(TEST.noise, beta=0.003, p=0.012, r=0.003, Ny=0.012)
         points = BuildUp.fractions(replace(TEST, noise=noisy), (0.6,))
         verdict = clearance.decide(fly(nominal(), 5, points))
         assert not verdict.cleared
-        assert (
-            verdict.withdrawn[0].words
-            == "residuals of the flown step are larger than noise explains"
-        )
+        assert verdict.withdrawn[0].words == "residuals of the flown step exceed the noise"
         assert verdict.withdrawn[0].value > verdict.withdrawn[0].level
         assert verdict.amplitude_deg is None
 
     def test_an_aircraft_that_is_not_of_the_prior(self, clearance: Clearance) -> None:
-        """With half the damping and twice the stiffness: far from what is expected."""
+        """Half the damping and twice the stiffness: far from the expected aircraft."""
         theta, names = nominal(), TEST.aircraft.uncertain_plant().names
         theta[0, names.index("N_beta")] *= 2.0
         theta[0, names.index("N_dr")] *= 1.6
         verdict = clearance.decide(fly(theta, 5))
         assert not verdict.cleared
-        assert any("far from what is expected" in one.words for one in verdict.withdrawn)
+        assert any("far from the expected aircraft" in check.words for check in verdict.withdrawn)
 
     def test_steps_that_are_of_two_aircraft(self) -> None:
-        """A second step that the first does not explain, as where stiffness falls with sideslip."""
+        """A second step that disagrees with the first, as if stiffness fell with sideslip."""
         points = BuildUp.fractions(TEST, (0.4, 0.6))
         rule = calibrate(
             points, ClearanceRecipe(epsilon=0.1, n_exceeding=20, n_aircraft=100, n_draws=16)
@@ -138,11 +134,11 @@ class TestWrongModels:
         first, second = fly(nominal(), 5, points)[0], fly(other, 6, points)[1]
         verdict = rule.decide([first, second])
         assert not verdict.cleared
-        assert any("may be nonlinear" in one.words for one in verdict.withdrawn)
+        assert any("may be nonlinear" in check.words for check in verdict.withdrawn)
 
 
-def test_checks_withdraw_few_of_the_aircraft_they_were_calibrated_on(clearance: Clearance) -> None:
-    """At most one in twenty by any of them."""
+def test_checks_withdraw_few_of_their_calibration_aircraft(clearance: Clearance) -> None:
+    """At most one in twenty over all checks."""
     of_all = clearance.checks[clearance.drawn]
     assert (of_all > clearance.levels).any(axis=1).mean() <= 0.05
 
@@ -156,27 +152,26 @@ def test_checks_withdraw_few_of_the_aircraft_they_were_calibrated_on(clearance: 
         (lambda records: [np.where(records[0] > 0.01, np.nan, records[0])], "without gaps"),
     ],
 )
-def test_records_of_another_kind_are_refused(clearance: Clearance, change, words: str) -> None:
-    """With what is needed."""
+def test_unfitting_records_are_refused(clearance: Clearance, change, words: str) -> None:
     with pytest.raises(ClearanceError, match=words):
         clearance.decide(change(fly(nominal(), 5)))
 
 
 def test_points_of_different_aircraft_are_refused() -> None:
-    """And a build-up without a step, an epsilon that too few aircraft serve, a harmless point."""
+    """Also a build-up without a step, and an epsilon that needs more aircraft."""
     with pytest.raises(ClearanceError, match="no flown step"):
         BuildUp((), TEST)
     with pytest.raises(ClearanceError, match="the aircraft of a flown step"):
         BuildUp((TESTS["F-16"],), TEST)
-    with pytest.raises(ValueError, match="it needs 99 at least"):
+    with pytest.raises(ValueError, match="it needs at least 99"):
         ClearanceRecipe(epsilon=0.01, n_exceeding=98)
     few = replace(TEST, maneuver=TEST.maneuver.with_peak(8.5))
-    with pytest.raises(ClearanceError, match="10000 of them are out of reach"):
+    with pytest.raises(ClearanceError, match="10000 are out of reach"):
         calibrate(BuildUp.fractions(few, (0.6,)), ClearanceRecipe(n_exceeding=10_000))
 
 
-def test_a_point_at_which_hardly_any_aircraft_exceeds_is_cleared_by_its_prediction() -> None:
-    """No p-value is said; the checks withdraw as ever."""
+def test_a_point_with_rare_exceedances_is_cleared_by_its_prediction() -> None:
+    """It has no p-value; the checks withdraw as usual."""
     harmless = replace(TEST, maneuver=TEST.maneuver.with_peak(2.0))
     points = BuildUp.fractions(harmless, (0.5,))
     rule = calibrate(points, ClearanceRecipe(n_aircraft=100, n_draws=16))
@@ -189,22 +184,21 @@ def test_a_point_at_which_hardly_any_aircraft_exceeds_is_cleared_by_its_predicti
     assert not rule.decide([shaken]).cleared
 
 
-def test_progress_is_told_and_can_cancel() -> None:
-    """Exceeding aircraft and aircraft flown."""
-    told: list[tuple[int, int]] = []
+def test_progress_is_reported_and_can_cancel() -> None:
+    calls: list[tuple[int, int]] = []
 
-    def progress(found: int, flown: int) -> None:
-        told.append((found, flown))
+    def progress(identified: int, total: int) -> None:
+        calls.append((identified, total))
         raise InterruptedError
 
     with pytest.raises(InterruptedError):
         calibrate(POINTS, ClearanceRecipe(n_draws=8), progress)
-    assert told == [(0, 600)]
+    assert calls == [(0, 600)]
 
 
 @pytest.mark.fuzz
 @pytest.mark.parametrize("name", TESTS)
-def test_both_promises_hold_over_twenty_calibrations(name: str) -> None:
+def test_both_guarantees_hold_over_twenty_calibrations(name: str) -> None:
     """Wrong clearances, and flights at the recommended amplitude that exceed, of 20 calibration
     sets, a third each of 2,000 aircraft."""
     points = BuildUp.fractions(TESTS[name], (0.6,))
@@ -241,15 +235,15 @@ def test_both_promises_hold_over_twenty_calibrations(name: str) -> None:
 
 @pytest.mark.fuzz
 @pytest.mark.parametrize("name", TESTS)
-def test_the_predicted_interval_holds_nine_of_ten_peaks_as_flown(name: str) -> None:
-    """Also with few draws, of which plain quantiles would lie too far inside."""
+def test_the_predicted_interval_covers_nine_of_ten_flown_peaks(name: str) -> None:
+    """Also with few draws, where plain quantiles would be too narrow."""
     points, rng = BuildUp.fractions(TESTS[name], (0.6,)), np.random.default_rng(20_263)
     predictor, inside = PointPredictor(points, 16), []
     for _ in range(4):
         theta = predictor.plant.sample(100, rng)
         _, peaks = predictor.following.fly(theta, rng)
-        found = predictor.predict([step.fly(theta, rng)[0].y for step in predictor.steps], rng)
-        low, _, high = found.quantiles.T
+        prediction = predictor.predict([step.fly(theta, rng)[0].y for step in predictor.steps], rng)
+        low, _, high = prediction.quantiles.T
         inside.append(((low <= peaks) & (peaks <= high)).mean())
     # smallest and largest of 16: 15 of 17 hold, standard error .016; plain quantiles hold .794
     assert 0.835 <= np.mean(inside) <= 0.93

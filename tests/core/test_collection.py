@@ -35,7 +35,7 @@ def test_dataset_is_labelled_and_cut_at_the_failure():
     assert dataset.theta_unsafe.shape == (30, len(dataset.theta_names))
 
 
-def test_safe_times_are_distinct_sorted_and_reach_the_whole_horizon():
+def test_safe_times_are_distinct_sorted_and_cover_the_horizon():
     times = collect(RECIPE).safe_times
     assert times.shape[1] == 50
     assert (np.diff(times, axis=1) > 0).all()
@@ -58,7 +58,7 @@ def test_theta_of_a_rollout_reproduces_it():
 
 
 @pytest.mark.parametrize("workers", [1, 2, 3])
-def test_result_depends_on_the_recipe_alone(workers: int):
+def test_the_result_depends_only_on_the_recipe(workers: int):
     alone = collect(RECIPE)
     with ThreadPoolExecutor(workers) as executor:
         shared = collect(RECIPE, executor=executor)
@@ -66,13 +66,13 @@ def test_result_depends_on_the_recipe_alone(workers: int):
     assert alone.digest() != collect(replace(RECIPE, seed=1)).digest()
 
 
-def test_a_larger_collection_begins_with_the_smaller_one():
+def test_a_larger_collection_starts_with_the_smaller_one():
     small, large = collect(RECIPE), collect(replace(RECIPE, n_unsafe=400))
     np.testing.assert_array_equal(small.theta_unsafe, large.theta_unsafe[:30])
     np.testing.assert_array_equal(small.safe, large.safe[: len(small.safe)])
 
 
-def test_unsafe_rate_is_unbiased_though_collection_stops_at_a_failure():
+def test_the_unsafe_rate_is_unbiased_although_collection_stops_at_a_failure():
     rates = [collect(replace(RECIPE, n_unsafe=8, seed=seed)).unsafe_rate for seed in range(400)]
     many = Simulator(RECIPE).rollouts(40_000, np.random.default_rng(99)).is_unsafe
     error = np.hypot(np.std(rates) / 20, many.std() / 200)
@@ -88,12 +88,12 @@ def test_safe_rollouts_above_the_cap_are_counted_but_not_kept():
     assert capped.unsafe_rate == everything.unsafe_rate
 
 
-def test_collection_that_would_not_end_stops_early_and_says_why():
+def test_a_collection_that_would_not_end_stops_early_with_a_reason():
     with pytest.raises(CollectionError, match=r"0 of \d+ rollouts .* raise the amplitude"):
         collect(with_amplitude(0.5, replace(RECIPE, max_rollouts=20_000)))
 
 
-def test_budget_is_kept_to_the_rollout():
+def test_the_budget_is_exact():
     with pytest.raises(CollectionError, match=r"of 100 rollouts"):
         collect(replace(RECIPE, n_unsafe=100, max_rollouts=100))
     enough = collect(replace(RECIPE, n_unsafe=10, max_rollouts=100))
@@ -106,12 +106,12 @@ def test_certain_aircraft_without_failures_ends():
         collect(with_amplitude(1.0, replace(RECIPE, aircraft=certain, max_rollouts=5_000)))
 
 
-def test_collection_without_safe_rollouts_says_why():
+def test_a_collection_without_safe_rollouts_is_refused():
     with pytest.raises(CollectionError, match=r"all 30 rollouts were unsafe.*lower the amplitude"):
         collect(with_amplitude(60.0))
 
 
-def test_what_progress_raises_cancels():
+def test_an_exception_in_progress_cancels():
     def cancel(found: int, made: int) -> None:
         raise InterruptedError
 
@@ -122,7 +122,7 @@ def test_what_progress_raises_cancels():
 BY_LIMIT = replace(
     RECIPE, specification=Limits(Ny=0.5, p=0.35), groups=GROUPINGS["first_limit"], n_unsafe=40
 )
-"""About as many of its rollouts exceed one limit first as the other."""
+"""About half of its rollouts exceed each limit first."""
 
 
 @pytest.mark.parametrize(
@@ -135,15 +135,17 @@ BY_LIMIT = replace(
         ),
     ],
 )
-def test_collection_ends_as_the_last_group_has_enough(recipe: DatasetRecipe) -> None:
+def test_collection_ends_when_the_last_group_has_enough(recipe: DatasetRecipe) -> None:
     seen: list[tuple[int, int]] = []
     dataset = collect(recipe, progress=lambda *counts: seen.append(counts))
     assert seen[-1] == (40, len(dataset.unsafe) + dataset.n_safe_met)
 
     def fewest(n: int) -> int:
-        found = recipe.groups.fit(dataset.unsafe[:n], dataset.fail_index[:n], recipe.specification)
-        assert found is not None
-        rule, group = found
+        grouping = recipe.groups.fit(
+            dataset.unsafe[:n], dataset.fail_index[:n], recipe.specification
+        )
+        assert grouping is not None
+        rule, group = grouping
         return min(int(np.count_nonzero(group == k)) for k in range(len(rule.names)))
 
     assert fewest(len(dataset.unsafe)) == 40
@@ -153,9 +155,9 @@ def test_collection_ends_as_the_last_group_has_enough(recipe: DatasetRecipe) -> 
 
 
 def test_a_group_too_scarce_to_be_collected_is_named() -> None:
-    with pytest.raises(CollectionError, match="were of the group 'large deflections, from 30"):
+    with pytest.raises(CollectionError, match="in the group 'large deflections, from 30"):
         collect(replace(with_amplitude(9.5).as_flown(), groups=LargestDeflection(9.0, 30.0)))
-    with pytest.raises(CollectionError, match=r"of a second group: .* choose groups pooled"):
+    with pytest.raises(CollectionError, match=r"in a second group: .* choose groups pooled"):
         collect(replace(RECIPE, groups=GROUPINGS["first_limit"]))
 
 
@@ -166,7 +168,7 @@ def test_progress_reaches_the_wanted_number():
     assert seen == sorted(seen)
 
 
-def test_crossing_between_samples_counts_at_the_later_sample():
+def test_an_exceedance_between_samples_counts_at_the_later_sample():
     coarse = Simulator(RECIPE).rollouts(2000, np.random.default_rng(5))
     fine = Simulator(replace(RECIPE, substeps=10)).rollouts(2000, np.random.default_rng(5))
     np.testing.assert_allclose(fine.y, coarse.y, atol=1e-12)
@@ -174,7 +176,7 @@ def test_crossing_between_samples_counts_at_the_later_sample():
     assert fine.is_unsafe.sum() > coarse.is_unsafe.sum()
 
 
-def test_noise_has_its_deviation_and_leaves_the_labels_alone():
+def test_noise_has_its_deviation_and_does_not_change_the_labels():
     noise = SensorNoise(beta=0.01, Ny=0.2)
     quiet = Simulator(RECIPE).rollouts(500, np.random.default_rng(5))
     noisy = Simulator(replace(RECIPE, noise=noise)).rollouts(500, np.random.default_rng(5))
@@ -222,13 +224,13 @@ def test_impossible_recipe_is_refused(change: dict, message: str):
 
 def test_a_limit_on_several_channels_fails_at_the_first_of_them():
     both = replace(RECIPE, specification=Limits(Ny=0.5, beta=0.05))
-    one = Simulator(RECIPE).rollouts(500, np.random.default_rng(5))
+    single = Simulator(RECIPE).rollouts(500, np.random.default_rng(5))
     two = Simulator(both).rollouts(500, np.random.default_rng(5))
     beta = Limits(Ny=None, beta=0.05).first_exceedance(two.y)
-    np.testing.assert_array_equal(two.fail_index, np.minimum(one.fail_index, beta))
+    np.testing.assert_array_equal(two.fail_index, np.minimum(single.fail_index, beta))
 
 
-def test_what_is_recorded_is_the_true_outputs_from_the_trim_that_is_told() -> None:
+def test_records_are_the_true_outputs_from_the_reported_trim() -> None:
     inexact = Imperfections(trim_deg=0.2)
     recipe = replace(DatasetRecipe(), imperfections=inexact, noise=SensorNoise())
     seen: list[tuple[Array, Array]] = []

@@ -1,4 +1,4 @@
-"""Data compatibility: what kinematics says of sensors, on motion that is exact by construction."""
+"""Data compatibility of sensors, on motion that is exact by construction."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -16,7 +16,7 @@ NOISE = {"beta": 1e-3, "p": 2e-3, "r": 2e-3, "Ny": 3e-3, "phi": 1e-3, "psi": 1e-
 
 
 def moved(rng: np.random.Generator, size: float) -> tuple[Array, Array]:
-    """A smooth motion of many frequencies, as Dutch roll and doublets have, and its derivative."""
+    """A smooth motion of many frequencies, like Dutch roll and doublets, and its derivative."""
     omega = rng.uniform(0.5, 4.0, 12)
     phase, share = rng.uniform(0, 2 * np.pi, 12), rng.normal(size=12) / np.sqrt(6)
     inside = omega * T[:, None] + phase
@@ -59,7 +59,7 @@ def late(x: Array, seconds: float) -> Array:
     return np.concatenate([np.full(n, x[0]), x[: len(x) - n]])
 
 
-def test_sensors_that_agree_are_told_so() -> None:
+def test_sensors_that_agree_have_no_remarks() -> None:
     checks = checked(flown())
     assert list(checks) == ["p", "r", "beta", "Ny", "V"]
     for check in checks.values():
@@ -68,19 +68,21 @@ def test_sensors_that_agree_are_told_so() -> None:
         assert (check.remarks, check.suspects, check.unchecked) == ((), (), "")
 
 
-def test_intervals_hold_what_is_true_as_often_as_they_say() -> None:
-    """Nineteen times in twenty, in gusts that make the residuals resemble each other."""
-    n, held = 40, Counter[str]()
+def test_intervals_have_their_coverage() -> None:
+    """Nineteen in twenty, in gusts that correlate the residuals."""
+    n, covered = 40, Counter[str]()
     for seed in range(n):
         checks = checked(flown(seed, gust=3.0))
         for key, check in checks.items():
             assert check.scale is not None
-            held[key] += check.scale.low <= 1.0 <= check.scale.high
+            covered[key] += check.scale.low <= 1.0 <= check.scale.high
         delay = checks["beta"].delay
         assert delay is not None
-        held["delay"] += delay.low <= 0.0 <= delay.high
-    assert held.keys() == {"p", "r", "beta", "Ny", "V", "delay"}
-    assert all(share >= 0.95 * n - 3 * np.sqrt(n * 0.05 * 0.95) for share in held.values()), held
+        covered["delay"] += delay.low <= 0.0 <= delay.high
+    assert covered.keys() == {"p", "r", "beta", "Ny", "V", "delay"}
+    assert all(share >= 0.95 * n - 3 * np.sqrt(n * 0.05 * 0.95) for share in covered.values()), (
+        covered
+    )
 
 
 FAULTS: dict[str, tuple[str, Callable[[Array], Array], str, float]] = {
@@ -96,7 +98,7 @@ FAULTS: dict[str, tuple[str, Callable[[Array], Array], str, float]] = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_scale_is_found_and_laid_to_its_sensor(fault: str) -> None:
+def test_a_scale_error_is_found_and_attributed_to_its_sensor(fault: str) -> None:
     key, change, where, scale = FAULTS[fault]
     readings = flown(gust=0.3)
     check = checked(readings | {key: change(readings[key])})[where]
@@ -133,7 +135,7 @@ def test_a_bias_of_a_rate_is_found() -> None:
     assert "roll rate has a bias of 1.1" in check.remarks[0]
 
 
-def test_a_bias_of_the_accelerometer_is_told() -> None:
+def test_a_bias_of_the_accelerometer_is_found() -> None:
     readings = flown()
     bias = checked(readings | {"Ny": readings["Ny"] + 0.05})["Ny"].bias
     assert bias is not None
@@ -144,32 +146,32 @@ def of_balance(readings: dict[str, Array]) -> tuple[str, ...]:
     return checked(readings)["Ny"].remarks
 
 
-def test_a_constant_of_the_balance_of_sideslip_is_laid_to_all_that_may_make_it() -> None:
+def test_a_constant_of_the_balance_of_sideslip_lists_all_possible_causes() -> None:
     readings = flown() | {"r": flown()["r"] + np.radians(2.0)}
     (remark,) = of_balance({key: x for key, x in readings.items() if key != "psi"})
     assert "a bias of yaw rate of 2.0" in remark
     assert f"of lateral acceleration of {-np.radians(2.0) * SPEED / GRAVITY:.2f}" in remark
-    assert "a mean bank angle that is -2" in remark
+    assert "a mean bank angle error of -2" in remark
     assert remark.endswith("kinematics cannot tell which")
     (remark,) = of_balance({key: x for key, x in readings.items() if key not in ("psi", "V")})
     assert "a bias of yaw rate of 2.0" in remark
-    assert "whose size needs airspeed" in remark
+    assert "size needs airspeed" in remark
     assert of_balance(readings | {"r": flown()["r"] + np.radians(0.3)}) == ()
 
 
-def test_a_heading_that_agrees_clears_yaw_rate_of_the_constant() -> None:
+def test_agreement_with_heading_rules_out_a_bias_of_yaw_rate() -> None:
     (remark,) = of_balance(flown() | {"Ny": flown()["Ny"] + 0.2})
     assert "yaw rate" not in remark
     assert "constant: a bias of lateral acceleration of 0.199 g" in remark
 
 
-def test_calm_flight_tells_no_number() -> None:
+def test_calm_flight_gives_no_estimate() -> None:
     for check in checked(flown(size=0.02)).values():
-        assert check.unchecked == "not enough motion to tell"
+        assert check.unchecked == "not enough motion"
         assert (check.scale, check.bias, check.delay, check.remarks) == (None, None, None, ())
 
 
-def test_what_is_not_recorded_is_said_by_name() -> None:
+def test_missing_channels_are_named() -> None:
     readings = flown()
     without = {key: readings[key] for key in KEYS if key in readings}
     words = {key: check.unchecked for key, check in checked(without).items()}
@@ -185,7 +187,7 @@ def test_what_is_not_recorded_is_said_by_name() -> None:
     assert checks["Ny"].unchecked == checks["V"].unchecked == "without airspeed"
 
 
-def test_a_rate_that_does_not_follow_is_remarked_on() -> None:
+def test_a_rate_that_does_not_follow_gets_a_remark() -> None:
     readings = flown()
     check = checked(readings | {"p": flown(2)["p"]})["p"]
     assert check.scale is None
@@ -206,7 +208,7 @@ def test_gaps_are_not_bridged() -> None:
 
 @pytest.mark.parametrize("key", ["p", "r", "beta", "Ny", "phi", "psi", "theta", "V"])
 @pytest.mark.parametrize("value", [0.0, 1.0, np.nan])
-def test_a_dead_sensor_makes_no_number_of_its_own(key: str, value: float) -> None:
+def test_a_dead_sensor_gives_no_estimate(key: str, value: float) -> None:
     readings = flown()
     checks = checked(readings | {key: np.full(len(T), value)})
     if key in checks:
@@ -216,7 +218,7 @@ def test_a_dead_sensor_makes_no_number_of_its_own(key: str, value: float) -> Non
             assert estimate is None or np.isfinite(estimate).all()
 
 
-def test_a_recording_that_is_too_short_tells_no_number() -> None:
+def test_a_short_recording_gives_no_estimate() -> None:
     for n in (0, 1, 10, 60):
         for check in checked({key: x[:n] for key, x in flown().items()}).values():
-            assert (check.scale, check.unchecked) == (None, "not enough motion to tell")
+            assert (check.scale, check.unchecked) == (None, "not enough motion")

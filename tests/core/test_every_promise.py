@@ -1,4 +1,4 @@
-"""Every method on every plant at every lead and with either guarantee: what it promises, it keeps.
+"""Every method keeps its guarantee, on every plant, at every lead, with either guarantee.
 
 A seed that no figure was chosen with. A monitor of N failures that alerts above j / (N + 1)
 misses a share distributed as Beta(j, N + 1 - j) over calibration sets (Vovk, ACML 2012), and more
@@ -23,7 +23,7 @@ Sweeps = dict[Guarantee, dict[str, PlannedTestSweep]]
 
 @pytest.fixture(scope="module", params=["none", "usual"])
 def sweeps(request: pytest.FixtureRequest) -> Sweeps:
-    """Both guarantees, without and with the imperfections of flight; reactions play no part."""
+    """Both guarantees, without and with the imperfections of flight; reactions do not matter."""
     return {
         guarantee: sweep(
             SweepRecipe(
@@ -45,7 +45,7 @@ def sweeps(request: pytest.FixtureRequest) -> Sweeps:
 @pytest.mark.parametrize("guarantee", RANKS)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("plant", TESTS)
-def test_misses_are_no_more_than_promised(
+def test_misses_do_not_exceed_epsilon(
     sweeps: Sweeps, plant: str, method: str, guarantee: Guarantee
 ) -> None:
     """On average over monitors, at each lead: within three standard errors."""
@@ -60,10 +60,10 @@ def test_misses_are_no_more_than_promised(
 
 @pytest.mark.parametrize("guarantee", RANKS)
 @pytest.mark.parametrize("method", METHODS)
-def test_hardly_more_monitors_miss_much_than_the_law_says(
+def test_few_monitors_miss_more_than_the_law_allows(
     sweeps: Sweeps, method: str, guarantee: Guarantee
 ) -> None:
-    """The promise of each monitor: of all, one in twenty lies beyond the law's 95 % quantile."""
+    """One monitor in twenty lies beyond the law's 95 % quantile."""
     j, beyond = RANKS[guarantee], []
     for plant in sweeps[guarantee].values():
         # Monitors of several leads come from the same failures: one lead of each is enough.
@@ -75,7 +75,7 @@ def test_hardly_more_monitors_miss_much_than_the_law_says(
 
 
 @pytest.mark.parametrize("plant", TESTS)
-def test_the_promise_of_each_monitor_is_dearer(sweeps: Sweeps, plant: str) -> None:
+def test_the_guarantee_for_each_monitor_costs_more_false_alarms(sweeps: Sweeps, plant: str) -> None:
     """Monitor by monitor: the same failures, flights and scores, and a lower threshold."""
     for method in METHODS:
         for lead in LEADS:

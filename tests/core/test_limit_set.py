@@ -1,4 +1,4 @@
-"""Limit sets: at most one condition holds, and which one is found as by looking at each."""
+"""Limit sets: at most one condition applies, and `find` equals a search over all."""
 
 from typing import Any
 
@@ -29,7 +29,7 @@ def case(name: str, ranges: Any, ny: float = 0.5) -> LimitCase:
 
 @settings(max_examples=examples(100), deadline=None)
 @given(one=RANGES, other=RANGES, condition=st.tuples(*[NUMBERS] * len(CONDITION_KEYS)))
-def test_conditions_overlap_where_a_flight_can_be_both(one: Any, other: Any, condition: Any):
+def test_conditions_overlap_if_one_flight_can_be_both(one: Any, other: Any, condition: Any):
     cases = case("one", one), case("other", other)
     both = all(c.holds(condition) for c in cases)
     if both:
@@ -38,26 +38,26 @@ def test_conditions_overlap_where_a_flight_can_be_both(one: Any, other: Any, con
     somewhere = any(all(c.holds(point) for c in cases) for point in grid)
     assert cases[0].overlaps(cases[1]) == somewhere
     if not somewhere:
-        found = LimitSet(cases).find(condition)
-        assert found == next((k for k, c in enumerate(cases) if c.holds(condition)), None)
+        number = LimitSet(cases).find(condition)
+        assert number == next((k for k, c in enumerate(cases) if c.holds(condition)), None)
 
 
-def test_a_range_ends_before_its_second_number_and_what_is_not_known_is_said() -> None:
+def test_a_range_ends_before_its_second_number_and_missing_values_are_named() -> None:
     limits = LimitSet((case("slow", {"mach": (None, 0.8)}), case("fast", {"mach": (0.8, 1.2)})))
     assert [limits.find((mach, "missing", "missing")) for mach in (0.79, 0.8, 1.2)] == [0, 1, None]
     assert limits.find(("stale", 1.0, 1.0)) is None
     assert limits.needed == ["mach"]
     assert limits.why_none(("stale", "missing", "missing")) == "mach is stale"
-    assert limits.why_none((1.2, "missing", "missing")) == "there are none for this mach"
+    assert limits.why_none((1.2, "missing", "missing")) == "no limits for this mach"
     assert limit_set_from_plain(limit_set_to_plain(limits)) == limits
 
 
 @pytest.mark.parametrize(
     ("cases", "words"),
     [
-        ((), "one at least"),
-        ((case("a", {}), case("b", {"mach": (0.5, 1.0)})), "at once"),
-        ((case("a", {"mach": (0.0, 1.0)}), case("a", {"mach": (1.0, 2.0)})), "name them apart"),
+        ((), "at least one"),
+        ((case("a", {}), case("b", {"mach": (0.5, 1.0)})), "overlap"),
+        ((case("a", {"mach": (0.0, 1.0)}), case("a", {"mach": (1.0, 2.0)})), "use different names"),
     ],
 )
 def test_a_set_is_unambiguous(cases: tuple[LimitCase, ...], words: str) -> None:
@@ -68,11 +68,11 @@ def test_a_set_is_unambiguous(cases: tuple[LimitCase, ...], words: str) -> None:
 @pytest.mark.parametrize(
     ("ranges", "words"),
     [
-        ({"mach": (1.0, 1.0)}, "holds nothing"),
-        ({"mach": (float("nan"), 1.0)}, "no number"),
+        ({"mach": (1.0, 1.0)}, "is empty"),
+        ({"mach": (float("nan"), 1.0)}, "non-finite"),
         ({"altitude": (0.0, 1.0)}, "choose mach"),
     ],
 )
-def test_a_range_is_of_a_channel_and_holds_something(ranges: Any, words: str) -> None:
+def test_a_range_has_a_known_channel_and_is_not_empty(ranges: Any, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         case("a", ranges)

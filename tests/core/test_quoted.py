@@ -1,8 +1,8 @@
 from core.quoted import MOST_SIGNS, quoted
 
 
-def test_what_was_given_is_repeated_with_its_quotes_and_brackets():
-    """However long it is: its beginning and its end."""
+def test_a_value_is_quoted_as_its_repr():
+    """A long one is shortened to its beginning and end."""
     assert quoted("F-16") == "'F-16'"
     assert quoted(["a", 1.5, None]) == "['a', 1.5, None]"
     long = quoted("begin" + "W" * 300 + "end")

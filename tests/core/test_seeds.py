@@ -13,14 +13,14 @@ from core.seeds import Branch, monitor_seeds, stream
         (Branch.VALIDITY, (), (3,)),
     ],
 )
-def test_each_branch_draws_what_it_has_always_drawn(
+def test_each_branch_keeps_its_numbers_between_versions(
     branch: Branch, below: tuple[int, ...], key: tuple[int, ...]
 ) -> None:
     expected = np.random.default_rng(np.random.SeedSequence(7, spawn_key=key)).random(5)
     np.testing.assert_array_equal(stream(7, branch, *below).random(5), expected)
 
 
-def test_no_two_streams_of_a_seed_are_the_same() -> None:
+def test_all_streams_of_a_seed_differ() -> None:
     streams = [stream(7, branch) for branch in Branch]
     streams += [stream(7, Branch.ROLLOUTS, number) for number in range(4)]
     assert len({rng.random() for rng in streams}) == len(streams)

@@ -1,4 +1,4 @@
-"""What unsafe means: the limit itself is unsafe, and so is what has diverged."""
+"""Limits: the limit itself is unsafe, and so is a diverged flight."""
 
 import numpy as np
 import pytest
@@ -53,7 +53,7 @@ def test_first_exceedance_equals_a_loop_over_samples(seed: int, limited: set[str
 
 
 @pytest.mark.parametrize("limit", [0.0, -1.0, float("nan"), float("inf")])
-def test_a_limit_that_is_no_positive_magnitude_is_refused(limit: float) -> None:
+def test_a_limit_that_is_not_a_positive_magnitude_is_refused(limit: float) -> None:
     with pytest.raises(ValueError, match=r"limit beta=.* was given: a limit is a positive, finite"):
         Limits(beta=limit)
 
@@ -64,6 +64,6 @@ def test_a_specification_without_limits_is_refused() -> None:
 
 
 @pytest.mark.parametrize("name", SPECIFICATIONS)
-def test_every_specification_tells_rest_from_a_violent_flight(name: str) -> None:
+def test_every_specification_distinguishes_rest_from_a_violent_flight(name: str) -> None:
     y = np.stack([np.zeros((9, 6)), np.full((9, 6), 1e6)])
     assert SPECIFICATIONS[name].first_exceedance(y).tolist() == [9, 0]

@@ -35,7 +35,7 @@ def test_an_epsilon_is_chosen_by_costs_or_by_targets(file: Path, capsys) -> None
 
 def test_what_cannot_be_chosen_is_one_error(file: Path, tmp_path: Path, capsys) -> None:
     for options, words in (
-        ([], "give both targets, or the cost alone"),
+        ([], "give both targets, or only the cost"),
         (["--most-missed", "0.1"], "most_false_alarms=None"),
         (["--cost-of-miss", "1", "--n-test", "0"], "n_test=0 was given"),
         (

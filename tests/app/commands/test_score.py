@@ -172,7 +172,7 @@ def test_a_monitor_of_no_use_scores_alone_only_where_that_is_accepted(
     assert main(["score", *arguments]) != 0
     said = capsys.readouterr().err
     assert "useless.fwm: the monitor is of no use: only " in said
-    assert "accept that it is: --accept-useless" in said
+    assert "accept a useless monitor: --accept-useless" in said
     assert not (tmp_path / "out").exists()
     assert main(["score", *arguments, "--accept-useless", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)

@@ -227,7 +227,7 @@ def test_a_test_card_needs_a_manoeuvre_of_steps(client):
     assert finished(client, client.post("/api/v1/monitors", json=again))["status"] == "done"
     sweep = order | {"dataset": DATASET | {"maneuver": {"kind": "frequency_sweep"}}}
     told = problem(client.post("/api/v1/monitors", json=sweep), 422)
-    assert "no sequence of steps" in told
+    assert "not a sequence of steps" in told
     assert told.endswith("choose the predictor peak_ridge")
     alone = order | {"score": {"kind": "nearest_neighbor"}}
     told = problem(client.post("/api/v1/monitors", json=alone), 422)

@@ -71,7 +71,7 @@ def test_a_sweep_of_a_dataset_is_of_its_planned_test(client):
     ("change", "words"),
     [
         ({"tests": ["Concorde"]}, "planned test 'Concorde' was given: choose F-16"),
-        ({"leads_s": []}, "give one time above 0 s or more"),
+        ({"leads_s": []}, "give at least one time above 0 s"),
         ({"leads_s": [9.0]}, "choose shorter leads"),
         ({"n_monitors": 1000}, "n_monitors asks for 1000: this server makes 100 at most"),
         ({"speed": 1}, "sweep has no 'speed'"),
@@ -102,7 +102,7 @@ def test_an_epsilon_is_chosen_by_a_job(client, monitor):
 @pytest.mark.parametrize(
     ("order", "words"),
     [
-        ({}, "give both targets, or the cost alone"),
+        ({}, "give both targets, or only the cost"),
         ({"most_missed": 2, "most_false_alarms": 0.1}, "most_missed=2 was given: give a share"),
         ({"cost_of_miss": "dear"}, "cost_of_miss is 'dear': give a number"),
         ({"cost_of_miss": 1, "n_test": 0}, "n_test is 0: give an integer"),

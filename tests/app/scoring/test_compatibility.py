@@ -33,7 +33,7 @@ def test_a_real_record_agrees_except_for_its_vane_ahead_of_the_centre_of_gravity
 def test_each_comparison_and_remark_is_one_printed_line() -> None:
     lines = sensors(compatibility(repair(record("attas_rud1")).traces))
     assert [line.split(":")[0].strip() for line in lines] == [
-        "Data compatibility, 95 % intervals; remarked on where all of an interval is beyond",
+        "Data compatibility, 95 % intervals; remarks where a whole interval is beyond",
         "roll rate against the slope of bank angle",
         "yaw rate against the slope of heading",
         "sideslip against yaw rate",

@@ -424,7 +424,7 @@ def test_a_monitor_of_no_use_says_so_and_is_flown_only_when_that_is_accepted(
         expect(page.locator(".monitor-warning")).to_contain_text("of no use")
         page.get_by_role("button", name="Start the flight").click()
         dialog = page.get_by_role("dialog")
-        expect(dialog).to_contain_text("an alert tells nothing")
+        expect(dialog).to_contain_text("alerts mean nothing")
         dialog.get_by_role("button", name="Do not fly it").click()
         assert site.get("/flights") == []
         page.get_by_role("button", name="Start the flight").click()

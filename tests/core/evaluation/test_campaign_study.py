@@ -1,4 +1,4 @@
-"""What campaigns avoid and lose: counted as by hand, on flights that are the same when stopped."""
+"""Campaign study: counts as by hand, on flights that stay the same until stopped."""
 
 import json
 from copy import deepcopy
@@ -12,7 +12,7 @@ from core.evaluation.campaign_study import (
     WITHOUT,
     CampaignStudyRecipe,
     _counted,
-    _TriedPoint,
+    _PointOutcomes,
     best_of,
     campaign_study,
 )
@@ -33,10 +33,10 @@ SMALL = CampaignStudyRecipe(
 
 
 @pytest.mark.parametrize("imperfections", ["none", "usual"])
-def test_flights_of_given_aircraft_are_the_same_where_they_are_not_stopped(
+def test_flights_of_given_aircraft_are_the_same_if_not_stopped(
     imperfections: str,
 ) -> None:
-    """And end where the controls are held neutral from the first sample on."""
+    """They do not fail with neutral controls from the first sample on."""
     test = TESTS["F-16"] if imperfections == "none" else TESTS["F-16"].as_flown()
     simulator, rng = Simulator(test), stream(3, Branch.TEST)
     theta = simulator.plant.sample(40, rng)
@@ -48,18 +48,18 @@ def test_flights_of_given_aircraft_are_the_same_where_they_are_not_stopped(
     assert (stopped(every, np.zeros(40, np.int64)) == n_samples).all()
 
 
-def test_points_are_counted_as_the_build_up_goes() -> None:
-    """What is refused or aborted ends it, and so does an exceedance; what follows is refused."""
+def test_points_are_counted_along_the_build_up() -> None:
+    """A refused or aborted point ends it, and so does an exceedance; later points are refused."""
     no, yes = False, True
     over = np.array([no, no, no, no, no, yes])
     #                 refused   aborted in time   in vain   exceeds   safe   over before
-    first = _TriedPoint(
+    first = _PointOutcomes(
         np.array([yes, yes, no, yes, no, yes]),
         {0.1: np.array([no, yes, yes, yes, yes, yes])},
         {0.2: np.array([no, yes, yes, no, no, no])},
         {0.2: np.array([yes, no, no, yes, no, yes])},
     )
-    second = _TriedPoint(
+    second = _PointOutcomes(
         np.array([yes, yes, no, yes, no, yes]),
         {0.1: np.ones(6, bool)},
         {0.2: np.zeros(6, bool)},
@@ -74,21 +74,21 @@ def test_points_are_counted_as_the_build_up_goes() -> None:
 
 
 def test_a_smaller_epsilon_avoids_more_and_loses_more() -> None:
-    """Without clearance and monitor nothing is avoided, nor lost."""
-    found = {(c.clearance_epsilon, c.monitor_epsilon): c for c in campaign_study(SMALL)}
-    nothing = found[WITHOUT, WITHOUT]
+    """Without clearance and monitor nothing is avoided or lost."""
+    counts = {(c.clearance_epsilon, c.monitor_epsilon): c for c in campaign_study(SMALL)}
+    nothing = counts[WITHOUT, WITHOUT]
     assert (nothing.avoided, nothing.lost, nothing.caused) == (0, 0, 0)
     assert nothing.n_exceeding > 20
     for monitor in SMALL.monitor_epsilons:
-        avoided = [found[e, monitor].avoided for e in SMALL.clearance_epsilons]
-        lost = [found[e, monitor].lost for e in SMALL.clearance_epsilons]
+        avoided = [counts[e, monitor].avoided for e in SMALL.clearance_epsilons]
+        lost = [counts[e, monitor].lost for e in SMALL.clearance_epsilons]
         assert avoided == sorted(avoided, reverse=True)
         assert lost == sorted(lost, reverse=True)
-    cleared = found[0.1, WITHOUT]
+    cleared = counts[0.1, WITHOUT]
     assert cleared.avoided_share >= 1 - 0.1 - 3 * (0.09 / 30 + 0.09 / cleared.n_exceeding) ** 0.5
-    both, alone = found[0.4, 0.1], found[0.4, WITHOUT]
+    both, alone = counts[0.4, 0.1], counts[0.4, WITHOUT]
     assert both.avoided > alone.avoided
-    best = best_of(list(found.values()), cleared.avoided_share)
+    best = best_of(list(counts.values()), cleared.avoided_share)
     assert best is not None
     assert best.lost_share <= cleared.lost_share
     assert best_of([nothing], 0.5) is None
@@ -97,14 +97,13 @@ def test_a_smaller_epsilon_avoids_more_and_loses_more() -> None:
 def test_the_command_prints_the_table_and_draws_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Table, CSV and figure of one small study."""
     sizes = ["--n-flown", "60", "--n-unsafe", "40", "--n-exceeding", "30", "--n-aircraft", "100"]
     grid = ["--steps", "0.6,1", "--clearance-epsilons", "0.2,1", "--monitor-epsilons", "0.2,1"]
     files = ["--figure", str(tmp_path / "c.svg"), "-o", str(tmp_path / "c.csv")]
     assert main(["campaign-study", "--tests", "F-16", *sizes, *grid, *files]) == 0
-    told = capsys.readouterr().out
-    assert "build-up of 60%, 100%, 60 aircraft" in told
-    assert "F-16: " in told.splitlines()[-1]
+    printed = capsys.readouterr().out
+    assert "build-up of 60%, 100%, 60 aircraft" in printed
+    assert "F-16: " in printed.splitlines()[-1]
     assert len((tmp_path / "c.csv").read_text().splitlines()) == 5
     assert "no monitor" in (tmp_path / "c.svg").read_text()
     assert main(["campaign-study", "--tests", "F-16", *sizes, *grid, "--json"]) == 0
@@ -122,16 +121,15 @@ def test_the_command_prints_the_table_and_draws_it(
     [
         (("--tests", "B-52"), "'B-52' was given: choose F-16"),
         (("--method", "magic"), "'magic' was given"),
-        (("--steps", "1"), "two or more, positive, growing"),
-        (("--steps", "1,0.5"), "two or more, positive, growing"),
+        (("--steps", "1"), "two or more positive, growing"),
+        (("--steps", "1,0.5"), "two or more positive, growing"),
         (("--clearance-epsilons", "0,0.5"), "above 0, at most 1"),
-        (("--clearance-epsilons", "0.0001"), "it needs 9999"),
+        (("--clearance-epsilons", "0.0001"), "it needs at least 9999"),
         (("--figure", "c.pdf"), "ends in .png or .svg"),
     ],
 )
-def test_what_makes_no_study_is_refused(
+def test_impossible_studies_are_refused(
     capsys: pytest.CaptureFixture[str], options: tuple[str, ...], words: str
 ) -> None:
-    """With what would be right."""
     assert main(["campaign-study", *options]) == 1
     assert words in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""The ceiling: a posterior that is as wide as it is wrong, and that hears nothing of the future."""
+"""The information limit: a calibrated posterior that does not use the future."""
 
 from dataclasses import replace
 
@@ -31,9 +31,7 @@ def flown() -> tuple[Rollouts, Array]:
     return flights, simulator.commands(N, np.random.default_rng(3))
 
 
-def test_the_posterior_is_as_wide_as_it_is_wrong(
-    ceiling: Ceiling, flown: tuple[Rollouts, Array]
-) -> None:
+def test_the_posterior_is_calibrated(ceiling: Ceiling, flown: tuple[Rollouts, Array]) -> None:
     flights, commands = flown
     plant, now, amplitude = Simulator(TEST).plant, 50, np.deg2rad(TEST.maneuver.peak_deg)
     given = commands[:, : now + 1, 1]
@@ -53,7 +51,7 @@ def test_the_posterior_is_as_wide_as_it_is_wrong(
     assert np.mean((truth - mean) ** 2) < 0.7 * np.mean(truth**2)
 
 
-def test_a_score_hears_nothing_of_later_samples_and_commands(
+def test_a_score_does_not_depend_on_later_samples_and_commands(
     ceiling: Ceiling, flown: tuple[Rollouts, Array], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "N_DRAWN", 32)
@@ -70,7 +68,7 @@ def test_a_score_hears_nothing_of_later_samples_and_commands(
     assert np.isfinite(scores[:, ~before][:, :4]).all()
 
 
-def test_pilots_wait_as_long_as_planned_given_how_long_they_have(ceiling: Ceiling) -> None:
+def test_pilots_wait_as_planned_given_the_time_passed(ceiling: Ceiling) -> None:
     for passed in (0, 15, 24):
         waits = ceiling._wait(1, np.array([passed]))[0]
         expected = truncnorm((passed - 20.5) / 2.0 if passed else -np.inf, np.inf, 20.0, 2.0)
@@ -84,6 +82,6 @@ def test_pilots_wait_as_long_as_planned_given_how_long_they_have(ceiling: Ceilin
     [replace(TEST, maneuver=FrequencySweep(amplitude_deg=9.5)), TEST.as_flown()],
     ids=["no steps", "imperfect"],
 )
-def test_a_test_of_unknown_probabilities_is_refused(test) -> None:
-    with pytest.raises(ValueError, match="the ceiling needs a manoeuvre made of steps"):
+def test_a_test_without_known_probabilities_is_refused(test) -> None:
+    with pytest.raises(ValueError, match="needs a manoeuvre of steps"):
         Ceiling(test)

@@ -1,4 +1,4 @@
-"""What test flights say of a monitor's promise and use; sentences only where they are due."""
+"""The certificate of a monitor, with warnings only where they apply."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ from core.evaluation.rates import clopper_pearson
 
 
 def evaluation(misses: int, false_alerts: int, n: int = 500, **more: Any) -> dict[str, Any]:
-    """As a monitor carries it: 500 failing and 500 safe flights, tested at 0.1."""
+    """As stored with a monitor: 500 failing and 500 safe flights, tested at 0.1."""
     counts = {"misses": misses, "false_alerts": false_alerts, "withdrawn": 0}
     curves = {"epsilon": [0.05, 0.1, 0.2], "misses": [4, 0, 19], "false_alerts": [50, 0, 10]}
     return {
@@ -22,69 +22,69 @@ def evaluation(misses: int, false_alerts: int, n: int = 500, **more: Any) -> dic
     } | more  # fmt: skip
 
 
-def test_a_monitor_that_was_not_tested_says_so() -> None:
+def test_an_untested_monitor_has_a_warning() -> None:
     assert certificate(None, 0.1) is None
     assert warnings_of(None, 0.1) == [UNTESTED]
 
 
-def test_the_certificate_is_of_the_nearest_epsilon_that_was_tested() -> None:
-    found = certificate(evaluation(9, 20, n=100), 0.06)
-    assert found is not None
-    assert found.missed is not None
-    assert (found.epsilon, found.missed.count) == (0.05, 4)
-    assert found.fail_given_alert is not None
-    assert found.fail_given_alert.total == 96 + 50
+def test_the_certificate_uses_the_nearest_tested_epsilon() -> None:
+    tested = certificate(evaluation(9, 20, n=100), 0.06)
+    assert tested is not None
+    assert tested.missed is not None
+    assert (tested.epsilon, tested.missed.count) == (0.05, 4)
+    assert tested.fail_given_alert is not None
+    assert tested.fail_given_alert.total == 96 + 50
 
 
 @pytest.mark.parametrize("misses", range(40, 80))
-def test_a_promise_is_broken_where_the_whole_interval_lies_above_it(misses: int) -> None:
-    found = certificate(evaluation(misses, 20), 0.1)
-    assert found is not None
+def test_the_promise_is_broken_if_the_whole_interval_is_above_it(misses: int) -> None:
+    tested = certificate(evaluation(misses, 20), 0.1)
+    assert tested is not None
     is_above = clopper_pearson(misses, 500)[0] > 0.1
-    assert found.is_worse_than_promised == is_above
-    assert any("worse than its promise" in text for text in found.warnings) == is_above
+    assert tested.is_worse_than_promised == is_above
+    assert any("worse than its promise" in text for text in tested.warnings) == is_above
 
 
 @pytest.mark.parametrize("passed", range(60, 110))
-def test_a_monitor_is_useless_where_a_fifth_of_safe_flights_cannot_pass(passed: int) -> None:
-    found = certificate(evaluation(20, 500 - passed), 0.1)
-    assert found is not None
+def test_a_monitor_is_useless_if_too_few_safe_flights_pass(passed: int) -> None:
+    tested = certificate(evaluation(20, 500 - passed), 0.1)
+    assert tested is not None
     is_useless = clopper_pearson(passed, 500)[1] < 0.2
-    assert found.is_useless == is_useless
-    assert any("of no use" in text for text in found.warnings) == is_useless
+    assert tested.is_useless == is_useless
+    assert any("of no use" in text for text in tested.warnings) == is_useless
 
 
-def test_sentences_give_share_interval_and_what_was_promised() -> None:
+def test_warnings_give_share_interval_and_promise() -> None:
     (text,) = warnings_of(evaluation(67, 20), 0.1)
     assert "13.4% [10.5%, 16.7%]" in text
-    assert "at most 0.1 was promised" in text
+    assert "promised at most 0.1" in text
 
 
-def test_counts_that_nobody_made_are_none() -> None:
-    found = certificate(evaluation(0, 0, n=0), 0.1)
-    assert found is not None
-    assert (found.missed, found.quiet, found.fail_given_alert) == (None, None, None)
-    assert found.warnings == []
+def test_missing_counts_are_none() -> None:
+    tested = certificate(evaluation(0, 0, n=0), 0.1)
+    assert tested is not None
+    assert (tested.missed, tested.quiet, tested.fail_given_alert) == (None, None, None)
+    assert tested.warnings == []
 
 
-def test_flights_that_were_withdrawn_are_neither_missed_nor_caught() -> None:
+def test_withdrawn_flights_are_neither_missed_nor_caught() -> None:
     counts = {"misses": 10, "false_alerts": 30, "withdrawn": 40}
-    found = certificate(evaluation(0, 0, at_epsilon=counts), 0.1)
-    assert found is not None
-    assert found.fail_given_alert is not None
-    assert (found.fail_given_alert.count, found.fail_given_alert.total) == (450, 480)
+    tested = certificate(evaluation(0, 0, at_epsilon=counts), 0.1)
+    assert tested is not None
+    assert tested.fail_given_alert is not None
+    assert (tested.fail_given_alert.count, tested.fail_given_alert.total) == (450, 480)
 
 
-def test_safe_flights_that_were_called_invalid_do_not_make_a_monitor_useful() -> None:
+def test_invalid_safe_flights_do_not_make_a_monitor_useful() -> None:
     counts = {"misses": 10, "false_alerts": 30, "withdrawn": 0, "safe_withdrawn": 450}
-    found = certificate(evaluation(0, 0, at_epsilon=counts), 0.1)
-    assert found is not None
-    assert found.quiet is not None
-    assert found.quiet.count == 20
-    assert found.is_useless
+    tested = certificate(evaluation(0, 0, at_epsilon=counts), 0.1)
+    assert tested is not None
+    assert tested.quiet is not None
+    assert tested.quiet.count == 20
+    assert tested.is_useless
 
 
-def test_a_power_that_an_older_version_wrote_counts_the_quiet_flights_too() -> None:
+def test_the_power_of_an_older_version_is_recomputed() -> None:
     counted = {"power": 0.94, "power_interval": [0.9, 0.96], "safe_withdrawn": 70}
     at = evaluation(10, 30)["at_epsilon"] | counted
     curves = {
@@ -92,9 +92,9 @@ def test_a_power_that_an_older_version_wrote_counts_the_quiet_flights_too() -> N
         "power": [0.94], "power_interval": [[0.9, 0.96]],
     }  # fmt: skip
     stored = evaluation(0, 0, at_epsilon=at, curves=curves)
-    told = with_power_of_quiet(stored)
-    assert told["at_epsilon"]["power"] == told["curves"]["power"][0] == pytest.approx(0.8)
-    assert told["curves"]["power_interval"] == [clopper_pearson(400, 500).tolist()]
+    updated = with_power_of_quiet(stored)
+    assert updated["at_epsilon"]["power"] == updated["curves"]["power"][0] == pytest.approx(0.8)
+    assert updated["curves"]["power_interval"] == [clopper_pearson(400, 500).tolist()]
     assert stored["at_epsilon"]["power"] == 0.94
     older = evaluation(10, 30)
     assert with_power_of_quiet(older) == older

@@ -1,4 +1,4 @@
-"""Model errors: what is flown with them, and what the table says of a clearance."""
+"""Model errors: their flights, and the table of clearances."""
 
 import json
 from dataclasses import replace
@@ -21,17 +21,17 @@ BY_WORDS = {error.words: error for error in MODEL_ERRORS}
 
 
 @pytest.mark.parametrize("name", TESTS)
-def test_an_aircraft_that_does_not_soften_flies_as_the_linear_one(name: str) -> None:
+def test_an_aircraft_without_softening_flies_like_the_linear_one(name: str) -> None:
     """The numerical integration against the exact rollout."""
     simulator = Simulator(replace(TESTS[name], noise=SensorNoise()))
     theta = simulator.plant.sample(5, np.random.default_rng(1))
     exact = simulator.fly(theta, np.random.default_rng(2))[0].y
-    found = softened(simulator, theta, 0.0, np.random.default_rng(2))
-    np.testing.assert_allclose(found, exact, atol=2e-4 * np.abs(exact).max())
+    outputs = softened(simulator, theta, 0.0, np.random.default_rng(2))
+    np.testing.assert_allclose(outputs, exact, atol=2e-4 * np.abs(exact).max())
 
 
 def test_softening_makes_the_aircraft_swing_farther() -> None:
-    """The more, the larger the input."""
+    """More so for a larger input."""
     planned, grown = replace(TESTS["F-16"], noise=SensorNoise()), []
     for part in (0.25, 1.0, 1.5):
         peak = part * planned.maneuver.peak_deg
@@ -48,7 +48,7 @@ def test_softening_makes_the_aircraft_swing_farther() -> None:
 def test_the_command_prints_each_error(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Noise that is twice as large is seen on all flights; as modelled on few."""
+    """Twice the noise is detected on all flights; the modelled noise on few."""
     some = (BY_WORDS["as modelled"], BY_WORDS["noise twice as large"])
     monkeypatch.setattr(clearance_errors, "MODEL_ERRORS", some)
     sizes = ["--n-aircraft", "100", "--n-exceeding", "20", "--epsilon", "0.1"]
@@ -61,8 +61,8 @@ def test_the_command_prints_each_error(
     assert noisy["wrongly_unflagged"] == 0
 
 
-def test_what_makes_no_table_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    """A test that is not known, and steps that are none."""
+def test_impossible_tables_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    """An unknown test, and impossible steps."""
     assert main(["clearance-errors", "--tests", "B-52"]) == 1
     assert "'B-52' was given: choose F-16" in capsys.readouterr().err
 
@@ -76,8 +76,8 @@ SHOWN = (
 
 
 @pytest.mark.fuzz
-def test_a_second_step_shows_what_softens(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of wrong clearances hardly any is left unflagged after two steps; after one more are."""
+def test_a_second_step_reveals_softening(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few wrong clearances stay unflagged after two steps; more after one."""
     monkeypatch.setattr(clearance_errors, "MODEL_ERRORS", tuple(BY_WORDS[words] for words in SHOWN))
     wrong = {}
     for steps in ((0.6,), (0.4, 0.6)):
@@ -87,5 +87,5 @@ def test_a_second_step_shows_what_softens(monkeypatch: pytest.MonkeyPatch) -> No
         wrong[len(steps)] = soft.wrongly_unflagged / soft.n_exceed
         assert modelled.flagged <= 0.1 * 300
         assert noisy.flagged == 300
-        assert misread.wrongly_unflagged > 0, "what no fit can see"
+        assert misread.wrongly_unflagged > 0, "no fit detects it"
     assert wrong[2] < 0.05

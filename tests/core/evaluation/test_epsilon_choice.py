@@ -1,4 +1,4 @@
-"""Choosing epsilon: certified on flights that did not choose, refused where they are too few."""
+"""Choosing epsilon: certified on flights that did not choose, refused with too few."""
 
 from dataclasses import replace
 
@@ -39,27 +39,27 @@ def flights() -> Rollouts:
 def test_two_targets_are_certified_by_flights_that_did_not_choose(
     monitor: Monitor, flights: Rollouts
 ) -> None:
-    found = choose(monitor, flights, ChoiceRecipe(0.15, 0.15))
-    assert found.most_missed <= 0.15
-    assert found.most_false <= 0.15
+    choice = choose(monitor, flights, ChoiceRecipe(0.15, 0.15))
+    assert choice.most_missed <= 0.15
+    assert choice.most_false <= 0.15
     second = flights.some(np.arange(len(flights.y)) % 2 == 1)
-    counts = evaluate(monitor, second.y, second.fail_index, np.array([found.epsilon]))
-    assert (found.misses, found.n_unsafe) == (counts.misses[0], counts.n_unsafe)
-    assert (found.false_alerts, found.n_safe) == (counts.false_alerts[0], counts.n_safe)
-    assert (found.withdrawn, found.safe_withdrawn) == (
+    counts = evaluate(monitor, second.y, second.fail_index, np.array([choice.epsilon]))
+    assert (choice.misses, choice.n_unsafe) == (counts.misses[0], counts.n_unsafe)
+    assert (choice.false_alerts, choice.n_safe) == (counts.false_alerts[0], counts.n_safe)
+    assert (choice.withdrawn, choice.safe_withdrawn) == (
         counts.withdrawn[0],
         counts.safe_withdrawn[0],
     )
-    assert found.alert_above == monitor.alert_above(found.epsilon)
+    assert choice.alert_above == monitor.alert_above(choice.epsilon)
 
 
-def test_an_upper_bound_is_that_of_half_of_five_per_cent() -> None:
+def test_an_upper_bound_is_one_sided_at_two_and_a_half_percent() -> None:
     expected = stats.binomtest(9, 300).proportion_ci(0.95, "exact").high
     assert upper_bound(9, 300) == pytest.approx(expected)
     assert upper_bound(4, 4) == 1.0
 
 
-def test_targets_that_too_few_flights_can_certify_name_how_many_could(
+def test_too_few_flights_to_certify_the_targets_name_the_number_needed(
     monitor: Monitor, flights: Rollouts
 ) -> None:
     few = flights.some(slice(160))
@@ -74,7 +74,9 @@ def test_targets_that_no_epsilon_keeps_are_refused(monitor: Monitor, flights: Ro
         choose(monitor, flights, ChoiceRecipe(0.004, 0.004))
 
 
-def test_a_dearer_miss_makes_a_smaller_epsilon(monitor: Monitor, flights: Rollouts) -> None:
+def test_a_higher_cost_of_a_miss_gives_a_smaller_epsilon(
+    monitor: Monitor, flights: Rollouts
+) -> None:
     cheap, dear = (
         choose(monitor, flights, ChoiceRecipe(cost_of_miss=cost)) for cost in (0.1, 1000.0)
     )
@@ -83,21 +85,21 @@ def test_a_dearer_miss_makes_a_smaller_epsilon(monitor: Monitor, flights: Rollou
 
 
 @pytest.mark.parametrize("guarantee", ["average", "95%"])
-def test_candidates_are_all_served(monitor: Monitor, guarantee: str) -> None:
+def test_all_candidates_are_possible(monitor: Monitor, guarantee: str) -> None:
     asked = replace(monitor, recipe=replace(AHEAD, guarantee=guarantee))  # pyright: ignore
-    found = candidates(asked)
-    assert len(found) > 50
-    for epsilon in found.tolist():
+    choice = candidates(asked)
+    assert len(choice) > 50
+    for epsilon in choice.tolist():
         asked.alert_above(epsilon)
 
 
 @pytest.mark.parametrize("wrong", [0.0, 1.0, float("nan")])
-def test_what_is_no_target_or_cost_is_refused(
+def test_impossible_targets_and_costs_are_refused(
     monitor: Monitor, flights: Rollouts, wrong: float
 ) -> None:
     with pytest.raises(ChoiceError, match="give a share between 0 and 1"):
         choose(monitor, flights, ChoiceRecipe(wrong, 0.1))
     with pytest.raises(ChoiceError, match="give a number above 0"):
         choose(monitor, flights, ChoiceRecipe(cost_of_miss=wrong - 1.0))
-    with pytest.raises(ChoiceError, match="too few of which failed or stayed safe"):
+    with pytest.raises(ChoiceError, match="too few failed or stayed safe"):
         choose(monitor, flights.some(slice(2)), ChoiceRecipe(cost_of_miss=1.0))

@@ -1,4 +1,4 @@
-"""The sweep over leads: its counts are those of monitors that are trained and tested one by one."""
+"""The lead-time study: same counts as monitors trained and tested one by one."""
 
 from dataclasses import replace
 from functools import partial
@@ -55,7 +55,7 @@ def test_a_cell_counts_what_each_monitor_alone_does(small: PlannedTestSweep) -> 
         assert (np.diff(cell.prevented_share) <= 0).all()
 
 
-def test_what_methods_share_changes_no_count_of_theirs() -> None:
+def test_sharing_work_between_methods_changes_no_count() -> None:
     names = tuple(name for name, (predictor, _) in METHODS.items() if predictor.forecast)
     recipe = replace(SMALL, methods=names, leads_s=(0.25, 0.6), n_monitors=1)
     test = replace(TESTS["F-16"].as_flown(), seed=monitor_seeds(0, 1)[0][0], n_unsafe=30)
@@ -85,7 +85,7 @@ def test_what_methods_share_changes_no_count_of_theirs() -> None:
     assert rest[:2] == rest[2:], "what is alerted of alike does not depend on the lead"
 
 
-def test_where_failures_come_before_the_lead_no_method_has_power(small: PlannedTestSweep) -> None:
+def test_no_method_has_power_if_failures_come_before_the_lead(small: PlannedTestSweep) -> None:
     assert 0.8 < small.earliest_s < 1.3
     cells = [cell for (_, lead), cell in small.cells.items() if lead == 1.3]
     assert len(cells) == 2
@@ -101,29 +101,29 @@ def test_power_at_a_share_of_misses_by_hand() -> None:
     assert np.isnan(lead_sweep._power_at(0.1, lowest[:4], is_unsafe[:4]))
 
 
-def test_a_tenth_of_safe_flights_alerts_at_most_by_hand() -> None:
+def test_at_most_a_tenth_of_safe_flights_alerts_by_hand() -> None:
     safe = np.arange(20.0)[::-1]
     level = lead_sweep._level_of_false_alarms(safe)
     assert np.count_nonzero(safe <= level) == 2
     assert np.count_nonzero(np.zeros(20) <= lead_sweep._level_of_false_alarms(np.zeros(20))) == 0
 
 
-def test_a_manoeuvre_without_a_card_leaves_methods_of_cards_out() -> None:
+def test_a_manoeuvre_without_a_card_omits_methods_that_need_one() -> None:
     test = replace(TESTS["F-16"], maneuver=FrequencySweep(amplitude_deg=9.5))
-    found = sweep(replace(SMALL, n_monitors=1, leads_s=(0.25,)), {"own": test})
-    assert list(found["own"].cells) == [("linear + nearest neighbor", 0.25)]
+    results = sweep(replace(SMALL, n_monitors=1, leads_s=(0.25,)), {"own": test})
+    assert list(results["own"].cells) == [("linear + nearest neighbor", 0.25)]
 
 
-def test_it_repeats_for_a_seed_and_tells_its_progress(small: PlannedTestSweep) -> None:
-    told: list[tuple[int, int]] = []
-    again = sweep(SMALL, progress=lambda *done: told.append(done))["F-16"]
-    assert told == [(4, 8), (8, 8)]
+def test_it_repeats_for_a_seed_and_reports_progress(small: PlannedTestSweep) -> None:
+    calls: list[tuple[int, int]] = []
+    again = sweep(SMALL, progress=lambda *done: calls.append(done))["F-16"]
+    assert calls == [(4, 8), (8, 8)]
     for key, cell in small.cells.items():
         assert (cell.misses == again.cells[key].misses).all()
         assert (cell.prevented == again.cells[key].prevented).all()
 
 
-def test_what_progress_raises_cancels() -> None:
+def test_an_exception_in_progress_cancels() -> None:
     def cancel(*_: int) -> None:
         raise InterruptedError
 
@@ -137,33 +137,33 @@ def test_what_progress_raises_cancels() -> None:
         ({"methods": ("fortune",)}, "method 'fortune' was given: choose linear"),
         ({"tests": ("F-15",)}, "planned test 'F-15' was given: choose F-16"),
         ({"leads_s": ()}, "leads_s"),
-        ({"leads_s": (0.0,)}, "give one time above 0 s"),
+        ({"leads_s": (0.0,)}, "give at least one time above 0 s"),
         ({"reactions_s": (float("nan"),)}, "reactions_s"),
         ({"epsilon": 0.01}, "needs at least 99 unsafe rollouts"),
         ({"n_monitors": 0}, "n_monitors"),
     ],
 )
-def test_what_makes_no_sweep_is_refused(wrong: dict, words: str) -> None:
+def test_impossible_sweeps_are_refused(wrong: dict, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         replace(SMALL, **wrong)
 
 
-def test_a_lead_as_long_as_the_manoeuvre_is_refused_before_anything_is_flown() -> None:
+def test_a_lead_as_long_as_the_manoeuvre_is_refused_before_any_flight() -> None:
     with pytest.raises(ValueError, match="the manoeuvre of F-16 lasts 6 s, choose shorter leads"):
         sweep(replace(SMALL, leads_s=(0.25, 6.0)))
 
 
-def test_a_ceiling_misses_just_epsilon_and_stands_beside_its_lead(
+def test_the_information_limit_misses_exactly_epsilon_at_each_lead(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(lead_sweep, "CEILING_FLIGHTS", 30)
     monkeypatch.setattr(lead_sweep, "CEILING_POOL", 100)
     recipe = replace(SMALL, tests=("ATTAS",), n_monitors=1, ceiling=True, methods=SMALL.methods[:1])
-    told: list[tuple[int, int]] = []
-    cells = sweep(recipe, progress=lambda *done: told.append(done))["ATTAS"].cells
+    calls: list[tuple[int, int]] = []
+    cells = sweep(recipe, progress=lambda *done: calls.append(done))["ATTAS"].cells
     names = SMALL.methods[0], CEILING
     assert list(cells) == [(name, lead) for lead in recipe.leads_s for name in names]
-    assert sorted(told)[-1] == (4, 4)
+    assert sorted(calls)[-1] == (4, 4)
     near, far = (cells[CEILING, lead] for lead in recipe.leads_s)
     assert near.n_unsafe[0] == near.n_safe[0] == 15
     assert near.misses[0] == far.misses[0] == 1
@@ -173,6 +173,6 @@ def test_a_ceiling_misses_just_epsilon_and_stands_beside_its_lead(
     assert far.prevented_share[0] > 0.8
 
 
-def test_a_ceiling_of_imperfect_flights_is_refused() -> None:
-    with pytest.raises(ValueError, match="it is known without imperfections only"):
+def test_an_information_limit_with_imperfections_is_refused() -> None:
+    with pytest.raises(ValueError, match="limit needs imperfections none"):
         replace(SMALL, ceiling=True, imperfections="usual")

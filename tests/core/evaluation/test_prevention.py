@@ -1,4 +1,4 @@
-"""What an alert prevents: by hand, and by flights that are stopped."""
+"""Failures that alerts prevent: by hand, and with stopped flights."""
 
 from dataclasses import replace
 from functools import partial
@@ -26,7 +26,7 @@ def test_a_stopped_flight_is_the_same_until_it_is_stopped(recipe: DatasetRecipe)
     assert len(which) >= 5
 
 
-def test_an_input_that_has_acted_is_not_taken_back() -> None:
+def test_stopping_too_late_does_not_undo_the_input() -> None:
     """Neutral controls just before the failure come too late, early ones do not."""
     flown = evaluation_flights(RECIPE, N)
     which = np.flatnonzero(flown.is_unsafe)
@@ -34,7 +34,7 @@ def test_an_input_that_has_acted_is_not_taken_back() -> None:
     assert (late == flown.fail_index[which]).any()
 
 
-def test_failures_are_counted_as_prevented_where_the_stopped_flight_holds() -> None:
+def test_a_failure_is_prevented_if_the_stopped_flight_stays_within_limits() -> None:
     fails = np.array([5, 7, 9, 10, 10, 10])
     alerts = np.array([2, 10, 6, 3, 10, 4])
     asked: list[tuple[Indices, Indices]] = []
@@ -43,10 +43,10 @@ def test_failures_are_counted_as_prevented_where_the_stopped_flight_holds() -> N
         asked.append((which, neutral_from))
         return np.array([10, 9, 10, 8])
 
-    found = prevention(alerts, fails, 10, 0.1, stopped, np.random.default_rng(0), (0.3, 0.6))
-    assert (found.n_unsafe, found.n_safe, found.stopped) == (3, 3, 2)
-    assert found.prevented.tolist() == [1, 1]
-    assert found.caused.tolist() == [1, 1]
+    counts = prevention(alerts, fails, 10, 0.1, stopped, np.random.default_rng(0), (0.3, 0.6))
+    assert (counts.n_unsafe, counts.n_safe, counts.stopped) == (3, 3, 2)
+    assert counts.prevented.tolist() == [1, 1]
+    assert counts.caused.tolist() == [1, 1]
     assert asked[0][0].tolist() == [0, 2, 3, 5]
     assert (asked[0][1] > [2, 6, 3, 4]).all()
     assert (asked[1][1] > asked[0][1]).all()
@@ -73,8 +73,8 @@ def test_a_faster_reaction_prevents_more() -> None:
     n_samples = flown.y.shape[1]
     alerts = np.where(flown.is_unsafe, np.maximum(flown.fail_index - 10, 0), n_samples)
     again = partial(stopped_flights, recipe, 300)
-    found = prevention(alerts, flown.fail_index, n_samples, 0.05, again, np.random.default_rng(2))
-    assert (np.diff(found.prevented) <= 0).all()
-    assert found.prevented[0] > 0.5 * found.n_unsafe
-    assert found.prevented[-1] < 0.2 * found.n_unsafe
-    assert found.stopped == 0
+    counts = prevention(alerts, flown.fail_index, n_samples, 0.05, again, np.random.default_rng(2))
+    assert (np.diff(counts.prevented) <= 0).all()
+    assert counts.prevented[0] > 0.5 * counts.n_unsafe
+    assert counts.prevented[-1] < 0.2 * counts.n_unsafe
+    assert counts.stopped == 0

@@ -43,7 +43,7 @@ def test_no_miss_in_59_certifies_five_per_cent() -> None:
     assert clopper_pearson(0, 59, 0.90)[1] <= 0.05 < clopper_pearson(0, 58, 0.90)[1]
 
 
-def test_nothing_tried_is_nothing_known() -> None:
+def test_no_trial_gives_the_whole_interval() -> None:
     assert clopper_pearson([0, 0], [0, 3])[0].tolist() == [0, 1]
     assert clustered_interval(np.zeros((3, 1)), np.zeros((3, 1))).tolist() == [[0, 1]]
 
@@ -53,7 +53,7 @@ def test_clustered_interval_of_one_cluster_is_clopper_pearson() -> None:
     assert (clustered_interval(successes, trials) == clopper_pearson([0, 3, 20], 20)).all()
 
 
-def test_clustered_interval_is_wider_the_more_clusters_scatter() -> None:
+def test_a_clustered_interval_widens_with_scatter() -> None:
     trials = np.full(5, 40)
     even, some, much = (
         clustered_interval(np.array(k), trials)
@@ -78,14 +78,14 @@ def test_clustered_interval_has_the_effective_size_of_korn_and_graubard() -> Non
     np.testing.assert_allclose(clustered_interval(40 * shares, np.full(5, 40)), expected)
 
 
-def test_clustered_interval_takes_one_column_an_epsilon() -> None:
+def test_a_clustered_interval_works_column_by_column() -> None:
     successes, trials = np.array([[1, 4], [3, 9], [4, 30]]), np.array([[40], [35], [50]])
     columns = [clustered_interval(k, trials[:, 0]) for k in successes.T]
     assert (clustered_interval(successes, trials) == columns).all()
 
 
 @pytest.mark.parametrize(("n_clusters", "trials"), [(10, 125), (20, 60), (5, 100)])
-def test_clustered_interval_covers_where_clopper_pearson_does_not(
+def test_a_clustered_interval_covers_if_clopper_pearson_does_not(
     n_clusters: int, trials: int
 ) -> None:
     """Monitors of 50 failures at epsilon 0.1: miss rates scatter as Beta(5, 46), mean 5/51.
@@ -160,15 +160,15 @@ def test_an_alert_at_the_first_sample_is_in_time_for_a_failure_at_h(by_hand: Mon
 
 def test_leads_run_from_the_first_alert_to_the_failure(by_hand: Monitor) -> None:
     y, fail = flights_by_hand()
-    found = leads(first_alerts(by_hand, y, fail, 0.1), fail, 8, 0.1)
-    assert found / 0.1 * by_hand.dt == pytest.approx([0.2, 0.1, 0.0, 0.1], abs=1e-12)
+    result = leads(first_alerts(by_hand, y, fail, 0.1), fail, 8, 0.1)
+    assert result / 0.1 * by_hand.dt == pytest.approx([0.2, 0.1, 0.0, 0.1], abs=1e-12)
     y[:, 5, 3] = 0.2
     alerts = first_alerts(by_hand, y[2:3], fail[2:3], 0.1)
     assert alerts.tolist() == [8]
     assert leads(alerts, fail[2:3], 8, 0.1).tolist() == [-np.inf]
 
 
-def test_intervals_stand_beside_their_rates() -> None:
+def test_each_rate_has_its_interval() -> None:
     result = Evaluation(
         epsilons=np.array([0.1, 0.2]),
         n_unsafe=500,
@@ -215,21 +215,21 @@ def test_evaluation_at_an_epsilon_out_of_reach_is_refused(dataset: Dataset) -> N
 def test_leads_are_whole_samples_of_failing_flights_only(dataset: Dataset) -> None:
     monitor = train(dataset)
     alerts = first_alerts(monitor, dataset.unsafe, dataset.fail_index)
-    found = leads(alerts, dataset.fail_index, N_SAMPLES, monitor.dt)
-    assert found.shape == (12,)
-    timely = found >= monitor.lead - 1e-9
+    times = leads(alerts, dataset.fail_index, N_SAMPLES, monitor.dt)
+    assert times.shape == (12,)
+    timely = times >= monitor.lead - 1e-9
     result = evaluate(monitor, dataset.unsafe, dataset.fail_index, np.array([0.1]))
     assert (~timely).sum() == result.misses[0]
-    np.testing.assert_allclose(found / DT, np.round(found / DT), atol=1e-9)
+    np.testing.assert_allclose(times / DT, np.round(times / DT), atol=1e-9)
 
 
 @pytest.mark.parametrize("p_value", ["simple", "exact"])
-def test_the_first_alert_is_that_of_the_stream(p_value: str, dataset: Dataset) -> None:
+def test_the_first_alert_equals_that_of_the_stream(p_value: str, dataset: Dataset) -> None:
     monitor = train(dataset, MonitorRecipe(p_value=p_value))  # pyright: ignore
     y = oscillator.fly(np.random.default_rng(22), 60)[1]
     fail = oscillator.fail_indices(y)
-    found = first_alerts(monitor, y, fail, 0.2)
+    result = first_alerts(monitor, y, fail, 0.2)
     for i, end in enumerate(fail.tolist()):
         alerts = monitor.p_values(y[i, : end + 1]) > monitor.alert_above(0.2)
-        assert found[i] == (alerts.argmax() if alerts.any() else N_SAMPLES)
-    assert 0 < (found < N_SAMPLES).sum() < len(y)
+        assert result[i] == (alerts.argmax() if alerts.any() else N_SAMPLES)
+    assert 0 < (result < N_SAMPLES).sum() < len(y)

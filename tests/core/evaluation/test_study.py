@@ -60,13 +60,13 @@ def test_each_method_equals_the_plain_twin_on_the_same_rollouts(
     assert np.mean(np.abs(ours - p) > 1e-12) < 1e-3  # samples within rounding of an alpha
 
     epsilons = EPSILONS[EPSILONS > 1 / 21]
-    found = evaluate(monitor, flights.y, flights.fail_index, epsilons)
+    result = evaluate(monitor, flights.y, flights.fail_index, epsilons)
     miss, power = twin.evaluate(list(p), flights.fail_index.tolist(), monitor.h, epsilons)
-    np.testing.assert_allclose(found.miss_rate, miss, atol=1.01 / found.n_unsafe)
-    np.testing.assert_allclose(found.power, power, atol=1.01 / found.n_safe)
+    np.testing.assert_allclose(result.miss_rate, miss, atol=1.01 / result.n_unsafe)
+    np.testing.assert_allclose(result.power, power, atol=1.01 / result.n_safe)
 
 
-def test_study_depends_on_its_seed_alone(small: StudyResult):
+def test_a_study_depends_only_on_its_seed(small: StudyResult):
     same, other = study(SMALL), study(replace(SMALL, dataset=replace(SMALL.dataset, seed=1)))
     for name in METHODS:
         np.testing.assert_array_equal(small.methods[name].misses, same.methods[name].misses)
@@ -82,7 +82,7 @@ def test_study_counts_every_test_flight_once(small: StudyResult):
         assert (np.diff(method.false_alerts, axis=1) <= 0).all()
 
 
-def test_default_experiment_is_not_trivial():
+def test_the_default_experiment_is_not_trivial():
     many = Simulator(DatasetRecipe()).rollouts(4000, np.random.default_rng(0))
     assert 0.1 < many.is_unsafe.mean() < 0.4
 

@@ -1,4 +1,4 @@
-"""The pair matrix of validity: the table that is kept, and a part of it made again."""
+"""The stored validity matrix, and a part of it recomputed."""
 
 import csv
 
@@ -12,11 +12,11 @@ from core.simulation.published import MODELS
 from tests.support.places import DATA, ROOT
 
 ROUNDING = 2
-"""Flights that another processor's rounding may tip over a bound."""
+"""Flights that rounding on another processor may move across a bound."""
 
 
 def kept() -> list[Pair]:
-    """The table as `forewarn validity-matrix` wrote it."""
+    """The table written by `forewarn validity-matrix`."""
     with (DATA / "validity_matrix.csv").open() as file:
         return TypeAdapter(list[Pair]).validate_python(list(csv.DictReader(file)))
 
@@ -27,7 +27,7 @@ def test_every_pair_of_the_catalog_is_in_the_table() -> None:
 
 
 def test_no_other_aircraft_is_valid_and_missed_more_often_than_epsilon() -> None:
-    """By the upper bound over 400 exceeding flights and more; what cannot exceed, by detection."""
+    """By the upper bound over 400 or more exceeding flights; without any, by detection."""
     epsilon = MonitorRecipe().epsilon
     others = [pair for pair in kept() if not pair.is_own]
     for pair in others:
@@ -40,15 +40,15 @@ def test_no_other_aircraft_is_valid_and_missed_more_often_than_epsilon() -> None
 
 
 def test_the_own_aircraft_is_called_invalid_at_its_level() -> None:
-    """Of either kind at most the level, in the mean over monitors by three standard errors."""
+    """At most the level for both kinds, on average over monitors, within three standard errors."""
     own = [pair for pair in kept() if pair.is_own]
     for wrong, flown in (("invalid_safe", "n_safe"), ("invalid_failing", "n_failing")):
         shares = np.array([getattr(pair, wrong) / getattr(pair, flown) for pair in own])
         assert shares.mean() <= 0.02 + 3 * shares.std(ddof=1) / np.sqrt(len(own))
 
 
-def test_a_part_made_again_is_that_of_the_table() -> None:
-    """The pair that was missed most often before: an ATTAS under a DC-8's monitor."""
+def test_a_recomputed_part_equals_the_table() -> None:
+    """The pair with the most misses so far: an ATTAS under a DC-8's monitor."""
     recipe = MatrixRecipe(monitors=("dc8_15k_m0p44",), aircraft=("attas_id_16kft",))
     rows = {(pair.monitor, pair.aircraft, pair.command): pair for pair in kept()}
     for pair in pairs(recipe):
@@ -72,7 +72,7 @@ def test_the_guide_gives_the_figures_of_the_table() -> None:
     ) in text
 
 
-def test_what_is_not_in_the_catalog_is_refused() -> None:
+def test_unknown_aircraft_are_refused() -> None:
     with pytest.raises(ValueError, match="no published model 'spitfire'; there are f16"):
         MatrixRecipe(monitors=("spitfire",))  # pyright: ignore[reportArgumentType]
     with pytest.raises(ValueError, match="n_failing=0 was given: it must be at least 1"):

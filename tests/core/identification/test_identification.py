@@ -1,4 +1,4 @@
-"""One aircraft from recorded segments: honest intervals, real records, what cannot be fitted."""
+"""One aircraft from recorded segments: interval coverage, real records, refused input."""
 
 from dataclasses import replace
 
@@ -33,7 +33,7 @@ def record(name: str) -> FlownSegment:
 
 
 def flown(name: str, n: int = 1, seed: int = 4) -> tuple[Array, list[FlownSegment]]:
-    """Theta (n, n_params) and a flight each of a planned test."""
+    """Theta (n, n_params), and one flight each of a planned test."""
     simulator, rng = Simulator(TESTS[name]), np.random.default_rng(seed)
     rollouts = simulator.rollouts(n, rng)
     return rollouts.theta, [FlownSegment(y, TESTS[name].dt, "step") for y in rollouts.y]
@@ -48,7 +48,7 @@ def identified(name: str, segments: list[FlownSegment], *, noise_is_known: bool)
 
 @pytest.mark.parametrize("noise_is_known", [True, False])
 def test_intervals_cover_each_parameter(noise_is_known: bool) -> None:
-    """Of 12 aircraft each, whether the noise is said or found."""
+    """For 12 aircraft, with known and with estimated noise."""
     theta, segments = flown("ATTAS", 12)
     inside = [
         np.abs(found.mean - true) <= 1.96 * found.sigma
@@ -60,8 +60,8 @@ def test_intervals_cover_each_parameter(noise_is_known: bool) -> None:
     assert np.mean(inside) >= 0.9
 
 
-def test_white_noise_is_found_as_it_was_said() -> None:
-    """Of four aircraft each: as much of it, and nothing that lasts."""
+def test_white_noise_is_estimated_as_simulated() -> None:
+    """For four aircraft: the right size, and no coloured part."""
     for name in ("F-16", "ATTAS"):
         _, segments = flown(name, 4)
         said = channel_array(TESTS[name].noise)[:4]
@@ -73,8 +73,8 @@ def test_white_noise_is_found_as_it_was_said() -> None:
             assert known.r2.shape == (1, 4)
 
 
-def test_what_the_model_leaves_out_makes_intervals_wider() -> None:
-    """A slow drift of the sideslip vane, that no aircraft of the model has: it lasts a swing."""
+def test_model_errors_make_intervals_wider() -> None:
+    """A slow drift of the sideslip vane, which the model lacks, lasts a swing."""
     _, (segment,) = flown("ATTAS")
     drifting = segment.y.copy()
     drifting[:, 0] += 0.01 * np.sin(2 * np.pi * 0.25 * segment.dt * np.arange(len(drifting)))
@@ -88,7 +88,7 @@ def test_what_the_model_leaves_out_makes_intervals_wider() -> None:
 
 
 def test_an_unused_flight_is_predicted_inside_its_interval() -> None:
-    """Of the same aircraft, at another amplitude."""
+    """For the same aircraft at another amplitude."""
     simulator, rng = Simulator(TESTS["ATTAS"]), np.random.default_rng(5)
     theta = simulator.plant.sample(1, rng)
     small, large = (
@@ -102,8 +102,8 @@ def test_an_unused_flight_is_predicted_inside_its_interval() -> None:
     assert prediction.y.shape == prediction.sigma.shape == (len(large.y), 4)
 
 
-def test_segments_that_contradict_each_other_count_for_less() -> None:
-    """Two aircraft that are taken for one: more of the prior is left than by either alone."""
+def test_contradictory_segments_count_less() -> None:
+    """Two aircraft treated as one: more of the prior remains than with either alone."""
     _, segments = flown("ATTAS", 8, seed=9)
     one, other = segments[0], segments[int(np.argmax([s.y[:, 3].max() for s in segments]))]
     same, both = (
@@ -114,7 +114,7 @@ def test_segments_that_contradict_each_other_count_for_less() -> None:
 
 
 def test_equation_error_agrees() -> None:
-    """Of the yawing moment, on a flight with little noise: within both intervals."""
+    """Yawing moment on a flight with little noise: within both intervals."""
     quiet = replace(
         TESTS["ATTAS"],
         noise=replace(TESTS["ATTAS"].noise, **dict.fromkeys(KEYS, 2e-5)),
@@ -137,7 +137,7 @@ def test_equation_error_agrees() -> None:
 
 @real_records
 def test_either_real_record_predicts_the_other() -> None:
-    """Two manoeuvres of one ATTAS, each from the other, with the samples in their interval."""
+    """Two manoeuvres of one ATTAS, each from the other, with samples inside the interval."""
     law, (rudder, aileron) = CONTROL_LAWS["none"], (record("attas_rud1"), record("attas_ail1"))
     for used, unused, catalogs in (
         (rudder, aileron, (0.978, 0.997, 0.974, 0.953)),
@@ -153,7 +153,7 @@ def test_either_real_record_predicts_the_other() -> None:
 
 
 @real_records
-def test_a_real_rudder_record_leaves_the_aileron_where_it_was() -> None:
+def test_a_real_rudder_record_does_not_change_aileron_derivatives() -> None:
     """Its derivatives stay within their prior."""
     found = identify(ATTAS, CONTROL_LAWS["none"], [record("attas_rud1")])
     of_aileron = [found.names.index(name) for name in ("Y_da", "L_da", "N_da")]
@@ -163,8 +163,8 @@ def test_a_real_rudder_record_leaves_the_aileron_where_it_was() -> None:
 
 
 @real_records
-def test_a_real_rudder_record_helps_where_the_catalog_was_not_fitted_to_these_records() -> None:
-    """The catalog's derivatives were, to the aileron's among them: its own R2 there is no peer."""
+def test_a_real_rudder_record_improves_channels_the_catalog_was_not_fitted_to() -> None:
+    """The catalog's derivatives were fitted to these records, so its own R2 is no reference."""
     law, plant, rng = CONTROL_LAWS["none"], ATTAS.uncertain_plant(), np.random.default_rng(2)
     covariance = plant.root @ plant.root.T
     told = []
@@ -180,7 +180,7 @@ def test_a_real_rudder_record_helps_where_the_catalog_was_not_fitted_to_these_re
 
 
 def test_swing_is_the_dutch_roll() -> None:
-    """Of a transport some seconds; of an aircraft that does not swing at most twenty."""
+    """Some seconds for a transport; at most twenty for an aircraft without oscillation."""
     assert 2.0 < swing_s(ATTAS.uncertain_plant()) < 6.0
     still = replace(ATTAS.uncertain_plant(), nominal=-np.ones(15), effects=())
     assert swing_s(still) <= 20.0
@@ -191,21 +191,20 @@ def test_swing_is_the_dutch_roll() -> None:
     [
         (lambda y: y[:10], "20 samples or more"),
         (lambda y: y[:, :5], "it needs"),
-        (lambda y: np.where(np.arange(6) == 5, np.nan, y), "has no delta_r"),
-        (lambda y: np.where(np.arange(6) < 4, np.nan, y), "has no beta, p, r, Ny"),
+        (lambda y: np.where(np.arange(6) == 5, np.nan, y), "lacks delta_r"),
+        (lambda y: np.where(np.arange(6) < 4, np.nan, y), "lacks beta, p, r, Ny"),
         (lambda y: np.where(np.arange(len(y))[:, None] == 7, np.nan, y), "lacks samples of beta"),
         (lambda y: y * (np.arange(6) < 4), "neither surface moves"),
     ],
 )
-def test_a_segment_that_cannot_be_fitted_is_refused(change, words: str) -> None:
-    """With what it lacks."""
+def test_unusable_segments_are_refused(change, words: str) -> None:
     _, (segment,) = flown("ATTAS")
     with pytest.raises(ValueError, match=words):
         FlownSegment(change(segment.y.copy()), segment.dt)
 
 
-def test_what_cannot_be_identified_is_refused() -> None:
-    """No segment, no interval, and an aircraft of which nothing is uncertain."""
+def test_impossible_identifications_are_refused() -> None:
+    """No segment, no interval, no uncertainty."""
     _, (segment,) = flown("ATTAS")
     with pytest.raises(ValueError, match="no segment was given"):
         identify(ATTAS, CONTROL_LAWS["none"], [])
@@ -217,7 +216,7 @@ def test_what_cannot_be_identified_is_refused() -> None:
 
 
 def test_an_output_that_was_not_recorded_is_left_out() -> None:
-    """As of an aircraft without a sideslip vane."""
+    """For example without a sideslip vane."""
     _, (segment,) = flown("ATTAS")
     blind = segment.y.copy()
     blind[:, 0] = np.nan
@@ -227,7 +226,7 @@ def test_an_output_that_was_not_recorded_is_left_out() -> None:
 
 
 class TestIdentifiedAircraft:
-    """An aircraft with a full covariance, which collection samples."""
+    """An aircraft with a full covariance, as collection samples it."""
 
     def made(self) -> IdentifiedAircraft:
         """From one step."""
@@ -247,7 +246,7 @@ class TestIdentifiedAircraft:
         assert np.abs(wanted - np.eye(15)).max() > 0.3, "its parameters do not vary alone"
 
     def test_trains_a_monitor_and_returns_from_its_recipe(self) -> None:
-        """As any aircraft does, from JSON too."""
+        """Like any aircraft, also from JSON."""
         aircraft = self.made()
         test = replace(TESTS["ATTAS"], aircraft=aircraft, n_unsafe=20)
         again = from_plain(TESTS["ATTAS"], to_plain(test)).aircraft
@@ -260,7 +259,7 @@ class TestIdentifiedAircraft:
         assert train(dataset, MonitorRecipe()).n_unsafe == 20
 
     def test_before_any_flight_it_is_the_aircraft(self) -> None:
-        """With its spreads, none of them together."""
+        """With its spreads, uncorrelated."""
         aircraft: Aircraft = IdentifiedAircraft.undetermined(ATTAS)
         plant = aircraft.uncertain_plant()
         np.testing.assert_allclose(plant.spread, ATTAS.uncertain_plant().spread)
@@ -271,12 +270,12 @@ class TestIdentifiedAircraft:
         ("mean", "covariance", "words"),
         [
             ((1.0,), ((1.0,),), "15 parameters"),
-            ((np.nan,) * 15, np.eye(15), "no number"),
+            ((np.nan,) * 15, np.eye(15), "non-finite"),
             ((1.0,) * 15, -np.eye(15), "not symmetric and positive"),
             ((1.0,) * 15, np.triu(np.ones((15, 15))), "not symmetric and positive"),
         ],
     )
-    def test_refuses_moments_that_are_none(self, mean, covariance, words: str) -> None:
-        """Of another size, not finite, not a covariance."""
+    def test_refuses_impossible_moments(self, mean, covariance, words: str) -> None:
+        """Wrong size, not finite, not a covariance."""
         with pytest.raises(ValueError, match=words):
             IdentifiedAircraft(ATTAS, mean, tuple(map(tuple, covariance)))

@@ -27,7 +27,7 @@ NOISE = np.array([0.001, 0.004, 0.001, 0.004, 0.003, 0.0003])
 
 
 def made(name: str, n: int) -> tuple[Plants, Law, SurfaceMotion]:
-    """Random aircraft of a planned test, its law, and how surfaces move."""
+    """Random aircraft of a planned test, its law, and a surface motion."""
     simulator = Simulator(TESTS[name])
     plants = simulator.plant.plants(simulator.plant.sample(n, np.random.default_rng(1)))
     law = Law(simulator.controller, TESTS[name].control_law.actuator)
@@ -35,16 +35,15 @@ def made(name: str, n: int) -> tuple[Plants, Law, SurfaceMotion]:
     return plants, law, motion
 
 
-def test_exponential_is_scipys() -> None:
-    """Of matrices of any size."""
+def test_exponential_equals_scipy() -> None:
     x = np.random.default_rng(2).normal(size=(4, 9, 9)) * np.array([0.01, 0.3, 2, 9])[:, None, None]
     for one, found in zip(x, exponential(x), strict=True):
         exact = expm(one)
         assert np.abs(found - exact).max() <= 1e-8 * np.abs(exact).max()
 
 
-def test_driven_response_is_that_to_lines_between_samples() -> None:
-    """As scipy's lsim, which joins samples by lines too."""
+def test_driven_response_is_linear_between_samples() -> None:
+    """As scipy's lsim."""
     plants, _, _ = made("ATTAS", 3)
     rng = np.random.default_rng(3)
     surfaces, start = rng.normal(size=(3, 60, 2)).cumsum(axis=1), rng.normal(size=(3, 3))
@@ -85,7 +84,7 @@ def test_white_residuals_have_the_likelihood_of_a_dense_covariance(name: str) ->
 
 
 def dense(f: Array, q: Array, h: Array, start: Array, n_samples: int) -> Array:
-    """Covariance of what all samples measure of the state, one after the other."""
+    """Covariance of all measured samples."""
     of_state = [start]
     for _ in range(n_samples - 1):
         of_state.append(f @ of_state[-1] @ f.T + q)
@@ -109,8 +108,8 @@ def test_joint_flow_without_pilot_is_the_closed_loop() -> None:
     np.testing.assert_allclose(found, poles, atol=1e-9)
 
 
-def test_law_part_is_what_the_law_makes_of_the_outputs() -> None:
-    """A rollout's surfaces are the pilot's alone when it is taken away: none on the aileron."""
+def test_law_part_is_the_response_of_the_law() -> None:
+    """A rollout's surfaces minus the law's part are the pilot's: none on the aileron."""
     simulator = Simulator(TESTS["F-16"])
     rollouts, _ = simulator.fly(
         simulator.plant.sample(3, np.random.default_rng(5)), np.random.default_rng(6)
@@ -123,8 +122,8 @@ def test_law_part_is_what_the_law_makes_of_the_outputs() -> None:
     assert aileron.std() < 1.15 * NOISE[4], "what is left is the transducer's noise"
 
 
-def test_motion_is_found_by_its_spectrum() -> None:
-    """Still surfaces have no size; one that swings has its own."""
+def test_motion_is_estimated_from_its_spectrum() -> None:
+    """Resting surfaces have size 0; moving ones have their size."""
     t = DT * np.arange(400)
     rng = np.random.default_rng(7)
     moved = 0.1 * np.sin(2 * np.pi * 0.5 * t)

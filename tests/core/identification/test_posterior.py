@@ -1,4 +1,4 @@
-"""Posteriors of simulated aircraft cover them, and know what a record cannot tell."""
+"""Posteriors of simulated aircraft cover them, and show what a record does not determine."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ def step(test: DatasetRecipe, fraction: float = 0.6) -> Simulator:
 def identified(
     simulator: Simulator, n: int = N, prior: PlantPosterior | None = None, seed: int = 21
 ) -> tuple[Array, Fit]:
-    """Deviates of n aircraft (n, m), and what one flight of each says of them."""
+    """Deviates of n aircraft (n, m), and the fit of one flight of each."""
     test, plant, rng = simulator.recipe, simulator.plant, np.random.default_rng(seed)
     deviates = rng.standard_normal((n, plant.root.shape[1]))
     rollouts, _ = simulator.fly(plant.theta_of(deviates), rng)
@@ -35,7 +35,7 @@ def identified(
 
 @pytest.mark.parametrize("name", TESTS)
 def test_intervals_and_ellipsoids_cover(name: str) -> None:
-    """Of 60 aircraft: 95 % intervals of all derivatives, and the mean squared distance."""
+    """For 60 aircraft: 95 % intervals of all derivatives, and the mean squared distance."""
     deviates, found = identified(step(TESTS[name]))
     mean, covariance = found.posterior
     sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
@@ -47,8 +47,8 @@ def test_intervals_and_ellipsoids_cover(name: str) -> None:
     assert sigma.mean() < 0.5, "and a flight tells much"
 
 
-def test_a_rudder_record_leaves_what_the_aileron_does_unknown() -> None:
-    """Where the aileron rests, or its transducer's noise hides what it does."""
+def test_a_rudder_record_does_not_determine_aileron_derivatives() -> None:
+    """If the aileron rests, or its transducer's noise hides its motion."""
     simulator = step(TESTS["ATTAS"])
     _, found = identified(simulator)
     names = np.array(simulator.plant.names)[np.flatnonzero(simulator.plant.spread)]
@@ -58,8 +58,8 @@ def test_a_rudder_record_leaves_what_the_aileron_does_unknown() -> None:
     assert np.abs(found.posterior.mean[:, of_aileron]).max() < 0.5
 
 
-def test_a_second_step_goes_on_from_the_first() -> None:
-    """Both one after the other, as both at once."""
+def test_a_second_step_continues_from_the_first() -> None:
+    """One after the other equals both at once."""
     test = TESTS["ATTAS"]
     simulators = step(test, 0.4), step(test, 0.6)
     plant, rng, n = simulators[0].plant, np.random.default_rng(8), 20
@@ -81,8 +81,7 @@ def test_a_second_step_goes_on_from_the_first() -> None:
     assert second.distance.mean() < 1.5
 
 
-def test_aircraft_of_a_batch_do_not_know_of_each_other() -> None:
-    """Each is identified as it is alone."""
+def test_aircraft_of_a_batch_are_independent() -> None:
     simulator = step(TESTS["F-16"])
     _, three = identified(simulator, 3)
     theta = simulator.plant.theta_of(three.posterior.mean)

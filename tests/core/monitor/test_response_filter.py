@@ -273,7 +273,9 @@ def test_responses_add_up_to_the_manoeuvre():
 @pytest.mark.parametrize("name", ["rudder_sweep", "table"])
 def test_a_manoeuvre_that_is_no_steps_has_no_card(name: str):
     known = next(m for key, m in MANEUVERS.items() if name.split("_")[-1] in key)
-    with pytest.raises(CardError, match=r"no sequence of steps.*choose the predictor peak_ridge"):
+    with pytest.raises(
+        CardError, match=r"not a sequence of steps.*choose the predictor peak_ridge"
+    ):
         card_of(replace(RECIPE, maneuver=known))
 
 

@@ -54,7 +54,7 @@ def matrices(**changes: Any) -> MatrixAircraft:
 
 @pytest.mark.parametrize("n_states", [3, 4])
 @pytest.mark.parametrize("name", NAMES)
-def test_nominal_matrices_are_the_reference_to_its_printed_digits(reference, name, n_states):
+def test_nominal_matrices_equal_the_reference_to_its_printed_digits(reference, name, n_states):
     plant = PublishedAircraft(name, n_states).uncertain_plant().nominal_plant()
     printed = {key: np.array(reference["aircraft"][name][key]) for key in "ABCD"}
     x = slice(n_states)
@@ -74,7 +74,7 @@ def test_modes_are_those_of_the_reference(reference, name, n_states):
     np.testing.assert_allclose(real, printed["real"], rtol=0, atol=1e-4)
 
 
-def test_the_catalogue_and_its_scatter_are_the_reference(reference):
+def test_the_catalogue_and_its_scatter_equal_the_reference(reference):
     assert set(reference["aircraft"]) == set(MODELS) == set(get_args(ModelName))
     assert reference["uncertainty_1sigma_fraction"]["values"] == SIGMA_FRACTION
     assert set(SIGMA_FRACTION) == set(DERIVATIVES)
@@ -129,7 +129,7 @@ class TestEveryAircraft:
         assert not plants.c[:, 4:].any()
         assert (plants.d[:, 4:] == np.eye(2)).all()
 
-    def test_sampling_depends_on_the_generator_alone(self, aircraft):
+    def test_sampling_depends_only_on_the_generator(self, aircraft):
         first, second = (
             aircraft.uncertain_plant().sample(7, np.random.default_rng(3)) for _ in range(2)
         )
@@ -143,7 +143,7 @@ class TestEveryAircraft:
         for sampled, nominal in zip(batch, plant.nominal_plant(), strict=True):
             assert (sampled == nominal).all()
 
-    def test_no_rollouts_are_an_empty_batch(self, aircraft):
+    def test_zero_rollouts_are_an_empty_batch(self, aircraft):
         plant = aircraft.uncertain_plant()
         plants = plant.plants(plant.sample(0, np.random.default_rng(5)))
         assert [len(m) for m in plants] == [0, 0, 0, 0]
@@ -155,14 +155,14 @@ class TestEveryAircraft:
         assert hash(again) == hash(aircraft)
         assert "uncertainty" in adapter.json_schema()["properties"]
 
-    def test_it_says_what_it_is(self, aircraft):
+    def test_it_has_a_description(self, aircraft):
         assert aircraft.description
         assert "\n" not in aircraft.description
 
 
 @pytest.mark.parametrize("n_states", [3, 4])
 @pytest.mark.parametrize("derivative", DERIVATIVES)
-def test_a_derivative_moves_its_own_entries_and_nothing_kinematic(derivative, n_states):
+def test_a_derivative_changes_only_its_own_entries(derivative, n_states):
     plant = PublishedAircraft("attas_id_16kft", n_states).uncertain_plant()
     theta = plant.nominal[np.newaxis].copy()
     theta[0, plant.names.index(derivative)] += 1.0
@@ -225,7 +225,7 @@ def test_a_uniform_spread_is_a_half_width():
     np.testing.assert_allclose(relative.std(axis=0), 0.2 / 3**0.5, rtol=0.02)
 
 
-def test_a_derivative_that_is_not_named_is_certain_and_draws_nothing():
+def test_an_unnamed_derivative_is_certain_and_draws_no_numbers():
     uncertainty = Uncertainty({"N_dr": 0.5}, unit="absolute")
     plant = PublishedAircraft("f16_sl_h0_v502", 3, uncertainty).uncertain_plant()
     theta = plant.sample(100, np.random.default_rng(8))
@@ -241,7 +241,7 @@ def test_a_derivative_of_zero_has_no_fractional_scatter():
     assert plant.spread[DERIVATIVES.index("Y_da")] == 0.0
 
 
-def test_own_matrices_come_back_with_the_surfaces_appended():
+def test_own_matrices_get_the_surfaces_appended():
     plant = matrices(states=["beta", "p", "r"]).uncertain_plant()
     a, b, c, d = (m[0] for m in plant.nominal_plant())
     assert (plant.states, plant.names) == (("beta", "p", "r"), ("A[0,0]",))
@@ -251,7 +251,7 @@ def test_own_matrices_come_back_with_the_surfaces_appended():
     np.testing.assert_array_equal(d, np.vstack((D, np.eye(2))))
 
 
-def test_six_own_outputs_mean_the_same_as_four():
+def test_six_own_outputs_equal_four():
     whole = matrices(C=[*C, (0, 0, 0), (0, 0, 0)], D=[*D, (1, 0), (0, 1)])
     for six, four in zip(
         whole.uncertain_plant().nominal_plant(),
@@ -261,7 +261,7 @@ def test_six_own_outputs_mean_the_same_as_four():
         np.testing.assert_array_equal(six, four)
 
 
-def test_own_entries_vary_one_by_one():
+def test_own_entries_vary_independently():
     spread = {"A[0,0]": 0.1, "D[3,1]": 0.2}
     plant = matrices(uncertainty={"spread": spread, "distribution": "uniform"}).uncertain_plant()
     theta = plant.sample(500, np.random.default_rng(9))
@@ -272,7 +272,7 @@ def test_own_entries_vary_one_by_one():
     assert [np.ptp(m, axis=0).astype(bool).sum() for m in plants] == [1, 0, 0, 1]
 
 
-def test_one_number_spares_the_entries_of_own_matrices_that_are_structure():
+def test_one_spread_number_leaves_structural_entries_certain():
     plant = matrices(uncertainty={"spread": 0.1}).uncertain_plant()
     assert len(plant.names) == 9 + 6 + 2 + 2
     assert not {"C[0,0]", "C[3,1]", "D[0,0]", "D[4,0]"} & set(plant.names)
@@ -291,7 +291,7 @@ def test_an_own_zero_varies_by_an_absolute_spread():
     assert plant.spread.tolist() == [0.2]
 
 
-def test_labelled_signals_of_a_statespace_are_found_in_any_order():
+def test_labelled_signals_of_a_statespace_may_be_in_any_order():
     extra = np.vstack((np.ones((1, 3)), C))[::-1]
     system = control.ss(
         A, np.flip(B, axis=1), extra, np.flip(np.vstack((np.ones((1, 2)), D)), axis=(0, 1)),
@@ -330,7 +330,7 @@ def test_unlabelled_signals_of_a_statespace_are_taken_in_order(n_outputs):
         (control.ss(A, B, C[:3], D[:3]), "outputs are .* label them beta, p, r, Ny"),
     ],
 )
-def test_a_statespace_that_does_not_fit_is_refused(system, message):
+def test_an_unfitting_statespace_is_refused(system, message):
     with pytest.raises(ValueError, match=message):
         MatrixAircraft.from_statespace(system, KNOWN)
 
@@ -367,19 +367,19 @@ def test_a_statespace_that_does_not_fit_is_refused(system, message):
         ({"uncertainty": {"spread": 0.1, "unit": "percent"}}, "'percent' is not one of"),
     ],
 )
-def test_own_matrices_that_do_not_fit_are_refused_in_one_sentence(changes, message):
+def test_unfitting_own_matrices_are_refused_in_one_sentence(changes, message):
     with pytest.raises(ValueError, match=message) as error:
         matrices(**changes)
     assert "\n" not in str(error.value)
 
 
-def test_own_matrices_may_say_their_flight_condition():
+def test_own_matrices_may_have_a_flight_condition():
     assert (matrices().altitude, matrices().airspeed) == (None, None)
     flown = matrices(altitude_m=4800, airspeed_mps=131.0)
     assert (flown.altitude, flown.airspeed) == (4800, 131.0)
 
 
-def test_a_document_that_is_no_model_is_refused():
+def test_a_document_without_a_model_is_refused():
     with pytest.raises(ValueError, match="a model is a JSON object with A, B, C, D"):
         MatrixAircraft.from_json([1, 2])
     with pytest.raises(ValueError, match="has the keys A; it needs"):

@@ -28,7 +28,7 @@ def flown(p, r, dt: float = 0.05, **options) -> np.ndarray:
     )
 
 
-def test_constant_rates_integrate_as_the_kinematics_say():
+def test_constant_rates_integrate_by_the_kinematics():
     n, p, r, theta0 = 41, 0.3, 0.1, 0.2
     phi, theta, psi = flown([p] * n, [r] * n, theta0=theta0, psi0=0.4, wash_out_s=inf)[-1]
     assert phi == pytest.approx(2.0 * (p + tan(theta0) * r), rel=1e-12)
@@ -37,7 +37,7 @@ def test_constant_rates_integrate_as_the_kinematics_say():
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_bank_is_that_of_the_model_which_has_it_as_a_state(name):
+def test_bank_equals_that_of_the_four_state_model(name):
     recipe = PublishedAircraft(name, n_states=4)
     a, b, _, _ = (matrix[0] for matrix in recipe.uncertain_plant().nominal_plant())
     t = np.linspace(0.0, 4.0, 801)
@@ -114,7 +114,7 @@ def test_time_that_runs_backwards_starts_a_new_run_at_trim():
     assert display.update(0.0, 0.5, 0.5) == pytest.approx(Attitude(0.2, 0.1, 0.3), abs=1e-15)
 
 
-def test_a_whole_trajectory_is_the_samples_one_by_one():
+def test_a_whole_trajectory_equals_sample_by_sample():
     rng = np.random.default_rng(3)
     t, y = np.arange(0.0, 4.0, 0.02), rng.normal(size=(200, N_CHANNELS))
     p, r = y[:, KEYS.index("p")], y[:, KEYS.index("r")]

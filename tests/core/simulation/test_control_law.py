@@ -173,7 +173,7 @@ def test_unstable_closed_loop_is_refused_with_its_pole():
 
 
 def systems():
-    """Laws that python-control can write, with what each should be at s."""
+    """Laws from python-control, with their expected values at s."""
     lead = control.tf([2.0, 1.0], [1.0, 5.0], inputs=["r"], outputs=["delta_r"])
     constant = control.tf([0.3], [1.0], inputs=["Ny"], outputs=["delta_r"])
     matrix = control.tf(
@@ -203,7 +203,7 @@ def test_law_from_python_control_keeps_its_frequency_response(system):
     assert hash(law) == hash(replace(law))
 
 
-def test_labels_of_a_law_may_be_given_beside_it():
+def test_labels_of_a_law_may_be_given_separately():
     law = StateSpaceLaw.from_lti(control.tf([1.0], [1.0, 1.0]), inputs=("p",), outputs=("delta_a",))
     assert response(law.controller(F16_3), 1j)[0, FEEDBACK.index("p")] == pytest.approx(
         1 / (1 + 1j)
@@ -226,7 +226,7 @@ def test_labels_of_a_law_may_be_given_beside_it():
         (control.frd([1.0, 2.0], [1.0, 2.0]), "is a FrequencyResponseData; give a continuous"),
     ],
 )
-def test_law_that_cannot_be_flown_is_refused(system, message):
+def test_impossible_laws_are_refused(system, message):
     with pytest.raises(ValueError, match=message):
         StateSpaceLaw.from_lti(system)
 

@@ -25,7 +25,7 @@ REST = np.full(N, 10)
 
 
 def truth() -> np.ndarray:
-    """True outputs from trim, half a sample apart: at rest, then each channel a ramp of its own."""
+    """True outputs from trim, half a sample apart: rest, then a different ramp in each channel."""
     t = (np.arange(START + EVERY * (SAMPLES - 1) + 1) - START) * DT / EVERY
     ramp = np.maximum(t - 0.5, 0.0)[:, None] * np.arange(1.0, 7.0)
     return np.repeat(ramp[None], N, axis=0)
@@ -57,14 +57,14 @@ def test_gain_is_one_factor_for_each_channel_of_a_rollout():
     assert correlations(factors[:, 0]).max() < 0.2
 
 
-def test_lag_shifts_a_channel_by_a_time_of_its_own():
+def test_lag_shifts_each_channel_by_its_own_time():
     shift = (EXACT - recorded(Imperfections(lag_s=0.12)))[:, 40:] / np.arange(1.0, 7.0)
     np.testing.assert_allclose(shift, shift[:, :1].repeat(20, axis=1), atol=1e-12)
     lags = np.sort(shift[:, 0].ravel())
     np.testing.assert_allclose(lags, np.linspace(0.0, 0.12, len(lags)), atol=0.006)
 
 
-def test_noise_is_white_and_less_its_mean_at_rest():
+def test_noise_is_white_with_its_mean_at_rest_removed():
     noise = np.array([1e-3, 2e-3, 0.0, 4e-3, 1e-4, 1e-2])
     error = recorded(Imperfections(), noise) - EXACT
     np.testing.assert_allclose(error[:, 10:].std(axis=(0, 1)), noise * np.sqrt(1.1), rtol=0.02)
@@ -73,7 +73,7 @@ def test_noise_is_white_and_less_its_mean_at_rest():
     assert abs(np.corrcoef(white[:, 1:].ravel(), white[:, :-1].ravel())[0, 1]) < 0.05
 
 
-def test_bias_is_what_trim_leaves_in_parts_of_the_noise():
+def test_bias_after_trim_scales_with_the_noise():
     noise = np.array([1e-3, 2e-3, 0.0, 4e-3, 1e-4, 1e-2])
     biased = recorded(Imperfections(bias=0.5), noise)
     bias = biased - recorded(Imperfections(), noise)
@@ -81,7 +81,7 @@ def test_bias_is_what_trim_leaves_in_parts_of_the_noise():
     np.testing.assert_allclose(bias[:, 0].std(axis=0), 0.5 * noise, rtol=0.15)
 
 
-def test_quantised_values_are_whole_steps_apart_wherever_trim_lies():
+def test_quantised_values_are_whole_steps_apart_at_any_trim():
     step = Quantisation(beta=0.07, Ny=0.013, delta_r=0.37)
     y = recorded(Imperfections(quantisation=step))
     for key, width in (("beta", 0.07), ("Ny", 0.013), ("delta_r", 0.37)):
@@ -118,7 +118,7 @@ def test_a_rollout_rests_until_its_first_input_and_no_longer_than_planned():
     np.testing.assert_array_equal(rest, [5, 5, 5])
 
 
-def test_inputs_to_one_side_grow_by_what_those_to_the_other_shrink():
+def test_inputs_to_one_side_grow_as_much_as_the_others_shrink():
     planned = np.zeros((1, 10, 2))
     planned[0, 2:5, 1], planned[0, 5:8, 1] = 0.1, -0.1
     flown, _ = fly(planned, 2000, asymmetry=0.05)
@@ -128,7 +128,7 @@ def test_inputs_to_one_side_grow_by_what_those_to_the_other_shrink():
     assert not flown[:, :2].any()
 
 
-def test_a_trim_error_is_there_before_the_rollout_begins():
+def test_a_trim_error_acts_before_the_rollout_begins():
     flown, _ = fly(np.zeros((1, 10, 2)), 2000, trim_deg=0.2)
     assert flown.shape == (2000, 70, 2)
     np.testing.assert_array_equal(flown, flown[:, :1].repeat(70, axis=1))
@@ -148,7 +148,7 @@ def test_controls_are_unsteady_with_the_autocovariance_of_a_first_order_lag():
 # --- gusts by flight condition --------------------------------------------------------------------
 
 
-def test_a_gust_is_of_the_altitude_and_airspeed():
+def test_a_gust_depends_on_altitude_and_airspeed():
     gust = USUAL_IMPERFECTIONS.gust(15_770 * FOOT, 131.0)
     assert gust == (0.3 / 131.0, pytest.approx(1750 * FOOT / 131.0))
     light = replace(USUAL_IMPERFECTIONS, turbulence="light").gust(3000.0, 100.0)
@@ -197,7 +197,7 @@ def flown(n: int = 300, noise: SensorNoise = USUAL_NOISE, **changes):
     return Simulator(recipe).rollouts(n, np.random.default_rng(2))
 
 
-def test_labels_are_of_the_true_outputs():
+def test_labels_use_the_true_outputs():
     recorder = {
         "gain": 0.2,
         "bias": 9.0,
@@ -210,7 +210,7 @@ def test_labels_are_of_the_true_outputs():
     np.testing.assert_array_equal(clean.fail_index, exact.fail_index)
 
 
-def test_a_gust_is_among_the_true_outputs():
+def test_true_outputs_include_the_gust():
     silent = SensorNoise()
     rough = flown(noise=silent, turbulence="severe")
     np.testing.assert_array_equal(CLEAN.specification.first_exceedance(rough.y), rough.fail_index)
@@ -228,7 +228,7 @@ def test_labels_of_finer_steps_count_at_the_later_sample():
     assert few.y.shape == many.y.shape
 
 
-def test_bits_of_a_rollout_do_not_depend_on_how_the_work_is_shared(monkeypatch):
+def test_bits_of_a_rollout_do_not_depend_on_the_threads(monkeypatch):
     recipe = CLEAN.as_flown()
     everything = Simulator(recipe).rollouts(300, np.random.default_rng(2))
     monkeypatch.setattr(imperfections, "CHUNK", 7)
@@ -239,7 +239,7 @@ def test_bits_of_a_rollout_do_not_depend_on_how_the_work_is_shared(monkeypatch):
     assert not np.array_equal(other.y, everything.y)
 
 
-def test_without_imperfections_the_bits_are_those_of_earlier_versions():
+def test_without_imperfections_the_bits_equal_earlier_versions():
     maneuver = replace(CLEAN.maneuver, timing_jitter_s=0.1, amplitude_jitter=0.15)
     recipe = replace(CLEAN, maneuver=maneuver, noise=USUAL_NOISE)
     recipe = replace(recipe, imperfections=Imperfections(gust_sigma_deg=1.0, least_height_m=9.0))
@@ -259,7 +259,7 @@ def test_without_imperfections_the_bits_are_those_of_earlier_versions():
     np.testing.assert_array_equal(found, y)
 
 
-def test_a_recipe_is_without_imperfections_unless_it_says():
+def test_a_recipe_has_no_imperfections_by_default():
     assert DatasetRecipe().imperfections.are_none
     for field in fields(Imperfections):
         changed = replace(Imperfections(), **{field.name: getattr(USUAL_IMPERFECTIONS, field.name)})

@@ -32,7 +32,7 @@ def flown_deg(maneuver: Maneuver, dt: float = DT) -> np.ndarray:
 
 
 def runs(command: np.ndarray) -> list[tuple[float, int]]:
-    """Levels that are not trim, with the number of samples that each is held."""
+    """Levels other than trim, with the number of samples of each."""
     edges = np.flatnonzero(np.diff(command, prepend=np.nan, append=np.nan) != 0)
     lengths = np.diff(edges)
     return [
@@ -73,7 +73,7 @@ class TestEveryManeuver:
             turned = replace(maneuver, amplitude_deg=-maneuver.amplitude_deg)
         assert (flown_deg(turned) == -flown_deg(maneuver)).all()
 
-    def test_jitter_depends_on_the_generator_alone(self, maneuver):
+    def test_jitter_depends_only_on_the_generator(self, maneuver):
         shaky = replace(maneuver, timing_jitter_s=0.1, amplitude_jitter=0.1)
         first, second = (shaky.pilot(DT, 6, np.random.default_rng(1)) for _ in range(2))
         assert first.shape == (6, 121, 2)
@@ -98,13 +98,13 @@ class TestEveryManeuver:
         assert min(counts) > 150
         np.testing.assert_allclose(stepped, flown[:, None, None] * planned)
 
-    def test_amplitude_jitter_alone_scales_the_plan(self, maneuver):
+    def test_amplitude_jitter_scales_the_plan(self, maneuver):
         pilot = replace(maneuver, amplitude_jitter=0.1).pilot(DT, 5, np.random.default_rng(3))
         factors = 1 + 0.1 * np.random.default_rng(3).standard_normal(5)
         plan = np.deg2rad(flown_deg(maneuver))
         np.testing.assert_allclose(pilot, factors[:, None, None] * plan, rtol=1e-12, atol=1e-15)
 
-    def test_no_rollouts_are_an_empty_batch(self, maneuver):
+    def test_zero_rollouts_are_an_empty_batch(self, maneuver):
         shaky = replace(maneuver, timing_jitter_s=0.1)
         assert shaky.pilot(DT, 0, np.random.default_rng(4)).shape == (0, 121, 2)
 
@@ -189,7 +189,7 @@ def test_levels_match_segments(maneuver):
     assert len(maneuver.levels) == len(maneuver.segments_s)
 
 
-def test_timing_jitter_scatters_the_start_and_each_segment_on_its_own():
+def test_timing_jitter_scatters_start_and_segments_independently():
     n, dt = 4000, 0.01
     pilot = Doublet(timing_jitter_s=0.1).pilot(dt, n, np.random.default_rng(5))[..., RUDDER]
     start = (pilot != 0).argmax(axis=1) * dt
@@ -212,7 +212,7 @@ def test_a_jittered_start_is_never_before_zero():
     np.testing.assert_array_equal((pilot[early] > 0).sum(axis=1), np.minimum(held, 121)[early])
 
 
-def test_a_segment_planned_to_last_nothing_stays_out_under_jitter():
+def test_a_segment_of_zero_length_stays_out_under_jitter():
     flown = BankToBank(hold_s=0.0, timing_jitter_s=0.2).pilot(DT, 50, np.random.default_rng(7))
     for command in flown[..., AILERON]:
         inside = command[np.flatnonzero(command)[0] : np.flatnonzero(command)[-1] + 1]
@@ -252,8 +252,8 @@ def test_a_stretched_sweep_keeps_its_frequencies():
     assert not half[2500:].any()
 
 
-def test_a_sweep_that_dt_cannot_show_is_refused():
-    with pytest.raises(ValueError, match=r"dt=0.05 s shows frequencies below 10 Hz.*12.0 Hz: give"):
+def test_a_sweep_too_fast_for_dt_is_refused():
+    with pytest.raises(ValueError, match=r"dt=0.05 s resolves frequencies below 10 Hz.*12.0 Hz: give"):
         FrequencySweep(end_hz=12.0).pilot(DT, 1, np.random.default_rng(0))
 
 

@@ -75,7 +75,7 @@ def closed_form(plant, controller, actuator, pilot, dt, lag):
 
 
 def in_gust(plant, controller, actuator, pilot, dt, substeps, gust):
-    """Response of one plant in gusts whose sideslip runs in lines, by the matrix exponential."""
+    """Response of one plant to piecewise linear gusts, by the matrix exponential."""
     loop, drive = closed_loop(plant, controller, actuator)
     n, nx, step = len(loop), plant.a.shape[1], dt / substeps
     block = np.zeros((n + 3,) * 2)
@@ -105,7 +105,7 @@ def python_control(plant, controller, actuator, pilot, dt, lag):
 
 @pytest.mark.parametrize("lag", [0.0, 0.1])
 @pytest.mark.parametrize(("name", "n_states"), LAWS_AND_STATES)
-def test_rollouts_are_those_of_python_control_and_of_the_matrix_exponential(name, n_states, lag):
+def test_rollouts_equal_python_control_and_the_matrix_exponential(name, n_states, lag):
     law = CONTROL_LAWS[name]
     controller = law.controller(F16[n_states])
     plants = draw(19, n_states=n_states)
@@ -121,7 +121,7 @@ def test_rollouts_are_those_of_python_control_and_of_the_matrix_exponential(name
 
 @pytest.mark.parametrize("substeps", [1, 3])
 @pytest.mark.parametrize("n_states", [3, 4])
-def test_an_aircraft_in_gusts_is_that_of_the_matrix_exponential(n_states, substeps):
+def test_an_aircraft_in_gusts_equals_the_matrix_exponential(n_states, substeps):
     law, plants = CONTROL_LAWS["f16_damper"], draw(19, n_states=n_states)
     controller, pilot = law.controller(F16[n_states]), doublet(41)
     steps = np.random.default_rng(1).standard_normal((19, 40 * substeps + 1))
@@ -143,7 +143,7 @@ def test_an_aircraft_in_gusts_is_that_of_the_matrix_exponential(n_states, subste
 
 
 @pytest.mark.parametrize("limited", [False, True])
-def test_the_gust_of_a_rollout_is_its_own(limited):
+def test_each_rollout_has_its_own_gust(limited):
     plants, controller = draw(21), DAMPER.controller(F16[3])
     actuator = Actuator(rate_limit_deg_s=20.0) if limited else Actuator()
     gust = np.random.default_rng(1).standard_normal((21, 31)).cumsum(axis=1) * 1e-3
@@ -206,7 +206,7 @@ def test_input_series_is_the_integral_that_defines_it(lag_s):
 @pytest.mark.parametrize("limited", [False, True])
 @pytest.mark.parametrize("own_pilot", [False, True])
 @pytest.mark.parametrize("lag", [0.0, 0.1])
-def test_bits_of_a_rollout_depend_on_itself_only(own_pilot, lag, limited, monkeypatch):
+def test_bits_of_a_rollout_depend_only_on_itself(own_pilot, lag, limited, monkeypatch):
     rng = np.random.default_rng(5)
     n = 67
     plants = draw(n)
@@ -237,7 +237,7 @@ def test_bits_of_a_rollout_depend_on_itself_only(own_pilot, lag, limited, monkey
         np.testing.assert_array_equal(run(np.arange(n)), everything)
 
 
-def test_one_pilot_for_all_and_the_same_for_each_are_the_same_bits():
+def test_one_common_pilot_gives_the_same_bits_as_copies():
     plants, controller = draw(20), DAMPER.controller(F16[3])
     shared = roll_out(plants, controller, Actuator(), doublet(), DT, pedal_lag_s=0.1)
     each = np.repeat(doublet(), 20, axis=0)
@@ -303,7 +303,7 @@ def test_responses_superpose(first, second, factor, lag):
     np.testing.assert_allclose(together, run(first) + factor * run(second), atol=1e-12)
 
 
-def test_diverging_rollout_breaks_every_limit_and_leaves_its_neighbours_alone():
+def test_a_diverging_rollout_exceeds_every_limit_without_affecting_others():
     plants = draw(8)
     plants.a[3] += 400.0 * np.eye(3)
     y = roll_out(plants, NONE, Actuator(), doublet(), DT)
@@ -323,7 +323,7 @@ LIMITS = [
 
 @pytest.mark.parametrize("lag", [0.0, 0.1])
 @pytest.mark.parametrize("actuator", LIMITS)
-def test_limited_surfaces_are_those_of_an_adaptive_integrator(actuator, lag):
+def test_limited_surfaces_equal_an_adaptive_integrator(actuator, lag):
     plants, controller = draw(9), DAMPER.controller(F16[3])
     pilot = doublet(61)
     y = roll_out(plants, controller, actuator, pilot, DT, pedal_lag_s=lag)

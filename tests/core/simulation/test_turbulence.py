@@ -62,7 +62,7 @@ def test_the_autocovariance_is_that_of_the_spectrum():
         assert found / 2 == pytest.approx((1 - t / 2) * np.exp(-t), abs=1e-8)
 
 
-def test_gusts_depend_on_their_seed_and_number_only():
+def test_gusts_depend_only_on_seed_and_number():
     gust = LateralGust(0.01, 2.0)
     few, many = (sideslip_gusts(gust, 0.05, n, 20, np.uint64(3)) for n in (5, 3000))
     np.testing.assert_array_equal(few, many[:5])
