@@ -253,7 +253,7 @@ def test_a_stretched_sweep_keeps_its_frequencies():
 
 
 def test_a_sweep_too_fast_for_dt_is_refused():
-    with pytest.raises(ValueError, match=r"dt=0.05 s resolves frequencies below 10 Hz.*12.0 Hz: give"):
+    with pytest.raises(ValueError, match=r"below 10 Hz.*12.0 Hz: give"):
         FrequencySweep(end_hz=12.0).pilot(DT, 1, np.random.default_rng(0))
 
 
