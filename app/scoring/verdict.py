@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from app.scoring.outcome import RecordedExceedance, lead_words
 from app.scoring.scored import OBSERVATIONS, ScoredManoeuvre, ScoredRecording
+from app.scoring.wording import alerts_above
 from app.telemetry.mapping.typed_rate import time_of_day
 from app.telemetry.targets import TARGETS
 from core.channels import BY_KEY, CHANNELS
@@ -100,7 +101,7 @@ def _lines(
         times = f"{times}, {time_of_day(manoeuvre.start)} to {time_of_day(manoeuvre.end)}"
     yield f"{manoeuvre.name}, {times}: {_outcome(manoeuvre)}"
     if manoeuvre.peak_risk is not None:
-        yield from _risk(monitor, scored.alert_above, manoeuvre, manoeuvre.peak_risk, of_day)
+        yield from _risk(monitor, scored, manoeuvre, manoeuvre.peak_risk, of_day)
     elif manoeuvre.withdrawn_t is None:
         yield f"  {NOTHING}"
     else:
@@ -134,16 +135,19 @@ def _lines(
 
 
 def _risk(
-    monitor: Monitor, alert_above: float, manoeuvre: ScoredManoeuvre, peak: float, of_day: bool
+    monitor: Monitor,
+    scored: ScoredRecording,
+    manoeuvre: ScoredManoeuvre,
+    peak: float,
+    of_day: bool,
 ) -> Iterator[str]:
     least = peak <= smallest_epsilon(monitor.n_unsafe)
     when = ", never above the smallest value" if least else f" at {manoeuvre.peak_t:.2f} s"
     yield f"  peak risk          {peak:.3f}{when}"
+    above = alerts_above(scored.epsilon, scored.alert_above, monitor.recipe.guarantee)
+    yield f"  alerts above       {above}"
     alerts = manoeuvre.alerts
-    if not alerts:
-        yield f"  first alert        none (risk above {alert_above:g})"
-        return
-    yield f"  first alert        at {_time(alerts[0][0], of_day)} (risk above {alert_above:g})"
+    yield f"  first alert        {f'at {_time(alerts[0][0], of_day)}' if alerts else 'none'}"
     if len(alerts) > 1:
         begin, end = alerts[-1]
         yield f"  alerts             {len(alerts)}, the last one {begin:.2f} to {end:.2f} s"

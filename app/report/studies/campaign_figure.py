@@ -9,21 +9,21 @@ from app.report.studies.study_figures import COLOURS, DASHES, STYLE
 from core.evaluation.campaign_study import WITHOUT, CampaignCounts, CampaignStudyRecipe
 
 
-def avoided_against_lost(found: Sequence[CampaignCounts], recipe: CampaignStudyRecipe) -> Figure:
-    """Draw a panel a planned test, a line a monitor, a mark a clearance, with 95 % intervals."""
-    tests = list(dict.fromkeys(one.test for one in found))
+def avoided_against_lost(counts: Sequence[CampaignCounts], recipe: CampaignStudyRecipe) -> Figure:
+    """One panel per planned test, one line per monitor, one mark per clearance; 95 % intervals."""
+    tests = list(dict.fromkeys(pair.test for pair in counts))
     with rc_context(STYLE):
         figure = Figure(figsize=(4.0 * len(tests) + 1.0, 4.4), layout="constrained")
         panels = figure.subplots(1, len(tests), sharey=True, squeeze=False)[0]
         for axes, name in zip(panels, tests, strict=True):
             for number, epsilon in enumerate(recipe.monitor_epsilons):
-                own = [c for c in found if c.test == name and c.monitor_epsilon == epsilon]
-                own.sort(key=lambda one: one.lost_share)
+                line = [c for c in counts if c.test == name and c.monitor_epsilon == epsilon]
+                line.sort(key=lambda pair: pair.lost_share)
                 axes.errorbar(
-                    [one.lost_share for one in own],
-                    [one.avoided_share for one in own],
-                    yerr=_sides([one.avoided_share for one in own], own, 0),
-                    xerr=_sides([one.lost_share for one in own], own, 1),
+                    [pair.lost_share for pair in line],
+                    [pair.avoided_share for pair in line],
+                    yerr=_sides([pair.avoided_share for pair in line], line, 0),
+                    xerr=_sides([pair.lost_share for pair in line], line, 1),
                     label="no monitor" if epsilon == WITHOUT else f"monitor at {epsilon:g}",
                     color=COLOURS[number % len(COLOURS)],
                     ls=DASHES[number % len(DASHES)],
@@ -47,7 +47,7 @@ def avoided_against_lost(found: Sequence[CampaignCounts], recipe: CampaignStudyR
 def _sides(
     shares: list[float], counts: list[CampaignCounts], which: int
 ) -> tuple[list[float], list[float]]:
-    """How far an interval reaches below and above each share."""
-    intervals = [one.intervals[which] for one in counts]
+    """Distance of the interval's ends below and above each share."""
+    intervals = [pair.intervals[which] for pair in counts]
     pairs = list(zip(shares, intervals, strict=True))
     return [share - low for share, (low, _) in pairs], [high - share for share, (_, high) in pairs]

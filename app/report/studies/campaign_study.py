@@ -11,15 +11,15 @@ from core.evaluation.campaign_study import (
 )
 
 GOAL = 0.99
-"""Share of the exceedances that a team wants avoided."""
+"""Share of the exceedances to avoid."""
 
 
 @dataclass(frozen=True)
 class CampaignRow:
-    """One pair of epsilons on one planned test; 1 for no clearance, and no monitor.
+    """One pair of epsilons on one planned test; 1 means no clearance, or no monitor.
 
-    avoided, lost: shares, each with its 95 % interval.   caused: safe points that exceed since they
-    were aborted.
+    avoided, lost: shares, each with its 95 % interval.   caused: safe points that exceed a limit
+    because they were aborted.
     """
 
     test: str
@@ -36,31 +36,31 @@ class CampaignRow:
     caused: int
 
 
-def rows_of(found: Sequence[CampaignCounts]) -> list[CampaignRow]:
-    """One row a pair of epsilons on a planned test."""
-    return [_row(one) for one in found]
+def rows_of(counts: Sequence[CampaignCounts]) -> list[CampaignRow]:
+    """One row for each pair of epsilons on a planned test."""
+    return [_row(pair) for pair in counts]
 
 
-def _row(one: CampaignCounts) -> CampaignRow:
-    (avoided_low, avoided_high), (lost_low, lost_high) = one.intervals.tolist()
+def _row(pair: CampaignCounts) -> CampaignRow:
+    (avoided_low, avoided_high), (lost_low, lost_high) = pair.intervals.tolist()
     return CampaignRow(
-        test=one.test,
-        clearance_epsilon=one.clearance_epsilon,
-        monitor_epsilon=one.monitor_epsilon,
-        n_exceeding=one.n_exceeding,
-        avoided=one.avoided_share,
+        test=pair.test,
+        clearance_epsilon=pair.clearance_epsilon,
+        monitor_epsilon=pair.monitor_epsilon,
+        n_exceeding=pair.n_exceeding,
+        avoided=pair.avoided_share,
         avoided_low=avoided_low,
         avoided_high=avoided_high,
-        n_safe=one.n_safe,
-        lost=one.lost_share,
+        n_safe=pair.n_safe,
+        lost=pair.lost_share,
         lost_low=lost_low,
         lost_high=lost_high,
-        caused=one.caused,
+        caused=pair.caused,
     )
 
 
-def in_words(found: Sequence[CampaignCounts], recipe: CampaignStudyRecipe) -> str:
-    """A line a pair of epsilons, and what it takes to avoid nearly all exceedances."""
+def in_words(counts: Sequence[CampaignCounts], recipe: CampaignStudyRecipe) -> str:
+    """One line for each pair of epsilons, and the best pair that avoids nearly all exceedances."""
     steps = ", ".join(f"{step:.0%}" for step in recipe.steps)
     lines = [
         f"build-up of {steps}, {recipe.n_flown} aircraft; {recipe.method}, {recipe.lead_s:g} s "
@@ -68,22 +68,22 @@ def in_words(found: Sequence[CampaignCounts], recipe: CampaignStudyRecipe) -> st
         f"{'':8} {'clearance':>9} {'monitor':>8} {'exceed':>7} {'avoided':>23} {'safe':>6} "
         f"{'lost':>23}",
     ]
-    for one in found:
-        (low, high), (least, most) = one.intervals
+    for pair in counts:
+        (low, high), (least, most) = pair.intervals
         lines.append(
-            f"{one.test:8} {_epsilon(one.clearance_epsilon):>9} "
-            f"{_epsilon(one.monitor_epsilon):>8} {one.n_exceeding:7d} "
-            f"{one.avoided_share:7.3f} ({low:.3f} to {high:.3f}) {one.n_safe:6d} "
-            f"{one.lost_share:7.3f} ({least:.3f} to {most:.3f})"
+            f"{pair.test:8} {_epsilon(pair.clearance_epsilon):>9} "
+            f"{_epsilon(pair.monitor_epsilon):>8} {pair.n_exceeding:7d} "
+            f"{pair.avoided_share:7.3f} ({low:.3f} to {high:.3f}) {pair.n_safe:6d} "
+            f"{pair.lost_share:7.3f} ({least:.3f} to {most:.3f})"
         )
-    for name in dict.fromkeys(one.test for one in found):
-        best = best_of([one for one in found if one.test == name], GOAL)
+    for name in dict.fromkeys(pair.test for pair in counts):
+        best = best_of([pair for pair in counts if pair.test == name], GOAL)
         lines.append(
             f"{name}: no pair avoids {GOAL:.0%} of the exceedances"
             if best is None
             else f"{name}: {best.avoided_share:.1%} avoided at {best.lost_share:.1%} of the safe "
             f"points lost, with a clearance at {_epsilon(best.clearance_epsilon)} and a monitor "
-            f"at {_epsilon(best.monitor_epsilon)}: the fewest lost where {GOAL:.0%} is avoided"
+            f"at {_epsilon(best.monitor_epsilon)}: the fewest lost with {GOAL:.0%} avoided"
         )
     return "\n".join(lines)
 

@@ -1,4 +1,4 @@
-"""The study's table and files."""
+"""The table and files of a study."""
 
 import csv
 import io
@@ -18,7 +18,7 @@ SHOWN = (0.05, 0.1, 0.2, 0.3)
 def write_study(result: StudyResult, out: Path) -> str:
     """Write study.json, study.csv and both figures into `out`; return the table to print.
 
-    Every file is complete before the first is put in place.
+    All files are complete before the first is put in place.
     """
     from app.report.studies import study_figures as figures
 
@@ -36,7 +36,7 @@ def write_study(result: StudyResult, out: Path) -> str:
 
 
 def summary(result: StudyResult) -> dict[str, Any]:
-    """Return the study as plain data: recipe, unsafe rate, ranking, every method's curves."""
+    """The study as plain data: recipe, unsafe rate, ranking, curves of every method."""
     return {
         "recipe": to_plain(result.recipe),
         "unsafe_rate": result.unsafe_rate,
@@ -60,7 +60,7 @@ def summary(result: StudyResult) -> dict[str, Any]:
 
 
 def table(result: StudyResult) -> str:
-    """Return the printed table: miss rate and power at a few epsilons, methods by rank."""
+    """The printed table: miss rate and power at a few epsilons, methods by rank."""
     recipe = result.recipe
     epsilons = next(iter(result.methods.values())).epsilons
     rows = sorted({int(np.abs(epsilons - shown).argmin()) for shown in SHOWN})
@@ -69,8 +69,8 @@ def table(result: StudyResult) -> str:
         f"({result.unsafe_rate:.0%} of flights unsafe), {recipe.n_test} fresh test flights each, "
         f"{recipe.monitor.calibration} calibration, {recipe.monitor.scaling} units, "
         f"warning lead time {result.monitor.lead:g} s",
-        "miss rate / share of safe flights without a false alarm (power), each with its 95 % "
-        "interval; best mean share first",
+        "miss rate / safe flights without a false alarm, each with its 95 % interval; best mean "
+        "share first",
         "",
         f"{'method':27}" + "".join(f"{f'epsilon {epsilons[row]:.2f}':^36}" for row in rows),
     ]

@@ -1,4 +1,4 @@
-"""Figures of the study and of a scored recording, as PNG and SVG bytes."""
+"""Figures of a study, as PNG and SVG bytes."""
 
 import io
 from collections.abc import Iterable, Mapping
@@ -44,15 +44,15 @@ ABOUT: dict[str, dict[str, Any]] = {
     "png": {"Software": "forewarn"},
     "svg": {"Date": None, "Creator": "forewarn"},
 }
-"""What a file of each kind says of itself: nothing that changes between two runs."""
+"""Metadata of each kind of file, equal in every run."""
 
 
 def render(figure: Figure, stem: str, kinds: Iterable[str] = tuple(ABOUT)) -> dict[str, bytes]:
-    """Return stem.png and stem.svg of a figure: the same bytes for the same data."""
+    """stem.png and stem.svg of a figure: same bytes for the same data."""
     files = {}
     with rc_context(STYLE):
         figure.draw_without_rendering()
-        figure.set_layout_engine(None)  # once for all kinds: it takes as long as drawing
+        figure.set_layout_engine(None)  # once for all kinds: layout is slow
         for kind in kinds:
             buffer = io.BytesIO()
             figure.savefig(buffer, format=kind, dpi=150, metadata=ABOUT[kind])
@@ -67,7 +67,7 @@ def study_curves(result: "StudyResult") -> Figure:
         miss, power = figure.subplots(1, 2)
         for axes, quantity, label in (
             (miss, "miss", "miss rate: failing flights without a timely alert"),
-            (power, "power", "share of safe flights without a false alarm (power)"),
+            (power, "power", "safe flights without a false alarm"),
         ):
             for index, (name, method) in enumerate(result.methods.items()):
                 _curve(axes, name, method, quantity, index)
@@ -97,7 +97,7 @@ def study_rollouts(result: "StudyResult", limits: Array) -> Figure:
     limits: (6,) magnitudes, infinite where there is none.
     """
     monitor, flights = result.monitor, result.flights
-    unsafe, safe = _telling_pair(monitor, flights.y, flights.fail_index)
+    unsafe, safe = _example_pair(monitor, flights.y, flights.fail_index)
     with rc_context(STYLE):
         figure = Figure(figsize=(11, 11), layout="constrained")
         columns = figure.subplots(len(CHANNELS) + 1, 2, sharex=True, sharey="row").T
@@ -123,9 +123,17 @@ def study_rollouts(result: "StudyResult", limits: Array) -> Figure:
 
 
 def draw_flight(
-    axes: Any, monitor: Monitor, y: Array, assessments: Assessments, limits: Array, epsilon: float
+    axes: Any,
+    monitor: Monitor,
+    y: Array,
+    assessments: Assessments,
+    limits: Array,
+    alert_above: float,
 ) -> None:
-    """Draw one strip a channel with the forecast at the time it is for, and the risk below."""
+    """One strip per channel, with the forecast at the time it is for, and the risk below.
+
+    alert_above: risk that alerts.
+    """
     for strip, channel, values, forecast, limit in zip(
         axes, CHANNELS, y.T, assessments.y_hat.T, limits, strict=False
     ):
@@ -167,7 +175,7 @@ def draw_flight(
         ms=5,
         ls="none",
     )
-    risk.axhline(epsilon, color=LIMIT, lw=1, ls="--", label=f"ε = {epsilon:g}")
+    risk.axhline(alert_above, color=LIMIT, lw=1, ls="--", label=f"alerts above {alert_above:.4g}")
     unassessed = np.isnan(assessments.p_value)
     if unassessed.any():
         risk.fill_between(
@@ -202,8 +210,8 @@ def _legend_once(figure: Figure, axes: Iterable[Axes]) -> None:
     )
 
 
-def _telling_pair(monitor: Monitor, y: Array, fail_index: Indices) -> tuple[int | None, int | None]:
-    """Return an unsafe flight failing at the median time, and the safe one that came closest."""
+def _example_pair(monitor: Monitor, y: Array, fail_index: Indices) -> tuple[int | None, int | None]:
+    """An unsafe flight failing at the median time, and the safe flight closest to a failure."""
     unsafe = np.flatnonzero(fail_index < y.shape[1])
     safe = np.flatnonzero(fail_index == y.shape[1])
     middle = closest = None

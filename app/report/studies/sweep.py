@@ -1,4 +1,4 @@
-"""The sweep's table and plain data: how early tests can be warned of, by method, at what cost."""
+"""The table and plain data of a lead-time study."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ class Row:
     """One method at one lead on one planned test, for one reaction time.
 
     earliest_s: time from the first input by which 5 % of the failing flights have failed [s].
-    lead: in effect [s].   power_at_epsilon: power where just epsilon is missed of these flights.
-    reaction_s: mean [s].   prevented: share of the failing flights; prevented_alike: where just
-    FALSE_ALARMS of these safe flights has an alert.
+    lead: in effect [s].   power_at_epsilon: power at the threshold that misses exactly epsilon.
+    reaction_s: mean [s].   prevented: share of the failing flights; prevented_alike: at the
+    threshold that alerts on FALSE_ALARMS of the safe flights.
     """
 
     test: str
@@ -44,12 +44,12 @@ class Row:
     prevented_alike: float
 
 
-def rows_of(name: str, found: PlannedTestSweep, recipe: SweepRecipe) -> list[Row]:
-    """One row a cell and reaction time."""
+def rows_of(name: str, test: PlannedTestSweep, recipe: SweepRecipe) -> list[Row]:
+    """One row for each cell and reaction time."""
     return [
         Row(
             test=name,
-            earliest_s=found.earliest_s,
+            earliest_s=test.earliest_s,
             method=method,
             lead=cell.lead,
             n_unsafe=int(cell.n_unsafe.sum()),
@@ -65,7 +65,7 @@ def rows_of(name: str, found: PlannedTestSweep, recipe: SweepRecipe) -> list[Row
             prevented=prevented,
             prevented_alike=alike,
         )
-        for (method, _), cell in found.cells.items()
+        for (method, _), cell in test.cells.items()
         for reaction_s, prevented, alike in zip(
             recipe.reactions_s,
             cell.prevented_share.tolist(),
@@ -75,23 +75,23 @@ def rows_of(name: str, found: PlannedTestSweep, recipe: SweepRecipe) -> list[Row
     ]
 
 
-def in_words(found: Mapping[str, PlannedTestSweep], recipe: SweepRecipe) -> str:
-    """A table a planned test, a line a lead and method, and where nothing is left to gain."""
+def in_words(tests: Mapping[str, PlannedTestSweep], recipe: SweepRecipe) -> str:
+    """One table for each planned test, one line for each lead and method; hopeless leads."""
     promised = {"average": "on average", "95%": "with 95 % confidence"}[recipe.guarantee]
     lines = [
         f"{recipe.n_monitors} monitors of {recipe.n_unsafe} failures each, epsilon "
         f"{recipe.epsilon:g} {promised}, {recipe.n_test} fresh flights each",
-        "missed: of failing flights; no alert: of safe flights (in brackets where just epsilon is "
-        "missed); prevented: of failing flights, by the mean reaction to the alert (in brackets "
-        f"where just {FALSE_ALARMS:.0%} of safe flights have one)",
+        "missed: share of failing flights; no alert: safe flights without a false alarm (in "
+        "brackets with exactly epsilon missed); prevented: share of failing flights, by mean "
+        f"reaction to the alert (in brackets with alerts on {FALSE_ALARMS:.0%} of safe flights)",
     ]
     if recipe.ceiling:
         lines.append(
-            "ceiling: what a posterior of all derivatives could tell, with just epsilon missed of "
-            f"{CEILING_FLIGHTS // 2} failures"
+            "ceiling: information limit from a posterior of all derivatives, with exactly epsilon "
+            f"missed of {CEILING_FLIGHTS // 2} failures"
         )
     reactions = "".join(f"{f'{reaction:g} s':>13}" for reaction in recipe.reactions_s)
-    for name, test in found.items():
+    for name, test in tests.items():
         lines += [
             "",
             f"{name}: {test.unsafe_share:.0%} of flights fail, 1 in 20 of these within "
@@ -114,17 +114,18 @@ def _line(method: str, cell: Cell) -> str:
 
 
 def _hopeless(test: PlannedTestSweep) -> list[str]:
-    """What to do about leads at which no method lets safe flights pass."""
+    """Advice for leads at which no method lets safe flights pass."""
     if not (leads := hopeless_leads(test)):
         return []
     return [
-        f"  no method has power left {', '.join(f'{lead:g}' for lead in leads)} s ahead: a shorter "
-        "lead, or clear the point before it is flown"
+        "  no method lets safe flights pass "
+        f"{', '.join(f'{lead:g}' for lead in leads)} s ahead: use a shorter lead, or clear the "
+        "point before it is flown"
     ]
 
 
 def hopeless_leads(test: PlannedTestSweep) -> list[float]:
-    """Leads [s] at which hardly a safe flight passes, whatever the method."""
+    """Leads [s] at which hardly a safe flight passes with any method."""
     best: dict[float, float] = {}
     for (method, _), cell in test.cells.items():
         if method != CEILING:
@@ -132,8 +133,8 @@ def hopeless_leads(test: PlannedTestSweep) -> list[float]:
     return [lead for lead, power in best.items() if power < USELESS]
 
 
-def summary(found: Mapping[str, PlannedTestSweep], recipe: SweepRecipe) -> dict[str, Any]:
-    """Return the sweep as plain data: recipe, and every planned test's cells; times [s]."""
+def summary(tests: Mapping[str, PlannedTestSweep], recipe: SweepRecipe) -> dict[str, Any]:
+    """The study as plain data: recipe, and the cells of every planned test; times [s]."""
     return {
         "recipe": to_plain(recipe),
         "false_alarms_alike": FALSE_ALARMS,
@@ -144,7 +145,7 @@ def summary(found: Mapping[str, PlannedTestSweep], recipe: SweepRecipe) -> dict[
                 "hopeless_s": hopeless_leads(test),
                 "cells": [_plain(method, cell) for (method, _), cell in test.cells.items()],
             }
-            for name, test in found.items()
+            for name, test in tests.items()
         },
     }
 

@@ -1,4 +1,4 @@
-"""The figure of a sweep: power against lead, method by method, below the ceiling."""
+"""The figure of a lead-time study: power of each method against lead, with the ceiling."""
 
 from collections.abc import Mapping
 
@@ -11,25 +11,25 @@ from core.evaluation.lead_sweep import CEILING, METHODS, PlannedTestSweep, Sweep
 MARKERS = "osv^D*"
 
 
-def power_against_lead(found: Mapping[str, PlannedTestSweep], recipe: SweepRecipe) -> Figure:
-    """Draw a panel a planned test, with the time by which 1 in 20 failing flights has failed."""
+def power_against_lead(results: Mapping[str, PlannedTestSweep], recipe: SweepRecipe) -> Figure:
+    """One panel per planned test, with the time by which 1 in 20 failing flights has failed."""
     with rc_context(STYLE):
-        figure = Figure(figsize=(4.0 * len(found) + 1.0, 4.4), layout="constrained")
-        panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
-        for axes, (name, test) in zip(panels, found.items(), strict=True):
+        figure = Figure(figsize=(4.0 * len(results) + 1.0, 4.4), layout="constrained")
+        panels = figure.subplots(1, len(results), sharey=True, squeeze=False)[0]
+        for axes, (name, test) in zip(panels, results.items(), strict=True):
             for method in dict.fromkeys(method for method, _ in test.cells):
-                cells = [cell for (own, _), cell in test.cells.items() if own == method]
+                cells = [cell for (key, _), cell in test.cells.items() if key == method]
                 cells.sort(key=lambda cell: cell.lead)
                 leads = [cell.lead for cell in cells]
                 power = [float(cell.power_at_epsilon.mean()) for cell in cells]
                 axes.plot(leads, power, label=method, lw=1.6, ms=4, **_look(method))
             axes.axvline(test.earliest_s, color=LIMIT, lw=1, ls=":", label="1 in 20 has failed")
             axes.set(title=name, xlabel="warning lead time [s]", ylim=(-0.02, 1.02))
-        panels[0].set_ylabel("share of safe flights without an alert (power)")
+        panels[0].set_ylabel("safe flights without a false alarm")
         lines, labels = panels[0].get_legend_handles_labels()
         figure.legend(lines, labels, loc="outside lower center", ncols=4, frameon=False)
         figure.suptitle(
-            f"where just {recipe.epsilon:g} of the failing flights is missed; {recipe.n_monitors} "
+            f"with exactly {recipe.epsilon:g} of the failing flights missed; {recipe.n_monitors} "
             f"monitors of {recipe.n_unsafe} failures, {recipe.n_test} fresh flights each"
         )
     return figure

@@ -30,7 +30,7 @@ def test_a_table_says_what_each_method_costs_and_where_nothing_helps(capsys, tmp
     assert main([*SMALL, *options]) == 0
     text = capsys.readouterr().out
     assert "ATTAS: " in text
-    assert "no method has power left 1.6 s ahead" in text
+    assert "no method lets safe flights pass 1.6 s ahead" in text
     rows = list(csv.DictReader(out.read_text().splitlines()))
     assert {row["method"] for row in rows} >= {"linear + nearest neighbor", "test card: rest"}
     assert {float(row["reaction_s"]) for row in rows} == {0.25, 2.0}

@@ -46,7 +46,7 @@ def test_a_sweep_of_named_tests_says_what_python_does(client):
         told = cells[method, cell.lead]
         assert told["power"] == cell.power
         assert told["prevented_alike"] == cell.prevented_alike_share.tolist()
-    assert "no method has power left 1.6 s ahead" in result["table"]
+    assert "no method lets safe flights pass 1.6 s ahead" in result["table"]
     (link,) = result["figures"].values()
     assert b"<svg" in client.get(link).content
     listed = next(j for j in client.get("/api/v1/jobs").json() if j["id"] == job["id"])

@@ -89,13 +89,15 @@ def test_exceedances_and_trim_are_in_display_units():
         Validity(True), "missed", "promised", peak_risk=0.2, peak_t=8.1, exceedance=SKID,
     )  # fmt: skip
     scored: Any = SimpleNamespace(
-        manoeuvres=(manoeuvre,), outside_exceedances=(SKID,), alert_above=0.1
+        manoeuvres=(manoeuvre,), outside_exceedances=(SKID,), epsilon=0.1, alert_above=0.0495
     )
-    monitor: Any = SimpleNamespace(n_unsafe=99, lead=0.25)
+    monitor: Any = SimpleNamespace(n_unsafe=99, lead=0.25, recipe=SimpleNamespace(guarantee="95%"))
     lines = verdict(monitor, scored)
     assert "  exceedance         at 8.50 s (beta -7 deg)" in lines
     assert any(line.startswith("  trim               p 1.5 deg/s, ") for line in lines)
     assert any("Ny 0.0213 g" in line for line in lines)
+    above = "0.0495, the threshold for ε = 0.1 with 95 % confidence"
+    assert f"  alerts above       {above}" in lines
     assert lines[-1] == "outside every manoeuvre: at 8.50 s (beta -7 deg)"
     of_day = verdict(monitor, scored, of_day=True)
     assert of_day[0].startswith("doublet, 8.00 to 9.00 s, 00:00:08.00 to 00:00:09.00: ")

@@ -363,7 +363,7 @@ def test_an_unfitting_statespace_is_refused(system, message):
         ({"uncertainty": {"spread": {"A[0, 0]": 0.1}}}, "write it like"),
         ({"uncertainty": {"spread": {"A[00,0]": 0.1}}}, "write it like"),
         ({"uncertainty": {"spread": {"L_p": 0.1}}}, "'L_p' is not an entry"),
-        ({"uncertainty": {"spread": {"C[3,1]": 0.1}}}, r"C\[3,1\] is 0, and a fraction of 0"),
+        ({"uncertainty": {"spread": {"C[3,1]": 0.1}}}, r"C\[3,1\] is 0 and a fraction of 0"),
         ({"uncertainty": {"spread": 0.1, "unit": "percent"}}, "'percent' is not one of"),
     ],
 )
