@@ -46,6 +46,8 @@ REST_S = 3.0
 """[s] that the rollout goes on after the last input."""
 GOOD_FIT = 0.7
 """Share of the recorded motion that a card explains, from which on it is proposed."""
+USUALLY_LIMITED = "Ny"
+"""The channel that the aircraft's usual test limits."""
 BETTER = 0.01
 """by which a later, less simple card must explain more."""
 
@@ -120,14 +122,16 @@ def training_proposal(
     reasons.append(words)
     if monitor_id is not None:
         recipe["t_early"] = recordings.store.monitors.get(monitor_id).lead
-    reasons += _without(missing, recorded, limits or {})
+    method, words = _without(missing, recorded, limits or {})
+    recipe |= method
+    reasons += words
     return {
         "recipe": recipe,
         "aircraft": None,
         "reasons": reasons,
         "channels": recorded,
         "missing_channels": missing,
-        "can_train": not missing,
+        "can_train": bool(method) or not missing,
         "manoeuvre": None if largest is None else {"start": largest.start, "end": largest.end},
     }
 
@@ -241,22 +245,39 @@ def _limits(
     return limits, f"Limits: {source} ({words})."
 
 
-def _without(missing: list[str], recorded: list[str], limits: dict[str, Any]) -> list[str]:
-    """What missing channels mean for a monitor of this recording."""
+def _without(
+    missing: list[str], recorded: list[str], limits: dict[str, Any]
+) -> tuple[dict[str, Any], list[str]]:
+    """The method that works without missing channels, if there is one, and why.
+
+    Only the newest output's magnitude leaves channels unread; limited channels are needed too.
+    """
     if not missing:
-        return []
+        return {}, []
     named = ", ".join(BY_KEY[key].symbol for key in missing)
-    words = [
-        f"Missing channels: {named}. Every method of this version reads all six channels, so no "
-        "monitor can score this recording as it is."
-    ]
-    ways = [w for w in DERIVATIONS.values() if w.target in missing]
+    limited = [key for key, limit in limits.items() if limit] or [USUALLY_LIMITED]
+    unseen = [BY_KEY[key].symbol for key in limited if key in missing]
+    if unseen:
+        method: dict[str, Any] = {}
+        words = [
+            f"Missing channels: {named}. No method works without them: {', '.join(unseen)} has a "
+            "limit and is not recorded."
+        ]
+    else:
+        method = {
+            "predictor": {"kind": "last_output"},
+            "score": {"kind": "negative_magnitude", "key": limited[0]},
+        }
+        words = [
+            f"Missing channels: {named}. Proposed method: {kind_label('last_output')}, "
+            f"{kind_label('negative_magnitude')}. It reads {BY_KEY[limited[0]].symbol} only and "
+            "works without them. It does not forecast, so expect more false alarms. All other "
+            "methods read all six channels."
+        ]
     words += [
         f"{BY_KEY[way.target].symbol} can be derived from {' and '.join(way.needs)}, which is "
         "recorded: choose that in the mapping."
-        for way in ways
-        if all(key in recorded for key in way.needs)
+        for way in DERIVATIONS.values()
+        if way.target in missing and all(key in recorded for key in way.needs)
     ]
-    if limited := [key for key in missing if limits.get(key)]:
-        words.append(f"{', '.join(limited)} has a limit and is not recorded.")
-    return words
+    return method, words

@@ -182,7 +182,8 @@ class TrainingProposal(BaseModel):
 
     recipe: dict[str, Any] = Field(
         description="part of a body of `POST /monitors`: `dataset` with `maneuver`, `limits` and "
-        "`dt`, and `t_early`, each where it is known"
+        "`dt`, `t_early`, and the `predictor` and `score` of a method that works without the "
+        "missing channels, each where it is known"
     )
     aircraft: None = Field(description="always null: a recording does not name its aircraft")
     reasons: list[str] = Field(description="where each proposal comes from, and what to check")

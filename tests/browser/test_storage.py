@@ -24,12 +24,12 @@ def test_what_is_stored_is_listed_and_kept_for_ever_by_a_button(page: Page, tmp_
         expect(page.locator("#damage")).to_have_text("◆ Disk short: 0 GB left.")
         row = page.locator("tr", has_text="Flights")
         expect(row.locator('[data-label="Number"]')).to_have_text("1")
-        page.get_by_role("button", name="Keep one for ever").first.click()
-        button = page.get_by_role("button", name="Keep one for ever", pressed=True)
-        expect(button).to_have_text("✓ Kept for ever")
+        page.get_by_role("button", name="Keep permanently one").first.click()
+        button = page.get_by_role("button", name="Kept permanently one", pressed=True)
+        expect(button.first).to_be_visible()
         assert site.store.flights.info(flight).keep
         page.goto(f"{site.http}/#/fly/{flight}")
-        page.get_by_role("button", name="✓ Kept for ever").click()
-        expect(page.get_by_role("button", name="Keep for ever")).to_be_visible()
+        page.get_by_role("button", name="✓ Kept permanently").click()
+        expect(page.get_by_role("button", name="Keep permanently")).to_be_visible()
         assert not site.store.flights.info(flight).keep
         page.goto("about:blank")

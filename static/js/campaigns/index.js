@@ -1,11 +1,12 @@
 /**
- * Campaigns: the list; #/campaigns/new plans one, #/campaigns/{id} is one, with ?add its next flight condition.
+ * Campaigns: #/campaigns lists; #/campaigns/new plans one; #/campaigns/{id} is one, with ?add to add a flight condition.
  *
  * Exports  show(element, {id, query, api, navigate}) -> {close()}
  */
 
 import { ApiError, reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
+import { guideLink } from "../lib/guide_link.js";
 import { scrolledTable } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
 import { may, needs } from "../lib/me.js";
@@ -23,7 +24,7 @@ export function show(element, context) {
 }
 
 function showCampaigns(element, { api, navigate }) {
-  return loadingView(element, { title: "Campaigns", text: "Looking up the campaigns", build });
+  return loadingView(element, { title: "Campaigns", text: "Loading campaigns", build });
 
   async function build({ keep, again }) {
     const campaigns = await api.get("/campaigns");
@@ -31,10 +32,11 @@ function showCampaigns(element, { api, navigate }) {
       ? table(campaigns)
       : empty(
           "No campaign yet",
-          "A campaign is a build-up: points at growing amplitudes, each cleared from those flown before it, with a guarantee.",
+          "A campaign is a build-up: points of growing amplitude, each cleared from the points flown before it, with a guarantee.",
           planning(),
+          guideLink("campaigns", "how to plan a campaign"),
         );
-    const page = pageOf("Campaigns", [planning()], content, fileChoice(api, navigate));
+    const page = pageOf("Campaigns", [planning(), guideLink("campaigns", "campaigns")], content, fileChoice(api, navigate));
     const shown = JSON.stringify(campaigns);
     keep(
       watching(page, async () => {
@@ -58,7 +60,7 @@ function table(campaigns) {
       h("th", { scope: "row", class: "campaign-name" }, h("a", { href: `#/campaigns/${id}` }, name)),
       h("td", { class: "campaign-aircraft" }, aircraft.join("; ")),
       h("td", { class: "number nowrap" }, `${complete} of ${points}`),
-      h("td", {}, next ?? "all over"),
+      h("td", {}, next ?? "none, all ended"),
       h("td", {}, state ? stateChip(state) : "–"),
       h("td", { class: "dim nowrap" }, moment(changed)),
     ),
@@ -67,18 +69,18 @@ function table(campaigns) {
   return scrolledTable({ heads, rows });
 }
 
-/** A campaign that another server, or the command line, wrote. */
+/** Opens a file that another server or the command line wrote. */
 function fileChoice(api, navigate) {
   const failure = errorLine();
-  const input = h("input", { type: "file", accept: ".json,application/json", id: "campaign-file", onchange: take });
+  const input = h("input", { type: "file", accept: ".json,application/json", id: "campaign-file", onchange: open });
   return h(
     "section",
     { class: "panel stack-tight", ...needs("POST /campaigns/file") },
-    h("div", { class: "field" }, h("label", { for: "campaign-file" }, "Open a campaign's file"), input),
+    h("div", { class: "field" }, h("label", { for: "campaign-file" }, "Open a campaign file"), input),
     failure.element,
   );
 
-  async function take() {
+  async function open() {
     failure.show("");
     const [file] = input.files;
     if (!file) return;
@@ -96,6 +98,6 @@ function parsed(text, name) {
   try {
     return JSON.parse(text);
   } catch {
-    throw new ApiError(`${name} is not JSON: choose the file of a campaign.`, 422);
+    throw new ApiError(`${name} is not JSON: choose a campaign file.`, 422);
   }
 }

@@ -1,9 +1,9 @@
 /**
- * The next point of a campaign: its state, what was computed of it, what a person confirms, what can be done.
+ * The next point of a campaign: its state, clearance, checklist and actions.
  *
  * Exports
  *   nextPoint({api, path, campaign, running, again}) -> {element, isIdle(), close()}
- *     running: its job that is under way, if any.   again(): shows the campaign anew.   isIdle(): nothing is typed or under way
+ *     running: its running job, if any.   again(): reloads the campaign.   isIdle(): nothing is typed or running
  */
 
 import { decimal } from "../forms/decimals.js";
@@ -31,16 +31,16 @@ export function nextPoint({ api, path, campaign, running, again }) {
   const why = h("input", { type: "text", id: "decided-why", maxlength: 2000 });
   const boxes = campaign.checklist.map((_, k) => h("input", { type: "checkbox", id: `confirmed-${k}`, onchange: follow }));
   const flown = flownForm(api, act);
-  const confirm = button(campaign.is_first ? "Clear it" : "Confirm: cleared", () => act("confirm"), { class: "button button-primary", ...needs("POST /campaigns/{}/confirm") });
-  const compute = button(clearing ? "Compute the clearance again" : "Compute the clearance", () => work("clearance", signed), { class: clearing ? "button" : "button button-primary", ...needs("POST /campaigns/{}/clearance") });
-  const train = button(point.monitor ? "Train its monitor again" : "Train a monitor for it", () => work("monitor", () => ({ point: name })), { class: "button", ...needs("POST /campaigns/{}/monitor") });
+  const confirm = button(campaign.is_first ? "Clear" : "Confirm as cleared", () => act("confirm"), { class: "button button-primary", ...needs("POST /campaigns/{}/confirm") });
+  const compute = button(clearing ? "Compute clearance again" : "Compute clearance", () => work("clearance", signed), { class: clearing ? "button" : "button button-primary", ...needs("POST /campaigns/{}/clearance") });
+  const train = button(point.monitor ? "Train its monitor again" : "Train a monitor", () => work("monitor", () => ({ point: name })), { class: "button", ...needs("POST /campaigns/{}/monitor") });
   const stage = h("div", { class: "stack" });
   const element = h(
     "section",
     { class: "panel stack campaign-next", "data-state": state, "aria-label": "Next point" },
     h("div", { class: "row" }, h("h2", {}, `Next: ${name}, ${figure(point.peak_deg)} deg`), stateChip(state), last(point)),
     clearing ? computed(clearing, point) : null,
-    clearing ? null : h("p", {}, campaign.is_first ? "No step was flown before it at its flight condition: it is a person's decision alone." : "It was not computed yet whether it may be flown."),
+    clearing ? null : h("p", {}, campaign.is_first ? "No flown step to compute from: engineering decision required." : "Clearance not computed yet."),
     h("p", { class: "hint" }, passWords(point)),
     state === "on condition" ? checklist(campaign.checklist, boxes) : null,
     h(
@@ -55,7 +55,7 @@ export function nextPoint({ api, path, campaign, running, again }) {
       state !== "cleared" && (campaign.is_first || state === "on condition") ? confirm : null,
       campaign.is_first ? null : compute,
       train,
-      state === "cleared" ? link("Fly it live", `#/fly?kind=live${point.monitor ? `&monitor=${point.monitor}` : ""}`) : null,
+      state === "cleared" ? link("Fly live", `#/fly?kind=live${point.monitor ? `&monitor=${point.monitor}` : ""}`) : null,
       state === "hold" ? null : button("Hold", () => act("hold"), needs("POST /campaigns/{}/hold")),
       button("Abort", () => act("abort"), { class: "button button-danger", ...needs("POST /campaigns/{}/abort") }),
     ),
@@ -79,7 +79,7 @@ export function nextPoint({ api, path, campaign, running, again }) {
     if (asksForToken()) return { point: name };
     if (by.value.trim()) return { point: name, by: by.value.trim() };
     by.focus();
-    throw new ApiError("Nobody was named: give your name, it is kept with what you decide.", 422);
+    throw new ApiError("No name was given: enter your name, which is stored with the decision.", 422);
   }
 
   async function act(action, more = {}) {
@@ -105,20 +105,20 @@ export function nextPoint({ api, path, campaign, running, again }) {
     const title = `${JOBS[job.kind]} ${job.request.point}`;
     progress = createJobProgress({ api, job, title, done: again, back });
     stage.replaceChildren(progress.element);
-    for (const each of [compute, train, confirm]) each.disabled = true;
+    for (const control of [compute, train, confirm]) control.disabled = true;
   }
 
   function back() {
     progress.close();
     progress = null;
     stage.replaceChildren();
-    for (const each of [compute, train]) each.disabled = false;
+    for (const control of [compute, train]) control.disabled = false;
     follow();
   }
 }
 
 function passWords({ passes_below: below, criteria }) {
-  const words = below < 1 ? `It passes where it stays below ${percent(below, 0)} of each limit.` : "It passes where it exceeds no limit.";
+  const words = below < 1 ? `Pass: below ${percent(below, 0)} of each limit.` : "Pass: no limit exceeded.";
   return criteria ? `${words} ${criteria}` : words;
 }
 
@@ -130,7 +130,7 @@ function last({ events }) {
 function computed(clearing, { peak_deg: peak }) {
   const { p_value: p, clear_below: below, amplitude_deg: amplitude, recipe, withdrawn, steps } = clearing;
   const facts = [
-    ["Predicted, part of a limit", predictedWords(clearing)],
+    ["Predicted share of a limit", predictedWords(clearing)],
     ["p-value (high means risk)", p === null || withdrawn.length ? "–" : figure(p)],
     ["Cleared up to", below === null ? "–" : figure(below)],
     ["Computed from", steps.join(", ")],
@@ -143,16 +143,15 @@ function computed(clearing, { peak_deg: peak }) {
     h("p", {}, promiseWords(clearing)),
     amplitude === null
       ? null
-      : h("p", {}, `Largest recommended amplitude: ${figure(amplitude)} deg (this point: ${figure(peak)} deg). That is another promise: flown at it, at most a share ${figure(recipe.epsilon)} exceeds a limit.`),
+      : h("p", {}, `Largest recommended amplitude: ${figure(amplitude)} deg (this point: ${figure(peak)} deg). A separate promise: at that amplitude at most ${percent(recipe.epsilon)} of aircraft exceed a limit.`),
   );
 }
 
-/** What no computation can see: each item by itself. */
 function checklist(items, boxes) {
   return h(
     "fieldset",
     { class: "panel stack-tight" },
-    h("legend", {}, "To confirm before it is flown"),
+    h("legend", {}, "Confirm before flight"),
     items.map((item, k) => h("label", { class: "row campaign-check", for: boxes[k].id }, boxes[k], item)),
   );
 }
@@ -164,26 +163,26 @@ function flownForm(api, send) {
   const element = h(
     "details",
     { class: "fold", ontoggle: offer, ...needs("POST /campaigns/{}/flown") },
-    h("summary", {}, "It was flown: give its recording"),
+    h("summary", {}, "Attach the flight recording"),
     h(
       "div",
       { class: "field-grid" },
       h("div", { class: "field" }, h("label", { for: choice.id }, "recording"), choice),
-      ["start of its trim", "end of the manoeuvre"].map((words, k) => h("div", { class: "field" }, h("label", { for: ends[k].id }, `${words} `, h("span", { class: "unit" }, "[s]")), ends[k])),
+      ["start of the trim segment", "end of the manoeuvre"].map((words, k) => h("div", { class: "field" }, h("label", { for: ends[k].id }, `${words} `, h("span", { class: "unit" }, "[s]")), ends[k])),
     ),
     failure.element,
-    h("div", { class: "row" }, button("It is complete", () => give("flown"), { class: "button button-primary" }), button("It was aborted in flight", () => give("abort"), { class: "button button-danger", ...needs("POST /campaigns/{}/abort") }), link("Upload a recording", "#/recordings")),
+    h("div", { class: "row" }, button("Complete", () => give("flown"), { class: "button button-primary" }), button("Aborted in flight", () => give("abort"), { class: "button button-danger", ...needs("POST /campaigns/{}/abort") }), link("Upload a recording", "#/recordings")),
   );
   return { element, isTouched: () => choice.value !== "" || ends.some(({ value }) => value !== "") };
 
-  /** Those of now: the point's may have come since the page was opened. */
+  /** Load recordings on opening: the point's may be new. */
   async function offer() {
     if (!element.open) return;
     failure.show("");
     try {
       const recordings = await api.get("/recordings");
       choice.replaceChildren(
-        h("option", { value: "" }, recordings.length ? "choose a recording" : "there is no recording yet"),
+        h("option", { value: "" }, recordings.length ? "choose a recording" : "no recording yet"),
         ...recordings.map(({ id, name, created }) => h("option", { value: id }, `${name}, ${moment(created)}`)),
       );
     } catch (error) {
@@ -194,12 +193,12 @@ function flownForm(api, send) {
   function give(action) {
     failure.show("");
     if (!choice.value) {
-      failure.show("No recording is chosen: choose the one of this point, or upload it first.");
+      failure.show("No recording is chosen: choose this point's recording, or upload it first.");
       return;
     }
     const [start, end] = ends.map(({ value }) => (value.trim() ? decimal(value) : null));
     if (Number.isNaN(start) || Number.isNaN(end)) {
-      failure.show("Start and end are seconds of the recording: give numbers, or leave both empty.");
+      failure.show("Start or end is not a number: enter seconds of the recording, or leave both empty.");
       return;
     }
     send(action, { recording: choice.value, start, end });

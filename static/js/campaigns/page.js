@@ -1,11 +1,12 @@
 /**
- * One campaign: what is next and what may be done with it, the build-up, its points, the aircraft as identified.
+ * One campaign: next point, build-up, table of points, identified aircraft.
  *
  * Exports  showCampaign(element, {id, api, navigate})
  */
 
 import { reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
+import { guideLink } from "../lib/guide_link.js";
 import { UNDER_WAY } from "../lib/job_progress.js";
 import { scrolledTable, sentences } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
@@ -30,6 +31,7 @@ export function showCampaign(element, { id, api, navigate }) {
       h("a", { class: "button", href: `/api/v1${path}/report`, target: "_blank", rel: "noopener" }, "Card and report"),
       h("a", { class: "button", href: `/api/v1${path}/file`, download: `campaign-${id}.json` }, "Download"),
       h("a", { class: "button", href: `#/campaigns/${id}?add`, ...needs("POST /campaigns/{}/conditions") }, "Add a flight condition"),
+      guideLink("campaigns#clearance", "clearance"),
       button("Delete", () => remove(campaign), { class: "button button-danger", ...needs("DELETE /campaigns/{}") }),
     ];
     const page = pageOf(
@@ -39,7 +41,7 @@ export function showCampaign(element, { id, api, navigate }) {
       h("div", { class: "figures campaign-figures" }, next.element, campaign.conditions.map(({ name }) => buildUp(campaign, name))),
       table(campaign),
       campaign.points.some(({ clearing }) => clearing)
-        ? h("p", {}, `Probability that any point exceeds a limit that was cleared by computation: at most ${percentAtMost(campaign.exceeding_at_most)}, over aircraft and flights as simulated.`)
+        ? h("p", {}, `Probability that any computed clearance leads to an exceedance: at most ${percentAtMost(campaign.exceeding_at_most)}, over the simulated aircraft and flights.`)
         : null,
       campaign.n_complete ? derivatives(api, path) : null,
     );
@@ -47,10 +49,10 @@ export function showCampaign(element, { id, api, navigate }) {
     return page;
   }
 
-  /** Others decide too: the page follows them, unless something is being typed. */
+  /** Reload after others' decisions, unless something is being typed. */
   async function newer({ changed }, next, again) {
     if ((await api.get(path)).changed === changed) return "";
-    if (!next.isIdle()) return "Somebody changed this campaign meanwhile: what is shown here is not the newest. Reload the page.";
+    if (!next.isIdle()) return "This campaign was changed elsewhere; the page is out of date. Reload it.";
     again();
     return "";
   }
@@ -58,8 +60,8 @@ export function showCampaign(element, { id, api, navigate }) {
   function remove(campaign) {
     askToConfirm(
       `Delete the campaign “${campaign.name}”?`,
-      "What was decided of its points goes with it. Its recordings and monitors stay. Download its file first if you may want it again.",
-      "Delete it",
+      "Deletes the campaign and its decisions permanently. Recordings and monitors stay. Download its file first to keep a copy.",
+      "Delete permanently",
       async () => {
         await api.delete(path);
         navigate("#/campaigns");
@@ -69,11 +71,10 @@ export function showCampaign(element, { id, api, navigate }) {
 }
 
 function buildUp({ points }, name) {
-  const own = points.filter(({ condition }) => condition === name);
-  return h("section", { class: "panel" }, buildUpFigure(own, name ? `Build-up at ${name}` : "Build-up"));
+  const flownThere = points.filter(({ condition }) => condition === name);
+  return h("section", { class: "panel" }, buildUpFigure(flownThere, name ? `Build-up at ${name}` : "Build-up"));
 }
 
-/** A point's name says its flight condition, where there are several. */
 function table({ points }) {
   const rows = points.map((point) =>
     h(
@@ -86,19 +87,19 @@ function table({ points }) {
       h("td", { class: "number campaign-words" }, point.flown ? reachedWords(point) : "–"),
       h("td", { class: "number" }, percent(point.passes_below, 0)),
       h("td", {}, links(point)),
-      h("td", { class: "campaign-events" }, point.events.length ? h("ul", { class: "sentences" }, point.events.map(told)) : "–"),
+      h("td", { class: "campaign-events" }, point.events.length ? h("ul", { class: "sentences" }, point.events.map(eventItem)) : "–"),
     ),
   );
-  const heads = [["Point"], ["Amplitude [deg]", 1], ["State"], ["Predicted", 1], ["Reached", 1], ["Must stay below", 1], ["Stored"], ["Decided by, when, why"]];
+  const heads = [["Point"], ["Amplitude [deg]", 1], ["State"], ["Predicted", 1], ["Reached", 1], ["Must stay below", 1], ["Stored"], ["Decisions"]];
   return scrolledTable({ heads, rows });
 }
 
-function told({ state, by, at, words }) {
+function eventItem({ state, by, at, words }) {
   return h("li", {}, h("strong", {}, state), `: ${by}, ${moment(at)}${words && `; ${words}`}`);
 }
 
 function links({ flown, monitor }) {
-  const found = [
+  const parts = [
     monitor && h("a", { href: `#/monitors/${monitor}` }, "monitor"),
     flown?.flight && h("a", { href: `#/fly/${flown.flight}` }, "flight"),
     flown?.recording_deleted && h("span", { class: "dim" }, "recording deleted"),
@@ -111,21 +112,21 @@ function links({ flown, monitor }) {
       ];
     }),
   ].filter(Boolean);
-  return found.length ? h("ul", { class: "sentences" }, found.map((one) => h("li", { class: "nowrap" }, one))) : "–";
+  return parts.length ? h("ul", { class: "sentences" }, parts.map((part) => h("li", { class: "nowrap" }, part))) : "–";
 }
 
-/** Computed while the rest is read already. */
+/** Loaded after the page is shown: identification takes a moment. */
 function derivatives(api, path) {
   const element = h("div", { class: "stack" }, loading("Identifying the aircraft"));
   api.get(`${path}/derivatives`).then(
-    (found) => element.replaceChildren(...found.map(identified)),
+    (conditions) => element.replaceChildren(...conditions.map(identified)),
     (error) => element.replaceChildren(h("p", { class: "error", role: "alert" }, reason(error))),
   );
   return element;
 }
 
-function identified(found) {
-  const last = found.after.at(-1);
+function identified(condition) {
+  const last = condition.after.at(-1);
   const uncertain = last.parameters.filter(({ before }) => before[1] > 0);
   const rows = uncertain.map(({ name, before, after, determined }) =>
     h(
@@ -144,9 +145,9 @@ function identified(found) {
     h(
       "div",
       { class: "figures campaign-figures" },
-      h("section", { class: "panel" }, derivativesFigure(found)),
-      scrolledTable({ heads: [["Derivative"], ["Before ± σ", 1], ["After ± σ", 1], ["σ left", 1]], rows }),
+      h("section", { class: "panel" }, derivativesFigure(condition)),
+      scrolledTable({ heads: [["Derivative"], ["Before ± σ", 1], ["After ± σ", 1], ["Remaining σ", 1]], rows }),
     ),
-    sentences([...fits, `Mean squared distance from what was expected of this aircraft: ${figure(last.distance)}, about 1 at most.`]),
+    sentences([...fits, `Mean squared distance from the expected aircraft: ${figure(last.distance)} (expected: about 1 or less).`]),
   );
 }

@@ -1,8 +1,8 @@
 /**
- * Plan a campaign, or points of one at another flight condition.
+ * Plan a campaign, or add points at another flight condition.
  *
- * Exports  showPlanning(element, {id, query, api, navigate})     id: "new", or that of the campaign
- *     query: name, of a new campaign
+ * Exports  showPlanning(element, {id, query, api, navigate})     id: "new", or the campaign's
+ *     query: name of a new campaign
  */
 
 import { decimals } from "../forms/decimals.js";
@@ -11,6 +11,7 @@ import { createTestFields } from "../forms/planned_test.js";
 import { reason } from "../lib/api.js";
 import { loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
+import { guideLink } from "../lib/guide_link.js";
 import { loadingView } from "../lib/loading_view.js";
 import { needs } from "../lib/me.js";
 import { errorLine, link, pageOf } from "../lib/view_states.js";
@@ -20,11 +21,11 @@ const STEPS = "0.4 0.6 0.8 1";
 export function showPlanning(element, { id, query, api, navigate }) {
   const isNew = id === "new";
   const title = isNew ? "Plan a campaign" : "Add a flight condition";
-  return loadingView(element, { title, text: "Looking up what can be flown", build });
+  return loadingView(element, { title, text: "Loading aircraft and manoeuvres", build });
 
   async function build() {
     const [catalog, campaign] = await Promise.all([loadCatalog(api), isNew ? null : api.get(`/campaigns/${id}`)]);
-    return pageOf(campaign ? `${campaign.name}: ${title.toLowerCase()}` : title, [], form({ api, catalog, campaign, navigate, title, given: query?.get("name") ?? "" }));
+    return pageOf(campaign ? `${campaign.name}: ${title.toLowerCase()}` : title, [guideLink("campaigns#before-you-plan", "before you plan")], form({ api, catalog, campaign, navigate, title, given: query?.get("name") ?? "" }));
   }
 }
 
@@ -40,7 +41,7 @@ function form({ api, catalog, campaign, navigate, title, given }) {
   const criteria = text("criteria", { maxlength: 1000, placeholder: "optional" });
   const failure = errorLine();
   const route = campaign ? "POST /campaigns/{}/conditions" : "POST /campaigns";
-  const go = h("button", { class: "button button-primary", type: "submit", ...needs(route) }, campaign ? "Add the points" : "Plan it");
+  const go = h("button", { class: "button button-primary", type: "submit", ...needs(route) }, campaign ? "Add points" : "Plan the campaign");
   return h(
     "form",
     { class: "form", novalidate: true, onsubmit: send, "aria-label": title, "data-keeps-input": true },
@@ -48,7 +49,7 @@ function form({ api, catalog, campaign, navigate, title, given }) {
       "fieldset",
       { class: "panel stack" },
       h("legend", {}, "1  The last point"),
-      h("p", { class: "hint" }, "The planned test at its full amplitude; the points before it are shares of that amplitude. Its imperfections, noise and jitter are what flights are expected to have."),
+      h("p", { class: "hint" }, "The planned test at full amplitude. Earlier points use shares of this amplitude. Set the imperfections, noise and jitter expected in flight."),
       test.main,
       test.folded,
     ),
@@ -60,24 +61,24 @@ function form({ api, catalog, campaign, navigate, title, given }) {
         "div",
         { class: "field-grid" },
         campaign ? null : labelled("name of the campaign", name),
-        labelled("flight condition", condition, "no point is cleared from steps flown at another one"),
-        labelled("steps, as shares of the amplitude", steps, "growing, with spaces between them"),
-        labelled("each must stay below this part of a limit", passes, "pass criterion: 1 is the limit itself"),
-        labelled("what else each must show", criteria, "pass criteria that a person judges, in words"),
+        labelled("flight condition", condition, "points are cleared only from steps flown at the same condition"),
+        labelled("steps, as shares of the amplitude", steps, "increasing, separated by spaces"),
+        labelled("pass below this share of a limit", passes, "1 is the limit itself"),
+        labelled("other pass criteria", criteria, "in words, judged by a person"),
       ),
     ),
     campaign
       ? null
       : h("details", { class: "panel fold" }, h("summary", {}, "How clearances are calibrated"), h("div", { class: "field-grid" }, clearance.keys.map(clearance.element))),
     failure.element,
-    h("div", { class: "row form-end" }, go, link("Not now", campaign ? `#/campaigns/${campaign.id}` : "#/campaigns")),
+    h("div", { class: "row form-end" }, go, link("Cancel", campaign ? `#/campaigns/${campaign.id}` : "#/campaigns")),
   );
 
   async function send(event) {
     event.preventDefault();
     failure.show("");
     if (!campaign && !name.value.trim()) {
-      failure.show("A name is needed: as people call this campaign.");
+      failure.show("No name was given: name the campaign.");
       name.focus();
       return;
     }

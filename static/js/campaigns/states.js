@@ -1,11 +1,11 @@
 /**
- * What the states of a campaign's points look like, and what is said of a point.
+ * Words and levels of the points of a campaign.
  *
  * Exports
  *   stateChip(state) -> element
  *   predictedWords(clearing), reachedWords(point) -> text
- *   promiseWords(clearing) -> text      what its clearance promises
- *   percentAtMost(share) -> text        a bound
+ *   promiseWords(clearing) -> text      promise of its clearance
+ *   percentAtMost(share) -> text        an upper bound
  */
 
 import { h } from "../lib/dom.js";
@@ -28,14 +28,14 @@ export function reachedWords({ state, flown: { reached, exceeded, passed } }) {
   return passed ? percent(reached, 0) : `◆ ${percent(reached, 0)}, ${state === "aborted" ? "aborted" : "not passed"}`;
 }
 
-/** Rounded up, as it would be no bound otherwise. */
+/** Rounded up, to stay a bound. */
 export function percentAtMost(share) {
   return percent(Math.ceil(1e4 * share - 1e-9) / 1e4, 2);
 }
 
 export function promiseWords({ recipe, n_exceeding: n, n_tried: tried, p_value: p, withdrawn, exceeding_at_most: most }) {
-  if (withdrawn.length) return "Nothing is promised of this point, and what was predicted of it does not hold.";
-  if (p === null) return `Hardly any of ${tried.toLocaleString("en")} simulated aircraft exceeds a limit there: ${n}${most === null ? "" : ` (at most ${percentAtMost(most)}, 95 % confidence)`}. The prediction alone decides.`;
+  if (withdrawn.length) return "No promise: the prediction for this point does not hold.";
+  if (p === null) return `${n} of ${tried.toLocaleString("en")} simulated aircraft exceed a limit here${most === null ? "" : ` (at most ${percentAtMost(most)}, 95 % confidence)`}: too few to calibrate on. The prediction alone decides.`;
   const how = recipe.guarantee === "average" ? "on average over calibrations" : "with 95 % confidence";
-  return `Of the points that would exceed a limit, at most a share ${figure(recipe.epsilon)} is cleared, ${how}; calibrated on ${n} simulated aircraft that exceed, of flights as they were simulated.`;
+  return `At most ${percent(recipe.epsilon)} of the points that would exceed a limit are cleared, ${how}. Calibrated on ${n} simulated aircraft that exceed a limit.`;
 }

@@ -1,16 +1,16 @@
 /**
- * A page that follows what others decide, and says when it cannot know.
+ * Keep a page up to date with others' decisions, and mark it when it may be out of date.
  *
  * Exports
  *   watching(page, look) -> {close()}
- *     page: what is shown; while it may be out of date, it says so at its top and its states are dim
- *     look() -> Promise<string>    asks the server; words of what is out of date, "" for nothing
+ *     page: while it may be out of date, a line at its top says so and its states are dim
+ *     look() -> Promise<string>    asks the server; why the page is out of date, or ""
  */
 
 import { reason } from "../lib/api.js";
 import { errorLine } from "../lib/view_states.js";
 
-/** [ms] How often it is asked, and after how long without an answer nothing is known. */
+/** [ms] Interval of the requests, and longest time without an answer. */
 const LOOK_EVERY = 5000;
 const SILENCE = 8000;
 
@@ -18,19 +18,19 @@ export function watching(page, look) {
   const line = errorLine();
   line.element.classList.add("stale-line");
   page.prepend(line.element);
-  let heard = Date.now();
+  let answered = Date.now();
   let asking = false;
   const timer = setInterval(tick, LOOK_EVERY);
   return { close: () => clearInterval(timer) };
 
   async function tick() {
-    if (Date.now() - heard > SILENCE) unknown("");
-    if (asking) return; // a server that hangs is asked once
+    if (Date.now() - answered > SILENCE) unknown("");
+    if (asking) return; // one request at a time
     asking = true;
     try {
       const words = await look();
-      heard = Date.now();
-      tell(words);
+      answered = Date.now();
+      show(words);
     } catch (error) {
       unknown(` (${reason(error)})`);
     }
@@ -38,10 +38,10 @@ export function watching(page, look) {
   }
 
   function unknown(why) {
-    tell(`Not known whether this is the newest: no answer for ${Math.round((Date.now() - heard) / 1000)} s${why}`);
+    show(`Display is stale: no answer for ${Math.round((Date.now() - answered) / 1000)} s${why}`);
   }
 
-  function tell(words) {
+  function show(words) {
     line.show(words);
     page.toggleAttribute("data-lost", words !== "");
   }

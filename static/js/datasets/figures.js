@@ -1,10 +1,10 @@
 /**
- * The figures of a dataset. Each function returns a <figure> with its words and key.
+ * Figures of a dataset. Each function returns a <figure> with caption and key.
  *
  * Exports
  *   rolloutFigure({catalog, limits, rollouts, n_unsafe, n_safe})     coloured by outcome
  *   peakFigure(peaks, channel)               {limit, edges, unsafe, safe} of a dataset
- *   sampleRollouts(api, id) -> Promise<[rollout]>     the first MOST of each outcome, to draw
+ *   sampleRollouts(api, id) -> Promise<[rollout]>     the first MOST of each outcome
  */
 
 import { barKey, framed, keyOf, sample, SPARE } from "../charts/figure.js";

@@ -1,5 +1,5 @@
 /**
- * The Datasets page: the list; #/datasets/new simulates one, #/datasets/{id} is one dataset.
+ * The Datasets page: #/datasets lists; #/datasets/new simulates one; #/datasets/{id} is one dataset.
  *
  * Exports  show(element, {id, query, api, navigate}) -> {close()}
  */
@@ -22,7 +22,7 @@ export function show(element, context) {
 }
 
 function showDatasets(element, { api }) {
-  return loadingView(element, { title: "Datasets", text: "Looking up the datasets", build });
+  return loadingView(element, { title: "Datasets", text: "Loading datasets", build });
 
   async function build({ keep, again }) {
     const [catalog, datasets, jobs] = await Promise.all([
@@ -35,7 +35,7 @@ function showDatasets(element, { api }) {
       ? table(datasets, catalog)
       : empty(
           "No dataset yet",
-          "A dataset is simulated when a monitor is trained; or simulate one alone, to look at it first.",
+          "Training a monitor simulates its dataset. You can also simulate one first, to look at the rollouts.",
           link("Simulate a dataset", "#/datasets/new", true),
           link("Train a monitor", "#/monitors/new"),
         );
@@ -53,7 +53,7 @@ function table(datasets, catalog) {
     ["Name"],
     ["Aircraft"],
     ["Manoeuvre"],
-    ["Limit"],
+    ["Limits"],
     ["Unsafe", 1],
     ["Safe", 1],
     ["Unsafe rate", 1],
@@ -79,7 +79,7 @@ function table(datasets, catalog) {
 function showSimulation(element, { api, navigate }) {
   return loadingView(element, {
     title: "Simulate a dataset",
-    text: "Looking up what can be simulated",
+    text: "Loading aircraft and manoeuvres",
     build,
   });
 
@@ -115,7 +115,7 @@ function showSimulation(element, { api, navigate }) {
         "div",
         { class: "row" },
         h("button", { class: "button button-primary", type: "submit", ...needs("POST /datasets") }, "Simulate"),
-        link("Not now", "#/datasets"),
+        link("Cancel", "#/datasets"),
       ),
     );
     const stage = h("div", { class: "stack" }, form);

@@ -1,4 +1,4 @@
-/** One dataset: what was simulated, how often it failed, its rollouts to look at and to replay. */
+/** One dataset: its recipe, its unsafe rate, and its rollouts to inspect and replay. */
 
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
 import { aircraftName, kindName, limitWords, loadCatalog } from "../lib/catalog.js";
@@ -33,12 +33,12 @@ export function showDataset(element, { id, api, navigate }) {
       }),
     );
     const actions = [
-      link("Train a monitor on it", `#/monitors/new?dataset=${id}`, true),
+      link("Train a monitor", `#/monitors/new?dataset=${id}`, true),
       link("Compare five methods", `#/monitors/compare?dataset=${id}`),
       h(
         "a",
         { class: "button", href: `/api/v1/datasets/${id}/arrays`, download: `dataset-${id}.npz` },
-        "Download the arrays",
+        "Download arrays",
       ),
       button("Delete", () => remove(dataset), { class: "button button-danger", ...needs("DELETE /datasets/{}") }),
     ];
@@ -69,8 +69,8 @@ export function showDataset(element, { id, api, navigate }) {
   function remove(dataset) {
     askToConfirm(
       `Delete the dataset “${dataset.name}”?`,
-      "Its rollouts go with it. The same recipe and seed simulate it again.",
-      "Delete it",
+      "Deletes the dataset and its rollouts permanently. The same recipe and seed simulate it again.",
+      "Delete permanently",
       async () => {
         await api.delete(`/datasets/${id}`);
         navigate("#/datasets");
@@ -86,11 +86,11 @@ function facts(dataset, users, catalog) {
         k ? ", " : "",
         h("a", { href: `#/monitors/${id}` }, name),
       ])
-    : "no monitor";
+    : "no monitor yet";
   const entries = [
     ["Aircraft", aircraftName(catalog, aircraft)],
     ["Manoeuvre", kindName(catalog, "maneuver", maneuver)],
-    ["Limit", formatted(limitWords(catalog, limits))],
+    ["Limits", formatted(limitWords(catalog, limits))],
     ["Unsafe rate", percent(dataset.unsafe_rate)],
     ["Unsafe rollouts", dataset.n_unsafe.toLocaleString("en")],
     [
@@ -119,15 +119,15 @@ function details(dataset, catalog) {
   return h(
     "section",
     { class: "panel stack" },
-    h("h2", { class: "panel-title" }, "What was simulated"),
+    h("h2", { class: "panel-title" }, "Recipe"),
     h(
       "div",
       { class: "columns recipe-columns" },
       known
         ? recipeTable(catalog.recipes.dataset.schema, dataset.recipe, catalog)
-        : h("p", {}, "It was not simulated here: its recipe is not known."),
+        : h("p", {}, "Not simulated here: the recipe is not recorded."),
       recipeList(origin),
     ),
-    known ? rawRecipe("The same as JSON", dataset.recipe) : null,
+    known ? rawRecipe("Recipe as JSON", dataset.recipe) : null,
   );
 }

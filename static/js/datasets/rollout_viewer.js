@@ -1,9 +1,9 @@
 /**
- * Pick a rollout of a dataset: its strips with cursors, its parameters, and its replay.
+ * Inspect one rollout of a dataset: strips with cursors, parameters, replay.
  *
  * Exports
  *   createRolloutViewer({api, catalog, dataset, monitors, navigate}) -> {element, close()}
- *     monitors: those that can fly it, the best first
+ *     monitors: those that can assess it, the best first
  */
 
 import { createStripChart } from "../charts/live/strip_chart.js";
@@ -36,26 +36,26 @@ export function createRolloutViewer({ api, catalog, dataset, monitors, navigate 
   const failure = errorLine();
   const monitor = h(
     "select",
-    { id: "replay-monitor", "aria-label": "monitor that flies it" },
+    { id: "replay-monitor", "aria-label": "monitor for the replay" },
     monitors.map(({ id, name }) => h("option", { value: id }, name)),
   );
   const replay = monitors.length
     ? h(
         "div",
         { class: "row" },
-        button("Replay it through", fly, { class: "button button-primary" }),
+        button("Replay with", fly, { class: "button button-primary" }),
         h("div", { class: "field" }, monitor),
       )
     : h(
         "div",
         { class: "row" },
-        h("span", { class: "hint" }, "To replay it, train a monitor first."),
-        link("Train a monitor on it", `#/monitors/new?dataset=${dataset.id}`),
+        h("span", { class: "hint" }, "Train a monitor to replay this rollout."),
+        link("Train a monitor", `#/monitors/new?dataset=${dataset.id}`),
       );
   const element = h(
     "section",
     { class: "panel stack rollout-viewer", "aria-labelledby": "viewer-title" },
-    h("h2", { class: "panel-title", id: "viewer-title" }, "Look at one rollout"),
+    h("h2", { class: "panel-title", id: "viewer-title" }, "One rollout"),
     h(
       "div",
       { class: "row rollout-pick" },
@@ -107,7 +107,7 @@ export function createRolloutViewer({ api, catalog, dataset, monitors, navigate 
       fail_index === null
         ? `stays within its limits for ${figure(t.at(-1))} s`
         : `fails at ${figure(t.at(-1))} s, where it is cut`;
-    words.textContent = `Rollout ${index.value}, ${outcome.value}: ${fails}. Point at the strips for values; A and B mark two moments and show the differences.`;
+    words.textContent = `Rollout ${index.value}, ${outcome.value}: ${fails}. Point at the strips for values; cursors A and B show differences.`;
     chart?.destroy();
     const host = h("div", {});
     strips.replaceChildren(host);
@@ -153,7 +153,7 @@ function thetaTable(parameters) {
   return h(
     "details",
     { class: "fold" },
-    h("summary", {}, "Its aircraft: the uncertain parameters as drawn"),
+    h("summary", {}, "Uncertain parameters of this rollout"),
     h("dl", { class: "facts theta" }, cells),
   );
 }

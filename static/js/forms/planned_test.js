@@ -7,6 +7,7 @@
  *     chosen: id of the stored dataset to begin with
  *     initial: a recipe to begin with, as it is; else the default one, with noise, jitter,
  *     imperfections of a real flight and the usual number of failures unless asFlown is false
+ *   scatterOf(recipes, name) -> {key: value}     the pilot's scatter of a recipe; name: "default" | "as_flown"
  *
  * Choice   element, size (the editor of n_unsafe), read() -> id | recipe, check(), point(message),
  *          failures() -> number of unsafe rollouts | null
@@ -87,7 +88,7 @@ function beginWithUsualTest(fields, element, catalog) {
 }
 
 /** The pilot's scatter: what of a manoeuvre differs between a flown recipe and a clean one. */
-function scatterOf(recipes, name) {
+export function scatterOf(recipes, name) {
   const clean = recipes.default.maneuver;
   const differing = Object.keys(clean).filter((key) => recipes.as_flown.maneuver[key] !== clean[key]);
   return Object.fromEntries(differing.map((key) => [key, recipes[name].maneuver[key]]));

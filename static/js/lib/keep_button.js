@@ -1,23 +1,25 @@
 /**
- * Keep a flight or a recording for ever, or release it.
+ * Keep a flight or a recording permanently, or release it.
  *
- * Exports  createKeepButton({api, path, keep, fail, attributes}) -> <button>
- *   path: of the thing.   keep: whether it is kept now.   fail(error): the server refused
+ * Exports  createKeepButton({api, path, keep, fail, name, attributes}) -> <button>
+ *   path: of the flight or recording.   keep: whether it is kept.   fail(error): the server refused
+ *   name: read aloud after the button's text, where a page has several
  */
 
-import { put } from "./dom.js";
+import { h } from "./dom.js";
 import { needs } from "./me.js";
 import { button } from "./view_states.js";
 
-export function createKeepButton({ api, path, keep, fail, attributes = {} }) {
+export function createKeepButton({ api, path, keep, fail, name = "", attributes = {} }) {
   let kept = keep;
   const element = button("", press, { ...attributes, ...needs(`PUT ${path.replace(/[^/]+$/, "{}")}/keep`) });
   show();
 
   function show() {
-    put(element, kept ? "✓ Kept for ever" : "Keep for ever");
+    const hidden = name && h("span", { class: "visually-hidden" }, ` ${name}`);
+    element.replaceChildren(kept ? "✓ Kept permanently" : "Keep permanently", hidden);
     element.setAttribute("aria-pressed", String(kept));
-    element.title = kept ? "Neither retention nor anybody deletes it; press to release it" : "Neither retention nor anybody deletes it then";
+    element.title = kept ? "Protected from deletion; press to release it" : "Protect it from deletion by retention and by people";
   }
 
   async function press() {

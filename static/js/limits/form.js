@@ -1,11 +1,11 @@
 /**
- * The form of a limit set's next version: flight conditions, and the limits that hold in each.
+ * Form of a limit set's next version: flight conditions, each with its limits.
  *
  * Exports
  *   createLimitForm({catalog, newest, word, route, send}) -> form
- *     newest: the version that it begins with; null for a new set, which has a name too
- *     word: of its button.   route: its request, without which nobody is offered the form
- *     send(made) -> Promise    what the server takes; rejects with the reason
+ *     newest: the version to begin with; null for a new set, which also needs a name
+ *     word: text of the button.   route: its request; without permission for it the form is hidden
+ *     send(version) -> Promise    rejects with the reason
  *   rangeText(range) -> string     "from 0.4 to below 0.8"
  */
 
@@ -27,34 +27,34 @@ export function createLimitForm({ catalog, newest, word, route, send }) {
   (newest?.cases ?? [{ name: "any condition", ranges: {}, limits: undefined }]).forEach(add);
 
   function add(given) {
-    const one = createCase(catalog, given, () => {
-      cases = cases.filter((other) => other !== one);
+    const added = createCase(catalog, given, () => {
+      cases = cases.filter((other) => other !== added);
       place();
     });
-    cases.push(one);
+    cases.push(added);
     place();
   }
 
   function place() {
     holder.replaceChildren(...cases.map(({ element }) => element));
-    for (const { alone } of cases) alone(cases.length === 1);
+    for (const { setRemovable } of cases) setRemovable(cases.length > 1);
   }
 
   async function submit(event) {
     event.preventDefault();
     failure.show("");
     if (newest === null && name.value.trim() === "") {
-      failure.show("A name is needed: as people call these limits.");
+      failure.show("No name was given: name the limit set.");
       name.focus();
       return;
     }
-    if (!cases.every((one) => one.check())) return;
+    if (!cases.every(({ check }) => check())) return;
     go.disabled = true;
     try {
       await send({
         ...(newest === null ? { name: name.value.trim() } : {}),
         ...(why.value.trim() && { text: why.value.trim() }),
-        cases: cases.map((one) => one.read()),
+        cases: cases.map(({ read }) => read()),
       });
     } catch (error) {
       failure.show(reason(error));
@@ -63,19 +63,19 @@ export function createLimitForm({ catalog, newest, word, route, send }) {
   }
 
   return h("form", { class: "panel form", novalidate: true, onsubmit: submit, "aria-label": word, "data-keeps-input": true, ...needs(route) },
-    h("h2", {}, newest === null ? "A new limit set" : "The next version"),
-    h("p", { class: "hint" }, "A version never changes: flights say by which they were held. At most one of its conditions may hold at a time; a range left empty has no end."),
+    h("h2", {}, newest === null ? "New limit set" : "Next version"),
+    h("p", { class: "hint" }, "A version never changes, and each flight records its version. Conditions must not overlap; an empty field is unbounded."),
     newest === null ? labelled("Name", name) : null,
     holder,
     h("div", { class: "row" }, button("Add a condition", () => add({ name: "", ranges: {}, limits: undefined }))),
-    labelled("Why", why),
+    labelled("Reason", why),
     h("div", { class: "row" }, go),
     failure.element);
 }
 
 function createCase(catalog, { name, ranges, limits }, remove) {
   const schema = catalog.families.limits.entries.limits.schema;
-  const called = h("input", { type: "text", maxlength: 200, required: true, value: name });
+  const title = h("input", { type: "text", maxlength: 200, required: true, value: name });
   const failure = errorLine();
   const ends = catalog.conditions.map(({ key, label, unit }) => {
     const [low, high] = [0, 1].map((end) => h("input", { type: "number", step: "any", value: ranges[key]?.[end] ?? "", "aria-label": `${label} ${end === 0 ? "from" : "below"}` }));
@@ -84,14 +84,14 @@ function createCase(catalog, { name, ranges, limits }, remove) {
   const fields = createFields(schema, limits, { catalog, path: "limits" });
   const away = button("Remove this condition", remove, { class: "button button-small" });
   const element = h("fieldset", {}, h("legend", {}, "Condition"),
-    labelled("Name of the condition", called),
+    labelled("Name of the condition", title),
     h("div", { class: "limit-ranges" }, ...ends.map((end) => end.element)),
     h("div", { class: "field-grid" }, ...fields.keys.map((key) => fields.element(key))),
     h("div", { class: "row" }, away), failure.element);
 
   function check() {
     const unread = ends.flatMap(({ low, high }) => [low, high]).find((input) => input.validity.badInput);
-    const wrong = called.value.trim() === "" ? "The condition needs a name." : unread ? "A range has an end that is no number." : "";
+    const wrong = title.value.trim() === "" ? "The condition has no name: enter one." : unread ? "A range contains a non-number: enter numbers, or leave the field empty." : "";
     failure.show(wrong);
     return wrong === "" && fields.check();
   }
@@ -100,10 +100,10 @@ function createCase(catalog, { name, ranges, limits }, remove) {
 
   function read() {
     const given = ends.map(({ key, low, high }) => [key, [number(low), number(high)]]).filter(([, range]) => range.some((end) => end !== null));
-    return { name: called.value.trim(), ranges: Object.fromEntries(given), limits: fields.read() };
+    return { name: title.value.trim(), ranges: Object.fromEntries(given), limits: fields.read() };
   }
 
-  return { element, check, read, alone: (is) => { away.hidden = is; } };
+  return { element, check, read, setRemovable: (removable) => { away.hidden = !removable; } };
 }
 
 function labelled(words, control) {

@@ -1,42 +1,49 @@
 /**
- * Limit sets: #/limits lists them and makes one; #/limits/{id} has its versions and makes the next.
+ * Limit sets: #/limits lists them and creates one; #/limits/{id} shows its versions and adds the next.
  *
  * Exports  show(element, {id, api, navigate}) -> {close()}
  */
 
 import { limitWords, loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
+import { guideLink } from "../lib/guide_link.js";
 import { tableHead } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
+import { needs } from "../lib/me.js";
 import { moment } from "../lib/numbers.js";
-import { empty, link, pageOf } from "../lib/view_states.js";
+import { button, empty, link, pageOf } from "../lib/view_states.js";
 import { createLimitForm, rangeText } from "./form.js";
 
 export function show(element, { id, api, navigate }) {
   const path = `/limit-sets/${encodeURIComponent(id ?? "")}`;
-  return loadingView(element, id ? { title: "Limit set", text: "Reading its versions", build: buildOne } : { title: "Limit sets", text: "Looking up the limit sets", build });
+  return loadingView(element, id ? { title: "Limit set", text: "Loading versions", build: buildOne } : { title: "Limit sets", text: "Loading limit sets", build });
 
   async function build() {
     const [catalog, sets] = await Promise.all([loadCatalog(api), api.get("/limit-sets")]);
     const rows = sets.map(({ id: set, name, newest, created }) =>
       h("tr", {}, h("th", { scope: "row" }, h("a", { href: `#/limits/${set}` }, name)), h("td", { class: "number" }, newest), h("td", { class: "nowrap" }, moment(created))));
+    const form = createLimitForm({
+      catalog, newest: null, word: "Create the limit set", route: "POST /limit-sets",
+      send: async (version) => navigate(`#/limits/${(await api.post("/limit-sets", version)).limit_set}`),
+    });
     const list = sets.length
       ? h("table", { class: "table" }, tableHead([["Name"], ["Newest version", 1], ["Created"]]), h("tbody", {}, rows))
-      : empty("No limit set yet", "Measured exceedances are held against each monitor's own limits until one is put in force.");
-    const form = createLimitForm({
-      catalog, newest: null, word: "Make the limit set", route: "POST /limit-sets",
-      send: async (made) => navigate(`#/limits/${(await api.post("/limit-sets", made)).limit_set}`),
-    });
-    return pageOf("Limit sets", [link("Fly", "#/fly"), link("Monitors", "#/monitors")], list, form);
+      : empty(
+          "No limit set yet",
+          "Exceedances are measured against each monitor's own limits. A limit set replaces them for live flights and can depend on the flight condition.",
+          button("Create a limit set", () => form.querySelector("input").focus(), { class: "button button-primary", ...needs("POST /limit-sets") }),
+          guideLink("limit-sets", "how to use limit sets"),
+        );
+    return pageOf("Limit sets", [link("Fly", "#/fly"), link("Monitors", "#/monitors"), guideLink("limit-sets", "limit sets")], list, form);
   }
 
   async function buildOne({ again }) {
     const [catalog, versions] = await Promise.all([loadCatalog(api), api.get(path)]);
     const [newest] = versions;
     const form = createLimitForm({
-      catalog, newest, word: `Make version ${newest.version + 1}`, route: "POST /limit-sets/{}/versions",
-      send: async (made) => {
-        await api.post(`${path}/versions`, made);
+      catalog, newest, word: `Create version ${newest.version + 1}`, route: "POST /limit-sets/{}/versions",
+      send: async (version) => {
+        await api.post(`${path}/versions`, version);
         again();
       },
     });
@@ -44,7 +51,6 @@ export function show(element, { id, api, navigate }) {
   }
 }
 
-/** A version as it stays for ever: who made it, when and why, and its conditions. */
 function versionPanel({ version, by, created, text, cases }, catalog) {
   const { conditions } = catalog;
   const rows = cases.map(({ name, ranges, limits }) =>

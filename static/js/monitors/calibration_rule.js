@@ -1,16 +1,16 @@
 /**
- * The monitor's rule in numbers: rank, threshold, and how one calibration set's miss rate scatters.
+ * The monitor's rule in numbers: rank, threshold, and the scatter of the miss rate.
  *
- * guarantee: "average" over calibration sets, or "95%": of the monitor itself with that confidence.
+ * guarantee: "average" over calibration sets, or "95%" confidence in this monitor.
  *
  * Exports
- *   rank(epsilon, n, guarantee) -> k                alert iff score <= alpha_(k); n + 1 means always
+ *   rank(epsilon, n, guarantee) -> k                alert iff score <= alpha_(k); n + 1: always
  *   alertAbove(epsilon, n, guarantee) -> risk       the same rule, as a risk
- *   threshold(epsilon, alphas, guarantee) -> score  alphas sorted, null: too early to be warned of
- *   neededFor(epsilon, guarantee) -> n              failures that can serve epsilon
- *   leastFor(n, guarantee) -> epsilon               that n failures can serve
- *   scatter(epsilon, n, guarantee) -> [low, high]   5-95 % of the miss rate of monitors calibrated
- *       on n failures
+ *   threshold(epsilon, alphas, guarantee) -> score  alphas sorted, null: failed too early for a warning
+ *   neededFor(epsilon, guarantee) -> n              fewest failures that are enough for epsilon
+ *   leastFor(n, guarantee) -> epsilon               smallest that n failures are enough for
+ *   scatter(epsilon, n, guarantee) -> [low, high]   5 to 95 % quantiles of the miss rate of monitors
+ *       calibrated on n failures
  */
 
 const DOUBT = 0.05;
@@ -19,7 +19,7 @@ export function rank(epsilon, n, guarantee = "average") {
   return n + 1 - allowed(epsilon, n, guarantee);
 }
 
-/** Failures whose score may lie above the threshold. */
+/** Number of failures whose score may lie above the threshold. */
 function allowed(epsilon, n, guarantee) {
   if (guarantee === "average") return Math.floor(epsilon * (n + 1) + 1e-9);
   let [j, missed] = [0, 1 - atLeast(1, n, epsilon)]; // P(at most j of n failures are missed)

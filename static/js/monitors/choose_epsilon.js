@@ -1,5 +1,5 @@
 /**
- * Choose an epsilon by fresh flights: so that two targets are kept, or by what a miss costs.
+ * Choose an epsilon from fresh flights: to keep two targets, or by the cost of a miss.
  *
  * Exports
  *   createEpsilonChoice({api, id, catalog, navigate, keep}) -> element      id: of the monitor
@@ -8,14 +8,15 @@
 import { createFields } from "../forms/form.js";
 import { reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
+import { guideLink } from "../lib/guide_link.js";
 import { followInPlace } from "../lib/job_progress.js";
 import { needs } from "../lib/me.js";
 import { figure, percent } from "../lib/numbers.js";
 import { button, errorLine } from "../lib/view_states.js";
 
 const WAYS = [
-  ["targets", "so that two targets are kept", ["most_missed", "most_false_alarms"]],
-  ["cost", "by what a miss costs", ["cost_of_miss"]],
+  ["targets", "to keep two targets", ["most_missed", "most_false_alarms"]],
+  ["cost", "by the cost of a miss", ["cost_of_miss"]],
 ];
 
 export function createEpsilonChoice({ api, id, catalog, navigate, keep }) {
@@ -34,7 +35,7 @@ export function createEpsilonChoice({ api, id, catalog, navigate, keep }) {
     h(
       "div",
       { class: "field-grid" },
-      h("div", { class: "field" }, h("label", { for: "epsilon-way" }, "choose"), way),
+      h("div", { class: "field" }, h("label", { for: "epsilon-way" }, "Choose"), way),
       fields.keys.map(fields.element),
     ),
     failure.element,
@@ -42,13 +43,13 @@ export function createEpsilonChoice({ api, id, catalog, navigate, keep }) {
       "div",
       { class: "row" },
       go,
-      h("span", { class: "hint" }, "Half of the fresh flights choose, the others certify what was chosen."),
+      h("span", { class: "hint" }, "Half of the fresh flights choose epsilon, the other half certify it."),
     ),
   );
   const outcome = h("div", { class: "stack", role: "status" });
   const stage = h("div", { class: "stack" }, form, outcome);
   show();
-  return h("details", { class: "panel fold" }, h("summary", {}, "Choose an epsilon by fresh flights"), stage);
+  return h("details", { class: "panel fold" }, h("summary", {}, "Choose an epsilon from fresh flights ", guideLink("first-monitor#choose-an-epsilon", "how to choose an epsilon")), stage);
 
   function show() {
     for (const [value, , keys] of WAYS)
@@ -67,9 +68,9 @@ export function createEpsilonChoice({ api, id, catalog, navigate, keep }) {
       const job = await api.post(`/monitors/${id}/epsilon`, asked);
       const progress = followInPlace({ form, stage, keep, focus: go, api, job, title: "Choosing an epsilon", done });
 
-      function done(found) {
+      function done(choice) {
         progress.back();
-        tell(found);
+        showChoice(choice);
       }
     } catch (error) {
       if (!fields.point(`epsilon.${error.message}`)) failure.show(reason(error));
@@ -78,15 +79,14 @@ export function createEpsilonChoice({ api, id, catalog, navigate, keep }) {
     }
   }
 
-  function tell(found) {
-    const { epsilon, alert_above: above, misses, n_unsafe, false_alerts, n_safe, withdrawn, safe_withdrawn, most_missed, most_false, cost } = found;
+  function showChoice({ epsilon, alert_above: above, misses, n_unsafe, false_alerts, n_safe, withdrawn, safe_withdrawn, most_missed, most_false, cost }) {
     outcome.replaceChildren(
-      h("p", {}, h("strong", {}, `ε = ${figure(epsilon)}`), `: alerts above a risk of ${figure(above)}.`),
+      h("p", {}, h("strong", {}, `ε = ${figure(epsilon)}`), `: the monitor alerts at risk above ${figure(above)}.`),
       h(
         "p",
         {},
-        `Of ${n_unsafe.toLocaleString("en")} failing fresh flights ${percent(misses / n_unsafe)} were missed, of ${n_safe.toLocaleString("en")} safe ones ${percent(false_alerts / n_safe)} had a false alarm; ${calledInvalid(withdrawn, safe_withdrawn)}. With 95 % confidence at most ${percent(most_missed)} and ${percent(most_false)}.`,
-        cost === null ? "" : ` A flight costs as much as ${figure(cost)} false alarms.`,
+        `Missed: ${percent(misses / n_unsafe)} of ${n_unsafe.toLocaleString("en")} failing fresh flights. False alarms: ${percent(false_alerts / n_safe)} of ${n_safe.toLocaleString("en")} safe ones. With 95 % confidence, at most ${percent(most_missed)} and ${percent(most_false)}. ${calledInvalid(withdrawn, safe_withdrawn)}`,
+        cost === null ? "" : ` Mean cost of a flight: ${figure(cost)} false alarms.`,
       ),
       h(
         "div",
@@ -97,8 +97,8 @@ export function createEpsilonChoice({ api, id, catalog, navigate, keep }) {
   }
 }
 
-/** withdrawn: undefined in what an older version stored. */
+/** withdrawn: undefined if an older version stored the result. */
 function calledInvalid(withdrawn, safe) {
-  if (withdrawn === undefined) return "how many were called invalid was not counted";
-  return `${withdrawn.toLocaleString("en")} failing ones before an alert and ${safe.toLocaleString("en")} safe ones without one were called invalid, and are in neither share`;
+  if (withdrawn === undefined) return "Flights called INVALID were not counted.";
+  return `Called INVALID, in neither share: ${withdrawn.toLocaleString("en")} failing flights before an alert and ${safe.toLocaleString("en")} safe flights without one.`;
 }

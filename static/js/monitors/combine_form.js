@@ -1,5 +1,5 @@
 /**
- * Make one monitor of several of one planned test: choose members and lead; then its job, then its page.
+ * Combine monitors of one planned test: choose members and lead time; then the job, then the new monitor's page.
  *
  * Exports  showCombining(element, {api, navigate})
  */
@@ -8,6 +8,7 @@ import { createFields } from "../forms/form.js";
 import { reason } from "../lib/api.js";
 import { aircraftName, kindName, loadCatalog, methodOf } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
+import { guideLink } from "../lib/guide_link.js";
 import { followInPlace } from "../lib/job_progress.js";
 import { tableHead } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
@@ -19,7 +20,7 @@ import { empty, errorLine, link, pageOf } from "../lib/view_states.js";
 const TITLE = "Combine monitors";
 
 export function showCombining(element, { api, navigate }) {
-  return loadingView(element, { title: TITLE, text: "Looking up the monitors", build });
+  return loadingView(element, { title: TITLE, text: "Loading monitors", build });
 
   async function build({ keep }) {
     const [catalog, monitors] = await Promise.all([loadCatalog(api), api.get("/monitors")]);
@@ -29,12 +30,12 @@ export function showCombining(element, { api, navigate }) {
         TITLE,
         [],
         empty(
-          "No two monitors to combine",
-          "A combination is made of two or more monitors of one planned test that are trained here, say for 0.25 and 0.5 s ahead. Combinations, and monitors calibrated by groups, cannot be members.",
+          "Not enough monitors",
+          "A combination needs at least two monitors of one planned test, such as for 0.25 and 0.5 s ahead. Combinations and monitors calibrated by groups cannot be members.",
           link("Train a monitor", "#/monitors/new", true),
         ),
       );
-    return pageOf(TITLE, [], formOf({ catalog, members, api, navigate, keep }));
+    return pageOf(TITLE, [guideLink("first-monitor#several-monitors-as-one", "combinations")], formOf({ catalog, members, api, navigate, keep }));
   }
 }
 
@@ -61,7 +62,7 @@ function formOf({ catalog, members, api, navigate, keep }) {
       h(
         "p",
         { class: "hint" },
-        "Its risk is the highest of theirs; the rule as a whole is calibrated, so that it may be a flight's alarm authority. All are of one planned test.",
+        "The combination shows the highest risk of its members and is calibrated as a whole. All members need the same planned test.",
       ),
       h(
         "div",
@@ -77,7 +78,7 @@ function formOf({ catalog, members, api, navigate, keep }) {
     h(
       "fieldset",
       { class: "panel stack" },
-      h("legend", {}, "2  Its promise"),
+      h("legend", {}, "2  Promise"),
       h(
         "div",
         { class: "field-grid" },
@@ -86,14 +87,14 @@ function formOf({ catalog, members, api, navigate, keep }) {
           { class: "field" },
           h("label", { for: "combination-lead" }, "warning lead time ", h("span", { class: "unit" }, "[s]")),
           lead,
-          h("p", { class: "hint" }, "that of a member: an alert of any of them counts up to then"),
+          h("p", { class: "hint" }, "the lead time of one member; an alert counts if it comes at least this early"),
         ),
         fields.keys.map(fields.element),
         h("div", { class: "field" }, h("label", { for: "combination-name" }, "name of the monitor"), name),
       ),
     ),
     failure.element,
-    h("div", { class: "row" }, go, link("Not now", "#/monitors")),
+    h("div", { class: "row" }, go, link("Cancel", "#/monitors")),
   );
   const stage = h("div", { class: "stack" }, form);
   follow();
@@ -129,7 +130,7 @@ function formOf({ catalog, members, api, navigate, keep }) {
 
   async function send(event) {
     event.preventDefault();
-    if (chosen().length < 2) return failure.show("Choose two members or more.");
+    if (chosen().length < 2) return failure.show("Choose at least two members.");
     if (!fields.check()) return undefined;
     failure.show("");
     go.disabled = true;

@@ -1,5 +1,5 @@
 /**
- * The paper's study: five methods on one planned test, as a job with its figures.
+ * The paper's study: five methods on one planned test.
  *
  * Exports  showComparison(element, {query, api, navigate})     query: dataset, job (a past study)
  */
@@ -23,23 +23,25 @@ const SHOWN = [0.05, 0.1, 0.2, 0.3];
 export function showComparison(element, context) {
   return showStudyPage(element, context, {
     title: TITLE,
+    guide: "first-monitor#which-method",
     address: ADDRESS,
-    loading: "Looking up datasets and past comparisons",
-    working: "Training and flying monitors of five methods",
-    another: "Another comparison",
+    loading: "Loading datasets and past comparisons",
+    working: "Training and testing monitors of five methods",
+    another: "New comparison",
     form,
-    found,
+    result,
   });
 }
 
 async function form({ catalog, api, query, navigate }) {
   const [datasets, jobs] = await Promise.all([api.get("/datasets"), api.get("/jobs")]);
   const { schema, default: usual } = catalog.recipes.study;
+  const simulated = datasets.filter(({ recipe }) => Object.keys(recipe).length);
   const source = datasetChoice({
     api,
     catalog,
-    datasets: datasets.filter(({ recipe }) => Object.keys(recipe).length),
-    chosen: query.get("dataset") ?? datasets[0]?.id,
+    datasets: simulated,
+    chosen: query.get("dataset") ?? simulated[0]?.id,
     asFlown: false,
   });
   const sizes = createFields(schema, usual, { catalog, path: "study", hidden: ["dataset"] });
@@ -53,7 +55,7 @@ async function form({ catalog, api, query, navigate }) {
     h(
       "fieldset",
       { class: "panel stack" },
-      h("legend", {}, "2  How much"),
+      h("legend", {}, "2  Size"),
       h("div", { class: "field-grid" }, ["n_monitors", "n_test"].map(sizes.element)),
       sizes.element("monitor"),
     ),
@@ -65,7 +67,7 @@ async function form({ catalog, api, query, navigate }) {
       h(
         "span",
         { class: "hint" },
-        "Each method trains the same number of monitors on the same failures and flies the same fresh flights.",
+        "All methods use the same failures and the same fresh flights.",
       ),
     ),
   );
@@ -91,17 +93,17 @@ const pastComparisons = (jobs) =>
     title: "Past comparisons",
     address: ADDRESS,
     words: ({ n_monitors, n_test }) => `${n_monitors} monitors of each method, ${n_test} flights each`,
-    none: ["No comparison yet", "The first one takes about a minute with the numbers as they are."],
+    none: ["No comparison yet", "Press Compare to run the first one. It takes about a minute with the numbers above."],
   });
 
-function found(job, catalog) {
-  const { result, request } = job;
-  const { methods, ranking, recipe } = result;
+function result(job, catalog) {
+  const { result: study, request } = job;
+  const { methods, ranking, recipe } = study;
   const { properties } = catalog.recipes.monitor.schema;
   const chosen = (key) => choiceName(properties[key], request.monitor[key]);
   const words =
-    `${recipe.n_monitors} monitors of each method, each calibrated on ${recipe.dataset.n_unsafe} failures and flown on ${recipe.n_test} fresh flights; ` +
-    `${percent(result.unsafe_rate)} of flights unsafe; warning lead time ${figure(result.lead_s)} s; calibration ${chosen("calibration")}; scaling of the channels ${chosen("scaling")}. Largest mean share of safe flights without a false alarm (power) first. The ranking belongs to this aircraft and manoeuvre.`;
+    `${recipe.n_monitors} monitors of each method, each calibrated on ${recipe.dataset.n_unsafe} failures and tested on ${recipe.n_test} fresh flights; ` +
+    `${percent(study.unsafe_rate)} of flights unsafe; warning lead time ${figure(study.lead_s)} s; calibration ${chosen("calibration")}; scaling of the channels ${chosen("scaling")}. The method with most safe flights without a false alarm comes first. The ranking holds for this aircraft and manoeuvre only.`;
   return [
     h("p", {}, words),
     h(
@@ -132,7 +134,7 @@ function table(methods, ranking) {
     heads: [["Method"], ...heads],
     rows,
     caption:
-      "Missed: share of failing flights without a timely alert. No false alarm: share of safe flights without an alert (power). Each with its 95 % interval, which allows for the scatter between monitors.",
+      "Missed: share of failing flights without a timely alert. No false alarm: share of safe flights without an alert. The 95 % intervals include the scatter between monitors.",
   });
 }
 

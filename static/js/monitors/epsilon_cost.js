@@ -1,14 +1,15 @@
 /**
- * What an epsilon costs: a slider over the evaluated ones, with what was measured on fresh flights at each.
+ * What an epsilon costs: a slider, with the rates measured on fresh flights at each epsilon.
  *
  * Exports
  *   createEpsilonCost({monitor, calibrations, evaluation, changed}) -> {element, epsilon}
- *     calibrations: one, or that of each group of failing flights
- *     evaluation: null where the monitor was never flown here
- *     changed({epsilon, rank})   now and at each move
+ *     calibrations: one, or one for each group of failing flights
+ *     evaluation: null if the monitor was not tested here
+ *     changed({epsilon, rank})   at once and at each move
  */
 
 import { h, svg } from "../lib/dom.js";
+import { guideLink } from "../lib/guide_link.js";
 import { warningLines } from "../lib/monitor_warnings.js";
 import { figure, interval, percent } from "../lib/numbers.js";
 import { alertAbove, neededFor, rank, scatter, threshold } from "./calibration_rule.js";
@@ -18,19 +19,19 @@ const MEASURES = [
     name: "Missed failures",
     key: "miss",
     rate: "miss_rate",
-    words: "of failing flights stay valid and have no timely alert",
+    words: "of failing flights: valid, no timely alert",
   },
   {
-    name: "Safe flights, valid and without a false alarm (power)",
+    name: "Safe flights without a false alarm",
     key: "power",
     rate: "power",
-    words: "of safe flights stay valid and have no alert",
+    words: "of safe flights: valid, no alert",
   },
   {
     name: "P(fail | alert)",
     key: "fail",
     rate: "fail_given_alert",
-    words: "of flights with an alert do fail, at the simulated unsafe rate",
+    words: "of flights with an alert fail, at the simulated unsafe rate",
   },
 ];
 
@@ -59,13 +60,13 @@ export function createEpsilonCost({ monitor, calibrations, evaluation, changed }
     h(
       "div",
       { class: "row" },
-      h("h2", { class: "panel-title", id: "epsilon-title" }, "What an epsilon costs"),
+      h("h2", { class: "panel-title", id: "epsilon-title" }, "What an epsilon costs ", guideLink("what-the-numbers-mean#epsilon", "epsilon")),
       reading,
     ),
     h(
       "label",
       { for: "epsilon", class: "hint" },
-      "epsilon: share of failing flights on which silence is accepted",
+      "epsilon: accepted share of missed failures",
     ),
     slider,
     h(
@@ -84,7 +85,7 @@ export function createEpsilonCost({ monitor, calibrations, evaluation, changed }
       : h(
           "p",
           { class: "hint" },
-          "This monitor was never flown on fresh flights here, so what an epsilon costs is not known. Train it here to know.",
+          "Not measured: this monitor was not tested on fresh flights here. Train one like it to measure.",
         ),
     evaluation && counts,
     warnings,
@@ -104,7 +105,7 @@ export function createEpsilonCost({ monitor, calibrations, evaluation, changed }
     reading.textContent = `ε = ${figure(epsilon)}`;
     slider.setAttribute("aria-valuetext", `epsilon ${figure(epsilon)}`);
     rule.textContent =
-      `Alert if risk > ${figure(alertAbove(epsilon, monitor.n_unsafe, promised))}, that is if the score is at most ${levels(epsilon)} (rank ${k} of ${monitor.n_unsafe}).` +
+      `To keep this epsilon, the monitor alerts at risk > ${figure(alertAbove(epsilon, monitor.n_unsafe, promised))}: score at most ${levels(epsilon)} (rank ${k} of ${monitor.n_unsafe}).` +
       (Number(slider.value) === own ? " This is the monitor's own epsilon." : "");
     for (const { show } of rows) show(point, epsilon);
     if (evaluation) counts.textContent = countsInWords(point, evaluation);
@@ -113,8 +114,8 @@ export function createEpsilonCost({ monitor, calibrations, evaluation, changed }
     const range = `${percent(low, 0)} and ${percent(high, 0)} (5–95 %)`;
     guarantee.textContent =
       `Promised ${promised === "average" ? "on average over calibration sets" : "with 95 % confidence in this monitor"}: at most ${percent(epsilon)} missed. ` +
-      `One monitor calibrated on ${failures(monitor, calibrations.length)} may miss between ${range}` +
-      (evaluation ? ": what this one did miss stands above." : ".");
+      `One monitor calibrated on ${failures(monitor, calibrations.length)} may miss between ${range}.` +
+      (evaluation ? " See measured misses above." : "");
     changed({ epsilon, rank: k });
   }
 
@@ -123,18 +124,18 @@ export function createEpsilonCost({ monitor, calibrations, evaluation, changed }
       const level = threshold(epsilon, alphas, promised);
       return `${Number.isFinite(level) ? figure(level) : "anything"}${name ? ` for ${name}` : ""}`;
     });
-    return words.join("; ") + (words.length > 1 ? "; while the group is not known, by any that is possible" : "");
+    return words.join("; ") + (words.length > 1 ? "; while the group is unknown, any possible one" : "");
   }
 }
 
-/** Each test flight in one count: those called invalid are neither missed nor quiet. */
+/** Each test flight is in one count. Flights called INVALID are neither missed nor quiet. */
 function countsInWords({ misses, withdrawn, false_alerts, safe_withdrawn }, { n_unsafe, n_safe }) {
   const among = (total, parts) => parts.map(([n, words]) => `${n.toLocaleString("en")} ${words}`).join(", ") + `, of ${total.toLocaleString("en")}`;
   if (withdrawn === undefined || safe_withdrawn === undefined)
-    return "How many flights were called invalid was not counted by the version that tested it: they are among those without an alert.";
+    return "Flights called INVALID were not counted; they are among those without an alert.";
   return (
-    `Failing flights: ${among(n_unsafe, [[misses, "missed"], [withdrawn, "called invalid before an alert"], [n_unsafe - misses - withdrawn, "warned of in time"]])}. ` +
-    `Safe flights: ${among(n_safe, [[false_alerts, "with a false alarm"], [safe_withdrawn, "called invalid without an alert"], [n_safe - false_alerts - safe_withdrawn, "valid and quiet"]])}.`
+    `Failing flights: ${among(n_unsafe, [[misses, "missed"], [withdrawn, "called INVALID before an alert"], [n_unsafe - misses - withdrawn, "warned in time"]])}. ` +
+    `Safe flights: ${among(n_safe, [[false_alerts, "with a false alarm"], [safe_withdrawn, "called INVALID without an alert"], [n_safe - false_alerts - safe_withdrawn, "valid and quiet"]])}.`
   );
 }
 
@@ -148,11 +149,11 @@ function served(monitor, nGroups) {
   return h(
     "p",
     { class: "hint" },
-    `The smallest epsilon that ${failures(monitor, nGroups)} can serve is ${figure(smallest_epsilon)}. For ${figure(half, 2)} train on at least ${neededFor(Number(half.toPrecision(2)), recipe.guarantee)}${nGroups > 1 ? " of each group" : ""}.`,
+    `${failures(monitor, nGroups)}: enough for ε ≥ ${figure(smallest_epsilon)}. For ε = ${figure(half, 2)}, train on at least ${neededFor(Number(half.toPrecision(2)), recipe.guarantee)}${nGroups > 1 ? " of each group" : ""}.`,
   );
 }
 
-/** Each epsilon with what was measured at it: the grid, and the monitor's own. */
+/** Measurements at each epsilon: the grid, and the monitor's own epsilon. */
 function pointsOf(monitor, evaluation) {
   if (!evaluation) {
     const grid = Array.from({ length: 49 }, (_, k) => (k + 1) / 50).filter(
@@ -204,7 +205,7 @@ function meter({ name, key, rate, words }) {
     value.textContent = percent(share);
     bounds.textContent = known
       ? `(95 %: ${interval(point[`${rate === "miss_rate" ? "miss" : rate}_interval`])})`
-      : "(no such flight to count)";
+      : "(no such flight)";
     if (!known) return;
     const [low, high] = point[`${rate === "miss_rate" ? "miss" : rate}_interval`];
     range.setAttribute("x", 300 * low);

@@ -1,14 +1,14 @@
 /**
- * The figures of a monitor, and of a comparison of methods. Each function returns a <figure> with its words and key.
+ * Figures of a monitor and of a comparison of methods. Each function returns a <figure> with caption and key.
  *
  * Exports
  *   calibrationFigure({alphas, n_unsafe, n_early, name}) -> figure, figure.mark({epsilon, rank})   name: of a group
  *   curvesFigure(evaluation) -> figure, figure.mark({epsilon})     miss rate and safe flights without a false alarm
  *   leadFigure(evaluation)                   time from the alert to the failure
- *   preventionFigure(evaluation)             share of failures that the alert prevents, by the reaction to it; null where not flown again
+ *   preventionFigure(evaluation)             share of failures prevented, by reaction time; null if not simulated
  *   methodsFigure(methods, ranking, what)    what: "miss" or "power" of a study
- *   leadsFigure(test, recipe, what, alike)   what: "power_at_epsilon" or "prevented_alike" of a sweep's planned test,
- *       the latter where the share `alike` of the safe flights has an alert
+ *   leadsFigure(test, recipe, what, alike)   what: "power_at_epsilon" or "prevented_alike" of a sweep's planned test;
+ *       alike: share of safe flights with an alert at which the latter compares methods
  */
 
 import { barKey, framed, keyOf, sample, SPARE, UNIT_SHARE } from "../charts/figure.js";
@@ -18,7 +18,7 @@ import { figure as number, percent } from "../lib/numbers.js";
 
 const METHOD_MARKS = ["circle", "square", "triangle", "diamond", "plus", "cross"];
 const CEILING = "ceiling";
-/** [s] The reaction that failures are shown to be prevented at: a pilot who waits for the call. */
+/** [s] Reaction time of the shown prevention: a pilot who waits for the call. */
 const USUAL_REACTION_S = 0.5;
 
 export function calibrationFigure({ alphas, n_unsafe, n_early, name }) {
@@ -57,7 +57,7 @@ export function calibrationFigure({ alphas, n_unsafe, n_early, name }) {
       ? [
           [
             svg("path", { d: "M17 2.8L21 10.4H13z", class: "plot-mark plot-unsafe" }),
-            `${n_early} too early to warn of: above every score`,
+            `${n_early} failed too early for a warning: above every score`,
           ],
         ]
       : []),
@@ -66,7 +66,7 @@ export function calibrationFigure({ alphas, n_unsafe, n_early, name }) {
     name ? `Calibration curve: ${name}` : "Calibration curve",
     plot.svg,
     key,
-    "Low scores are close to unsafe. An alert is a score at or below the threshold: k of the failures lie there.",
+    "Low scores are close to unsafe. A score at or below the threshold alerts: k of the failures lie there.",
   );
   block.mark = ({ epsilon, rank: k }) => {
     const threshold = alphas[k - 1] ?? Infinity;
@@ -81,7 +81,7 @@ export function calibrationFigure({ alphas, n_unsafe, n_early, name }) {
 
 export function curvesFigure({ curves, n_unsafe, n_safe }) {
   const { epsilon } = curves;
-  const quiet = curves.safe_withdrawn ? "safe flights valid and without a false alarm (power)" : "safe flights without a false alarm (power)";
+  const quiet = "safe flights without a false alarm";
   const plot = createPlot({
     x: {
       label: "epsilon, the accepted miss rate",
@@ -121,7 +121,7 @@ export function curvesFigure({ curves, n_unsafe, n_safe }) {
   const at = plot.vertical(epsilon[0] ?? 0, "plot-epsilon", "");
   const key = keyOf(
     [sample("plot-power", "circle"), quiet],
-    [sample("plot-miss", "square"), "miss rate: failures valid and without a timely alert"],
+    [sample("plot-miss", "square"), "miss rate: valid failing flights without a timely alert"],
     [sample("plot-promise"), "promise: miss = epsilon"],
   );
   const block = framed(
@@ -156,7 +156,7 @@ export function leadFigure({ leads, lead, epsilon, n_unsafe }) {
     `Warning lead times at ε = ${number(epsilon)}`,
     plot.svg,
     key,
-    `${middle} ${n_timely} of ${n_unsafe} failing flights were warned in time, ${n_without} had no alert at all.`,
+    `${middle} ${n_timely} of ${n_unsafe} failing flights were warned in time, ${n_without} had no alert.`,
   );
 }
 
@@ -180,13 +180,13 @@ export function preventionFigure({ prevention, epsilon }) {
   return framed(
     `Failures that an alert prevents, at ε = ${number(epsilon)}`,
     plot.svg,
-    keyOf([sample("plot-power", "circle"), "flown again with the controls neutral after a reaction"]),
-    `${stopped} of ${n_safe} safe flights are stopped to no purpose${harmed ? `; stopping made up to ${harmed} of them fail` : ""}. Reactions scatter by 30 % about their mean.`,
+    keyOf([sample("plot-power", "circle"), "flown again, with neutral controls after the reaction time"]),
+    `Safe flights stopped unnecessarily: ${stopped} of ${n_safe}${harmed ? `; stopping made up to ${harmed} of them fail` : ""}. Reaction times scatter by 30 %.`,
   );
 }
 
 export function methodsFigure(methods, ranking, what) {
-  const name = what === "miss" ? "Miss rate" : "Safe flights without a false alarm (power)";
+  const name = what === "miss" ? "Miss rate" : "Safe flights without a false alarm";
   const plot = createPlot({
     x: {
       label: "epsilon, the accepted miss rate",
@@ -224,8 +224,8 @@ export function methodsFigure(methods, ranking, what) {
   );
   const words =
     what === "miss"
-      ? "At or below the dotted line is what was promised. Band: 95 % of the first."
-      : "Higher is better: fewer needless alerts. Band: 95 % of the first.";
+      ? "The promise is at or below the dotted line. Band: 95 % interval of the first method."
+      : "Higher is better. Band: 95 % interval of the first method.";
   return framed(`${name} against epsilon`, plot.svg, key, words);
 }
 
@@ -236,7 +236,7 @@ export function leadsFigure({ cells, earliest_s: earliest }, recipe, what, alike
       Math.abs(time - USUAL_REACTION_S) < Math.abs(recipe.reactions_s[best] - USUAL_REACTION_S) ? k : best,
     0,
   );
-  const name = isPower ? "Safe flights without a false alarm (power)" : "Failures that the alert prevents";
+  const name = isPower ? "Safe flights without a false alarm" : "Failures that the alert prevents";
   const names = [...new Set(cells.map(({ method }) => method))];
   const longest = Math.max(earliest, ...cells.map(({ lead }) => lead));
   const plot = createPlot({
@@ -248,14 +248,16 @@ export function leadsFigure({ cells, earliest_s: earliest }, recipe, what, alike
   const look = (method, k) => (method === CEILING ? ["plot-promise", "cross"] : [`plot-method-${k}`, METHOD_MARKS[k]]);
   names.forEach((method, k) => {
     const [line, mark] = look(method, k);
-    const own = cells.filter((cell) => cell.method === method);
-    const points = own.map((cell) => [cell.lead, isPower ? cell[what] : cell[what][at]]).sort(([a], [b]) => a - b);
+    const points = cells
+      .filter((cell) => cell.method === method)
+      .map((cell) => [cell.lead, isPower ? cell[what] : cell[what][at]])
+      .sort(([a], [b]) => a - b);
     plot.line(points, line);
     plot.marks(points, mark, line);
   });
   const key = keyOf(...names.map((method, k) => [sample(...look(method, k)), method]));
   const words = isPower
-    ? `Where just ${percent(recipe.epsilon, 0)} of the failing flights is missed. Higher is better: fewer needless alerts.`
-    : `Where just ${percent(alike, 0)} of the safe flights has an alert, and people take ${number(recipe.reactions_s[at])} s to neutral controls. Power alone misleads: this is what methods are compared by.`;
+    ? `Each method misses ${percent(recipe.epsilon, 0)} of the failing flights. Higher is better.`
+    : `Each method alerts on ${percent(alike, 0)} of the safe flights; controls are neutral ${number(recipe.reactions_s[at])} s after the alert. Compare methods by this figure.`;
   return framed(`${name} against lead`, plot.svg, key, words);
 }

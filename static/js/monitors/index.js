@@ -1,6 +1,6 @@
 /**
- * The Monitors page: the list; #/monitors/new trains one, #/monitors/combine makes one of several,
- * #/monitors/compare compares the five methods, #/monitors/sweep leads, #/monitors/{id} is one monitor.
+ * The Monitors page: #/monitors lists; #/monitors/new trains one, #/monitors/combine combines several,
+ * #/monitors/compare compares five methods, #/monitors/sweep lead times; #/monitors/{id} is one monitor.
  *
  * Exports  show(element, {id, query, api, navigate}) -> {close()}
  */

@@ -1,5 +1,5 @@
 /**
- * How early a planned test can be warned of, by which method, at what cost: a sweep over leads, as a job.
+ * Lead-time study: how early each method can warn on a planned test, and at what cost.
  *
  * Exports  showSweep(element, {query, api, navigate})     query: dataset, job (a past sweep)
  */
@@ -15,7 +15,7 @@ import { errorLine } from "../lib/view_states.js";
 import { leadsFigure } from "./figures.js";
 import { figureFiles, pastStudies, showStudyPage } from "./study_page.js";
 
-const TITLE = "How early can it warn";
+const TITLE = "Lead-time study";
 const ADDRESS = "#/monitors/sweep";
 const LISTS = ["tests", "methods", "leads_s", "reactions_s"];
 const NUMBERS = ["epsilon", "guarantee", "n_unsafe", "n_monitors", "n_test", "seed"];
@@ -23,12 +23,13 @@ const NUMBERS = ["epsilon", "guarantee", "n_unsafe", "n_monitors", "n_test", "se
 export function showSweep(element, context) {
   return showStudyPage(element, context, {
     title: TITLE,
+    guide: "method#how-early",
     address: ADDRESS,
-    loading: "Looking up datasets and past sweeps",
-    working: "Training and flying monitors of every method and lead",
-    another: "Another sweep",
+    loading: "Loading datasets and past studies",
+    working: "Training and testing monitors of each method and lead time",
+    another: "New study",
     form,
-    found,
+    result,
   });
 }
 
@@ -40,7 +41,7 @@ async function form({ catalog, api, query, navigate }) {
   const methods = checkboxes("Methods", usual.methods, catalog.sweep_methods);
   const leads = h("input", { type: "text", inputmode: "decimal", id: "sweep-leads", value: usual.leads_s.join(" ") });
   const failure = errorLine();
-  const go = h("button", { class: "button button-primary", type: "submit", ...needs("POST /sweeps") }, "Sweep");
+  const go = h("button", { class: "button button-primary", type: "submit", ...needs("POST /sweeps") }, "Start the study");
   const asForm = h(
     "form",
     { class: "form", novalidate: true, onsubmit: send, onchange: follow, "aria-label": TITLE, "data-keeps-input": true },
@@ -48,7 +49,7 @@ async function form({ catalog, api, query, navigate }) {
       "fieldset",
       { class: "panel stack" },
       h("legend", {}, "1  Planned test"),
-      h("div", { class: "field" }, h("label", { for: "sweep-source" }, "of which aircraft and manoeuvre"), source.element),
+      h("div", { class: "field" }, h("label", { for: "sweep-source" }, "aircraft and manoeuvre"), source.element),
       h("div", { class: "field-grid" }, fields.element("imperfections")),
     ),
     h(
@@ -61,13 +62,13 @@ async function form({ catalog, api, query, navigate }) {
         { class: "field" },
         h("label", { for: "sweep-leads" }, "warning lead times ", h("span", { class: "unit" }, "[s]")),
         leads,
-        h("p", { class: "hint" }, "up to twenty, with spaces between them"),
+        h("p", { class: "hint" }, "up to twenty, separated by spaces"),
       ),
     ),
     h(
       "fieldset",
       { class: "panel stack" },
-      h("legend", {}, "3  How much"),
+      h("legend", {}, "3  Size"),
       h("div", { class: "field-grid" }, NUMBERS.map(fields.element), fields.element("ceiling")),
     ),
     failure.element,
@@ -75,13 +76,13 @@ async function form({ catalog, api, query, navigate }) {
       "div",
       { class: "row" },
       go,
-      h("span", { class: "hint" }, "Each monitor is trained on failures of its own; a monitor takes about a tenth of a second."),
+      h("span", { class: "hint" }, "Each monitor has its own training failures and takes about 0.1 s."),
     ),
   );
   follow();
   return [asForm, pastSweeps(jobs.filter(({ kind }) => kind === "sweep"))];
 
-  /** A dataset's own recipe says which imperfections its flights have. */
+  /** A dataset's recipe has its own imperfections. */
   function follow() {
     fields.element("imperfections").hidden = source.isDataset();
   }
@@ -96,7 +97,7 @@ async function form({ catalog, api, query, navigate }) {
       methods: methods.read(),
       leads_s: decimals(leads.value).map(Number),
     };
-    if (!asked.methods.length) return failure.show("Choose one method at least.");
+    if (!asked.methods.length) return failure.show("Choose at least one method.");
     go.disabled = true;
     try {
       const job = await api.post("/sweeps", asked);
@@ -109,18 +110,18 @@ async function form({ catalog, api, query, navigate }) {
   }
 }
 
-/** One of the program's planned tests, all of them, or that of a stored dataset. */
+/** One of the program's planned tests, all of them, or the test of a stored dataset. */
 function testChoice(tests, datasets, chosen) {
   const simulated = datasets.filter(({ recipe }) => Object.keys(recipe).length);
   const element = h(
     "select",
     { id: "sweep-source" },
-    h("option", { value: "" }, `${tests.join(", ")}: rudder doublets of 1 s halves`),
-    tests.map((name) => h("option", { value: name }, `${name}: rudder doublet of 1 s halves`)),
+    h("option", { value: "" }, `${tests.join(", ")}: rudder doublets with 1 s halves`),
+    tests.map((name) => h("option", { value: name }, `${name}: rudder doublet with 1 s halves`)),
     simulated.length
       ? h(
           "optgroup",
-          { label: "the planned test of a dataset" },
+          { label: "planned test of a dataset" },
           simulated.map(({ id, name, created }) => h("option", { value: id }, `${name} (${moment(created)})`)),
         )
       : null,
@@ -135,7 +136,7 @@ function testChoice(tests, datasets, chosen) {
   };
 }
 
-/** words: of each name, as the form for a monitor has them. */
+/** words: hint of each name. */
 function checkboxes(legend, names, words) {
   const boxes = names.map((name) => h("input", { type: "checkbox", value: name, checked: true }));
   const element = h(
@@ -153,17 +154,17 @@ function checkboxes(legend, names, words) {
 
 const pastSweeps = (jobs) =>
   pastStudies(jobs, {
-    title: "Past sweeps",
+    title: "Past studies",
     address: ADDRESS,
     words: ({ tests, methods, leads_s }) =>
       `${tests.join(", ")}; ${methods.length} methods at ${leads_s.map((lead) => figure(lead)).join(", ")} s`,
-    none: ["No sweep yet", "The first one takes about a minute with the numbers as they are."],
+    none: ["No study yet", "Press Start the study to run the first one. It takes about a minute with the numbers above."],
   });
 
-function found(job) {
+function result(job) {
   const { recipe, tests, false_alarms_alike: alike } = job.result;
   const words =
-    `${recipe.n_monitors} monitors of each method and lead, each calibrated on ${recipe.n_unsafe} failures and flown on ${recipe.n_test} fresh flights; ` +
+    `${recipe.n_monitors} monitors of each method and lead, each calibrated on ${recipe.n_unsafe} failures and tested on ${recipe.n_test} fresh flights; ` +
     `promised miss rate ${figure(recipe.epsilon)} ${recipe.guarantee === "average" ? "on average" : "with 95 % confidence"}.`;
   return [
     h("p", {}, words),
@@ -172,7 +173,6 @@ function found(job) {
   ];
 }
 
-/** What was found on one planned test. */
 function planned(name, test, recipe, alike) {
   const hopeless = test.hopeless_s.map((lead) => figure(lead)).join(", ");
   return h(
@@ -182,14 +182,14 @@ function planned(name, test, recipe, alike) {
     h(
       "p",
       {},
-      `${percent(test.unsafe_share, 0)} of the flights fail, one in 20 of these within ${figure(test.earliest_s)} s of the first input.`,
+      `${percent(test.unsafe_share, 0)} of the flights fail; 1 in 20 of these fails within ${figure(test.earliest_s)} s of the first input.`,
     ),
     hopeless
       ? h(
           "p",
           { class: "warning" },
-          h("strong", {}, `${hopeless} s ahead no method has power left: `),
-          "hardly a safe flight passes without an alert. Ask for a shorter lead, or clear the point before it is flown.",
+          h("strong", {}, `No method can warn ${hopeless} s ahead: `),
+          "almost every safe flight has an alert. Use a shorter lead time, or clear the point before it is flown.",
         )
       : null,
     h(
@@ -220,15 +220,15 @@ function table({ cells }, recipe, alike) {
     ),
   );
   const heads = [
-    ["Lead [s]", true],
+    ["Lead time [s]", true],
     ["Method"],
     ["missed", true],
     ["no false alarm", true],
-    [`… where just ${figure(recipe.epsilon)} is missed`, true],
+    [`… at ${percent(recipe.epsilon, 0)} missed`, true],
   ];
   return scrolledTable({
     heads: [...heads, ...reactions],
     rows,
-    caption: `Missed: of failing flights. No false alarm: of safe flights (power). By reaction time: share of the failures that the alert prevents where just ${percent(alike, 0)} of the safe flights have one, and below it at the promised miss rate.`,
+    caption: `Missed: share of failing flights. No false alarm: share of safe flights. By reaction time: share of failures prevented if ${percent(alike, 0)} of the safe flights have an alert; below it, at the promised miss rate.`,
   });
 }

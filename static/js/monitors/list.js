@@ -1,8 +1,9 @@
-/** All monitors, those in training, and the way to a new one. Exports  showMonitors(element, context). */
+/** List of monitors, stored and in training. Exports  showMonitors(element, context). */
 
 import { reason } from "../lib/api.js";
 import { aircraftName, kindName, loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
+import { guideLink } from "../lib/guide_link.js";
 import { jobList } from "../lib/job_progress.js";
 import { hiddenHead, scrolledTable } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
@@ -12,7 +13,7 @@ import { warningMark } from "../lib/monitor_warnings.js";
 import { button, empty, errorLine, link, pageOf } from "../lib/view_states.js";
 
 export function showMonitors(element, { api, navigate }) {
-  return loadingView(element, { title: "Monitors", text: "Looking up the monitors", build });
+  return loadingView(element, { title: "Monitors", text: "Loading monitors", build });
 
   async function build({ keep, again }) {
     const done = () => again();
@@ -28,8 +29,9 @@ export function showMonitors(element, { api, navigate }) {
       ? table(monitors, rates, catalog)
       : empty(
           "No monitor yet",
-          "Train one: choose the aircraft and the manoeuvre, the rest has sensible defaults. It takes a few seconds.",
+          "Train one: choose the aircraft and the manoeuvre. The rest has defaults, and training takes seconds to minutes.",
           link("Train a monitor", "#/monitors/new", true),
+          guideLink("first-monitor", "how to train a first monitor"),
         );
     return pageOf(
       "Monitors",
@@ -37,9 +39,10 @@ export function showMonitors(element, { api, navigate }) {
         link("Train a monitor", "#/monitors/new", true),
         monitors.length > 1 ? link("Combine monitors", "#/monitors/combine") : null,
         link("Compare five methods", "#/monitors/compare"),
-        link("How early can it warn", "#/monitors/sweep"),
+        link("Lead-time study", "#/monitors/sweep"),
         link("Limit sets", "#/limits"),
         uploader(),
+        guideLink("first-monitor", "monitors"),
       ],
       jobs.element,
       content,
@@ -85,11 +88,11 @@ function table(monitors, rates, catalog) {
     ["Aircraft"],
     ["Manoeuvre"],
     ["Failures N", 1],
-    ["epsilon", 1],
+    ["ε", 1],
     ["Warning lead time [s]", 1],
     ["Unsafe rate", 1],
     ["Created"],
-    hiddenHead("Fly it"),
+    hiddenHead("Fly"),
   ];
   const rows = monitors.map((monitor) => {
     const { aircraft, maneuver } = monitor.dataset_recipe;

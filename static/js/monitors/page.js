@@ -1,9 +1,10 @@
-/** One monitor: what it promises, how it did on fresh flights, its figures and its file. Exports  showMonitor. */
+/** One monitor: its promise, its results on fresh flights, figures, recipe and file. Exports  showMonitor. */
 
 import { rolloutFigure, sampleRollouts } from "../datasets/figures.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
 import { aircraftName, kindName, limitWords, loadCatalog, methodOf } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
+import { guideLink } from "../lib/guide_link.js";
 import { factList, recipeList, tableHead } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
 import { needs } from "../lib/me.js";
@@ -37,7 +38,7 @@ export function showMonitor(element, { id, api, navigate }) {
       evaluation,
       changed: (rule) => [...calibrationCurves, curves].forEach((drawn) => drawn?.mark(rule)),
     });
-    const fly = button("Fly it", () => navigate(`#/fly?monitor=${id}&epsilon=${cost.epsilon}`), {
+    const fly = button("Fly", () => navigate(`#/fly?monitor=${id}&epsilon=${cost.epsilon}`), {
       class: "button button-primary",
     });
     const actions = [
@@ -45,7 +46,7 @@ export function showMonitor(element, { id, api, navigate }) {
       h(
         "a",
         { class: "button", href: `/api/v1/monitors/${id}/file`, download: true },
-        "Download the file",
+        "Download",
       ),
       evaluation &&
         h("a", { class: "button", href: `/api/v1/monitors/${id}/certificate`, target: "_blank" }, "Certificate"),
@@ -62,13 +63,14 @@ export function showMonitor(element, { id, api, navigate }) {
             ...dataset,
           })
         : empty(
-            "Its rollouts are not here",
-            "The dataset it was trained on is not stored on this server; the monitor works without it.",
+            "No rollouts",
+            "The training dataset is not stored on this server. The monitor works without it.",
           ),
       curves ??
         empty(
-          "Not flown yet",
-          "This monitor came as a file, or was trained without test flights. Train one like it with n_test above 0 to see its miss rate and its share of safe flights without a false alarm.",
+          "No test flights",
+          "The monitor was uploaded, or trained without test flights. Train one like it with test flights to measure misses and false alarms.",
+          monitor.recipe.predictor && Object.keys(monitor.dataset_recipe).length ? link("Train one like it", `#/monitors/new?like=${id}`, true) : null,
         ),
       ...calibrationCurves,
       evaluation && leadFigure(evaluation),
@@ -96,8 +98,8 @@ export function showMonitor(element, { id, api, navigate }) {
   function remove(monitor) {
     askToConfirm(
       `Delete the monitor “${monitor.name}”?`,
-      "Its calibration and evaluation go with it. Download its file first if you may want it again. The dataset stays.",
-      "Delete it",
+      "Deletes the monitor with its calibration and evaluation permanently. Download its file first to keep a copy. The dataset stays.",
+      "Delete permanently",
       async () => {
         await api.delete(`/monitors/${id}`);
         navigate("#/monitors");
@@ -121,7 +123,7 @@ function facts({ monitor, calibration, dataset, evaluation, catalog }) {
     ["Aircraft", aircraftName(catalog, aircraft)],
     ...(aircraft?.sources ? [["Identified from", aircraft.sources.join(", ")]] : []),
     ["Manoeuvre", kindName(catalog, "maneuver", maneuver)],
-    ["Limit", formatted(limitWords(catalog, limits))],
+    ["Limits", formatted(limitWords(catalog, limits))],
     ["Warning lead time", `${figure(monitor.lead)} s`],
     ["Calibrated on", `${monitor.n_unsafe} failures${calibration.groups.length ? ` of each of ${calibration.groups.length} groups` : ""}`],
     ["Smallest epsilon", figure(monitor.smallest_epsilon)],
@@ -151,15 +153,15 @@ function robustness(evaluation) {
     );
   return counted({
     title: `Flights that differ from the planned test, at ε = ${figure(evaluation.epsilon)}`,
-    heads: [["Flights that differ by"], ["failed", 1], ["missed", 1], ["invalid before an alert", 1], ["safe", 1], ["false alarm", 1], ["invalid, no alert", 1], ["valid and quiet", 1]],
+    heads: [["Flights that differ by"], ["failed", 1], ["missed", 1], ["INVALID before an alert", 1], ["safe", 1], ["false alarm", 1], ["INVALID, no alert", 1], ["valid and quiet", 1]],
     rows: entries.map(row),
-    hint: "The guarantee does not hold for them. Missed is silent and valid. A flight that is called invalid shows no number: it is neither missed nor quiet, and is counted by itself.",
+    hint: "The guarantee does not cover these flights. Missed: valid, without an alert. INVALID flights show no risk and are neither missed nor quiet.",
   });
 }
 
 const share = (count, total) => (count === undefined ? "not counted" : total ? percent(count / total) : "–");
 
-/** A table of counts, a kind of flights a row, with the words that say what it means. */
+/** A table of counts with its explanation; each row is a kind of flight. */
 function counted({ title, heads, rows, hint }) {
   return h(
     "div",
@@ -174,11 +176,11 @@ function counted({ title, heads, rows, hint }) {
   );
 }
 
-/** Misses in each group of failing flights, whether or not the promise is made for it. */
+/** Misses in each group of failing flights, with or without a promise for the group. */
 function groups(evaluation, calibration, catalog) {
-  const found = evaluation?.groups ?? [];
-  if (!found.length) return null;
-  const own = calibration.groups[0]?.rule;
+  const measured = evaluation?.groups ?? [];
+  if (!measured.length) return null;
+  const promised = calibration.groups[0]?.rule;
   const row = ({ rule, name, n_unsafe, misses, withdrawn, miss_interval: [low, high] }) =>
     h(
       "tr",
@@ -187,15 +189,15 @@ function groups(evaluation, calibration, catalog) {
       ...[n_unsafe.toLocaleString("en"), share(misses, n_unsafe), `${percent(low)} to ${percent(high)}`, share(withdrawn, n_unsafe)].map((text) =>
         h("td", { class: "number" }, text),
       ),
-      h("td", {}, rule === own ? "its own" : "none"),
+      h("td", {}, rule === promised ? "its own" : "none"),
     );
   return counted({
     title: `Missed in each group, at ε = ${figure(evaluation.epsilon)}`,
-    heads: [["Failing flights"], ["failed", 1], ["missed", 1], ["95 % interval", 1], ["invalid before an alert", 1], ["promise"]],
-    rows: found.map(row),
-    hint: own
-      ? `The promise is kept in each group by: ${kindName(catalog, "grouping", { kind: own })}. It is not made for other groups, nor for all groups at once.`
-      : "The promise is on all failing flights together. It is not made for each group, which may be missed more often: train with groups to have it so.",
+    heads: [["Failing flights"], ["failed", 1], ["missed", 1], ["95 % interval", 1], ["INVALID before an alert", 1], ["promise"]],
+    rows: measured.map(row),
+    hint: promised
+      ? `The promise holds in each group by ${kindName(catalog, "grouping", { kind: promised })}, not for other groups nor for all groups at once.`
+      : "The promise covers all failing flights together; one group may be missed more often. Train with groups for a promise in each.",
   });
 }
 
@@ -204,13 +206,13 @@ function guarantee(monitor, calibration) {
     ? h(
         "li",
         {},
-        `${monitor.n_early} of the ${calibration.alphas.length} failures came earlier than ${figure(monitor.lead)} s into the record: no timely alert was possible, each counts as a miss.`,
+        `${monitor.n_early} of the ${calibration.alphas.length} failures came within the first ${figure(monitor.lead)} s: no timely alert was possible, and each counts as a miss.`,
       )
     : null;
   return h(
     "section",
     { class: "panel stack" },
-    h("h2", { class: "panel-title" }, "What is guaranteed"),
+    h("h2", { class: "panel-title" }, "What is guaranteed ", guideLink("what-the-numbers-mean#what-is-promised-and-what-is-not", "the guarantee")),
     h("p", { class: "promise" }, "P(no timely alert | the flight fails) ≤ epsilon"),
     h(
       "ul",
@@ -218,21 +220,21 @@ function guarantee(monitor, calibration) {
       h(
         "li",
         {},
-        `${monitor.recipe.guarantee === "95%" ? "with 95 % confidence in this monitor" : "on average over calibration sets"}, for flights drawn like the simulated ones: this aircraft and its uncertainty, this manoeuvre, this simulated pilot. A different aircraft, manoeuvre or pilot is outside it.`,
+        `The promise holds ${monitor.recipe.guarantee === "95%" ? "with 95 % confidence in this monitor" : "on average over calibration sets"}, for flights like the simulated ones: this aircraft with its uncertainty, this manoeuvre, this simulated pilot.`,
       ),
       h(
         "li",
         {},
-        `timely means at least ${figure(monitor.lead)} s before the first exceedance; an alert after that does not count.`,
+        `Timely: at least ${figure(monitor.lead)} s before the first exceedance. Later alerts do not count.`,
       ),
       h(
         "li",
         {},
-        "the risk (p-value) is not the probability of failure: high means that the flight resembles past failures.",
+        "The risk (p-value) is not the probability of failure. High risk: the flight resembles failing flights.",
       ),
       h("li", {}, validity(monitor)),
       calibration.groups.length
-        ? h("li", {}, `it holds in each group of failing flights: ${calibration.groups.map(({ name }) => name).join("; ")}.`)
+        ? h("li", {}, `It holds in each group of failing flights: ${calibration.groups.map(({ name }) => name).join("; ")}.`)
         : null,
       early,
     ),
@@ -241,15 +243,15 @@ function guarantee(monitor, calibration) {
 
 function validity({ support }) {
   if (!support)
-    return "validity is not calibrated: whether a recorded flight is like those it was trained on is not known. Train the monitor again to have it so.";
+    return "Validity is not calibrated: Forewarn cannot tell whether a flight is like the training flights. Train the monitor again to calibrate it.";
   const { n_safe, n_unsafe, level } = support;
   const flights = `${n_safe.toLocaleString("en")} safe and ${n_unsafe.toLocaleString("en")} failing fresh flights`;
-  return `validity: each recorded manoeuvre is either applicable or INVALID. INVALID withdraws the guarantee; of flights drawn like the simulated ones, safe or failing, at most ${percent(level)} are called so. Calibrated on ${flights}.`;
+  return `Validity: INVALID withdraws the guarantee of a manoeuvre. At most ${percent(level)} of flights like the simulated ones, safe or failing, are called INVALID. Calibrated on ${flights}.`;
 }
 
 function memberWords({ lead, n_unsafe, recipe }, catalog) {
   const parts = ["predictor", "score"].map((part) => kindName(catalog, part, recipe[part]));
-  return `${figure(lead)} s ahead: ${methodOf(catalog, recipe)?.label ?? parts.join(", ")}; by itself calibrated on ${n_unsafe.toLocaleString("en")} failures`;
+  return `${figure(lead)} s ahead: ${methodOf(catalog, recipe)?.label ?? parts.join(", ")}; alone calibrated on ${n_unsafe.toLocaleString("en")} failures`;
 }
 
 function details(monitor, { members }, catalog) {
@@ -281,7 +283,7 @@ function details(monitor, { members }, catalog) {
         { class: "stack-tight" },
         h("h3", {}, "Monitor"),
         recipeTable(form.schema, monitor.recipe, catalog),
-        h("h3", {}, "Where it comes from"),
+        h("h3", {}, "Origin"),
         recipeList(hashes),
       ),
       h(
@@ -291,6 +293,6 @@ function details(monitor, { members }, catalog) {
         recipeTable(dataset.schema, monitor.dataset_recipe, catalog),
       ),
     ),
-    rawRecipe("The same as JSON", { ...monitor.recipe, dataset: monitor.dataset_recipe }),
+    rawRecipe("Recipe as JSON", { ...monitor.recipe, dataset: monitor.dataset_recipe }),
   );
 }

@@ -1,8 +1,9 @@
 /**
- * Train a monitor: a form drawn from the catalog; then its job, then its page.
+ * Train a monitor: the form, then the job, then the monitor's page.
  *
  * Exports  showTraining(element, {query, api, navigate})
- *     query: dataset (train on that one), like (begin from that monitor's recipe)
+ *     query: dataset (train on it), like (begin with the recipe of that monitor),
+ *            recording (begin with what the server proposes for it)
  */
 
 import { createFields } from "../forms/form.js";
@@ -10,52 +11,57 @@ import { datasetChoice } from "../forms/planned_test.js";
 import { reason } from "../lib/api.js";
 import { loadCatalog, methodOf } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
+import { guideLink } from "../lib/guide_link.js";
 import { followInPlace } from "../lib/job_progress.js";
 import { loadingView } from "../lib/loading_view.js";
 import { needs } from "../lib/me.js";
 import { figure } from "../lib/numbers.js";
 import { errorLine, link, pageOf } from "../lib/view_states.js";
 import { leastFor, neededFor } from "./calibration_rule.js";
+import { createRecordedOrigin, recordedTest } from "./recorded_origin.js";
 
 const MAIN = ["t_early", "epsilon"];
 const TEST = {
-  title: "fresh flights of the evaluation",
+  title: "test flights",
   type: "integer",
   minimum: 0,
   maximum: 100000,
   default: 2000,
   description:
-    "measure the miss rate and the share of safe flights without a false alarm; 0 for none.",
+    "fresh flights that measure misses and false alarms; 0 for none.",
 };
 
 export function showTraining(element, { query, api, navigate }) {
   return loadingView(element, {
     title: "Train a monitor",
-    text: "Looking up what can be trained",
+    text: "Loading aircraft and manoeuvres",
     build,
   });
 
   async function build({ keep }) {
-    const [catalog, datasets, like] = await Promise.all([
+    const [catalog, datasets, like, recorded] = await Promise.all([
       loadCatalog(api),
       api.get("/datasets"),
       query.get("like") ? api.get(`/monitors/${query.get("like")}`) : null,
+      query.get("recording") ? recordedTest(api, query.get("recording")) : null,
     ]);
-    const form = createTrainForm({
-      api,
-      catalog,
-      datasets,
-      like,
-      chosen: query.get("dataset"),
-      onsubmit: send,
-    });
-    const stage = h("div", { class: "stack" }, form.element);
-    return pageOf("Train a monitor", [], stage);
+    const stage = h("div", { class: "stack" });
+    const origin = recorded && createRecordedOrigin({ catalog, recorded, changed: fill });
+    let form = null;
+    fill();
+    return pageOf("Train a monitor", [guideLink("first-monitor", "how to train a monitor")], origin?.element, stage);
+
+    function fill() {
+      const begun = like ?? origin?.recipe() ?? null;
+      form = createTrainForm({ api, catalog, datasets, like: begun, chosen: query.get("dataset"), onsubmit: send });
+      stage.replaceChildren(form.element);
+    }
 
     async function send(event) {
       event.preventDefault();
       form.refuse("");
       if (!form.check()) return;
+      if (origin && !origin.check()) return;
       form.setUsable(false);
       try {
         const job = await api.post("/monitors", form.read());
@@ -79,7 +85,7 @@ export function showTraining(element, { query, api, navigate }) {
   }
 }
 
-/** like: a monitor to begin from, or null.   chosen: id of the dataset to begin with, or null. */
+/** like: {recipe, dataset_recipe} to begin with, or null.   chosen: id of the dataset to begin with, or null. */
 function createTrainForm({ api, catalog, datasets, like, chosen, onsubmit }) {
   const { schema } = catalog.recipes.monitor;
   const withTest = { ...schema, properties: { ...schema.properties, n_test: TEST } };
@@ -99,7 +105,7 @@ function createTrainForm({ api, catalog, datasets, like, chosen, onsubmit }) {
     "select",
     { id: "method", name: "method", oninput: choose },
     catalog.methods.map(({ kind, label }, k) => h("option", { value: kind }, k === 0 ? `${label} (recommended)` : label)),
-    h("option", { value: "" }, "predictor and score as chosen below"),
+    h("option", { value: "" }, "predictor and score chosen below"),
   );
   const name = h("input", {
     type: "text",
@@ -118,8 +124,8 @@ function createTrainForm({ api, catalog, datasets, like, chosen, onsubmit }) {
       class: "form",
       novalidate: true,
       onsubmit,
-      oninput: tell,
-      onchange: tell,
+      oninput: follow,
+      onchange: follow,
       "aria-label": "Train a monitor",
       "data-keeps-input": true,
     },
@@ -159,15 +165,15 @@ function createTrainForm({ api, catalog, datasets, like, chosen, onsubmit }) {
       "div",
       { class: "row form-end" },
       go,
-      link("Not now", "#/monitors"),
+      link("Cancel", "#/monitors"),
       h(
         "span",
         { class: "hint" },
-        "It simulates, trains, and flies the test flights; you can leave meanwhile.",
+        "Simulates, trains and tests. You can leave the page meanwhile.",
       ),
     ),
   );
-  tell();
+  follow();
 
   function choose() {
     const { predictor, score } = catalog.methods.find(({ kind }) => kind === method.value) ?? {};
@@ -175,7 +181,7 @@ function createTrainForm({ api, catalog, datasets, like, chosen, onsubmit }) {
     if (score) fields.put("score", score);
   }
 
-  function tell() {
+  function follow() {
     const recipe = fields.read();
     const { epsilon, guarantee } = recipe;
     method.value = methodOf(catalog, recipe)?.kind ?? "";
@@ -185,8 +191,8 @@ function createTrainForm({ api, catalog, datasets, like, chosen, onsubmit }) {
       !(epsilon > 0 && epsilon < 1) || n === null
         ? ""
         : enough
-          ? `${n} failures serve an epsilon of ${figure(leastFor(n, guarantee))} or more.`
-          : `An epsilon of ${figure(epsilon)} needs at least ${neededFor(epsilon, guarantee)} unsafe rollouts; ${n} are asked for: raise one of them.`;
+          ? `${n} failures: enough for ε ≥ ${figure(leastFor(n, guarantee))}.`
+          : `ε = ${figure(epsilon)} needs at least ${neededFor(epsilon, guarantee)} unsafe rollouts, and ${n} are set: raise ε or the number of rollouts.`;
     served.classList.toggle("error", !enough && served.textContent !== "");
   }
 

@@ -1,8 +1,8 @@
 /**
- * Rows of a file that could not be read and were left out.
+ * Rows of a file that could not be read.
  *
  * Exports
- *   badRows({n, share, rows}) -> element | null     folded, with how many
+ *   badRows({n, share, rows}) -> element | null     folded, with their number; null if there are none
  *   badRowsTable(rows) -> element                   [{line, reason, text}]
  */
 
@@ -13,7 +13,7 @@ import { percent } from "../lib/numbers.js";
 export function badRows({ n, share, rows }) {
   if (!n) return null;
   const more =
-    n > rows.length ? h("p", { class: "hint" }, `The first ${rows.length} of ${n}.`) : null;
+    n > rows.length ? h("p", { class: "hint" }, `First ${rows.length} of ${n}.`) : null;
   return h(
     "details",
     { class: "fold bad-rows" },
@@ -25,7 +25,7 @@ export function badRows({ n, share, rows }) {
         { class: "chip", "data-level": "caution" },
         `◆ ${n} bad ${n === 1 ? "row" : "rows"}`,
       ),
-      ` left out, ${percent(share, share < 0.001 ? 3 : 1)} of the file: which, and why`,
+      ` skipped, ${percent(share, share < 0.001 ? 3 : 1)} of the file: lines and reasons`,
     ),
     badRowsTable(rows),
     more,
@@ -33,7 +33,7 @@ export function badRows({ n, share, rows }) {
 }
 
 export function badRowsTable(rows) {
-  const head = ["Line", "Reason", "It begins"];
+  const head = ["Line", "Reason", "Text"];
   return h(
     "div",
     { class: "table-scroll bad-rows-table" },

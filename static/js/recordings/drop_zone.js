@@ -1,9 +1,9 @@
 /**
- * Where recordings come in: drop files anywhere on the page, or choose them; each with its progress.
+ * Upload recordings: drop files anywhere on the page, or choose them. Each shows its progress.
  *
  * Exports
- *   createDropZone({aircraft: [name], formats: [title], done}) -> {element, close()}
- *     done: see uploads.js
+ *   createDropZone({aircraft: [name], formats: [title], done}) -> {element, choose(), close()}
+ *     choose(): opens the browser's file dialog.   done: see uploads.js
  */
 
 import { h } from "../lib/dom.js";
@@ -49,7 +49,7 @@ export function createDropZone({ aircraft, formats, done }) {
       button("Choose a file", () => input.click(), { class: "button button-primary" }),
       input,
     ),
-    formats.length ? h("p", { class: "hint" }, `Read: ${formats.join(", ")}`) : null,
+    formats.length ? h("p", { class: "hint" }, `Formats: ${formats.join(", ")}`) : null,
   );
   const element = h(
     "section",
@@ -64,7 +64,7 @@ export function createDropZone({ aircraft, formats, done }) {
         h("label", { for: "upload-aircraft" }, "Aircraft"),
         name,
         known,
-        h("p", { class: "hint" }, "Its mapping is remembered, and applied the next time."),
+        h("p", { class: "hint" }, "Forewarn remembers the mapping for this aircraft and proposes it next time."),
       ),
     ),
     uploads.element,
@@ -90,6 +90,7 @@ export function createDropZone({ aircraft, formats, done }) {
 
   return {
     element,
+    choose: () => input.click(),
     close: () => {
       for (const [event, handler] of Object.entries(handlers)) removeEventListener(event, handler);
       uploads.close();

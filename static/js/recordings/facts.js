@@ -1,9 +1,9 @@
 /**
- * What is known of an uploaded file: its facts, what reading it took, its signals.
+ * An uploaded file: its facts, what reading it left out, its signals.
  *
  * Exports
  *   recordingFacts(recording, catalog) -> element
- *   createSignalList({api, recording}) -> element     every signal, each with a plot when asked for
+ *   createSignalList({api, recording}) -> element     every signal, with a plot on request
  */
 
 import { createMiniPlot } from "../charts/mini_plot.js";
@@ -16,7 +16,7 @@ import { badRows } from "./bad_rows.js";
 import { formatTitle } from "./list.js";
 import { nameParts } from "./mapping/signal_select.js";
 
-const SHOWN = 100; // signals listed at first
+const SHOWN = 100; // signals listed without a filter
 
 export function recordingFacts(recording, catalog) {
   const { contents } = recording;
@@ -36,15 +36,15 @@ export function recordingFacts(recording, catalog) {
     ? h(
         "p",
         {},
-        "The same bytes were uploaded before: ",
-        h("a", { href: `#/recordings/${recording.same_as}` }, "the earlier recording"),
+        "Same file as ",
+        h("a", { href: `#/recordings/${recording.same_as}` }, "an earlier recording"),
         ".",
       )
     : null;
   const flown = recording.flight_id
-    ? h("p", {}, "It came live: ", h("a", { href: `#/fly/${recording.flight_id}` }, "the flight as it was shown"), ".")
+    ? h("p", {}, "Recorded from a live flight: ", h("a", { href: `#/fly/${recording.flight_id}` }, "open its record"), ".")
     : null;
-  const remarks = [...contents.notes, ...contents.ignored.map((words) => `Left out: ${words}`)];
+  const remarks = [...contents.notes, ...contents.ignored.map((words) => `Skipped: ${words}`)];
   return h(
     "section",
     { class: "panel stack-tight", "aria-label": "File" },
@@ -75,11 +75,11 @@ export function createSignalList({ api, recording }) {
   });
   const more = h("p", { class: "hint" });
   list();
-  const heads = ["Signal", "Unit", "Values", "Missing", "Least", "Greatest", "Mean", "Plot"];
+  const heads = ["Signal", "Unit", "Values", "Missing", "Minimum", "Maximum", "Mean", "Plot"];
   return h(
     "details",
     { class: "panel fold signal-list" },
-    h("summary", {}, `all ${signals.length} signals of the file`),
+    h("summary", {}, `all ${signals.length} signals in the file`),
     signals.length > 12 ? h("div", { class: "field" }, filter) : null,
     h(
       "div",
@@ -102,7 +102,7 @@ export function createSignalList({ api, recording }) {
     body.replaceChildren(...fits.slice(0, SHOWN).map(row));
     more.textContent =
       fits.length > SHOWN
-        ? `The first ${SHOWN} of ${fits.length}: type a part of the name to find others.`
+        ? `First ${SHOWN} of ${fits.length}. Type part of a name to find others.`
         : "";
   }
 
@@ -115,18 +115,18 @@ export function createSignalList({ api, recording }) {
         "aria-label": `Show ${name}`,
       }),
     );
-    const [own, of] = nameParts(name, groups.length > 1 ? groups[group].name : "");
+    const [label, groupName] = nameParts(name, groups.length > 1 ? groups[group].name : "");
     return h(
       "tr",
       {},
       h(
         "th",
         { scope: "row" },
-        own,
+        label,
         h(
           "span",
           { class: "hint" },
-          [of, description]
+          [groupName, description]
             .filter(Boolean)
             .map((words) => ` ${words}`)
             .join(","),

@@ -1,6 +1,6 @@
 /**
- * The Recordings page: the list and the place to drop a file; #/recordings/{id} is one recording,
- * ?scoring={sid} one scoring of it, ?compare={sid},{rid}:{sid} several of those side by side.
+ * The Recordings page: #/recordings lists and uploads; #/recordings/{id} is one recording,
+ * with ?scoring={sid} one of its scorings, with ?compare={sid},{rid}:{sid} several side by side.
  *
  * Exports  show(element, {id, query, api, navigate}) -> {close()}
  */

@@ -1,7 +1,8 @@
-/** All recordings, and the place where new ones come in. Exports  showRecordings(element, context). */
+/** List of recordings, with upload. Exports  showRecordings(element, context). */
 
 import { loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
+import { guideLink } from "../lib/guide_link.js";
 import { hiddenHead, tableHead } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
 import { needs } from "../lib/me.js";
@@ -11,7 +12,7 @@ import { createDropZone } from "./drop_zone.js";
 import { mappingState } from "./words.js";
 
 export function showRecordings(element, { api, navigate }) {
-  return loadingView(element, { title: "Recordings", text: "Looking up the recordings", build });
+  return loadingView(element, { title: "Recordings", text: "Loading recordings", build });
 
   async function build({ keep }) {
     const [catalog, recordings] = await Promise.all([loadCatalog(api), api.get("/recordings")]);
@@ -19,14 +20,14 @@ export function showRecordings(element, { api, navigate }) {
     const aircraft = [
       ...new Set(recordings.map(({ aircraft }) => aircraft).filter(Boolean)),
     ].sort();
-    const list = h("div", {}, listOf(recordings));
     const zone = keep(
       createDropZone({ aircraft, formats: formats.map(formatWords), done: arrived }),
     );
-    return pageOf("Recordings", [link("Storage", "#/storage")], zone.element, list);
+    const list = h("div", {}, listOf(recordings));
+    return pageOf("Recordings", [link("Storage", "#/storage"), guideLink("first-recording", "recordings")], zone.element, list);
 
-    async function arrived(came, othersFailed) {
-      if (came.length === 1 && !othersFailed) navigate(`#/recordings/${came[0].id}`);
+    async function arrived(uploaded, someFailed) {
+      if (uploaded.length === 1 && !someFailed) navigate(`#/recordings/${uploaded[0].id}`);
       else list.replaceChildren(listOf(await api.get("/recordings")));
     }
 
@@ -34,16 +35,18 @@ export function showRecordings(element, { api, navigate }) {
       if (all.length) return table(all, catalog, remove);
       return empty(
         "No recording yet",
-        "A recording is a file of telemetry from any recorder. Drop one above: its signals are mapped by name and by value, you check the mapping, and any monitor can then assess it.",
+        "A recording is a telemetry file from any recorder. Upload one, check which signal is which channel, then score it with a monitor.",
+        button("Choose a file", zone.choose, { class: "button button-primary", ...needs("POST /recordings") }),
+        guideLink("first-recording", "how to score a first recording"),
       );
     }
 
     function remove({ id, name, n_scorings: scorings }) {
-      const also = scorings ? `, its ${scorings} ${scorings === 1 ? "scoring" : "scorings"}` : "";
+      const also = scorings ? `, ${scorings} ${scorings === 1 ? "scoring" : "scorings"}` : "";
       askToConfirm(
         `Delete the recording “${name}”?`,
-        `The file${also} and its notes go with it, for good.`,
-        "Delete it",
+        `Deletes the file${also} and its notes permanently.`,
+        "Delete permanently",
         async () => {
           await api.delete(`/recordings/${id}`);
           list.replaceChildren(listOf(await api.get("/recordings")));
@@ -63,7 +66,7 @@ function table(recordings, catalog, remove) {
     ["Mapping"],
     ["Scorings", 1],
     ["Uploaded"],
-    hiddenHead("Delete it"),
+    hiddenHead("Delete"),
   ];
   const rows = recordings.map((recording) => {
     const { word, level, text } = mappingState(recording);
@@ -109,7 +112,7 @@ function table(recordings, catalog, remove) {
   );
 }
 
-/** Beside a recording whose bytes were uploaded before. */
+/** Mark of a recording whose file was uploaded before. */
 function twinMark({ same_as: twin }, recordings) {
   if (!twin) return null;
   const earlier = recordings.find(({ id }) => id === twin);

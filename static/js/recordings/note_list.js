@@ -1,5 +1,5 @@
 /**
- * The rows of markers and notes: to go there, to say it otherwise, to take it away.
+ * Rows of markers and notes: go to, edit, delete.
  *
  * Exports
  *   createNoteList({go, save, remove}) -> {element, show(markers)}
@@ -11,7 +11,7 @@ import { h } from "../lib/dom.js";
 import { secondsText } from "../lib/numbers.js";
 import { button } from "../lib/view_states.js";
 
-const NONE = "None yet. They stay with the recording, and are in its report.";
+const NONE = "No notes yet. Notes are stored with the recording and printed in its report.";
 
 export function createNoteList({ go, save, remove }) {
   const element = h("ul", { class: "note-list" });

@@ -1,11 +1,11 @@
 /**
- * Markers and notes that people put on a recording: at the cursor, or from A to B.
+ * Markers and notes on a recording: at the cursor, or from A to B.
  *
  * Exports
  *   createNotesPanel({api, recording, place, go, changed}) -> {element, load(), quick(), moved()}
- *     place() -> {t, end | null} | null    where the chart's cursors are.   go(t)
- *     changed([marker])    after each change.   quick(): a marker at the cursor, without words
- *     moved(): the cursors are elsewhere now
+ *     place() -> {t, end | null} | null    of the chart's cursors.   go(t)
+ *     changed([marker])    after each change.   quick(): adds a marker without text at the cursor
+ *     moved(): the cursors moved
  *   laneOfMarkers(markers, row) -> [item]    for a chart's lane
  */
 
@@ -29,10 +29,10 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
   });
   const clear = keepDraft(text, path);
   const where = h("span", { class: "hint" });
-  const add = h("button", { class: "button button-small", type: "submit" }, "Add the note");
-  const flag = button("Set a marker", quick, {
+  const add = h("button", { class: "button button-small", type: "submit" }, "Add note");
+  const flag = button("Set marker", quick, {
     class: "button button-small",
-    title: "A marker without words (key M on the strips)",
+    title: "Marker without text (key M on the strips)",
   });
   const failure = errorLine();
   const element = h(
@@ -52,7 +52,7 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
 
   function moved() {
     const at = place();
-    put(where, at === null ? "click on the strips first: the note stands there" : placeText(at));
+    put(where, at === null ? "Click on the strips to choose the time" : placeText(at));
     add.disabled = flag.disabled = at === null;
   }
 
@@ -74,24 +74,24 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
   }
 
   function load() {
-    return attempt(async () => take(await api.get(path)));
+    return attempt(async () => showMarkers(await api.get(path)));
   }
 
   function create(marker) {
-    return attempt(async () => take([...markers, await api.post(path, marker)]));
+    return attempt(async () => showMarkers([...markers, await api.post(path, marker)]));
   }
 
   function save({ id, t, end, kind }, text) {
     return attempt(async () => {
       const saved = await api.put(`${path}/${id}`, { t, end, kind, text });
-      take(markers.map((marker) => (marker.id === id ? saved : marker)));
+      showMarkers(markers.map((marker) => (marker.id === id ? saved : marker)));
     });
   }
 
   function remove({ id }) {
     return attempt(async () => {
       await api.delete(`${path}/${id}`);
-      take(markers.filter((marker) => marker.id !== id));
+      showMarkers(markers.filter((marker) => marker.id !== id));
     });
   }
 
@@ -106,7 +106,7 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
     }
   }
 
-  function take(given) {
+  function showMarkers(given) {
     markers = [...given].sort((a, b) => a.t - b.t);
     list.show(markers);
     changed(markers);

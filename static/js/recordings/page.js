@@ -1,5 +1,5 @@
 /**
- * One recording: its file, which signal is which channel, how good the data are, what monitors assessed of it.
+ * One recording: file, mapping, data quality, scorings, and the form that scores it.
  * Exports  showRecording(element, context).
  */
 
@@ -19,10 +19,10 @@ import { createScoringList } from "./scoring/list.js";
 import { readScorings } from "./scoring/source.js";
 
 const ROW_BINS = 120; // of the small plots
-const CHART_BINS = 1600; // where manoeuvres are looked for too
+const CHART_BINS = 1600; // of the chart to mark manoeuvres in
 
 export function showRecording(element, { id, api, navigate }) {
-  let next = false; // the mapping was just confirmed: go on with what comes next
+  let next = false; // the mapping was just confirmed: scroll to the score form
   return loadingView(element, { title: "Recording", text: "Opening the recording", build });
 
   async function build({ keep, again }) {
@@ -106,8 +106,8 @@ export function showRecording(element, { id, api, navigate }) {
   function remove({ name }) {
     askToConfirm(
       `Delete the recording “${name}”?`,
-      "The file, its scorings and its notes go with it, for good.",
-      "Delete it",
+      "Deletes the file, its scorings and notes permanently.",
+      "Delete permanently",
       async () => {
         await api.delete(`/recordings/${id}`);
         navigate("#/recordings");
@@ -120,7 +120,7 @@ function waiting() {
   return h(
     "section",
     { class: "state-empty" },
-    h("h2", {}, "Score it"),
-    h("p", {}, "Once the mapping is confirmed, any monitor can assess it."),
+    h("h2", {}, "Score"),
+    h("p", {}, "Confirm the mapping first."),
   );
 }

@@ -1,9 +1,9 @@
 /**
- * Where a recording is not as it should be: gaps, repeated, missing and frozen samples, in one picture.
+ * Data quality over time: gaps, repeated, missing and frozen samples.
  *
  * Exports
  *   createQualityStrip() -> {element, show(quality | null, {start, end} | null)}
- *     quality: as the server has it: {clocks: [{start, end}], faults: [{start, end, kind}],
+ *     quality: {clocks: [{start, end}], faults: [{start, end, kind}],
  *       sentences: [text]}, times in [s]; kind "gap", "missing:beta", ...
  */
 
@@ -19,9 +19,9 @@ const ALWAYS = {
   frozen: "frozen values",
   implausible: "implausible values",
 };
-const OTHERS = { clock: "jumps of the clock", reordered: "rows out of order" };
+const OTHERS = { clock: "clock jumps", reordered: "rows out of order" };
 const WORDS = { missing: "missing", frozen: "frozen", implausible: "implausible" };
-const LEAST = 0.35; // % of the width that an interval is drawn at least
+const LEAST = 0.35; // smallest width of an interval, in % of the strip
 const LISTED = 8;
 
 export function createQualityStrip() {
@@ -35,7 +35,7 @@ export function createQualityStrip() {
     if (!quality) {
       element.replaceChildren(
         title,
-        h("p", { class: "dim" }, "Known once the mapping can be applied."),
+        h("p", { class: "dim" }, "Available once the mapping can be applied."),
       );
       return;
     }
@@ -66,7 +66,7 @@ function extentOf(clocks) {
   };
 }
 
-/** Every kind there is, each channel's on its own, and the usual ones even where there is none. */
+/** Kinds of faults found, one a channel, and the usual kinds even without a fault. */
 function kindsOf(faults) {
   const present = [...new Set(faults.map(({ kind }) => kind))];
   const absent = Object.keys(ALWAYS).filter(

@@ -1,9 +1,9 @@
 /**
- * Files on their way to the server, each with its progress, and why one was refused.
+ * Uploads in progress, and why a file was refused.
  *
  * Exports
  *   createUploads({aircraft() -> name | "", done}) -> {element, send(files), close()}
- *     done([recording], othersFailed)   all that were on their way have ended, and these came in
+ *     done([recording], someFailed)   all uploads have ended; these succeeded
  */
 
 import { address, noAnswer, reason, refusal } from "../lib/api.js";
@@ -17,7 +17,7 @@ const LONGEST_NAME = 200;
 export function createUploads({ aircraft, done }) {
   const rows = h("ul", { class: "uploads" });
   const sending = new Set();
-  let came = [];
+  let uploaded = [];
 
   async function send(file) {
     const bar = h("progress", {
@@ -26,7 +26,7 @@ export function createUploads({ aircraft, done }) {
       value: 0,
       "aria-label": `sending ${file.name}`,
     });
-    const words = h("span", { class: "upload-words", role: "status" }, "begins");
+    const words = h("span", { class: "upload-words", role: "status" }, "starting");
     const stop = button("Cancel", () => upload.cancel(), {
       class: "button button-small",
       "aria-label": `Cancel ${file.name}`,
@@ -49,21 +49,21 @@ export function createUploads({ aircraft, done }) {
       bar.value = total ? sent / total : 0;
       if (reading) bar.removeAttribute("value");
       words.textContent = reading
-        ? "sent; the server reads it"
+        ? "sent; the server is reading it"
         : `${bytesText(sent)} of ${bytesText(total)}`;
     });
     sending.add(upload);
     try {
       const recording = await upload.ended;
-      if (recording) came.push(recording);
+      if (recording) uploaded.push(recording);
       row.remove();
     } catch (error) {
       refuse(row, file, error);
     }
     sending.delete(upload);
-    if (sending.size === 0 && came.length) {
-      const finished = came;
-      came = [];
+    if (sending.size === 0 && uploaded.length) {
+      const finished = uploaded;
+      uploaded = [];
       done(finished, rows.children.length > 0);
     }
   }
@@ -102,7 +102,7 @@ export function createUploads({ aircraft, done }) {
   };
 }
 
-/** The server's sentence, which begins with the name that stands above it already. */
+/** The server's sentence without the file name, which is shown above it. */
 function withoutName(words, name) {
   const start = `${name}: `;
   if (!words.toLowerCase().startsWith(start.toLowerCase())) return words;
@@ -110,10 +110,10 @@ function withoutName(words, name) {
 }
 
 /**
- * Sends a file and tells how far it is; fetch cannot tell, XMLHttpRequest can.
+ * Send a file and report progress, which fetch cannot.
  *
- * changed({sent, total, reading}) [bytes]; reading: all is sent and the server reads it.
- * Returns {ended, cancel()}; ended: the answer, null once cancelled; rejects with an ApiError.
+ * changed({sent, total, reading}) [bytes]; reading: all bytes are sent.
+ * Returns {ended, cancel()}; ended: the answer, null if cancelled; rejects with an ApiError.
  */
 function sendFile(path, file, changed) {
   const request = new XMLHttpRequest();

@@ -1,15 +1,16 @@
 /**
- * How recordings and scorings are described: every outcome with a word and a sign.
+ * Words, levels and signs for recordings and scorings.
  *
  * Exports
  *   mappingState(recording) -> {word, level, text}
  *   outcomeOf(key) -> {word, level, mark, text}, outcomeChip(manoeuvre) -> element
- *   verdictOf(manoeuvre) -> as outcomeOf, with what was exceeded and how long before it was warned
- *   AS_RECORDED   the strips' word for an exceedance of the values as recorded alone
- *   outsideText({outside_exceedances, channels}) -> string    those outside every manoeuvre, or ""
+ *   verdictOf(manoeuvre) -> as outcomeOf, with the exceedance and the lead time of its warning
+ *   AS_RECORDED   the strips' word for an exceedance in the values as recorded only
+ *   outsideText({outside_exceedances, channels}) -> string    exceedances outside every manoeuvre, or ""
  *   validityWords(manoeuvre) -> {word, level, mark}
- *   requestWords(request) -> string             which manoeuvres, from which trim
- *   trimText(request) -> string               what the channels are measured from
+ *   alertRule({epsilon, alert_above}) -> string    the risk that alerts, and the epsilon that it keeps
+ *   requestWords(request) -> string             manoeuvres and trim of a request
+ *   trimText(request) -> string               the reference of the channels
  *   isWithdrawn(manoeuvre), firstAlertText(manoeuvre)
  *   leadText(manoeuvre, promised) -> string     warning lead time against the promised one
  */
@@ -19,19 +20,19 @@ import { figure, leadSeconds, secondsText } from "../lib/numbers.js";
 import { quantity } from "../lib/units.js";
 import { TRIM_SEGMENT } from "./scoring/source.js";
 
-export const AS_RECORDED = "LIMIT AS RECORDED"; // the strips' mark of an exceedance that is none from trim
+export const AS_RECORDED = "LIMIT AS RECORDED"; // an exceedance as recorded that is none relative to trim
 
 const MAPPING_STATES = {
-  proposed: { word: "check it", level: "caution", text: "proposed from names and values" },
-  remembered: { word: "remembered", level: "caution", text: "as the last time; check it" },
+  proposed: { word: "unconfirmed", level: "caution", text: "proposed from names and values" },
+  remembered: { word: "remembered", level: "caution", text: "taken from the last recording of this aircraft; check it" },
   confirmed: { word: "confirmed", level: "ok", text: "" },
 };
 
-/** Word, level and text of a recording's mapping; one confirmed over a warning stays marked. */
+/** A mapping confirmed over a warning stays marked. */
 export function mappingState({ mapping_state: state, confirmed_over: over }) {
   const channels = Object.keys(over ?? {});
   if (!channels.length) return MAPPING_STATES[state] ?? {};
-  const text = `a warning was there for ${channels.join(", ")}`;
+  const text = `with a warning for ${channels.join(", ")}`;
   return { word: "confirmed over a warning", level: "caution", text };
 }
 
@@ -77,13 +78,13 @@ const OUTCOMES = {
     word: "INVALID",
     level: "off",
     mark: "✕",
-    text: "the monitor was not applicable here",
+    text: "the monitor does not apply to this manoeuvre",
   },
 };
 
 const NEITHER = {
-  invalid: "the monitor was not applicable here: neither a miss nor a catch",
-  unseen: "part of it was not recorded: neither a miss nor a catch",
+  invalid: "the monitor does not apply to this manoeuvre: neither a miss nor a catch",
+  unseen: "part of the manoeuvre was not recorded: neither a miss nor a catch",
 };
 
 export function outcomeOf(key) {
@@ -93,18 +94,18 @@ export function outcomeOf(key) {
   return OUTCOMES[key] ?? { word, level: "caution", mark: "◆", text: "" };
 }
 
-/** What came of one manoeuvre; an exceedance is said first, and is never green. */
+/** An exceedance comes first, and is never green. */
 export function outcomeChip(manoeuvre) {
   const { word, level, mark, text } = verdictOf(manoeuvre);
   return h("span", { class: "chip", "data-level": level, title: text }, `${mark} ${word}`);
 }
 
-/** The server words what came of an exceedance; one in the values as recorded alone stands before the outcome. */
-export function verdictOf({ outcome, exceedance, exceedance_verdict: said }) {
+/** The server words an exceedance. One in the values as recorded only is put before the outcome. */
+export function verdictOf({ outcome, exceedance, exceedance_verdict: words }) {
   const verdict = outcomeOf(outcome);
-  if (!said) return verdict;
-  if (!exceedance) return { ...verdict, word: `${said}; ${verdict.word}`, level: "caution", mark: "◆" };
-  return { ...verdict, word: said, level: outcome === "timely_alert" ? "caution" : "alert", mark: "▲", text: NEITHER[outcome] ?? verdict.text };
+  if (!words) return verdict;
+  if (!exceedance) return { ...verdict, word: `${words}; ${verdict.word}`, level: "caution", mark: "◆" };
+  return { ...verdict, word: words, level: outcome === "timely_alert" ? "caution" : "alert", mark: "▲", text: NEITHER[outcome] ?? verdict.text };
 }
 
 export function outsideText({ outside_exceedances: outside, channels }) {
@@ -121,7 +122,12 @@ export function validityWords({ validity: { valid }, outcome }) {
     return { word: "applicable where recorded", level: "caution", mark: "◇" };
   if (valid === true) return { word: "applicable", level: "ok", mark: "✓" };
   if (valid === false) return { word: "INVALID", level: "off", mark: "✕" };
-  return { word: "not known", level: "caution", mark: "◆" };
+  return { word: "unknown", level: "caution", mark: "◆" };
+}
+
+export function alertRule({ epsilon, alert_above: above }) {
+  const isEpsilon = Math.abs(above - epsilon) < 1e-9;
+  return isEpsilon ? `alerts at risk above ε = ${figure(epsilon)}` : `alerts at risk above ${figure(above)}, which keeps ε = ${figure(epsilon)} with 95 % confidence`;
 }
 
 export function requestWords({ trim, manoeuvres }) {
@@ -133,10 +139,9 @@ export function requestWords({ trim, manoeuvres }) {
 }
 
 export function trimText({ trim }) {
-  return trim === null ? "as given, no trim subtracted" : "deviations from trim";
+  return trim === null ? "as recorded, no trim subtracted" : "deviations from trim";
 }
 
-/** Whether nothing is said of it at all; an alert that came before the withdrawal stands. */
 export function isWithdrawn({ outcome }) {
   return outcome === "invalid";
 }

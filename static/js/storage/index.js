@@ -1,11 +1,12 @@
 /**
- * Storage: the disk that database and recordings take, what is largest and oldest, and what is kept for ever.
+ * Storage: disk use of database and recordings, the largest and oldest flights and recordings, and retention.
  *
  * Exports  show(element, {api}) -> {close()}
  */
 
 import { reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
+import { guideLink } from "../lib/guide_link.js";
 import { createKeepButton } from "../lib/keep_button.js";
 import { factList, tableHead } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
@@ -16,7 +17,7 @@ const PAGES = { flight: "fly", recording: "recordings" };
 const PATHS = { flight: "flights", recording: "recordings" };
 
 export function show(element, { api }) {
-  return loadingView(element, { title: "Storage", text: "Adding up what is stored", build });
+  return loadingView(element, { title: "Storage", text: "Measuring disk use", build });
 
   async function build() {
     const usage = await api.get("/storage");
@@ -24,31 +25,31 @@ export function show(element, { api }) {
     const list = (title, things) => listOf(title, things, (thing) => keepButton(thing, failure));
     return pageOf(
       "Storage",
-      [link("Flights", "#/fly"), link("Recordings", "#/recordings")],
+      [link("Flights", "#/fly"), link("Recordings", "#/recordings"), guideLink("keeping-data#what-takes-the-space", "what takes the space")],
       usage.space.warning ? h("p", { class: "error", role: "alert" }, `◆ ${sentence(usage.space.warning)}`) : null,
       h("section", { class: "panel", "aria-label": "Disk" }, factList(factsOf(usage))),
       kindTable(usage.kinds),
       failure.element,
       list("Largest flights and recordings", usage.largest),
       list("Oldest flights and recordings", usage.oldest),
-      h("p", { class: "dim" }, "What is old, or too much, is deleted by `forewarn retain`, or daily where FOREWARN_RETAIN_DAYS or FOREWARN_RETAIN_GB is set; what is kept for ever is not."),
+      h("p", { class: "dim" }, "`forewarn retain` deletes old data, daily if FOREWARN_RETAIN_DAYS or FOREWARN_RETAIN_GB is set. Data kept permanently are never deleted."),
     );
   }
 
   function keepButton({ kind, id, name, keep }, failure) {
     const fail = (error) => failure.show(reason(error));
-    return createKeepButton({ api, path: `/${PATHS[kind]}/${id}`, keep, fail, attributes: { class: "button button-small", "aria-label": `Keep ${name} for ever` } });
+    return createKeepButton({ api, path: `/${PATHS[kind]}/${id}`, keep, fail, name, attributes: { class: "button button-small" } });
   }
 }
 
 function factsOf({ space, database, reusable, recordings, journals }) {
   return [
     ["Free on the disk", bytesText(space.free)],
-    ["Of", bytesText(space.total)],
-    ["Database", database === null ? "another server's" : bytesText(database)],
-    ["of it used again", reusable === null ? "–" : bytesText(reusable)],
+    ["Disk size", bytesText(space.total)],
+    ["Database", database === null ? "on another server" : bytesText(database)],
+    ["Reusable in the database", reusable === null ? "–" : bytesText(reusable)],
     ["Recordings", bytesText(recordings)],
-    ["Live flights that are no recording yet", bytesText(journals)],
+    ["Live flights without a recording", bytesText(journals)],
   ];
 }
 
@@ -59,12 +60,12 @@ function kindTable(kinds) {
       {},
       h("th", { scope: "row" }, `${kind.charAt(0).toUpperCase()}${kind.slice(1)}s`),
       h("td", { class: "number", "data-label": "Number" }, n),
-      h("td", { class: "number", "data-label": "Kept for ever" }, kind in PATHS ? kept : "–"),
+      h("td", { class: "number", "data-label": "Kept permanently" }, kind in PATHS ? kept : "–"),
       h("td", { class: "number", "data-label": "Size" }, bytesText(size)),
       h("td", { "data-label": "Oldest" }, moment(oldest)),
     ),
   );
-  return tableOf([["Kind"], ["Number", 1], ["Kept for ever", 1], ["Size", 1], ["Oldest"]], rows);
+  return tableOf([["Kind"], ["Number", 1], ["Kept permanently", 1], ["Size", 1], ["Oldest"]], rows);
 }
 
 function listOf(title, things, control) {

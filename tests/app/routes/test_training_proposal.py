@@ -68,11 +68,29 @@ def test_the_attas_record_is_a_rudder_doublet(client):
     assert made["can_train"]
 
 
-def test_a_recording_without_sideslip_cannot_be_trained_for_and_the_reason_is_given(client):
-    made = proposal(client, record_file("citation_20190312_dutchroll").read_bytes())
-    assert made["missing_channels"] == ["beta"]
+def test_a_monitor_trained_as_proposed_scores_a_recording_without_sideslip(client):
+    content = record_file("citation_20190312_dutchroll").read_bytes()
+    recording = uploaded(client, content)
+    made = client.get(f"{RECORDINGS}/{recording['id']}/training-proposal").json()
+    assert (made["missing_channels"], made["can_train"]) == (["beta"], True)
+    recipe = made["recipe"]
+    assert recipe["score"] == {"kind": "negative_magnitude", "key": "Ny"}
+    aircraft = {"aircraft": {"kind": "attas_id_16kft"}, "n_unsafe": 40}
+    order = recipe | {"dataset": recipe["dataset"] | aircraft, "n_test": 0, "epsilon": 0.2}
+    job = finished(client, client.post("/api/v1/monitors", json=order))
+    assert job["status"] == "done", job["error"]
+    body = {"monitor": job["result"]["monitor"]}
+    scored = client.post(f"{RECORDINGS}/{recording['id']}/scorings", json=body)
+    assert scored.status_code == 201, scored.text
+
+
+def test_without_a_limited_channel_no_method_works(client):
+    rows = np.zeros((200, 6))
+    rows[60:80, 5] = 0.05
+    made = proposal(client, csv_of(rows).replace(b"Ny", b"other"))
+    assert "Ny" in made["missing_channels"]
     assert made["can_train"] is False
-    assert any("six channels" in reason for reason in made["reasons"])
+    assert "score" not in made["recipe"]
 
 
 def test_limits_and_lead_are_those_of_the_monitor_that_scored(client, dataset):

@@ -200,9 +200,9 @@ def test_an_epsilon_that_the_failures_cannot_serve_is_said_at_once(page: Page, s
     page.goto(f"{site.http}/#/monitors/new")
     field(page, "monitor.epsilon").fill("0.01")
     served_words = page.locator(".served")
-    expect(served_words).to_contain_text("500 failures serve an epsilon of 0.00597 or more")
+    expect(served_words).to_contain_text("enough for ε ≥ 0.00597")
     field(page, "dataset.n_unsafe").fill("99")
-    expect(served_words).to_contain_text("needs at least 299 unsafe rollouts; 99 are asked for")
+    expect(served_words).to_contain_text("needs at least 299 unsafe rollouts, and 99")
     expect(page.locator("#method option").first).to_contain_text("in any manoeuvre (recommended)")
 
 
@@ -311,7 +311,7 @@ def test_of_flights_that_differ_the_safe_ones_that_were_called_invalid_are_not_q
     page.set_viewport_size({"width": 1024, "height": 768})
     page.goto(f"{site.http}/#/monitors/{site.monitor}")
     found = site.get(f"/monitors/{site.monitor}/evaluation")["robustness"]
-    table = page.locator("table", has_text="invalid, no alert")
+    table = page.locator("table", has_text="INVALID, no alert")
     rows = table.locator("tbody tr")
     expect(rows).to_have_count(len(found))
     hidden = "(e) => e.parentElement.scrollWidth - e.parentElement.clientWidth"
@@ -397,9 +397,9 @@ def test_the_guarantee_is_in_words_and_the_monitor_can_be_flown(page: Page, site
     expect(page.locator(".promise")).to_have_text("P(no timely alert | the flight fails) ≤ epsilon")
     expect(page.locator("main")).to_contain_text("not the probability of failure")
     support = site.get(f"/monitors/{site.monitor}")["support"]
-    says = f"{percent(support['level'])} are called so. Calibrated on {support['n_safe']} safe"
-    expect(page.locator("main")).to_contain_text(says)
-    page.get_by_role("button", name="Fly it").click()
+    for words in (f"At most {percent(support['level'])}", f"{support['n_safe']} safe"):
+        expect(page.locator("main")).to_contain_text(words)
+    page.get_by_role("button", name="Fly", exact=True).click()
     expect(page).to_have_url(re.compile(rf"#/fly\?monitor={site.monitor}"))
 
 
@@ -446,7 +446,7 @@ def test_a_downloaded_monitor_is_uploaded_again_and_deleted(
     allowed_errors.append("404")  # it was never flown here: there is no evaluation
     page.goto(f"{site.http}/#/monitors/{site.monitor}")
     with page.expect_download() as download:
-        page.get_by_role("link", name="Download the file").click()
+        page.get_by_role("link", name="Download").click()
     file = tmp_path / download.value.suggested_filename
     download.value.save_as(file)
     assert file.name == f"monitor-{site.monitor}.fwm"
@@ -454,9 +454,9 @@ def test_a_downloaded_monitor_is_uploaded_again_and_deleted(
     page.locator('input[type="file"]').set_input_files(file)
     expect(page.get_by_role("heading", level=1)).to_have_text(file.stem)
     expect(page.locator("main")).to_contain_text("Calibrated on")
-    expect(page.locator("main")).not_to_contain_text("Not flown yet")  # the file carries it
+    expect(page.locator("main")).not_to_contain_text("No test flights")  # the file carries it
     page.get_by_role("button", name="Delete").click()
-    page.get_by_role("button", name="Delete it").click()
+    page.get_by_role("button", name="Delete permanently").click()
     expect(page).to_have_url(re.compile("#/monitors$"))
     expect(page.locator("tbody tr")).to_have_count(1)
 
@@ -508,7 +508,7 @@ def test_five_methods_are_compared_on_a_dataset(page: Page, site: Site) -> None:
 
 def test_leads_are_swept_on_a_datasets_test(page: Page, site: Site) -> None:
     page.goto(f"{site.http}/#/monitors/sweep?dataset={site.dataset}")
-    expect(page.get_by_text("No sweep yet")).to_be_visible()
+    expect(page.get_by_text("No study yet")).to_be_visible()
     expect(field(page, "sweep.imperfections")).to_be_hidden()
     expect(page.get_by_label("test card: window", exact=True)).to_have_accessible_description(
         "forecast of the test card: for doublets, pulses and other steps"
@@ -518,7 +518,7 @@ def test_leads_are_swept_on_a_datasets_test(page: Page, site: Site) -> None:
     page.get_by_label("warning lead times").fill("0.25 1.9")
     for name, number in (("n_unsafe", 25), ("n_monitors", 1), ("n_test", 80)):
         field(page, f"sweep.{name}").fill(str(number))
-    page.get_by_role("button", name="Sweep").click()
+    page.get_by_role("button", name="Start the study").click()
     expect(page.locator("figure")).to_have_count(2, timeout=SLOW)
     (job,) = (job for job in site.get("/jobs") if job["kind"] == "sweep")
     (found,) = site.get(f"/jobs/{job['id']}")["result"]["tests"].values()
@@ -534,16 +534,16 @@ def test_leads_are_swept_on_a_datasets_test(page: Page, site: Site) -> None:
 
 def test_an_epsilon_is_chosen_by_fresh_flights(page: Page, site: Site) -> None:
     page.goto(f"{site.http}/#/monitors/{site.monitor}")
-    page.get_by_text("Choose an epsilon by fresh flights").click()
+    page.get_by_text("Choose an epsilon from fresh flights").click()
     field(page, "epsilon.n_test").fill("400")
     field(page, "epsilon.most_missed").fill("0.001")
     page.get_by_role("button", name="Fly and choose").click()
     expect(page.get_by_text("out of reach: missed at most 0.1 %")).to_be_visible(timeout=SLOW)
     page.get_by_role("button", name="Back").click()
-    page.get_by_label("choose", exact=True).select_option("cost")
+    page.get_by_label("Choose", exact=True).select_option("cost")
     expect(field(page, "epsilon.most_missed")).to_be_hidden()
     page.get_by_role("button", name="Fly and choose").click()
-    expect(page.get_by_text("A flight costs as much as")).to_be_visible(timeout=SLOW)
+    expect(page.get_by_text("Mean cost of a flight")).to_be_visible(timeout=SLOW)
     page.get_by_role("button", name="Fly it with this epsilon").click()
     expect(page).to_have_url(re.compile(rf"#/fly\?monitor={site.monitor}&epsilon=0\.\d+"))
 
@@ -555,7 +555,7 @@ def test_two_monitors_are_combined(page: Page, site: Site) -> None:
     page.goto(f"{site.http}/#/monitors")
     page.get_by_role("link", name="Combine monitors").click()
     page.get_by_role("button", name="Combine").click()
-    expect(page.get_by_text("Choose two members or more.")).to_be_visible()
+    expect(page.get_by_text("Choose at least two members")).to_be_visible()
     for name in ("card 7", "later"):
         page.get_by_label(name, exact=True).check()
     expect(page.get_by_label("warning lead time")).to_have_value("0.25")
@@ -581,7 +581,7 @@ def test_a_dataset_in_use_is_not_deleted_and_the_sentence_says_by_what(
     allowed_errors.append("409")
     page.goto(f"{site.http}/#/datasets/{site.dataset}")
     page.get_by_role("button", name="Delete").click()
-    page.get_by_role("button", name="Delete it").click()
+    page.get_by_role("button", name="Delete permanently").click()
     expect(page.locator("dialog .error")).to_contain_text("is used by card 7")
     page.get_by_role("button", name="Keep it").click()
     expect(page.locator("dialog")).to_have_count(0)
@@ -596,7 +596,7 @@ def test_a_rollout_is_picked_looked_at_and_replayed(page: Page, site: Site) -> N
     fails = f"{rollout['telemetry']['t'][-1]:.3g} s"
     expect(page.locator(".rollout-words")).to_contain_text(f"Rollout 3, unsafe: fails at {fails}")
     expect(page.locator(".rollout-strips .strip")).to_have_count(6)
-    page.get_by_role("button", name="Replay it through").click()
+    page.get_by_role("button", name="Replay with").click()
     wanted = f"#/fly\\?dataset={site.dataset}&outcome=unsafe&rollout=3&monitor={site.monitor}"
     expect(page).to_have_url(re.compile(wanted))
 

@@ -5,7 +5,9 @@ from playwright.sync_api import Page
 from tests.browser.strips import Open
 
 HELD = """
-const { eventsOf, heldOf, manoeuvresOf } = await import("/static/js/recordings/scoring/events.js");
+const { eventsOf, limitsInForceOf, manoeuvresOf } = await import(
+  "/static/js/recordings/scoring/events.js"
+);
 const { bandsOf } = await import("/static/js/charts/recorded/tile_bands.js");
 const about = { name: "envelope", version: 1, case: "all" };
 const held = [
@@ -24,7 +26,7 @@ const set = { n: 0, step: 1, x0: [], state: [], alert: [], keys: () => [], serie
 const bands = bandsOf({ set, from: 0, to: 0 }, manoeuvresOf(scoring), (t) => t);
 return [
   bands.filter(({ kind }) => kind === "invalid").map(({ x0, x1, word }) => [x0, x1, word]),
-  heldOf(scoring, 1).map(({ start, limits }) => [start, limits?.Ny ?? null]),
+  limitsInForceOf(scoring, 1).map(({ start, limits }) => [start, limits?.Ny ?? null]),
   eventsOf(scoring).map(({ t, text }) => [t, text]),
 ];
 """

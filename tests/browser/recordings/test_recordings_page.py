@@ -74,7 +74,7 @@ def test_a_file_is_uploaded_mapped_and_scored(page: Page, site: RecordedSite, fi
     choose(page, file)
     expect(page.get_by_role("heading", level=1)).to_have_text("doublets.csv", timeout=SLOW)
     mapping = page.locator(".mapping")
-    expect(mapping.locator("summary .chip").first).to_have_text("check it")
+    expect(mapping.locator("summary .chip").first).to_have_text("unconfirmed")
     expect(page.get_by_label("signal of sideslip β")).to_have_value("signal:AOSS_deg")
     expect(page.get_by_label("unit of sideslip β")).to_have_value("deg")
     expect(row(page, "beta").locator(".confidence-word")).to_have_text(re.compile("high|medium"))
@@ -357,7 +357,7 @@ def test_a_mapping_file_is_chosen_or_pasted(
     text, use = page.get_by_label("mapping as text"), page.get_by_text("Use this mapping")
     error = page.locator(".map-file .error")
     unknown = {"channels": {"q": {"signal": "t"}}}
-    for given, told in (("p: RollRate", "no mapping"), (json.dumps(unknown), "'q'")):
+    for given, told in (("p: RollRate", "This is not a mapping"), (json.dumps(unknown), "'q'")):
         text.fill(given)
         use.click()
         expect(error).to_contain_text(told)
@@ -442,7 +442,7 @@ def test_a_recording_is_deleted_after_asking(page: Page, site: RecordedSite) -> 
     recording = site.upload("short lived.csv")
     page.goto(f"{site.http}/#/recordings/{recording}")
     page.get_by_role("button", name="Delete").click()
-    page.get_by_role("button", name="Delete it").click()
+    page.get_by_role("button", name="Delete permanently").click()
     page.wait_for_url("**/#/recordings")
     assert recording not in [one["id"] for one in site.ask("GET", "/recordings")]
 

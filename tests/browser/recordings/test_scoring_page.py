@@ -71,7 +71,7 @@ def test_an_exceedance_outside_every_manoeuvre_is_told(
     expect(line).to_contain_text("exceeds its limit outside every manoeuvre: −0.210 g at 0.20 s")
     expect(page.locator(".event-list .event")).to_contain_text(["outside every manoeuvre"])
     expect(page.locator(".verdict .chip").first).to_have_text("◇ DATA MISSING")
-    expect(page.locator('.verdict [data-label="First exceedance"]')).to_have_text("not known")
+    expect(page.locator('.verdict [data-label="First exceedance"]')).to_have_text("unknown")
     expect(page.locator('.verdict .chip[data-level="ok"]')).to_have_count(0)
     press(page, "n")
     assert "cursor 0." in page.locator(".strip-cursors").inner_text()
@@ -89,7 +89,7 @@ def test_a_scoring_by_an_earlier_mapping_is_marked(
     site.ask("PUT", f"/recordings/{other}/mapping", json=body)
     page.goto(f"{site.http}/#/recordings/{other}")
     chip = page.locator(".chip", has_text="earlier mapping")
-    expect(chip).to_have_attribute("title", re.compile("in sideslip"))
+    expect(chip).to_have_attribute("title", re.compile("of sideslip"))
     both = f"{made['id']},{scoring['recording']}:{scoring['id']}"
     page.goto(f"{site.http}/#/recordings/{other}?compare={both}")
     expect(page.locator(".compare-table thead")).to_contain_text("earlier mapping")
@@ -99,7 +99,7 @@ def test_a_scoring_by_an_earlier_mapping_is_marked(
 def test_notes_and_markers_are_set_changed_and_deleted(
     scored: Page, site: RecordedSite, recording: str
 ) -> None:
-    expect(scored.get_by_role("button", name="Add the note")).to_be_disabled()
+    expect(scored.get_by_role("button", name="Add note")).to_be_disabled()
     text = scored.get_by_role("textbox", name="text of the note")
     text.fill("gust from the left")
     scored.get_by_role("button", name=re.compile("^Units")).click()
@@ -109,7 +109,7 @@ def test_notes_and_markers_are_set_changed_and_deleted(
     expect(notes).to_contain_text(["marker 1"])
     press(scored, "a", "n", "b")
     expect(text, "what was typed outlives a change of units").to_have_value("gust from the left")
-    scored.get_by_role("button", name="Add the note").click()
+    scored.get_by_role("button", name="Add note").click()
     expect(notes).to_have_count(2)
     expect(scored.locator(".lane-item", has_text="gust")).to_be_visible()
     scored.get_by_role("button", name="Edit: gust from the left").click()
@@ -160,8 +160,8 @@ def test_scorings_are_compared_and_laid_over_each_other(
     page.goto(f"{site.http}/#/recordings/{recording}?compare={scoring['id']}")
     expect(page.locator(".compare-table thead th")).to_have_count(2)
     page.get_by_label("Add a scoring of").select_option(other)
-    expect(page.get_by_role("button", name="Add it")).to_be_enabled()
-    page.get_by_role("button", name="Add it").click()
+    expect(page.get_by_role("button", name="Add")).to_be_enabled()
+    page.get_by_role("button", name="Add").click()
     page.wait_for_url(f"**compare={scoring['id']},{other}:{theirs['id']}")
     expect(page.locator(".compare-table thead th")).to_have_count(3)
     for head in page.locator(".compare-head").all():
@@ -172,15 +172,15 @@ def test_scorings_are_compared_and_laid_over_each_other(
     expect(page.locator(".overlay-key")).to_contain_text("t = 0 at")
     assert pixels(page, "Ny", "trace") > 100
     assert pixels(page, "Ny", "forecast") > 100
-    page.get_by_label("moment that over begins at").select_option("1")
+    page.get_by_label("start of the second scoring").select_option("1")
     expect(page.locator(".lane-item", has_text="B manoeuvre 2")).to_be_visible()
     page.evaluate("document.querySelector('.compare-table').dataset.old = ''")
     page.locator("#units").click()
     expect(page.locator(".compare-table[data-old]")).to_have_count(0)  # drawn anew
     expect(page.locator('.strip[data-key="p"] .readout-unit').first).to_have_text("rad/s")
-    expect(page.get_by_label("moment that over begins at")).to_have_value("1")
+    expect(page.get_by_label("start of the second scoring")).to_have_value("1")
     page.locator("#units").click()
-    page.get_by_role("button", name="Leave B out").click()
+    page.get_by_role("button", name="Remove B").click()
     expect(page.locator(".compare-table thead th")).to_have_count(2)
 
 

@@ -19,7 +19,7 @@ const BUTTONS = [
   ["clear", "Clear", "Clear the cursors A and B (key C)"],
   ["out", "−", "Show more time (key minus)"],
   ["in", "+", "Show less time (key plus)"],
-  ["live", "All", "Show the entire recording (key L, or double click)"],
+  ["live", "All", "Show all of the recording (key L, or double click)"],
 ];
 const HELP =
   "Left and right arrows move the cursor, with Shift ten times as far; Home and End go to the window's " +

@@ -1,9 +1,9 @@
 /**
- * Several scorings side by side, of one recording or of several, and two of them laid over each other.
+ * Several scorings side by side, of one recording or several, and two of them overlaid.
  *
  * Exports
  *   showComparedScorings(element, {id, query, api, navigate})
- *     query: compare=sid,rid:sid,...   a scoring of recording `id`, or of another
+ *     query: compare=sid,rid:sid,...   scorings of recording `id`, or of others
  */
 
 import { aircraftName, kindName, loadCatalog } from "../../lib/catalog.js";
@@ -22,7 +22,7 @@ export function showComparedScorings(element, { id, query, api, navigate }) {
     .split(",")
     .filter(Boolean)
     .map((text) => referenceOf(text, id));
-  return loadingView(element, { title: "Compare", text: "Opening the scorings", build });
+  return loadingView(element, { title: "Compare", text: "Loading scorings", build });
 
   async function build({ keep }) {
     const [catalog, recordings, monitors] = await Promise.all([
@@ -56,7 +56,7 @@ export function showComparedScorings(element, { id, query, api, navigate }) {
     const tabulate = () => table.replaceChildren(compareTable(compared, { remove: compared.length > 1 ? remove : null }));
     return pageOf(
       "Compare",
-      [link("The recording", `#/recordings/${id}`)],
+      [link("Recording", `#/recordings/${id}`)],
       followUnits(table, tabulate),
       picker.element,
       overlay.element,

@@ -1,5 +1,5 @@
 /**
- * Two scorings laid over each other, each from a moment of its own: the start of a manoeuvre, say.
+ * Two scorings overlaid, each aligned at its own time, such as the start of a manoeuvre.
  *
  * Exports
  *   createOverlay({api, compared}) -> {element, close()}      compared: [{letter, recordingName, scoring}]
@@ -12,8 +12,8 @@ import { followUnits } from "../../lib/units.js";
 import { laneOf, manoeuvresOf } from "../scoring/events.js";
 import { scoringSource, stripOrder } from "../scoring/source.js";
 
-const OWN = "own"; // aligned by the recordings' own times
-const NAMES = ["under", "over"];
+const OWN = "own"; // aligned by the times of the recordings
+const NAMES = ["first", "second"];
 
 export function createOverlay({ api, compared }) {
   const host = h("div", { class: "scored-chart" });
@@ -26,7 +26,7 @@ export function createOverlay({ api, compared }) {
     h(
       "h2",
       { class: "panel-title" },
-      compared.length > 1 ? "Overlay" : "Overlay: add another scoring to compare",
+      compared.length > 1 ? "Overlay" : "Overlay: add another scoring",
     ),
     h(
       "div",
@@ -42,7 +42,7 @@ export function createOverlay({ api, compared }) {
   function sideOf(k) {
     const which = h(
       "select",
-      { "aria-label": k ? "scoring laid over" : "scoring below", onchange: () => turn() },
+      { "aria-label": k ? "second scoring" : "first scoring", onchange: () => turn() },
       compared.map(({ letter, scoring }, n) =>
         h(
           "option",
@@ -51,7 +51,7 @@ export function createOverlay({ api, compared }) {
         ),
       ),
     );
-    const from = h("select", { "aria-label": `moment that ${NAMES[k]} begins at`, onchange: () => draw() });
+    const from = h("select", { "aria-label": `start of the ${NAMES[k]} scoring`, onchange: () => draw() });
     which.value = String(k);
     const turn = (redraw = true) => {
       const { scoring } = compared[Number(which.value)];
@@ -86,7 +86,7 @@ export function createOverlay({ api, compared }) {
     return new Set(compared.map(({ scoring }) => scoring.recording)).size === 1;
   }
 
-  /** again: the same, in other units; its window and cursors stay. */
+  /** again: only the units changed; window and cursors stay. */
   function draw(again = false) {
     chart?.destroy();
     const shown = sides.map((side) => {
@@ -102,7 +102,7 @@ export function createOverlay({ api, compared }) {
         ...scoringSource(api, scoring, offset),
         manoeuvres: manoeuvresOf(scoring, offset),
       })),
-      label: "Scorings laid over each other",
+      label: "Overlaid scorings",
       key: shown.map(({ scoring, offset }) => `${scoring.id} ${offset}`).join(),
       chosen: ({ start, end }) =>
         chart.show(start - 0.1 * (end - start), end + 0.1 * (end - start)),
@@ -144,6 +144,6 @@ function limitsDiffer(scorings) {
   const limits = scorings.map(({ channels, alert_above: above }) =>
     JSON.stringify([channels.map(({ limit }) => limit), above]),
   );
-  const words = "Limits, ε, alerts and manoeuvres in the strips are those of the first.";
+  const words = "The strips show limits, ε, alerts and manoeuvres of the first scoring.";
   return h("span", {}, new Set(limits).size > 1 ? words : "");
 }

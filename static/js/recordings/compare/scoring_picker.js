@@ -1,5 +1,5 @@
 /**
- * Choose a scoring of any recording, to compare it.
+ * Choose a scoring of any recording to compare.
  *
  * Exports
  *   createScoringPicker({api, recordings, taken, add}) -> {element}
@@ -20,7 +20,7 @@ export function createScoringPicker({ api, recordings, taken, add }) {
     scored.map(({ id, name }) => h("option", { value: id }, name)),
   );
   const scoring = h("select", { id: "pick-scoring" });
-  const go = button("Add it", () => add({ recording: recording.value, scoring: scoring.value }));
+  const go = button("Add", () => add({ recording: recording.value, scoring: scoring.value }));
   const failure = errorLine();
   if (taken.length) recording.value = taken[0].recording;
   fill();
@@ -63,7 +63,7 @@ export function createScoringPicker({ api, recordings, taken, add }) {
                 `${scored.monitor_name} at ε ${figure(scored.epsilon)} ${warningWords(scored)}`,
               ),
             )
-          : [h("option", { value: "" }, "all are here already")]),
+          : [h("option", { value: "" }, "all are shown already")]),
       );
       go.disabled = left.length === 0;
     } catch (error) {

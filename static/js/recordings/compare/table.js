@@ -1,11 +1,11 @@
 /**
- * Outcomes by manoeuvre, one column a scoring.
+ * Outcomes by manoeuvre, one column for each scoring.
  *
  * Exports
  *   compareTable(compared, {remove(k) | null}) -> element
  *     compared: [{letter, recordingName, planned, scoring, mapping}]   mapping: the recording's present one
  *   rowsOf(scorings) -> [[number of a manoeuvre | -1 for each scoring]]
- *       manoeuvres of one recording are matched by their times, those of others by their order
+ *       manoeuvres of one recording are matched by time, those of different recordings by order
  */
 
 import { formatted, h } from "../../lib/dom.js";
@@ -57,8 +57,8 @@ export function compareTable(compared, { remove }) {
         remove
           ? button("✕", () => remove(k), {
               class: "button button-small",
-              "aria-label": `Leave ${letter} out`,
-              title: "Leave it out",
+              "aria-label": `Remove ${letter}`,
+              title: "Remove",
             })
           : null,
       ),

@@ -1,9 +1,9 @@
 /**
- * Whether a scoring was made by another mapping than the recording has now.
+ * Whether a scoring used another mapping than the recording has now.
  *
  * Exports
  *   earlierMapping(scoring, mapping) -> chip | null     mapping: the recording's present one
- *   changedChannels(before, now) -> [key]               "time" where a clock differs
+ *   changedChannels(before, now) -> [key]               "time" if a clock differs
  */
 
 import { h } from "../../lib/dom.js";
@@ -15,7 +15,7 @@ export function earlierMapping({ mapping, channels }, now) {
   const changed = changedChannels(mapping, now);
   if (!changed.length) return null;
   const names = changed.map((key) => channels.find((channel) => channel.key === key)?.label ?? key);
-  const title = `The recording's mapping was changed since, in ${names.join(", ")}. Score it again to compare.`;
+  const title = `The mapping of ${names.join(", ")} has changed since. Score the recording again to compare.`;
   return h("span", { class: "chip", "data-level": "caution", title }, "◆ earlier mapping");
 }
 

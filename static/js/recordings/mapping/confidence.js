@@ -1,8 +1,8 @@
 /**
- * The confidence of a proposal: a bar, a word, and the reasons when they are asked for.
+ * The confidence of a proposal: a bar, a word, and the reasons on request.
  *
  * Exports
- *   confidence({confidence 0..1, reasons}) -> element     the word: high, medium, or low
+ *   confidence({confidence 0..1, reasons}) -> element     word: high, medium, or low
  */
 
 import { h } from "../../lib/dom.js";

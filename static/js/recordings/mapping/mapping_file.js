@@ -1,18 +1,18 @@
 /**
- * A mapping file, as the command line writes it: chosen or pasted instead of mapping row by row.
+ * Use a mapping file of the command line instead of mapping row by row.
  *
  * Exports
- *   createMappingFile({take}) -> element     take(mapping): tries it; throws what is wrong with it
- *   readMapping(text) -> mapping             without entries that are not filled in; throws an Error
+ *   createMappingFile({use}) -> element     use(mapping) -> Promise; rejects if the mapping cannot be used
+ *   readMapping(text) -> mapping            without empty entries; throws an ApiError
  */
 
-import { reason } from "../../lib/api.js";
+import { ApiError, reason } from "../../lib/api.js";
 import { h } from "../../lib/dom.js";
 import { button, errorLine } from "../../lib/view_states.js";
 
-const NO_MAPPING = "It is no mapping: give the mapping.json that the command line writes.";
+const NO_MAPPING = "This is not a mapping: give the mapping.json that the command line writes.";
 
-export function createMappingFile({ take }) {
+export function createMappingFile({ use }) {
   const problem = errorLine();
   const text = h("textarea", {
     rows: 4,
@@ -28,22 +28,22 @@ export function createMappingFile({ take }) {
       if (!file.files.length) return;
       text.value = await file.files[0].text();
       file.value = "";
-      await use();
+      await read();
     },
   });
   return h(
     "details",
     { class: "fold map-file", "data-keeps-input": true },
     h("summary", {}, "use a mapping file"),
-    h("p", { class: "hint" }, "Choose a mapping.json, or paste what it holds."),
+    h("p", { class: "hint" }, "Choose a mapping.json, or paste its content."),
     h("div", { class: "field" }, file, text),
-    h("div", { class: "row map-add" }, button("Use this mapping", use), problem.element),
+    h("div", { class: "row map-add" }, button("Use this mapping", read), problem.element),
   );
 
-  async function use() {
+  async function read() {
     problem.show("");
     try {
-      await take(readMapping(text.value));
+      await use(readMapping(text.value));
     } catch (error) {
       problem.show(reason(error));
     }
@@ -63,10 +63,10 @@ function parsed(text) {
   try {
     plain = JSON.parse(text);
   } catch {
-    throw new Error(NO_MAPPING);
+    throw new ApiError(NO_MAPPING, 422);
   }
   const mapping = plain?.mapping ?? plain;
-  if (!mapping?.channels && !mapping?.times) throw new Error(NO_MAPPING);
+  if (!mapping?.channels && !mapping?.times) throw new ApiError(NO_MAPPING, 422);
   return mapping;
 }
 

@@ -1,9 +1,9 @@
 /**
- * One channel of a mapping: which signal it is, in which unit, with what sign, and which bias is removed.
+ * One channel of a mapping: signal, unit, sign and removed bias.
  *
  * Exports
  *   createMappingRow({target, source, contents, rationale, likely, derivable, state, changed}) -> MappingRow
- *     target: of the catalog.   source: as the mapping has it, or null.   state: of the whole mapping
+ *     target: of the catalog.   source: of the mapping, or null.   state: of the whole mapping
  *   MappingRow
  *     element, key, read() -> source | null, show(tiles | null, [warning])
  */
@@ -17,7 +17,7 @@ import { confidence } from "./confidence.js";
 import { createSignalSelect } from "./signal_select.js";
 
 const PLAIN = { signal: "", unit: "", sign: 1, bias: 0, derivation: "" };
-const NEVER_MEASURED = "not in this file";
+const NOT_RECORDED = "not in this file";
 
 export function createMappingRow({
   target,
@@ -42,7 +42,7 @@ export function createMappingRow({
     ...contents,
     likely,
     derivable,
-    none: NEVER_MEASURED,
+    none: NOT_RECORDED,
     chosen: chosenOf(now),
     changed: choose,
   });

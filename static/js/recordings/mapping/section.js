@@ -1,23 +1,24 @@
 /**
- * The mapping of a recording: the table, what is wrong with it, and the way to confirm it.
+ * The mapping of a recording: the table, its problems, and the button that confirms it.
  *
  * Exports
  *   createMappingSection({api, catalog, recording, known, bins, previewed, confirmed})
  *       -> {element, close()}
  *     known: names of aircraft.   bins: of the preview
  *     previewed({channels, quality, problem}, edited)   at first, and after each correction
- *     confirmed(recording)                      as the server has it then
+ *     confirmed(recording)                      the server has stored it
  */
 
 import { reason } from "../../lib/api.js";
 import { h } from "../../lib/dom.js";
+import { guideLink } from "../../lib/guide_link.js";
 import { needs } from "../../lib/me.js";
 import { button, errorLine } from "../../lib/view_states.js";
 import { mappingState } from "../words.js";
 import { createMappingFile } from "./mapping_file.js";
 import { createMappingTable } from "./table.js";
 
-const REST = 250; // ms that a correction must rest before it is tried
+const REST = 250; // [ms] from the last correction to its preview
 
 export function createMappingSection({
   api,
@@ -32,7 +33,7 @@ export function createMappingSection({
   let timer = 0;
   let turn = 0;
   let closed = false;
-  let table = createMappingTable({ catalog, recording, changed: later });
+  let table = createMappingTable({ catalog, recording, changed: previewLater });
   const shown = h("div", {}, table.element);
   const problem = errorLine();
   const aircraft = h("input", {
@@ -62,9 +63,10 @@ export function createMappingSection({
       h("h2", { class: "panel-title" }, "Mapping"),
       h("span", { class: "chip", "data-level": level }, word),
       h("span", { class: "dim" }, summaryOf(recording, text, catalog)),
+      guideLink("first-recording#mapping", "mapping"),
     ),
     shown,
-    createMappingFile({ take }),
+    createMappingFile({ use }),
     problem.element,
     h(
       "div",
@@ -91,21 +93,21 @@ export function createMappingSection({
     const name = aircraft.value.trim();
     remember.disabled = !name;
     rememberWords.textContent = name
-      ? `Remember it for ${name}`
-      : "Not remembered: name the aircraft to have it proposed next time";
+      ? `Remember for ${name}`
+      : "Not remembered: enter the aircraft to have this mapping proposed next time";
   }
 
-  async function take(mapping) {
+  async function use(mapping) {
     await api.post(`${path}/preview`, { mapping, bins });
     if (closed) return;
     const given = { ...recording, mapping, mapping_state: "given", rationales: {} };
-    table = createMappingTable({ catalog, recording: given, changed: later });
+    table = createMappingTable({ catalog, recording: given, changed: previewLater });
     shown.replaceChildren(table.element);
     edited = true;
     await preview(mapping);
   }
 
-  function later(mapping) {
+  function previewLater(mapping) {
     edited = true;
     clearTimeout(timer);
     timer = setTimeout(() => preview(mapping), REST);
@@ -118,14 +120,14 @@ export function createMappingSection({
       if (mine !== turn || closed) return;
       const { channels, warnings } = answer;
       table.show(channels, warnings);
-      tell(answer.problem);
+      showProblem(answer.problem);
       previewed(answer, edited);
     } catch (error) {
-      if (mine === turn && !closed) tell(reason(error));
+      if (mine === turn && !closed) showProblem(reason(error));
     }
   }
 
-  function tell(words) {
+  function showProblem(words) {
     problem.show(words ?? "");
     confirm.disabled = Boolean(words);
   }
@@ -142,7 +144,7 @@ export function createMappingSection({
       };
       confirmed(await api.put(`${path}/mapping`, body));
     } catch (error) {
-      tell(reason(error));
+      showProblem(reason(error));
       confirm.disabled = false;
     }
   }

@@ -1,16 +1,16 @@
 /**
- * Choose a signal of the file: the likely ones, derivations, and every other, which is listed when asked for.
+ * Choose a signal of the file: the likely ones, derivations, and all others.
  *
  * Exports
  *   createSignalSelect({id, label, signals, groups, likely, derivable, none, chosen, changed}) -> select
- *     likely: [name].   derivable: [{key, title, needs}].   none: words for no signal.
+ *     likely: [name].   derivable: [{key, title, needs}].   none: text for no signal.
  *     chosen, value: "" | "signal:NAME" | "derive:KEY"
  *   nameParts(name, group) -> [name within the group, group]
  */
 
 import { h } from "../../lib/dom.js";
 
-const MANY = 60; // signals from which on the whole list waits until it is opened
+const MANY = 60; // above this many signals the full list is filled when it is opened
 
 export function createSignalSelect({
   id,
@@ -67,13 +67,13 @@ export function createSignalSelect({
 
   function optionOf(name) {
     const { unit, group } = named.get(name) ?? { unit: "", group: 0 };
-    const [own, of] = nameParts(name, groups.length > 1 ? groups[group].name : "");
-    const words = `${own}${unit ? ` [${unit}]` : ""}${of ? `, ${of}` : ""}`;
+    const [label, groupName] = nameParts(name, groups.length > 1 ? groups[group].name : "");
+    const words = `${label}${unit ? ` [${unit}]` : ""}${groupName ? `, ${groupName}` : ""}`;
     return h("option", { value: `signal:${name}` }, words);
   }
 }
 
-/** A name and the group it is of, which many formats write in front of it. */
+/** Many formats write the group in front of the name. */
 export function nameParts(name, group) {
   if (!group) return [name, ""];
   const starts = ["/", ".", ":"].some((joint) => name.startsWith(`${group}${joint}`));

@@ -1,5 +1,5 @@
 /**
- * Which signal of a file is which channel: proposed, corrected with a preview of the data beside it.
+ * Which signal of a file is which channel, with a preview of the mapped data.
  *
  * Exports
  *   createMappingTable({catalog, recording, changed}) -> {element, read() -> mapping, show(channels, warnings)}
@@ -29,7 +29,7 @@ export function createMappingTable({ catalog, recording, changed }) {
     contents,
     rationales,
     units: catalog.telemetry.time_units,
-    changed: tell,
+    changed: report,
   });
   const rows = catalog.telemetry.targets.map((target) =>
     createMappingRow({
@@ -42,7 +42,7 @@ export function createMappingTable({ catalog, recording, changed }) {
       state: recording.mapping_state,
       over: recording.confirmed_over?.[target.key] ?? [],
       needed: recording.missing.includes(target.key),
-      changed: tell,
+      changed: report,
     }),
   );
   const main = rows.filter(({ key }) => measured.has(key));
@@ -79,11 +79,11 @@ export function createMappingTable({ catalog, recording, changed }) {
     h(
       "details",
       { class: "fold map-more", open: recording.mapping_state !== "confirmed" },
-      h("summary", {}, `attitude, airspeed, altitude and the like: ${mapped.length} mapped`),
+      h("summary", {}, `attitude, airspeed, altitude and others: ${mapped.length} mapped`),
       h(
         "p",
         { class: "hint" },
-        "Attitude turns the aircraft in the scene, airspeed is checked against the monitor's flight condition, and missing channels can be derived from such quantities.",
+        "Attitude turns the aircraft in the scene. Airspeed is checked against the monitor's flight condition. Missing channels can be derived from these quantities.",
       ),
       more,
       h("div", { class: "row map-add" }, another),
@@ -107,7 +107,7 @@ export function createMappingTable({ catalog, recording, changed }) {
     return { channels: Object.fromEntries(channels), times: time.read() };
   }
 
-  function tell() {
+  function report() {
     changed(read());
   }
 

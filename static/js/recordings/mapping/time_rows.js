@@ -1,9 +1,9 @@
 /**
- * Which signal is the time, or at which rate the rows were sampled: one row for each group of signals that a mapping uses.
+ * The time of each group of signals that a mapping uses: a signal, or the sampling rate.
  *
  * Exports
  *   createTimeRows({times, contents, rationales, units, changed}) -> {element, read(), show(used)}
- *     times: of the mapping.   units: that times come in.   used: Set of group names
+ *     times: of the mapping.   units: of time.   used: Set of group names
  */
 
 import { h } from "../../lib/dom.js";
@@ -30,7 +30,7 @@ export function createTimeRows({ times, contents, rationales, units, changed }) 
       signals: ofGroup,
       groups: [],
       likely: [],
-      derivable: [{ key: "rate", title: "count it by the rate of the rows" }],
+      derivable: [{ key: "rate", title: "count rows at a fixed rate" }],
       none: "choose one",
       chosen: chosenOf(now[group]),
       changed: (value) => {

@@ -1,8 +1,8 @@
 /**
- * The rate of a table without a vector of times, as people write it: "50 Hz from 12:31:05".
+ * The sampling rate of a table without a time column, as people write it: "50 Hz from 12:31:05".
  *
  * Exports
- *   readRate(text) -> {signal: "", unit: "s", rate, start} | null     null: it is no rate
+ *   readRate(text) -> {signal: "", unit: "s", rate, start} | null     null: not a rate
  *   rateText({rate, start}) -> string     as readRate reads it
  */
 

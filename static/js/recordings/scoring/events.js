@@ -1,12 +1,12 @@
 /**
- * What happened in a scored recording, in the order of its time.
+ * Events of a scored recording, in order of time.
  *
  * Exports
  *   eventsOf(scoring) -> [{t, text, level, manoeuvre}]     manoeuvre: its number;
- *       none outside of every manoeuvre
- *   flagsOf(scoring) -> [{key, t, word}]    exceedances as recorded alone, as a chart marks them
- *   heldOf(scoring, offset) -> [{start, end, limits}]    limits in force, as a chart takes them; null without a limit set
- *   manoeuvresOf(scoring, offset) -> [{start, end, withdrawn, silent}]    as a chart takes them; withdrawn: from when on, or null
+ *       undefined outside every manoeuvre
+ *   flagsOf(scoring) -> [{key, t, word}]    exceedances in the values as recorded only, as a chart marks them
+ *   limitsInForceOf(scoring, offset) -> [{start, end, limits}]    for a chart; null without a limit set
+ *   manoeuvresOf(scoring, offset) -> [{start, end, withdrawn, silent}]    for a chart; withdrawn: its time, or null
  *   laneOf(manoeuvres, {row, offset, id}) -> [item]       for a chart's lane
  */
 
@@ -15,9 +15,9 @@ import { riskText, secondsText } from "../../lib/numbers.js";
 import { magnitudeIn, quantity } from "../../lib/units.js";
 import { AS_RECORDED, verdictOf } from "../words.js";
 
-export function eventsOf({ manoeuvres, outside_exceedances: outside, channels, alert_above: alertAbove, limits_in_force: held }) {
+export function eventsOf({ manoeuvres, outside_exceedances: outside, channels, alert_above: alertAbove, limits_in_force: inForce }) {
   return [
-    ...(held ?? []).map(ofLimits),
+    ...(inForce ?? []).map(ofLimits),
     ...manoeuvres.flatMap((manoeuvre, k) => ofManoeuvre(manoeuvre, k, channels, alertAbove)),
     ...outside.map((exceedance) =>
       ofExceedance(exceedance, channels, " outside every manoeuvre"),
@@ -39,16 +39,16 @@ function ofExceedance({ t, channel, value, limit = null }, channels, where = "")
 }
 
 function ofManoeuvre(
-  { name, start, alerts, exceedance, recorded_exceedance: raw, peak_t: t, peak_risk: risk, validity, withdrawn_t: withdrawn, limits_in_force: held = [] },
+  { name, start, alerts, exceedance, recorded_exceedance: raw, peak_t: t, peak_risk: risk, validity, withdrawn_t: withdrawn, limits_in_force: inForce = [] },
   manoeuvre,
   channels,
   alertAbove,
 ) {
   const events = [{ t: start, text: `${name} begins`, level: "", manoeuvre }];
-  if (validity.valid === false && (withdrawn !== null || held.length === 0)) {
+  if (validity.valid === false && (withdrawn !== null || inForce.length === 0)) {
     events.push({
       t: withdrawn ?? start,
-      text: `${name} is INVALID: the risk is withdrawn from here on`,
+      text: `${name} is INVALID: risk withdrawn from here`,
       level: "caution",
       manoeuvre,
     });
@@ -56,7 +56,7 @@ function ofManoeuvre(
   for (const [from, to] of alerts) {
     events.push({
       t: from,
-      text: to > from ? `alert, until ${secondsText(to)}` : "alert, a single sample",
+      text: to > from ? `alert until ${secondsText(to)}` : "alert, one sample",
       level: "alert",
       manoeuvre,
     });
@@ -65,7 +65,7 @@ function ofManoeuvre(
     events.push({ ...ofExceedance(exceedance, channels), manoeuvre });
   }
   if (raw) {
-    events.push({ ...ofExceedance(raw, channels, " as recorded, not from trim"), manoeuvre });
+    events.push({ ...ofExceedance(raw, channels, " as recorded, but not relative to trim"), manoeuvre });
   }
   if (validity.valid !== false && Number.isFinite(t) && t > start) {
     events.push({
@@ -79,24 +79,24 @@ function ofManoeuvre(
 }
 
 export function flagsOf({ manoeuvres }) {
-  const raw = manoeuvres.map(({ recorded_exceedance: found }) => found).filter(Boolean);
+  const raw = manoeuvres.map(({ recorded_exceedance: exceedance }) => exceedance).filter(Boolean);
   return raw.map(({ t, channel }) => ({ key: channel, t, word: AS_RECORDED }));
 }
 
-export function heldOf({ limits_in_force: held }, offset = 0) {
-  return held?.map(({ start, end, limits }) => ({ start: start - offset, end: end - offset, limits })) ?? null;
+export function limitsInForceOf({ limits_in_force: inForce }, offset = 0) {
+  return inForce?.map(({ start, end, limits }) => ({ start: start - offset, end: end - offset, limits })) ?? null;
 }
 
 export function manoeuvresOf({ manoeuvres }, offset = 0) {
-  return manoeuvres.map(({ start, end, validity, withdrawn_t: withdrawn, limits_in_force: held = [] }) => ({
+  return manoeuvres.map(({ start, end, validity, withdrawn_t: withdrawn, limits_in_force: inForce = [] }) => ({
     start: start - offset,
     end: end - offset,
-    withdrawn: validity.valid === false && (withdrawn !== null || held.length === 0) ? (withdrawn ?? start) - offset : null,
-    silent: held.filter(({ reason }) => reason !== "").map((one) => ({ start: one.start - offset, end: one.end - offset, word: wordOf(one) })),
+    withdrawn: validity.valid === false && (withdrawn !== null || inForce.length === 0) ? (withdrawn ?? start) - offset : null,
+    silent: inForce.filter(({ reason }) => reason !== "").map(({ start: from, end: to, limits }) => ({ start: from - offset, end: to - offset, word: wordOf(limits) })),
   }));
 }
 
-const wordOf = ({ limits }) => (limits === null ? STATE_WORDS.limits_unknown : STATE_WORDS.not_applicable);
+const wordOf = (limits) => (limits === null ? STATE_WORDS.limits_unknown : STATE_WORDS.not_applicable);
 
 export function laneOf(manoeuvres, { row = 0, offset = 0, id = "manoeuvre" } = {}) {
   return manoeuvres.map((manoeuvre, k) => {

@@ -1,4 +1,4 @@
-/** How a scoring was made: hashes, request, mapping, what was done to the data. Exports  scoringFacts(scoring). */
+/** How a scoring was made: hashes, request, mapping, processing. Exports  scoringFacts(scoring). */
 
 import { h } from "../../lib/dom.js";
 import { recipeList, sentences } from "../../lib/lists.js";
@@ -7,8 +7,8 @@ import { magnitudeIn } from "../../lib/units.js";
 import { TRIM_SEGMENT } from "./source.js";
 
 const TRIMS = {
-  [TRIM_SEGMENT]: "mean of each manoeuvre's own trim segment",
-  null: "nothing was subtracted",
+  [TRIM_SEGMENT]: "mean of each manoeuvre's trim segment",
+  null: "not subtracted",
 };
 const WAYS = { detected: "detected from control activity", entire: "the entire recording as one" };
 
@@ -30,14 +30,14 @@ export function scoringFacts(scoring) {
   return h(
     "details",
     { class: "panel fold" },
-    h("summary", {}, "how it was made: hashes, mapping, what was done to the data"),
+    h("summary", {}, "how this scoring was made: hashes, mapping, processing"),
     h(
       "div",
       { class: "columns recipe-columns" },
       h(
         "div",
         { class: "stack-tight" },
-        h("h3", {}, "The same request makes the same samples"),
+        h("h3", {}, "Request (same request, same samples)"),
         recipeList(rows),
         h("h3", {}, "Mapping"),
         recipeList(sources),
@@ -45,8 +45,8 @@ export function scoringFacts(scoring) {
       h(
         "div",
         { class: "stack-tight" },
-        h("h3", {}, "What was done to the data"),
-        sentences(texts) ?? h("p", { class: "dim" }, "Nothing."),
+        h("h3", {}, "Processing"),
+        sentences(texts) ?? h("p", { class: "dim" }, "None."),
       ),
     ),
   );

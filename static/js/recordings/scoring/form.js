@@ -1,38 +1,41 @@
 /**
- * Score a recording: through which monitors, at which epsilons, from which trim, which manoeuvres.
+ * Score a recording: choose monitors, epsilons, manoeuvres and trim.
  *
  * Exports
  *   createScoreForm({api, catalog, recording, monitors, used, scored})
  *       -> {element, show(channels), begin(), hold(), close()}
  *     used: Set of ids of monitors that scored it before.   scored([scoring], someFailed)
- *     show: of a preview, see manoeuvre_picker.js.   begin(): brings it into view
- *     hold(): the mapping is being changed, so that nothing can be scored
+ *     show: a preview, see manoeuvre_picker.js.   begin(): scrolls the form into view
+ *     hold(): disables scoring while the mapping is being changed
  */
 
 import { decimal } from "../../forms/decimals.js";
 import { reason } from "../../lib/api.js";
 import { h } from "../../lib/dom.js";
+import { guideLink } from "../../lib/guide_link.js";
 import { needs } from "../../lib/me.js";
 import { errorLine } from "../../lib/view_states.js";
+import { createTrainingOffer } from "../training_offer.js";
 import { createManoeuvrePicker } from "./manoeuvre_picker.js";
 import { createMonitorChoice } from "./monitor_choice.js";
 import { TRIM_SEGMENT } from "./source.js";
 
 const TRIMS = [
-  [TRIM_SEGMENT, "mean of each manoeuvre's own trim segment"],
-  ["seconds", "mean of the seconds before its first input:"],
-  ["none", "nothing: the channels are deviations from trim already"],
+  [TRIM_SEGMENT, "mean of each manoeuvre's trim segment"],
+  ["seconds", "mean over the seconds before the first input:"],
+  ["none", "none: the channels are already deviations from trim"],
 ];
 
 export function createScoreForm({ api, catalog, recording, monitors, used, scored }) {
-  const choice = createMonitorChoice({ api, monitors, used, catalog, changed: () => picker.refresh() });
+  const offer = h("div", {});
+  const choice = createMonitorChoice({ api, recording, monitors, used, catalog, changed: () => picker.refresh(), none: offerTraining });
   const picker = createManoeuvrePicker({ api, catalog, recording, monitor: () => choice.first() });
   const seconds = h("input", {
     type: "text",
     inputmode: "decimal",
     value: 2,
     class: "narrow",
-    "aria-label": "seconds of trim",
+    "aria-label": "seconds before the first input",
   });
   const trims = TRIMS.map(([value, words]) =>
     h(
@@ -49,13 +52,14 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
   const element = h(
     "form",
     { class: "panel form score-form", novalidate: true, onsubmit: send, "aria-label": "Score" },
-    h("h2", { class: "panel-title" }, "Score"),
+    h("h2", { class: "panel-title" }, "Score ", guideLink("first-recording#manoeuvres-and-trim", "manoeuvres and trim")),
     choice.element,
+    offer,
     picker.element,
     h(
       "fieldset",
       {},
-      h("legend", {}, "Trim subtracted"),
+      h("legend", {}, "Trim"),
       h("div", { class: "row", role: "radiogroup" }, trims),
     ),
     failure.element,
@@ -66,6 +70,7 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
   async function send(event) {
     event.preventDefault();
     failure.show("");
+    await choice.ready;
     const requests = choice.check();
     if (requests === null || !picker.check() || !checkTrim()) return;
     const recipe = { trim: trimOf(), manoeuvres: picker.read() };
@@ -91,6 +96,18 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
     progress.textContent = made.length ? `${made.length} scored.` : "";
     failure.show(failures.join(" "));
     if (made.length) scored(made, failures.length > 0);
+    else if (failures.length) offerTraining();
+  }
+
+  function offerTraining() {
+    offer.replaceChildren(
+      createTrainingOffer({
+        api,
+        recording: recording.id,
+        title: monitors.length ? "No monitor fits this recording" : "No monitor yet",
+        text: "A monitor scores the manoeuvre and the aircraft that it was trained for. Train one for this recording, then score it here.",
+      }),
+    );
   }
 
   function checkTrim() {
@@ -99,7 +116,7 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
     seconds.toggleAttribute("aria-invalid", !fits);
     if (fits) return true;
     failure.show(
-      `The trim is the mean of some seconds, a number above 0; “${seconds.value}” was given.`,
+      `“${seconds.value}” was given: enter the seconds before the first input, a number above 0.`,
     );
     seconds.focus();
     return false;
@@ -118,8 +135,13 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
 
   function hold() {
     go.disabled = true;
-    progress.textContent = "The mapping was changed: confirm it first.";
+    progress.textContent = "Confirm the changed mapping first.";
   }
 
-  return { element, show: picker.show, begin, hold, close: picker.close };
+  function close() {
+    choice.close();
+    picker.close();
+  }
+
+  return { element, show: picker.show, begin, hold, close };
 }

@@ -1,12 +1,12 @@
 /**
- * The scorings of a recording, one a line, to open, compare or delete.
+ * The scorings of a recording: open, compare, delete.
  *
  * Exports
  *   createScoringList({api, recording, scorings, changed}) -> element | null
  */
 
 import { h } from "../../lib/dom.js";
-import { tableHead } from "../../lib/lists.js";
+import { hiddenHead, tableHead } from "../../lib/lists.js";
 import { needs } from "../../lib/me.js";
 import { warningMark } from "../../lib/monitor_warnings.js";
 import { figure, moment, riskText } from "../../lib/numbers.js";
@@ -32,7 +32,7 @@ export function createScoringList({ api, recording, scorings, changed, navigate 
     ["Peak risk", 1],
     ["Scored"],
     ["Report"],
-    [""],
+    hiddenHead("Delete"),
   ];
   return h(
     "section",
@@ -47,7 +47,7 @@ export function createScoringList({ api, recording, scorings, changed, navigate 
         h(
           "span",
           { class: "hint" },
-          "tick two or more to compare, or one to lay another recording over it",
+          "Tick two or more to compare, or one to overlay another recording.",
         ),
         compare,
       ),
@@ -128,8 +128,8 @@ export function createScoringList({ api, recording, scorings, changed, navigate 
   function remove({ id }, words) {
     askToConfirm(
       `Delete the scoring by ${words}?`,
-      "The same request makes it again, bit for bit.",
-      "Delete it",
+      "Deletes the scoring and its samples. The same request makes it again, bit for bit.",
+      "Delete permanently",
       async () => {
         await api.delete(`/recordings/${recording.id}/scorings/${id}`);
         changed();
@@ -144,10 +144,10 @@ function peakOf({ manoeuvres, alert_above: alertAbove }) {
   return manoeuvres.length ? h("span", { class: "dim" }, "withdrawn") : "–";
 }
 
-/** It says nothing of what it found: that is not what was stored. */
+/** A damaged scoring shows no verdicts. */
 function damageChip({ damage }) {
   return damage
-    ? h("span", { class: "chip", "data-level": "caution", title: damage }, "◆ DAMAGED, DELETE IT")
+    ? h("span", { class: "chip", "data-level": "caution", title: damage }, "◆ DAMAGED: DELETE IT")
     : null;
 }
 
@@ -158,7 +158,7 @@ function outsideChip(scoring) {
     : null;
 }
 
-/** A chip for each manoeuvre; of many, how often each outcome came. */
+/** A chip for each manoeuvre; for many, the count of each outcome. */
 function outcomes(manoeuvres) {
   if (!manoeuvres.length) return h("span", { class: "dim" }, "none detected");
   if (manoeuvres.length <= MOST_CHIPS) {
@@ -169,13 +169,13 @@ function outcomes(manoeuvres) {
     );
   }
   const exceeded = (manoeuvre) => manoeuvre.exceedance ?? manoeuvre.recorded_exceedance;
-  const alike = Map.groupBy(manoeuvres, (one) => `${one.outcome} ${Boolean(exceeded(one))}`);
+  const alike = Map.groupBy(manoeuvres, (manoeuvre) => `${manoeuvre.outcome} ${Boolean(exceeded(manoeuvre))}`);
   return h(
     "span",
     { class: "row outcome-chips" },
     [...alike.values()].map(({ length: n, 0: first }) => {
-      const { level, mark, word: own } = verdictOf(first);
-      const word = first.lead === null ? own : outcomeOf(first.outcome).word; // each has a lead of its own
+      const { level, mark, word: verdict } = verdictOf(first);
+      const word = first.lead === null ? verdict : outcomeOf(first.outcome).word; // their lead times differ
       return h("span", { class: "chip", "data-level": level }, `${mark} ${n} × ${word}`);
     }),
   );

@@ -1,11 +1,11 @@
 /**
- * Which manoeuvres of a recording are scored: detected, the entire recording as one, or marked by hand.
+ * Choose the manoeuvres to score: detected, the entire recording as one, or marked by hand.
  *
  * Exports
  *   createManoeuvrePicker({api, catalog, recording, monitor() -> id | null}) -> Picker
  *     element, read() -> "detected" | "entire" | [{start, end, name}], check() -> bool, close()
- *     show(channels)    of a preview: what the chart draws
- *     refresh()         another monitor may detect others
+ *     show(channels)    draws a preview
+ *     refresh()         detects the manoeuvres again, after the monitor changed
  */
 
 import { previewTiles } from "../../charts/recorded/preview_tiles.js";
@@ -26,6 +26,7 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
   let way = "detected";
   let detected = [];
   let turn = 0;
+  let refusal = ""; // why the chosen monitor cannot look for its manoeuvre
   const chart = createPreviewChart(catalog, recording.id);
   const hint = h("p", { class: "hint", role: "status" });
   const marked = createManoeuvreTable({ changed: () => lay() });
@@ -42,7 +43,7 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
       { class: "row" },
       mark,
       button("Add the manoeuvre from A to B", addMarked),
-      button("Take the detected ones", () => marked.set(detected), { class: "button" }),
+      button("Copy the detected ones", () => marked.set(detected), { class: "button" }),
     ),
     marked.element,
   );
@@ -92,13 +93,17 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
     const mine = ++turn;
     const id = monitor();
     if (id === null) return;
+    refusal = "";
     try {
       const answer = await api.get(`/recordings/${recording.id}/manoeuvres?monitor=${id}`);
       if (mine !== turn) return;
       detected = answer;
       lay();
     } catch (error) {
-      if (mine === turn) hint.textContent = reason(error);
+      if (mine !== turn) return;
+      detected = [];
+      refusal = reason(error);
+      lay();
     }
   }
 
@@ -106,7 +111,7 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
     const { a, b } = chart.marks();
     if (!Number.isFinite(a) || !Number.isFinite(b) || a === b) {
       hint.textContent =
-        "Set the cursors A and B on the chart first: drag over the manoeuvre, or press A and B.";
+        "Set the cursors A and B first: drag over the manoeuvre in the chart, or press A and B.";
       return;
     }
     marked.add({ start: Math.min(a, b), end: Math.max(a, b), name: "" });
@@ -127,12 +132,13 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
   function wordsOf(shown) {
     if (way === "entire") return "One manoeuvre from the first sample to the last.";
     if (way === "marked")
-      return "Drag over a manoeuvre in the chart, or set A and B by their keys, then add it. It should begin in trim, a little before its first input.";
+      return "Drag over a manoeuvre in the chart, or set A and B, then add it. Begin in trim, a little before the first input.";
     if (monitor() === null)
-      return "Choose a monitor: where its manoeuvre was flown is detected from the surfaces.";
+      return "Choose a monitor: its manoeuvre is detected from aileron and rudder.";
+    if (refusal) return refusal;
     if (!shown.length)
-      return "None was detected: aileron and rudder rest throughout. Mark one by hand, or take the entire recording.";
-    return `${shown.length} detected where aileron or rudder move on purpose; each begins a little before its first input.`;
+      return "No manoeuvre like the monitor's was detected. Mark one by hand, or score the entire recording.";
+    return `${shown.length} detected from aileron and rudder; each begins a little before its first input.`;
   }
 
   return {
@@ -148,7 +154,7 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
   };
 }
 
-/** The recording before it is scored, to find and mark its manoeuvres in. */
+/** Chart of the recording, to mark manoeuvres in. */
 function createPreviewChart(catalog, recording) {
   const element = h("div", { class: "picker-chart" });
   let chart = null;
@@ -178,7 +184,7 @@ function createPreviewChart(catalog, recording) {
       channels: known.map((channel) => ({ ...channel, limit: null })),
       order: [...known].sort((a, b) => rank(a) - rank(b)).map(({ key }) => key),
       sources: [{ load: async () => tiles, start, end, dt, manoeuvres: null }],
-      label: "The recording, to find its manoeuvres",
+      label: "Recording with its manoeuvres",
       key: `${recording} ${start} ${end}`,
     });
     chart.setMarking(isMarking);
@@ -211,7 +217,7 @@ function laneItem({ start, end, name }, k) {
   return { id: `marked-${k}`, row: 0, start, end, text, level: "plain", title, quiet: true };
 }
 
-/** The surfaces on top: they show where a manoeuvre begins. */
+/** Surfaces first: they show where a manoeuvre begins. */
 function rank({ key }) {
   return ["delta_r", "delta_a"].indexOf(key) === -1 ? 2 : ["delta_r", "delta_a"].indexOf(key);
 }

@@ -1,5 +1,5 @@
 /**
- * Manoeuvres marked by hand, to be corrected by their numbers.
+ * Manoeuvres marked by hand, with editable times.
  *
  * Exports
  *   createManoeuvreTable({changed}) -> {element, add(manoeuvre), set(manoeuvres), read() -> [{start, end, name}], check()}
@@ -17,12 +17,12 @@ export function createManoeuvreTable({ changed }) {
   const empty = h(
     "p",
     { class: "dim" },
-    "None is marked yet: drag over a manoeuvre in the chart, then add it.",
+    "No manoeuvre marked yet: drag over one in the chart, then add it.",
   );
   const table = h(
     "table",
     { class: "table manoeuvre-rows" },
-    tableHead([["Name"], ["From [s]"], ["To [s]"], hiddenHead("Remove it")]),
+    tableHead([["Name"], ["From [s]"], ["To [s]"], hiddenHead("Remove")]),
     body,
   );
   const element = h(
@@ -56,7 +56,7 @@ export function createManoeuvreTable({ changed }) {
           if (Number.isFinite(given)) manoeuvre[key] = given;
           render();
           if (!Number.isFinite(given))
-            say(`The ${words} is a number of seconds; “${value}” was given.`);
+            say(`“${value}” was given: the ${words} is a number of seconds.`);
         },
       });
     const name = h("input", {
@@ -95,7 +95,7 @@ export function createManoeuvreTable({ changed }) {
   function check() {
     const wrong =
       manoeuvres.length === 0
-        ? "Mark at least one manoeuvre, or choose another way."
+        ? "Mark at least one manoeuvre, or choose another option."
         : manoeuvres.some(({ start, end }) => end <= start)
           ? "A manoeuvre must end after it begins."
           : manoeuvres.some(({ start }, k) => k > 0 && start < manoeuvres[k - 1].end)

@@ -1,36 +1,28 @@
 /**
- * Several monitors, each at one epsilon or at several.
+ * Choose monitors, each with one epsilon or several. The newest monitor that fits the recording is preselected.
  *
  * Exports
- *   createMonitorChoice({api, monitors, used, catalog, changed}) -> {element, first() -> id | null, check()}
- *     used: Set of ids, chosen from the start.   first: the one chosen first in the list.   check() -> [{monitor, epsilon}], or null where the
- *     reason stands beside what is wrong
+ *   createMonitorChoice({api, recording, monitors, used, catalog, changed, none}) -> {element, ready, first() -> id | null, check(), close()}
+ *     used: Set of ids that are preselected.   none(): no monitor fits
+ *     ready: Promise, until a monitor was looked for.   first: id of the first monitor chosen.   check() -> [{monitor, epsilon}]; null if an entry is wrong, with the reason shown
  */
 
 import { decimals } from "../../forms/decimals.js";
+import { reason } from "../../lib/api.js";
 import { aircraftName, kindName, limitWords } from "../../lib/catalog.js";
 import { formatted, h } from "../../lib/dom.js";
 import { warningMark, warningsAt } from "../../lib/monitor_warnings.js";
 import { figure } from "../../lib/numbers.js";
 import { followUnits } from "../../lib/units.js";
-import { errorLine, link } from "../../lib/view_states.js";
+import { errorLine } from "../../lib/view_states.js";
 
-export function createMonitorChoice({ api, monitors, used, catalog, changed }) {
+const MOST_TRIED = 20; // monitors, the newest first
+
+export function createMonitorChoice({ api, recording, monitors, used, catalog, changed, none }) {
+  let touched = false;
   const failure = errorLine();
-  const rows = monitors.map((monitor) =>
-    rowOf(monitor, monitors.length === 1 || used.has(monitor.id)),
-  );
-  const none = h(
-    "div",
-    { class: "state-empty" },
-    h("h2", {}, "No monitor yet"),
-    h(
-      "p",
-      {},
-      "A recording is scored by a monitor that was trained for its aircraft and its manoeuvre.",
-    ),
-    link("Train a monitor", "#/monitors/new", true),
-  );
+  const rows = monitors.map((monitor) => rowOf(monitor, used.has(monitor.id)));
+  const status = h("p", { class: "hint", role: "status" });
   const element = h(
     "fieldset",
     { class: "stack-tight" },
@@ -41,9 +33,35 @@ export function createMonitorChoice({ api, monitors, used, catalog, changed }) {
           { class: "monitor-choice" },
           rows.map((row) => row.element),
         )
-      : none,
+      : h("p", { class: "dim" }, "No monitor yet."),
+    status,
     failure.element,
   );
+  const ready = rows.some(({ box }) => box.checked) ? Promise.resolve() : preselect();
+
+  /** Choose the newest monitor that finds its manoeuvre in the recording. */
+  async function preselect() {
+    for (const row of rows.slice(0, MOST_TRIED)) {
+      if (touched) return;
+      const manoeuvres = await manoeuvresFor(row);
+      if (touched) return;
+      if (manoeuvres.length) {
+        row.turn(true);
+        return;
+      }
+    }
+    status.textContent = rows.length ? "No monitor here fits this recording." : "";
+    none();
+  }
+
+  async function manoeuvresFor({ monitor, refused }) {
+    try {
+      return await api.get(`/recordings/${recording.id}/manoeuvres?monitor=${monitor.id}`);
+    } catch (error) {
+      if (error.status === 422) refused.textContent = ` ◆ ${reason(error)}`;
+      return [];
+    }
+  }
 
   function rowOf(monitor, checked) {
     const { aircraft, maneuver, limits } = monitor.dataset_recipe;
@@ -51,7 +69,10 @@ export function createMonitorChoice({ api, monitors, used, catalog, changed }) {
       type: "checkbox",
       id: `choose-${monitor.id}`,
       checked,
-      onchange: () => turn(),
+      onchange: () => {
+        touched = true;
+        turn(box.checked);
+      },
     });
     const epsilons = h("input", {
       type: "text",
@@ -66,14 +87,16 @@ export function createMonitorChoice({ api, monitors, used, catalog, changed }) {
       },
     });
     const marks = h("span", {}, warningMark(monitor));
-    /** What speaks against the monitor does so at an epsilon: those that are typed. */
+    /** Warnings depend on epsilon: show those of the epsilons that are typed. */
     const warn = async () => {
       const asked = epsilons.value;
-      const told = await warningsAt(api, monitor, decimals(asked).map(Number));
-      if (asked === epsilons.value) marks.replaceChildren(...[warningMark(told)].filter(Boolean));
+      const warned = await warningsAt(api, monitor, decimals(asked).map(Number));
+      if (asked === epsilons.value) marks.replaceChildren(...[warningMark(warned)].filter(Boolean));
     };
-    const turn = () => {
-      epsilons.disabled = !box.checked;
+    const refused = h("span", { class: "monitor-refused" });
+    const turn = (chosen) => {
+      box.checked = chosen;
+      epsilons.disabled = !chosen;
       failure.show("");
       changed();
     };
@@ -83,6 +106,8 @@ export function createMonitorChoice({ api, monitors, used, catalog, changed }) {
       monitor,
       box,
       epsilons,
+      refused,
+      turn,
       element: h(
         "li",
         {},
@@ -94,6 +119,7 @@ export function createMonitorChoice({ api, monitors, used, catalog, changed }) {
           limitCell,
           `; ${figure(monitor.lead)} s ahead, every ${figure(monitor.dt)} s`,
           marks,
+          refused,
         ),
         h("span", { class: "field field-inline" }, h("span", {}, "ε"), epsilons),
       ),
@@ -109,9 +135,9 @@ export function createMonitorChoice({ api, monitors, used, catalog, changed }) {
       const bad = given.find((text) => !(Number(text) > 0 && Number(text) < 1));
       const small = given.find((text) => Number(text) < monitor.smallest_epsilon * (1 - 1e-9));
       if (!given.length || bad)
-        wrong = `${monitor.name}: an ε is a number between 0 and 1; ${given.length ? `“${epsilons.value.trim()}”` : "none"} was given.`;
+        wrong = `${monitor.name}: ${given.length ? `“${epsilons.value.trim()}”` : "no ε"} was given; enter numbers between 0 and 1.`;
       else if (small)
-        wrong = `${monitor.name}: its ${monitor.n_unsafe} failures serve an ε of ${figure(monitor.smallest_epsilon)} or more; ${small} was given.`;
+        wrong = `${monitor.name}: ${small} was given, and its ${monitor.n_unsafe} failures are enough for ε ≥ ${figure(monitor.smallest_epsilon)}. Raise ε, or train on more failures.`;
       if (!given.length || bad || small) {
         epsilons.setAttribute("aria-invalid", "true");
         epsilons.focus();
@@ -126,6 +152,10 @@ export function createMonitorChoice({ api, monitors, used, catalog, changed }) {
   return {
     element,
     check,
+    ready,
+    close: () => {
+      touched = true;
+    },
     first: () => rows.find(({ box }) => box.checked)?.monitor.id ?? null,
   };
 }

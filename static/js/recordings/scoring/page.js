@@ -1,5 +1,5 @@
 /**
- * What a monitor assessed of a recording: strips, events, verdicts, notes; to replay, report and export.
+ * One scoring: strips, events, verdicts and notes, with replay, report and export.
  * Exports  showScoring(element, context).
  */
 
@@ -7,6 +7,7 @@ import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
 import { reason } from "../../lib/api.js";
 import { formatted, h } from "../../lib/dom.js";
 import { createEventList } from "../../lib/event_list.js";
+import { guideLink } from "../../lib/guide_link.js";
 import { loadingView } from "../../lib/loading_view.js";
 import { needs } from "../../lib/me.js";
 import { warningMark } from "../../lib/monitor_warnings.js";
@@ -15,14 +16,15 @@ import { startFlight } from "../../lib/start_flight.js";
 import { button, empty, errorLine, link, pageOf } from "../../lib/view_states.js";
 import { createDisplayChoice } from "../../fly/display_choice.js";
 import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
-import { outsideText, trimText, verdictOf } from "../words.js";
-import { eventsOf, flagsOf, heldOf, laneOf, manoeuvresOf } from "./events.js";
+import { createTrainingOffer } from "../training_offer.js";
+import { alertRule, outsideText, trimText, verdictOf } from "../words.js";
+import { eventsOf, flagsOf, laneOf, limitsInForceOf, manoeuvresOf } from "./events.js";
 import { scoringFacts } from "./facts.js";
 import { createSensorTable, sensorChip } from "./sensor_table.js";
 import { readScoring, scoringSource, stripOrder } from "./source.js";
 import { createVerdictTable } from "./verdict_table.js";
 
-const WIDE = 4; // times a manoeuvre's length from which on its events cannot be told apart
+const WIDE = 4; // windows longer than this many manoeuvres are too wide to show its events
 const EXPORTS = [
   ["csv", "CSV"],
   ["parquet", "Parquet"],
@@ -46,7 +48,7 @@ export function showScoring(element, { id, query, api, navigate }) {
     const list = h("section", { class: "event-panel", "aria-label": "Events" });
     const log = createEventList(list, {
       go: (t) => visit(events.find((event) => event.t === t) ?? { t }),
-      label: "Events in the order of their time",
+      label: "Events in order of time",
       most: Infinity,
     });
     for (const event of [...events].reverse()) log.add(event);
@@ -84,17 +86,25 @@ export function showScoring(element, { id, query, api, navigate }) {
         h(
           "div",
           { class: "row" },
-          h("h2", { class: "panel-title" }, "Outcome of each manoeuvre"),
+          h("h2", { class: "panel-title" }, "Outcome of each manoeuvre ", guideLink("what-the-numbers-mean#after-the-flight", "outcomes after the flight")),
           h("span", { class: "dim" }, `values are ${trimText(scoring.request)}`),
         ),
         manoeuvres.length
           ? verdicts.element
           : empty(
               "No manoeuvre",
-              "Nothing was detected to be scored: mark the manoeuvre by hand, or score the entire recording.",
-              link("Score it again", `#/recordings/${id}`, true),
+              "No manoeuvre was detected. Mark one by hand, or score the entire recording.",
+              link("Score again", `#/recordings/${id}`, true),
             ),
       ),
+      manoeuvres.some(({ validity }) => validity.valid === false)
+        ? createTrainingOffer({
+            api,
+            recording: id,
+            title: "INVALID: the monitor was trained for another test",
+            text: "Its guarantee does not cover this manoeuvre. Train a monitor for the manoeuvre that was flown, then score the recording again.",
+          })
+        : null,
       createSensorTable(scoring),
       scoringFacts(scoring),
     );
@@ -105,7 +115,7 @@ export function showScoring(element, { id, query, api, navigate }) {
         order: stripOrder(scoring.channels),
         sources: [{ ...scoringSource(api, scoring), manoeuvres: manoeuvresOf(scoring) }],
         alertAbove: scoring.alert_above,
-        held: heldOf(scoring),
+        held: limitsInForceOf(scoring),
         flags: flagsOf(scoring),
         label: `${recording.name} as ${scoring.monitor_name} assessed it`,
         key: scoring.id,
@@ -123,7 +133,7 @@ export function showScoring(element, { id, query, api, navigate }) {
       chart.setEvents([...events, ...markers.map(({ t }) => ({ t }))]);
     }
 
-    /** The cursors' place: from A to B where both are set, else the pinned cursor. */
+    /** From A to B if both cursors are set, else the pinned cursor. */
     function place() {
       const { a, b } = chart.window.marks;
       if (Number.isFinite(a) && Number.isFinite(b) && a !== b)
@@ -132,14 +142,14 @@ export function showScoring(element, { id, query, api, navigate }) {
       return Number.isFinite(t) ? { t, end: null } : null;
     }
 
-    /** An event is shown within its manoeuvre, unless it can be seen where the window is. */
+    /** Show an event, in the window of its manoeuvre unless the present window shows it well. */
     function visit({ t, manoeuvre: number }) {
       const view = chart.window.view();
       const manoeuvre =
         manoeuvres[number] ?? manoeuvres.find(({ start, end }) => t >= start && t <= end);
-      const seen = t >= view.start && t <= view.end;
+      const isVisible = t >= view.start && t <= view.end;
       const wide = manoeuvre && view.end - view.start > WIDE * (manoeuvre.end - manoeuvre.start);
-      if (manoeuvre && (wide || !seen)) visitManoeuvre(manoeuvres.indexOf(manoeuvre));
+      if (manoeuvre && (wide || !isVisible)) visitManoeuvre(manoeuvres.indexOf(manoeuvre));
       chart.setCursor(t);
     }
 
@@ -152,13 +162,13 @@ export function showScoring(element, { id, query, api, navigate }) {
   }
 }
 
-/** Monitors that can be replayed beside that of the scoring: those that have scored the recording too. */
+/** Monitors to replay beside the scoring's: those that scored the recording at their own epsilon. */
 function displayOf({ monitor, epsilon }, monitors, scorings) {
-  const own = monitors.find(({ id }) => id === monitor);
-  const known = monitors.filter((one) => one.id === monitor || scorings.some((other) => other.monitor === one.id && other.epsilon === one.epsilon));
-  const display = createDisplayChoice(own === undefined ? [] : known, " Only those that have scored this recording, over the same manoeuvres and at their own ε, can be replayed with it.");
-  if (own === undefined) display.element.hidden = true;
-  else display.adapt({ ...own, epsilon });
+  const scorer = monitors.find(({ id }) => id === monitor);
+  const known = monitors.filter(({ id, epsilon: usual }) => id === monitor || scorings.some((other) => other.monitor === id && other.epsilon === usual));
+  const display = createDisplayChoice(scorer === undefined ? [] : known, " Listed: monitors that scored this recording with the same manoeuvres and their own ε.");
+  if (scorer === undefined) display.element.hidden = true;
+  else display.adapt({ ...scorer, epsilon });
   return display;
 }
 
@@ -179,7 +189,7 @@ function actions({ api, navigate }, scoring, display) {
       ),
     ),
     link("Compare", `#/recordings/${id}?compare=${scoring.id}`),
-    link("The recording", `#/recordings/${id}`),
+    link("Recording", `#/recordings/${id}`),
     failure.element,
   ];
 
@@ -197,7 +207,7 @@ function actions({ api, navigate }, scoring, display) {
 }
 
 function summary(scoring) {
-  const { monitor_name: name, monitor, epsilon, lead, manoeuvres, request } = scoring;
+  const { monitor_name: name, monitor, lead, manoeuvres, request } = scoring;
   const counts = Map.groupBy(manoeuvres, (manoeuvre) => verdictOf(manoeuvre).word);
   const chips = [...counts.values()].map(({ length: n, 0: first }) => {
     const { word, level, mark, text } = verdictOf(first);
@@ -227,12 +237,7 @@ function summary(scoring) {
       h("a", { href: `#/monitors/${monitor}` }, name),
       warningMark(scoring),
     ),
-    h(
-      "span",
-      {},
-      h("span", { class: "dim" }, "alerts at risk above "),
-      formatted(`ε = ${figure(epsilon)}`),
-    ),
+    h("span", {}, formatted(alertRule(scoring))),
     h("span", {}, h("span", { class: "dim" }, "warning lead time "), `${figure(lead)} s`),
     h("span", {}, h("span", { class: "dim" }, "channels are "), trimText(request)),
   );

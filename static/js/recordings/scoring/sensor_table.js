@@ -1,12 +1,13 @@
 /**
- * Whether the sensors of a recording agree by kinematics: scale, bias and delay of each against the others.
+ * Data compatibility: scale, bias and delay of each sensor against the others, by kinematics.
  *
  * Exports
- *   createSensorTable(scoring) -> element | null     null of a scoring that does not say
- *   sensorChip(scoring) -> element | null            where something is remarked on
+ *   createSensorTable(scoring) -> element | null     null if the scoring has no checks
+ *   sensorChip(scoring) -> element | null            null without remarks
  */
 
 import { formatted, h } from "../../lib/dom.js";
+import { guideLink } from "../../lib/guide_link.js";
 import { tableHead } from "../../lib/lists.js";
 import { figure, formatValue } from "../../lib/numbers.js";
 import { followUnits, magnitude, shownIn } from "../../lib/units.js";
@@ -22,11 +23,11 @@ export function createSensorTable({ quality, channels }) {
     h(
       "div",
       { class: "row" },
-      h("h2", { class: "panel-title" }, "Data compatibility"),
+      h("h2", { class: "panel-title" }, "Data compatibility ", guideLink("first-recording#what-is-checked", "what is checked")),
       h(
         "span",
         { class: "dim" },
-        "sensors against each other by kinematics, 95 % intervals; they change no verdict",
+        "Sensors compared by kinematics, with 95 % intervals. Changes no verdict.",
       ),
     ),
     h("p", { class: "hint" }, `${quality.compatibility_tolerances}.`),
@@ -55,7 +56,7 @@ function checksOf(quality) {
 }
 
 function bodyOf({ channel, title, scale, bias, delay, unchecked, remarks }, channels) {
-  const told = scale
+  const cells = scale
     ? [
         cell(1, interval(scale, figure)),
         cell(2, biasOf(bias, channels.find(({ key }) => key === channel))),
@@ -65,7 +66,7 @@ function bodyOf({ channel, title, scale, bias, delay, unchecked, remarks }, chan
   return h(
     "tbody",
     { "data-remarked": String(remarks.length > 0) },
-    h("tr", {}, h("th", { scope: "row" }, title), told),
+    h("tr", {}, h("th", { scope: "row" }, title), cells),
     remarks.map((words) =>
       h(
         "tr",

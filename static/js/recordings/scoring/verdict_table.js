@@ -1,8 +1,8 @@
 /**
- * Outcome of each manoeuvre, its warning lead time against the promised one, and whether the monitor was applicable.
+ * Table of manoeuvres: outcome, warning lead time against the promised one, applicability.
  *
  * Exports
- *   createVerdictTable(scoring, {show}) -> {element, choose(k)}     show(k): a manoeuvre was pressed
+ *   createVerdictTable(scoring, {show}) -> {element, choose(k)}     show(k): called when a manoeuvre is chosen
  */
 
 import { formatted, h } from "../../lib/dom.js";
@@ -19,8 +19,8 @@ import {
   validityWords,
 } from "../words.js";
 
-const OPEN = 3; // manoeuvres up to which all reasons are shown at once
-const MANY = 8; // from which on they are sorted out by their outcome
+const OPEN = 3; // up to this many manoeuvres, all reasons are unfolded
+const MANY = 8; // above this many, a filter by outcome is offered
 const HEADS = [
   ["Manoeuvre"],
   ["Outcome"],
@@ -46,7 +46,7 @@ export function createVerdictTable(scoring, { show }) {
     ),
   );
 
-  /** Which of many manoeuvres are shown, by their outcome. */
+  /** Filter by outcome. */
   function filter() {
     const outcomes = [...new Set(manoeuvres.map(({ outcome }) => outcome))];
     const count = (key) => manoeuvres.filter(({ outcome }) => outcome === key).length;
@@ -161,12 +161,12 @@ function riskWords(risk, t, withdrawn, alertAbove) {
 
 function noExceedance({ outcome, amplitude, recorded_exceedance: raw }, channels) {
   if (outcome === "unknown") return "unknown";
-  if (raw) return h("span", {}, "none from trim; as recorded ", exceedanceWords(raw, channels));
-  if (outcome === "unseen") return "not known";
+  if (raw) return h("span", {}, "none relative to trim; as recorded ", exceedanceWords(raw, channels));
+  if (outcome === "unseen") return "unknown";
   return amplitude ? `none, at ${percent(amplitude, 0)} of the planned amplitude` : "none";
 }
 
-/** What happened where nothing was assessed must not be lost. */
+/** Exceedances outside every manoeuvre must not be lost. */
 function outsideLine(scoring) {
   const words = outsideText(scoring);
   return words ? h("p", { class: "outside-line", role: "note" }, "◆ ", formatted(words)) : null;

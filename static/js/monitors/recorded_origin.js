@@ -1,0 +1,90 @@
+/**
+ * Train a monitor for a recording: what the server found in it, and the one thing to ask, the aircraft.
+ *
+ * Exports
+ *   recordedTest(api, id) -> Promise<{recording, proposal | null, problem}>
+ *   createRecordedOrigin({catalog, recorded, changed}) -> {element, recipe() -> {recipe, dataset_recipe} | null, check()}
+ *     changed(): another aircraft was chosen.   recipe: null until one is.   check: shows what is missing
+ */
+
+import { scatterOf } from "../forms/planned_test.js";
+import { reason } from "../lib/api.js";
+import { aircraftCondition } from "../lib/catalog.js";
+import { h } from "../lib/dom.js";
+import { sentences } from "../lib/lists.js";
+import { errorLine } from "../lib/view_states.js";
+import { proposalOf } from "../recordings/training_offer.js";
+
+export async function recordedTest(api, id) {
+  const recording = await api.get(`/recordings/${encodeURIComponent(id)}`);
+  try {
+    return { recording, proposal: await proposalOf(api, id), problem: "" };
+  } catch (error) {
+    return { recording, proposal: null, problem: reason(error) };
+  }
+}
+
+export function createRecordedOrigin({ catalog, recorded, changed }) {
+  const { recording, proposal, problem } = recorded;
+  const failure = errorLine();
+  const select = h(
+    "select",
+    { id: "recorded-aircraft", onchange: choose },
+    h("option", { value: "" }, "choose the aircraft"),
+    Object.values(catalog.families.aircraft.entries).map((entry) => h("option", { value: entry.kind }, aircraftCondition(entry))),
+  );
+  failure.show(problem);
+  const element = h(
+    "section",
+    { class: "panel stack-tight recorded-origin", "aria-label": "From a recording" },
+    h("h2", { class: "panel-title" }, "For the recording ", h("a", { href: `#/recordings/${recording.id}` }, recording.name)),
+    proposal ? sentences(proposal.reasons) : null,
+    h(
+      "div",
+      { class: "field" },
+      h("label", { for: select.id }, "Which aircraft was flown?"),
+      select,
+      h("p", { class: "hint" }, "A recording does not name its aircraft. The form below is filled once you choose it."),
+    ),
+    failure.element,
+  );
+  return { element, recipe, check };
+
+  function choose() {
+    failure.show("");
+    changed();
+  }
+
+  function recipe() {
+    if (!select.value) return null;
+    const { dataset = {}, ...monitor } = proposal?.recipe ?? {};
+    const { usual: recipeOf, default: clean } = catalog.recipes.monitor;
+    return {
+      recipe: { ...(recipeOf ?? clean), ...monitor },
+      dataset_recipe: testOf(catalog, select.value, dataset),
+    };
+  }
+
+  function check() {
+    if (select.value) return true;
+    failure.show("Choose the aircraft that was flown.");
+    select.focus();
+    return false;
+  }
+}
+
+/** The usual test of the aircraft, with what the recording shows in place of it. */
+function testOf(catalog, kind, shown) {
+  const { dataset } = catalog.recipes;
+  const { usual_test: test, default: aircraft } = catalog.families.aircraft.entries[kind];
+  const usual = { ...dataset.usual, ...test, aircraft: { kind, ...aircraft } };
+  usual.maneuver = { ...usual.maneuver, ...scatterOf(dataset, "as_flown") };
+  const merged = Object.entries(shown).map(([key, value]) => [key, isSame(usual[key], value) ? { ...usual[key], ...value } : value]);
+  return { ...usual, ...Object.fromEntries(merged) };
+}
+
+/** Whether both are objects of one kind, of which the second may leave parameters out. */
+function isSame(usual, shown) {
+  const isObject = (value) => typeof value === "object" && value !== null && !Array.isArray(value);
+  return isObject(usual) && isObject(shown) && (shown.kind ?? usual.kind) === usual.kind;
+}

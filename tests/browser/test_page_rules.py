@@ -1,0 +1,106 @@
+"""Rules that every page keeps: a heading, headed tables, matching names, no blank space."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from core.monitor import Monitor
+from tests.browser.recorded_site import RecordedSite, open_recorded_site
+
+VIEWS = [
+    "fly",
+    "recordings",
+    "recordings/{recording}",
+    "recordings/{recording}?scoring={scoring}",
+    "recordings/{recording}?compare={scoring}",
+    "monitors",
+    "monitors/new",
+    "monitors/new?recording={recording}",
+    "monitors/combine",
+    "monitors/compare",
+    "monitors/sweep",
+    "monitors/{monitor}",
+    "datasets",
+    "datasets/new",
+    "campaigns",
+    "campaigns/new",
+    "limits",
+    "limits/{limits}",
+    "storage",
+]
+FINDINGS = """() => {
+    const words = (text) => text.toLowerCase().match(/[\\p{L}\\p{N}]+/gu)?.join(" ") ?? "";
+    const isShown = (node) =>
+        !node.matches(".visually-hidden") && getComputedStyle(node).display !== "none";
+    const shown = (element) => [...element.childNodes]
+        .filter((node) => node.nodeType === Node.TEXT_NODE || isShown(node))
+        .map((node) => (node.nodeType === Node.TEXT_NODE ? node.data : shown(node)))
+        .join("");
+    const found = [];
+    if (document.querySelectorAll("h1").length === 0) found.push("no heading of level 1");
+    for (const head of document.querySelectorAll("th"))
+        if (head.textContent.trim() === "") found.push(`empty: ${head.parentElement.textContent}`);
+    for (const named of document.querySelectorAll(":is(button, a, [role=button])[aria-label]"))
+        if (!words(named.getAttribute("aria-label")).includes(words(shown(named))))
+            found.push(`${shown(named)} is named ${named.getAttribute("aria-label")}`);
+    return found;
+}"""
+BLANK = """() => {
+    const page = document.querySelector(".page");
+    const parts = [...page.querySelectorAll(".page-body > *, .columns > *")];
+    const box = page.getBoundingClientRect();
+    const bottom = Math.max(...parts.map((part) => part.getBoundingClientRect().bottom));
+    const end = Math.max(bottom - box.top + page.scrollTop + 20, page.clientHeight);
+    return Math.max(page.scrollHeight - end, document.documentElement.scrollHeight - innerHeight);
+}"""
+"""Pixels that page or document scroll beyond the last part of the page."""
+GUIDE = Path(__file__).parents[2] / "static" / "guide"
+
+
+def sections(slug: str) -> set[str]:
+    """Anchors of a page of the guide."""
+    heads = re.findall(r"^#+ (.+)$", (GUIDE / f"{slug}.md").read_text(), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", head.lower()).replace(" ", "-") for head in heads}
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory, attas: Monitor) -> Iterator[RecordedSite]:
+    with open_recorded_site(tmp_path_factory.mktemp("ruled"), attas) as site:
+        yield site
+
+
+@pytest.fixture(scope="module")
+def ids(site: RecordedSite) -> dict[str, Any]:
+    recording = site.upload()
+    site.confirm(recording)
+    limits = {"name": "any condition", "ranges": {}, "limits": {"Ny": 0.4}}
+    made = site.ask("POST", "/limit-sets", json={"name": "transport", "cases": [limits]})
+    return {
+        "recording": recording,
+        "scoring": site.score(recording)["id"],
+        "monitor": site.monitor,
+        "limits": made["limit_set"],
+    }
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_every_page_keeps_the_rules(
+    page: Page, site: RecordedSite, ids: dict[str, Any], view: str, allowed_errors: list[str]
+) -> None:
+    allowed_errors.append("/evaluation")  # the monitor was never flown
+    page.goto(f"{site.http}/#/{view.format(**ids)}")
+    expect(page.locator(".page")).to_be_visible()
+    expect(page.locator(":is(.state-loading, .state-error)")).to_have_count(0)
+    page.wait_for_load_state("networkidle")
+    assert page.evaluate(FINDINGS) == []
+    for link in page.locator(".guide-link").all():
+        slug, _, anchor = (link.get_attribute("href") or "").removeprefix("/guide/").partition("#")
+        assert not anchor or anchor in sections(slug), (slug, anchor)
+    page.evaluate("document.querySelectorAll('details').forEach((part) => (part.open = true))")
+    for width in (1024, 1440):
+        page.set_viewport_size({"width": width, "height": 800})
+        assert page.evaluate(BLANK) < 2, width
