@@ -12,10 +12,9 @@ from app.scoring.limits_history import LimitsHistory
 from app.scoring.planned_test import planned_test
 from app.telemetry.contents import Columns, Contents
 from app.telemetry.mapping.applying import apply_mapping
-from app.telemetry.mapping.mapping import Mapping, TimeSource
+from app.telemetry.mapping.mapping import Mapping, TimeSource, mapping_template
 from app.telemetry.mapping.motion.signs import CONVENTION
 from app.telemetry.mapping.proposal import Proposal, propose
-from app.telemetry.mapping.template import mapping_template
 from app.telemetry.mapping.typed_rate import rate_words
 from app.telemetry.reading import columns_of
 from app.telemetry.recording import TelemetryError

@@ -1,5 +1,6 @@
 """A mapping: the signal, unit, sign and bias of each channel, or its derivation."""
 
+from collections.abc import Collection
 from collections.abc import Mapping as AnyMapping
 from dataclasses import asdict, dataclass, field
 from math import isfinite
@@ -7,8 +8,10 @@ from typing import Annotated, Any, Literal, Self, get_type_hints
 
 from pydantic import ConfigDict, Strict
 
+from app.telemetry.contents import Contents
 from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import TARGETS
+from core.channels import KEYS
 
 EARLIER_NAMES = {"offset": "bias"}
 """Field names in mapping files of version 0.1.0, and their names today."""
@@ -96,6 +99,25 @@ class Mapping:
                 )
             parts[part] = {key: _entry(entry, key, value) for key, value in entries.items()}
         return cls(**parts)
+
+
+def mapping_template(
+    mapping: Mapping, contents: Contents, missing: Collection[str] = KEYS
+) -> dict[str, Any]:
+    """The mapping as plain data, with an empty entry for each missing channel; if no group has a
+    time, also one for each group.
+    """
+    empty = {key: ChannelSource(unit=TARGETS[key].unit) for key in missing}
+    groups = [group.name for group in contents.groups if group.n_rows > 1]
+    times = mapping.times or {name: TimeSource() for name in groups}
+    return {
+        "channels": {
+            key: asdict(mapping.channels.get(key) or empty[key])
+            for key in TARGETS
+            if key in mapping.channels or key in empty
+        },
+        "times": {name: asdict(source) for name, source in times.items()},
+    }
 
 
 def _entry(kind: type, key: str, plain: Any) -> Any:

@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow as pa
 
 from app.telemetry.contents import ColumnWriter, Contents
-from app.telemetry.readers.text_tables.blocks import blocks, pieces, without_lines
+from app.telemetry.readers.text_tables.blocks import blocks, pieces
 from app.telemetry.readers.text_tables.layout import Layout, find_layout
 from app.telemetry.readers.text_tables.parser import BlockParser, Rows, finite
 from app.telemetry.readers.text_tables.rows import BadRows, RowReader
@@ -30,7 +30,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
         line, head = next(stream, (1, b""))
         layout = find_layout(decoded(head[: head.find(b"\n", HEAD_BYTES) + 1] or head))
         table = _Table(layout, writer)
-        rows = without_lines(head, layout.first_line - line)
+        rows = head.split(b"\n", layout.first_line - line)[-1]
         for at, block in chain([(layout.first_line, rows)], stream):
             table.add(at, block)
             if (share := file.tell() / size) < 1.0:

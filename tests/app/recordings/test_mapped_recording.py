@@ -12,8 +12,7 @@ from app.recordings.mapped_recording import MappedRecording, RecentMappings
 from app.recordings.scored_file import ScoreRequest, score_file
 from app.scoring import ScoringRecipe
 from app.telemetry.mapping import applying
-from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
-from app.telemetry.mapping.template import mapping_template
+from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource, mapping_template
 from app.telemetry.mapping.typed_rate import read_rate
 from app.telemetry.recording import TelemetryError
 from app.telemetry.timing import repair as repairing
@@ -69,8 +68,8 @@ def test_a_preview_its_confirmation_and_every_scoring_share_one_repair(
             preview = client.post(f"{path}/preview", json=body).json()
             assert preview["quality"]["sentences"]
             assert client.put(f"{path}/mapping", json=body).status_code == 200
-            found = client.get(f"{path}/manoeuvres", params={"monitor": stored})
-            assert found.status_code == 200, found.text
+            manoeuvres = client.get(f"{path}/manoeuvres", params={"monitor": stored})
+            assert manoeuvres.status_code == 200, manoeuvres.text
             for epsilon in (0.2, 0.4):
                 recipe = {"monitor": stored, "epsilon": epsilon, "trim": None}
                 answer = client.post(f"{path}/scorings", json=recipe | {"manoeuvres": "entire"})
@@ -110,9 +109,7 @@ def test_a_file_without_times_is_scored_by_its_rate(monitor, flights, tmp_path):
         score_file(replace(request, file=timed, rate=TimeSource(rate=20.0)))
 
 
-def test_a_file_that_cannot_be_mapped_is_told_with_a_mapping_to_fill_in(
-    monitor, flights, tmp_path, capsys
-):
+def test_a_file_that_cannot_be_mapped_gives_a_mapping_template(monitor, flights, tmp_path, capsys):
     file, path = tmp_path / "strange.csv", tmp_path / "oscillator.forewarn"
     names = b"x0 [s],x1,x2,x3,x4,x5,rudder_rad"
     file.write_bytes(csv_of(flights[0]).replace(HEAD.encode(), names, 1))
@@ -120,10 +117,10 @@ def test_a_file_that_cannot_be_mapped_is_told_with_a_mapping_to_fill_in(
     settings = ("--trim", "none", "--manoeuvres", "entire", "-o", str(tmp_path / "out"))
     command = ["score", str(path), str(file), *settings]
     assert main(command) == 1
-    told = capsys.readouterr().err
+    message = capsys.readouterr().err
     written = tmp_path / "out" / "mapping.json"
-    assert f"fill in {written} and give it with --mapping" in told.splitlines()[-1]
-    assert "    rudder_rad" in told
+    assert f"fill in {written} and give it with --mapping" in message.splitlines()[-1]
+    assert "    rudder_rad" in message
     template = json.loads(written.read_text())
     assert template["channels"]["delta_r"]["signal"] == "rudder_rad"
     assert template["channels"]["beta"] == asdict(ChannelSource(unit="rad"))
@@ -152,7 +149,7 @@ def mapped(unit: str = "rad") -> Mapping:
     return Mapping({"beta": ChannelSource("b", unit)}, {"": TimeSource("t", "s")})
 
 
-def test_what_cannot_be_applied_is_not_scored(columns):
+def test_a_mapping_that_cannot_be_applied_is_not_scored(columns):
     wrong = MappedRecording.of(columns, mapped("m"))
     assert (wrong.applied, wrong.repaired) == (None, None)
     with pytest.raises(TelemetryError, match="'m' is not a unit of this quantity"):

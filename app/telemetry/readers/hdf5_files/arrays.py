@@ -1,19 +1,15 @@
 """Collect the unread arrays and tables of an HDF5 file."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
 import h5py
+import numpy as np
 import numpy.typing as npt
 
 from app.telemetry.readers.declared_rates import declared_rate
-from app.telemetry.readers.hdf5_files.parameters import (
-    is_parameter,
-    parameter_masks,
-    take_unmasked,
-)
 from app.telemetry.readers.hdf5_files.tables import table
 from app.telemetry.readers.hdf5_files.walk import (
     UNIT_NAMES,
@@ -36,6 +32,8 @@ from app.telemetry.readers.signal_tables import (
 
 MOST_SCALES = 16
 """Most scales of a dimension; a damaged file may claim billions, which the library would visit."""
+DATA, MASK = "data", "mask"
+"""A parameter of a flight data recorder is a group of these, with a rate attribute."""
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"
 
 Unpack = Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
@@ -58,7 +56,7 @@ def plain(name: str, dataset: h5py.Dataset) -> tuple[Column, Unpack | None]:
     parameter; a dimension scale is a time.
     """
     holder = dataset
-    if is_parameter(dataset):
+    if _is_parameter(dataset):
         name, holder = name.rpartition("/")[0], dataset.parent
     unit, description = first_text(holder, UNIT_NAMES), first_text(holder, DESCRIPTION_NAMES)
     time = is_time_name(name.split("/")[-1]) or _is_scale(dataset)
@@ -90,7 +88,7 @@ def arrays(
         else:
             readable[path] = dataset
     result = Arrays()
-    masks = parameter_masks(readable)
+    masks = _parameter_masks(readable)
     for path, dataset in readable.items():
         if path in masks.values():
             continue
@@ -101,7 +99,7 @@ def arrays(
             column, unpack = describe(name, dataset)
             take = partial(_take, dataset, unpack) if unpack else dataset.__getitem__
             if path in masks:
-                take = partial(take_unmasked, take, readable[masks[path]])
+                take = partial(_take_unmasked, take, readable[masks[path]])
             array = matrix(
                 path[:-1],
                 column,
@@ -136,3 +134,26 @@ def _clock(dataset: h5py.Dataset, axis: int, path: Path, scales: dict[Address, P
     if not 0 < h5py.h5ds.get_num_scales(dataset.id, axis) <= MOST_SCALES:
         return None
     return scales.get(address(dataset.dims[axis][0]))
+
+
+def _parameter_masks(readable: Mapping[Path, h5py.Dataset]) -> dict[Path, Path]:
+    """Path of a parameter's data -> path of its mask."""
+    masks = {}
+    for path, dataset in readable.items():
+        mask = readable.get((*path[:-1], MASK))
+        if _is_parameter(dataset) and mask is not None and mask.shape == dataset.shape:
+            masks[path] = (*path[:-1], MASK)
+    return masks
+
+
+def _is_parameter(dataset: h5py.Dataset) -> bool:
+    """Whether a dataset is the data of a parameter, whose group describes it."""
+    name = str(dataset.name).rpartition("/")[2]
+    return name == DATA and declared_rate(partial(attribute, dataset.parent))[0] > 0.0
+
+
+def _take_unmasked(
+    take: Callable[[Any], npt.NDArray[Any]], mask: h5py.Dataset, index: Any
+) -> npt.NDArray[Any]:
+    """Values at an index, NaN where the mask is set."""
+    return np.where(mask[index], np.nan, take(index))

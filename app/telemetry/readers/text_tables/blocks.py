@@ -47,13 +47,6 @@ def pieces(line: int, block: bytes, size: int) -> Iterator[tuple[int, bytes]]:
         start = end
 
 
-def without_lines(block: bytes, n: int) -> bytes:
-    start = 0
-    for _ in range(n):
-        start = block.index(b"\n", start) + 1
-    return block[start:]
-
-
 def _decoded(file: BinaryIO) -> Iterator[bytes]:
     """Chunks of the file in an encoding that extends ASCII, without a byte order mark."""
     chunk = file.read(BLOCK_BYTES)
