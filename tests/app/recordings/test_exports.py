@@ -71,7 +71,7 @@ def test_a_table_is_the_same_however_many_rows_are_written_at_once(
 
 
 @pytest.mark.parametrize("n", [0, 1, 9, N])
-def test_columns_come_to_arrow_as_by_its_own_way_from_numpy(samples: npt.NDArray, n: int) -> None:
+def test_columns_in_arrow_equal_its_own_conversion_from_numpy(samples: npt.NDArray, n: int) -> None:
     for column in columns(samples[:n]):
         values = np.ascontiguousarray(column.values)
         if column.words:

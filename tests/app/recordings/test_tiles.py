@@ -27,13 +27,13 @@ def test_a_bin_has_the_extremes_of_its_samples(n, data, bins):
     samples = samples_of(n)
     first = data.draw(st.integers(0, n - 1))
     last = data.draw(st.integers(first, n - 1))
-    seen = window(samples, make_tiles(samples), first, last, bins)
-    assert 0 < len(seen.bins) <= bins
-    begins = seen.first + seen.width * np.arange(len(seen.bins))
+    view = window(samples, make_tiles(samples), first, last, bins)
+    assert 0 < len(view.bins) <= bins
+    begins = view.first + view.width * np.arange(len(view.bins))
     assert begins[0] <= first
-    assert begins[-1] <= last < begins[-1] + seen.width
-    for begin, tile in zip(begins, seen.bins, strict=True):
-        part = samples[begin : begin + seen.width]
+    assert begins[-1] <= last < begins[-1] + view.width
+    for begin, tile in zip(begins, view.bins, strict=True):
+        part = samples[begin : begin + view.width]
         np.testing.assert_array_equal(tile["low"], np.fmin.reduce(part["y"]))
         np.testing.assert_array_equal(tile["high"], np.fmax.reduce(part["y"]))
         np.testing.assert_array_equal(tile["risk_low"], np.fmin.reduce(part["p_value"]))
@@ -47,11 +47,11 @@ def test_a_bin_has_the_extremes_of_its_samples(n, data, bins):
 @pytest.mark.parametrize("length", [10, 999, 20_000, 100_000])
 def test_a_window_is_as_fine_as_it_may_be(bins, length):
     samples = samples_of(100_000)
-    seen = window(samples, make_tiles(samples), 0, length - 1, bins)
-    assert len(seen.bins) >= min(length, bins) / 2 / (1 + 1 / FACTOR)
+    view = window(samples, make_tiles(samples), 0, length - 1, bins)
+    assert len(view.bins) >= min(length, bins) / 2 / (1 + 1 / FACTOR)
 
 
-def test_few_tiles_are_looked_at_whatever_the_window(monkeypatch):
+def test_any_window_uses_few_tiles(monkeypatch):
     samples = samples_of(200_000)
     tiles = make_tiles(samples)
     assert tiles.nbytes < 0.2 * samples.nbytes

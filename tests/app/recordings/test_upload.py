@@ -58,7 +58,7 @@ def some_came(data_dir):
     return any(file.stat().st_size for file in coming_in(data_dir))
 
 
-def test_a_sender_that_leaves_half_way_leaves_nothing(tmp_path):
+def test_a_client_that_disconnects_half_way_leaves_nothing(tmp_path):
     with served(tmp_path) as (address, _):
         for close in ("shut", "reset"):
             connection = half_sent(address)
@@ -70,7 +70,7 @@ def test_a_sender_that_leaves_half_way_leaves_nothing(tmp_path):
         assert httpx2.get(f"{address}{RECORDINGS}").json() == []
 
 
-def test_a_sender_that_falls_silent_is_told_and_leaves_nothing(tmp_path, monkeypatch):
+def test_a_client_that_stops_sending_gets_an_error_and_leaves_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr(upload_module, "STALL_AFTER_S", 0.2)
     with served(tmp_path) as (address, _), half_sent(address) as connection:
         answer = b"".join(iter(lambda: connection.recv(4096), b"")).decode()
@@ -79,7 +79,7 @@ def test_a_sender_that_falls_silent_is_told_and_leaves_nothing(tmp_path, monkeyp
         assert kept_files(tmp_path) == set()
 
 
-def test_a_sender_that_leaves_while_its_file_is_read_leaves_nothing(tmp_path, file, monkeypatch):
+def test_a_client_that_disconnects_during_reading_leaves_nothing(tmp_path, file, monkeypatch):
     reading, left = threading.Event(), threading.Event()
     real = Recordings._read
 
@@ -102,7 +102,7 @@ def test_a_sender_that_leaves_while_its_file_is_read_leaves_nothing(tmp_path, fi
         assert httpx2.get(f"{address}{RECORDINGS}").json() == []
 
 
-def test_a_server_that_stops_leaves_nothing_of_what_was_coming(tmp_path, monkeypatch):
+def test_a_server_that_stops_leaves_nothing_of_uploads_in_progress(tmp_path, monkeypatch):
     monkeypatch.setattr(serving_module, "PATIENCE", 0)
     with served(tmp_path) as (address, _):
         connection = half_sent(address)
@@ -121,10 +121,10 @@ def test_a_server_that_is_killed_leaves_nothing_half_done_after_its_next_start(
     with running(tmp_path, max_jobs=1) as (process, server):
         address = str(server.base_url).rstrip("/")
         query = {"name": "whole.csv"}
-        kept = httpx2.post(
+        response = httpx2.post(
             f"{address}{RECORDINGS}", params=query, content=file, headers=OCTETS, timeout=PATIENCE
         )
-        assert kept.status_code == 201, kept.text
+        assert response.status_code == 201, response.text
         source = {"kind": "simulated", "recipe": {"n_unsafe": 2}}
         flown = httpx2.post(
             f"{address}/api/v1/flights", json={"source": source, "monitor": monitor}
@@ -143,14 +143,14 @@ def test_a_server_that_is_killed_leaves_nothing_half_done_after_its_next_start(
         assert store.flights.info(flown.json()["id"]).status == "interrupted"
         assert store.damage() == []
         assert coming_in(tmp_path) == []
-        recording = kept.json()
-        assert [one["id"] for one in client.get(RECORDINGS).json()] == [recording["id"]]
+        recording = response.json()
+        assert [entry["id"] for entry in client.get(RECORDINGS).json()] == [recording["id"]]
         assert client.get(f"{RECORDINGS}/{recording['id']}").json() == recording
         assert {name.partition("/")[0] for name in kept_files(tmp_path)} == {recording["id"]}
 
 
 @pytest.mark.parametrize("moment", ["row", "folder", "withdrawn", "gone", "scoring"])
-def test_what_a_dying_server_left_half_way_is_cleared_up(tmp_path, file, moment):
+def test_incomplete_files_of_a_crashed_server_are_removed(tmp_path, file, moment):
     """Each moment between two steps of putting in place, removing and scoring."""
     with api(tmp_path) as client:
         whole = uploaded(client, file, name="whole.csv")
@@ -171,7 +171,7 @@ def test_what_a_dying_server_left_half_way_is_cleared_up(tmp_path, file, moment)
         shutil.rmtree(root / "incoming" / f"{half}.gone" / "columns")
     store.close()
     with api(tmp_path) as client:
-        left = {one["id"] for one in client.get(RECORDINGS).json()}
+        left = {entry["id"] for entry in client.get(RECORDINGS).json()}
         assert left == ({whole["id"], half} if moment == "scoring" else {whole["id"]})
         assert client.get(f"{RECORDINGS}/{whole['id']}").json() == whole
         files = kept_files(tmp_path)
@@ -228,7 +228,7 @@ def test_a_body_goes_to_disk_in_blocks(tmp_path):
     assert sum(asked) == received.size
 
 
-def test_a_refused_upload_says_why_in_one_sentence(tmp_path):
+def test_a_refused_upload_gets_a_reason_in_one_sentence(tmp_path):
     with api(tmp_path) as client:
         detail = problem(upload(client, b"\0" * 5000, name="noise.bin"), 422)
         assert json.dumps(detail).count("\\n") == 0

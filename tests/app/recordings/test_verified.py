@@ -24,7 +24,7 @@ from tests.support.recorded import RECORDINGS, csv_of, uploaded
 ROW = {field.name for field in fields(ScoringInfo)} - {"row_digest"}
 
 
-class Kept(NamedTuple):
+class StoredScoring(NamedTuple):
     client: TestClient
     folder: Path
     path: str
@@ -33,7 +33,7 @@ class Kept(NamedTuple):
 
 
 @pytest.fixture
-def kept(tmp_path: Path, dataset: Dataset, flights: Array) -> Iterator[Kept]:
+def stored_scoring(tmp_path: Path, dataset: Dataset, flights: Array) -> Iterator[StoredScoring]:
     """A recording that was scored, at a server that has not read it since."""
     with api(tmp_path) as client:
         monitor = store_of(client).monitors.add(train(replace(dataset, recipe={})), "m").id
@@ -42,61 +42,67 @@ def kept(tmp_path: Path, dataset: Dataset, flights: Array) -> Iterator[Kept]:
         scoring = client.post(f"{path}/scorings", json={"monitor": monitor}).json()["id"]
     with api(tmp_path) as client:
         folder = tmp_path / "recordings" / recording
-        yield Kept(client, folder, path, f"{path}/scorings/{scoring}", monitor)
+        yield StoredScoring(client, folder, path, f"{path}/scorings/{scoring}", monitor)
 
 
-def test_p_values_that_were_changed_are_neither_served_nor_reported(kept: Kept) -> None:
-    assert kept.client.get(f"{kept.scoring}/assessments").status_code == 200
-    (file,) = (f for f in kept.folder.glob("scorings/*.npy") if "tiles" not in f.name)
+def test_p_values_that_were_changed_are_neither_served_nor_reported(
+    stored_scoring: StoredScoring,
+) -> None:
+    assert stored_scoring.client.get(f"{stored_scoring.scoring}/assessments").status_code == 200
+    (file,) = (f for f in stored_scoring.folder.glob("scorings/*.npy") if "tiles" not in f.name)
     samples = np.load(file)
     samples["p_value"] = 0.01
     np.save(file, samples, allow_pickle=False)
-    for what in ("assessments", "tiles", "report"):
-        detail = problem(kept.client.get(f"{kept.scoring}/{what}"), 500)
+    for view in ("assessments", "tiles", "report"):
+        detail = problem(stored_scoring.client.get(f"{stored_scoring.scoring}/{view}"), 500)
         assert "is damaged, its digest does not match: delete this scoring" in detail
 
 
-def test_a_verdict_is_shown_only_with_the_samples_that_it_was_made_of(kept: Kept) -> None:
-    scorings = kept.scoring.rpartition("/")[0]
+def test_a_verdict_is_shown_only_with_the_samples_that_it_was_made_of(
+    stored_scoring: StoredScoring,
+) -> None:
+    scorings = stored_scoring.scoring.rpartition("/")[0]
 
     def listed() -> list[bool]:
-        return [scoring["verified"] for scoring in kept.client.get(scorings).json()]
+        return [scoring["verified"] for scoring in stored_scoring.client.get(scorings).json()]
 
     assert listed() == [False]
-    assert kept.client.get(kept.scoring).json()["verified"]
+    assert stored_scoring.client.get(stored_scoring.scoring).json()["verified"]
     assert listed() == [True]
-    (file,) = (f for f in kept.folder.glob("scorings/*.npy") if "tiles" not in f.name)
+    (file,) = (f for f in stored_scoring.folder.glob("scorings/*.npy") if "tiles" not in f.name)
     samples = np.load(file)
     samples["p_value"] = 0.01
     np.save(file, samples, allow_pickle=False)
     assert listed() == [False]
-    assert "is damaged" in problem(kept.client.get(kept.scoring), 500)
-    same = kept.client.post(scorings, json={"monitor": kept.monitor})
+    assert "is damaged" in problem(stored_scoring.client.get(stored_scoring.scoring), 500)
+    same = stored_scoring.client.post(scorings, json={"monitor": stored_scoring.monitor})
     assert "is damaged" in problem(same, 500)
 
 
-def test_a_verdict_that_was_changed_is_not_served_and_can_be_deleted(kept: Kept) -> None:
-    scorings, _, scoring = kept.scoring.rpartition("/")
-    store = store_of(kept.client)
-    (stored,) = store.scorings.of(kept.path.rpartition("/")[2])
+def test_a_verdict_that_was_changed_is_not_served_and_can_be_deleted(
+    stored_scoring: StoredScoring,
+) -> None:
+    scorings, _, scoring = stored_scoring.scoring.rpartition("/")
+    store = store_of(stored_scoring.client)
+    (stored,) = store.scorings.of(stored_scoring.path.rpartition("/")[2])
     assert (stored.damage, len(stored.manoeuvres)) == ("", 1)
-    changed = [one | {"outcome": "missed"} for one in stored.manoeuvres]
+    changed = [manoeuvre | {"outcome": "missed"} for manoeuvre in stored.manoeuvres]
     with store.engine.begin() as connection:
         connection.execute(update(tables.scorings).values(manoeuvres=changed))
-    for what in ("", "/assessments", "/tiles", "/report"):
-        detail = problem(kept.client.get(kept.scoring + what), 500)
+    for view in ("", "/assessments", "/tiles", "/report"):
+        detail = problem(stored_scoring.client.get(stored_scoring.scoring + view), 500)
         assert detail.startswith(f"scoring {scoring} is damaged")
-    same = kept.client.post(scorings, json={"monitor": kept.monitor})
+    same = stored_scoring.client.post(scorings, json={"monitor": stored_scoring.monitor})
     assert "is damaged" in problem(same, 500)
-    (listed,) = kept.client.get(scorings).json()
+    (listed,) = stored_scoring.client.get(scorings).json()
     assert (listed["verified"], listed["manoeuvres"]) == (False, [])
     assert listed["damage"].startswith(f"scoring {scoring} is damaged")
-    settings = Settings(data_dir=kept.folder.parents[1])
+    settings = Settings(data_dir=stored_scoring.folder.parents[1])
     with pytest.raises(doctor.Failed, match=f"scoring {scoring} is damaged"):
         doctor.contents(settings)
-    assert kept.client.delete(kept.scoring).status_code == 204
-    again = kept.client.post(scorings, json={"monitor": kept.monitor})
-    assert (again.status_code, again.json()["damage"]) == (201, "")
+    assert stored_scoring.client.delete(stored_scoring.scoring).status_code == 204
+    rescored = stored_scoring.client.post(scorings, json={"monitor": stored_scoring.monitor})
+    assert (rescored.status_code, rescored.json()["damage"]) == (201, "")
 
 
 @pytest.mark.parametrize("field", sorted(ROW))
@@ -107,28 +113,30 @@ def test_every_field_of_a_scoring_is_covered_by_its_digest(field: str) -> None:
     assert replace(sealed, **{field: "another"}).damage
 
 
-def test_a_row_that_is_no_json_is_damaged_and_can_be_deleted(kept: Kept) -> None:
-    store = store_of(kept.client)
+def test_a_row_that_is_no_json_is_damaged_and_can_be_deleted(stored_scoring: StoredScoring) -> None:
+    store = store_of(stored_scoring.client)
     with store.engine.begin() as connection:
         connection.execute(text("UPDATE scorings SET manoeuvres = '[{'"))
-    assert "is damaged" in problem(kept.client.get(kept.scoring), 500)
-    assert kept.client.delete(kept.scoring).status_code == 204
+    assert "is damaged" in problem(stored_scoring.client.get(stored_scoring.scoring), 500)
+    assert stored_scoring.client.delete(stored_scoring.scoring).status_code == 204
 
 
-def test_tiles_that_were_changed_are_not_served(kept: Kept) -> None:
-    (file,) = kept.folder.glob("scorings/*.tiles.npy")
+def test_tiles_that_were_changed_are_not_served(stored_scoring: StoredScoring) -> None:
+    (file,) = stored_scoring.folder.glob("scorings/*.tiles.npy")
     tiles = np.load(file)
     tiles["risk_high"] = 0.01
     np.save(file, tiles, allow_pickle=False)
-    assert "digest does not match" in problem(kept.client.get(f"{kept.scoring}/tiles"), 500)
-    assert kept.client.get(f"{kept.scoring}/assessments").status_code == 200
+    assert "digest does not match" in problem(
+        stored_scoring.client.get(f"{stored_scoring.scoring}/tiles"), 500
+    )
+    assert stored_scoring.client.get(f"{stored_scoring.scoring}/assessments").status_code == 200
 
 
 @pytest.mark.parametrize("name", ["file", "columns/0.f8", "scorings/*.tiles.npy"])
-def test_the_doctor_finds_what_was_changed(kept: Kept, name: str) -> None:
-    settings = Settings(data_dir=kept.folder.parents[1])
+def test_the_doctor_finds_what_was_changed(stored_scoring: StoredScoring, name: str) -> None:
+    settings = Settings(data_dir=stored_scoring.folder.parents[1])
     assert doctor.contents(settings).endswith("1 recordings, 1 scorings are whole")
-    (file,) = kept.folder.glob(name)
+    (file,) = stored_scoring.folder.glob(name)
     content = bytearray(file.read_bytes())
     content[-3] ^= 1
     file.write_bytes(content)
@@ -140,23 +148,27 @@ def test_the_doctor_finds_what_was_changed(kept: Kept, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["0.f8", "contents.json"])
-def test_columns_that_were_changed_are_not_read(kept: Kept, name: str) -> None:
-    file = kept.folder / "columns" / name
+def test_columns_that_were_changed_are_not_read(stored_scoring: StoredScoring, name: str) -> None:
+    file = stored_scoring.folder / "columns" / name
     content = bytearray(file.read_bytes())
     content[-3] ^= 1
     file.write_bytes(content)
-    answer = kept.client.get(f"{kept.path}/signals/0/preview")
+    answer = stored_scoring.client.get(f"{stored_scoring.path}/signals/0/preview")
     assert "upload it again" in problem(answer, 500)
 
 
-def test_a_monitor_whose_blob_was_changed_is_not_flown(kept: Kept) -> None:
-    store = store_of(kept.client)
+def test_a_monitor_whose_blob_was_changed_is_not_flown(stored_scoring: StoredScoring) -> None:
+    store = store_of(stored_scoring.client)
     with store.engine.begin() as connection:
         connection.execute(update(monitor_parts).values(content=b"FWMON\0 something else"))
-    detail = problem(kept.client.get(f"/api/v1/monitors/{kept.monitor}/file"), 500)
+    detail = problem(
+        stored_scoring.client.get(f"/api/v1/monitors/{stored_scoring.monitor}/file"), 500
+    )
     assert "its digest does not match: train it again" in detail
 
 
-def test_a_recording_of_an_older_program_is_read_without_digests(kept: Kept) -> None:
-    (kept.folder / "digests.json").unlink()
-    assert kept.client.get(f"{kept.path}/signals/0/preview").status_code == 200
+def test_a_recording_of_an_older_program_is_read_without_digests(
+    stored_scoring: StoredScoring,
+) -> None:
+    (stored_scoring.folder / "digests.json").unlink()
+    assert stored_scoring.client.get(f"{stored_scoring.path}/signals/0/preview").status_code == 200

@@ -12,15 +12,15 @@ from app.telemetry.contents import ColumnWriter, open_columns, release
 def resident(path: Path) -> int:
     """Bytes of a file that are in this process's memory."""
     lines = iter(Path("/proc/self/smaps").read_text().splitlines())
-    kept = 0
+    resident_kib = 0
     for line in lines:
         if line.endswith(str(path)):
-            kept += next(int(row.split()[1]) for row in lines if row.startswith("Rss:"))
-    return kept * 1024
+            resident_kib += next(int(row.split()[1]) for row in lines if row.startswith("Rss:"))
+    return resident_kib * 1024
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the system does not say it")
-def test_a_column_that_is_released_takes_no_memory_and_is_there_again(tmp_path: Path) -> None:
+def test_a_released_column_uses_no_memory_and_can_be_read_again(tmp_path: Path) -> None:
     """Also through views of it; what is in memory alone stays."""
     place = tmp_path / "columns"
     place.mkdir()

@@ -37,13 +37,13 @@ def recorded(files):
 
 def named(columns, name):
     """The one signal whose name is this, but for where it lies and its unit."""
-    found = [
+    matches = [
         signal
         for signal in columns.contents.signals
         if signal.name.partition(" [")[0].rpartition("/")[2] == name
     ]
-    assert len(found) == 1, [signal.name for signal in columns.contents.signals]
-    return found[0]
+    assert len(matches) == 1, [signal.name for signal in columns.contents.signals]
+    return matches[0]
 
 
 @pytest.mark.parametrize("kind", NAMED)
@@ -78,7 +78,7 @@ def test_units_come_back(kind, recorded):
         ("hdf5", ""),
     ],
 )
-def test_the_moment_of_time_zero_comes_back(kind, start, recorded):
+def test_the_time_origin_comes_back(kind, start, recorded):
     assert recorded[kind].contents.start == start
 
 
@@ -115,7 +115,7 @@ def test_a_file_cut_short_is_refused_or_read_up_to_there(kind, share, files, tmp
 
 @pytest.mark.parametrize("kind", FILES)
 @pytest.mark.parametrize("content", [b"", b"\0" * 4096, bytes(range(256)) * 40])
-def test_what_is_no_such_file_is_refused(kind, content, tmp_path):
+def test_a_file_of_another_format_is_refused(kind, content, tmp_path):
     path = tmp_path / "noise"
     path.write_bytes(content)
     with pytest.raises(TelemetryError) as refused:
@@ -124,7 +124,7 @@ def test_what_is_no_such_file_is_refused(kind, content, tmp_path):
 
 
 @pytest.mark.parametrize("kind", FILES)
-def test_a_file_that_unfolds_to_too_much_is_refused_before_it_is_read(kind, files, tmp_path):
+def test_a_file_that_expands_too_much_is_refused_before_reading(kind, files, tmp_path):
     path = tmp_path / "large"
     path.write_bytes(files[kind].read_bytes())
     with pytest.raises(TelemetryError, match="MiB"):
@@ -159,10 +159,10 @@ def test_a_library_that_is_not_installed_is_no_fault_of_the_file(
         ("ch10", "chapter10", "*.c*10"),
     ],
 )
-def test_files_that_come_with_the_libraries_are_read_or_refused(reader, package, pattern, tmp_path):
-    found = import_module(package).__file__
-    assert found is not None
-    files = sorted(Path(found).parent.rglob(pattern))
+def test_sample_files_of_the_libraries_are_read_or_refused(reader, package, pattern, tmp_path):
+    module_file = import_module(package).__file__
+    assert module_file is not None
+    files = sorted(Path(module_file).parent.rglob(pattern))
     if not files:
         pytest.skip(f"{package} is installed without {pattern} files")
     n_read = 0

@@ -93,7 +93,7 @@ def test_whatever_a_reader_does_is_one_sentence_and_leaves_nothing(deed, wicked,
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_full_disk_is_not_the_files_fault(wicked, tmp_path):
+def test_a_full_disk_is_not_reported_as_a_damaged_file(wicked, tmp_path):
     with pytest.raises(OSError, match="no room to store"):
         wicked("fill")
     assert os.listdir(tmp_path) == ["flight.wicked"]
@@ -135,14 +135,14 @@ def test_the_spare_is_what_reads_the_next_file_and_is_used_once(write, tmp_path)
     assert isolation._spares.qsize() == 1
 
 
-def test_no_spare_is_started_where_there_was_none(write, tmp_path):
+def test_a_command_starts_no_spare(write, tmp_path):
     while not isolation._spares.empty():
         isolation._end(isolation._spares.get_nowait())
     read_file(write(TABLE), tmp_path / "columns")
     assert isolation._spares.empty()
 
 
-def test_a_spare_that_cannot_start_does_not_cost_the_file(write, tmp_path, monkeypatch):
+def test_a_file_is_read_even_if_no_spare_can_start(write, tmp_path, monkeypatch):
     isolation.warm_up()
     monkeypatch.setattr(sys, "executable", str(tmp_path / "absent"))
     assert read_file(write(TABLE), tmp_path / "columns").groups[0].n_rows == 3

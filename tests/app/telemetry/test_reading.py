@@ -73,12 +73,12 @@ def test_a_format_is_known_by_its_content_under_any_name(key, write):
         ("t;Winkel ß\n0;1\n".encode("latin-1"), "flight.txt", "csv"),
     ],
 )
-def test_formats_that_share_a_container_are_told_apart(head, name, key, write):
+def test_formats_in_one_container_are_distinguished(head, name, key, write):
     assert format_of(write(head), name)[0].key == key
 
 
 @pytest.mark.parametrize("magic", PACKED)
-def test_what_is_packed_is_to_be_unpacked_first(magic, write, tmp_path):
+def test_an_archive_is_refused_with_advice(magic, write, tmp_path):
     with pytest.raises(TelemetryError, match="and give"):
         read_file(write(magic + bytes(99)), tmp_path / "columns")
 
@@ -97,7 +97,7 @@ def test_a_file_of_no_format_is_refused(content, name, message, write, tmp_path)
     assert not (tmp_path / "columns").exists()
 
 
-def test_what_is_no_file_is_refused_by_its_own_name(tmp_path):
+def test_a_path_that_is_not_a_file_is_refused_with_its_name(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for path, message in [
         (tmp_path, "the file: this is a directory"),
@@ -120,7 +120,7 @@ def test_a_link_without_end_is_refused(tmp_path):
         read_file(tmp_path / "link", tmp_path / "columns")
 
 
-def test_columns_are_not_laid_over_others(write, tmp_path):
+def test_columns_do_not_overwrite_others(write, tmp_path):
     read_file(write(TABLE), tmp_path / "columns")
     with pytest.raises(FileExistsError):
         read_file(write(TABLE), tmp_path / "columns")
@@ -145,7 +145,7 @@ def test_a_small_file_does_not_become_a_large_folder(kind, tmp_path):
     assert not (tmp_path / "columns").exists()
 
 
-def test_what_a_file_may_unfold_to_grows_with_its_size(write, tmp_path):
+def test_the_size_limit_of_a_file_grows_with_the_file(write, tmp_path):
     table = write(TABLE)
     for unfolds_by in (2, 4):
         limits = ReadLimits(unfolds_by=unfolds_by, unfolds_to=0)

@@ -90,7 +90,7 @@ def test_a_unit_is_known_in_every_spelling(text, ours):
 
 
 @pytest.mark.parametrize("text", NO_UNITS)
-def test_what_is_no_unit_has_no_spelling(text):
+def test_a_text_that_is_not_a_unit_has_no_spelling(text):
     assert spelled(text) == ""
     with pytest.raises(TelemetryError, match="is not a known unit: give one of rad, deg"):
         factor(text, "rad")
@@ -144,17 +144,17 @@ def test_a_unit_is_spelled_the_same_by_another_pass(unit):
     st.sampled_from([(unit, target) for target, units in CHOICES.items() for unit in units]),
     st.floats(1e-6, 1e6),
 )
-def test_there_and_back_is_where_it_began(pair, number):
+def test_converting_there_and_back_restores_the_value(pair, number):
     unit, target = pair
-    there = convert(np.array([number]), unit, target)
-    np.testing.assert_allclose(convert(there, target, target), there, rtol=0)
-    back = convert(there, unit, target) / factor(unit, target)
-    np.testing.assert_allclose(back, there, rtol=1e-14)
+    converted = convert(np.array([number]), unit, target)
+    np.testing.assert_allclose(convert(converted, target, target), converted, rtol=0)
+    back = convert(converted, unit, target) / factor(unit, target)
+    np.testing.assert_allclose(back, converted, rtol=1e-14)
     assert factor(unit, target) * factor(target, unit) == pytest.approx(1.0, rel=1e-15)
 
 
 @given(st.floats(-1e3, 1e3))
-def test_degrees_are_what_radians_say(angle):
+def test_degrees_give_the_same_proposal_as_radians(angle):
     (radians,) = convert(np.array([np.rad2deg(angle)]), "deg", "rad")
     assert radians == pytest.approx(angle, rel=1e-14, abs=1e-300)
 
@@ -171,7 +171,7 @@ def test_values_in_the_unit_of_the_target_are_not_touched():
 
 
 @given(st.text(max_size=12))
-def test_any_text_is_a_unit_or_none(text):
+def test_any_text_can_be_parsed_as_a_unit(text):
     ours = spelled(text)
     assert spelled(ours) == ours
 
@@ -186,7 +186,7 @@ def test_units_cost_nothing_until_an_uncommon_one_is_converted():
 
 
 @pytest.mark.parametrize("target", sorted({*CHOICES, *BASIC} - {"%", "FL"}))
-def test_common_units_and_kinds_of_quantities_are_as_pint_has_them(target):
+def test_common_units_and_dimensions_equal_those_of_pint(target):
     ours = _parsed(target)
     for unit in (*BASIC, *ONE_WORD.values(), *CHOICES.get(target, ())):
         if (unit, target) == ("ms", "m/s"):

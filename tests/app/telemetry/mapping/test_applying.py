@@ -28,7 +28,7 @@ def table(n=50, **signals):
     st.floats(-1.0, 1.0),
     st.lists(st.floats(-20.0, 20.0), min_size=2, max_size=6),
 )
-def test_a_value_is_sign_times_converted_less_bias(tmp_path_factory, sign, bias, numbers):
+def test_a_value_is_sign_times_converted_minus_bias(tmp_path_factory, sign, bias, numbers):
     columns = columns_of(tmp_path_factory.mktemp("a"), {"t": range(len(numbers)), "b": numbers})
     source = ChannelSource("b", "deg", sign, bias)
     trace = apply_mapping(columns, mapping(beta=source)).channels["beta"]
@@ -44,7 +44,7 @@ def test_a_mapping_file_of_version_0_1_0_is_read():
     assert Mapping.from_plain(earlier) == now
 
 
-def test_what_needs_no_conversion_stays_in_the_file(tmp_path):
+def test_values_without_conversion_stay_memory_mapped(tmp_path):
     columns = columns_of(tmp_path, table(b=np.ones(50)))
     channels = apply_mapping(columns, mapping(beta=ChannelSource("b", "rad"))).channels
     assert isinstance(channels["beta"].values.base, np.memmap)
@@ -204,7 +204,7 @@ def test_nothing_is_derived_from_implausible_values(tmp_path):
     speed[50] = 1e30
     table = {"t": 0.1 * np.arange(100), "v": np.full(100, 5.0), "V": speed}
     columns = columns_of(tmp_path, table)
-    made = apply_mapping(
+    applied = apply_mapping(
         columns,
         Mapping(
             {
@@ -215,5 +215,5 @@ def test_nothing_is_derived_from_implausible_values(tmp_path):
             {"": TimeSource("t")},
         ),
     )
-    assert np.flatnonzero(np.isnan(made.channels["beta"].values)).tolist() == [50]
-    assert made.channels["V"].values[50] == 1e30, "which the quality is to tell"
+    assert np.flatnonzero(np.isnan(applied.channels["beta"].values)).tolist() == [50]
+    assert applied.channels["V"].values[50] == 1e30, "which the quality is to tell"

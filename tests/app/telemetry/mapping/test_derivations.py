@@ -43,29 +43,29 @@ def test_every_derivation_gives_its_target_on_the_times_of_its_first_input(way):
         )
         for n, key in enumerate((*way.needs, *way.helps))
     }
-    made = derive(way, traces)
+    trace = derive(way, traces)
     assert way.target in TARGETS
-    assert made.derived
-    assert made.t is traces[way.needs[0]].t
-    assert made.values.shape == made.t.shape
-    assert np.isfinite(made.values).mean() > 0.9
-    assert all(f" as {key}" in made.source for key in (*way.needs, *way.helps))
+    assert trace.derived
+    assert trace.t is traces[way.needs[0]].t
+    assert trace.values.shape == trace.t.shape
+    assert np.isfinite(trace.values).mean() > 0.9
+    assert all(f" as {key}" in trace.source for key in (*way.needs, *way.helps))
     assert all(need in ways(way.target) for need in way.needs)
 
 
-def test_what_cannot_be_derived_has_no_way():
+def test_a_channel_without_a_derivation_has_no_way():
     assert [key for key in KEYS if not ways(key)] == []
     assert ways("V") == ""
 
 
 def test_sideslip_of_lateral_velocity_and_airspeed():
-    made = derived("beta_from_velocity", v=10.0 * np.sin(T), V=np.full(len(T), 100.0))
-    np.testing.assert_allclose(made.values, np.arcsin(0.1 * np.sin(T)))
+    trace = derived("beta_from_velocity", v=10.0 * np.sin(T), V=np.full(len(T), 100.0))
+    np.testing.assert_allclose(trace.values, np.arcsin(0.1 * np.sin(T)))
 
 
 def test_no_sideslip_without_airspeed():
-    made = derived("beta_from_velocity", v=np.full(len(T), 5.0), V=np.where(T < 1, 0.0, 4.0))
-    assert np.isnan(made.values).all()
+    trace = derived("beta_from_velocity", v=np.full(len(T), 5.0), V=np.where(T < 1, 0.0, 4.0))
+    assert np.isnan(trace.values).all()
 
 
 @pytest.mark.parametrize("key", ["p", "r"])
@@ -73,9 +73,9 @@ def test_body_rates_of_the_attitude_through_a_turn_of_the_heading(key):
     motion = turning()
     motion["psi"] = wrapped(motion["psi"])
     given_ = {name: motion[name] for name in ("phi", "theta", "psi")}
-    made = derived(f"{key}_from_attitude", **given_)
+    trace = derived(f"{key}_from_attitude", **given_)
     inside = (T > 0.2) & (T < 19.7)
-    np.testing.assert_allclose(made.values[inside], motion[key][inside], atol=2e-3)
+    np.testing.assert_allclose(trace.values[inside], motion[key][inside], atol=2e-3)
 
 
 def test_rates_of_one_angle_alone_are_its_derivative():
@@ -87,7 +87,7 @@ def test_rates_of_one_angle_alone_are_its_derivative():
     np.testing.assert_allclose(r, 0.4, rtol=1e-9)
 
 
-def test_gravity_is_taken_out_of_the_lateral_acceleration():
+def test_gravity_is_removed_from_the_lateral_acceleration():
     m, ny = turning(), 0.1 * np.sin(2 * T)
     held = ny + np.sin(m["phi"]) * np.cos(m["theta"])
     full = derived("Ny_without_gravity", Ay=held, phi=m["phi"], theta=m["theta"])
@@ -101,8 +101,8 @@ def test_attitude_of_the_quaternion():
     q = quaternion(m["phi"], m["theta"], m["psi"])
     for sign in (1.0, -1.0):  # both mean the same attitude
         for angle in ("phi", "theta", "psi"):
-            made = derived(f"{angle}_from_quaternion", **{k: sign * x for k, x in q.items()})
-            np.testing.assert_allclose(wrapped(made.values - m[angle]), 0.0, atol=1e-9)
+            trace = derived(f"{angle}_from_quaternion", **{k: sign * x for k, x in q.items()})
+            np.testing.assert_allclose(wrapped(trace.values - m[angle]), 0.0, atol=1e-9)
 
 
 def test_a_quaternion_of_zeros_is_no_attitude():
@@ -117,10 +117,10 @@ def test_inputs_of_another_clock_are_interpolated_but_never_across_a_gap():
         "v": Trace(T, 3.0 + T, source="v"),
         "V": Trace(slow, 100.0 + slow, source="V"),
     }
-    made, t = derive(DERIVATIONS["beta_from_velocity"], traces), T
+    trace, t = derive(DERIVATIONS["beta_from_velocity"], traces), T
     known = (t <= slow[slow < 5.0][-1]) | ((t >= slow[slow > 8.0][0]) & (t <= slow[-1]))
-    np.testing.assert_allclose(made.values[known], np.arcsin((3.0 + t) / (100.0 + t))[known])
-    assert np.isnan(made.values[~known]).all()
+    np.testing.assert_allclose(trace.values[known], np.arcsin((3.0 + t) / (100.0 + t))[known])
+    assert np.isnan(trace.values[~known]).all()
 
 
 def test_a_heading_on_another_clock_is_interpolated_the_short_way_round():
@@ -147,9 +147,9 @@ def test_the_slope_of_a_straight_line_is_exact_on_any_clock(steps, slope, start,
     t = np.concatenate([[0.0], np.cumsum(steps)])
     order = list(range(len(t)))
     random.shuffle(order)
-    found = slopes(t[order], (start + slope * t)[order])
-    known = np.isfinite(found)
-    np.testing.assert_allclose(found[known], slope, rtol=1e-6, atol=1e-6)
+    result = slopes(t[order], (start + slope * t)[order])
+    known = np.isfinite(result)
+    np.testing.assert_allclose(result[known], slope, rtol=1e-6, atol=1e-6)
     assert known.all() or len(steps) > 1
 
 
@@ -157,32 +157,32 @@ def test_the_slope_of_a_straight_line_is_exact_on_any_clock(steps, slope, start,
 def test_noise_grows_as_the_docstring_says(rate):
     t = np.arange(0, 40, 1 / rate)
     noise = np.random.default_rng(4).standard_normal(len(t))
-    found = slopes(t, noise)[rate:-rate].std()
+    result = slopes(t, noise)[rate:-rate].std()
     n = 2 * HALF_WINDOW_S * rate + 1
     exact = np.sqrt(12.0 / (n * (n * n - 1))) * rate
     terms = min(int(HALF_WINDOW_S * rate + 1e-6), 10)
     if terms == HALF_WINDOW_S * rate:
-        assert found == pytest.approx(exact, rel=0.1)
+        assert result == pytest.approx(exact, rel=0.1)
     else:  # evenly spread ones of more samples
-        assert exact < found < 5.0 * exact
-    assert found < 0.5 * (np.diff(noise) * rate).std()
+        assert exact < result < 5.0 * exact
+    assert result < 0.5 * (np.diff(noise) * rate).std()
 
 
 @pytest.mark.parametrize("frequency", [0.2, 0.5, 1.0, 1.5])
 def test_a_sine_keeps_its_slope_and_is_not_delayed(frequency):
     omega = 2 * np.pi * frequency
-    found = slopes(T, np.sin(omega * T))[50:-50]
-    kept = 1.0 - (omega * HALF_WINDOW_S) ** 2 / 10.0
-    want = kept * omega * np.cos(omega * T)[50:-50]
-    np.testing.assert_allclose(found, want, atol=0.015 * omega)
+    result = slopes(T, np.sin(omega * T))[50:-50]
+    gain = 1.0 - (omega * HALF_WINDOW_S) ** 2 / 10.0
+    want = gain * omega * np.cos(omega * T)[50:-50]
+    np.testing.assert_allclose(result, want, atol=0.015 * omega)
 
 
 def test_a_slope_does_not_look_across_a_gap_or_a_missing_value():
     t = np.arange(0.0, 4.0, 0.02)
     x = np.where(t < 2.0, 0.0, 100.0)
     holes = (t < 1.9) | (t > 2.1)
-    found = slopes(t[holes], x[holes])
-    np.testing.assert_allclose(found, 0.0, atol=1e-9)
+    result = slopes(t[holes], x[holes])
+    np.testing.assert_allclose(result, 0.0, atol=1e-9)
     x[100] = np.nan
     assert np.isnan(slopes(t, x)[100])
     lonely = slopes(np.array([0.0, 0.1, 0.2, 5.0]), np.array([0.0, 1.0, 2.0, 9.0]))
@@ -195,7 +195,7 @@ def test_between_samples_values_lie_between_them_and_on_samples_are_exact(times,
     x = np.array(data.draw(st.lists(st.floats(-9, 9), min_size=len(t), max_size=len(t))))
     np.testing.assert_array_equal(values_at(t, t, x), x)
     at = np.array(data.draw(st.lists(st.floats(-10, 1.1e3), max_size=10)))
-    found = values_at(at, t, x)
-    assert np.isnan(found[(at < t.min()) | (at > t.max())]).all()
-    known = found[np.isfinite(found)]
+    result = values_at(at, t, x)
+    assert np.isnan(result[(at < t.min()) | (at > t.max())]).all()
+    known = result[np.isfinite(result)]
     assert ((known >= x.min() - 1e-9) & (known <= x.max() + 1e-9)).all()

@@ -26,7 +26,7 @@ def matches(name, description):
     return signal_matches(Signal(name, "", 0, description))
 
 
-def test_signals_that_only_their_descriptions_tell_are_mapped(tmp_path):
+def test_signals_known_only_by_description_are_mapped(tmp_path):
     writer = ColumnWriter(tmp_path, 2**30)
     group = writer.add_group()
     for key, (name, description, unit) in LONG_NAMES.items():
@@ -53,7 +53,7 @@ def test_signals_that_only_their_descriptions_tell_are_mapped(tmp_path):
         ("THDG", "True heading angle from north", "psi", ""),
     ],
 )
-def test_a_description_says_what_a_signal_is_and_in_which_unit(name, description, key, unit):
+def test_a_description_identifies_a_signal_and_its_unit(name, description, key, unit):
     first = matches(name, description)[0]
     assert (first.key, spelled(first.unit)) == (key, unit)
     assert first.certainty > 0.6
@@ -74,7 +74,7 @@ def test_a_description_says_what_a_signal_is_and_in_which_unit(name, description
         ),
     ],
 )
-def test_what_is_described_as_something_else_is_no_channel(name, description):
+def test_a_description_of_another_quantity_is_not_a_channel(name, description):
     assert all(match.certainty < 0.4 for match in matches(name, description))
 
 

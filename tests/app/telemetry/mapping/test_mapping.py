@@ -144,7 +144,7 @@ def test_a_sideslip_that_reaches_8_is_in_degrees(tmp_path):
     assert any("are taken as deg" in reason for reason in proposal.rationales["beta"].reasons)
 
 
-def test_a_unit_with_implausible_values_is_not_taken(tmp_path):
+def test_a_unit_with_implausible_values_is_not_used(tmp_path):
     table = plain_table(beta=100.0 * flight()["beta"])
     proposal = propose(columns_of(tmp_path, table))
     assert proposal.mapping.channels["beta"].unit == "deg"
@@ -179,7 +179,7 @@ def _folder(path, name):
 
 
 @pytest.mark.parametrize("key", KEYS)
-def test_a_decoy_is_not_taken_where_the_channel_itself_is_missing(key, tmp_path):
+def test_a_decoy_does_not_replace_a_missing_channel(key, tmp_path):
     table = plain_table()
     del table[PLAIN[key]]
     table = {"phi_rad": table["phi_rad"], "t_s": table["t_s"]} | {
@@ -192,7 +192,7 @@ def test_a_decoy_is_not_taken_where_the_channel_itself_is_missing(key, tmp_path)
 
 @pytest.mark.parametrize("key", ["beta", "p", "r", "Ny"])
 @pytest.mark.parametrize("value", [0.0, 0.3, np.nan], ids=["zero", "constant", "empty"])
-def test_a_dead_signal_is_no_channel_that_moves(key, value, tmp_path):
+def test_a_constant_or_empty_signal_is_not_a_moving_channel(key, value, tmp_path):
     table = plain_table(**{key: np.full(len(flight()["t"]), value)})
     for angle in ("phi_rad", "psi_rad"):
         del table[angle]
@@ -203,7 +203,7 @@ def test_a_dead_signal_is_no_channel_that_moves(key, value, tmp_path):
 
 
 @pytest.mark.parametrize("key", ["delta_a", "delta_r"])
-def test_a_surface_may_be_left_alone(key, tmp_path):
+def test_a_surface_may_be_constant(key, tmp_path):
     table = plain_table(**{key: np.zeros(len(flight()["t"]))})
     proposal = propose(columns_of(tmp_path, table))
     assert proposal.mapping.channels[key] == ChannelSource(PLAIN[key], "rad")
@@ -226,7 +226,7 @@ def test_each_signal_is_given_once_and_the_others_are_alternatives(tmp_path):
     assert "beta_raw_rad would also fit" in proposal.rationales["beta"].reasons
 
 
-def test_speed_and_lateral_velocity_of_one_letter_are_told_apart(tmp_path):
+def test_airspeed_and_lateral_velocity_with_one_letter_are_distinguished(tmp_path):
     table = plain_table()
     table["V"] = table.pop("V_mps")
     table["v"] = table["V"] * np.sin(flight()["beta"])
@@ -237,12 +237,12 @@ def test_speed_and_lateral_velocity_of_one_letter_are_told_apart(tmp_path):
     assert proposal.mapping.channels["v"].signal == "v"
     assert proposal.mapping.channels["beta"] == ChannelSource(derivation="beta_from_velocity")
     assert proposal.rationales["beta"].confidence < proposal.rationales["v"].confidence
-    made = apply_mapping(columns, proposal.mapping).channels["beta"]
-    assert made.derived
-    np.testing.assert_allclose(made.values, flight()["beta"], rtol=1e-12, atol=1e-15)
+    trace = apply_mapping(columns, proposal.mapping).channels["beta"]
+    assert trace.derived
+    np.testing.assert_allclose(trace.values, flight()["beta"], rtol=1e-12, atol=1e-15)
 
 
-def test_a_channel_that_is_missing_is_named_with_what_could_derive_it(tmp_path):
+def test_a_missing_channel_lists_its_possible_derivations(tmp_path):
     table = {PLAIN[key]: flight()[key] for key in ("t", "beta", "Ny")}
     proposal = propose(columns_of(tmp_path, table))
     assert proposal.missing == ("p", "r", "delta_a", "delta_r")
@@ -250,7 +250,7 @@ def test_a_channel_that_is_missing_is_named_with_what_could_derive_it(tmp_path):
     assert "can be derived from psi" in " ".join(proposal.rationales["r"].reasons)
 
 
-def test_what_could_be_derived_is_offered_beside_what_was_measured(tmp_path):
+def test_derivations_are_offered_beside_measured_channels(tmp_path):
     proposal = propose(columns_of(tmp_path, plain_table()))
     assert proposal.derivable == {"p": ("p_from_attitude",), "r": ("r_from_attitude",)}
     assert not any(source.derivation for source in proposal.mapping.channels.values())
@@ -270,7 +270,7 @@ def confirmed():
     )
 
 
-def test_a_confirmed_mapping_is_taken_where_its_signals_are(confirmed, tmp_path):
+def test_a_confirmed_mapping_applies_where_its_signals_exist(confirmed, tmp_path):
     table = plain_table() | {"left_vane": -np.rad2deg(flight()["beta"]), "inertial": flight()["Ny"]}
     proposal = propose(columns_of(tmp_path, table), confirmed, aircraft="PH-LAB")
     assert confirmed.channels.items() <= proposal.mapping.channels.items()
@@ -282,7 +282,7 @@ def test_a_confirmed_mapping_is_taken_where_its_signals_are(confirmed, tmp_path)
     assert proposal.rationales["delta_r"].confidence < 0.7 < proposal.rationales["beta"].confidence
 
 
-def test_what_a_confirmed_mapping_lacks_in_this_file_is_proposed_anew(confirmed, tmp_path):
+def test_channels_missing_from_a_confirmed_mapping_are_proposed(confirmed, tmp_path):
     proposal = propose(columns_of(tmp_path, plain_table()), confirmed)
     assert proposal.mapping.channels["beta"] == ChannelSource("beta_rad", "rad")
     assert proposal.mapping.channels["Ny"] == ChannelSource("ay_g", "g")
@@ -306,7 +306,7 @@ def test_the_same_file_is_proposed_the_same(tmp_path):
     assert propose(columns) == propose(columns)
 
 
-def test_a_file_without_any_channel_says_so_of_each(tmp_path):
+def test_a_file_without_channels_gives_a_reason_for_each(tmp_path):
     table = {"t_s": np.arange(50.0), "cabin_pressure": np.arange(50.0)}
     proposal = propose(columns_of(tmp_path, table))
     assert proposal.missing == KEYS

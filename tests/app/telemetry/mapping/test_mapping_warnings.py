@@ -44,30 +44,30 @@ def warnings_about(columns, mapping):
     return find_warnings(columns, mapping, applied)
 
 
-def test_a_mapping_that_is_right_has_no_warning(columns, right):
+def test_a_correct_mapping_has_no_warning(columns, right):
     assert warnings_about(columns, right) == {}
 
 
 @pytest.mark.parametrize("key", ["beta", "p", "Ny", "delta_r"])
-def test_a_sign_against_the_motion_is_warned_of(key, columns, right):
+def test_a_sign_against_the_motion_gives_a_warning(key, columns, right):
     warnings = warnings_about(columns, changed(right, key, sign=-1))
     assert any("according to the motion it is reversed" in text for text in warnings[key])
 
 
-def test_a_bias_away_from_zero_is_warned_of(columns, right):
+def test_a_bias_away_from_zero_gives_a_warning(columns, right):
     (text,) = warnings_about(columns, changed(right, "beta", bias=1.5))["beta"]
     assert text.endswith("deg to -85.9 deg, away from zero")
     centred = np.mean(columns.values("beta"))
     assert warnings_about(columns, changed(right, "beta", bias=float(centred))) == {}
 
 
-def test_a_bias_of_an_accelerometer_is_warned_of(columns, right):
+def test_a_bias_of_an_accelerometer_gives_a_warning(columns, right):
     assert "constant bias" in " ".join(
         warnings_about(columns, changed(right, "Ny", bias=1.0))["Ny"]
     )
 
 
-def test_a_signal_used_twice_is_warned_of_on_both(columns, right):
+def test_a_signal_used_twice_gives_a_warning_on_both(columns, right):
     warnings = warnings_about(columns, changed(right, "r", signal="p"))
     assert "p is also mapped to yaw rate" in warnings["p"]
     assert "p is also mapped to roll rate" in warnings["r"]
@@ -77,7 +77,7 @@ def test_a_signal_used_twice_is_warned_of_on_both(columns, right):
     )
 
 
-def test_a_unit_against_that_of_the_file_or_the_name_is_warned_of(columns, right, tmp_path):
+def test_a_unit_that_differs_from_file_or_name_gives_a_warning(columns, right, tmp_path):
     warnings = warnings_about(columns, changed(right, "beta", unit="deg"))
     assert "the file gives beta in rad, not in deg" in warnings["beta"]
     named = columns_of(tmp_path, {"t": columns.values("t"), "beta_deg": columns.values("beta")})
@@ -90,6 +90,6 @@ def test_a_unit_against_that_of_the_file_or_the_name_is_warned_of(columns, right
     assert text in warnings_about(columns, odd)["Ny"]
 
 
-def test_what_cannot_be_applied_is_still_warned_of(columns, right):
+def test_a_mapping_that_cannot_be_applied_still_gives_warnings(columns, right):
     odd = changed(changed(right, "r", signal="p"), "Ny", signal="no such")
     assert set(warnings_about(columns, odd)) == {"p", "r"}

@@ -29,15 +29,15 @@ def traces_of(channels):
 
 
 def moves_of(channels):
-    found = motion(traces_of(channels))
-    assert found is not None
-    return found
+    result = motion(traces_of(channels))
+    assert result is not None
+    return result
 
 
 def proposed(folder, channels, **how):
     units = {"p": "rad/s", "r": "rad/s", "Ny": "g", "V": "m/s", "t": "s"}
-    said = {key: units.get(key, "rad") for key in channels}
-    columns = columns_of(folder, channels, units=said)
+    mapped_units = {key: units.get(key, "rad") for key in channels}
+    columns = columns_of(folder, channels, units=mapped_units)
     return columns, propose(columns, **how)
 
 
@@ -54,15 +54,16 @@ def test_a_reversed_channel_is_found_on_every_published_aircraft(model, reversed
     expected = surface_signs(PublishedAircraft(model, n_states=4).uncertain_plant())
     _, proposal = proposed(tmp_path, channels, expected=expected)
     for key in KEYS:
-        told = UNVERIFIED not in proposal.rationales[key].reasons[-1]
-        assert told or (key, model) == ("delta_a", "b747_40k_m0p8"), key  # it rolls by 0.8 deg/s
-        if told:
+        verified = UNVERIFIED not in proposal.rationales[key].reasons[-1]
+        # the 747 only rolls by 0.8 deg/s
+        assert verified or (key, model) == ("delta_a", "b747_40k_m0p8"), key
+        if verified:
             assert signs_of(proposal)[key] == (-1 if key in keys else 1), key
 
 
 @pytest.mark.parametrize("model", [name for name in MODELS if not name.startswith("b747")])
 @pytest.mark.parametrize("reversed_", [("phi",), ("p", "delta_a")])
-def test_a_bank_angle_against_all_others_is_reversed_but_no_true_one(model, reversed_):
+def test_only_a_bank_angle_that_contradicts_all_others_is_reversed(model, reversed_):
     """By the sideslip, where roll rate and aileron are reversed. The 747 hardly rolls."""
     channels = flight(model) | {key: -flight(model)[key] for key in reversed_}
     expected = surface_signs(PublishedAircraft(model, n_states=4).uncertain_plant())
@@ -89,7 +90,7 @@ def test_a_reversed_bank_angle_is_proposed_reversed(tmp_path):
     st.sampled_from([("psi",), ("phi", "theta", "psi"), ("beta",), ("beta", "phi", "psi", "V")]),
     st.lists(st.sampled_from(["beta", "Ny", "delta_a", "delta_r"]), max_size=2, unique=True),
 )
-def test_what_is_told_of_less_is_never_wrong(model, lacking, reversed_):
+def test_signs_found_from_fewer_channels_are_never_wrong(model, lacking, reversed_):
     channels = flight(model) | {key: -flight(model)[key] for key in reversed_}
     moves = moves_of({key: channels[key] for key in channels if key not in lacking})
     expected = surface_signs(PublishedAircraft(model, n_states=4).uncertain_plant())
@@ -99,19 +100,19 @@ def test_what_is_told_of_less_is_never_wrong(model, lacking, reversed_):
 
 
 def test_rates_follow_the_attitude_one_to_one():
-    found = find_signs(moves_of(flight()))
+    result = find_signs(moves_of(flight()))
     for key in ("p", "r"):
-        assert found[key].sign == 1
-        assert found[key].times == 1.0
-        assert "agrees with the attitude: +1.0" in found[key].text
+        assert result[key].sign == 1
+        assert result[key].times == 1.0
+        assert "agrees with the attitude: +1.0" in result[key].text
 
 
 @pytest.mark.parametrize(("key", "angle"), [("p", "phi"), ("r", "psi")])
 @pytest.mark.parametrize("which", [0, 1])
 def test_a_rate_in_other_units_than_its_angle_is_noticed(key, angle, which):
     wrong = (key, angle)[which]
-    found = find_signs(moves_of(flight() | {wrong: np.rad2deg(flight()[wrong])}))
-    ratio = found[key].times if which == 0 else 1.0 / found[key].times
+    result = find_signs(moves_of(flight() | {wrong: np.rad2deg(flight()[wrong])}))
+    ratio = result[key].times if which == 0 else 1.0 / result[key].times
     assert ratio == pytest.approx(57.3, rel=0.1)
 
 
@@ -124,7 +125,7 @@ def test_units_that_contradict_each_other_are_suspect_and_not_changed(tmp_path):
 
 
 @pytest.mark.parametrize("aileron", [1, -1])
-def test_the_aileron_is_held_against_the_aircraft_at_hand(aileron, tmp_path):
+def test_the_aileron_is_compared_with_the_aircraft_at_hand(aileron, tmp_path):
     _, proposal = proposed(tmp_path, flight(), expected=SurfaceSigns(aileron, -1))
     assert signs_of(proposal)["delta_a"] == -aileron  # the ATTAS rolls left
 
@@ -137,11 +138,11 @@ def test_without_an_aircraft_positive_surfaces_turn_left():
 
 def test_sideslip_side_force_and_rudder_against_the_yaw_rate_mean_that_it_is_reversed():
     channels = {key: x for key, x in flight().items() if key != "psi"}
-    found = find_signs(moves_of(channels | {"r": -channels["r"]}))
-    assert {key for key, evidence in found.items() if evidence.sign < 0} == {"r"}
+    result = find_signs(moves_of(channels | {"r": -channels["r"]}))
+    assert {key for key, evidence in result.items() if evidence.sign < 0} == {"r"}
 
 
-def test_nothing_is_told_of_a_still_aircraft_or_a_slow_recorder(tmp_path):
+def test_a_still_aircraft_or_a_slow_recorder_shows_no_signs(tmp_path):
     still = {key: x if key == "t" else np.full(len(x), x[0]) for key, x in flight().items()}
     assert find_signs(moves_of(still)) == {}
     slow = {key: x[::16] for key, x in flight().items()}
@@ -159,30 +160,30 @@ def test_noise_alone_proves_nothing(seed):
     assert find_signs(moves) == {}
 
 
-def test_of_a_long_recording_the_lively_manoeuvre_is_looked_at():
+def test_a_long_recording_is_judged_by_its_most_active_part():
     short = flight(dt=0.05)
     n = int(3 * LONG / 0.05)
     rng = np.random.default_rng(1)
     long = {key: 1e-4 * rng.standard_normal(n) for key in MEASURED} | {"t": 0.05 * np.arange(n)}
     for key in MEASURED:
         long[key][5000 : 5000 + len(short["t"])] += short[key]
-    found = find_signs(moves_of(long | {"delta_r": -long["delta_r"]}))
-    assert found["delta_r"].sign == -1
-    assert found["beta"].sign == found["Ny"].sign == found["delta_a"].sign == 1
+    result = find_signs(moves_of(long | {"delta_r": -long["delta_r"]}))
+    assert result["delta_r"].sign == -1
+    assert result["beta"].sign == result["Ny"].sign == result["delta_a"].sign == 1
 
 
-def test_channels_of_several_rates_are_held_against_each_other():
+def test_channels_of_several_rates_are_compared():
     channels = traces_of(flight()).channels
     for stride, key in enumerate(KEYS, start=1):
         trace = channels[key]
         channels[key] = Trace(trace.t[::stride], trace.values[::stride])
-    found = motion(Traces(channels))
-    assert found is not None
-    assert {key for key, evidence in find_signs(found).items() if evidence.proven} == set(KEYS)
+    result = motion(Traces(channels))
+    assert result is not None
+    assert {key for key, evidence in find_signs(result).items() if evidence.proven} == set(KEYS)
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_gravity_in_a_lateral_acceleration_is_found_and_taken_out(sign, tmp_path):
+def test_gravity_in_a_lateral_acceleration_is_found_and_removed(sign, tmp_path):
     channels = flight("f104a_sl_m0p8")
     gravity = np.sin(channels["phi"]) * np.cos(channels["theta"])
     held = sign * (channels["Ny"] + gravity)
@@ -191,19 +192,19 @@ def test_gravity_in_a_lateral_acceleration_is_found_and_taken_out(sign, tmp_path
     assert proposal.mapping.channels["Ay"] == ChannelSource("Ny", "g", sign=sign)
     assert "Ny contains gravity: it follows +1" in proposal.rationales["Ny"].reasons[0]
     assert proposal.rationales["Ny"].confidence < proposal.rationales["beta"].confidence
-    made = apply_mapping(columns, proposal.mapping).channels["Ny"]
-    assert made.derived
-    np.testing.assert_allclose(made.values, channels["Ny"], atol=1e-12)
+    trace = apply_mapping(columns, proposal.mapping).channels["Ny"]
+    assert trace.derived
+    np.testing.assert_allclose(trace.values, channels["Ny"], atol=1e-12)
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_what_an_accelerometer_measures_is_left_as_it_is(model, tmp_path):
+def test_specific_force_is_not_changed(model, tmp_path):
     _, proposal = proposed(tmp_path, flight(model))
     assert proposal.mapping.channels["Ny"] == ChannelSource("Ny", "g")
     assert "Ay" not in proposal.mapping.channels
 
 
-def test_an_offset_in_the_quiet_first_seconds_is_proposed_with_its_reason(tmp_path):
+def test_a_bias_in_the_quiet_first_seconds_is_proposed_with_its_reason(tmp_path):
     columns, proposal = proposed(tmp_path, flight() | {"Ny": flight()["Ny"] + 0.08})
     bias = proposal.mapping.channels["Ny"].bias
     assert bias == pytest.approx(0.08, abs=0.001)
@@ -211,8 +212,8 @@ def test_an_offset_in_the_quiet_first_seconds_is_proposed_with_its_reason(tmp_pa
         "removed a constant bias: its first 2 s have a mean of 0.0799 g and a standard deviation "
         "of 0.0022 g"
     )
-    made = apply_mapping(columns, proposal.mapping).channels["Ny"]
-    np.testing.assert_allclose(made.values, flight()["Ny"] + 0.08 - bias)
+    trace = apply_mapping(columns, proposal.mapping).channels["Ny"]
+    np.testing.assert_allclose(trace.values, flight()["Ny"] + 0.08 - bias)
 
 
 def test_a_bias_as_large_as_gravity_is_suspect(tmp_path):
@@ -223,7 +224,7 @@ def test_a_bias_as_large_as_gravity_is_suspect(tmp_path):
 
 
 @pytest.mark.parametrize("start", ["trim", "moving"])
-def test_a_side_force_in_trim_or_in_motion_is_no_offset(start, tmp_path):
+def test_a_side_force_in_trim_or_in_motion_is_not_a_bias(start, tmp_path):
     channels = flight()
     if start == "trim":
         channels = channels | {"Ny": channels["Ny"] + 0.012}
@@ -234,29 +235,29 @@ def test_a_side_force_in_trim_or_in_motion_is_no_offset(start, tmp_path):
 
 
 @pytest.mark.parametrize("alike", [1, -1])
-def test_two_ailerons_make_one_whichever_way_they_are_counted(alike, tmp_path):
+def test_two_ailerons_become_one_with_any_sign_convention(alike, tmp_path):
     channels = {key: x for key, x in flight().items() if key != "delta_a"}
     down = flight()["delta_a"]
     channels |= {"aileron_right": down, "aileron_left": alike * down}
     columns, proposal = proposed(tmp_path, channels)
     assert proposal.mapping.channels["delta_a"].derivation == "delta_a_of_both"
     assert proposal.mapping.channels["delta_a_left"].sign == -alike
-    made = apply_mapping(columns, proposal.mapping).channels["delta_a"]
-    np.testing.assert_allclose(made.values, down)
+    trace = apply_mapping(columns, proposal.mapping).channels["delta_a"]
+    np.testing.assert_allclose(trace.values, down)
 
 
 @pytest.mark.parametrize("key", ["delta_a", "delta_r"])
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_one_side_stands_for_both_where_the_other_was_not_recorded(key, side, tmp_path):
+def test_one_side_is_used_for_both_if_the_other_was_not_recorded(key, side, tmp_path):
     channels = {name: x for name, x in flight().items() if name != key}
     channels[f"{'aileron' if key == 'delta_a' else 'rudder'}_{side}"] = flight()[key]
     columns, proposal = proposed(tmp_path, channels)
     assert proposal.mapping.channels[key].derivation == f"{key}_of_{side}"
-    made = apply_mapping(columns, proposal.mapping).channels[key]
-    np.testing.assert_allclose(made.values, flight()[key])  # its sign is told by the motion
+    trace = apply_mapping(columns, proposal.mapping).channels[key]
+    np.testing.assert_allclose(trace.values, flight()[key])  # the motion shows its sign
 
 
-def test_rates_made_of_the_attitude_are_not_proven_by_it(tmp_path):
+def test_rates_derived_from_the_attitude_are_not_proven_by_it(tmp_path):
     channels = {key: x for key, x in flight().items() if key not in ("p", "r")}
     _, proposal = proposed(tmp_path, channels)
     for key in ("p", "r"):

@@ -111,19 +111,19 @@ def _named(key: str) -> list[tuple[str, str, str]]:
 
 
 @pytest.mark.parametrize(("key", "name", "unit"), [row for key in NAMES for row in _named(key)])
-def test_a_name_is_read_as_its_channel_in_the_unit_that_it_says(key, name, unit):
+def test_a_name_gives_its_channel_and_unit(key, name, unit):
     first = name_matches(name)[0]
     assert (first.key, spelled(first.unit)) == (key, unit)
     assert first.certainty >= 0.5
 
 
 @pytest.mark.parametrize("name", DECOYS)
-def test_a_name_of_something_else_is_no_channel(name):
+def test_a_name_of_another_quantity_is_not_a_channel(name):
     assert [reading for reading in name_matches(name) if reading.certainty >= 0.3] == []
 
 
 @pytest.mark.parametrize("name", UNSURE.split())
-def test_a_name_that_could_be_a_channel_is_not_taken_for_it(name):
+def test_an_uncertain_name_is_not_proposed(name):
     assert all(reading.certainty < 0.4 for reading in name_matches(name))
 
 
@@ -162,7 +162,7 @@ def test_a_group_of_commands_has_no_measurements(group):
         ("true_heading", "yaw"),
     ],
 )
-def test_a_name_that_can_mean_one_thing_only_is_surer(surer, less):
+def test_an_unambiguous_name_is_more_certain(surer, less):
     assert name_matches(surer)[0].key == name_matches(less)[0].key
     assert name_matches(surer)[0].certainty > name_matches(less)[0].certainty
 
@@ -179,7 +179,7 @@ def test_case_changes_nothing(row, data):
 
 
 @given(st.text(max_size=30))
-def test_any_name_is_read_as_targets_or_time_with_a_certainty(name):
+def test_any_name_gives_targets_or_time_with_a_certainty(name):
     for reading in name_matches(name, name):
         assert reading.key in TARGETS or reading.key == "t"
         assert 0.0 < reading.certainty <= 1.0
@@ -187,6 +187,6 @@ def test_any_name_is_read_as_targets_or_time_with_a_certainty(name):
 
 def test_every_word_of_the_vocabulary_means_itself():
     for stem, meant in MEANINGS.items():
-        found = {reading.key: reading.certainty for reading in name_matches(stem)}
+        certainties = {reading.key: reading.certainty for reading in name_matches(stem)}
         for key, certainty in meant.items():
-            assert found.get(key, 0.0) >= certainty - 1e-12, stem
+            assert certainties.get(key, 0.0) >= certainty - 1e-12, stem

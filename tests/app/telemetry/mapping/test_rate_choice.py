@@ -55,7 +55,7 @@ def test_a_measured_gyro_is_preferred_to_a_derived_rate(derived, tmp_path):
     assert proposal.alternatives["p"] == (derived,)
 
 
-def test_a_derived_rate_is_taken_where_none_was_measured(tmp_path):
+def test_a_derived_rate_is_used_if_none_was_measured(tmp_path):
     table = two_rates("p", 0.9, first="gyro_x", second="roll_rate_derived")
     del table["gyro_x"]
     proposal = propose(columns_of(tmp_path, table))
@@ -64,9 +64,9 @@ def test_a_derived_rate_is_taken_where_none_was_measured(tmp_path):
 
 @pytest.mark.parametrize("place", ["RATE.", "RATE_", ""])
 def test_r_p_and_y_are_rates_of_roll_pitch_and_yaw(place, tmp_path):
-    told = flight()
-    axes = {"R": told["p"], "P": 0.3 * told["beta"], "Y": told["r"]}
-    table = {name: told[name] for name in OTHER_KEYS}
+    channels = flight()
+    axes = {"R": channels["p"], "P": 0.3 * channels["beta"], "Y": channels["r"]}
+    table = {name: channels[name] for name in OTHER_KEYS}
     table |= {f"{place}{letter}": rate for letter, rate in axes.items()}
     channels = propose(columns_of(tmp_path, table)).mapping.channels
     assert (channels["p"].signal, channels["r"].signal) == (f"{place}R", f"{place}Y")

@@ -18,7 +18,7 @@ def times_of(folder, table, **how):
 
 
 @pytest.mark.parametrize(("name", "values", "unit"), COUNTS.values(), ids=COUNTS)
-def test_the_unit_of_a_time_is_told_by_its_steps_and_origin(name, values, unit, tmp_path):
+def test_steps_and_origin_of_a_time_show_its_unit(name, values, unit, tmp_path):
     times, rationales = times_of(tmp_path, {"beta": SWING, name: values})
     assert times == {"": TimeSource(name, unit)}
     assert "unit not given: " in rationales["t:"].reasons[1]
@@ -28,26 +28,26 @@ def test_the_unit_of_a_time_is_told_by_its_steps_and_origin(name, values, unit, 
     ("name", "given", "unit"),
     [("t_ms", "", "ms"), ("time", "us", "us"), ("Time (sec)", "", "s"), ("time_h", "", "h")],
 )
-def test_a_unit_that_is_given_is_taken(name, given, unit, tmp_path):
+def test_a_given_unit_is_used(name, given, unit, tmp_path):
     times, rationales = times_of(tmp_path, {name: EVEN, "beta": SWING}, units={name: given})
     assert times == {"": TimeSource(name, unit)}
     assert f"its unit is given as {unit}" in rationales["t:"].reasons[1]
 
 
-def test_a_unit_that_makes_no_sample_rate_is_doubted(tmp_path):
+def test_a_unit_with_an_unusual_sample_rate_is_doubted(tmp_path):
     _, rationales = times_of(tmp_path, {"t_h": EVEN, "beta": SWING})
     assert rationales["t:"].confidence < 0.6
     assert "one sample every 72 s" in rationales["t:"].reasons[1]
 
 
-def test_what_the_format_declares_is_the_time(tmp_path):
+def test_a_declared_time_is_used(tmp_path):
     table = {"g//time": EVEN, "g//stamp": 1e6 * EVEN, "g//beta": SWING}
     times, rationales = times_of(tmp_path, table, times={"g": "stamp"}, units={"stamp": "us"})
     assert times == {"g": TimeSource("stamp", "us")}
     assert rationales["t:g"].confidence > 0.95
 
 
-def test_a_time_that_no_name_gives_away_is_found_by_its_even_steps(tmp_path):
+def test_an_unnamed_time_is_found_by_its_even_steps(tmp_path):
     table = {"beta": SWING, "column 1": EVEN, "x": np.cumsum(np.abs(SWING)) ** 2}
     times, rationales = times_of(tmp_path, table)
     assert times == {"": TimeSource("column 1", "s")}
@@ -65,7 +65,7 @@ def test_a_time_that_no_name_gives_away_is_found_by_its_even_steps(tmp_path):
     ],
     ids=["counter", "constant", "empty", "noise", "uneven"],
 )
-def test_a_group_without_a_time_is_not_used_and_says_so(values, tmp_path):
+def test_a_group_without_a_time_is_not_used_with_a_reason(values, tmp_path):
     untimed = {"a//beta": SWING, "a//row": values}
     times, rationales = times_of(tmp_path / "both", untimed | {"b//t": EVEN, "b//p": SWING})
     assert times.keys() == {"b"}
@@ -86,7 +86,7 @@ def test_a_group_without_a_time_is_not_used_and_says_so(values, tmp_path):
     ],
     ids=["constant", "empty"],
 )
-def test_a_named_time_that_is_no_clock_is_blamed_and_not_the_names(clock, why, tmp_path):
+def test_a_constant_or_empty_time_is_reported_as_the_cause(clock, why, tmp_path):
     columns = columns_of(tmp_path, {"t_s": clock, "beta_rad": SWING})
     proposal = propose(columns)
     why += ", so it cannot be the time: choose another signal as the time"
@@ -100,7 +100,7 @@ def test_a_named_time_that_is_no_clock_is_blamed_and_not_the_names(clock, why, t
             apply_mapping(columns, mapping)
 
 
-def test_a_clock_in_whole_seconds_is_told_with_the_rate_that_is_needed(tmp_path):
+def test_a_clock_in_whole_seconds_is_refused_with_the_needed_rate(tmp_path):
     clock = np.floor(np.arange(N) / 25.0)
     columns = columns_of(tmp_path, {"time": clock, "beta_rad": SWING})
     proposal = propose(columns)
@@ -110,13 +110,13 @@ def test_a_clock_in_whole_seconds_is_told_with_the_rate_that_is_needed(tmp_path)
         apply_mapping(columns, proposal.mapping)
 
 
-def test_a_declared_time_that_is_no_clock_is_not_taken(tmp_path):
+def test_a_declared_time_that_does_not_run_is_not_used(tmp_path):
     table = {"clock": np.zeros(N), "t_s": EVEN, "beta_rad": SWING}
     columns = columns_of(tmp_path, table, times={"": "clock"})
     assert propose(columns).mapping.times == {"": TimeSource("t_s", "s")}
 
 
-def test_a_name_alone_makes_no_time(tmp_path):
+def test_a_name_alone_does_not_make_a_time(tmp_path):
     table = {"time": np.zeros(N), "elapsed": EVEN, "beta": SWING}
     assert times_of(tmp_path, table)[0] == {"": TimeSource("elapsed", "s")}
 
@@ -148,7 +148,7 @@ def test_every_group_has_its_own_time_and_one_without_is_left_out(tmp_path):
     assert "fewer than two rows" in proposal.rationales["t:one"].reasons[0]
 
 
-def test_a_spike_is_no_peak():
+def test_a_spike_is_not_a_peak():
     values = 0.05 * np.sin(np.arange(5000.0))
     values[[100, 4000]] = 9999.0, -9999.0
     assert extent_of(values).peak == pytest.approx(0.05, rel=0.01)

@@ -38,12 +38,12 @@ def test_a_rate_is_read_as_it_is_written(text, rate, start, words):
     "text",
     ["", "fast", "50 Hz at noon", "-50 Hz", "0 Hz", "1e9", "999999 Hz", "5 Hz from 25:00:00"],
 )
-def test_what_is_no_rate_is_refused_with_an_example(text):
+def test_a_text_that_is_not_a_rate_is_refused_with_an_example(text):
     with pytest.raises(TelemetryError, match=r"12:31:05|give one"):
         read_rate(text)
 
 
-def test_a_rate_of_zero_is_refused_with_the_rates_that_are_possible():
+def test_a_rate_of_zero_is_refused_with_the_possible_rates():
     with pytest.raises(
         TelemetryError, match=r"'0 Hz' is a rate of zero: give a rate of .* such as 50"
     ):
@@ -60,7 +60,7 @@ def test_a_time_is_a_signal_or_a_plausible_rate(time):
         Mapping.from_plain({"times": {"": time}})
 
 
-def test_the_rows_of_a_table_without_times_are_counted_by_a_rate_that_is_given(tmp_path):
+def test_a_given_rate_gives_times_to_a_table_without_times(tmp_path):
     columns = columns_of(tmp_path, {"beta_deg": SWING})
     proposal = propose(columns)
     assert proposal.mapping.channels["beta"].signal == "beta_deg"
@@ -74,19 +74,19 @@ def test_the_rows_of_a_table_without_times_are_counted_by_a_rate_that_is_given(t
     )
 
 
-def test_a_rate_that_is_given_leaves_recorded_times_alone(tmp_path):
+def test_a_given_rate_does_not_replace_recorded_times(tmp_path):
     table = {"a//t_s": EVEN, "a//p_dps": SWING, "b//beta_deg": SWING}
     times = propose(columns_of(tmp_path, table), rate=TimeSource(rate=10.0)).mapping.times
     assert times == {"a": TimeSource("t_s", "s"), "b": TimeSource(rate=10.0)}
 
 
-def test_a_rate_is_remembered_for_the_next_file_but_not_when_that_began(tmp_path):
+def test_a_rate_is_remembered_for_the_next_file_but_not_its_start(tmp_path):
     columns = columns_of(tmp_path, {"beta_deg": SWING})
     before = propose(columns, rate=TimeSource(rate=50.0, start=45_065.0)).mapping
     assert propose(columns, before).mapping.times == {"": TimeSource(rate=50.0)}
 
 
-def test_a_declared_time_whose_values_conflict_gives_way_to_a_better_one(tmp_path):
+def test_a_declared_time_with_conflicting_values_is_replaced_by_a_better_one(tmp_path):
     backward = np.where(np.arange(N) % 2, EVEN, EVEN[::-1])
     for name, declared, unit in (("backward", backward, "s"), ("unit", EVEN, "h")):
         proposal = propose(
@@ -133,16 +133,16 @@ def test_a_flight_data_recorders_parameters_have_the_times_of_their_rates(tmp_pa
 
 @pytest.mark.parametrize("kind", ["NETCDF3_CLASSIC", "NETCDF4"])
 @pytest.mark.parametrize("timed", [False, True])
-def test_a_variable_of_netcdf_says_its_frequency_where_it_has_no_time(tmp_path, kind, timed):
+def test_a_netcdf_variable_without_a_time_uses_its_frequency(tmp_path, kind, timed):
     with netCDF4.Dataset(tmp_path / "flight.nc", "w", format=kind) as file:
         file.createDimension("record", N)
         for name in ("SSLIP_deg", "roll_rate", *(["time"] if timed else [])):
-            made = file.createVariable(name, "f8", ("record",))
-            made.frequency = np.int32(32)
-            made[:] = EVEN if name == "time" else SWING
-        made = file.createVariable("radar", "f8", ("record",))
-        made.frequency = 9.4e9
-        made[:] = SWING
+            variable = file.createVariable(name, "f8", ("record",))
+            variable.frequency = np.int32(32)
+            variable[:] = EVEN if name == "time" else SWING
+        variable = file.createVariable("radar", "f8", ("record",))
+        variable.frequency = 9.4e9
+        variable[:] = SWING
     columns = read("netcdf", tmp_path / "flight.nc")
     mapping = propose(columns).mapping
     if timed:
@@ -153,7 +153,7 @@ def test_a_variable_of_netcdf_says_its_frequency_where_it_has_no_time(tmp_path, 
         assert columns.contents.groups[columns.signal("radar").group].rate == 0.0
 
 
-def test_a_rate_from_a_time_of_day_counts_the_day_and_no_other_does() -> None:
+def test_only_a_rate_with_a_time_of_day_counts_the_day() -> None:
     day, number = read_rate("25 Hz from 12:31:05"), read_rate("25 Hz from 5 s")
     assert counts_the_day([day, day])
     assert not any(map(counts_the_day, ([], [number], [day, number], [TimeSource("t")])))

@@ -76,7 +76,7 @@ def test_a_roll_rate_without_a_bank_angle_has_the_unit_of_the_yaw_rate_beside_it
     assert_read_right(columns, propose(columns), channels)
 
 
-def test_a_sign_that_agrees_makes_no_unit_sure(tmp_path):
+def test_a_matching_sign_does_not_make_a_unit_certain(tmp_path):
     """Roll, bank, yaw and heading agree in either unit; their magnitudes alone are no proof."""
     keys = ("t", "phi", "psi", "delta_a", *RATES)
     table = unnamed({key: gentle("nt33a_fc1_pa", 0.2)[key] for key in keys}, *ANGLES, *RATES)
@@ -98,7 +98,7 @@ def test_the_evidence_of_a_unit_is_shown(tmp_path):
 
 
 @pytest.mark.parametrize("known", [True, False], ids=["rates", "no-rates"])
-def test_surfaces_in_hundredths_of_a_degree_are_told_by_what_they_do(known, tmp_path):
+def test_surfaces_in_hundredths_of_a_degree_are_found_by_their_effect(known, tmp_path):
     """As ArduPilot logs them; an aileron of 75 could be degrees, a rudder of 120 could not."""
     channels = {key: x for key, x in gentle().items() if known or key not in RATES}
     channels |= {key: 100.0 * channels[key] for key in ("delta_a", "delta_r")}

@@ -76,7 +76,7 @@ def test_words_of_a_bus_are_sorted_by_terminal_and_subaddress(recorded):
     assert "experimental" in columns.contents.notes[0]
 
 
-def test_words_that_a_message_lacks_are_missing_and_32_are_written_as_0(recorded):
+def test_short_messages_have_missing_words_and_a_count_of_0_means_32(recorded):
     columns = recorded(
         bus(FIRST, (0, [command(1, 0, 1, 1), 8, 0], {})),
         bus(FIRST + 9, (0, [command(1, 0, 1, 32), *range(32), 0], {})),
@@ -155,7 +155,7 @@ def test_analog_samples_are_spread_between_their_packets(packing, recorded):
     assert any("spread evenly" in note for note in columns.contents.notes)
 
 
-def test_set_up_and_clock_give_names_and_the_moment_of_time_zero(recorded):
+def test_set_up_and_clock_give_names_and_the_time_origin(recorded):
     setup = ComputerF1(data_type=1)
     setup.data = b"G\\PN:test;\nR-1\\TK1-2:5;\nR-1\\DSI-2:NAV BUS;\n"
     clock = TimeF1(data_type=0x11, rtc=FIRST - TICKS, date_format=1)
@@ -166,7 +166,7 @@ def test_set_up_and_clock_give_names_and_the_moment_of_time_zero(recorded):
     assert columns.contents.groups[0].name == "1553 channel 5 (NAV BUS) to RT01 SA01"
 
 
-def test_the_counter_may_turn_over_and_a_second_header_be_there(recorded):
+def test_the_counter_may_wrap_and_packets_may_have_a_second_header(recorded):
     last = (1 << 48) - 100_000
     message = (0, [command(1, 0, 1, 1), 8, 0], {})
     plain = bytes(bus(last, message))
@@ -180,7 +180,7 @@ def test_the_counter_may_turn_over_and_a_second_header_be_there(recorded):
     np.testing.assert_allclose(columns.values(time), [0, 0.02])
 
 
-def test_damage_between_packets_is_passed_over_and_noted(recorded):
+def test_damage_between_packets_is_skipped_with_a_note(recorded):
     message = (0, [command(1, 0, 1, 1), 8, 0], {})
     columns = recorded(
         bus(FIRST, message), b"\x25\xeb noise", bus(FIRST + 9, message), b"\x25\xeb" * 3
@@ -189,6 +189,6 @@ def test_damage_between_packets_is_passed_over_and_noted(recorded):
     assert columns.contents.notes[-1] == "Skipped 14 bytes that are not complete packets."
 
 
-def test_a_recording_without_decodable_channels_says_so(recorded):
+def test_a_recording_without_decodable_channels_is_refused(recorded):
     with pytest.raises(TelemetryError, match=r"no channel .* \(PCM packets: 2; video packets: 1\)"):
         recorded(*(ch10_packet(kind, 9, FIRST, bytes(40)) for kind in (0x09, 0x09, 0x41)))

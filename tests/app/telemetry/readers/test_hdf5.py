@@ -12,10 +12,10 @@ T = np.arange(N) / 50
 
 
 @pytest.fixture
-def made(tmp_path):
+def read_back(tmp_path):
     """A function that fills a file -> columns of it."""
 
-    def _made(fill, userblock_size=0, head=b""):
+    def fill_and_read(fill, userblock_size=0, head=b""):
         path = tmp_path / "recording.h5"
         with h5py.File(path, "w", userblock_size=userblock_size) as file:
             fill(file)
@@ -24,14 +24,14 @@ def made(tmp_path):
                 raw.write(head)
         return read("hdf5", path)
 
-    return _made
+    return fill_and_read
 
 
 def reasons(columns):
     return dict(text.split(": ", 1) for text in columns.contents.ignored)
 
 
-def test_groups_follow_place_length_and_time(made):
+def test_groups_follow_place_length_and_time(read_back):
     def fill(file):
         file["time"] = T
         file["air/beta"] = T + 1
@@ -39,7 +39,7 @@ def test_groups_follow_place_length_and_time(made):
         file["fast/p"] = np.arange(3 * N)
         file["fast/odd"] = np.arange(7)
 
-    columns = made(fill)
+    columns = read_back(fill)
     groups = columns.contents.groups
     of = {s.name: groups[s.group] for s in columns.contents.signals}
     assert of["air/beta"] is of["time"]
@@ -50,7 +50,7 @@ def test_groups_follow_place_length_and_time(made):
 
 @pytest.mark.parametrize("chunks", [None, (7, 2), (300, 1), (1, 5)])
 @pytest.mark.parametrize("turned", [False, True])
-def test_columns_of_a_matrix_are_signals(chunks, turned, made, monkeypatch):
+def test_columns_of_a_matrix_are_signals(chunks, turned, read_back, monkeypatch):
     monkeypatch.setattr("app.telemetry.readers.matrices.BLOCK", 64)
     matrix = np.arange(5.0 * N).reshape(N, 5)
 
@@ -58,22 +58,22 @@ def test_columns_of_a_matrix_are_signals(chunks, turned, made, monkeypatch):
         stored = chunks[::-1] if chunks and turned else chunks
         file.create_dataset("rates", data=matrix.T if turned else matrix, chunks=stored)
 
-    columns = made(fill)
+    columns = read_back(fill)
     for k in range(5):
         np.testing.assert_array_equal(columns.values(f"rates[{k}]"), matrix[:, k])
 
 
 @pytest.mark.parametrize("name", ["unit", "units", "Units", "UNIT"])
 @pytest.mark.parametrize("value", ["deg", b"deg", np.array([b"deg"]), np.array("deg", "O")])
-def test_units_are_found_in_attributes_of_many_kinds(name, value, made):
+def test_units_are_found_in_attributes_of_many_kinds(name, value, read_back):
     def fill(file):
         file["beta"] = T
         file["beta"].attrs[name] = value if value is not None else ""
 
-    assert made(fill).signal("beta").unit == "deg"
+    assert read_back(fill).signal("beta").unit == "deg"
 
 
-def test_a_dimension_scale_is_the_time_of_what_it_is_attached_to(made):
+def test_a_dimension_scale_is_the_time_of_its_datasets(read_back):
     def fill(file):
         file["clock"] = T
         file["clock"].make_scale()
@@ -81,13 +81,13 @@ def test_a_dimension_scale_is_the_time_of_what_it_is_attached_to(made):
         file["air/beta"] = T + 1
         file["air/beta"].dims[0].attach_scale(file["clock"])
 
-    columns = made(fill)
+    columns = read_back(fill)
     group = columns.contents.groups[columns.signal("air/beta").group]
     assert group.time == "clock"
     assert columns.signal("other").group != columns.signal("air/beta").group
 
 
-def test_fields_of_a_table_are_signals(made):
+def test_fields_of_a_table_are_signals(read_back):
     kind = [("time", "f8"), ("q", "f4", 4), ("who", "S3"), ("s", [("x", "i2"), ("y", "?")])]
     table = np.zeros(N, kind)
     table["time"], table["q"][:, 2], table["s"]["x"] = T, 7, np.arange(N)
@@ -96,7 +96,7 @@ def test_fields_of_a_table_are_signals(made):
         file["log"] = table
         file["log"].attrs["units"] = ["s", "", "", "m"]
 
-    columns = made(fill)
+    columns = read_back(fill)
     np.testing.assert_array_equal(columns.values("log/q[2]"), np.full(N, 7.0))
     np.testing.assert_array_equal(columns.values("log/s.x"), np.arange(N))
     assert columns.signal("log/s.x").unit == "m"
@@ -104,7 +104,7 @@ def test_fields_of_a_table_are_signals(made):
     assert reasons(columns) == {"log/who": "text"}
 
 
-def test_what_is_no_signal_is_named_with_its_reason(made):
+def test_ignored_content_is_listed_with_reasons(read_back):
     def fill(file):
         file["beta"] = T
         file["text"] = "flight 3"
@@ -115,7 +115,7 @@ def test_what_is_no_signal_is_named_with_its_reason(made):
         file.create_dataset("rows", shape=(2,), dtype=h5py.vlen_dtype(float))
         file.create_dataset("links", shape=(2,), dtype=h5py.ref_dtype)
 
-    assert reasons(made(fill)) == {
+    assert reasons(read_back(fill)) == {
         "text": "text",
         "z": "complex",
         "cube": "3 dimensions",
@@ -126,7 +126,7 @@ def test_what_is_no_signal_is_named_with_its_reason(made):
     }
 
 
-def test_numbers_of_other_files_are_never_read(made, tmp_path):
+def test_numbers_of_other_files_are_never_read(read_back, tmp_path):
     other = tmp_path / "other"
     other.write_bytes(bytes(80))
     with h5py.File(tmp_path / "other.h5", "w") as file:
@@ -141,26 +141,26 @@ def test_numbers_of_other_files_are_never_read(made, tmp_path):
         file.create_virtual_dataset("virtual", layout)
         file.create_dataset("raw", shape=(10,), dtype="f8", external=[(str(other), 0, 80)])
 
-    columns = made(fill)
+    columns = read_back(fill)
     assert [signal.name for signal in columns.contents.signals] == ["beta"]
     assert set(reasons(columns)) == {"link", "virtual", "raw"}
 
 
-def test_groups_in_circles_are_walked_once(made):
+def test_groups_in_circles_are_visited_once(read_back):
     def fill(file):
         file["air/beta"] = T
         file["air/again"] = file["/"]
         file["air/loop"] = file["air"]
 
-    assert [signal.name for signal in made(fill).contents.signals] == ["air/beta"]
+    assert [signal.name for signal in read_back(fill).contents.signals] == ["air/beta"]
 
 
-def test_groups_nested_too_deeply_are_refused(made):
+def test_groups_nested_too_deeply_are_refused(read_back):
     with pytest.raises(TelemetryError, match="nested too deeply"):
-        made(lambda file: file.create_dataset("/".join("a" * 200), data=T))
+        read_back(lambda file: file.create_dataset("/".join("a" * 200), data=T))
 
 
-def test_what_is_declared_but_never_written_is_left_out(made):
+def test_declared_but_unwritten_datasets_are_ignored(read_back):
     def fill(file):
         file["beta"] = T
         file.create_dataset("huge", shape=(10**12,), dtype="f8", chunks=(1000,))
@@ -168,10 +168,12 @@ def test_what_is_declared_but_never_written_is_left_out(made):
         holes = file.create_dataset("holes", shape=(10**9,), dtype="f8", chunks=(1000,))
         holes[5000] = 1.0
 
-    assert reasons(made(fill)) == dict.fromkeys(("huge", "late", "holes"), "almost nothing written")
+    assert reasons(read_back(fill)) == dict.fromkeys(
+        ("huge", "late", "holes"), "almost nothing written"
+    )
 
 
-def test_a_dataset_in_huge_pieces_is_left_out(made):
+def test_a_dataset_in_huge_chunks_is_ignored(read_back):
     def fill(file):
         file["beta"] = T
         piece = file.create_dataset(
@@ -179,23 +181,23 @@ def test_a_dataset_in_huge_pieces_is_left_out(made):
         )
         piece.id.write_direct_chunk((0,), bytes(10), 0)
 
-    assert "pieces of 512 MiB" in reasons(made(fill))["piece"]
+    assert "pieces of 512 MiB" in reasons(read_back(fill))["piece"]
 
 
-def test_a_filter_that_is_not_installed_is_named(made, monkeypatch):
+def test_a_filter_that_is_not_installed_is_named(read_back, monkeypatch):
     monkeypatch.setattr("h5py.h5z.filter_avail", lambda code: code != h5py.h5z.FILTER_LZF)
 
     def fill(file):
         file["beta"] = T
         file.create_dataset("p", data=T, compression="lzf")
 
-    assert reasons(made(fill)) == {"p": "compressed by lzf, which is not installed"}
+    assert reasons(read_back(fill)) == {"p": "compressed by lzf, which is not installed"}
 
 
 MATLAB = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
 
 
-def test_matlabs_classes_are_understood(made):
+def test_matlabs_classes_are_understood(read_back):
     def write(file, name, values, kind, **attributes):
         file[name] = values
         file[name].attrs["MATLAB_class"] = np.bytes_(kind)
@@ -212,9 +214,9 @@ def test_matlabs_classes_are_understood(made):
         write(file, "#refs#/c", text("beta"), b"char")
         write(file, "#refs#/d", text("rates"), b"char")
         for field, names in (("values", "ab"), ("label", "cd")):
-            made = file.create_dataset(f"logs/signals/{field}", (2, 1), h5py.ref_dtype)
+            read_back = file.create_dataset(f"logs/signals/{field}", (2, 1), h5py.ref_dtype)
             for k, name in enumerate(names):
-                made[k, 0] = file[f"#refs#/{name}"].ref
+                read_back[k, 0] = file[f"#refs#/{name}"].ref
         write(file, "square", np.arange(9.0).reshape(3, 3), b"double")
         write(file, "cell", np.zeros((1, 1)), b"cell")
         write(file, "nothing", np.zeros(2, "u8"), b"double", MATLAB_empty=1)
@@ -223,7 +225,7 @@ def test_matlabs_classes_are_understood(made):
             file[f"sparse/{part}"] = np.arange(4.0)
         file["sparse"].attrs["MATLAB_sparse"] = 4
 
-    columns = made(fill, 512, MATLAB)
+    columns = read_back(fill, 512, MATLAB)
     np.testing.assert_array_equal(columns.values("beta"), np.sin(T))
     np.testing.assert_array_equal(columns.values("rates[1]"), 2 * T)
     np.testing.assert_array_equal(columns.values("square[0]"), [0, 1, 2], "a row as stored")

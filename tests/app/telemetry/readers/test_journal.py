@@ -51,14 +51,14 @@ def test_an_incomplete_last_line_is_dropped_with_a_note(tmp_path: Path) -> None:
     assert "incomplete last line" in columns.contents.notes[0]
 
 
-def test_text_and_lengths_that_do_not_fit_are_left_out_by_name(tmp_path: Path) -> None:
+def test_text_and_unequal_lengths_are_ignored_by_name(tmp_path: Path) -> None:
     lines = [batch(k, t=[k, k + 0.5], beta=[1.0, 2.0], mode=["a", "b"], n=[1]) for k in range(3)]
     columns = columns_of(tmp_path, lines)
     assert [signal.name for signal in columns.contents.signals] == ["t", "beta", "arrived"]
     assert [line.partition(":")[0] for line in columns.contents.ignored] == ["mode", "n"]
 
 
-def test_units_are_those_by_which_the_flight_read_them(tmp_path: Path) -> None:
+def test_units_are_those_of_the_flight(tmp_path: Path) -> None:
     lines = [batch(k, clock=[1e3 * k], AOS=[1.0], t=[5.0]) for k in range(3)]
     mapping = {
         "channels": {"beta": {"signal": "AOS", "unit": "deg"}},
@@ -71,8 +71,8 @@ def test_units_are_those_by_which_the_flight_read_them(tmp_path: Path) -> None:
     }  # fmt: skip
     (tmp_path / "own").mkdir()
     lines = [batch(k, t=[k], beta=[1.0]) for k in range(3)]
-    own = columns_of(tmp_path / "own", lines, HEADER | {"mapping": None})
-    assert [s.unit for s in own.contents.signals] == ["s", "rad", "s"]
+    unmapped = columns_of(tmp_path / "own", lines, HEADER | {"mapping": None})
+    assert [s.unit for s in unmapped.contents.signals] == ["s", "rad", "s"]
 
 
 def test_damaged_lines_are_bad_rows_and_too_many_are_refused(tmp_path: Path) -> None:

@@ -71,7 +71,7 @@ def test_a_vector_is_a_signal_whichever_way_it_lies(shape, saved):
 
 
 @pytest.mark.parametrize("turned", [False, True])
-def test_rows_of_a_matrix_are_told_by_the_time(turned, saved):
+def test_the_time_decides_which_axis_of_a_matrix_is_time(turned, saved):
     matrix = np.arange(50.0 * 80).reshape(50, 80)
     columns = saved(time=T, rates=matrix.T if turned else matrix)
     np.testing.assert_array_equal(columns.values("rates[79]"), matrix[:, 79])
@@ -85,7 +85,7 @@ def test_integers_and_logicals_become_numbers(saved):
     assert columns.contents.groups[0].time == "t"
 
 
-def test_a_structure_without_a_time_takes_that_outside_it(saved):
+def test_a_structure_without_a_time_uses_the_one_outside_it(saved):
     columns = saved(t=T, air={"beta": T + 1, "inner": {"Ny": T + 2}}, other={"x": np.arange(9.0)})
     groups = [group.name for group in columns.contents.groups]
     assert [groups[columns.signal(n).group] for n in ("air.beta", "air.inner.Ny", "other.x")] == [
@@ -99,8 +99,10 @@ def test_a_signal_has_the_description_within_or_beside_it(saved):
         air={"t": T, "ch2": np.cos(T), "ch2_description": "Roll rate", "ch3": np.sin(T),
              "long_name": {"ch3": "Yaw rate"}},
     )  # fmt: skip
-    said = {name: columns.signal(name).description for name in ("ch1", "air.ch2", "air.ch3")}
-    assert said == {"ch1": "Sideslip angle", "air.ch2": "Roll rate", "air.ch3": "Yaw rate"}
+    descriptions = {
+        name: columns.signal(name).description for name in ("ch1", "air.ch2", "air.ch3")
+    }
+    assert descriptions == {"ch1": "Sideslip angle", "air.ch2": "Roll rate", "air.ch3": "Yaw rate"}
     assert columns.signal("air.t").description == ""
 
 
@@ -118,11 +120,11 @@ def test_a_structure_of_time_and_data_is_a_signal_of_its_name(saved):
 
 @pytest.mark.parametrize("shape", [(-1, 1), (1, -1)])
 def test_structures_of_data_and_unit_share_the_time_that_is_one_of_them(shape, saved):
-    told = {"time": ("sec", T), "vane_SS": ("deg", np.sin(T))}
+    signals = {"time": ("sec", T), "vane_SS": ("deg", np.sin(T))}
     columns = saved(
         flightdata={
             name: {"data": values.reshape(shape if name == "time" else (-1, 1)), "units": unit}
-            for name, (unit, values) in told.items()
+            for name, (unit, values) in signals.items()
         }
     )
     (group,) = columns.contents.groups
@@ -144,7 +146,7 @@ def test_a_structure_with_time_of_simulink_gives_labelled_signals(n_signals, sav
     assert [group.time for group in columns.contents.groups] == ["logsout.time"]
 
 
-def test_what_is_no_signal_is_named_with_its_reason(saved):
+def test_ignored_content_is_listed_with_reasons(saved):
     cell = np.empty(2, object)
     cell[:] = [T, "text"]
     columns = saved(
@@ -194,7 +196,7 @@ def test_cells_that_are_declared_but_not_there_are_refused(tmp_path):
     assert not (tmp_path / "columns").exists()
 
 
-def test_deflated_variables_are_measured_before_they_are_written(tmp_path):
+def test_compressed_variables_are_measured_before_writing(tmp_path):
     path = tmp_path / "bomb.mat"
     savemat(path, {"t": np.zeros(2_000_000)}, do_compression=True)
     assert path.stat().st_size < 20_000

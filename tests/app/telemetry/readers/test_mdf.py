@@ -43,7 +43,7 @@ def reasons(columns):
 
 
 @pytest.mark.parametrize("version", ["3.30", "4.10", "4.20"])
-def test_conversions_give_physical_values_and_texts_of_numbers_are_left(version, saved):
+def test_conversions_give_physical_values_and_text_tables_are_skipped(version, saved):
     counts = np.arange(300, dtype="i2")
     states = {"val_0": 0, "val_1": 1, "text_0": b"off", "text_1": b"on"}
     points = {f"raw_{k}": 100.0 * k for k in range(4)} | {f"phys_{k}": k**2 for k in range(4)}
@@ -104,7 +104,7 @@ def test_records_come_in_their_order_from_many_fragments(compression, saved, mon
     np.testing.assert_array_equal(columns.values("time"), t)
 
 
-def test_texts_are_left_out_and_parts_of_arrays_are_signals(saved):
+def test_text_is_ignored_and_elements_of_arrays_are_signals(saved):
     rows = np.arange(900.0).reshape(300, 3)
     array = np.rec.fromarrays([rows], dtype=[("rates", "f8", (3,))])
     text = signal("mode", np.array([b"abc"] * 300), encoding="utf-8")

@@ -17,7 +17,7 @@ T = np.arange(40) / 20
 
 
 @pytest.fixture(params=KINDS)
-def made(request, tmp_path):
+def read_back(request, tmp_path):
     """A function that fills a dataset -> columns of it."""
 
     def _made(fill):
@@ -30,13 +30,13 @@ def made(request, tmp_path):
 
 
 def variable(file, name, kind, dimensions, values, fill_value=None, **attributes):
-    made = file.createVariable(name, kind, dimensions, fill_value=fill_value)
-    made.set_auto_maskandscale(False)
-    made.setncatts(attributes)
-    made[:] = values
+    read_back = file.createVariable(name, kind, dimensions, fill_value=fill_value)
+    read_back.set_auto_maskandscale(False)
+    read_back.setncatts(attributes)
+    read_back[:] = values
 
 
-def test_packed_and_missing_values_are_what_the_netcdf_library_reads(made, tmp_path):
+def test_packed_and_missing_values_are_what_the_netcdf_library_reads(read_back, tmp_path):
     stored = np.arange(40) - 5
 
     def fill(file):
@@ -47,7 +47,7 @@ def test_packed_and_missing_values_are_what_the_netcdf_library_reads(made, tmp_p
         variable(file, "lowest", "f8", "time", stored, valid_min=0.0)
         variable(file, "default", "i2", "time", np.where(stored == 3, -32767, stored))
 
-    columns = made(fill)
+    columns = read_back(fill)
     with netCDF4.Dataset(tmp_path / "recording.nc") as file:
         for name, theirs in file.variables.items():
             expected = np.ma.filled(theirs[:].astype(float), np.nan)
@@ -55,7 +55,7 @@ def test_packed_and_missing_values_are_what_the_netcdf_library_reads(made, tmp_p
             assert np.isnan(expected).any()
 
 
-def test_a_group_is_a_dimension_with_its_coordinate(made):
+def test_a_group_is_a_dimension_with_its_coordinate(read_back):
     def fill(file):
         file.createDimension("time", 40)
         file.createDimension("slow", 40)
@@ -69,7 +69,7 @@ def test_a_group_is_a_dimension_with_its_coordinate(made):
         variable(file, "V", "f8", "slow", T, long_name="airspeed")
         variable(file, "axis", "f8", "axis", np.arange(3))
 
-    columns = made(fill)
+    columns = read_back(fill)
     groups = {group.name: group.time for group in columns.contents.groups}
     assert groups == {"time": "time", "slow": "clock", "axis": ""}
     np.testing.assert_array_equal(columns.values("rates[1]"), np.arange(1.0, 120, 3))
@@ -78,14 +78,14 @@ def test_a_group_is_a_dimension_with_its_coordinate(made):
     assert columns.signal("V").description == "airspeed"
 
 
-def test_times_from_different_moments_are_brought_to_one(made):
+def test_times_with_different_origins_get_one_origin(read_back):
     def fill(file):
         file.createDimension("time", 40)
         file.createDimension("slow", 40)
         variable(file, "time", "f8", "time", T, units="seconds since 2024-05-01 09:30:00")
         variable(file, "slow", "f8", "slow", T, units="minutes since 2024-05-01 09:31:00")
 
-    columns = made(fill)
+    columns = read_back(fill)
     assert columns.contents.start == "2024-05-01T09:30:00Z"
     np.testing.assert_allclose(columns.values("slow"), T + 1)
     assert columns.signal("slow").unit == "min"
@@ -132,5 +132,5 @@ def test_a_unit_of_time_names_its_moment(unit, key, moment):
 
 
 @pytest.mark.parametrize("unit", ["s", "", "deg since 2024-05-01", "s since", "s since 2024-13-01"])
-def test_other_units_name_no_moment(unit):
+def test_other_units_have_no_time_origin(unit):
     assert since(unit) is None

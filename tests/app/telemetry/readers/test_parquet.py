@@ -94,7 +94,7 @@ def test_the_unit_of_a_field_is_in_its_metadata(key, stored):
     assert (signal.unit, signal.description) == ("deg", "angle of sideslip")
 
 
-def test_what_is_no_signal_is_named_with_its_reason(stored):
+def test_ignored_content_is_listed_with_reasons(stored):
     columns = stored(
         pa.table(
             [[1.0, 2.0], ["a", "b"], [[1], [2]], [{"b": 1.0}] * 2, pa.nulls(2), [3.0, 4.0], [5, 6]],
@@ -114,7 +114,7 @@ def test_rows_of_all_row_groups_come_in_their_order(stored, monkeypatch):
     np.testing.assert_array_equal(columns.values("x"), np.arange(1000.0))
 
 
-def test_rows_that_take_no_room_are_counted_before_they_are_read(stored):
+def test_compressed_rows_are_counted_before_reading(stored):
     zeros = pa.DictionaryArray.from_arrays(np.zeros(10**7, "i1"), pa.array([0.0]))
     with pytest.raises(TelemetryError, match="610 MiB of numbers, more than the limit of 64 MiB"):
         stored(pa.table({f"x{k}": zeros for k in range(8)}), most_bytes=64 << 20)

@@ -148,15 +148,15 @@ def test_blocks_are_the_files_lines_and_know_their_numbers(end, lines, size):
     file = io.BytesIO(end.join(lines).encode())
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(blocks, "BLOCK_BYTES", size)
-        found = list(blocks.blocks(file))
-        for line, block in found:
+        numbered = list(blocks.blocks(file))
+        for line, block in numbered:
             at = [*blocks.pieces(line, block, 5)]
             assert b"".join(piece for _, piece in at) == block
             assert all(
                 lines[n - 1 : n + piece.count(b"\n") - 1] == piece.decode().split("\n")[:-1]
                 for n, piece in at
             )
-    whole = b"".join(block for _, block in found).decode().split("\n")[:-1]
+    whole = b"".join(block for _, block in numbered).decode().split("\n")[:-1]
     assert whole == (lines if lines[-1] else lines[:-1])
 
 
@@ -177,7 +177,7 @@ UNITS = {
 
 
 @pytest.mark.parametrize("header", UNITS.values(), ids=UNITS)
-def test_units_are_read_where_they_stand(header, pour):
+def test_units_are_read_from_names_cells_and_brackets(header, pour):
     columns = pour(header + "0,1,2\n1,2,3\n2,3,4\n")
     assert units(columns) == ["s", "deg", "deg/s"]
     assert [name.split()[0].partition("{")[0] for name in names(columns)] == ["t", "beta", "p"]
@@ -200,7 +200,7 @@ def test_a_row_of_units_in_german_is_no_row_of_names(row, pour):
         ("gyro[0]", ""), ("M [-]", ""), ("M (-)", ""), ("x []", ""), ("(deg)", ""), ("n (1)", ""),
     ],
 )  # fmt: skip
-def test_a_unit_in_a_name_is_told_from_other_words_and_the_name_stays(name, unit, pour):
+def test_a_unit_in_a_name_is_recognised_and_the_name_stays(name, unit, pour):
     columns = pour(f"t,{name}\n0,1\n1,2\n")
     assert names(columns) == ["t", name]
     assert units(columns) == ["", unit]
@@ -217,7 +217,7 @@ def test_names_in_an_8_bit_code_are_read(pour):
     assert columns.contents.signals[1].unit == "°"
 
 
-def test_a_name_that_comes_twice_is_numbered_and_said(pour):
+def test_a_repeated_name_is_numbered_with_a_note(pour):
     columns = pour("t,beta,beta\n0,1,2\n1,2,3\n")
     assert names(columns) == ["t", "beta", "beta (2)"]
     assert "beta" in columns.contents.notes[0]
@@ -228,14 +228,14 @@ def test_a_column_without_a_name_is_called_by_its_number(pour):
 
 
 @pytest.mark.parametrize("first", ["", "two words\n", "# a comment, and more\n"])
-def test_a_table_without_names_is_numbered_and_said(first, pour):
+def test_columns_without_names_are_numbered_with_a_note(first, pour):
     columns = pour(first + "\n".join(ROWS))
     assert names(columns) == [f"column_{k}" for k in range(1, 8)]
     np.testing.assert_array_equal(table(columns), TABLE)
     assert "No line of names" in columns.contents.notes[0]
 
 
-def test_names_with_blanks_in_a_table_parted_by_blanks_are_parted_by_several(pour):
+def test_names_with_blanks_are_split_at_several_blanks(pour):
     columns = pour("Time (s)   Sideslip (deg)\n0   1\n1   2\n")
     assert names(columns) == ["Time (s)", "Sideslip (deg)"]
     assert units(columns) == ["s", "deg"]
@@ -250,7 +250,7 @@ def test_a_bad_first_row_is_a_bad_row_and_hides_no_names(header, first, pour):
     np.testing.assert_array_equal(table(columns), TABLE)
 
 
-def test_names_that_do_not_fit_the_rows_are_not_given_to_the_wrong_columns(pour):
+def test_names_that_do_not_fit_the_rows_are_not_used_for_columns(pour):
     columns = pour("t,beta,p\n0,1,2,3\n1,2,3,4\n2,3,4,5\n")
     assert names(columns) == [f"column_{k}" for k in range(1, 5)]
 
@@ -270,7 +270,7 @@ def test_a_missing_value_stays_missing_and_its_row_stays(cell, pour):
     assert columns.contents.n_bad_rows == 0
 
 
-def test_a_column_of_text_is_left_out_with_its_name_and_reason(pour):
+def test_a_column_of_text_is_ignored_with_its_name_and_reason(pour):
     rows = [f"{row},{'AP OFF' if k % 2 else 'AP ON'},3" for k, row in enumerate(ROWS)]
     columns = pour("\n".join([HEADER + ",mode,n", *rows]))
     assert names(columns) == [*NAMES, "n"]
@@ -283,7 +283,7 @@ def test_a_column_that_is_empty_stays_as_missing(pour):
     assert np.isnan(columns.values("beta")).all()
 
 
-def test_remarks_in_a_column_that_was_empty_do_not_cost_rows(pour):
+def test_remarks_in_an_empty_column_do_not_make_bad_rows(pour):
     rows = [f"{row},{'MARK, 1' if k == 900 else ''}" for k, row in enumerate(ROWS * 200)]
     rows[900] = f'{ROWS[0]},"MARK, 1"'
     columns = pour("\n".join([HEADER + ",event", *rows]))
@@ -401,7 +401,7 @@ BAD_CONTENT = {
 
 
 @pytest.mark.parametrize(("content", "message"), BAD_CONTENT.values(), ids=BAD_CONTENT)
-def test_what_is_no_table_is_refused_in_one_sentence(content, message, pour):
+def test_a_text_without_a_table_is_refused_in_one_sentence(content, message, pour):
     with pytest.raises(TelemetryError, match=message) as refusal:
         pour(content)
     assert str(refusal.value).isprintable()

@@ -24,19 +24,19 @@ def seconds(texts):
 @pytest.mark.parametrize("form", CLOCKS)
 @settings(max_examples=25)
 @given(st.lists(st.integers(0, 300_000), min_size=1, max_size=8))
-def test_every_form_says_the_same_times(form, milliseconds):
+def test_every_form_gives_the_same_times(form, milliseconds):
     texts = [CLOCKS[form](T0 + timedelta(milliseconds=k)) for k in milliseconds]
     assert all(map(is_time, texts))
-    found, _ = seconds(texts)
-    np.testing.assert_array_equal(found, (np.array(milliseconds) - milliseconds[0]) / 1000)
+    elapsed, _ = seconds(texts)
+    np.testing.assert_array_equal(elapsed, (np.array(milliseconds) - milliseconds[0]) / 1000)
 
 
 @given(st.lists(st.datetimes(datetime(1900, 1, 1), datetime(2150, 1, 1)), min_size=1, max_size=5))
 def test_dates_are_counted_as_the_calendar_does(dates):
     expected = [(date - dates[0]) / timedelta(seconds=1) for date in dates]
     for form in (datetime.isoformat, lambda t: t.strftime("%Y-%jT%H:%M:%S.%f")):
-        found, _ = seconds([form(date) for date in dates])
-        np.testing.assert_allclose(found, expected, rtol=1e-15, atol=1e-9)
+        elapsed, _ = seconds([form(date) for date in dates])
+        np.testing.assert_allclose(elapsed, expected, rtol=1e-15, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -53,12 +53,12 @@ def test_dates_are_counted_as_the_calendar_does(dates):
         ("34:56.789", "34:56.789"),
     ],
 )
-def test_the_start_is_said_as_far_as_it_is_known(text, start):
+def test_the_start_has_only_the_known_parts(text, start):
     _, clock = seconds([text, text])
     assert clock.start() == start
 
 
-def test_the_day_of_the_first_time_is_said_where_the_year_is_not():
+def test_the_start_has_the_day_even_without_a_year():
     _, clock = seconds(["123:12:34:56.789"])
     assert "since 12:34:56.789 of day 123 of its year" in clock.notes("IRIG")[0]
 
@@ -73,24 +73,24 @@ def test_the_day_of_the_first_time_is_said_where_the_year_is_not():
         ("2026-03-01T23:59:59.5+01:00", "2026-03-02T01:00:00.5+02:00"),
     ],
 )
-def test_a_clock_goes_on_where_it_begins_again(before, after):
+def test_a_clock_that_restarts_is_continued(before, after):
     np.testing.assert_array_equal(seconds([before, after])[0], [0, 1])
 
 
-def test_midnight_is_passed_within_and_between_blocks_and_counted():
+def test_midnight_within_and_between_blocks_is_counted():
     clock = ElapsedTime(form_of(["00:00:00"]))
     times = [datetime(2026, 1, 1, tzinfo=UTC) + timedelta(hours=5 * k) for k in range(15)]
-    found = []
+    elapsed = []
     for block in (times[:4], times[4:5], [], times[5:]):
         column = pa.chunked_array([pa.array([f"{t:%H:%M:%S}" for t in block], pa.string())])
-        found.extend(clock.seconds(times_of(column, clock.form)))
-    np.testing.assert_array_equal(found, 5 * 3600 * np.arange(15))
+        elapsed.extend(clock.seconds(times_of(column, clock.form)))
+    np.testing.assert_array_equal(elapsed, 5 * 3600 * np.arange(15))
     assert "passes midnight 2 times" in clock.notes("UTC")[1]
 
 
 def test_samples_out_of_order_about_midnight_are_not_days_apart():
-    found, clock = seconds(["23:59:59", "00:00:00", "23:59:58", "00:00:01"])
-    np.testing.assert_array_equal(found, [0, 1, -1, 2])
+    elapsed, clock = seconds(["23:59:59", "00:00:00", "23:59:58", "00:00:01"])
+    np.testing.assert_array_equal(elapsed, [0, 1, -1, 2])
     assert clock.turns == 1
 
 
@@ -100,9 +100,9 @@ def test_a_missing_time_is_nan(first):
     clock = ElapsedTime(form_of([time for time in times if time]))
     for zone in ("", "Z"):
         texts = pa.array([time and time + zone for time in times], pa.string())
-        found = clock.seconds(times_of(pa.chunked_array([texts]), clock.form))
-        np.testing.assert_array_equal(np.isnan(found), [time is None for time in times])
-        assert found[3] - found[1] == 2
+        elapsed = clock.seconds(times_of(pa.chunked_array([texts]), clock.form))
+        np.testing.assert_array_equal(np.isnan(elapsed), [time is None for time in times])
+        assert elapsed[3] - elapsed[1] == 2
 
 
 @pytest.mark.parametrize(
@@ -110,7 +110,7 @@ def test_a_missing_time_is_nan(first):
     ["12.5", "noon", "25:00:00", "12:60:00", "12:00:61", "367:00:00:00", "2026-13-01 12:00:00",
      "12:34", "1:2:3", "2026-03-01", "12:34:56 PM", "00:00:00:00:00", "9999-01-01 00:00:00"],
 )  # fmt: skip
-def test_what_is_no_time_is_not_taken_for_one(cell):
+def test_text_that_is_not_a_time_is_not_read_as_one(cell):
     assert not is_time(cell)
 
 
@@ -144,7 +144,7 @@ def test_a_bad_time_is_a_bad_row(tmp_path):
     np.testing.assert_array_equal(columns.values("beta"), np.delete(np.arange(300.0), [100, 200]))
 
 
-def test_a_clock_that_repeats_itself_is_read_but_not_taken_for_the_time(tmp_path):
+def test_a_clock_with_repeated_times_is_read_but_is_not_the_time(tmp_path):
     table = [f"{T0 + timedelta(seconds=k // 10):%H:%M:%S};{k / 10};{k}" for k in range(100)]
     columns = poured("\n".join(["UTC;t;beta", *table]), tmp_path)
     assert columns.contents.groups[0].time == ""

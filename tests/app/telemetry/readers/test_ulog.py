@@ -86,7 +86,7 @@ def test_dropouts_are_noted(logged):
     )
 
 
-def test_damaged_parts_are_left_out_and_noted(logged):
+def test_damaged_parts_are_dropped_with_a_note(logged):
     columns = logged(
         ["air:uint64_t timestamp;float beta;"],
         subscribed(0, "air"),
@@ -108,12 +108,12 @@ def test_damaged_parts_are_left_out_and_noted(logged):
         (["a:uint64_t timestamp;float[60000] x;"], "more than 4096 fields"),
     ],
 )
-def test_messages_without_measure_are_refused(formats, reason, logged):
+def test_messages_with_too_many_fields_are_refused(formats, reason, logged):
     with pytest.raises(TelemetryError, match=reason):
         logged(formats, subscribed(0, formats[0].partition(":")[0]))
 
 
-def test_of_too_many_fields_those_of_small_topics_are_kept(logged, monkeypatch):
+def test_with_too_many_fields_the_small_topics_are_read(logged, monkeypatch):
     monkeypatch.setattr("app.telemetry.readers.ulog.MOST_SIGNALS", 5)
     columns = logged(
         ["large:uint64_t timestamp;float[4] x;", "air:uint64_t timestamp;float beta;"],

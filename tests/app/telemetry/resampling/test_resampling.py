@@ -85,15 +85,15 @@ def test_a_band_limited_signal_survives(step, origin):
     slower = max(dt, step)
     t = clock(step, int(40 / step))
     other = clock(slower, int(39 / slower), 0.021)  # anchors the grid off the samples of the first
-    made = on_grid(
+    result = on_grid(
         traces(origin + t, sines(t, PASS / slower), r=Trace(origin + other, 0 * other)), dt
     )
-    at = made.t - origin
+    at = result.t - origin
     inside = (at > HALF_WIDTH * slower) & (at < t[-1] - HALF_WIDTH * slower)
     assert inside.sum() > 500
-    error = np.abs(made.y[:, 0] - sines(at, PASS / slower))[inside]
+    error = np.abs(result.y[:, 0] - sines(at, PASS / slower))[inside]
     assert error.max() < 1e-3
-    assert np.abs(made.y[:, 0] - sines(at, PASS / slower))[~np.isnan(made.y[:, 0])].max() < 0.5
+    assert np.abs(result.y[:, 0] - sines(at, PASS / slower))[~np.isnan(result.y[:, 0])].max() < 0.5
 
 
 @settings(max_examples=examples(40))
@@ -102,10 +102,10 @@ def test_a_band_limited_signal_survives(step, origin):
     phase=st.floats(0.0, 6.3),
     drift=st.sampled_from([0.0, 1e-5]),
 )
-def test_what_would_alias_is_removed(tone, phase, drift):
+def test_aliases_are_removed(tone, phase, drift):
     t = clock(0.01 * (1.0 + drift), 1000)
-    made = on_grid(traces(t, np.sin(2 * np.pi * tone * t + phase)), 0.05)
-    assert np.abs(made.y[HALF_WIDTH:-HALF_WIDTH, 0]).max() < 1e-3
+    result = on_grid(traces(t, np.sin(2 * np.pi * tone * t + phase)), 0.05)
+    assert np.abs(result.y[HALF_WIDTH:-HALF_WIDTH, 0]).max() < 1e-3
 
 
 def test_tabulated_kernels_agree_with_exact_ones():
@@ -125,22 +125,22 @@ def test_a_row_equals_the_windowed_sinc_summed_by_hand():
     assert row == pytest.approx(x[inside] @ weights / weights.sum(), abs=1e-3)
 
 
-def test_uneven_clocks_are_taken_at_their_word():
+def test_uneven_clocks_keep_their_times():
     rng = np.random.default_rng(3)
     t = clock(0.01, 3000) + rng.uniform(-0.003, 0.003, 3000)
-    made = on_grid(traces(t, sines(t, 4.0)), 0.05)
+    result = on_grid(traces(t, sines(t, 4.0)), 0.05)
     inside = slice(HALF_WIDTH, -HALF_WIDTH)
-    assert np.abs(made.y[inside, 0] - sines(made.t, 4.0)[inside]).max() < 2e-3
-    as_if_even = np.interp(made.t, clock(0.01, 3000), sines(t, 4.0))
-    assert np.abs(as_if_even - sines(made.t, 4.0)).max() > 0.02
-    assert "from an uneven clock by local cubics" in made.notes[0]
+    assert np.abs(result.y[inside, 0] - sines(result.t, 4.0)[inside]).max() < 2e-3
+    as_if_even = np.interp(result.t, clock(0.01, 3000), sines(t, 4.0))
+    assert np.abs(as_if_even - sines(result.t, 4.0)).max() > 0.02
+    assert "from an uneven clock by local cubics" in result.notes[0]
 
 
 def test_a_cubic_is_never_drawn_through_two_samples_that_almost_coincide():
     t = np.sort(np.append(clock(0.05, 100, 0.01), 2.5101))
     x = np.where(np.arange(101) % 2, 1.0, -1.0)
-    made = on_grid(traces(t, x, x, x, x, x, x), 0.05)
-    assert np.abs(made.y).max() < 1.6
+    result = on_grid(traces(t, x, x, x, x, x, x), 0.05)
+    assert np.abs(result.y).max() < 1.6
 
 
 def test_one_constant_hour_stays_that_constant():
@@ -166,30 +166,30 @@ def test_a_recording_on_the_grid_is_returned_as_it_is(rate_hz, dt, origin):
     t = origin + np.arange(1000) / rate_hz
     record = line(t)
     psi = np.mod(t - origin, 6.28)
-    made = on_grid(traces(t, *record.y.T, psi=Trace(t, psi)), dt)
-    np.testing.assert_array_equal(made.t, t)
-    np.testing.assert_array_equal(made.y, record.y)
-    np.testing.assert_array_equal(made.attitude["psi"], psi)
-    assert made.notes == ()
+    result = on_grid(traces(t, *record.y.T, psi=Trace(t, psi)), dt)
+    np.testing.assert_array_equal(result.t, t)
+    np.testing.assert_array_equal(result.y, record.y)
+    np.testing.assert_array_equal(result.attitude["psi"], psi)
+    assert result.notes == ()
 
 
 def test_samples_on_the_grid_survive_lost_neighbours_bit_for_bit():
     whole = Recording(clock(0.05, 40), np.random.default_rng(2).normal(size=(40, 6)))
-    kept = np.delete(np.arange(40), [5, 20, 21, 22])
-    even = resampled(Recording(whole.t[kept], whole.y[kept]), 0.05)
-    np.testing.assert_array_equal(even.y[kept], whole.y[kept])
+    rows = np.delete(np.arange(40), [5, 20, 21, 22])
+    even = resampled(Recording(whole.t[rows], whole.y[rows]), 0.05)
+    np.testing.assert_array_equal(even.y[rows], whole.y[rows])
     assert np.isnan(even.y[[5, 20, 21, 22]]).all()
     assert "2 gaps longer than 0.075 s left open, the longest 0.2 s" in even.notes[-1]
 
 
-def test_a_channel_that_is_silent_for_long_keeps_its_samples_on_the_grid():
+def test_a_channel_with_long_gaps_keeps_its_samples_on_the_grid():
     t = clock(0.05, 200)
     x = np.random.default_rng(2).normal(size=(2, 200))
     x[1, :150] = np.nan
     x[1, 170] = np.inf
-    made = on_grid(traces(t, *x), 0.05)
+    result = on_grid(traces(t, *x), 0.05)
     x[1, 170] = np.nan
-    np.testing.assert_array_equal(made.y[:, :2], x.T)
+    np.testing.assert_array_equal(result.y[:, :2], x.T)
 
 
 # --- nothing invented
@@ -227,7 +227,7 @@ def test_nothing_beyond_a_gap_or_the_reach_of_the_filter_matters(step):
 
 @pytest.mark.parametrize("jitter", [0.0, 0.1])
 @pytest.mark.parametrize("step", [0.01, 0.04, 0.05, 0.07])
-def test_what_a_row_knows_of_the_future_is_told(step, jitter):
+def test_the_look_ahead_of_a_row_is_reported(step, jitter):
     rng = np.random.default_rng(5)
     t = clock(step, 800, 0.003) + jitter * step * rng.uniform(-1, 1, 800)
     x = rng.normal(size=len(t))
@@ -243,12 +243,12 @@ def test_what_a_row_knows_of_the_future_is_told(step, jitter):
     assert max(early) <= plain.look_ahead + 1e-6 + 1e-3 * step
 
 
-def test_samples_as_recorded_know_nothing_of_the_future():
+def test_samples_as_recorded_do_not_look_ahead():
     t = clock(0.05, 50)
     assert resampled(line(t), 0.05).look_ahead == 0.0
 
 
-def test_one_late_sample_is_no_gap_and_two_steps_are():
+def test_one_late_sample_is_not_a_gap_but_two_steps_are():
     t = clock(0.04, 50)
     late = t.copy()
     late[10] += 0.03  # 0.07 s after its neighbour: within 1.5 * 0.05 s
@@ -287,28 +287,28 @@ def test_channels_of_different_rates_line_up():
     for key, (step, start) in rates.items():
         t = clock(step, int(30 / step), start)
         channels[key] = Trace(t, sines(t, 4.0))
-    made = on_grid(Traces(channels), 0.05)
-    assert made.t[0] == 0.021  # on the samples of the slowest
-    assert made.t[-1] <= 29.97 + 0.021
+    result = on_grid(Traces(channels), 0.05)
+    assert result.t[0] == 0.021  # on the samples of the slowest
+    assert result.t[-1] <= 29.97 + 0.021
     middle = slice(HALF_WIDTH, -HALF_WIDTH)
     np.testing.assert_allclose(
-        made.y[middle, :4], np.column_stack([sines(made.t[middle], 4.0)] * 4), atol=1e-3
+        result.y[middle, :4], np.column_stack([sines(result.t[middle], 4.0)] * 4), atol=1e-3
     )
-    np.testing.assert_array_equal(made.y[:, 2], channels["r"].values[: len(made.t)])
-    assert np.isnan(made.y[:, 4:]).all()
-    assert set(made.columns) == set(rates)
+    np.testing.assert_array_equal(result.y[:, 2], channels["r"].values[: len(result.t)])
+    assert np.isnan(result.y[:, 4:]).all()
+    assert set(result.columns) == set(rates)
 
 
 def test_the_grid_spans_what_all_needed_channels_have_and_the_others_are_nan_outside():
     t, brief = clock(0.05, 400), clock(0.05, 100, 5.0)
     x = np.ones(400)
-    made = on_grid(
+    result = on_grid(
         traces(t, x, x, phi=Trace(brief, np.zeros(100)), r=Trace(t[40:300], x[40:300])), 0.05
     )
-    assert (made.t[0], made.t[-1]) == (t[40], t[299])
-    assert not np.isnan(made.y[:, :3]).any()
-    known = np.isfinite(made.attitude["phi"])
-    np.testing.assert_array_equal(known, (made.t > 4.99) & (made.t < 9.96))
+    assert (result.t[0], result.t[-1]) == (t[40], t[299])
+    assert not np.isnan(result.y[:, :3]).any()
+    known = np.isfinite(result.attitude["phi"])
+    np.testing.assert_array_equal(known, (result.t > 4.99) & (result.t < 9.96))
     free = on_grid(traces(t, x, x, r=Trace(t[40:300], x[40:300])), 0.05, needed=("beta", "p"))
     assert (free.t[0], free.t[-1]) == (t[0], t[-1])
     assert np.isnan(free.y[:, 2]).sum() == 140
@@ -331,13 +331,13 @@ def test_a_slow_needed_channel_is_refused_and_a_slow_attitude_is_drawn():
         TelemetryError, match=r"p has a value every 0\.5 s, .* step of 0\.05 s .* every 0\.075 s"
     ):
         on_grid(record, 0.05)
-    made = on_grid(record, 0.05, needed=("beta",))
-    known = np.isfinite(made.attitude["phi"])
-    np.testing.assert_allclose(made.attitude["phi"][known], 0.1 * made.t[known], atol=1e-12)
-    assert any("p, phi" in n or "phi, p" in n for n in made.notes if "for display only" in n)
+    result = on_grid(record, 0.05, needed=("beta",))
+    known = np.isfinite(result.attitude["phi"])
+    np.testing.assert_allclose(result.attitude["phi"][known], 0.1 * result.t[known], atol=1e-12)
+    assert any("p, phi" in n or "phi, p" in n for n in result.notes if "for display only" in n)
 
 
-def test_blanks_between_the_values_of_a_slow_channel_do_not_make_it_fast():
+def test_blanks_between_values_do_not_raise_the_rate_of_a_slow_channel():
     t = clock(0.05, 400)
     x = np.ones((2, 400))
     x[1, 1::2] = np.nan
@@ -359,7 +359,7 @@ def test_a_clock_that_jumps_is_refused_before_it_fills_the_memory():
     assert MAX_ROWS * 0.05 > 24 * 3600
 
 
-def test_times_that_do_not_increase_are_no_business_of_the_grid():
+def test_resampling_needs_increasing_times():
     with pytest.raises(ValueError, match="repair them first"):
         on_grid(traces(np.array([0.0, 0.1, 0.05, 0.2]), np.zeros(4)), 0.05)
 
@@ -372,7 +372,7 @@ def test_a_clock_since_1970_is_as_good_as_any():
 
 
 @pytest.mark.parametrize("step", [0.04, 0.01])
-def test_heading_through_north_does_not_swing_round(step):
+def test_a_heading_through_north_has_no_jump(step):
     t = clock(step, 200)
     heading = np.mod(3.0 + 2.0 * t, 2 * np.pi)
     heading[[10, 120]] = np.nan
@@ -386,9 +386,9 @@ def test_heading_through_north_does_not_swing_round(step):
 
 def test_sources_and_earlier_notes_are_kept():
     trace = Trace(clock(0.04, 10), np.zeros(10), source="v / V", derived=True)
-    made = on_grid(Traces({"beta": trace}, ("First.",)), 0.05)
-    assert (made.columns, made.derived) == ({"beta": "v / V"}, {"beta"})
-    assert made.notes == (
+    result = on_grid(Traces({"beta": trace}, ("First.",)), 0.05)
+    assert (result.columns, result.derived) == ({"beta": "v / V"}, {"beta"})
+    assert result.notes == (
         "First.",
         "beta: resampled from 25 Hz to 20 Hz, by a zero-phase low-pass filter that passes up to "
         "8 Hz and removes 12 Hz and above; uses samples up to 0.5 s in the future; a step "
@@ -401,7 +401,7 @@ def test_the_flown_doublet_keeps_its_peak_from_25_to_20_hz():
     if not path.exists():
         pytest.skip(f"the flight records are not in {RECORDS}")
     table = np.genfromtxt(path, delimiter=",", names=True)
-    made = on_grid(Traces({"Ny": Trace(table["t_s"], table["ay_g"])}), 0.05)
-    assert made.y.shape == (601, 6)
-    peak, flown = np.nanmax(np.abs(made.y[:, 3])), np.abs(table["ay_g"]).max()
+    result = on_grid(Traces({"Ny": Trace(table["t_s"], table["ay_g"])}), 0.05)
+    assert result.y.shape == (601, 6)
+    peak, flown = np.nanmax(np.abs(result.y[:, 3])), np.abs(table["ay_g"]).max()
     assert 0.98 * flown < peak < 1.01 * flown

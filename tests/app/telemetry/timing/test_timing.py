@@ -33,18 +33,18 @@ def repaired(t: np.ndarray, x: Array = ROW, **more: Trace) -> tuple[Trace, Quali
     """The first channel and the quality of all; checks what holds for every repair."""
     recorded = traces(np.asarray(t, np.float64), x, **more)
     result = repair(recorded)
-    made, quality = result.traces, result.quality
+    fixed, quality = result.traces, result.quality
     assert msgspec.json.encode(asdict(quality))  # which takes no numbers of NumPy's
     assert json.dumps(asdict(quality), allow_nan=False)
-    for key, trace in made.channels.items():
+    for key, trace in fixed.channels.items():
         assert (np.diff(trace.t) > 0.0).all()
         assert trace.t.shape == trace.values.shape
         assert np.isfinite(trace.t).all()
         assert not np.isinf(trace.values).any(), key
-    assert made.channels["theta"].t is made.channels["h"].t
-    assert list(made.notes) == [line for clock in quality.clocks for line in clock.repairs()]
-    assert set(made.notes) <= set(quality.sentences())
-    return made.channels["h"], quality
+    assert fixed.channels["theta"].t is fixed.channels["h"].t
+    assert list(fixed.notes) == [line for clock in quality.clocks for line in clock.repairs()]
+    assert set(fixed.notes) <= set(quality.sentences())
+    return fixed.channels["h"], quality
 
 
 def kinds(quality: Quality) -> set[str]:
@@ -52,9 +52,9 @@ def kinds(quality: Quality) -> set[str]:
 
 
 def test_good_times_stay_the_same_array():
-    made, quality = repaired(T)
-    assert made.t is T
-    assert made.values is ROW
+    fixed, quality = repaired(T)
+    assert fixed.t is T
+    assert fixed.values is ROW
     clock = quality.clocks[0]
     assert (clock.channels, clock.n_rows, clock.start, clock.end) == (("h", "theta"), N, 0.0, 19.99)
     assert clock.rate == pytest.approx(100.0)
@@ -63,46 +63,46 @@ def test_good_times_stay_the_same_array():
     assert quality.sentences() == ["h, theta: 2000 rows at 100 Hz, from 0 to 19.99 s."]
 
 
-def test_rows_without_a_time_are_left_out():
+def test_rows_without_a_time_are_removed():
     t = T.copy()
     t[[7, 900]], t[33] = np.nan, -np.inf
-    made, quality = repaired(t)
-    np.testing.assert_array_equal(made.values, np.delete(ROW, [7, 33, 900]))
+    fixed, quality = repaired(t)
+    np.testing.assert_array_equal(fixed.values, np.delete(ROW, [7, 33, 900]))
     assert (quality.clocks[0].bad_times, quality.clocks[0].n_gaps) == (3, 3)
     assert "3 rows without a time removed" in quality.sentences()[1]
 
 
 @settings(max_examples=examples(30))
 @given(seed=st.integers(0, 2**32 - 1), depth=st.integers(2, 160))
-def test_late_packets_are_sorted_in(seed, depth):
+def test_late_packets_are_sorted_by_time(seed, depth):
     rng = np.random.default_rng(seed)
     order = np.arange(N)
     for begin in rng.integers(0, N - depth, 3):
         order[begin : begin + depth] = rng.permutation(order[begin : begin + depth])
-    made, quality = repaired(T[order], order.astype(float))
-    np.testing.assert_array_equal(made.values, ROW)
-    np.testing.assert_array_equal(made.t, T)
+    fixed, quality = repaired(T[order], order.astype(float))
+    np.testing.assert_array_equal(fixed.values, ROW)
+    np.testing.assert_array_equal(fixed.t, T)
     late = order < np.maximum.accumulate(order)
     assert quality.clocks[0].reordered == late.sum()
     assert quality.clocks[0].sets == ()
 
 
-def test_rows_that_all_came_in_pairs_the_wrong_way_round_are_sorted():
+def test_rows_swapped_in_pairs_are_sorted():
     order = np.arange(N) ^ 1
-    made, _ = repaired(T[order], ROW[order])
-    np.testing.assert_array_equal(made.values, ROW)
+    fixed, _ = repaired(T[order], ROW[order])
+    np.testing.assert_array_equal(fixed.values, ROW)
 
 
-def test_rows_from_the_newest_to_the_oldest_are_turned_round():
-    made, quality = repaired(T[::-1].copy(), ROW[::-1])
-    np.testing.assert_array_equal(made.values, ROW)
+def test_rows_recorded_newest_first_are_reversed():
+    fixed, quality = repaired(T[::-1].copy(), ROW[::-1])
+    np.testing.assert_array_equal(fixed.values, ROW)
     assert quality.clocks[0].backward
 
 
 def test_rows_written_twice_count_once():
     index = np.sort(np.append(np.arange(N), [5, 5, 700, N - 1]))
-    made, quality = repaired(T[index], ROW[index])
-    np.testing.assert_array_equal(made.values, ROW)
+    fixed, quality = repaired(T[index], ROW[index])
+    np.testing.assert_array_equal(fixed.values, ROW)
     assert (quality.clocks[0].repeated, quality.clocks[0].conflicting) == (4, 0)
     assert [fault.start for fault in quality.faults if fault.kind == "repeated"] == [
         0.05,
@@ -113,16 +113,16 @@ def test_rows_written_twice_count_once():
 
 def test_a_packet_sent_again_later_counts_once():
     index = np.concatenate([np.arange(900), np.arange(880, 900), np.arange(900, N)])
-    made, quality = repaired(T[index], ROW[index])
-    np.testing.assert_array_equal(made.values, ROW)
+    fixed, quality = repaired(T[index], ROW[index])
+    np.testing.assert_array_equal(fixed.values, ROW)
     assert (quality.clocks[0].repeated, quality.clocks[0].sets) == (20, ())
 
 
-def test_of_two_values_at_one_time_the_first_stays_and_is_named():
+def test_the_first_of_two_values_at_one_time_is_used_with_a_note():
     t = T.copy()
     t[501] = t[500]
-    made, quality = repaired(t)
-    np.testing.assert_array_equal(made.values, np.delete(ROW, 501))
+    fixed, quality = repaired(t)
+    np.testing.assert_array_equal(fixed.values, np.delete(ROW, 501))
     assert quality.clocks[0].conflicting == 1
     assert "1 row with a repeated time removed (1 with other values)" in quality.sentences()[1]
 
@@ -130,9 +130,9 @@ def test_of_two_values_at_one_time_the_first_stays_and_is_named():
 @pytest.mark.parametrize("name", WRAPS)
 def test_a_counter_that_wraps_is_continued(name):
     t = np.round(np.mod(WRAPS[name] - 10.0 + T, WRAPS[name]), 6)
-    made, quality = repaired(t)
-    np.testing.assert_array_equal(made.values, ROW)
-    np.testing.assert_allclose(made.t, WRAPS[name] - 10.0 + T, atol=1e-5)
+    fixed, quality = repaired(t)
+    np.testing.assert_array_equal(fixed.values, ROW)
+    np.testing.assert_allclose(fixed.t, WRAPS[name] - 10.0 + T, atol=1e-5)
     assert quality.clocks[0].wraps == (name,)
     assert f"continued beyond {name}" in quality.sentences()[1]
 
@@ -158,23 +158,23 @@ def test_two_passes_of_a_clock_are_never_merged(back, at, step):
         with pytest.raises(TelemetryError, match="split the file at that row"):
             repaired(t)
         return
-    made, quality = repaired(t)
-    assert (np.diff(made.values) > 0.0).all()  # rows in the order they were recorded
-    assert len(made.t) >= 0.9 * N
-    assert quality.clocks[0].lost == N - len(made.t) > 0
+    fixed, quality = repaired(t)
+    assert (np.diff(fixed.values) > 0.0).all()  # rows in the order they were recorded
+    assert len(fixed.t) >= 0.9 * N
+    assert quality.clocks[0].lost == N - len(fixed.t) > 0
     assert len(quality.clocks[0].sets) == 1
-    passes = (made.values >= at).astype(int)
+    passes = (fixed.values >= at).astype(int)
     if 0 < passes.sum() < len(passes):
-        before, after = made.t[passes == 0], made.t[passes == 1]
+        before, after = fixed.t[passes == 0], fixed.t[passes == 1]
         assert not np.isin(before, after).any()
         assert after.min() > before.max()
 
 
-def test_a_leap_second_leaves_a_gap_and_says_so():
+def test_a_leap_second_leaves_a_gap_and_a_note():
     t = T.copy()
     t[1000:] -= 0.5
-    made, quality = repaired(t)
-    np.testing.assert_array_equal(made.values, np.delete(ROW, np.s_[950:1050]))
+    fixed, quality = repaired(t)
+    np.testing.assert_array_equal(fixed.values, np.delete(ROW, np.s_[950:1050]))
     assert Fault(9.5, 9.99, "clock") in quality.faults
     assert any(s.kind == "gap" and s.start < 9.5 and s.end > 9.99 for s in quality.faults)
     assert (
@@ -183,7 +183,7 @@ def test_a_leap_second_leaves_a_gap_and_says_so():
     )
 
 
-def test_what_is_ambiguous_on_one_clock_is_so_on_all():
+def test_times_ambiguous_on_one_clock_are_ambiguous_on_all():
     t = T.copy()
     t[1000:] -= 0.5
     slow = np.arange(0.0, 19.0, 1.3)
@@ -193,19 +193,19 @@ def test_what_is_ambiguous_on_one_clock_is_so_on_all():
     assert [clock.lost for clock in quality.clocks[1:]] == [ambiguous, ambiguous]
 
 
-def test_a_clock_set_while_it_starts_costs_what_came_before():
+def test_a_clock_set_at_the_start_loses_the_rows_before():
     t = T + 1.7e9
     t[:50] = T[:50]
-    made, quality = repaired(t)
-    np.testing.assert_array_equal(made.values, ROW[50:])
+    fixed, quality = repaired(t)
+    np.testing.assert_array_equal(fixed.values, ROW[50:])
     assert quality.clocks[0].sets == ((0.49, 1.7e9 + 0.5),)
 
 
-def test_stray_times_are_left_out():
+def test_stray_times_are_removed():
     t = T.copy()
     t[300], t[700], t[1500:1503] = 1e9, 0.0, [80.0, 80.01, 80.02]
-    made, quality = repaired(t)
-    np.testing.assert_array_equal(made.values, np.delete(ROW, [300, 700, 1500, 1501, 1502]))
+    fixed, quality = repaired(t)
+    np.testing.assert_array_equal(fixed.values, np.delete(ROW, [300, 700, 1500, 1501, 1502]))
     assert quality.clocks[0].lost == 5
 
 
@@ -224,7 +224,7 @@ def test_stray_times_are_left_out():
         (np.full(N, np.nan), "0 of 2000 rows of h, theta have a distinct time"),
     ],
 )
-def test_times_that_cannot_be_told_are_refused_with_the_numbers(t, words):
+def test_ambiguous_times_are_refused_with_numbers(t, words):
     with pytest.raises(TelemetryError, match=words):
         repair(traces(t, np.arange(len(t), dtype=np.float64)))
 
@@ -233,31 +233,31 @@ def test_times_that_cannot_be_told_are_refused_with_the_numbers(t, words):
 @pytest.mark.parametrize(
     ("rate", "unit"), [(60.0, 1e-3), (64.0, 0.01), (50.0, 0.1), (50.0, 1.0), (59.94, 1e-3)]
 )
-def test_rounded_times_of_an_even_clock_are_put_back(rate, unit, cut):
+def test_rounded_times_of_an_even_clock_are_restored(rate, unit, cut):
     true = ROW / rate
-    made, quality = repaired(np.round(unit * cut(true / unit + 1e-9), 9))
-    np.testing.assert_array_equal(made.values, ROW)
-    np.testing.assert_allclose(np.diff(made.t), 1.0 / rate, atol=1e-12)
-    assert np.abs(made.t - true).max() <= 0.5 * unit
+    fixed, quality = repaired(np.round(unit * cut(true / unit + 1e-9), 9))
+    np.testing.assert_array_equal(fixed.values, ROW)
+    np.testing.assert_allclose(np.diff(fixed.t), 1.0 / rate, atol=1e-12)
+    assert np.abs(fixed.t - true).max() <= 0.5 * unit
     assert quality.clocks[0].rounded_to == pytest.approx(unit)
     assert f"restored to an even rate of {rate:g} Hz" in quality.sentences()[1]
 
 
-def test_times_in_single_precision_are_put_back():
-    made, _ = repaired((3000.0 + T).astype(np.float32).astype(np.float64))
-    np.testing.assert_allclose(made.t, 3000.0 + T, atol=1e-9)
+def test_times_in_single_precision_are_restored():
+    fixed, _ = repaired((3000.0 + T).astype(np.float32).astype(np.float64))
+    np.testing.assert_allclose(fixed.t, 3000.0 + T, atol=1e-9)
 
 
-def test_rounded_times_keep_their_lost_rows_and_their_pauses():
-    kept = np.sort(np.random.default_rng(1).choice(N, N - 40, replace=False))
+def test_rounded_times_keep_gaps_and_pauses():
+    rows = np.sort(np.random.default_rng(1).choice(N, N - 40, replace=False))
     true = ROW / 60.0
-    made, quality = repaired(np.round(true, 3)[kept], ROW[kept])
-    np.testing.assert_allclose(made.t, true[kept], atol=1e-9)
+    fixed, quality = repaired(np.round(true, 3)[rows], ROW[rows])
+    np.testing.assert_allclose(fixed.t, true[rows], atol=1e-9)
     assert quality.clocks[0].n_gaps > 30
     paused = np.where(ROW < 1000, true, true + 7.1234)
-    made, quality = repaired(np.round(paused, 3))
-    np.testing.assert_allclose(np.delete(np.diff(made.t), 999), 1.0 / 60.0, atol=1e-5)
-    assert np.abs(made.t - paused).max() <= 1e-3
+    fixed, quality = repaired(np.round(paused, 3))
+    np.testing.assert_allclose(np.delete(np.diff(fixed.t), 999), 1.0 / 60.0, atol=1e-5)
+    assert np.abs(fixed.t - paused).max() <= 1e-3
     assert quality.clocks[0].longest_gap == pytest.approx(7.1234 + 1 / 60, abs=2e-3)
 
 
@@ -287,7 +287,7 @@ def test_gaps_are_found_with_their_place_and_length():
     assert "2 gaps, 0.53 s in total, the longest 0.51 s at 2.99 s" in quality.sentences()[1]
 
 
-def test_uneven_steps_are_jitter_and_no_gaps():
+def test_uneven_steps_are_jitter_not_gaps():
     rng = np.random.default_rng(4)
     _, quality = repaired(T + rng.uniform(-0.002, 0.002, N))
     clock = quality.clocks[0]
@@ -310,7 +310,7 @@ def test_missing_values_are_placed_and_blanks_of_a_slow_channel_are_its_rate():
     assert "psi has no values." in quality.sentences()
 
 
-def test_a_sensor_that_froze_is_told_from_one_that_is_slow_coarse_or_dead():
+def test_a_frozen_sensor_is_distinguished_from_a_slow_coarse_or_dead_one():
     rng = np.random.default_rng(5)
     frozen, coarse = 0.1 * rng.normal(size=N), np.round(np.sin(0.3 * T), 2)
     frozen[800:1400] = frozen[800]
@@ -323,10 +323,10 @@ def test_a_sensor_that_froze_is_told_from_one_that_is_slow_coarse_or_dead():
     assert [c.held for c in quality.channels] == [1, 1, 10, 1, 1]
     assert [c.constant for c in quality.channels] == [False, False, False, True, False]
     assert quality.faults == (Fault(8.0, 13.99, "frozen:beta"),)
-    said = " ".join(quality.sentences())
-    assert "beta is frozen for 5.99 s from 8 s" in said
-    assert "psi repeats each value 10 times: it was measured at 10 Hz" in said
-    assert "V never changes" in said
+    text = " ".join(quality.sentences())
+    assert "beta is frozen for 5.99 s from 8 s" in text
+    assert "psi repeats each value 10 times: it was measured at 10 Hz" in text
+    assert "V never changes" in text
 
 
 def test_a_strip_stays_drawable_whatever_the_recording():
@@ -344,19 +344,19 @@ def test_implausible_values_are_missing_and_named():
     wild[700:720], far[1000] = 1e30, -9e99
     recorded = {"beta": beta, "p": wild, "Ny": far}
     result = repair(Traces({key: Trace(T, x) for key, x in recorded.items()}))
-    made, quality = result.traces, result.quality
-    assert made.channels["beta"].values is beta
+    fixed, quality = result.traces, result.quality
+    assert fixed.channels["beta"].values is beta
     np.testing.assert_array_equal(
-        np.flatnonzero(np.isnan(made.channels["p"].values)), range(700, 720)
+        np.flatnonzero(np.isnan(fixed.channels["p"].values)), range(700, 720)
     )
-    assert np.isnan(made.channels["Ny"].values[1000])
+    assert np.isnan(fixed.channels["Ny"].values[1000])
     assert recorded["p"][700] == 1e30, "the numbers of the file stay"
     assert [c.implausible for c in quality.channels] == [0, 20, 1]
     assert (quality.channels[2].largest, quality.channels[2].largest_at) == (-9e99, 10.0)
     assert quality.channels[1].longest_missing == pytest.approx(0.21)
     assert Fault(10.0, 10.0, "implausible:Ny") in quality.faults
     assert {"implausible:p", "missing:p"} <= kinds(quality)
-    (sentence,) = (line for line in made.notes if line.startswith("Ny exceeds"))
+    (sentence,) = (line for line in fixed.notes if line.startswith("Ny exceeds"))
     assert "plausible 30 g in 1 row (up to -9e+99 g, at 10 s)" in sentence
     assert sentence in quality.sentences()
     assert json.dumps(asdict(quality), allow_nan=False)
