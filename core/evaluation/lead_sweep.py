@@ -21,7 +21,7 @@ from core.card import Card, CardError
 from core.collection import card_of, collect, evaluation_flights, stopping_flights
 from core.evaluation.ceiling import Ceiling
 from core.evaluation.prevention import REACTIONS_S, Stopped, prevention
-from core.evaluation.rates import clustered_interval
+from core.evaluation.rates import clustered_interval, first_sample
 from core.kernels.compiled import on_this_thread
 from core.monitor.calibration import Guarantee, alert_above, check_epsilon, p_values
 from core.monitor.monitor import Monitor
@@ -474,17 +474,14 @@ def _first_at_or_below(scores: Array, flights: Rollouts, level: float) -> Indice
 
 
 def _first_alerts(monitor: Monitor, flights: Rollouts, level: float) -> Indices:
-    """As _first_at_or_below, by bisection: computes only some of a monitor's scores."""
+    """As _first_at_or_below, computing only some of a monitor's scores."""
     first = np.full(len(flights.y), flights.y.shape[1])
     unsafe = np.flatnonzero(flights.is_unsafe)
-    by_failure = monitor.lowest_scores(flights.y[unsafe], flights.fail_index[unsafe])
-    which = unsafe[by_failure <= level]
-    y, silent, alerted = flights.y[which], np.full(len(which), -1), flights.fail_index[which]
-    while (apart := alerted - silent > 1).any():
-        between = np.where(apart, (silent + alerted) // 2, alerted)
-        alerts = monitor.lowest_scores(y, between) <= level
-        silent, alerted = np.where(alerts, silent, between), np.where(alerts, between, alerted)
-    first[which] = alerted
+    first[unsafe] = first_sample(
+        lambda y, k: monitor.lowest_scores(y, k) <= level,
+        flights.y[unsafe],
+        flights.fail_index[unsafe],
+    )
     return first
 
 

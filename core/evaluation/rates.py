@@ -1,5 +1,6 @@
 """Evaluation on fresh rollouts: missed failures and false alarms of a monitor."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy.typing as npt
 
 from core.monitor.group import GROUPINGS, members
 from core.monitor.monitor import Monitor
-from core.types import Array, Indices
+from core.types import Array, Flags, Indices
 
 EPSILONS = np.arange(1, 50) / 50
 """The grid of the paper's figure: 0.02, 0.04, ..., 0.98."""
@@ -196,16 +197,25 @@ def first_alerts(
 
     y, fail_index: as in `evaluate`.   Returns (n,); n_samples without an alert.
     """
-    above, n_samples = monitor.alert_above(epsilon), y.shape[1]
-    last = np.minimum(fail_index, n_samples - 1)
+    above = monitor.alert_above(epsilon)
+    last = np.minimum(fail_index, y.shape[1] - 1)
     until = np.minimum(last, monitor.first_withdrawn(y, fail_index) - 1)
-    first = np.full(len(y), n_samples)
-    which = np.flatnonzero(monitor.highest_p_values(y, until) > above)
+    return first_sample(lambda y, k: monitor.highest_p_values(y, k) > above, y, until)
+
+
+def first_sample(alerts: Callable[[Array, Indices], Flags], y: Array, until: Indices) -> Indices:
+    """First sample up to `until` with an alert in each flight y, by bisection.
+
+    alerts: (n,) whether flights y (n, n_samples, 6) alert by samples (n,).
+    Returns (n,); n_samples without an alert.
+    """
+    first = np.full(len(y), y.shape[1])
+    which = np.flatnonzero(alerts(y, until))
     y, silent, alerted = y[which], np.full(len(which), -1), until[which]
     while (apart := alerted - silent > 1).any():
         between = np.where(apart, (silent + alerted) // 2, alerted)
-        alerts = monitor.highest_p_values(y, between) > above
-        silent, alerted = np.where(alerts, silent, between), np.where(alerts, between, alerted)
+        reached = alerts(y, between)
+        silent, alerted = np.where(reached, silent, between), np.where(reached, between, alerted)
     first[which] = alerted
     return first
 
