@@ -55,7 +55,7 @@ def test_a_report_is_one_file_that_says_it_all(given: Path, capsys: pytest.Captu
     assert "not tested" not in printed
     html = (given / "flight-report.html").read_text()
     assert "<h1>flight.csv</h1>" in html
-    assert "on fresh simulated flights ε = 0.1: missed" in html
+    assert "on fresh simulated flights at ε = 0.1: missed" in html
     assert "proposed by the program, not confirmed" in html
     assert "rudder doublet" in html
     assert len(re.findall("<section>", html)) == 1

@@ -182,7 +182,7 @@ def test_the_next_points_monitor_is_of_the_aircraft_as_it_was_flown(client: Test
         ),
         ({"conditions": [{"dataset": {"aircraft": {"kind": "b52"}}}]}, "b52"),
         ({"clearance": {"epsilon": 2.0}}, "epsilon"),
-        ({"clearance": {"n_exceeding": 20, "epsilon": 0.01}}, "needs 99"),
+        ({"clearance": {"n_exceeding": 20, "epsilon": 0.01}}, "needs at least 99"),
         ({"pilot": "Ann"}, "'pilot' is unknown"),
     ],
 )

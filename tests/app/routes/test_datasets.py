@@ -66,7 +66,7 @@ def test_an_amplitude_is_suggested_and_is_what_auto_stands_for(client):
     ("test", "words"),
     [
         ({"limits": {"Ny": 90}}, "0 % of the rollouts exceed a limit even at 45 deg"),
-        ({"share": 2}, "give one between 0 and 1"),
+        ({"share": 2}, "between 0 and 1"),
         ({"share": "half"}, "share is 'half'"),
         ({"maneuver": {"kind": "loop"}}, "'loop' is unknown"),
     ],

@@ -43,7 +43,7 @@ def test_a_set_has_versions_that_stay_as_they_were(client: TestClient) -> None:
 
 def test_what_is_no_set_is_refused_with_words(client: TestClient) -> None:
     overlapping = [SLOW, {**FAST, "ranges": {"mach": [0.7, 0.9]}}]
-    assert "at once" in problem(add(client, name="envelope", cases=overlapping), 422)
+    assert "overlap" in problem(add(client, name="envelope", cases=overlapping), 422)
     nothing = [{**SLOW, "limits": {}}]
     assert "no limit was given" in problem(add(client, name="envelope", cases=nothing), 422)
     assert client.get(URL).json() == []

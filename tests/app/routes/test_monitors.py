@@ -253,7 +253,7 @@ def test_a_monitor_with_groups_says_of_each_how_it_is_calibrated_and_missed(clie
     missed = client.get(f"{where}/evaluation").json()["groups"]
     assert [g["name"] for g in missed if g["rule"] == grouping["kind"]] == names
     page = client.get(f"{where}/certificate").text
-    assert "kept in each group by: largest deflection before the failure" in page
+    assert "in each group by: largest deflection before the failure" in page
     for group in calibration["groups"]:
         level = threshold(calibration["alert_above"], np.array(group["alphas"]))
         assert f"{significant(level)} for {group['name']}" in page
