@@ -75,7 +75,7 @@ async function open() {
     else link.removeAttribute("aria-current");
   }
   document.title = `${VIEWS[name].title} – Forewarn`;
-  document.querySelector("#help").href = `/guide/${VIEWS[name].guide}`;
+  document.querySelector("#help").href = guideOf(name, id);
   bar.goneTo(location.hash);
   shown.close();
   shown = { close: () => {} };
@@ -89,6 +89,12 @@ async function open() {
     console.error(error);
     page.replaceChildren(failure(error));
   }
+}
+
+/** A flight in progress has a page of its own: alarms and keys. */
+function guideOf(name, id) {
+  const page = name === "fly" && id ? "alarms-and-keys" : VIEWS[name].guide;
+  return ["/guide", page].filter(Boolean).join("/");
 }
 
 function failure(error) {
@@ -159,7 +165,7 @@ const bar = createDemonstrationBar(document.querySelector("#preparing"), { navig
 bindUnitsButton(document.querySelector("#units"));
 bindThemeButton(document.querySelector("#theme"));
 document.querySelector("#logout").hidden = !document.cookie.split("; ").includes("forewarn-page=1");
-showMe(await loadMe(api));
+const [me] = await Promise.all([loadMe(api), demonstration.follow(api)]);
+showMe(me);
 addEventListener("hashchange", open);
-await demonstration.follow(api);
 open();

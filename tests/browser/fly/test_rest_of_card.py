@@ -1,4 +1,4 @@
-"""The rest of the test card in words: what is forecast of it, or why nothing is."""
+"""The rest of the test card in words: the forecast, or why there is none."""
 
 from typing import Any
 
@@ -35,11 +35,6 @@ def frame(t: float, ahead: Any = None, state: str = "ok") -> dict[str, Any]:
     [
         ({"frames": []}, "unknown", "not known"),
         (
-            {"frames": [frame(1, PEAK)], "noRest": "a combination tells the risk"},
-            "unknown",
-            "no forecast: a combination tells the risk",
-        ),
-        (
             {"frames": [frame(1, state="warming_up")]},
             "unknown",
             "not known: too few samples yet",
@@ -57,17 +52,22 @@ def frame(t: float, ahead: Any = None, state: str = "ok") -> dict[str, Any]:
         (
             {"frames": [frame(1, PEAK)], "stale": True},
             "unknown",
-            "not known: nothing that is shown is of now",
+            "not known: the display is stale",
         ),
         ({"frames": [frame(1, BAND)]}, "predicted", "▲ Ny predicted to exceed 0.5 g in 0.9 s"),
     ],
 )
-def test_the_rest_of_the_card_is_said_while_it_is_of_now_and_else_why_it_is_not(
+def test_the_rest_of_the_card_is_forecast_or_the_reason_given(
     strips: Open, about: dict[str, Any], level: str, words: str
 ) -> None:
     hidden, shown, said = strips().evaluate(SAID, {"noRest": "", **about})
     assert (hidden, shown) == (False, level)
     assert said.startswith(words)
+
+
+def test_a_method_without_a_forecast_shows_no_rest_of_the_card(strips: Open) -> None:
+    hidden, _, _ = strips().evaluate(SAID, {"noRest": "gives none", "frames": [frame(1, PEAK)]})
+    assert hidden
 
 
 PLACED = """async () => {
