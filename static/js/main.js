@@ -1,9 +1,9 @@
 /**
- * The page: one address a view (#/ is the start page, #/demonstration, #/fly, #/fly/{flight},
+ * The page: one address for each view (#/ is the start page, #/demonstration, #/fly, #/fly/{flight},
  * #/recordings/{id}, #/monitors/{id}, #/datasets/{id}, #/campaigns/{id}, #/limits/{id}, #/storage), its theme.
  *
- * A view's module exports show(element, {id, query, api, navigate}) -> {close()}. `query` holds what
- * follows a question mark (#/fly?monitor=3f9a); navigate("#/fly/3f9a") goes elsewhere.
+ * A view's module exports show(element, {id, query, api, navigate}) -> {close()}. `query` holds the part
+ * after a question mark (#/fly?monitor=3f9a); navigate("#/fly/3f9a") opens another view.
  */
 
 import { api } from "./lib/api.js";
@@ -39,25 +39,25 @@ function decoded(text) {
   try {
     return decodeURIComponent(text);
   } catch {
-    return text; // a stray %: no address of ours
+    return text; // a stray %: an unknown address
   }
 }
 
-/** What the server found damaged among its data, and that its disk is short, stands above every view. */
+/** Damaged data and a full disk are shown above every view. */
 async function showDamage() {
   const element = document.querySelector("#damage");
   try {
     const [{ damaged }, { warning }] = await Promise.all([api.get("/integrity"), api.get("/storage/space").catch(() => ({ warning: "" }))]);
     element.hidden = damaged.length === 0 && !warning;
     if (damaged.length === 0) {
-      element.textContent = warning && `◆ Disk short: ${warning}.`;
+      element.textContent = warning && `◆ Low disk space: ${warning}.`;
       return;
     }
     const [{ kind, name, detail }] = damaged;
     const more = damaged.length > 1 ? ` And ${damaged.length - 1} more: GET /api/v1/integrity lists them.` : "";
-    element.textContent = `◆ Stored data are damaged and not served: ${kind} ${name}: ${detail}.${more}`;
+    element.textContent = `◆ Damaged data, not served: ${kind} ${name}: ${detail}.${more}`;
   } catch {
-    // what does not answer is told where it was asked for
+    // the view reports that the server does not answer
   }
 }
 
@@ -108,7 +108,7 @@ function failure(error) {
   return box;
 }
 
-/** As the machine's own until one is chosen, which is remembered where the browser allows. */
+/** The machine's theme until the user chooses one; the browser remembers the choice. */
 function bindThemeButton(button) {
   const machine = matchMedia("(prefers-color-scheme: light)");
   const ofMachine = () => (machine.matches ? "light" : "dark");
@@ -134,7 +134,7 @@ function bindThemeButton(button) {
   show();
 }
 
-/** Degrees or SI; the view is drawn anew, but where input would be lost. */
+/** Degrees or SI; the view is opened again unless that would lose input. */
 function bindUnitsButton(button) {
   const show = () => {
     const name = isSI() ? "SI" : "deg";
@@ -150,7 +150,7 @@ function bindUnitsButton(button) {
   show();
 }
 
-/** The name and role of who is logged in; nobody is where no token is asked for. */
+/** Name and role of the user; hidden where the server needs no token. */
 function showMe(me) {
   const element = document.querySelector("#me");
   element.hidden = me === null || me.name === "local";

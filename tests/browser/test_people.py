@@ -68,7 +68,7 @@ def test_each_role_sees_all_and_is_offered_what_it_may_do_and_no_more(
         for name in (*CONTROLS, "Acknowledge", "Change limits", "Note here"):
             expect(button(name)).to_have_count(0)
         expect(page.get_by_role("slider")).to_have_count(0)
-        refused = "This takes the role operator, and you are logged in as viewer."
+        refused = "This needs the role operator; you are logged in as viewer."
         page.keyboard.press("k")
         expect(page.locator(".alarm-panel .error")).to_have_text(f"Not acknowledged. {refused}")
         page.keyboard.press("x")
@@ -82,11 +82,11 @@ def test_each_role_sees_all_and_is_offered_what_it_may_do_and_no_more(
         (alarm, *_) = httpx2.get(f"{flights}/{flight}/alarms", headers=OWN).json()
         assert alarm["by"] is None
         tokens.revoke(vi)
-        expect(page.locator(".link-lost")).to_contain_text("The login has ended")
+        expect(page.locator(".link-lost")).to_contain_text("The login has expired")
         expect(page.locator('[data-item="state"] .status-value')).to_contain_text("STALE")
         expect(page.locator('[data-item="record"] .status-value')).to_have_text("–")
         expect(page.locator(".gauge-number")).to_have_text("")
-        expect(page.locator(".alarm-panel")).not_to_contain_text("No alarm waits")
+        expect(page.locator(".alarm-panel")).not_to_contain_text("No unacknowledged alarms")
         allowed_errors.extend(["401 (Unauthorized)", "WebSocket connection to"])
 
         log_in("Op", "operator")

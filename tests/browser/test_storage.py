@@ -21,7 +21,7 @@ def test_what_is_stored_is_listed_and_kept_for_ever_by_a_button(page: Page, tmp_
         )
         page.goto(f"{site.http}/#/recordings")
         page.get_by_role("link", name="Storage").click()
-        expect(page.locator("#damage")).to_have_text("◆ Disk short: 0 GB left.")
+        expect(page.locator("#damage")).to_have_text("◆ Low disk space: 0 GB left.")
         row = page.locator("tr", has_text="Flights")
         expect(row.locator('[data-label="Number"]')).to_have_text("1")
         page.get_by_role("button", name="Keep permanently one").first.click()

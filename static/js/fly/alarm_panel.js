@@ -1,25 +1,25 @@
 /**
- * The alarm line: a warning stays, seen and heard, until someone acknowledges it, and so does, in amber and
- * heard once, a caution. Warnings come before cautions, and an acknowledgement is of those that are shown.
+ * The alarm line. A warning stays on screen and sounds until someone acknowledges it; a caution stays too, in
+ * amber, and sounds once. Warnings come before cautions; an acknowledgement covers the alarms that are shown.
  *
- * While no alarm is open it says the guarantee, what the monitor's test flights say against it, or that it is withdrawn; its height is the same either way, so that
- * the strips do not move at the very moment they are looked at.
+ * Without an open alarm the line shows the guarantee, the monitor's warnings, or that the guarantee is withdrawn.
+ * Its height is the same either way, so that the strips do not move when an alarm comes.
  *
  * Exports
  *   createAlarmPanel(element, {tone, acknowledge}) -> AlarmPanel
- *     acknowledge(alarm) -> Promise    tells the server; the alarm comes back acknowledged
+ *     acknowledge(alarm) -> Promise of the acknowledged alarm
  *   guarantee({epsilon, lead, guarantee}) -> string
  *
  * AlarmPanel
- *   describe({epsilon, alertAbove, guarantee, lead, warnings, limits, channels})   warnings: of the monitor; limits: nodes, |N_y| 0.5 g; of the flight
- *   setState({state, reason, last})    of the newest assessment: whether the guarantee stands; last: the reason of its sample
+ *   describe({epsilon, alertAbove, guarantee, lead, warnings, limits, channels})   of the flight; warnings: of the monitor; limits: nodes, |N_y| 0.5 g
+ *   setState({state, reason, last})    of the newest assessment, for the guarantee; last: cause of the newest sample
  *   take(alarm)          raised or acknowledged
- *   setStale(words)      why the newest sample is not of now and how old it is; empty where it is of now
- *   setHeadline({status, beside})   of the flight: what goes on after it was acknowledged
- *   setLinked(boolean)   false: nobody knows whether there are new alarms
+ *   setStale(words)      why and by how much the newest sample is stale; empty where it is current
+ *   setHeadline({status, beside})   of the flight; an acknowledged condition may continue
+ *   setLinked(boolean)   false: new alarms cannot arrive
  *   acknowledgeAll()     all open warnings; all open cautions where there are none
- *   open()               how many warnings wait
- *   alert()              the newest alert of a risk that waits, as it was raised, or null
+ *   open()               number of unacknowledged warnings
+ *   alert()              the newest unacknowledged alert of a risk, or null
  *   close()              silence
  */
 
@@ -34,7 +34,7 @@ import { errorLine } from "../lib/view_states.js";
 import { CAUTION_WORDS, cautionText, waitingOf } from "./panels.js";
 
 const GOES_ON = {
-  exceeding: "LIMIT EXCEEDED, it continues, acknowledged",
+  exceeding: "LIMIT EXCEEDED continues, acknowledged",
   risk: "ALERT continues, acknowledged",
 };
 
@@ -43,11 +43,11 @@ const PROMISED = {
   "95%": "with 95 % confidence in this monitor",
 };
 
-export function guarantee({ epsilon, lead, guarantee: kept = "average" }) {
+export function guarantee({ epsilon, lead, guarantee: kind = "average" }) {
   const share = `${Number((100 * epsilon).toPrecision(3))} %`;
   return (
-    `Of flights that fail, at most ${share} get no alert at least ${leadSeconds(lead)} s ahead, ` +
-    `${PROMISED[kept]}, for flights drawn like the simulated ones. ` +
+    `At most ${share} of failing flights get no alert at least ${leadSeconds(lead)} s ahead, ` +
+    `${PROMISED[kind]}, for flights drawn like the simulated ones. ` +
     "Risk is not the probability of failure."
   );
 }
@@ -57,7 +57,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   const text = h("span", { class: "alarm-text" });
   const button = h("button", { type: "button", class: "button", title: "Acknowledge (key K)", onclick: acknowledgeAll, ...needs("POST /flights/{}/alarms/{}/acknowledge") }, "Acknowledge [K]");
   const banner = h("div", { class: "alarm-banner", role: "alert", hidden: true }, text, button);
-  const quiet = h("strong", {}, "No alarm waits. ");
+  const quiet = h("strong", {}, "No unacknowledged alarms. ");
   const promise = h("span", {});
   const calm = h("p", { class: "alarm-calm" }, quiet, promise);
   const failure = errorLine();
@@ -66,7 +66,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   let flight = { epsilon: NaN, alertAbove: NaN, lead: 0, warnings: [], limits: [], channels: [] };
   let assessment = { state: null, reason: "" };
   let status = "";
-  let holds = []; // what the headline and what stands beside it say
+  let holds = []; // statuses of the headline and beside it
   let shown = "";
   let stale = "";
 
@@ -78,7 +78,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     calm.toggleAttribute("data-warned", flight.warnings.length > 0);
     const { warnings, cautions } = waiting();
     const open = warnings.length > 0 ? warnings : cautions;
-    const latest = open.findLast(({ kind }) => kind === "limit") ?? open.at(-1); // what is measured comes first
+    const latest = open.findLast(({ kind }) => kind === "limit") ?? open.at(-1); // a measured exceedance comes first
     const held = latest === undefined && status in GOES_ON;
     element.dataset.open = String(warnings.length);
     banner.dataset.level = open === cautions && !held ? "caution" : "alert";
@@ -106,17 +106,17 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
       return "The guarantee is withdrawn: the monitor was not applicable to the last sample.";
     if (state === "not_assessed" || (holds.includes("invalid") && wasBetween)) return "No guarantee between manoeuvres: nothing is assessed there.";
     if (state === "invalid") return `The guarantee is withdrawn: ${assessment.reason || "the monitor is not applicable here"}`;
-    if (state === "stale") return "No guarantee while no sample of now comes: nothing is assessed.";
+    if (state === "stale") return "No guarantee without current samples: nothing is assessed.";
     return flight.warnings.length ? `◆ ${flight.warnings.map(sentence).join(" ")}` : guarantee(flight);
   }
 
-  /** Of the first of several of a kind, as the headline says it too; `others` wait beside them. */
+  /** The first of several of a kind, as in the headline; `others`: number of further alarms. */
   function words(alike, others) {
-    const first = alike.reduce((one, next) => (next.t < one.t ? next : one));
+    const first = alike.reduce((earliest, alarm) => (alarm.t < earliest.t ? alarm : earliest));
     const { t, p_value: risk, kind, exceedance } = first;
     const value = risk === null ? "" : ` ${riskText(risk, flight.alertAbove)}`;
     const at = alike.length > 1 ? `first at ${t.toFixed(2)} s, ${alike.length} alarms` : `at ${t.toFixed(2)} s`;
-    const more = others > 0 ? `, ${others} more` : "";
+    const more = others > 0 ? `, and ${others} more alarm${others === 1 ? "" : "s"}` : "";
     const goesOn = kind === "stale" && stale !== "" ? { reason: stale } : {};
     if (kind in CAUTION_WORDS) return [`${cautionText({ ...first, ...goesOn }, ` ${at}`)}${more}`];
     if (kind === "limit") return [`LIMIT EXCEEDED ${at}: `, ...measured(exceedance), more];
@@ -162,7 +162,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
       assessment = now;
       render();
     },
-    setLinked: (linked) => put(quiet, linked ? "No alarm waits. " : "◆ Not connected: new alarms are not known. "),
+    setLinked: (linked) => put(quiet, linked ? "No unacknowledged alarms. " : "◆ Not connected: new alarms cannot arrive. "),
     take,
     setStale: (words) => {
       if (words === stale) return;

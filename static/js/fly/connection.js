@@ -1,8 +1,8 @@
 /**
- * A flight's WebSocket: the one module that opens it, and keeps it open.
+ * A flight's WebSocket: the one module that opens it and keeps it open.
  *
- * It answers frames with credit, connects again after a loss (asking for what it missed), gives a
- * silent connection up, and measures what the operator must know of it.
+ * It answers frames with credit, reconnects after a loss and asks for the missed frames, drops a silent
+ * connection, and measures age, latency and loss.
  *
  * Exports
  *   createConnection(flight, on) -> Connection
@@ -11,16 +11,16 @@
  *     on.state(message), on.status(headline), on.alarm(alarm), on.marker(marker), on.transport(transport), on.live(live), on.limits(message), on.heartbeat(message)
  *     on.reset({seq, t, since, held})  the next frame, seq, does not follow the last one: clear the strips; the record has since..seq-1
  *     on.gap(first, last)          samples first..last were not sent: the server has them in the flight's record
- *     on.link(link)                "connecting" | "open" | "silent" (a heartbeat is missed) | "lost" | "over"
- *     on.over(reason)              the flight is not under way any more; nothing follows
+ *     on.link(link)                "connecting" | "open" | "silent" (a heartbeat is missing) | "lost" | "over"
+ *     on.over(reason)              the flight has ended; nothing follows
  *
  * Connection
- *   link, attempt, retryIn(wall) -> s     where it is; while lost, which attempt comes next and when
- *   loggedOut    it is lost since the login ended: it does not connect again
+ *   link, attempt, retryIn(wall) -> s     its state; while lost, the number and time of the next attempt
+ *   loggedOut    lost because the login expired: it does not reconnect
  *   figures(wall) -> {age, latency, lost, unwritten, problem, utc}
- *     age      s since the newest sample was taken, growing while nothing comes; NaN before any
+ *     age      s since the newest sample was taken; NaN before the first
  *     latency  ms from due to here, above the quickest message of the last minute plus half a
- *              round trip; NaN before any
+ *              round trip; NaN before the first
  *     lost     samples the server could not record
  *     unwritten, problem   samples that wait for the server's disk, and why it takes none at present
  *     utc      the server's date and time as a Date, or null
@@ -29,10 +29,10 @@
 
 const DRAWN = 4; // messages of frames that are credited at once: a quarter of what the server gives
 const BEAT = 1000; // ms between the server's heartbeats
-const LATE = 600; // ms that one may come late, if nothing else came either: else it is missed
-const SILENCE = 3500; // ms without any message that mean loss
-const LISTEN = 250; // ms between looks at that
-const WAITS = [250, 500, 1000, 2000, 4000]; // ms before the next attempts
+const LATE = 600; // ms that a heartbeat may be late
+const SILENCE = 3500; // ms without any message before the link is lost
+const LISTEN = 250; // ms between checks of both
+const WAITS = [250, 500, 1000, 2000, 4000]; // ms before each next attempt
 const NO_SUCH_FLIGHT = 4404;
 const SESSION_OVER = 4401;
 const WINDOW = 30_000; // ms; the quickest message of this window and the one before counts
@@ -81,7 +81,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
     listenLater(2 * LISTEN);
   }
 
-  /** When the next heartbeat is missed, if nothing comes. */
+  /** When the next heartbeat counts as missing. */
   const missedAt = () => Math.max(beat + BEAT, heard) + LATE;
 
   function listenLater(wait) {
@@ -90,8 +90,8 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
   }
 
   /**
-   * A connection that says nothing is no connection, whatever the socket reports. But a page that
-   * was held up itself looks twice, for it may not have heard yet what was sent.
+   * A silent connection counts as lost, whatever the socket reports. After the page itself was held up,
+   * it checks twice: messages may be waiting.
    */
   function listen() {
     const now = performance.now();
@@ -111,7 +111,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
     socket = null;
     if (closed || connection.link === "over") return;
     if (code === NO_SUCH_FLIGHT) {
-      finish("the flight is not under way");
+      finish("the flight has ended");
       return;
     }
     if (code === SESSION_OVER) {
@@ -211,7 +211,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
     if (open !== null) shut(open);
   }
 
-  /** A browser warns of one that is closed before it is open. */
+  /** A browser warns about a socket that is closed before it is open. */
   function shut(one) {
     if (one.readyState === Socket.CONNECTING) one.addEventListener("open", () => one.close());
     else one.close();
@@ -263,7 +263,7 @@ function createServerClock() {
         await fetch("/healthz", { cache: "no-store" });
         half = Math.min(half || Infinity, (performance.now() - begin) / 2);
       } catch {
-        // no answer: the socket says so
+        // no answer: the socket reports it
       }
     },
   };

@@ -1,9 +1,9 @@
 /**
- * Further monitors of the same test, which are shown beside the one that raises the alarms.
+ * Further monitors of the same test, shown beside the one that raises the alarms.
  *
  * Exports
  *   createDisplayChoice(monitors, more) -> {element, adapt(now), chosen() -> [id]}
- *     adapt(now): the monitor that raises the alarms.   more: further words of which can be chosen
+ *     adapt(now): the monitor that raises the alarms.   more: further words about the choice
  */
 
 import { h } from "../lib/dom.js";
@@ -14,7 +14,7 @@ export function createDisplayChoice(monitors, more = "") {
   const boxes = monitors.map((monitor) => ({ monitor, box: h("input", { type: "checkbox", value: monitor.id }) }));
   const lines = boxes.map(({ monitor, box }) => h("label", { class: "display-choice" }, box, `${leadSeconds(monitor.lead)} s ahead: ${monitor.name} `, warningMark(monitor)));
   const element = h("details", {}, h("summary", {}, "Further monitors, for display"),
-    h("div", { class: "stack" }, h("p", { class: "hint" }, `Of the same aircraft, manoeuvre and sample interval. They show their risk and raise no alarm.${more}`), ...lines));
+    h("div", { class: "stack" }, h("p", { class: "hint" }, `For the same aircraft, manoeuvre and sample interval. They show their risk and raise no alarm.${more}`), ...lines));
   const test = ({ dt, dataset_recipe: { aircraft, maneuver } }) => JSON.stringify([dt, aircraft, maneuver]);
 
   function adapt(now) {

@@ -1,11 +1,11 @@
 /**
- * The limits that a flight is held against: the line that names them, and the dialog that changes them.
+ * The limits of a flight: the line that names them, and the dialog that changes them.
  *
  * Exports
  *   createFlightLimits(element, {api, path}) -> FlightLimits
- *   putLines(put) -> elements    what was put in force during a flight that is over
- *   createLimitChoice(api, own) -> {element, ready, chosen()}    which limit set, at which declared condition
- *     own: words of what holds without one; null where one must be chosen
+ *   putLines(put) -> elements    limit sets that were put in force during an ended flight
+ *   createLimitChoice(api, own) -> {element, ready, chosen()}    a limit set and its declared condition
+ *     own: label of the choice without a limit set; null where one must be chosen
  *     chosen() -> {limit_set, condition} or {}
  *
  * FlightLimits
@@ -30,7 +30,7 @@ export function createFlightLimits(element, { api, path }) {
   element.replaceChildren(words, change);
   if (may(CHANGE)) offer();
 
-  /** Nobody is asked to change limits where none are kept. */
+  /** Only where the server has limit sets. */
   async function offer() {
     const sets = await api.get("/limit-sets").catch(() => []);
     change.hidden = sets.length === 0;
@@ -40,14 +40,13 @@ export function createFlightLimits(element, { api, path }) {
   function ask() {
     const choice = createLimitChoice(api, null);
     const dialog = askToConfirm(
-      "Hold this flight against other limits?",
-      "From the next sample on. A monitor of other limits is not applicable from there on, and says which would serve.",
+      "Change the limits of this flight?",
+      "From the next sample on. A monitor trained for other limits is not applicable from then on, and names one that is.",
       "Put in force",
       () => {
         const { limit_set: set, condition } = choice.chosen();
         return api.put(`${path}/limits`, { limit_set: set, fixed: condition });
       },
-      "Leave them",
     );
     dialog.querySelector("p").after(choice.element);
   }
@@ -100,11 +99,11 @@ function limited(channels) {
 export function createLimitChoice(api, own) {
   const sets = h("select", { id: "limit-set" });
   let inputs = [];
-  const fields = h("div", { class: "stack" }, h("p", { class: "hint" }, "The flight condition, where it is declared; left empty, a live source sends it."));
+  const fields = h("div", { class: "stack" }, h("p", { class: "hint" }, "Declare the flight condition, or leave it empty where a live source sends it."));
   const element = h("div", { class: "stack form" }, h("div", { class: "field" }, h("label", { for: sets.id }, "Limits"), sets), fields);
   if (own !== null) {
     sets.append(h("option", { value: "" }, own));
-    sets.after(h("p", { class: "hint" }, "Limits by flight condition are kept as ", h("a", { href: "#/limits" }, "limit sets"), ", each version with who made it and when."));
+    sets.after(h("p", { class: "hint" }, "Limits by flight condition are stored as ", h("a", { href: "#/limits" }, "limit sets"), ", with author and date of each version."));
   }
   const adapt = () => {
     fields.hidden = sets.value === "";

@@ -1,18 +1,18 @@
 /**
- * ABORT and KNOCK IT OFF: a button and a key each, and what was set, for everyone who watches.
+ * ABORT and KNOCK IT OFF: a button and a key each; everyone who watches sees the marker.
  *
  * Their words come from the server. A marker neither ends nor pauses the flight.
  *
  * Exports
  *   createFlightMarkers({buttons, last, refused}, {set, heard, unheard}) -> FlightMarkers
- *     buttons, last, refused: elements; the last says, as loudly as a marker, that one was not set.   set(kind) -> Promise    tells the server; the marker comes by the stream
- *     heard(marker)    one that is new was set, by whomever.   unheard()    one was not set
+ *     buttons, last, refused: elements; refused: why a marker was not set.   set(kind) -> Promise; the marker arrives by the stream
+ *     heard(marker)    a new marker, from anyone.   unheard()    one was not set
  *   markerEvent(marker) -> event, markerFlag(marker) -> flag    for the event list and the strips
  *   markerText(marker) -> string     "ABORT (safety of flight) at 3.42 s, 12:01:03 UTC, by local"
  *
  * FlightMarkers
  *   offer(kinds)     that may be set: {kind, word, meaning, level, shortcut}
- *   take(marker) -> bool     shows the newest of the most urgent; whether it was new
+ *   take(marker) -> bool     shows the newest of the most urgent; returns whether it is new
  *   keys             {key: act}, filled by offer
  *   shortcuts()      [[key, meaning, request]] for the list of keys
  */
@@ -40,7 +40,7 @@ export function createFlightMarkers({ buttons, last, refused }, { set, heard, un
   function button(about) {
     const { kind, word, meaning, level, shortcut } = about;
     const key = shortcut.toUpperCase();
-    const title = `${word}: ${meaning}. Sets a marker; the flight goes on (key ${key})`;
+    const title = `${word}: ${meaning}. Sets a marker; the flight continues (key ${key})`;
     const element = h("button", { type: "button", class: "button button-small marker-button", "data-level": LEVEL_OF[level], "data-marker": kind, title, ...needs(SET) },
       word, h("span", { class: "marker-key" }, ` [${key}]`));
     let asked = false;
@@ -80,7 +80,7 @@ export function createFlightMarkers({ buttons, last, refused }, { set, heard, un
     last.dataset.level = LEVEL_OF[shown.level];
     last.title = markerText(shown);
     put(last, `${shown.word} at ${shown.t.toFixed(2)} s, by ${shown.by}${set.every(({ stored }) => stored) ? "" : " · not stored yet"}`);
-    if (marker.kind === refused.dataset.kind) refused.hidden = true; // set after all, by whomever
+    if (marker.kind === refused.dataset.kind) refused.hidden = true; // set after all, by anyone
     if (isNew) heard(marker);
     return isNew;
   }

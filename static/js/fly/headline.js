@@ -1,28 +1,28 @@
 /**
- * The headline of a flight: the worst that is true of it, as the server decided it.
+ * The headline of a flight: its worst condition, as the server decided it.
  *
- * Only what the browser itself knows worse, that nothing comes any more, is added here, by the same order.
+ * The browser adds only that no samples arrive any more, in the same order of severity.
  *
  * Exports
- *   FACES {status: {word, long, shape}}     what each is called; `shape` names the gauge's sign
+ *   FACES {status: {word, long, shape}}     words of each status; `shape` names the gauge's sign
  *   headlineOf({status, level, beside, exceeded_t, verdict}, {stale, alarms, blank}) -> Headline
- *     stale: the browser hears nothing new.   alarms: how many warnings wait, as it knows
- *     blank: no sample is shown yet, and nothing is said to explain it: nothing calm is said either
- *   ofSample({state, alert}) -> Headline     of a sample alone, where nothing more is known
+ *     stale: no samples arrive.   alarms: number of unacknowledged warnings
+ *     blank: no sample is shown yet: the headline must not look calm
+ *   ofSample({state, alert}) -> Headline     of a single sample
  *   wordOf(status, cause) -> string          INVALID has a word of its own for some causes, as NOT ASSESSED between manoeuvres
  *   besideOf(headline, cause) ->  string     what is shown beside its word: "STALE · EXCEEDED first at 8.76 s · Warned 0.45 s before the limit"
  *   textOf(headline, cause) ->  string       "▲ ALARM · STALE · EXCEEDED first at 8.76 s"
- *   resultOf(flight) -> {words, level}       what a flight came to: its verdict, else its headline; data-level
- *   staleText(cause, age) -> string          why it is stale, and how old the newest sample is [s], NaN if unknown: the same everywhere
+ *   resultOf(flight) -> {words, level}       result of a flight: its verdict, else its headline; data-level
+ *   staleText(cause, age) -> string          why it is stale, and the age of the newest sample [s], NaN if unknown
  *   LEVEL_OF {level: data-level}, MARKS {level: sign}
  */
 
 import { shownState, withdrawnWord } from "../charts/readout.js";
 
 const WORST_FIRST = ["exceeding", "alarm", "risk", "stale", "invalid", "caution", "warming_up", "not_calibrated", "exceeded", "ok"];
-const NOW = ["exceeding", "risk"]; // what a stale sample cannot show
+const NOW = ["exceeding", "risk"]; // need a current sample
 const CALM = ["none", "advisory"];
-const BESIDE = ["stale", "invalid"]; // always shown where they are true
+const BESIDE = ["stale", "invalid"]; // always shown
 
 export const FACES = {
   exceeding: { word: "EXCEEDING", long: "limit exceeded now", shape: "warning" },
@@ -59,7 +59,7 @@ export function ofSample({ state, alert, p_value: risk }) {
 
 export function staleText(cause, age) {
   const old = Number.isFinite(age) ? [`the newest is ${age.toFixed(1)} s old`] : [];
-  return [cause || "no new sample comes", ...old].join("; ");
+  return [cause || "no new sample", ...old].join("; ");
 }
 
 export function resultOf({ verdict, progress, cause, mode, head, ...headline }) {
@@ -90,7 +90,7 @@ function worstOf({ status, exceeded_t: t }, cause = null) {
   return status === "exceeded" && Number.isFinite(t) ? exceededAt(t) : wordOf(status, cause);
 }
 
-/** True on both sides of the cursor: the flight may have been sought to before it since. */
+/** Also shown after a seek to before the exceedance. */
 function exceededAt(t) {
   return `${FACES.exceeded.word} first at ${t.toFixed(2)} s`;
 }

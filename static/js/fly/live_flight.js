@@ -33,10 +33,10 @@ import { bindMuteButton, createTone } from "./tone.js";
 import { createTransportBar } from "./playback/transport_bar.js";
 
 const STATUS_EVERY = 200; // ms
-const tone = createTone(); // one for the page: a browser lets it sound once it was touched
+const tone = createTone(); // one for the page: a browser lets it sound after the first touch
 
 const NO_DATA = "NO DATA. The scene begins with the first sample.";
-const LOGGED_OUT = "◆ The login has ended. Nothing shown is live: reload the page to log in again.";
+const LOGGED_OUT = "◆ The login has expired. Nothing shown is live: reload the page to log in again.";
 
 export function showLiveFlight(element, { id, api, over, recorded = null }) {
   const path = `/flights/${encodeURIComponent(id)}`;
@@ -49,7 +49,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   });
   const transport = createTransportBar(panels.transport, {
     act: (action, value) => api.post(`${path}/transport`, { action, value: value ?? null }),
-    end: recorded ? null : () => askToConfirm("End this flight?", "Its record is kept, and it can be flown again.", "End flight", () => api.post(`${path}/end`, {})),
+    end: recorded ? null : () => askToConfirm("End this flight?", "Its record is kept. You can fly it again.", "End flight", () => api.post(`${path}/end`, {})),
   });
   const markers = createFlightMarkers(
     { buttons: panels.calls, last: panels.marker, refused: panels.refused },
@@ -62,18 +62,18 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   const keys = { ...transport.keys, k: alarm.acknowledgeAll, t: () => notes?.write(), g: () => source?.begin() };
   const unbind = [bindControls(panels.status, keys, markers), addDrawer(show)];
   const raised = new Set();
-  let hello = null; // these two come together
+  let hello = null; // set together with display
   let display = null;
   let notes = null; // of a replayed recording
   let source = null; // of a live flight
   let address = null;
-  let resumed = 0; // times that the server was started again during it
+  let resumed = 0; // restarts of the server during the flight
   let playback = { playing: true, speed: 1 }; // as the transport has it
-  let shown = { saying: "", wall: 0 }; // what is said of link and flight, and since when its figures stand
+  let shown = { text: "", wall: 0 }; // link and headline, and when they were last drawn
   let isStored = true; // by the last heartbeat
   let decided = null; // the server's headline
   let resets = 0; // of the strips
-  let cautioned = false; // of being stale, which the server does not know
+  let cautioned = false; // about stale samples, which only this page knows
 
   const backfill = createBackfill({ api, path, insert: (frames, complete) => display.chart.insert(frames, complete) });
   element.dataset.flight = "connecting";
@@ -125,17 +125,17 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     if (!again) return;
     const when = `${hello.server_time.slice(11, 19)} UTC`;
     const restarts = hello.live?.resumed ?? 0;
-    if (restarts > resumed) events.add({ t: display.t, text: `the server was started again, connected ${when}; the flight goes on, and its source must too`, level: "caution" });
-    else events.add({ t: null, text: `connected again ${when}` });
+    if (restarts > resumed) events.add({ t: display.t, text: `server restarted, reconnected ${when}; the flight continues, and its source must too`, level: "caution" });
+    else events.add({ t: null, text: `reconnected ${when}` });
     resumed = restarts;
     scene.wake();
     display.resume();
   }
 
-  /** What was shown and was not durable when the server was killed never was: its source repeats it. */
+  /** Samples that the killed server had not stored are gone: the source must send them again. */
   function forgetFrom(head) {
     const n = display.seq - head;
-    events.add({ t: null, text: `${n} samples that were shown were not durable when the server was killed: their source must repeat them`, level: "caution" });
+    events.add({ t: null, text: `${n} samples shown were not stored when the server was killed: the source must send them again`, level: "caution" });
     backfill.clear();
     display.forget();
   }
@@ -146,7 +146,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     showHidden();
   }
 
-  /** The forecast by the newest sample when the page came: of a flight that is paused no other comes. */
+  /** The forecast of the newest sample, as hello has it: a paused flight sends no other. */
   function withForecast(frames) {
     const newest = frames.find(({ seq }) => seq === hello.head);
     if (newest !== undefined && hello.ahead !== null) newest.ahead ??= hello.ahead;
@@ -161,7 +161,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     notes?.moved(newest.t);
   }
 
-  /** What lies behind the time shown has happened; what lies ahead was seen, and is set apart. */
+  /** Events later than the time shown are set apart. */
   function showEventsUntil(t) {
     if (hello.transport.seekable) events.showUntil(t);
   }
@@ -181,7 +181,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     onFrames([], newest);
   }
 
-  /** The channels with the limits that alerts warn of, whatever is in force. */
+  /** The channels with the monitor's own limits, which alerts refer to. */
   function warnedOf() {
     const { limits } = hello.monitors[0];
     return hello.channels.map((channel) => ({ ...channel, limit: limits?.[channel.key] ?? null }));
@@ -213,13 +213,13 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     markEvents();
   }
 
-  /** Others hold from the next sample on, by hand or by the flight condition. */
+  /** New limits from the next sample on, set by hand or by the flight condition. */
   function onLimits({ limits: inForce, channels }) {
     hello.channels = channels;
     const since = inForce === null ? null : inForce.since;
     display.chart.setLimits(channels, since ?? -Infinity);
     limits.show(inForce, channels);
-    if (inForce === null) return; // a seek to before any was
+    if (inForce === null) return; // a seek to before the first limits
     const own = hello.held.length > 0 ? hello.held : [{ t: null, limits: hello.monitors[0].limits }];
     hello.held = [...own, { t: since, limits: inForce.limits }];
     events.add(limits.event(inForce, since));
@@ -229,11 +229,11 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   function onHeartbeat({ problem, lost }) {
     if ((problem === "") === isStored) return;
     isStored = problem === "";
-    const text = isStored ? `recorded again; samples lost: ${lost}` : `not recorded: ${problem}`;
+    const text = isStored ? `recording resumed; samples lost: ${lost}` : `not recorded: ${problem}`;
     events.add({ t: display?.t ?? null, text, level: "caution" });
   }
 
-  /** As the strips find it, also before a point that was sought; its alarm says the same. */
+  /** Found by the strips, also before a point that was sought; its alarm has the same text. */
   function onExceedance(exceedance) {
     events.add({ t: exceedance.t, text: exceedanceText(exceedance, hello.channels), level: "alert", seen: true });
     markEvents();
@@ -271,7 +271,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     if (link === "lost") display?.lose();
     showHidden();
     if (link !== "lost" || display === null) return;
-    events.add({ t: display.t, text: connection.loggedOut ? "the login has ended" : "connection to the server lost", level: "caution" });
+    events.add({ t: display.t, text: connection.loggedOut ? "the login has expired" : "connection to the server lost", level: "caution" });
   }
 
   function showNotes() {
@@ -281,19 +281,19 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     panels.events.append(notes.element);
   }
 
-  /** Alarm line and title follow the headline; of a caution that is no alarm of the server's the tone is given here. */
+  /** Alarm line and title follow the headline. The page itself sounds the caution of stale samples. */
   function follow(headline, cause) {
     alarm.setHeadline(headline);
     const words = headline.level === "none" ? "" : `${textOf(headline, cause)} – `;
     const title = `${words}${hello.name} – Forewarn`;
     if (document.title !== title) document.title = title;
-    const isStale = ({ status: one, beside }) => [one, ...beside].includes("stale");
+    const isStale = ({ status, beside }) => [status, ...beside].includes("stale");
     const alone = isStale(headline) && !isStale(decided) && playback.playing;
     if (alone && !cautioned) tone.caution();
     cautioned = alone;
   }
 
-  /** The scene knows nothing of a link that died: what it shows then must not pass for now. */
+  /** The scene does not know that the link is lost: a cover keeps it from passing as current. */
   function coverScene(headline, wall) {
     const lost = connection.link === "lost";
     const stale = headline !== null && [headline.status, ...headline.beside].includes("stale");
@@ -314,18 +314,18 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     display?.chart.setCursor(t);
   }
 
-  /** A hidden page draws nothing, but has a title. */
+  /** A hidden page draws nothing, but keeps its title current. */
   function showHidden() {
     if (document.hidden) show(performance.now());
   }
 
-  /** All that says how the flight is, in one update: gauge, link, status, title, alarm line, scene. */
+  /** Gauge, link, status, title, alarm line and scene change in one update. */
   function show(wall) {
     const headline = display?.refresh(wall) ?? null;
     transport.moved(display?.chart.newest ?? null);
-    const saying = `${connection.link} ${headline === null ? "" : textOf(headline, display.withdrawal)}`;
-    if (saying === shown.saying && wall - shown.wall < STATUS_EVERY) return;
-    shown = { saying, wall };
+    const text = `${connection.link} ${headline === null ? "" : textOf(headline, display.withdrawal)}`;
+    if (text === shown.text && wall - shown.wall < STATUS_EVERY) return;
+    shown = { text, wall };
     coverScene(headline, wall);
     if (headline !== null) {
       follow(headline, display.withdrawal);
@@ -370,7 +370,7 @@ function besideRecording(element, beside) {
   return { wake: () => {}, close: () => {} };
 }
 
-/** The page's keys, the list of them, and the tone's mute, which the first touch unlocks. */
+/** Keys, their list, and the mute button; the first touch of the page unlocks the tone. */
 function bindControls(element, keys, markers) {
   const shortcuts = createShortcutList(markers.shortcuts);
   const mute = h("button", { type: "button", class: "button button-small mute" });
@@ -391,10 +391,10 @@ function bindControls(element, keys, markers) {
 }
 
 function coverText(cause, age) {
-  return `◆ STALE. ${sentence(staleText(cause, age))} The attitude that was shown here is not that of now.`;
+  return `◆ STALE. ${sentence(staleText(cause, age))} The attitude shown here is out of date.`;
 }
 
 function lostText(seconds) {
   const when = seconds >= 1 ? `in ${seconds.toFixed(0)} s` : "now";
-  return `◆ Connection lost. Nothing shown is live. The page connects again by itself, next ${when}; if that goes on, check that the server runs.`;
+  return `◆ Connection lost. Nothing shown is live. The page reconnects by itself, next ${when}; if this continues, check that the server runs.`;
 }

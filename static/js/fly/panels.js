@@ -3,15 +3,15 @@
  *
  * Exports
  *   createFlightPanels(element) -> {status, strips, alarm, refused, problem, address, scene, lost, gauge, ahead, rest, notice, limits, events, calls, marker, live, transport: elements}
- *     refused: of a marker that was not set.   problem, address, live: of a live flight; the last is put into the transport there
- *   windowOf({duration, lead}) -> s     width of the strips: a short flight fills them
+ *     refused: of a marker that was not set.   problem, address, live: of a live flight; live goes into the transport
+ *   windowOf({duration, lead}) -> s     width of the strips; a short flight fills them
  *   limitsOf(channels) -> Node[]        "|N_y| 0.5 g", of the limited channels
- *   CAUTION_WORDS {kind: word}          of the alarms that are no warnings
- *   cautionText({kind, reason}, at) -> string    "NOT APPLICABLE at 3.4 s: ..."; at: when, in words
- *   waitingOf(alarms) -> {warnings, cautions}    those that nobody acknowledged
+ *   CAUTION_WORDS {kind: word}          of alarms that are cautions
+ *   cautionText({kind, reason}, at) -> string    "NOT APPLICABLE at 3.4 s: ..."; at: time in words
+ *   waitingOf(alarms) -> {warnings, cautions}    the unacknowledged ones
  *   alertText(alarm, alertAbove, channels) -> string, exceedanceText({key, value, judged}, channels) -> string
- *   acknowledgementOf(alarm, isLive) -> event    when it was acknowledged, and of which alarm; isLive: the flight's time is that of the day
- *   recordedFlag(alarm) -> {key, t, word} | null    the strips' mark of an exceedance as recorded, not from trim
+ *   acknowledgementOf(alarm, isLive) -> event    the acknowledgement of an alarm; isLive: flight time runs with the time of day
+ *   recordedFlag(alarm) -> {key, t, word} | null    mark of an exceedance as recorded, not from trim
  *   sourceText(source, name) -> string
  */
 
@@ -41,7 +41,7 @@ export function createFlightPanels(element) {
     alarm: h("section", { "aria-label": "Alarm" }),
     refused: h("p", { class: "marker-refused", role: "alert", hidden: true }),
     problem: h("p", { class: "live-problem", role: "alert", hidden: true }),
-    address: h("section", { "aria-label": "Where samples are sent", hidden: true }),
+    address: h("section", { "aria-label": "Where to send samples", hidden: true }),
     live: h("div", { role: "group", "aria-label": "Live source" }),
     strips: h("section", {}),
     scene: h("section", {}),
@@ -86,7 +86,7 @@ export function alertText(alarm, alertAbove, channels) {
 
 export function acknowledgementOf({ t, number, level, by, raised, acknowledged }, isLive) {
   const what = level === "caution" ? "caution" : "alarm";
-  const text = `${what} ${number} of ${t.toFixed(2)} s acknowledged by ${by}`;
+  const text = `${what} ${number} (${t.toFixed(2)} s) acknowledged by ${by}`;
   const at = isLive ? t + (Date.parse(acknowledged) - Date.parse(raised)) / 1000 : t;
   return { t, at, when: `${acknowledged.slice(11, 19)} UTC`, text, seen: true };
 }

@@ -1,10 +1,10 @@
 /**
- * The record of a flight that is over: its strips and events, to read and to fly again.
+ * The record of an ended flight: its strips and events, and a button to fly it again.
  *
  * Exports
  *   showFlightRecord(element, {flight, why, reopen, api, navigate}) -> {close()}
- *   heldDuring(held, frames) -> [{t, limits}]    which limits held in these frames, of a record's limits_held
- *     flight: as the server has it.   why: how it ended, if the page saw it.   reopen(): read it again, it is not as it was
+ *   heldDuring(held, frames) -> [{t, limits}]    limits in force in these frames, of a record's limits_held
+ *     flight: as the server has it.   why: how it ended, if the page saw it.   reopen(): reads it again
  */
 
 import { createStripChart } from "../charts/live/strip_chart.js";
@@ -30,8 +30,8 @@ import { createStatusStrip } from "./status_strip.js";
 
 const HOW = {
   ended: "was ended",
-  interrupted: "was interrupted: the server was killed during it, and what it had not stored, its last 2 s as a rule, is missing",
-  failed: "failed: the server's log says why",
+  interrupted: "was interrupted: the server was killed, and samples that it had not stored, usually the last 2 s, are missing",
+  failed: "failed: see the server's log",
 };
 const MOST = 100_000; // samples of a record that are drawn
 
@@ -46,7 +46,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   const shown = { mode: flight.mode, source, monitor: flight.monitor, warnings: flight.warnings, link: "over", staleAfter: 1, playing: false, live: false, headline: null, figures: nothing };
   const alertAbove = flight.monitors[0].alert_above;
   const isLive = flight.mode === "live";
-  const isOpen = isLive && flight.progress === "interrupted" && flight.recording === null; // its source may go on with it, and somebody may end it
+  const isOpen = isLive && flight.progress === "interrupted" && flight.recording === null; // its source may continue it, and a person may end it
   let chart = null;
   let closed = false;
 
@@ -55,7 +55,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   panels.transport.remove();
   panels.address.remove();
   panels.scene.classList.add("scene-panel");
-  panels.scene.append(state("empty", "Flight over", "The scene is shown while it flies."));
+  panels.scene.append(state("empty", "Flight over", "The scene is shown during the flight."));
   panels.notice.hidden = false;
   const failure = h("span", { class: "error", role: "alert", hidden: true });
   const acknowledgeButton = h("button", { type: "button", class: "button button-small", hidden: true, onclick: () => acknowledge().catch(fail), ...needs("POST /flights/{}/alarms/{}/acknowledge") });
@@ -65,13 +65,13 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     h("p", {}, h("strong", {}, `This flight ${HOW[flight.progress] ?? "is over"}${because(flight.end_reason || why)}${endedAt(flight)}. `), "Its record is shown."),
     h("div", { class: "row" },
       acknowledgeButton,
-      ...(isOpen ? [h("button", { type: "button", class: "button button-small button-primary", title: "Its record is completed from what the server had taken before it was killed", onclick: askToEnd, ...needs("POST /flights/{}/end") }, "End flight")] : []),
-      ...(flight.source.kind === "live" ? [h("button", { type: "button", class: "button button-small button-primary", onclick: () => again({ kind: "journal", flight_id: flight.id }), ...needs("POST /flights") }, "Replay it as it was shown")] : []),
+      ...(isOpen ? [h("button", { type: "button", class: "button button-small button-primary", title: "Complete the record from the samples that the server had received", onclick: askToEnd, ...needs("POST /flights/{}/end") }, "End flight")] : []),
+      ...(flight.source.kind === "live" ? [h("button", { type: "button", class: "button button-small button-primary", onclick: () => again({ kind: "journal", flight_id: flight.id }), ...needs("POST /flights") }, "Replay as it was shown")] : []),
       h("button", { type: "button", class: `button button-small${flight.source.kind === "live" ? "" : " button-primary"}`, onclick: () => again(flight.source, flight.name), ...needs("POST /flights") }, flight.source.kind === "live" ? "Start another like it" : "Fly it again"),
       h("a", { class: "button button-small", href: "#/fly" }, "All flights"),
-      ...(flight.recording ? [h("a", { class: "button button-small", href: `#/recordings/${flight.recording}` }, "Its recording")] : []),
+      ...(flight.recording ? [h("a", { class: "button button-small", href: `#/recordings/${flight.recording}` }, "Recording")] : []),
       createKeepButton({ api, path, keep: flight.keep, fail, attributes: { class: "button button-small" } }),
-      h("button", { type: "button", class: "button button-small button-danger", onclick: () => askToConfirm("Delete this record?", "Its samples, assessments and alarms are gone for good.", "Delete the record", remove), ...needs("DELETE /flights/{}") }, "Delete the record"),
+      h("button", { type: "button", class: "button button-small button-danger", onclick: () => askToConfirm("Delete this record?", "Deletes its samples, assessments and alarms permanently.", "Delete the record", remove), ...needs("DELETE /flights/{}") }, "Delete the record"),
       failure),
     sourceLine(flight),
     ...warningLines(flight),
@@ -84,7 +84,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   });
   entitle();
 
-  /** What it came to, in the status line and on the gauge. */
+  /** The result, in the status line and on the gauge. */
   function showResult(now) {
     shown.result = resultOf(now);
     status.update(shown);
@@ -101,7 +101,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     document.title = `${words ? `${words} – ` : ""}${flight.name} – Forewarn`;
   }
 
-  /** What was called in it, at the head of its record. */
+  /** The markers set in flight, at the head of the record. */
   function showMarkers(markers) {
     const lines = markers.map((marker) => h("p", { class: "marker-last", "data-level": LEVEL_OF[marker.level] }, markerText(marker)));
     panels.notice.append(...lines);
@@ -149,7 +149,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     found.sort((a, b) => a.t - b.t).forEach(events.add);
   }
 
-  /** Alarms that nobody acknowledged while it flew can be acknowledged now; the headline changes with them. */
+  /** Alarms left unacknowledged in flight can be acknowledged here; the headline changes with them. */
   async function offerToAcknowledge() {
     const { warnings, cautions } = waitingOf(await api.get(`${path}/alarms`));
     waiting = [...warnings, ...cautions];
@@ -215,12 +215,12 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   }
 
   function askToEnd() {
-    askToConfirm("End this flight?", "The server was killed during it. Its record is completed by all that was taken; no source can go on with it.", "End flight", endNow);
+    askToConfirm("End this flight?", "The server was killed during it. Its record is completed from the samples received; no source can continue it.", "End flight", endNow);
   }
 
   async function endNow() {
     const { progress } = await api.post(`${path}/end`);
-    if (progress === "interrupted") throw new ApiError("Nothing is left to go on with: its journal is missing. Its record stays as it is.", 0);
+    if (progress === "interrupted") throw new ApiError("The flight cannot be completed: its journal is missing. Its record stays as it is.", 0);
     reopen();
   }
 
@@ -251,27 +251,27 @@ function because(why) {
   return why.startsWith("it was at its end") ? `: ${why}` : "";
 }
 
-/** When somebody ended it, of a live flight. */
+/** When a live flight was ended. */
 function endedAt({ mode, progress, ended }) {
   return mode === "live" && progress === "ended" && ended !== null ? `, ${ended.slice(0, 19).replace("T", " ")} UTC` : "";
 }
 
-/** What came of a live source, and what of it was not used; null for another flight. */
+/** Samples used and not used of a live source; null for another flight. */
 function sourceLine({ mode, live, lost }) {
   if (mode !== "live") return null;
-  const words = live ? lossText(live) : ["what came of the source is not known: the server was killed during it"];
-  if (lost > 0) words.push(`samples that could not be recorded: ${lost.toLocaleString("en")}`);
+  const words = live ? lossText(live) : ["counts unknown: the server was killed during the flight"];
+  if (lost > 0) words.push(`samples not recorded: ${lost.toLocaleString("en")}`);
   return h("p", { class: "source-result" }, h("strong", {}, "Live source: "), words.join(" · "));
 }
 
-/** What the flight came to: never calm where it exceeded its limit. */
+/** The result; never calm for a flight that exceeded its limit. */
 function verdictLine(flight) {
   if (!flight.verdict && flight.level === "none") return null;
   const { words, level } = resultOf(flight);
   return h("strong", { class: "chip verdict", "data-level": level }, words);
 }
 
-/** How many, the newest and the worst, of each channel: the verdict tells of the first alone. */
+/** Count, newest and worst of each channel: the verdict names only the first exceedance. */
 function exceedanceLines(exceedances, channels) {
   return exceedances.map(({ channel: key, n, first_t: first, last_t: last, worst, worst_t: at, limit }) => {
     const channel = channels.find((one) => one.key === key);
@@ -281,15 +281,15 @@ function exceedanceLines(exceedances, channels) {
   });
 }
 
-/** Which limits held from when on during a pass, by the numbers of its samples: times return where a flight was sought. */
+/** Limits in force during a pass, by sample number: times repeat after a seek. */
 export function heldDuring(held, pass) {
-  if (pass.length === 0 || held.every(({ seq }) => seq === null)) return held; // of a record of before
+  if (pass.length === 0 || held.every(({ seq }) => seq === null)) return held; // an old record without numbers
   const [first, last] = [pass[0].seq, pass.at(-1).seq];
   const begin = held.findLast(({ seq }) => seq <= first)?.limits ?? null;
   return [{ t: null, limits: begin }, ...held.filter(({ seq }) => seq > first && seq <= last)];
 }
 
-/** Passes of rising time, between which the flight was sought or looped: the longest, the last of equals. */
+/** The longest pass of rising time between seeks and loops; the last of equals. */
 function longestPass(frames) {
   let [longest, current, passes] = [[], [], 0];
   for (const frame of frames) {

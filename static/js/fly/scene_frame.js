@@ -1,12 +1,12 @@
 /**
  * The three-dimensional scene of a flight, in a frame of its own at /scene/{flight}/.
  *
- * It is drawn by another client, which connects again only while its document has the focus; made
- * to act as if it had, it does so at once. The scene can be hidden where the machine is weak.
+ * viser's client reconnects only while its document has the focus, so the frame pretends to have it.
+ * The scene can be hidden on a slow machine.
  *
  * Exports
  *   createSceneFrame(element, flight) -> {wake(), close(text)}
- *     wake()    the server is back: connect again.   close(text): the flight is over
+ *     wake()    the server is back: reconnect.   close(text): the flight has ended
  */
 
 import { h } from "../lib/dom.js";
@@ -15,7 +15,7 @@ import { state } from "../lib/view_states.js";
 
 const KEY = "forewarn.scene";
 
-/** The sky is that of the page's theme; its panel would cover the aircraft, and says what the gauge says. */
+/** The sky follows the page's theme. viser's own panel would cover the aircraft. */
 const STYLE = `
   html, canvas[data-engine] { background: #090d13; }
   html[data-theme="light"], [data-theme="light"] canvas[data-engine] { background: #dde5ed; }
@@ -38,7 +38,7 @@ export function createSceneFrame(element, flight) {
     element.replaceChildren(frame, button);
   }
 
-  /** The frame's document is a problem, not a page, where a flight has no scene. */
+  /** A flight without a scene answers with a problem document. */
   function check() {
     if (frame === null) return;
     const inside = frame.contentDocument; // null where the browser shows a page of its own
@@ -52,7 +52,7 @@ export function createSceneFrame(element, flight) {
       return;
     }
     frame = null;
-    element.replaceChildren(state("empty", "No scene", "This flight has no scene; the strips and the gauge show everything that is assessed."));
+    element.replaceChildren(state("empty", "No scene", "This flight has no scene. Strips and gauge show all assessments."));
   }
 
   function paint() {
@@ -60,7 +60,7 @@ export function createSceneFrame(element, flight) {
     if (inside) inside.dataset.theme = document.documentElement.dataset.theme;
   }
 
-  /** Whoever has clicked into the scene can still acknowledge: its keys are the page's too. */
+  /** Keys work after a click into the scene too: alarms can still be acknowledged. */
   function pass(event) {
     const { key, ctrlKey, metaKey, altKey, shiftKey } = event;
     const again = { key, ctrlKey, metaKey, altKey, shiftKey, bubbles: true, cancelable: true };
@@ -70,7 +70,7 @@ export function createSceneFrame(element, flight) {
   function hide() {
     frame = null;
     button.textContent = "Show scene";
-    element.replaceChildren(state("empty", "Scene hidden", "The strips and the gauge go on.", button));
+    element.replaceChildren(state("empty", "Scene hidden", "Strips and gauge continue.", button));
   }
 
   function toggle() {

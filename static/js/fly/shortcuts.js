@@ -2,16 +2,16 @@
  * The page's keys, and the list of them that `?` opens.
  *
  * Exports
- *   bindShortcuts(actions, urgent) -> unbind    {key: act}; ignored while a text or a dialog takes the keys
- *     urgent: those that a list, a box that has the focus, or a dialog but the list does not keep back, and that a held key does once
- *   createShortcutList(urgent) -> {dialog, open()}     urgent() -> [[key, what]], known once it is opened
+ *   bindShortcuts(actions, urgent) -> unbind    {key: act}; ignored in text fields and dialogs
+ *     urgent: work also in lists, boxes and every dialog but this one; once for a held key
+ *   createShortcutList(urgent) -> {dialog, open()}     urgent() -> [[key, what]], asked for when it opens
  */
 
 import { h } from "../lib/dom.js";
 import { may } from "../lib/me.js";
 
 const STEER = "POST /flights/{}/transport";
-/** [what, [key, what it does, the request that it makes of the server, if any]]. */
+/** [title, [key, what it does, the request that it sends, if any]]. */
 const GROUPS = [
   ["Alarm", [["K", "acknowledge the alarm", "POST /flights/{}/alarms/{}/acknowledge"], ["M", "mute or unmute the tone"]]],
   [
@@ -22,7 +22,7 @@ const GROUPS = [
       ["[ ]", "slower, faster", STEER], ["O", "loop", STEER],
     ],
   ],
-  ["Live flight", [["G", "a manoeuvre begins now", "POST /flights/{}/manoeuvre"]]],
+  ["Live flight", [["G", "mark that a manoeuvre begins now", "POST /flights/{}/manoeuvre"]]],
   [
     "Strips (when chosen: click, or Tab)",
     [
@@ -73,7 +73,7 @@ export function createShortcutList(urgent) {
   const dialog = h("dialog", { class: "shortcuts", "aria-label": "Keyboard shortcuts" }, h("h2", {}, "Keyboard shortcuts"), box, close);
   const open = () => {
     const allowed = ([, , route]) => route === undefined || may(route);
-    const groups = [["Marker, for all who watch", urgent()], ...GROUPS].map(([name, keys]) => [name, keys.filter(allowed)]);
+    const groups = [["Markers, shown to everyone", urgent()], ...GROUPS].map(([name, keys]) => [name, keys.filter(allowed)]);
     box.replaceChildren(...groups.filter(([, keys]) => keys.length > 0).map(group));
     dialog.showModal();
   };

@@ -1,10 +1,10 @@
 /**
- * Where a live flight takes its samples: addresses, channels and ready-made commands, each to copy.
+ * Where to send the samples of a live flight: addresses, channels and commands to copy.
  *
  * Exports
  *   createSourceAddress(element, flight) -> {describe({channels, live, source}), waiting(boolean), toggle() -> bool}
- *     describe: as hello has them.   waiting: no sample has come yet, and nothing else is to be seen
- *     toggle(): opened again or closed; whether it is open
+ *     describe: as hello has them.   waiting: before the first sample, it is all that is shown
+ *     toggle(): opens or closes it; returns whether it is open
  */
 
 import { symbolNodes } from "../charts/readout.js";
@@ -12,7 +12,7 @@ import { h, put } from "../lib/dom.js";
 import { asksForToken } from "../lib/me.js";
 
 const ANY = /^(0\.0\.0\.0|\[::\]):/; // every address of the server
-const COPIED = 1500; // ms that it is said
+const COPIED = 1500; // ms that the button shows it
 
 export function createSourceAddress(element, flight) {
   element.classList.add("source-address");
@@ -21,11 +21,11 @@ export function createSourceAddress(element, flight) {
   let isOpen = false;
 
   function describe({ channels, live, source }) {
-    const title = h("h2", {}, isWaiting ? "NO DATA: waiting for the first sample" : "Where samples are sent");
-    const told = "Send samples to one of these addresses: the flight begins with the first one. The button Address shows this again.";
+    const title = h("h2", {}, isWaiting ? "NO DATA: waiting for the first sample" : "Where to send samples");
+    const words = "Send samples to one of these addresses: the flight starts with the first sample. The button Address shows this again.";
     element.replaceChildren(
       title,
-      h("p", { class: "dim" }, told),
+      h("p", { class: "dim" }, words),
       h("div", { class: "source-parts" }, h("section", {}, ...addresses(flight, live), ...commands(flight, live)), channelTable(channels, live, source)),
     );
   }
@@ -41,7 +41,7 @@ export function createSourceAddress(element, flight) {
       if (is === isWaiting) return;
       isWaiting = is;
       const title = element.querySelector("h2");
-      if (title !== null) put(title, is ? "NO DATA: waiting for the first sample" : "Where samples are sent");
+      if (title !== null) put(title, is ? "NO DATA: waiting for the first sample" : "Where to send samples");
       show();
     },
     toggle: () => {
@@ -59,7 +59,7 @@ function addresses(flight, { udp }) {
     copied("REST, POST", `${location.origin}/api/v1/flights/${flight}/samples`),
     copied("WebSocket", `${socket}://${path}/uplink`),
     udp === null
-      ? h("div", { class: "source-line" }, h("span", { class: "source-name" }, "UDP"), h("span", { class: "dim" }, "not asked for when the flight was started"))
+      ? h("div", { class: "source-line" }, h("span", { class: "source-name" }, "UDP"), h("span", { class: "dim" }, "not chosen when the flight was started"))
       : copied("UDP, JSON lines", udp.replace(ANY, `${location.hostname}:`)),
   ];
 }
@@ -78,10 +78,10 @@ function commands(flight, live) {
 
 const ATTITUDE = ["phi", "theta", "psi"];
 
-/** Names, units and which of them the monitor needs; of a mapping its signals, in its units. */
+/** Names, units and what the monitor needs; with a mapping, its signals in its units. */
 function channelTable(channels, { names, needed }, { recording }) {
   const [time, ...others] = names;
-  const rows = recording === undefined ? ownRows(channels, needed) : others.map((name) => [name, "", "in the unit of its mapping", ""]);
+  const rows = recording === undefined ? ownRows(channels, needed) : others.map((name) => [name, "", "unit of the mapping", ""]);
   return h(
     "table",
     { class: "table source-channels" },
@@ -107,7 +107,7 @@ function copied(name, text) {
   return h("div", { class: "source-line" }, h("span", { class: "source-name" }, name), code, button);
 }
 
-/** A page that came by http from another machine has no clipboard of its own: the text is chosen instead. */
+/** A page served by http from another machine has no clipboard: the text is selected instead. */
 async function intoClipboard(text, code) {
   try {
     await navigator.clipboard.writeText(text);

@@ -1,5 +1,5 @@
 /**
- * The line that says how far the display can be trusted: what is shown, how old, how complete.
+ * The line that shows how far the display can be trusted: source, age and completeness.
  *
  * Exports
  *   createStatusStrip(element) -> {update(status)}
@@ -7,36 +7,36 @@
  *              figures: {age [s], latency [ms], skipped, lost, unwritten, problem, utc: Date | null}}
  *     noRest: why the monitor forecasts no rest of the card; empty where it does
  *     recorded: of a flight that is played from a file, which has no link and no record
- *     lost: null where nobody knows how many: the server was killed
+ *     lost: null where the number is unknown, as after a killed server
  *     mode: "live", "replay" or "simulated"; only live data have an age and a latency, only a flight
- *     that is not over a link and the time of day
- *     headline: of the flight, null before it is known or for a flight that is over
- *     result: what one that is over came to, {words, level}
- *     warnings: what speaks against the monitor, shown beside its name
+ *     in progress a link and the time of day
+ *     headline: of the flight, null before it is known or after the flight
+ *     result: of an ended flight, {words, level}
+ *     warnings: about the monitor, shown beside its name
  *     validity: "checked", or why not, shown beside the monitor
- *     link: "connecting" | "open" | "silent" | "lost" | "over"; staleAfter: age that is cautioned of [s]; live: false for a flight that is over
+ *     link: "connecting" | "open" | "silent" | "lost" | "over"; staleAfter: age that counts as stale [s]; live: false for an ended flight
  */
 
 import { h, put } from "../lib/dom.js";
 import { sentence, warningWords } from "../lib/monitor_warnings.js";
 import { LEVEL_OF, textOf } from "./headline.js";
 
-const RECORD = "Whether the server stores what is flown; samples that wait for its disk, and those it lost";
+const RECORD = "Whether the server stores the flight; samples waiting for its disk, and samples lost";
 const ITEMS = [
-  ["state", "status", "The worst that is true of this flight now; stale and invalid always stand beside it"],
+  ["state", "status", "Worst condition of this flight now; stale and invalid are always shown beside it"],
   ["link", "link", "Connection to the server"],
-  ["source", "source", "What is flown"],
-  ["monitor", "monitor", "Which monitor assesses it; where its validity is calibrated, it says INVALID of a flight unlike those of training"],
-  ["test", "monitor's test", "What the monitor's test flights say against relying on it"],
+  ["source", "source", "Where the samples come from"],
+  ["monitor", "monitor", "The monitor in use. With calibrated validity it shows INVALID for a flight unlike its training flights"],
+  ["test", "monitor's test", "Warnings from the monitor's test flights"],
   ["utc", "UTC", "The server's date and time"],
-  ["age", "data age", "Time since the newest sample was taken; it grows while none comes"],
+  ["age", "data age", "Time since the newest sample was taken"],
   ["latency", "latency", "Newest sample: from the server's clock to this page"],
   ["skipped", "display", "Samples that are not drawn because this page was busy and could not read them again"],
-  ["record", "record", RECORD],
+  ["record", "recording", RECORD],
 ];
 const LATE = 300; // ms
 const CAUTION = "◆ ";
-const LONG = 32; // letters of a status, from which on it takes two lines
+const LONG = 32; // letters of a status beyond which it takes two lines
 
 export function createStatusStrip(element) {
   element.classList.add("status-strip");
@@ -79,7 +79,7 @@ export function createStatusStrip(element) {
     items.state.box.toggleAttribute("data-long", items.state.value.textContent.length > LONG);
     show("link", ...linkOf(live, link));
     show("utc", figures.utc === null ? "–" : figures.utc.toISOString().slice(11, 19));
-    if (!live) show("age", "over", "off");
+    if (!live) show("age", "ended", "off");
     else if (!Number.isFinite(figures.age)) show("age", "–", "off");
     else if (linked && !playing) show("age", "paused", "off");
     else show("age", `${figures.age.toFixed(1)} s`, figures.age > staleAfter ? "caution" : "");
@@ -95,14 +95,14 @@ export function createStatusStrip(element) {
 
 function recordOf({ lost, unwritten, problem }) {
   const gone = lost > 0 ? `, ${lost} samples lost` : "";
-  if (problem !== "" && unwritten === 0) return [`${CAUTION}STORE TAKES NOTHING${gone}`, "caution"];
-  if (problem !== "") return [`${CAUTION}NOT RECORDED, ${unwritten} samples wait${gone}`, "caution"];
+  if (problem !== "" && unwritten === 0) return [`${CAUTION}STORE NOT WRITABLE${gone}`, "caution"];
+  if (problem !== "") return [`${CAUTION}NOT RECORDED, ${unwritten} samples waiting${gone}`, "caution"];
   if (lost === null) return [`${CAUTION}end may be missing`, "caution"];
-  return lost > 0 ? [`${CAUTION}${lost} samples lost`, "caution"] : ["all", ""];
+  return lost > 0 ? [`${CAUTION}${lost} samples lost`, "caution"] : ["complete", ""];
 }
 
 function linkOf(live, link) {
-  if (!live || link === "over") return ["over", "off"];
+  if (!live || link === "over") return ["ended", "off"];
   if (link === "open") return ["✓ open", ""];
   if (link === "silent") return [`${CAUTION}NO HEARTBEAT`, "caution"];
   if (link === "lost") return [`${CAUTION}LOST`, "caution"];

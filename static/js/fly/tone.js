@@ -1,9 +1,9 @@
 /**
- * The tones: a warning's is interrupted and heard until acknowledged, a caution's is steady and heard once.
- * (Interrupted tones are noticed more often.) Either can be muted, and neither is silently unheard.
+ * The tones: a warning's is interrupted and sounds until acknowledged, a caution's is steady and sounds once.
+ * (Interrupted tones are noticed more often.) Both can be muted; the button always shows whether they sound.
  *
- * A browser keeps sound blocked until the user has touched the page. That is a state of its own
- * (`blocked`), to be shown beside the mute: a crew must know that the alert would make no sound.
+ * A browser blocks sound until the user touches the page. The mute button shows that state (`blocked`): a
+ * crew must know that an alert would make no sound.
  *
  * Exports
  *   createTone({storage, Context}) -> Tone
@@ -14,7 +14,7 @@
  *   start()       sound the alert, again and again, until stop()
  *   stop()        on acknowledgement
  *   caution()     the steady tone, once; not while it or a warning sounds
- *   test()        one pattern, for the operator to hear; heard even when muted
+ *   test()        one pattern as a test; sounds even when muted
  *   setMuted(boolean), unlock()    unlock must be called from a click or key
  *   muted, sounding, state -> "on" | "muted" | "blocked" | "unavailable"
  *   subscribe(listener) -> unsubscribe
@@ -89,7 +89,7 @@ export function createTone({ storage = safeStorage(), Context = globalThis.Audio
     tone.sounding = true;
     if (prepare()) {
       playing = play(pattern, volume, true);
-      unlock(); // works where the page was touched before
+      unlock(); // works once the page was touched
     }
     changed();
   }
@@ -173,6 +173,6 @@ function safeStorage() {
   try {
     return globalThis.localStorage ?? null;
   } catch {
-    return null; // storage may be forbidden; the mute then lasts as long as the page
+    return null; // storage is forbidden: the mute lasts until the page closes
   }
 }

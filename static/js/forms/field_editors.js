@@ -1,8 +1,8 @@
 /**
- * Editors of single parameters, drawn from JSON schema: number, choice, words, JSON, map of numbers.
+ * Editors of single parameters from JSON schema: number, choice, text, JSON, map of numbers.
  *
  * Exports
- *   beyondTitle(schema) -> string     what a description says beyond its title
+ *   beyondTitle(schema) -> string     the description without its title
  *   editorOf(key, schema, value, place) -> Editor
  *     place: {path, catalog, editors}; every editor enters itself in `editors` by its path
  *
@@ -147,11 +147,11 @@ function number(key, schema, value, place) {
   });
   return field(key, schema, place, control, read, () => {
     if (control.validity.badInput)
-      return "This is no number: write digits, with a point for decimals.";
-    if (read() === null) return optional ? "" : "A number is needed here.";
-    if (isInteger && !Number.isInteger(read())) return "A whole number is needed here.";
-    if (low !== undefined && read() < low) return `It must be at least ${low}.`;
-    if (high !== undefined && read() > high) return `It must be at most ${high}.`;
+      return "Not a number: write digits, with a point for decimals.";
+    if (read() === null) return optional ? "" : "Enter a number.";
+    if (isInteger && !Number.isInteger(read())) return "Enter a whole number.";
+    if (low !== undefined && read() < low) return `Must be at least ${low}.`;
+    if (high !== undefined && read() > high) return `Must be at most ${high}.`;
     return "";
   });
 }
@@ -194,8 +194,8 @@ function json(key, schema, value, place) {
     }
   };
   const wrong = () => {
-    if (parsed() === undefined) return "This is not JSON: write it like [[1, 0], [0, 1]].";
-    return fits(parsed(), schema) ? "" : `This needs ${needed(schema)}.`;
+    if (parsed() === undefined) return "Not JSON: write it like [[1, 0], [0, 1]].";
+    return fits(parsed(), schema) ? "" : `Enter ${needed(schema)}.`;
   };
   return field(key, schema, place, control, parsed, wrong);
 }
@@ -221,7 +221,7 @@ function needed(schema) {
   return `a ${schema.type}`;
 }
 
-/** One number for all, or one by name. */
+/** One number for all, or one for each name. */
 function spread(key, schema, value, place) {
   const byName = typeof value === "object" && value !== null ? { ...value } : {};
   const names = Object.keys(byName);
@@ -246,7 +246,7 @@ function spread(key, schema, value, place) {
   const mode = h(
     "select",
     {},
-    names.length ? h("option", { value: "named" }, "one by name") : null,
+    names.length ? h("option", { value: "named" }, "one for each name") : null,
     h("option", { value: "all" }, "one number for all"),
   );
   mode.value = names.length ? "named" : "all";
@@ -262,8 +262,8 @@ function spread(key, schema, value, place) {
       : Object.fromEntries(names.map((name, k) => [name, Number(inputs[k].value)]));
   const editor = field(key, schema, place, mode, read, () => {
     const k = inputs.findIndex(bad);
-    if (mode.value === "all") return bad(all) ? "A number is needed here." : "";
-    return k >= 0 ? `${names[k]} needs a number; 0 where it is certain.` : "";
+    if (mode.value === "all") return bad(all) ? "Enter a number." : "";
+    return k >= 0 ? `${names[k]} needs a number; 0 if it is certain.` : "";
   });
   mode.after(all, table);
   mode.addEventListener("change", turned);

@@ -1,18 +1,18 @@
 /**
- * A recipe's form, drawn from the catalog's JSON schema: nothing of a family is typed here.
+ * A recipe's form, built from the catalog's JSON schema.
  *
  * Exports
  *   createFields(schema, initial, {catalog, path, hidden, unfolded}) -> Fields
- *     initial: the recipe as plain data; what it does not say is the schema's default.
- *     path: how the server calls it ("dataset", "monitor").   hidden: keys left out of the form.
- *     unfolded: objects that stand open as a fieldset.
+ *     initial: the recipe as plain data; missing values are the schema's defaults.
+ *     path: the server's name for it ("dataset", "monitor").   hidden: keys left out of the form.
+ *     unfolded: objects shown open as a fieldset.
  *
  * Fields
  *   element(key)          the editor of one parameter, to be placed; a family's or an object's is
  *                         a fieldset with its parameters
  *   keys                  of all parameters, in the schema's order
  *   read() -> plain data, check() -> bool (shows reasons beside the fields, moves to the first)
- *   point(message)        shows the server's reason beside the field that it names, if it does
+ *   point(message)        shows the server's reason beside the field that it names, if any
  *   put(key, value)       shows another value of a family's member or of an object
  *   fields dispatch `change` and `input` events, which bubble
  */
@@ -77,7 +77,7 @@ function part(key, schema, value, place) {
   return editorOf(key, schema, value, place);
 }
 
-/** An object within: folded, as most of its numbers are seldom changed; an open one is a fieldset. */
+/** A nested object: folded, since its numbers seldom change; an open one is a fieldset. */
 function group(key, schema, value, place) {
   const { text } = labelOf(key, schema, place.catalog);
   const isOpen = place.unfolded?.includes(key);

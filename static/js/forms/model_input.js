@@ -34,7 +34,7 @@ export function createModelInput(use) {
     h(
       "p",
       { class: "hint" },
-      "Paste the model as JSON, or choose a file; its numbers then stand below.",
+      "Paste the model as JSON, or choose a file; its numbers then appear below.",
     ),
     text,
     h(
@@ -67,7 +67,7 @@ function parse(text) {
   try {
     plain = JSON.parse(text);
   } catch (error) {
-    throw new Error(`This is not JSON (${error.message}): write it like ${EXAMPLE}.`);
+    throw new Error(`Not JSON (${error.message}): write it like ${EXAMPLE}.`);
   }
   if (typeof plain !== "object" || plain === null || Array.isArray(plain))
     throw new Error("A model is an object with A, B, C, D and uncertainty.");
@@ -81,7 +81,7 @@ function parse(text) {
   if (missing.length)
     throw new Error(`The model lacks ${missing.join(", ")}: it needs A, B, C, D and uncertainty.`);
   if (strange.length)
-    throw new Error(`The model has ${strange.join(", ")}, which is not known: leave it out.`);
+    throw new Error(`The model has unknown keys: ${strange.join(", ")}. Leave them out.`);
   if (!model.states) model.states = [];
   return model;
 }

@@ -5,8 +5,8 @@
  *   createTestFields({api, catalog, initial, asFlown}) -> {fields, main, folded, size}   parts of a dataset's recipe
  *   datasetChoice({api, catalog, datasets, chosen, initial, asFlown}) -> Choice
  *     chosen: id of the stored dataset to begin with
- *     initial: a recipe to begin with, as it is; else the default one, with noise, jitter,
- *     imperfections of a real flight and the usual number of failures unless asFlown is false
+ *     initial: a recipe to begin with; else the default with noise, jitter, imperfections of a real
+ *     flight and the usual number of failures, unless asFlown is false
  *   scatterOf(recipes, name) -> {key: value}     the pilot's scatter of a recipe; name: "default" | "as_flown"
  *
  * Choice   element, size (the editor of n_unsafe), read() -> id | recipe, check(), point(message),
@@ -23,7 +23,7 @@ import { button, errorLine } from "../lib/view_states.js";
 import { createFields } from "./form.js";
 
 const SIZE = "n_unsafe";
-/** Follows the monitor's where it is simulated for one; the page of datasets asks for it. */
+/** Set by the monitor where the test is simulated for one; a field only on the Datasets page. */
 const GROUPS = "groups";
 
 export function createTestFields({ api, catalog, initial, asFlown = true }) {
@@ -45,7 +45,7 @@ export function createTestFields({ api, catalog, initial, asFlown = true }) {
       h(
         "p",
         { class: "hint" },
-        "Failures to simulate and calibrate on; more give a smaller epsilon and less scatter",
+        "Failures to simulate for calibration; more failures allow a smaller epsilon and less scatter",
       ),
     );
   const main = h(
@@ -71,7 +71,7 @@ export function createTestFields({ api, catalog, initial, asFlown = true }) {
   return { fields, main, folded, size };
 }
 
-/** A new aircraft brings its law, manoeuvre and limits, but for those that were changed by hand. */
+/** A new aircraft brings its control law, manoeuvre and limits, except those changed by hand. */
 function beginWithUsualTest(fields, element, catalog) {
   const byHand = new Set();
   element.addEventListener("change", ({ target, isTrusted }) => {
@@ -87,14 +87,14 @@ function beginWithUsualTest(fields, element, catalog) {
   });
 }
 
-/** The pilot's scatter: what of a manoeuvre differs between a flown recipe and a clean one. */
+/** The pilot's scatter: parameters of a manoeuvre that differ between a flown and a clean recipe. */
 export function scatterOf(recipes, name) {
   const clean = recipes.default.maneuver;
   const differing = Object.keys(clean).filter((key) => recipes.as_flown.maneuver[key] !== clean[key]);
   return Object.fromEntries(differing.map((key) => [key, recipes[name].maneuver[key]]));
 }
 
-/** Two buttons: noise, jitter and imperfections as they are usual in flight, or none of them. */
+/** Two buttons: noise, jitter and imperfections of a real flight, or none. */
 function imperfectionsChoice(fields, recipes) {
   const ways = [
     ["As in a real flight", "as_flown"],
@@ -118,7 +118,7 @@ function same(one, other) {
   return JSON.stringify(one) === JSON.stringify(other);
 }
 
-/** A button that puts in the amplitude at which a quarter of the rollouts exceeds a limit. */
+/** A button that fills in the amplitude at which a quarter of the rollouts exceed a limit. */
 function amplitudeSuggestion(fields, api) {
   const words = h("span", { class: "hint", role: "status" });
   const failure = errorLine();
@@ -174,7 +174,7 @@ export function datasetChoice({ api, catalog, datasets, chosen, initial, asFlown
     h("legend", {}, "1  The planned test"),
     h(
       "div",
-      { class: "row", role: "radiogroup", "aria-label": "where the rollouts come from" },
+      { class: "row", role: "radiogroup", "aria-label": "source of the rollouts" },
       h("label", { class: "radio" }, ways[0], "Simulate a new test"),
       h(
         "label",
@@ -211,7 +211,7 @@ export function datasetChoice({ api, catalog, datasets, chosen, initial, asFlown
     const test = `${aircraftName(catalog, aircraft)}, ${kindName(catalog, "maneuver", maneuver)}`;
     const limitText = limitWords(catalog, limits);
     const counts = `${dataset.n_unsafe} unsafe and ${dataset.n_safe_met} safe rollouts`;
-    const text = `${test}, limit ${limitText}; ${counts}, a sample each ${figure(dataset.dt)} s.`;
+    const text = `${test}, limit ${limitText}; ${counts}, one sample every ${figure(dataset.dt)} s.`;
     words.replaceChildren(formatted(text));
   }
 }

@@ -1,18 +1,18 @@
 /**
- * The server's REST interface: paths below /api/v1, JSON both ways, errors as one clear sentence.
+ * The server's REST interface: paths below /api/v1, JSON both ways, errors as one sentence.
  *
  * Exports
  *   api.get(path), api.post(path, body), api.put(path, body), api.delete(path) -> Promise<plain data>
  *   api.upload(path, file) -> Promise<plain data>      a file as application/octet-stream
  *   api.watchJob(id, changed) -> {ended: Promise<job>, close()}
- *       changed(job) now and at each change, by server-sent events; `ended` resolves with the job
- *       in its last state (done, failed, cancelled, interrupted), or rejects with an ApiError
+ *       changed(job) now and at each change, by server-sent events; `ended` resolves with the ended
+ *       job (done, failed, cancelled, interrupted), or rejects with an ApiError
  *   ApiError   message: what happened and what to do; status (0: no answer), kind, problem
  *   reason(error) -> string    the sentence to show for any error
- *   address(path) -> string    where a path is asked for
+ *   address(path) -> string    with /api/v1
  *   refusal(status, problem) -> ApiError    of a problem document;  noAnswer() -> ApiError
  *
- * `path` is "/monitors" or what a Location header says, "/api/v1/jobs/3f9a".
+ * `path` is "/monitors", or as in a Location header "/api/v1/jobs/3f9a".
  */
 
 const BASE = "/api/v1";
@@ -62,10 +62,10 @@ async function problemOf(response) {
 
 export function refusal(status, problem) {
   if (problem.type === ROLE) {
-    return new ApiError(`This takes the role ${problem.needed}, and you are logged in as ${problem.role}.`, status, problem);
+    return new ApiError(`This needs the role ${problem.needed}; you are logged in as ${problem.role}.`, status, problem);
   }
   if (status === 401) {
-    return new ApiError("This server asks for its token. Open /login and enter it.", 401, problem);
+    return new ApiError("This server needs a token. Open /login and enter it.", 401, problem);
   }
   return new ApiError(
     sentence(problem.detail || problem.title || "no reason given"),
@@ -95,7 +95,7 @@ function watchJob(id, changed = () => {}) {
       resolve(job);
     });
     source.addEventListener("error", () => {
-      if (source.readyState !== EventSource.CLOSED) return; // it connects again by itself
+      if (source.readyState !== EventSource.CLOSED) return; // it reconnects by itself
       api.get(`/jobs/${id}`).then((job) => {
         changed(job);
         if (ENDED.includes(job.status)) resolve(job);

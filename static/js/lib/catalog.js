@@ -1,12 +1,12 @@
 /**
- * The server's catalog, and what it calls things.
+ * The server's catalog and the names in it.
  *
  * Exports
  *   loadCatalog(api) -> Promise<catalog>     fetched once a page
- *   methodOf(catalog, recipe) -> method of a monitor's recipe; undefined where it has no name of its own
+ *   methodOf(catalog, recipe) -> method of a monitor's recipe; undefined for a combination without a name
  *   aircraftName(catalog, part), kindName(catalog, family, part), limitWords(catalog, limits)
  *   aircraftCondition(entry), plainWords(description)
- *   choiceName(schema, value)     what a parameter's value is called
+ *   choiceName(schema, value)     label of a parameter's value
  *   labelOf(key, schema, catalog) -> {text, symbol, unit}
  *       from the schema's title, unit and the catalog's channels: kr -> yaw damper gain k_r, s
  */

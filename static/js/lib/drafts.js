@@ -1,8 +1,8 @@
 /**
- * What was typed and not sent outlives the view that it was typed in, as when it is drawn in other units.
+ * Text that was typed and not sent survives a redraw of its view, as after a change of units.
  *
  * Exports
- *   keepDraft(input, key) -> clear()     key: what it is about; clear() once it was sent
+ *   keepDraft(input, key) -> clear()     key: of the subject; clear() after sending
  */
 
 const drafts = new Map();

@@ -1,9 +1,8 @@
 /**
  * One animation loop for everything that moves on the page, capped at 30 frames a second.
  *
- * A hidden page draws nothing. After the page itself was held up, by work or by a hidden tab, what
- * waits for it, such as messages, is let in before it is drawn: late news is not none. What each turn
- * costs is kept, so that a benchmark can ask.
+ * A hidden page draws nothing. After the page was held up, by work or in a hidden tab, waiting messages
+ * are let in before it draws, so that they do not count as missing. Benchmarks read the cost of each turn.
  *
  * Exports
  *   addDrawer(draw) -> remove    draw(wall) is called each turn, wall in `performance.now()` ms
@@ -12,7 +11,7 @@
 
 const INTERVAL = 1000 / 30;
 const HELD_UP = 100; // ms since the last turn
-const LET_IN = 50; // ms for what waited meanwhile
+const LET_IN = 50; // ms for waiting messages
 const drawers = new Set();
 let due = 0;
 let last = 0;

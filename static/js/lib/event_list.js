@@ -1,12 +1,12 @@
 /**
- * What happened, by its time, newest first: alerts, exceedances, changes of state, acknowledgements.
+ * Events by time, newest first: alerts, exceedances, changes of state, acknowledgements.
  *
  * Exports
  *   createEventList(element, {go, label, most}) -> {add(event), times(level) -> [t], showUntil(t), clear()}
- *     go(t)    called when an event is chosen.   label: what the list is called.   most: events kept
- *     showUntil(t)    those later than t [s] are set apart under a heading of their own, until t has passed them
- *     event: {t [s] | null, at, when, text, level "alert" | "caution" | "", seen}; at: by which it is sorted, t unless given; when: said in the place of t; the same one again (a loop
- *     flies past it each time round) is counted, not repeated, and not even counted where `seen`
+ *     go(t)    called when an event is chosen.   label: of the list.   most: events kept
+ *     showUntil(t)    events later than t [s] move below a heading of their own until t reaches them
+ *     event: {t [s] | null, at, when, text, level "alert" | "caution" | "", seen}; at: sort key, t by default;
+ *     when: shown in place of t. A repeated event (in a loop) is counted, not listed again; `seen` is not counted
  */
 
 import { formatted, h, put } from "./dom.js";
@@ -20,13 +20,13 @@ export function createEventList(element, { go, label = "Events, newest first", m
   const empty = h(
     "p",
     { class: "dim" },
-    "Alerts, exceedances and changes of state are listed here; choose one to go there.",
+    "Alerts, exceedances and changes of state appear here. Choose one to go to its time.",
   );
   const later = h("ol", { class: "event-list event-later", "aria-live": "off", "aria-label": "Later than the time shown" });
-  const ahead = h("section", { hidden: true }, h("h3", { class: "event-later-title" }, "Later than the time shown, seen before"), later);
+  const ahead = h("section", { hidden: true }, h("h3", { class: "event-later-title" }, "Later than the time shown"), later);
   element.append(title, empty, list, ahead);
   const known = new Map();
-  const timeOf = new WeakMap(); // of items, by which they are sorted; null for none
+  const timeOf = new WeakMap(); // sort keys of items; null for none
   let until = Infinity;
 
   const isLater = ({ t }) => t !== null && t > until + SAME;
@@ -37,7 +37,7 @@ export function createEventList(element, { go, label = "Events, newest first", m
     ahead.hidden = later.childElementCount === 0;
   }
 
-  /** By the time of the event, newest first; what has none stays where it was added. */
+  /** Newest first; an event without a time stays where it was added. */
   function insert({ item, at }, into) {
     timeOf.set(item, at);
     const newer = at === null ? [] : [...into.children].filter((one) => one !== item && timeOf.get(one) > at + SAME);

@@ -1,15 +1,15 @@
 /**
- * A job while it runs: what it does, how far it is, and a way to end it.
+ * A running job: its step, its progress, and a button to cancel it.
  *
  * Exports
  *   createJobProgress({api, job, title, done, back}) -> {element, close()}
- *     done(result)   when it has made what was asked for
- *     back()         called from the button that is shown once it failed or was cancelled
+ *     done(result)   when the job has finished
+ *     back()         from the button shown after a failure or a cancellation
  *   followInPlace({form, stage, keep, focus, api, job, title, done}) -> {back()}    the job's progress in
- *       place of the form that asked for it; going back shows the form as it was, with the focus on `focus`
- *   jobList({api, kinds, done}) -> Promise<{element | null, close()}>    jobs of these kinds under way, and
+ *       place of its form; going back shows the form as it was, with the focus on `focus`
+ *   jobList({api, kinds, done}) -> Promise<{element | null, close()}>    jobs of these kinds in progress, and
  *       the newest that did not finish
- *   UNDER_WAY    states of a job that has not ended
+ *   UNDER_WAY    states of a job in progress
  */
 
 import { reason } from "./api.js";
@@ -22,7 +22,7 @@ export const UNDER_WAY = ["queued", "running"];
 const WORDS = {
   failed: "It failed",
   cancelled: "Cancelled",
-  interrupted: "The server stopped while it was under way",
+  interrupted: "The server stopped before it finished",
 };
 
 export function followInPlace({ form, stage, keep, focus, ...order }) {
@@ -41,7 +41,7 @@ export function followInPlace({ form, stage, keep, focus, ...order }) {
 
 export function createJobProgress({ api, job, title, done, back }) {
   const bar = h("progress", { class: "progress", "aria-label": "progress" });
-  const message = h("p", { role: "status", class: "job-message" }, "waiting for its turn");
+  const message = h("p", { role: "status", class: "job-message" }, "waiting in the queue");
   const stop = button("Cancel", cancel, needs("POST /jobs/{}/cancel"));
   const failure = errorLine();
   const element = h(
@@ -59,7 +59,7 @@ export function createJobProgress({ api, job, title, done, back }) {
 
   function changed({ status, message: words, progress, total }) {
     element.dataset.status = status;
-    message.textContent = status === "queued" ? "waiting for its turn" : words;
+    message.textContent = status === "queued" ? "waiting in the queue" : words;
     if (total) {
       bar.max = total;
       bar.value = Math.min(progress ?? 0, total);
@@ -71,23 +71,23 @@ export function createJobProgress({ api, job, title, done, back }) {
     try {
       await api.post(`/jobs/${job.id}/cancel`);
     } catch (error) {
-      if (error.status !== 409) failed(error); // 409: it ended meanwhile, which `ended` tells
+      if (error.status !== 409) failed(error); // 409: it has ended, as `ended` reports
     }
   }
 
   function ended({ status, result, error, message: words }) {
     if (status === "done") done(result);
     else
-      tell(
+      fail(
         `${WORDS[status] ?? status}${error ? `: ${error}` : status === "cancelled" ? ` (${words})` : ""}.`,
       );
   }
 
   function failed(error) {
-    tell(reason(error));
+    fail(reason(error));
   }
 
-  function tell(words) {
+  function fail(words) {
     bar.hidden = true;
     message.hidden = true;
     failure.show(words.replace(/([.!?])\.$/, "$1"));
@@ -120,7 +120,7 @@ export async function jobList({ api, kinds, done }) {
   };
 }
 
-/** The newest jobs that made nothing, and why: whoever left meanwhile learns it here. */
+/** The newest jobs that failed, and why, for a user who had left the page. */
 function unfinished(jobs) {
   const lost = jobs.filter(({ status }) => ["failed", "interrupted"].includes(status)).slice(0, 5);
   if (!lost.length) return null;

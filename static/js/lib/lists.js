@@ -1,8 +1,8 @@
 /**
- * Tables and lists as every page has them.
+ * Tables and lists of every page.
  *
  * Exports
- *   tableHead([[words, isNumber]]) -> <thead>     words: text, or a node; hiddenHead(words): only read aloud
+ *   tableHead([[words, isNumber]]) -> <thead>     words: text or a node; hiddenHead(words): for screen readers only
  *   scrolledTable({heads, rows, caption}) -> <div>     as above; rows: of <tr>
  *   factList([[name, value]]) -> <dl>                a fact in a cell of its own
  *   recipeList([[name, value, isHash]]) -> <dl>   name beside value; a hash in its own type

@@ -1,13 +1,13 @@
 /**
- * Who is logged in, and which requests the role allows: the server's own table, asked once.
+ * Who is logged in, and which requests the role allows, by the server's own table.
  *
  * Exports
- *   loadMe(api) -> Promise<{name, role, allowed} | null>    null where the server does not say
- *   may(route) -> boolean        "POST /flights/{}/end"; true until the server has said otherwise
- *   asksForToken() -> bool       whether the server lets nobody in without one
- *   needs(route) -> attributes   of an element that is hidden where the role does not allow its request
+ *   loadMe(api) -> Promise<{name, role, allowed} | null>    null where the server does not answer
+ *   may(route) -> boolean        "POST /flights/{}/end"; true until the server has answered
+ *   asksForToken() -> bool       whether the server needs a token
+ *   needs(route) -> attributes   hide an element whose request the role does not allow
  *
- * The server refuses what is tried all the same, and its sentence is shown there.
+ * The server checks every request itself.
  */
 
 let me = null;
@@ -16,7 +16,7 @@ export async function loadMe(api) {
   try {
     me = await api.get("/me");
   } catch {
-    me = null; // what does not answer is told where it was asked for
+    me = null; // the view reports that the server does not answer
   }
   return me;
 }

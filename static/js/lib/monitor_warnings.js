@@ -1,11 +1,11 @@
 /**
- * What speaks against relying on a monitor, as the server says it: what is wrong, a colon, the figures.
+ * Warnings about a monitor, as the server words them: the problem, a colon, the figures.
  *
  * Exports
  *   warningLines({warnings}) -> elements     each in full
  *   warningMark({warnings}) -> element | null    in short, beside the monitor's name; in full as its title
  *   warningWords({warnings}) -> string       in short: "◆ worse than its promise"; empty where there is none
- *   warningsAt(api, monitor, epsilons) -> Promise<{warnings}>     at the epsilons that it is to be used with
+ *   warningsAt(api, monitor, epsilons) -> Promise<{warnings}>     at these epsilons
  *   sentence(text) -> string                 one in full, as a sentence
  */
 
@@ -21,10 +21,10 @@ export function warningWords({ warnings }) {
 
 export async function warningsAt(api, monitor, epsilons) {
   const isOther = (epsilon) => epsilon !== monitor.epsilon && epsilon > 0 && epsilon < 1;
-  const told = await Promise.all(
+  const monitors = await Promise.all(
     epsilons.map((epsilon) => (isOther(epsilon) ? api.get(`/monitors/${monitor.id}?epsilon=${epsilon}`).catch(() => monitor) : monitor)),
   );
-  return { warnings: [...new Set(told.flatMap(({ warnings }) => warnings))] };
+  return { warnings: [...new Set(monitors.flatMap(({ warnings }) => warnings))] };
 }
 
 export function warningMark({ warnings }) {

@@ -3,13 +3,13 @@
  *
  * Exports
  *   percent(share, digits 1), interval([low, high]), figure(number, digits 3), moment(iso)
- *   timeZero(start)                when a recording begins, as far as its file says it
+ *   timeZero(start)                when a recording begins, as far as known
  *   formatValue(value, decimals 3) -> string     a reading with a true minus; a dash when missing
  *   formatTime(t, step) -> string    "12.50", "3:05" from two minutes on, "1:03:05" from an
  *       hour on; as fine as `step` [s] needs
  *   riskText(risk, alertAbove) -> string     two or three digits; more where rounding would put
- *       the risk on the wrong side of what it alerts above
- *   leadSeconds(lead, decimals 3) -> string     of a warning lead time [s], rounded down: never more than there is
+ *       the risk on the wrong side of the alert level
+ *   leadSeconds(lead, decimals 3) -> string     lead time [s], rounded down
  *   rounded(number) -> number     to as many digits as people write
  *   secondsText(t), durationText(seconds), bytesText(n)
  */

@@ -1,5 +1,5 @@
 /**
- * Starting a flight, and the question to answer first where its monitor is of no use.
+ * Starting a flight; asks first where its monitor is of no use.
  *
  * Exports
  *   startFlight({api, navigate}, request) -> Promise    opens the flight's page; rejects with the
@@ -20,11 +20,10 @@ export async function startFlight({ api, navigate }, request) {
   } catch (error) {
     if (error.kind === USELESS)
       askToConfirm(
-        "Fly a monitor that is of no use?",
+        "Fly with a monitor that is of no use?",
         error.message,
-        "Fly it all the same",
+        "Fly anyway",
         () => start({ ...request, accept_useless: true }),
-        "Do not fly it",
       );
     throw error;
   }

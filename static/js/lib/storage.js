@@ -1,9 +1,9 @@
 /**
- * What the browser remembers of a choice, where it allows that.
+ * Choices that the browser remembers, where it allows that.
  *
  * Exports
  *   remembered(key) -> string | null
- *   remember(key, value)     where it is forbidden the choice lasts as long as the page
+ *   remember(key, value)     where storage is forbidden, the choice lasts until the page closes
  */
 
 export function remembered(key) {

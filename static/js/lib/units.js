@@ -1,6 +1,6 @@
 /**
- * Units as people read them: degrees, deg/s and g, or SI where that is chosen. What is sent and
- * received is always in a channel's own `unit`; this module alone converts.
+ * Units that people read: degrees, deg/s and g, or SI by choice. Values sent and received are always
+ * in a channel's own `unit`; only this module converts.
  *
  * Exports
  *   shownIn(channel) -> {unit, factor, decimals}     of a reading; factor times the value in `unit`
@@ -8,12 +8,12 @@
  *     one without the latter is shown in its unit
  *   reading(channel, value) -> string                a dash when missing
  *   quantity(channel, value) -> string               a reading with its unit
- *   magnitude(channel, value, digits 4) -> string    a limit: no digits that say nothing
+ *   magnitude(channel, value, digits 4) -> string    a limit, without trailing zeros
  *   magnitudeIn(channel, value) -> string            a limit with its unit
  *   isSI(), chooseSI(flag)                           remembered
  *   followUnits(element, draw) -> element            draws now, and again when other units are chosen
- *   tellUnits(page) -> bool    draws what follows, where something half filled in must stay
- *       ([data-keeps-input]); false where nothing does, and the view is to be opened anew
+ *   tellUnits(page) -> bool    redraws the followers on a page with input to keep ([data-keeps-input]);
+ *       false on any other page, which must be opened again
  */
 
 import { figure, formatValue } from "./numbers.js";

@@ -1,5 +1,5 @@
 /**
- * What a page shows while there is nothing to show: loading, empty, failed; and what to do next.
+ * Pages without content: loading, empty, failed, each with the next step.
  *
  * Exports
  *   loading(text), empty(title, text, ...actions), failure(error, again) -> element
@@ -7,7 +7,7 @@
  *   pageOf(title, ...) -> element        a scrolling page with its heading
  *   link(text, hash, primary), button(text, pressed, attributes)
  *   errorLine() -> {element, show(words)}     hidden while there are no words
- *   askToConfirm(question, consequence, word, act) -> dialog, shown; act() may fail, which it tells
+ *   askToConfirm(question, consequence, word, act, stay) -> open dialog; it shows why act() failed
  */
 
 import { reason } from "./api.js";
@@ -71,7 +71,7 @@ export function errorLine() {
   return { element, show };
 }
 
-export function askToConfirm(question, consequence, word, act, stay = "Keep it") {
+export function askToConfirm(question, consequence, word, act, stay = "Cancel") {
   const failure = errorLine();
   const yes = button(word, perform, { class: "button button-danger" });
   const no = button(stay, () => dialog.close(), { autofocus: true });

@@ -60,7 +60,7 @@ def test_events_stand_in_the_order_of_their_time_whenever_they_are_told(strips: 
       events.add(acknowledgementOf(alarm, true));
       return [...host.querySelectorAll(".event-text")].map((one) => one.textContent);
     }""")
-    assert told == ["at 9", "alarm 1 of 2.00 s acknowledged by Op", "at 6", "at 4", "at 2"]
+    assert told == ["at 9", "alarm 1 (2.00 s) acknowledged by Op", "at 6", "at 4", "at 2"]
 
 
 def test_words_of_moments_that_are_close_stand_one_below_the_other_the_most_urgent_first(

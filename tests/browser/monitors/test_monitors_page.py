@@ -179,7 +179,7 @@ def test_numbers_that_are_missing_are_said_beside_their_fields(page: Page, site:
     expect(amplitude).to_have_attribute("aria-invalid", "true")
     expect(amplitude).to_be_focused()
     beside = page.locator('.field[data-path="dataset.maneuver.amplitude_deg"] .error')
-    expect(beside).to_have_text("A number is needed here.")
+    expect(beside).to_have_text("Enter a number.")
     expect(page.locator(".job")).to_have_count(0)
 
 
@@ -243,7 +243,7 @@ def test_an_own_model_is_pasted_as_json(page: Page, site: Site) -> None:
     box = page.get_by_label("own model as JSON")
     box.fill('{"A": [[1]]')
     page.get_by_role("button", name="Use this model").click()
-    expect(page.locator(".model-input .error")).to_contain_text("This is not JSON")
+    expect(page.locator(".model-input .error")).to_contain_text("Not JSON")
     box.fill('{"A": [[-1]], "B": [[1, 2]], "C": [[1]], "D": [[0]], "uncertainty": {"spread": 0.2}}')
     page.get_by_role("button", name="Use this model").click()
     expect(field(page, "dataset.aircraft.b")).to_have_value("[[1,2]]")
@@ -425,10 +425,10 @@ def test_a_monitor_of_no_use_says_so_and_is_flown_only_when_that_is_accepted(
         page.get_by_role("button", name="Start the flight").click()
         dialog = page.get_by_role("dialog")
         expect(dialog).to_contain_text("alerts mean nothing")
-        dialog.get_by_role("button", name="Do not fly it").click()
+        dialog.get_by_role("button", name="Cancel").click()
         assert site.get("/flights") == []
         page.get_by_role("button", name="Start the flight").click()
-        dialog.get_by_role("button", name="Fly it all the same").click()
+        dialog.get_by_role("button", name="Fly anyway").click()
         page.wait_for_url("**/#/fly/*")
         (flight,) = site.get("/flights")
         assert flight["accept_useless"] is True
@@ -583,7 +583,7 @@ def test_a_dataset_in_use_is_not_deleted_and_the_sentence_says_by_what(
     page.get_by_role("button", name="Delete").click()
     page.get_by_role("button", name="Delete permanently").click()
     expect(page.locator("dialog .error")).to_contain_text("is used by card 7")
-    page.get_by_role("button", name="Keep it").click()
+    page.get_by_role("button", name="Cancel").click()
     expect(page.locator("dialog")).to_have_count(0)
     assert [dataset["id"] for dataset in site.get("/datasets")] == [site.dataset]
 

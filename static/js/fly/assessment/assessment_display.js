@@ -1,22 +1,22 @@
 /**
- * What the monitor says of a flight, sample by sample: on the strips, the gauge and the alarm line.
+ * The monitor's assessments of a flight, sample by sample, on the strips, the gauge and the alarm line.
  *
  * Exports
  *   createAssessmentDisplay(panels, {hello, history, alarm, events, onExceedance}) -> Display
- *     history: a SeekHistory.   onExceedance({key, symbol, t, value, seen})    seen: it lies before a
- *     point that was sought, and is not flown now
+ *     history: a SeekHistory.   onExceedance({key, symbol, t, value, seen})    seen: before a point that
+ *     was sought, so not flown now
  *
  * Display
  *   take(frames)               newest last; returns the newest that is shown, or null
  *   restart(t, held) -> Promise<frames | null>    after a seek or a loop: draws what lies before t [s]; held(): which limits held there, as hello has them
- *   forget()                   what is shown never was: the strips begin anew
+ *   forget()                   clears the strips: the samples shown were lost
  *   setAssessment({state, reason, cause}, quiet)    as the server says it, without a sample
  *   setHeadline({status, level, beside})     as the server decided it
  *   setHeard(boolean)          whether the server is heard: false from the first missed heartbeat on
- *   lose(), resume()           the connection; after it the newest sample counts as it did
- *   refresh(wall) -> Headline      draws the gauge; the headline as every view shows it: stale where nothing comes any more
- *   withdrawal, staleAfter         cause of the newest sample that is invalid; age that is too great [s]
- *   cause                          why it is stale; empty where only this page knows
+ *   lose(), resume()           the connection; after it the newest sample counts again
+ *   refresh(wall) -> Headline      draws the gauge; returns the headline for every view, stale where samples stopped
+ *   withdrawal, staleAfter         cause of the newest invalid sample; age that counts as stale [s]
+ *   cause                          why it is stale; empty where the server gave no reason
  *   seq                            of the newest sample; -1 for none
  *   t                          of the newest sample, or where the flight goes on from [s]
  *   timeline, chart, close()
@@ -53,14 +53,14 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     onExceedance: exceeds,
   });
   let assessment = { state: null, reason: "", cause: null };
-  let newest = null; // frame, without which there is nothing to trust
+  let newest = null; // frame
   let sampled = false; // a sample was shown
   let noted = ""; // below the number on the gauge
-  let origin = 0; // where the flight goes on from, until a sample says more [s]
+  let origin = 0; // where the flight continues from, before its next sample [s]
   let decided = hello; // the server's headline
   let linked = true;
-  let seen = false; // what is pushed lies before a point that was sought
-  let late = null; // what the server says of samples that are not of now, which come all the same
+  let seen = false; // the samples pushed lie before a point that was sought
+  let late = null; // the server's state for samples that arrive late
 
   function take(frames) {
     if (frames.length === 0) return null;
@@ -94,13 +94,13 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     return headlineOf(decided, { stale: !linked || timeline.stale(wall), alarms: alarm.open(), blank });
   }
 
-  /** The number is the risk now. An alert may last one sample, too short for an eye: while it waits, it stands below. */
+  /** The number is the risk now. An alert may last one sample, too short to see: until acknowledged it is shown below. */
   function alertNote() {
     const alert = alarm.alert();
-    return alert === null ? "" : `now; at the alert of ${formatTime(alert.t, 0.01)} s ${riskText(alert.p_value, alertAbove)}`;
+    return alert === null ? "" : `Risk now; ${riskText(alert.p_value, alertAbove)} at the alert (${formatTime(alert.t, 0.01)} s)`;
   }
 
-  /** What the monitor can say now; a word in place of a number where it can say nothing. */
+  /** The monitor's state; without an assessment a word takes the number's place. */
   function setAssessment({ state, reason, cause = null }, quiet = false) {
     const changed = shownState({ state, cause }) !== shownState(assessment);
     assessment = { state, reason, cause };
@@ -112,7 +112,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     events.add({ t: newest?.t ?? origin, text });
   }
 
-  /** By which the newest sample is worded, also once nothing follows it. */
+  /** Cause of the newest sample, also after it has become stale. */
   function lastCause() {
     return assessment.state === "stale" && newest !== null ? newest.cause : assessment.cause;
   }
@@ -140,8 +140,8 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     onExceedance({ key, symbol, t, value, seen });
   }
 
-  /** As the server says it: what it calls stale stays so, until it says otherwise. */
-  function tell(given, quiet) {
+  /** The server's state: stale stays until the server changes it. */
+  function setServerState(given, quiet) {
     late = given.state === "stale" ? given : null;
     setAssessment(given, quiet);
   }
@@ -162,7 +162,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   function resume() {
     linked = true;
     if (newest === null || late !== null || assessment.state !== newest.state) return;
-    chart.push(newest); // not a new sample: only its state, after the loss
+    chart.push(newest); // only its state, after the loss
     show(newest);
   }
 
@@ -172,7 +172,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     take,
     restart,
     forget,
-    setAssessment: tell,
+    setAssessment: setServerState,
     setHeadline: (given) => {
       decided = given;
     },

@@ -1,18 +1,18 @@
 /**
  * The risk against time ahead: a row for each monitor of a flight, by how far ahead it warns.
  *
- * A bar and a number only where the sample was assessed, else a word. One monitor raises the alarms,
- * which its row says; what the others say is for display only.
+ * A bar and a number only where the sample was assessed, else a word. One monitor raises the alarms, and
+ * its row is marked; the others are for display only.
  *
  * Exports
  *   createRiskAhead(element) -> RiskAhead
  *   rolesOf(monitor) -> string     "raises the alarms" or "display only"
- *   summaryLines(monitors, frames) -> elements     what each said of a flight that is over
+ *   summaryLines(monitors, frames) -> elements     each monitor's result on an ended flight
  *
  * RiskAhead
- *   describe(monitors)    as hello has them, the alarm authority first; nothing is shown of a single one
+ *   describe(monitors)    as hello has them, the alarm authority first; hidden for a single one
  *   take(frame)           the newest sample; null for none
- *   draw(stale)           stale: nothing that is shown is of now
+ *   draw(stale)           stale: the display is out of date
  */
 
 import { shownState, STATE_WORDS, withdrawnWord } from "../../charts/readout.js";
@@ -42,12 +42,12 @@ export function createRiskAhead(element) {
     for (const row of rows) show(row, readingOf(row, stale));
   }
 
-  /** What its monitor says of the newest sample, or the word for why nothing can be said. */
+  /** The monitor's assessment of the newest sample, or the state in its place. */
   function readingOf({ position }, stale) {
     if (newest === null) return { state: "none", reason: "" };
     const assessment = assessmentOf(newest, position);
     if (assessment === undefined) return { state: "none", reason: "" };
-    return stale ? { state: "stale", reason: "nothing that is shown is of now" } : { ...assessment, state: shownState(assessment) };
+    return stale ? { state: "stale", reason: "the display is stale" } : { ...assessment, state: shownState(assessment) };
   }
 
   return {

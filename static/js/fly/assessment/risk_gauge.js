@@ -1,17 +1,16 @@
 /**
- * The large risk gauge: "risk (higher is worse)", its threshold, and what the monitor can say now.
+ * The large risk gauge: "risk (higher is worse)", its threshold, and the monitor's state.
  *
- * The word is the flight's headline, the worst that is true of it, with what stands beside it; each has
- * a shape and a colour of its level. There is a number only where the sample was assessed; otherwise the
- * dial is hatched grey and the word stands in the number's place.
+ * The word is the flight's headline, its worst condition; each has a shape and the colour of its level.
+ * There is a number only where the sample was assessed; otherwise the dial is hatched grey and shows the word.
  *
  * Exports
  *   createRiskGauge(element, {timeline, scale, led}) -> {update(reading), draw(wall, headline), clear(), destroy()}
- *     led: it is drawn by `draw` alone, with a flight's headline; else by itself, with that of the sample alone
+ *     led: drawn by `draw` alone, with the flight's headline; else by itself, with that of the sample
  *     reading: {p_value, alertAbove, state, alert, reason, note, result}, any frame with its alertAbove will do;
- *     note stands below the number; last, said: risk and cause of the last sample, where nothing follows it; result: {words, level}, what a flight that is over came to; state
+ *     note: below the number; last, said: risk and cause of the last sample, where none follows; result: {words, level} of an ended flight; state
  *       ok, warming_up, stale, invalid (between manoeuvres: NOT ASSESSED), over (the flight has ended), or null for no data.
- *     timeline: the strips' clock; with it the gauge turns stale by itself when samples stop.
+ *     timeline: the strips' clock; with it the gauge turns stale when samples stop.
  *     scale "sqrt" | "linear": spacing of 0..1, as on the risk strip.
  */
 

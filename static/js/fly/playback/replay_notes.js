@@ -1,14 +1,14 @@
 /**
- * What is known of a replayed recording beside its samples: manoeuvres, exceedances, people's notes.
+ * Manoeuvres, exceedances and notes of a replayed recording.
  *
  * Exports
  *   createReplayNotes({api, source, now, add, marked, fail}) -> {element, times() -> [{t, level}], write(), close()}
- *     source: {recording, scoring} of a flight's hello.   now() -> s, where the flight is
- *     add(event): {t, text, level}, for the event list, once the replay has come to it
- *     marked(): times() has changed; it has what is to come too
- *     fail(error): what could not be read
+ *     source: {recording, scoring} of a flight's hello.   now() -> s, time of the flight
+ *     add(event): {t, text, level}, for the event list, once the replay has reached it
+ *     marked(): times() has changed; it includes later events
+ *     fail(error): notes could not be read
  *     write(): opens the field for a note at this moment
- *     moved(t): the flight is at t [s]; what lies before it is listed, what is to come is not
+ *     moved(t): the flight is at t [s]; events up to t are listed
  */
 
 import { reason } from "../../lib/api.js";
@@ -24,7 +24,7 @@ const SAME = 1e-6; // s
 export function createReplayNotes({ api, source, now, add: addEvent, marked, fail }) {
   const path = `/recordings/${encodeURIComponent(source.recording)}`;
   const marks = [];
-  let ahead = []; // events that the replay has not come to, by time
+  let ahead = []; // events that the replay has not reached, by time
   let at = 0;
   let closed = false;
   const when = h("span", { class: "dim" });
@@ -32,7 +32,7 @@ export function createReplayNotes({ api, source, now, add: addEvent, marked, fai
     type: "text",
     maxlength: 2000,
     "aria-label": "Note",
-    placeholder: "What happens here",
+    placeholder: "Note",
     required: true,
   });
   const clear = keepDraft(text, path);

@@ -1,6 +1,6 @@
 /**
- * A seek in a flight: frames wait until what lies before the point in the source has been read,
- * so that the strips are never empty.
+ * A seek in a flight: frames wait until the samples before that point have been read, so that the
+ * strips are never empty.
  *
  * Exports
  *   createSeekHistory(api, path, {n_samples, start, duration, seekable}) -> SeekHistory
@@ -8,10 +8,10 @@
  *
  * SeekHistory
  *   waits                     whether frames wait
- *   keep(frames, wall) -> bool     they wait; false once that lasts so long that they count as late
- *   readBefore(t) -> Promise<{before, frames} | null>     before: of the source, oldest first, at
- *                             most MOST, none where there are none to be had; frames: those that
- *                             waited. Null where another seek overtook this one
+ *   keep(frames, wall) -> bool     they wait; false once they have waited so long that they count as late
+ *   readBefore(t) -> Promise<{before, frames} | null>     before: source samples, oldest first, at
+ *                             most MOST, possibly none; frames: those that waited. Null where
+ *                             another seek overtook this one
  *   close()
  */
 

@@ -1,18 +1,18 @@
 /**
- * Play, pause, step, seek, speed, loop, next alert and event: buttons, a slider, and what the keys do.
+ * Play, pause, step, seek, speed, loop, next alert and event: buttons, a slider and keys.
  *
  * Exports
  *   createTransportBar(element, {act, end}) -> TransportBar
- *     act(action, value) -> Promise    tells the server; rejects with the reason
+ *     act(action, value) -> Promise    asks the server; rejects with the reason
  *     end()                            ends the flight; null where it cannot be ended
  *
  * TransportBar
- *   show(transport)      as the server says it; where it is there, its samples may not have come here yet
- *   moved(t)             the newest sample that is drawn is of t [s]; null for none
- *   arrived()            what is drawn from now on follows the last seek
- *   steers()             whether who looks on can steer it
- *   t                    time shown [s]: that of the newest sample drawn, or the one sought, which is marked as such
- *   mark(times)          [{t, level}] drawn above the slider; "To the next event" goes from one to the next
+ *   show(transport)      the server's state; its newest samples may not have arrived yet
+ *   moved(t)             time of the newest sample drawn [s]; null for none
+ *   arrived()            the samples after the last seek are drawn
+ *   steers()             whether this user can steer the flight
+ *   t                    time shown [s]: of the newest sample drawn, or the one sought
+ *   mark(times)          [{t, level}] drawn above the slider; "To the next event" steps through them
  *   setUsable(boolean)   false while there is no connection
  *   keys                 {key: act} for the page's shortcuts
  */
@@ -30,9 +30,9 @@ export function createTransportBar(element, { act, end }) {
   let drawn = null; // time of the newest sample drawn
   let marked = []; // times of the marks, rising
   let dragging = false;
-  let wanted = null; // time to seek to, while an earlier seek is under way
+  let wanted = null; // next time to seek to, while a seek is in progress
   let seeking = false;
-  let sought = null; // the time shown until what comes follows from it
+  let sought = null; // shown until its samples arrive
 
   const button = (text, label, key, onclick, name) =>
     h("button", { type: "button", class: "button button-small", "aria-label": label, title: `${label} (key ${key})`, onclick, "data-action": name }, text);
@@ -61,14 +61,14 @@ export function createTransportBar(element, { act, end }) {
     dragging = false;
   });
 
-  /** Nobody steers a live source, nor does a viewer what others watch. */
+  /** A live source cannot be steered; a viewer cannot steer a shared flight. */
   const steers = () => transport.seekable && may(STEER);
 
   async function send(action, value) {
     if (!steers()) return;
     failure.hidden = true;
     try {
-      await act(action, value); // what it changed comes by the stream, in order
+      await act(action, value); // the change arrives by the stream, in order
     } catch (error) {
       sought = null;
       showTime();
@@ -77,7 +77,7 @@ export function createTransportBar(element, { act, end }) {
     }
   }
 
-  /** One seek at a time; while it is under way only the newest wish is kept. */
+  /** One seek at a time; meanwhile only the newest request is kept. */
   async function seek(t) {
     if (!steers()) return;
     wanted = sought = t;
@@ -150,7 +150,7 @@ export function createTransportBar(element, { act, end }) {
     const t = sought ?? drawn;
     const words = t === null ? "–" : `${sought === null ? "" : "→ "}${t.toFixed(2)}`;
     put(time, duration === null ? `${words} s` : `${words} / ${(start + duration).toFixed(2)} s`);
-    time.title = sought === null ? "Time of the newest sample shown" : "Sought: its samples have not come yet";
+    time.title = sought === null ? "Time of the newest sample shown" : "Seeking: its samples have not arrived yet";
     slider.setAttribute("aria-valuetext", t === null ? "no sample shown" : `${t.toFixed(2)} seconds`);
     if (!dragging && sought === null) slider.value = String(drawn ?? start);
   }
