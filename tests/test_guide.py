@@ -210,6 +210,7 @@ def test_python_without_a_server_runs(tmp_path: Path, monkeypatch, capsys: pytes
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}
     for code in blocks("rest-and-streams", "python")[3:]:
+        code = code.replace("n_unsafe=200", "n_unsafe=60")
         exec(compile(code, "rest-and-streams.md", "exec"), names)
     assert names["monitor"].recipe == names["ahead"]
     assert "risk" in capsys.readouterr().out

@@ -1,6 +1,7 @@
 """The command that writes a simulated flight as a recorder would: something to score at once."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,8 @@ from app.commands.options.destinations import check_file
 from app.commands.output.results import add_json, print_result
 from core.channels import KEYS
 from core.collection import DatasetRecipe, evaluation_flights
+from core.simulation.aircraft import AIRCRAFT
+from core.simulation.published import MODELS
 from core.types import Array
 from core.whole_file import write_whole
 
@@ -24,22 +27,41 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--out", type=Path, default=Path("flight.csv"), help="CSV file written"
     )
+    parser.add_argument(
+        "--aircraft",
+        choices=tuple(MODELS),
+        default=next(iter(MODELS)),
+        metavar="NAME",
+        help=f"whose usual rudder doublet is flown, %(default)s if absent: {', '.join(MODELS)}",
+    )
+    parser.add_argument(
+        "--amplitude", type=float, metavar="DEG", help="of the doublet, the usual one if absent"
+    )
     parser.add_argument("--seed", type=int, default=0, metavar="NUMBER", help="of the aircraft")
     parser.add_argument("--outcome", choices=("unsafe", "safe"), default="unsafe")
     add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Write a flight of the usual test; it is the same for the same seed."""
+    """Write a flight of the aircraft's usual test; the same seed writes the same flight."""
     out = check_file(options.out)
-    recipe = DatasetRecipe(seed=options.seed)
+    recipe = replace(DatasetRecipe.usual(AIRCRAFT[options.aircraft]), seed=options.seed)
+    if options.amplitude is not None:
+        recipe = replace(recipe, maneuver=recipe.maneuver.with_peak(options.amplitude))
     flights = evaluation_flights(recipe, FLIGHTS)
     unsafe = options.outcome == "unsafe"
-    number = int(np.flatnonzero(flights.is_unsafe == unsafe)[0])
+    matching = np.flatnonzero(flights.is_unsafe == unsafe)
+    if len(matching) == 0:
+        lacks, change = ("exceeds", "larger") if unsafe else ("keeps", "smaller")
+        raise ValueError(
+            f"none of {FLIGHTS} flights at {recipe.maneuver.peak_deg:g} deg {lacks} its limit: "
+            f"give a {change} --amplitude"
+        )
+    number = int(matching[0])
     write_whole(out, table(flights.y[number], recipe.dt).encode())
     exceeds_at = TRIM_S + float(flights.fail_index[number]) * recipe.dt if unsafe else None
     words = f"exceeds its limit at {exceeds_at:g} s" if unsafe else "keeps its limit"
-    text = f"written: {out}, an F-16's rudder doublet that {words}"
+    text = f"written: {out}, a rudder doublet of {options.aircraft} that {words}"
     print_result(options, text, {"file": str(out), "exceeds_at": exceeds_at})
     return 0
 

@@ -84,6 +84,17 @@ def test_a_sample_flight_is_read_back_as_it_was_flown(outcome: str, tmp_path: Pa
     assert 5 < np.abs(rows["dr_deg"]).max() < 30
 
 
+def test_a_sample_flight_is_of_the_aircraft_and_amplitude_given(tmp_path: Path, capsys):
+    path = tmp_path / "flight.csv"
+    chosen = ["sample-flight", "--out", str(path), "--aircraft", "attas_id_16kft"]
+    assert main([*chosen, "--amplitude", "2.56", "--outcome", "safe"]) == 0
+    assert "attas_id_16kft" in capsys.readouterr().out
+    deflection = np.abs(np.genfromtxt(path, delimiter=",", names=True)["dr_deg"]).max()
+    assert 1.5 < deflection < 3.5  # with the damper
+    assert main([*chosen, "--amplitude", "0.1"]) == 1
+    assert "give a larger --amplitude" in capsys.readouterr().err
+
+
 def test_results_are_printed_as_json_also_of_another_limit(tmp_path: Path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("FOREWARN_DATA_DIR", str(tmp_path / "data"))
