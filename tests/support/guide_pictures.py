@@ -6,6 +6,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -112,7 +113,7 @@ class Studio:
             if holds(state := self.ask("GET", f"/flights/{flight}")):
                 return state
             self.steer(flight, "step", 1) if steps else time.sleep(0.02)
-        raise ValueError(f"it never holds of {state}")
+        raise ValueError(f"it never holds of flight {flight}")
 
     def end(self, flight: str) -> None:
         self.ask("POST", f"/flights/{flight}/end")
@@ -257,7 +258,7 @@ def campaign(studio: Studio) -> None:
             studio.ask("POST", f"{path}/clearance", json={"point": point, "by": "Ann"})
         studio.ask("POST", f"{path}/confirm", json={"point": point, "by": "Ann"})
         doublet = Doublet(amplitude_deg=6.4 * step)
-        simulator = PlannedTest(DatasetRecipe(**vars(test) | {"maneuver": doublet}))
+        simulator = PlannedTest(replace(test, maneuver=doublet))
         theta = simulator.plant.nominal[np.newaxis]
         y = simulator.fly(theta, np.random.default_rng(1))[0].y[0]
         text = table(y, test.dt)
