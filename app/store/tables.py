@@ -76,11 +76,11 @@ def _part_of(table: str) -> Column[str]:
     return Column(f"{table.removesuffix('s')}_id", String(2 * ID_BYTES), row, primary_key=True)
 
 
-def _refers_to(table: str, ondelete: str) -> Column[str]:
+def _refers_to(table: str, ondelete: str, *, index: bool = True) -> Column[str]:
     """Reference to another table's row, which this row needs (RESTRICT) or belongs to (CASCADE)."""
     row = ForeignKey(f"{table}.id", ondelete=ondelete)
     name = f"{table.removesuffix('s')}_id"
-    return Column(name, String(2 * ID_BYTES), row, nullable=False, index=True)
+    return Column(name, String(2 * ID_BYTES), row, nullable=False, index=index)
 
 
 def _time(name: str, *, nullable: bool = True) -> Column[str]:
@@ -183,13 +183,7 @@ flights = Table(
     metadata,
     _id(),
     _plain("source"),
-    Column(
-        "monitor_id",
-        String(2 * ID_BYTES),
-        ForeignKey("monitors.id", ondelete="RESTRICT"),
-        nullable=False,
-        index=True,
-    ),
+    _refers_to("monitors", "RESTRICT"),
     Column("epsilon", Float, nullable=False),
     Column("status", String(16), nullable=False, index=True),
     _time("created", nullable=False),
@@ -226,12 +220,7 @@ alarms = Table(
     "alarms",
     metadata,
     _id(),
-    Column(
-        "flight_id",
-        String(2 * ID_BYTES),
-        ForeignKey("flights.id", ondelete="CASCADE"),
-        nullable=False,
-    ),
+    _refers_to("flights", "CASCADE", index=False),
     Column("number", Integer, nullable=False),
     Column("seq", BigInteger, nullable=False),
     Column("t", Float, nullable=False),
@@ -250,12 +239,7 @@ flight_markers = Table(
     "flight_markers",
     metadata,
     _id(),
-    Column(
-        "flight_id",
-        String(2 * ID_BYTES),
-        ForeignKey("flights.id", ondelete="CASCADE"),
-        nullable=False,
-    ),
+    _refers_to("flights", "CASCADE", index=False),
     Column("number", Integer, nullable=False),
     Column("kind", String(16), nullable=False),
     Column("seq", BigInteger, nullable=False),

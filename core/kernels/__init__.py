@@ -1,8 +1,8 @@
-"""All that is compiled: kernels and the lanes they compute on; the modules around call them.
+"""Compiled kernels, the SIMD lanes they use, and the modules that call them.
 
-Kernels know arrays and numbers only. Their compiled code, constants included, is stored on disk for
-as long as this folder stays the same, so they take no constant from elsewhere.
+Kernels know only arrays and numbers. Their compiled code, including constants, is cached on disk
+until a file in this folder changes, so they must not use constants from elsewhere.
 """
 
 N_CHANNELS = 6
-"""Length of a sample y; core.channels names its entries."""
+"""Length of a sample y; core.channels names the entries."""

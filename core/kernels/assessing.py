@@ -1,4 +1,4 @@
-"""The compiled way of a sample: buffer, predict, score, p-value; stream and batch share it."""
+"""Compiled assessment of a sample: buffer, predict, score, p-value; for streams and batches."""
 
 from typing import NamedTuple
 
@@ -15,12 +15,12 @@ SAMPLES_A_TASK = 8_192
 
 
 class Fitted(NamedTuple):
-    """What scoring one observation needs.
+    """Arrays for scoring one observation.
 
-    matrix: (6 * (n_delay + 1), width), offset: (width,) the predictor's map of unscaled
+    matrix: (6 * (n_delay + 1), width), offset: (width,) the predictor's map from unscaled
     observations to the first `d` columns; see `in_lanes`.
-    Score: unsafe_weight * min_u |z - y_u|^2 - safe_weight * min_s |z - y_s|^2, or, where
-    `channel` is not negative, -|z_channel|.
+    Score: unsafe_weight * min_u |z - y_u|^2 - safe_weight * min_s |z - y_s|^2, or -|z_channel| if
+    `channel` is not negative.
     alphas: (n_unsafe,) sorted.
     """
 
@@ -37,15 +37,15 @@ class Fitted(NamedTuple):
 
 @inlined
 def rule_of(fitted):
-    """What `score_point` goes by."""
+    """Rule for `score_point`."""
     return fitted.unsafe_weight, fitted.safe_weight, fitted.channel
 
 
 @inlined
 def score_point(rule, unsafe_at, safe_at, z, skip, near_unsafe, near_safe):
-    """Score of a mapped point, and its neighbours; low means close to a failure.
+    """Score of a mapped point, and its neighbours. Low means close to a failure.
 
-    rule: (unsafe_weight, safe_weight, channel).   unsafe_at, safe_at: of the trees, see `locate`.
+    rule: (unsafe_weight, safe_weight, channel).   unsafe_at, safe_at: see `locate`.
     """
     if rule[2] >= 0:
         return -abs(z[rule[2]]), -1, -1
@@ -61,10 +61,10 @@ def score_point(rule, unsafe_at, safe_at, z, skip, near_unsafe, near_safe):
 
 @jit
 def _follow(first, step, finite, dt, count, drift, n_delay):
-    """State of a sample `step` seconds after the last one, its history's length, and the drift.
+    """State of a sample `step` seconds after the previous one, length of its history, and drift.
 
-    drift: sum of what the steps had too much or too little, recent ones counting most [s]; half an
-    interval of it means that the source does not sample at the monitor's rate.
+    drift: sum of the deviations of the steps from dt, recent ones weighted most [s]. Above half an
+    interval, the source does not sample at the monitor's rate.
     """
     full = n_delay + 1
     if first:
@@ -84,7 +84,7 @@ def _follow(first, step, finite, dt, count, drift, n_delay):
 
 @jit
 def states(t, y, dt, n_delay):
-    """State code of each sample. A flight's first sample starts a full, padded history."""
+    """State code of each sample. The first sample fills the whole history."""
     codes = np.empty(t.shape[0], np.int64)
     count, drift = 0, 0.0
     for i in range(t.shape[0]):
@@ -98,11 +98,11 @@ def states(t, y, dt, n_delay):
 
 @brief
 def update(fitted, exact, buffer, status, clock, dt, t, y, z):
-    """Take one sample of a stream and assess it.
+    """Assess the next sample of a stream.
 
-    buffer: (n_delay + 1, 6).   status: (4,) history length, samples taken, last neighbours.
-    clock: (5,) time of the last sample, lowest score so far, distances from the neighbours, drift.
-    z: (d,) out, the mapped point.
+    buffer: (n_delay + 1, 6).   status: (4,) history length, sample count, last neighbours.
+    clock: (5,) last time, lowest score so far, distances to the neighbours, drift.
+    z: (d,) output, the mapped point.
     Returns (state code, p-value, score); both NaN unless the state is OK.
     """
     finite = np.isfinite(t)
@@ -161,7 +161,7 @@ def _p_some(fitted, exact, ok, start, stop, z, s, lowest, p):
 def score_all(
     fitted: Fitted, exact: Transduction, y: Array, ok: Flags, n_delay: int
 ) -> tuple[Array, Array, Array, Indices, Indices]:
-    """Mapped points, scores, p-values and neighbours of one trajectory; NaN, -1 where not ok.
+    """Mapped points, scores, p-values and neighbours of one trajectory; NaN and -1 unless ok.
 
     y: (n, 6).   ok: (n,) whether the sample has a full history.
     """
@@ -180,26 +180,26 @@ def score_all(
 
 
 @jit
-def _distances_some(fitted, z, own, start, stop, unsafe, safe):
+def _distances_some(fitted, z, left_out, start, stop, unsafe, safe):
     near_unsafe, near_safe = -1, -1
     unsafe_at, safe_at = locate(fitted.unsafe), locate(fitted.safe)
     for i in range(start, stop):
         point = z[i]
-        distance, near_unsafe = nearest_at(unsafe_at, point, own[i], near_unsafe)
+        distance, near_unsafe = nearest_at(unsafe_at, point, left_out[i], near_unsafe)
         unsafe[i] = fitted.unsafe_weight * distance
         distance, near_safe = nearest_at(safe_at, point, -1, near_safe)
         safe[i] = fitted.safe_weight * distance
 
 
-def weighted_distances(fitted: Fitted, z: Array, own: Indices) -> tuple[Array, Array]:
+def weighted_distances(fitted: Fitted, z: Array, left_out: Indices) -> tuple[Array, Array]:
     """Weighted squared distances to the nearest unsafe and the nearest safe point.
 
-    z: (n, d).   own: (n,) unsafe point left out.   Returns (n,), (n,).
+    z: (n, d).   left_out: (n,) unsafe point to leave out.   Returns (n,), (n,).
     """
     unsafe, safe = np.empty(len(z)), np.empty(len(z))
     in_chunks(
         len(z),
         SAMPLES_A_TASK,
-        lambda a, b: _distances_some(fitted, z, own, a, b, unsafe, safe),
+        lambda a, b: _distances_some(fitted, z, left_out, a, b, unsafe, safe),
     )
     return unsafe, safe

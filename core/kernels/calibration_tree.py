@@ -1,8 +1,8 @@
-"""Which failures' calibration scores a joined test point lowers, without looking at all of them.
+"""Search tree for the failures whose calibration scores an added test point lowers.
 
-A point z that joins the unsafe ones lowers the score of a sample of a failure's history only where
-it is nearer than the nearest unsafe point of the others: only samples whose ball contains z count.
-The histories' samples lie in boxes as in `core.kernels.nearest`, with the largest ball of each.
+A point z added to the unsafe points lowers the score of a sample only if it is nearer than the
+sample's nearest unsafe point: only samples whose ball contains z count. The samples are in boxes as
+in `core.kernels.nearest`, with the largest ball of each box.
 """
 
 from typing import NamedTuple
@@ -21,9 +21,9 @@ class CalibrationTree(NamedTuple):
     """Samples of the failures' histories, packed for `n_lowered`.
 
     points: leaf by leaf, (d, LEAF) each.   boxes: node by node, (2, d, WIDTH) each; see `Tree`.
-    failure: (LEAF * n_leaves,) whose sample each lane is.
-    safe, level: (LEAF * n_leaves,) the sample's weighted squared distance to the nearest safe
-    point, and its failure's calibration score; -inf in lanes that are not used.
+    failure: (LEAF * n_leaves,) failure of the sample in each lane.
+    safe, level: (LEAF * n_leaves,) weighted squared distance to the nearest safe point, and the
+    calibration score of the failure; -inf in unused lanes.
     node_unsafe, node_safe, node_level: (WIDTH * n_nodes,) largest weighted squared distances, and
     largest calibration score, in each child of each node.
     levels: (n_failures,) sorted calibration scores.
@@ -50,8 +50,8 @@ def build_calibration_tree(
 ) -> CalibrationTree:
     """Pack the samples of the failures' histories.
 
-    points: (n, d) finite.   unsafe, safe: (n,) weighted squared distances, own failure left out.
-    start: (n_failures + 1,) failure i owns start[i]:start[i+1].   alphas: (n_failures,).
+    points: (n, d) finite.   unsafe, safe: (n,) weighted squared distances, without own failure.
+    start: (n_failures + 1,) failure i has rows start[i]:start[i+1].   alphas: (n_failures,).
     """
     owner = np.repeat(np.arange(len(alphas)), np.diff(start))
     score = alphas.copy()
@@ -75,7 +75,7 @@ def build_calibration_tree(
 
 
 def _largest_of_children(lanes: Array) -> Array:
-    """(WIDTH * n_nodes,) largest value in each child of each node; -inf where there is none."""
+    """(WIDTH * n_nodes,) largest value in each child of each node; -inf for none."""
     of_leaves = lanes.reshape(-1, LEAF).max(axis=1)
     n_nodes = (len(of_leaves) + WIDTH - 3) // (WIDTH - 1)
     largest = np.full(max(WIDTH * n_nodes + 1, n_nodes + len(of_leaves)), -np.inf)
@@ -87,7 +87,7 @@ def _largest_of_children(lanes: Array) -> Array:
 
 @inlined
 def n_staying(tree, weight, z, s):
-    """Failures whose calibration score is at least s, and stays so with z among the unsafe points.
+    """Number of failures whose calibration score stays at least s with z among the unsafe points.
 
     weight: of squared distances to unsafe points.   z: (d,).
     """

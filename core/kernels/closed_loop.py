@@ -1,10 +1,9 @@
 """The closed loop of aircraft, actuators and control law, for eight rollouts at a time.
 
-State z = (plant states, delta_a, delta_r, law's states), n numbers; z_dot = F z + bandwidth pilot,
-the pilot on the rows of the surfaces. Measured: (beta, p, r, Ny, delta_a, delta_r, phi) = rows
-(x, delta); the surfaces' rows of C and D are not read. For one plant, in numpy, the same is
-control_law.closed_loop.
-A matrix of lanes is flat: its entry (i, j) is the run of eight numbers from 8 (i columns + j) on.
+State z = (plant states, delta_a, delta_r, law states), n numbers; z_dot = F z + bandwidth pilot,
+with the pilot on the rows of the surfaces. Measured: (beta, p, r, Ny, delta_a, delta_r, phi) = rows
+(x, delta); the surface rows of C and D are not read. control_law.closed_loop does the same for one
+plant in numpy. A matrix of lanes is flat: entry (i, j) is the eight numbers from 8 (i columns + j).
 """
 
 import numpy as np
@@ -12,20 +11,19 @@ import numpy as np
 from core.kernels.compiled import jit
 from core.kernels.lanes import WIDTH, fma, load, read_integer, splat, store, total, write
 
-PHI = 3  # the plant state that is the bank angle, where a law feeds it back
+PHI = 3  # plant state of the bank angle, for laws that feed it back
 N_FEEDBACK = 7
 
 
 @jit
 def clear(w, at, vectors):
-    """Fill with zeros."""
     for i in range(vectors):
         store(w, at + i * WIDTH, splat(0.0))
 
 
 @jit
 def gather(source, rows, which, w, at, columns):
-    """Copy the first rows of eight matrices into lanes, `columns` to a row; 0 times their sum."""
+    """Copy the first rows of eight matrices into lanes, `columns` per row; 0 times their sum."""
     for lane in range(WIDTH):
         rollout = read_integer(which, lane)
         for i in range(rows):
@@ -40,9 +38,9 @@ def gather(source, rows, which, w, at, columns):
 
 @jit
 def close_loop(plants, law, bandwidth, which, w, loop, rows):
-    """Fill F (n, n) at w[loop:] and the measured rows (7, nx + 2) at w[rows:]; False if not finite.
+    """Write F (n, n) to w[loop:], measured rows (7, nx + 2) to w[rows:]. False if not finite.
 
-    plants, law: as Plants and Controller; which: address of the eight rollouts' indices.
+    plants, law: see Plants and Controller.   which: address of the eight rollout indices.
     """
     a, b, c, d = plants
     law_a, law_b, law_c, law_d = law
@@ -53,7 +51,7 @@ def close_loop(plants, law, bandwidth, which, w, loop, rows):
     clear(w, loop, n * n)
     clear(w, rows, N_FEEDBACK * ny)
     check = gather(a, nx, which, w, loop, n) + gather(b, nx, which, w, loop + nx * WIDTH, n)
-    outputs = np.int64(4)  # a literal 4 would compile `gather` once more
+    outputs = np.int64(4)  # a literal compiles `gather` again
     check += gather(c, outputs, which, w, rows, ny)
     check += gather(d, outputs, which, w, rows + nx * WIDTH, ny)
     one = splat(1.0)

@@ -1,4 +1,4 @@
-"""How the numerical kernels are compiled, and who is told while that happens."""
+"""Compilation of the numerical kernels, its cache, and its announcement."""
 
 import hashlib
 import os
@@ -21,15 +21,15 @@ from numba.core import config, environment, event
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.runtime.nrt import rtsys
 
-KEPT_S = 24 * 3600.0
-"""Compiled kernels that were used so recently stay [s]."""
+KEEP_S = 24 * 3600.0
+"""Caches used more recently are kept [s]."""
 
 
 @cache
 def cache_directory(sources: Path = Path(__file__).parent) -> str:
-    """Where compiled kernels are stored: another for any change in this folder, and for no other.
+    """Cache directory of compiled kernels; it depends only on the content of this folder.
 
-    numba itself looks at the one file a kernel stands in, not at the kernels which that one calls.
+    numba itself checks only the file of a kernel, not the kernels it calls.
     """
     files = sorted(sources.rglob("*.py"))
     digest = hashlib.sha256(b"".join(file.read_bytes() for file in files))
@@ -39,9 +39,9 @@ def cache_directory(sources: Path = Path(__file__).parent) -> str:
 
 @cache
 def _own_cache() -> str:
-    """The cache directory, noted as used now; those that no program uses any more are gone."""
+    """The cache directory, marked as used now; unused ones are deleted."""
     directory = Path(cache_directory())
-    with suppress(OSError):  # a home that cannot be written: numba then finds another place
+    with suppress(OSError):  # the home cannot be written: numba finds another place
         directory.mkdir(parents=True, exist_ok=True)
         os.utime(directory)
         prune(directory)
@@ -49,31 +49,31 @@ def _own_cache() -> str:
 
 
 def prune(directory: Path) -> None:
-    """Remove the caches beside this one, but for the last used and all that were used in a day.
+    """Delete other caches, except the last used one and those used within KEEP_S.
 
-    A process that runs stores what it compiles: its folder may not go while it is at work.
+    A running process stores kernels in its cache, so that must not be deleted.
     """
     others = [(other.stat().st_mtime, other) for other in directory.parent.glob("kernels-*")]
     unused = sorted(other for other in others if other[1] != directory)[:-1]
     for used, other in unused:
-        if used < time.time() - KEPT_S:
+        if used < time.time() - KEEP_S:
             shutil.rmtree(other, ignore_errors=True)
 
 
 def jit(function: Callable[..., Any]) -> Any:
-    """Compile a kernel once a machine, without the GIL; IEEE arithmetic, so that bits repeat."""
+    """Compile a kernel once per machine, without the GIL. IEEE arithmetic makes bits repeatable."""
     return _compiled(function, nogil=True)
 
 
 def brief(function: Callable[..., Any]) -> Any:
-    """Compile a kernel that takes microseconds: having the GIL back would take it longer."""
+    """Compile a kernel that takes microseconds; it keeps the GIL, because releasing costs more."""
     return _compiled(function, nogil=False)
 
 
 def entry(kernel: Any, *arguments: Any) -> Callable[..., Any]:
-    """The compiled code for arguments of these very types, called without looking at them again.
+    """Compiled code for arguments of exactly these types, called without type dispatch.
 
-    For a kernel that is called sample by sample; other types are not noticed: they give nonsense.
+    For kernels called once per sample. Arguments of other types give wrong results without error.
     """
     signature = tuple(map(numba.typeof, arguments))
     if signature not in kernel.overloads:
@@ -96,9 +96,9 @@ def _compiled(function: Callable[..., Any], nogil: bool) -> Any:
 
 
 def _load(cached: Any, signature: Any, target: Any) -> Any:
-    """Load what was compiled earlier as numba does, but without what only compiling needs.
+    """Load cached code like numba, but without the imports that only compiling needs.
 
-    numba imports all that it knows of Python and numpy, and with it scipy.linalg: 0.4 s.
+    numba would import everything it supports, including scipy.linalg: 0.4 s.
     """
     rtsys.initialize(target)
     modules: Any = environment
@@ -111,7 +111,7 @@ def _load(cached: Any, signature: Any, target: Any) -> Any:
 
 
 class _Loading:
-    """Imports for compiled code the modules it is from: it names numba's own, and reads no name."""
+    """Imports the modules that cached code refers to, with empty stand-ins for numba's own."""
 
     @staticmethod
     def import_module(name: str) -> ModuleType:
@@ -121,23 +121,23 @@ class _Loading:
 
 
 def _compile_once(compile_: Callable[[Any], Any], name: str, signature: Any) -> Any:
-    """Compile, or load what another process is compiling at this moment.
+    """Compile, or load what another process is compiling now.
 
-    numba's own lock comes first: a thread that holds it may ask for any kernel on its way.
+    numba's lock comes first, because a thread that holds it may request any kernel.
     """
-    with global_compiler_lock, ExitStack() as held:
-        with suppress(OSError):  # where no lock can be written, each compiles for itself
-            held.enter_context(FileLock(Path(_own_cache()) / f"{name}.lock"))
+    with global_compiler_lock, ExitStack() as locks:
+        with suppress(OSError):  # without a lock file, each process compiles for itself
+            locks.enter_context(FileLock(Path(_own_cache()) / f"{name}.lock"))
         return compile_(signature)
 
 
-# Part of the kernel that calls: as a call it would take as long as what it does.
+# Inlined into the calling kernel, because a call would take as long as the work.
 inlined = numba.njit(inline="always")
 
 
 @cache
 def threads() -> ThreadPoolExecutor:
-    """The process's threads for kernels; a kernel never submits to it, so it cannot deadlock."""
+    """The process's threads for kernels; kernels never submit to it, so it cannot deadlock."""
     return ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="kernel")
 
 
@@ -146,7 +146,7 @@ _here = threading.local()
 
 @contextmanager
 def on_this_thread() -> Iterator[None]:
-    """Let kernels called inside the block stay on its thread: for work that is itself spread."""
+    """Run kernels inside the block on its own thread, for work that is already parallel."""
     _here.alone = True
     try:
         yield
@@ -155,7 +155,7 @@ def on_this_thread() -> Iterator[None]:
 
 
 def in_chunks(n: int, size: int, task: Callable[[int, int], object]) -> None:
-    """Run task(start, stop) over range(n) in pieces of `size`, on all threads; alone if one."""
+    """Run task(start, stop) over range(n) in pieces of `size`, on all threads."""
     if n <= size or getattr(_here, "alone", False):
         task(0, n)
         return
@@ -172,7 +172,7 @@ class _Compilation(event.Listener):
     def on_start(self, event: event.Event) -> None:
         if not self.announced:
             self.announced = True
-            self.say("compiling the numerical kernels: once on this machine, under a minute")
+            self.say("compiling the numerical kernels, once on this machine: one to two minutes")
 
     def on_end(self, event: event.Event) -> None:
         pass
@@ -180,7 +180,7 @@ class _Compilation(event.Listener):
 
 @contextmanager
 def announce_compilation(say: Callable[[str], None]):
-    """Call `say` once if any kernel has to be compiled inside the block; silent on a warm cache."""
+    """Call `say` once if a kernel is compiled inside the block; silent with a warm cache."""
     listener = _Compilation(say)
     with event.install_listener("numba:compile", listener):
         yield

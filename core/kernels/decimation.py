@@ -1,4 +1,4 @@
-"""A filter that keeps every so many-th of its rows, and computes no other."""
+"""A filter that computes only every `stride`-th row of its output."""
 
 import numpy as np
 
@@ -8,9 +8,9 @@ from core.types import Array
 
 @jit
 def decimated(x: Array, weights: Array, stride: int, n: int) -> Array:
-    """(n,) rows: the k-th is the sum of weights[i] x[k stride + i], in the order of i.
+    """(n,) rows: row k is the sum of weights[i] x[k stride + i], in the order of i.
 
-    x: ((n - 1) stride + n_weights,) at least. Four rows at a time, as a sum waits for itself.
+    x: at least ((n - 1) stride + n_weights,). Four rows at a time, because each sum is serial.
     """
     rows = np.empty(n)
     n_weights = len(weights)

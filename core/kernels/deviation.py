@@ -1,11 +1,11 @@
-"""How far a flight deviates from what its monitor learned, sample by sample.
+"""How far a flight deviates from its monitor's training, sample by sample.
 
-Two measures, each kept at its largest so far: how far the outputs are off their forecasts, and the
-distance from the safe observations. A stream, a recording and a calibration share it.
+Two measures, each the largest so far: the forecast error of the outputs, and the distance from the
+safe observations. Streams, recordings and calibration share this code.
 
-Forecasts are those of the responses one step ahead, from past outputs and the surfaces as measured:
-their innovations, whitened across the channels, over half a second. Monitors of older files compare
-each output with the monitor's own forecast, h samples ahead.
+The forecast is of the responses one step ahead, from past outputs and measured surfaces. Its
+innovations are whitened across the channels and summed over half a second. Monitors in older files
+instead compare each output with the monitor's forecast, h samples ahead.
 """
 
 from typing import NamedTuple
@@ -22,21 +22,21 @@ from core.kernels.nearest import Tree, locate, nearest_at, squared_distance_at
 from core.types import Array, Indices
 
 DISTANCE, INNOVATION = N_CHANNELS, N_CHANNELS + 1
-"""Where distance and innovation lie behind the residuals of the channels."""
+"""Columns of distance and innovation, after the residuals of the channels."""
 SIZE, AT, WHEN = range(3)
 SAMPLES, FRESH, RUN, COMPARED, PLACED, NEAR = range(6)
 FLIGHTS_A_TASK = 32
 
 
 class Reference(NamedTuple):
-    """What a monitor learned, as far as a deviation is measured from it.
+    """The part of a monitor's training from which deviations are measured.
 
     matrix, offset: of the predictor, in lanes.   safe: tree of the safe points.
     scale: (6,) of the channels.   sigma: (6,) of the residuals h samples ahead, in the channels'
-    units; NaN where they are not tested.
+    units; NaN if not tested.
     d: entries of a point.   h: lead in samples.   dt: [s].
-    has_residuals: whether a point is a forecast of the outputs h samples ahead, which is tested.
-    innovation: of the responses; without a window where it is not tested.
+    has_residuals: whether a point is a forecast of the outputs h samples ahead, to be tested.
+    innovation: of the responses; window 0 if not tested.
     """
 
     matrix: Array
@@ -53,19 +53,19 @@ class Reference(NamedTuple):
 
     @property
     def has_forecasts(self) -> bool:
-        """Whether outputs are compared with any forecast."""
+        """Whether any forecast is tested."""
         return self.has_residuals or self.innovation.window > 0
 
 
 class Deviation(NamedTuple):
-    """The farthest that a flight has deviated so far.
+    """The largest deviation of a flight so far.
 
     peaks: (3, 8) largest residual of each channel [sigma], largest distance [scaled units], largest
-        innovation over a window [sigma]; the number, and the time [s], of the sample that made
-        each, -1 and NaN for none.
-    counts: (6,) samples; those not stale; assessed ones in an unbroken row; those compared with
-        their forecast; those whose distance was taken; the nearest safe point last looked up.
-    clock: (2,) times of the first and of the last sample [s].
+        innovation over a window [sigma]; number and time [s] of the sample of each, -1 and NaN for
+        none.
+    counts: (6,) samples; not stale; assessed without a break; compared with a forecast; with a
+        distance; then the nearest safe point found last.
+    clock: (2,) times of the first and last sample [s].
     points: (h, d) of the last h samples.
     innovations: (window, 8) of the last samples, in any order.
     responses: (4,) root mean square innovation of each response over the window of the largest.
@@ -85,14 +85,14 @@ class Deviation(NamedTuple):
         return np.array([off, self.peaks[SIZE, DISTANCE]])
 
     def n_due(self, dt: float) -> int:
-        """Samples that there would be without a gap."""
+        """Number of samples without gaps."""
         elapsed = (self.clock[1] - self.clock[0]) / dt
         counted = int(self.counts[FRESH])
         return max(counted, round(elapsed) + 1) if np.isfinite(elapsed) else counted
 
 
 def n_before(reference: Reference) -> int:
-    """Samples before the newest one that are looked at."""
+    """Samples of history needed before the newest one."""
     return max(reference.n_delay, reference.innovation.history)
 
 
@@ -113,15 +113,15 @@ def begin(reference):
 
 
 @jit
-def follow(reference, so_far, t, y, row, codes, near, distance, largest):
-    """Take samples of a flight, one after the other.
+def follow(reference, deviation, t, y, row, codes, near, distance, largest):
+    """Process samples of a flight in order.
 
-    y: (m, 6) those not stale, beginning with y[row], their history in the rows before.
-    t, codes, near: (n,) all of them, near -1 where the nearest safe point is not known.
-    distance: from that point, if it is known already; else NaN.   largest: (n, 2) out.
+    y: (m, 6) those not stale, starting at y[row], with their history in the rows before.
+    t, codes, near: (n,) all samples; near is -1 if the nearest safe point is unknown.
+    distance: to that point if known, else NaN.   largest: (n, 2) output.
     """
-    # Taken apart and written out: by calls, and through the tuples, it takes five times as long.
-    peaks, counts, clock, points, innovations, responses = so_far
+    # Unpacked and inlined by hand: with calls and nested tuples it takes five times as long.
+    peaks, counts, clock, points, innovations, responses = deviation
     scale, sigma, h, dt = reference.scale, reference.sigma, reference.h, reference.dt
     n_past, spacing = reference.innovation.n_past, reference.innovation.spacing
     matrix, offset = address(reference.innovation.matrix), address(reference.innovation.offset)
@@ -147,10 +147,10 @@ def follow(reference, so_far, t, y, row, codes, near, distance, largest):
                         peaks[SIZE, INNOVATION] = off
                         peaks[AT, INNOVATION], peaks[WHEN, INNOVATION] = counts[SAMPLES], t[i]
                         for c in range(N_RESPONSES):
-                            own = N_RESPONSES + c
-                            responses[c] = root_mean_square(last, n, window, own, own + 1)
+                            column = N_RESPONSES + c
+                            responses[c] = root_mean_square(last, n, window, column, column + 1)
                 if reference.has_residuals and counts[RUN] > h:
-                    # This slot's point is of h samples ago; each one since was assessed in turn.
+                    # The point in this slot is h samples old; all since were assessed.
                     counts[COMPARED] += 1
                     for c in range(N_CHANNELS):
                         off = abs(y[row, c] - points[slot, c] * scale[c]) / sigma[c]
@@ -165,7 +165,7 @@ def follow(reference, so_far, t, y, row, codes, near, distance, largest):
                     if near[i] >= 0:
                         far = np.sqrt(squared_distance_at(safe_at, z, near[i]))
                     else:
-                        # Only the largest counts, and the last neighbour bounds this one.
+                        # Only the largest counts, and the last neighbour gives a bound.
                         last_near = counts[NEAR]
                         if last_near >= 0:
                             far = np.sqrt(squared_distance_at(safe_at, z, last_near))
@@ -186,21 +186,21 @@ def follow(reference, so_far, t, y, row, codes, near, distance, largest):
 
 
 @jit
-def take(reference, so_far, history, y, t, code, distance):
-    """Take the next sample of a stream. Returns the largest off a forecast and distance so far.
+def update_deviation(reference, deviation, history, y, t, code, distance):
+    """Process the next sample of a stream. Returns the largest forecast error and distance so far.
 
-    history: (n, 6) that this keeps, `n_before` samples and the newest.   code: its state.
-    distance: from the nearest safe point; NaN where it is not known.
+    history: (n, 6) kept here: `n_before` samples and the newest.   code: state of the sample.
+    distance: to the nearest safe point; NaN if unknown.
     """
     newest = history.shape[0] - 1
     if code != STALE and code != INVALID:
         for row in range(newest):
-            history[row] = y if so_far.counts[FRESH] == 0 else history[row + 1]
+            history[row] = y if deviation.counts[FRESH] == 0 else history[row + 1]
         history[newest] = y
     largest, near = np.empty((1, 2)), np.array([-1])
     follow(
         reference,
-        so_far,
+        deviation,
         np.array([t]),
         history,
         newest,
@@ -225,7 +225,7 @@ def _farthest_some(reference, t, y, last, start, stop, farthest):
 
 
 def farthest(reference: Reference, y: Array, last: Indices) -> Array:
-    """Largest off a forecast and distance of each trajectory over its samples 0..last.
+    """Largest forecast error and distance of each trajectory over its samples 0..last.
 
     y: (n, n_samples, 6).   last: (n,) 0 or more.   Returns (n, 2).
     """
@@ -256,10 +256,10 @@ def _first_beyond_some(reference, t, y, last, bounds, start, stop, first):
 
 
 def first_beyond(reference: Reference, y: Array, last: Indices, bounds: Array) -> Indices:
-    """First sample of each trajectory, of 0..last, by which it deviates more than the bounds allow.
+    """First sample in 0..last at which each trajectory exceeds the bounds.
 
     y: (n, n_samples, 6).   last: (n,) 0 or more.   bounds: (2,) of both.
-    Returns (n,); n_samples where there is none.
+    Returns (n,); n_samples for none.
     """
     first = np.full(len(y), y.shape[1])
     t = np.arange(y.shape[1]) * reference.dt

@@ -1,4 +1,4 @@
-"""Where trajectories first exceed a limit."""
+"""First exceedance of a limit."""
 
 import numpy as np
 
@@ -9,8 +9,8 @@ from core.kernels.compiled import brief, jit
 def first_exceedance(y, limits):
     """First sample of each trajectory at which a channel's magnitude is not below its limit.
 
-    y: (n, n_samples, n_channels).   limits: (n_channels,), inf where there is none.
-    Returns (n,) sample indices; n_samples where the limits hold throughout.
+    y: (n, n_samples, n_channels).   limits: (n_channels,), inf for none.
+    Returns (n,) sample indices; n_samples without an exceedance.
     """
     n, n_samples, n_channels = y.shape
     first = np.full(n, n_samples, np.int64)
@@ -27,11 +27,11 @@ def first_exceedance(y, limits):
 
 @brief
 def exceeds_any(limits, y):
-    """Whether a channel exceeds its limit; a value that is missing does not.
+    """Whether a channel exceeds its limit; missing values do not.
 
     limits, y: (n_channels,).
     """
-    found = False
+    exceeds = False
     for c in range(limits.shape[0]):
-        found |= np.isfinite(y[c]) and abs(y[c]) >= limits[c]
-    return found
+        exceeds |= np.isfinite(y[c]) and abs(y[c]) >= limits[c]
+    return exceeds

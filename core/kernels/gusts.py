@@ -1,4 +1,4 @@
-"""Paths of lateral gusts with Dryden's spectrum, sampled exactly."""
+"""Lateral gusts with Dryden's spectrum, sampled exactly."""
 
 import numpy as np
 
@@ -10,10 +10,10 @@ from core.kernels.normals import fill_normals, stream_of
 def fill_gusts(seed, fade, share, begin, noise, out, first, last):
     """Fill rows first..last-1 of `out` (n, n_samples) with gusts, each from its own stream.
 
-    Of the filter sqrt(3) / (1 + T s) + (1 - sqrt(3)) / (1 + T s)^2 with white noise, the states are
-    a = 1 / (1 + T s) and b = a / (1 + T s); over a step they go to fade (a, b + share a) and what
-    the noise adds, noise (3,) times two normal numbers; begin (3,): the same of the first sample,
-    which is stationary. Both are lower triangles (11, 21, 22).
+    White noise passes the filter sqrt(3) / (1 + T s) + (1 - sqrt(3)) / (1 + T s)^2 with the states
+    a = 1 / (1 + T s) and b = a / (1 + T s). In a step they become fade (a, b + share a) plus noise
+    (3,) times two normal numbers. begin (3,): the same for the first, stationary sample. Both are
+    lower triangles (11, 21, 22).
     """
     direct, twice = np.sqrt(3.0), 1.0 - np.sqrt(3.0)
     normals = np.empty(2 * out.shape[1])

@@ -1,4 +1,4 @@
-"""What pilots make of planned commands: uneven, out of trim and unsteady."""
+"""How pilots fly planned commands: uneven, out of trim and unsteady."""
 
 from typing import NamedTuple
 
@@ -8,13 +8,13 @@ from core.kernels.compiled import jit
 from core.kernels.normals import fill_normals, stream_of
 
 ERRORS, MOVES = np.int64(0), np.int64(1)
-"""Streams of a rollout. As literal numbers they would compile `stream_of` once more for each."""
+"""Streams of a rollout. Not literals, because `stream_of` would be compiled again for each."""
 
 
 class InexactInputs(NamedTuple):
     """Errors of a pilot, 1 sigma. asymmetry: share of a command.   trim, unsteadiness: [rad].
 
-    fade: what is left of a small movement after a sample.
+    fade: remaining share of a small movement after one sample.
     """
 
     asymmetry: float
@@ -27,15 +27,15 @@ class InexactInputs(NamedTuple):
 def fill_commands(seed, planned, before, most, inexact, out, rest, first, last):
     """Fill rows first..last-1 of `out` (n, before + n_samples, 2) with commands [rad] as flown.
 
-    planned: (1 or n, n_samples, 2); trim before it.   rest: (n,) filled with the samples before the
-    first planned input, from 1 to `most`.
-    Small movements are stationary processes of first order, one a surface.
+    planned: (1 or n, n_samples, 2); trim before it.   rest: (n,) output, samples before the first
+    planned input, from 1 to `most`.
+    Small movements are stationary first-order processes, one per surface.
     """
     n_flown = out.shape[1]
     errors, moves = np.empty(4), np.zeros(2 * n_flown)
     gain = np.sqrt(1.0 - inexact.fade * inexact.fade)
     for i in range(first, last):
-        own = i if len(planned) > 1 else 0
+        row = i if len(planned) > 1 else 0
         stream = stream_of(seed, i)
         fill_normals(stream_of(stream, ERRORS), errors)
         if inexact.unsteadiness > 0.0:
@@ -49,7 +49,7 @@ def fill_commands(seed, planned, before, most, inexact, out, rest, first, last):
                     move = inexact.fade * move + gain * moves[2 * k + s]
                 command = trim + inexact.unsteadiness * move
                 if k >= before:
-                    due = planned[own, k - before, s]
+                    due = planned[row, k - before, s]
                     if due != 0.0:
                         onset = min(onset, k - before)
                         command += due * (right if due > 0.0 else 2.0 - right)

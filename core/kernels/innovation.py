@@ -1,7 +1,7 @@
-"""Innovations: how far the responses of a sample are off what the samples before it forecast.
+"""Innovations: how far the responses of a sample are from their forecast.
 
-The forecast knows the surfaces as they were measured, so what is left is noise, and how another
-aircraft than the simulated ones answers to its surfaces.
+The forecast knows the measured surfaces, so the innovations contain only noise and the difference
+between the aircraft and the simulated ones.
 """
 
 from typing import NamedTuple
@@ -14,19 +14,19 @@ from core.kernels.mapping import map_rows
 from core.types import Array
 
 N_RESPONSES = 4
-"""Channels before the surfaces: what an aircraft does about what is done to it."""
+"""Channels before the surfaces: the response of the aircraft."""
 N_BYTES = 8
-"""Of a number."""
+"""Size of a number."""
 
 
 class Innovation(NamedTuple):
-    """The affine map of a sample and outputs before it to its innovations.
+    """The affine map from a sample and past outputs to its innovations.
 
-    matrix: (6 * (n_past + 1), 8) of outputs, the oldest first.   offset: (8,).   The first four
-    results are the innovations whitened across the channels, to unit covariance in training; the
-    others those of each response, in its unit.   sigma: (4,) deviation of these in training.
-    n_past: past outputs, `spacing` samples apart.   window: samples that are taken together; 0
-    where there is no such forecast.
+    matrix: (6 * (n_past + 1), 8) of outputs, oldest first.   offset: (8,).   The first four results
+    are the innovations whitened to unit covariance in training, the others those of each response
+    in its unit.   sigma: (4,) their deviation in training.
+    n_past: past outputs, `spacing` samples apart.   window: samples to sum over; 0 without a
+    forecast.
     """
 
     matrix: Array
@@ -38,7 +38,7 @@ class Innovation(NamedTuple):
 
     @property
     def history(self) -> int:
-        """Samples before one that its forecast needs."""
+        """Samples of history that a forecast needs."""
         return self.n_past * self.spacing
 
 
@@ -49,16 +49,19 @@ NO_INNOVATION = Innovation(
 
 @jit
 def innovate(matrix, offset, y, row, n_past, spacing, last, slot):
-    """Write the innovations of sample `row` of y (m, 6) to last[slot]; addresses of the arrays."""
-    out, width = last + slot * WIDTH * N_BYTES, np.int64(WIDTH)  # a literal compiles once more
+    """Write the innovations of sample `row` of y (m, 6) to last[slot]. Arrays by address."""
+    out, width = (
+        last + slot * WIDTH * N_BYTES,
+        np.int64(WIDTH),
+    )  # a literal compiles `map_rows` again
     map_rows(matrix, offset, y, out, width, row, n_past, spacing)
 
 
 @jit
 def root_mean_square(last, n, window, first, stop):
-    """Root mean square of innovations first..stop over a window; infinite where not numbers.
+    """Root mean square of innovations first..stop over a window; infinite for NaN.
 
-    last: address of (window, 8).   n: samples in it so far; those that are missing count as zeros.
+    last: address of (window, 8).   n: samples in it so far; missing ones count as zeros.
     """
     total = 0.0
     for k in range(n):

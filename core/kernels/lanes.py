@@ -1,13 +1,13 @@
-"""Eight float64 side by side: the SIMD register as a value that compiled kernels compute with.
+"""Eight float64 side by side: a SIMD register as a value in compiled kernels.
 
-A kernel written on lanes advances eight rollouts at once, one a lane. numba would have to guess
-that its loops vectorise; here they are vectors from the start (LLVM's `<8 x double>`: one AVX-512
-register, two of AVX2, four of NEON). Every operation is IEEE and element by element, and `fma`
-rounds once, so a lane's bits depend on that lane's numbers only.
+A kernel written on lanes advances eight rollouts at once, one per lane. It does not rely on numba
+to vectorise loops: these are vectors from the start (LLVM's `<8 x double>`: one AVX-512 register,
+two of AVX2, four of NEON). Every operation is IEEE and elementwise, and `fma` rounds once, so the
+bits of a lane depend only on that lane.
 
-Memory is a plain address and a position that counts eight-byte numbers; nothing checks bounds.
-Addresses instead of arrays because numba counts references to arrays in every call, which costs
-more than the arithmetic. They do not keep an array alive: take the `address` of arguments only.
+Memory is an address and a position that counts eight-byte numbers, without bounds checks. Addresses
+replace arrays because numba counts array references in every call, which costs more than the
+arithmetic. An address does not keep its array alive: use `address` only on arguments.
 """
 
 from typing import Any
@@ -21,7 +21,7 @@ from numba.extending import models, register_model
 
 from core.types import Array
 
-intrinsic: Any = numba_intrinsic  # its decorated functions lose the argument `typing` when called
+intrinsic: Any = numba_intrinsic  # decorated functions are called without the argument `typing`
 
 WIDTH = 8
 UNROLLED = 9  # largest matrices for which products are unrolled
@@ -46,7 +46,7 @@ lanes = _LanesType()
 
 
 def aligned(size: int) -> Array:
-    """Return `size` numbers of workspace, not initialised, from a cache line on for fast loads."""
+    """Uninitialised workspace of `size` numbers, aligned to a cache line."""
     work = np.empty(size + WIDTH)
     skip = -(work.ctypes.data // 8) % WIDTH
     return work[skip : skip + size]
@@ -100,9 +100,9 @@ read_integer, write_integer = _reader(types.int64, _INTEGER), _writer(types.int6
 
 @intrinsic
 def address(typing, array):
-    """Where an array's numbers lie."""
+    """Address of an array's first number."""
     if array.layout != "C":
-        raise TypingError("kernels need C-contiguous arrays: pass np.ascontiguousarray of it")
+        raise TypingError("kernels need C-contiguous arrays: pass np.ascontiguousarray(array)")
 
     def generate(context, builder, signature, arguments):
         data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
@@ -112,7 +112,7 @@ def address(typing, array):
 
 
 def pointer_to(numba_type):
-    """Return what turns an address into a pointer to numbers of a type."""
+    """Function that turns an address into a pointer to numbers of a type."""
 
     @intrinsic
     def pointer(typing, address):
@@ -142,19 +142,16 @@ def splat(typing, scalar):
 
 @intrinsic
 def add(typing, a, b):
-    """Return a + b."""
     return lanes(lanes, lanes), lambda context, builder, signature, x: builder.fadd(*x)
 
 
 @intrinsic
 def subtract(typing, a, b):
-    """Return a - b."""
     return lanes(lanes, lanes), lambda context, builder, signature, x: builder.fsub(*x)
 
 
 @intrinsic
 def multiply(typing, a, b):
-    """Return a b."""
     return lanes(lanes, lanes), lambda context, builder, signature, x: builder.fmul(*x)
 
 
@@ -168,7 +165,6 @@ def fma(typing, a, b, c):
 
 @intrinsic
 def magnitude(typing, a):
-    """Return |a|."""
     return lanes(lanes), lambda context, builder, signature, x: _call(builder, "fabs", x)
 
 
@@ -197,7 +193,7 @@ def pick(typing, a, lane):
 
 @intrinsic
 def where_greater(typing, a, b, x, y):
-    """Return x in the lanes where a > b, y in the others (and where a or b is NaN)."""
+    """x in lanes with a > b, else y (also if a or b is NaN)."""
 
     def generate(context, builder, signature, arguments):
         a, b, x, y = arguments
@@ -208,7 +204,7 @@ def where_greater(typing, a, b, x, y):
 
 @intrinsic
 def at_most(typing, a, b):
-    """Return a bit a lane, the first lane's lowest: whether a <= b."""
+    """One bit per lane, lowest for the first lane: whether a <= b."""
 
     def generate(context, builder, signature, arguments):
         lower = builder.fcmp_ordered("<=", *arguments)
@@ -219,7 +215,7 @@ def at_most(typing, a, b):
 
 @intrinsic
 def lowest_bit(typing, bits):
-    """Return the number of the lowest bit that is set; one must be."""
+    """Number of the lowest set bit; at least one must be set."""
 
     def generate(context, builder, signature, arguments):
         return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
@@ -229,7 +225,7 @@ def lowest_bit(typing, bits):
 
 @intrinsic
 def prefetch(typing, address, position):
-    """Ask for the cache line at this position: it is read soon."""
+    """Prefetch the cache line at this position."""
 
     def generate(context, builder, signature, arguments):
         address, position = arguments
@@ -243,14 +239,16 @@ def prefetch(typing, address, position):
 
 
 def _column_function(module, n: int, columns: int):
-    """Define, once a module, out = start + left right for `columns` columns and n unrolled rows."""
+    """Define, once per module, out = start + left right for `columns` columns, n unrolled rows."""
     vectors = _VECTOR.as_pointer()
     kind = ir.FunctionType(ir.VoidType(), [vectors] * 4 + [_INTEGER])
     function = cgutils.get_or_insert_function(module, kind, f"lanes_columns_{n}_{columns}")
     if function.blocks:
         return function
     function.linkage = "internal"
-    function.attributes.add("noinline")  # one copy: inlined everywhere it takes seconds to compile
+    function.attributes.add(
+        "noinline"
+    )  # one copy, because inlining it everywhere takes seconds to compile
     left, right, start, out, stride = function.args
     builder = ir.IRBuilder(function.append_basic_block())
 
@@ -280,7 +278,7 @@ def _columns(columns: int):
         """out = start + left right for some columns, 1 <= n <= UNROLLED rows, kept in registers.
 
         left[i, k] is at left + 8 (n i + k) of w; right[k, j], start[i, j] and out[i, j] have rows
-        `stride` vectors apart. Another n does nothing.
+        `stride` vectors apart. Does nothing for other n.
         """
 
         def generate(context, builder, signature, arguments):
@@ -308,7 +306,7 @@ multiply_column, multiply_column_pair = _columns(1), _columns(2)
 
 @intrinsic
 def store_transposed(typing, source, rows, target, places, offset):
-    """Turn an 8 x 8 block: lane l of eight runs of `source` becomes eight neighbours in `target`.
+    """Transpose an 8 x 8 block: lane l of eight source vectors becomes eight numbers in `target`.
 
     target[places[l] + offset + i] = source[rows[i] + l]; rows, places: addresses of eight integers.
     """
@@ -334,7 +332,7 @@ def store_transposed(typing, source, rows, target, places, offset):
 
 
 def _exchange(builder, rows, half):
-    """Exchange the off-diagonal blocks of `half` numbers in pairs of rows: a third of turning."""
+    """Swap off-diagonal blocks of `half` numbers in pairs of rows: one of three transpose steps."""
     low = [i + (WIDTH - half if i & half else 0) for i in range(WIDTH)]
     high = [i + (WIDTH if i & half else half) for i in range(WIDTH)]
     masks = [ir.Constant(ir.VectorType(_INDEX, WIDTH), mask) for mask in (low, high)]

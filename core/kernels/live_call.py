@@ -1,6 +1,6 @@
-"""One sample of a stream by a call from Python: its arrays lie in one table of addresses.
+"""One sample of a stream by a call from Python, with its arrays in one table of addresses.
 
-Taking the nested tuples of a monitor apart at each call takes longer than what the call computes.
+Unpacking the nested tuples of a monitor in each call would take longer than the computation.
 """
 
 from typing import Any, NamedTuple
@@ -13,7 +13,7 @@ from core.kernels import N_CHANNELS
 from core.kernels.assessing import Fitted, update
 from core.kernels.calibration_tree import CalibrationTree
 from core.kernels.compiled import brief, inlined
-from core.kernels.deviation import Deviation, Reference, take
+from core.kernels.deviation import Deviation, Reference, update_deviation
 from core.kernels.innovation import Innovation
 from core.kernels.lanes import WIDTH, pointer_to
 from core.kernels.nearest import Tree
@@ -22,11 +22,11 @@ from core.types import Array, Indices
 
 
 class LiveCall(NamedTuple):
-    """What `update_at` takes, but for the sample.
+    """Arguments of `update_at` except the sample.
 
     table: (29, 2) address and length of each array.
     counts: (5,) columns of the calibration's points, entries of a point, channel, failures too
-    early to be warned of, whether flights are scored by their lowest so far.
+    early for a warning, whether flights are scored by their lowest score so far.
     numbers: (3,) weights of the unsafe and of the safe distance, sample interval [s].
     """
 
@@ -46,7 +46,7 @@ def live_call(
 ) -> LiveCall:
     """Lay out the arguments of `assessing.update`. The arrays must outlive it.
 
-    ValueError for an array that is not in rows.
+    ValueError for an array that is not C-contiguous.
     """
     arrays = (
         *(fitted.matrix, fitted.offset, *fitted.unsafe, *fitted.safe, fitted.alphas),
@@ -62,15 +62,15 @@ def live_call(
     )
 
 
-def take_call(reference: Reference, so_far: Deviation, history: Array) -> LiveCall:
-    """Lay out the arguments of `deviation.take`: a table of (18, 2), counts (7,) and numbers (1,).
+def deviation_call(reference: Reference, deviation: Deviation, history: Array) -> LiveCall:
+    """Lay out the arguments of `update_deviation`: table (18, 2), counts (7,), numbers (1,).
 
-    The arrays must outlive it.   ValueError for an array that is not in rows.
+    The arrays must outlive it.   ValueError for an array that is not C-contiguous.
     """
     innovation = reference.innovation
     arrays = (
         *(reference.matrix, reference.offset, *reference.safe, reference.scale, reference.sigma),
-        *(innovation.matrix, innovation.offset, innovation.sigma, *so_far, history),
+        *(innovation.matrix, innovation.offset, innovation.sigma, *deviation, history),
     )
     counts = (
         *(reference.d, reference.h, reference.n_delay, int(reference.has_residuals)),
@@ -80,15 +80,14 @@ def take_call(reference: Reference, so_far: Deviation, history: Array) -> LiveCa
 
 
 def _table_of(arrays: tuple[Any, ...]) -> Indices:
-    """Address and length of each."""
     if not all(array.flags.c_contiguous for array in arrays):
-        raise ValueError("an array of the monitor is not in rows: np.ascontiguousarray makes it so")
+        raise ValueError("an array of the monitor is not C-contiguous: use np.ascontiguousarray")
     return np.array([(array.ctypes.data, len(array)) for array in arrays])
 
 
 @brief
-def take_at(table, counts, numbers, y, t, code, distance):
-    """`deviation.take` of the arrays in the table."""
+def deviation_at(table, counts, numbers, y, t, code, distance):
+    """`update_deviation` with the arrays in the table."""
     reference = Reference(
         carray(_floats(table[0, 0]), (table[0, 1], table[1, 1])),
         _numbers(table, 1),
@@ -109,7 +108,7 @@ def take_at(table, counts, numbers, y, t, code, distance):
             counts[6],
         ),
     )
-    so_far = Deviation(
+    deviation = Deviation(
         carray(_floats(table[11, 0]), (table[11, 1], WIDTH)),
         _whole(table, 12),
         _numbers(table, 13),
@@ -118,12 +117,12 @@ def take_at(table, counts, numbers, y, t, code, distance):
         _numbers(table, 16),
     )
     history = carray(_floats(table[17, 0]), (table[17, 1], N_CHANNELS))
-    return take(reference, so_far, history, y, t, code, distance)
+    return update_deviation(reference, deviation, history, y, t, code, distance)
 
 
 @brief
 def update_at(table, counts, numbers, t, y):
-    """`assessing.update` of the arrays in the table."""
+    """`assessing.update` with the arrays in the table."""
     width = table[1, 1]
     fitted = Fitted(
         carray(_floats(table[0, 0]), (table[0, 1], width)),

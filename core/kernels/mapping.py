@@ -1,4 +1,4 @@
-"""The compiled predictor: the affine map of an observation to the point that is looked up."""
+"""The compiled predictor: the affine map from an observation to the searched point."""
 
 from typing import NamedTuple
 
@@ -22,11 +22,11 @@ class Affine(NamedTuple):
     offset: Array
 
     def in_units(self, scale: Array) -> "Affine":
-        """Return the same map for observations that are yet to be divided by `scale`."""
+        """The same map for observations not yet divided by `scale`."""
         return Affine(np.ascontiguousarray(self.matrix / scale[:, None]), self.offset)
 
     def in_lanes(self) -> "Affine":
-        """Return the same map with columns of zeros up to whole SIMD lanes."""
+        """The same map padded with zero columns to whole SIMD lanes."""
         missing = -len(self.offset) % WIDTH
         return Affine(
             np.pad(self.matrix, ((0, 0), (0, missing))), np.pad(self.offset, (0, missing))
@@ -35,14 +35,14 @@ class Affine(NamedTuple):
 
 @inlined
 def map_observation(fitted, y, i, n_delay, z):
-    """Map observation o_i of y (n, 6) into z (d,); rows before the first repeat it."""
+    """Map observation o_i of y (n, 6) into z (d,); the first row stands for earlier ones."""
     map_rows(
         address(fitted.matrix),
         address(fitted.offset),
         address(y),
         address(z),
         z.shape[0],
-        np.int64(i),  # literal numbers would compile `map_rows` once more for each
+        np.int64(i),  # a literal compiles `map_rows` again
         n_delay,
         np.int64(1),
     )
@@ -50,10 +50,10 @@ def map_observation(fitted, y, i, n_delay, z):
 
 @jit
 def map_rows(matrix, offset, y, z, d, i, n_delay, spacing):
-    """Map n_delay + 1 rows of y, `spacing` apart, the newest last; addresses of the arrays."""
+    """Map n_delay + 1 rows of y, `spacing` apart, newest last. Arrays by address."""
     for block in range(0, d, WIDTH):
         width = (d + WIDTH - 1) // WIDTH * WIDTH
-        even, odd = load(offset, block), splat(0.0)  # two sums: half the wait for each addition
+        even, odd = load(offset, block), splat(0.0)  # two sums halve the latency
         for row in range(n_delay + 1):
             at = row * N_CHANNELS * width + block
             sample = max(i - (n_delay - row) * spacing, 0) * N_CHANNELS
@@ -73,7 +73,7 @@ def _map_some(affine, y, where, n_delay, start, stop, z):
 
 
 def map_samples(affine: Affine, y: Array, where: Indices, n_delay: int) -> Array:
-    """Mapped points of chosen samples, to the bit what a flight through them would give.
+    """Mapped points of chosen samples, bit for bit like a flight through them.
 
     y: (n, n_samples, 6).   where: (m, 2) trajectory and sample.   Returns (m, d).
     """

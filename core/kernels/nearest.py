@@ -1,9 +1,9 @@
 """Exact nearest neighbour among many points, fast enough for every sample of a live flight.
 
-The tree is an 8-way heap of bounding boxes over leaves of 32 points, both stored lane by lane so
-that one instruction serves eight children or points; a bit each then tells which are near enough.
-It is exact to the last bit: rounding is monotone, so a box's bound, summed in the order of a
-distance, never exceeds a distance inside.
+The tree is an 8-way heap of bounding boxes over leaves of 32 points, both stored lane by lane, so
+that one instruction serves eight children or points. One bit each then marks which are near enough.
+The search is exact to the last bit: rounding is monotone, so a box's bound, summed in the order of
+a distance, never exceeds a distance inside.
 """
 
 from typing import Any, NamedTuple
@@ -35,24 +35,24 @@ from core.kernels.lanes import (
 from core.kernels.tree_build import EMPTY, LEAF, WIDTH, pack
 from core.types import Array
 
-STACK = 128  # 7 siblings wait at each level, and 9 levels hold 2^31 points
-MOST = 2**30  # points, so that 32-bit lanes suffice
+STACK = 128  # 7 waiting siblings per level, and 9 levels hold 2^31 points
+MOST = 2**30  # points, so that 32-bit lane numbers suffice
 
-# Kernels call what follows without the typing context that its Python signature starts with.
+# Kernels call intrinsics without the first argument, the typing context.
 intrinsic: Any = extending.intrinsic
 
-# Signed indices may be negative and then count from the end, which no compiler can vectorise.
+# Signed indices may be negative and count from the end, which prevents vectorisation.
 U = np.uint64
 _int32s = pointer_to(types.int32)
 
 
 class Tree(NamedTuple):
-    """Points packed for `nearest`; what `build` returns. Distances are between the d columns.
+    """Points packed for `nearest`, as returned by `build`. Distances use all d columns.
 
     points: leaf by leaf, (d, LEAF) each, unused lanes at infinity.
-    original: (LEAF * n_leaves,) original index of each lane, EMPTY where unused.
+    original: (LEAF * n_leaves,) original index of each lane, EMPTY if unused.
     boxes: node by node, (2, d, WIDTH) each: lowest and highest corner of every child. Children of
-        node k are nodes 8k+1 .. 8k+8; numbers past the last node are leaves.
+        node k are nodes 8k+1 .. 8k+8; higher numbers than the last node are leaves.
     slot: (n,) lane of each original point, or of the first point equal to it.
     """
 
@@ -63,24 +63,24 @@ class Tree(NamedTuple):
 
 
 def build(points: Array) -> Tree:
-    """Pack points, O(n log n). Equal points to the third and further are not stored.
+    """Pack points, O(n log n). Of equal points, at most two are stored.
 
     points: (n, d) finite, n >= 0, d >= 1.   ValueError on anything else.
     """
     points = np.ascontiguousarray(points, np.float64)
     if points.ndim != 2 or points.shape[1] == 0 or len(points) > MOST:
         raise ValueError(
-            f"points have shape {points.shape}: a tree needs (n, d), d >= 1, n <= {MOST}"
+            f"points have shape {points.shape}: give (n, d) with d >= 1 and n <= {MOST}"
         )
     if not np.isfinite(points).all():
         row = int(np.argmin(np.isfinite(points).all(axis=1)))
-        raise ValueError(f"point {row} is {points[row]}: a tree needs finite points; leave it out")
+        raise ValueError(f"point {row} is {points[row]}: give finite points only")
     return Tree(*pack(points))
 
 
 @inlined
 def locate(tree):
-    """Where a tree's arrays lie; taken once before a loop, it saves counting references in it."""
+    """Addresses of a tree's arrays; called before a loop, it avoids reference counting inside."""
     return (
         address(tree.points),
         address(tree.original),
@@ -99,13 +99,13 @@ def nearest(tree, z, skip, hint):
 
 @inlined
 def nearest_at(place, z, skip, hint):
-    """Squared distance to, and original index of, the nearest point; equal distances: the lowest.
+    """Squared distance and original index of the nearest point; the lowest index for ties.
 
-    place: of a tree that outlives the call, see `locate`.   z: (d,) C-contiguous float64.
-    skip: original index of a point left out, -1 for none.
-    hint: original index of a point likely to be near, -1 for none; it never changes the answer.
+    place: see `locate`; the tree must outlive the call.   z: (d,) C-contiguous float64.
+    skip: original index of a point to leave out, -1 for none.
+    hint: original index of a point likely to be near, -1 for none; it never changes the result.
     The distance is bit for bit min_i sum_k (z_k - x_ik)^2 summed in the order k = 0 .. d-1.
-    (+inf, -1) where no point is left; (nan, -1) where z is not finite.
+    (+inf, -1) if there is no point; (nan, -1) if z is not finite.
     """
     return _search(
         place[0],
@@ -116,14 +116,14 @@ def nearest_at(place, z, skip, hint):
         place[5],
         address(z),
         z.shape[0],
-        np.int64(skip),  # literal numbers would compile the search once more for each
+        np.int64(skip),  # a literal compiles the search again
         np.int64(hint),
     )
 
 
 @inlined
 def squared_distance_at(place, z, i):
-    """Squared distance from z to original point i, 0 <= i < n: the bits `nearest_at` gives."""
+    """Squared distance from z to original point i, 0 <= i < n; bit for bit as `nearest_at`."""
     return _squared_distance(place[0], place[3], address(z), z.shape[0], np.int64(i))
 
 
@@ -134,7 +134,7 @@ def _squared_distance(points, slot, z, d, i):
 
 @intrinsic
 def scratch(_context):
-    """Address of LEAF + 2 * STACK floats on the machine's stack: nothing to allocate."""
+    """Address of LEAF + 2 * STACK floats on the machine stack, without allocation."""
 
     def generate(_generator, builder, _signature, _arguments):
         room = cgutils.alloca_once(builder, ir.DoubleType(), size=LEAF + 2 * STACK)
@@ -145,7 +145,7 @@ def scratch(_context):
 
 @jit
 def _search(points, original, boxes, slot, n_leaves, n, z, d, skip, hint):
-    # A bound or distance a lane; then a stack of bounds, and one of their nodes.
+    # scratch: one bound or distance per lane, then a stack of bounds and a stack of nodes
     room = scratch()
     original, slot = carray(_int32s(original), (1,)), carray(_int32s(slot), (1,))
     for k in range(d):
@@ -193,7 +193,7 @@ def _search(points, original, boxes, slot, n_leaves, n, z, d, skip, hint):
 
 @inlined
 def _fetch(points, first, near, d):
-    """Ask for the leaves whose bit is set while the nearest is looked at: in flight all is cold."""
+    """Prefetch the leaves whose bit is set, because in flight the cache is cold."""
     while near != U(0):
         leaf = first + np.int64(lowest_bit(near))
         near &= near - U(1)
@@ -203,7 +203,7 @@ def _fetch(points, first, near, d):
 
 @inlined
 def _push(room, top, bound, node):
-    """Put a node on the stack; returns the new top."""
+    """Push a node; returns the new top."""
     write(room, LEAF + top, bound)
     write(room, LEAF + STACK + top, np.float64(node))
     return top + 1
@@ -211,7 +211,7 @@ def _push(room, top, bound, node):
 
 @inlined
 def _push_children(room, top, near, child):
-    """Put the children whose bit is set on the stack, the nearest on top; returns the new top."""
+    """Push the children whose bit is set, the nearest on top; returns the new top."""
     closest = top
     while near != U(0):
         j = np.int64(lowest_bit(near))
@@ -240,7 +240,7 @@ def _distance(points, lane, z, d):
 def distances(points, leaf, z, d, most, room):
     """Write the squared distance from z to each point of a leaf to `room`.
 
-    Returns a bit a point: whether it lies within `most`.
+    Returns one bit per point: whether it is within `most`.
     """
     near = U(0)
     for first in range(0, LEAF, WIDTH):
@@ -257,7 +257,7 @@ def distances(points, leaf, z, d, most, room):
 def bounds(boxes, node, z, d, most, room):
     """Write the squared distance from z to each child's box, 0 inside, to `room`.
 
-    Returns a bit a child: whether its box lies within `most`.
+    Returns one bit per child: whether its box is within `most`.
     """
     low = 2 * d * WIDTH * node
     high = low + d * WIDTH

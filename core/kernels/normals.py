@@ -1,9 +1,9 @@
-"""Random numbers inside kernels: a stream for each rollout, a number of it by its position.
+"""Random numbers in kernels: one stream per rollout, numbers by position.
 
-A stream is an integer. Its words are those of splitmix64 (Steele, Lea and Flood, OOPSLA 2014), and
-each half of a word is turned into a normal number by the inverse of the distribution: between
-tabulated quantiles by lines, in the tails by Wichura's rational function (AS 241, Appl. Stat. 37,
-1988). No number waits for another, so the processor makes several at a time.
+A stream is an integer. Its words are those of splitmix64 (Steele, Lea and Flood, OOPSLA 2014). Each
+half word becomes a normal number by the inverse distribution: linear between tabulated quantiles,
+and in the tails Wichura's rational function (AS 241, Appl. Stat. 37, 1988). Numbers are
+independent, so the processor computes several at a time.
 """
 
 import math
@@ -14,13 +14,15 @@ import numpy as np
 from core.kernels.compiled import jit
 
 CELLS = 2048
-"""Of equal probability, in which a normal number falls; the outermost TAIL on either side are the
-tails, which are computed."""
+"""Cells of equal probability for a normal number; the outermost TAIL cells on each side are the
+tails, which use the rational function."""
 TAIL = 8
 _QUANTILES = np.load(Path(__file__).with_name("quantiles.npy"))
-"""(CELLS + 1,) scipy.special.ndtri(arange(CELLS + 1) / CELLS), which takes 0.2 s to import."""
+"""(CELLS + 1,) scipy.special.ndtri(arange(CELLS + 1) / CELLS), stored to avoid a 0.2 s import."""
 _BEYOND = float(_QUANTILES[-1 - TAIL])
-_QUANTILES[[0, -1]] = _QUANTILES[[1, -2]] + np.array([-1.0, 1.0])  # finite; the tails' place only
+_QUANTILES[[0, -1]] = _QUANTILES[[1, -2]] + np.array(
+    [-1.0, 1.0]
+)  # finite placeholders in the tails
 _NUMERATOR = np.array(
     [7.74545014278341407640e-4, 2.27238449892691845833e-2, 2.41780725177450611770e-1,
      1.27045825245236838258, 3.64784832476320460504, 5.76949722146069140550,
@@ -37,12 +39,12 @@ _MIX_1, _MIX_2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 _S11, _S27, _S30, _S31, _S32 = (np.uint64(shift) for shift in (11, 27, 30, 31, 32))
 _ONE, _LOW = np.uint64(1), np.uint64(2**32 - 1)
 _BITS, _SHARE = np.uint64(21), np.uint64(2**21 - 1)
-"""The last bits of a half word say where in its cell a number lies."""
+"""The last bits of a half word give the position within the cell."""
 
 
 @jit
 def _mixed(word):
-    """64 bits that each depend on all 64 bits of `word`."""
+    """64 bits, each dependent on all 64 bits of `word`."""
     word = (word ^ (word >> _S30)) * _MIX_1
     word = (word ^ (word >> _S27)) * _MIX_2
     return word ^ (word >> _S31)
@@ -55,26 +57,26 @@ def _word(stream, position):
 
 @jit
 def stream_of(stream, number):
-    """Stream `number` of those that grow from a stream, or from a seed (uint64)."""
+    """Stream `number` derived from a stream or a seed (uint64)."""
     return _mixed(np.uint64(stream) ^ _word(stream, number))
 
 
 @jit
 def uniform(stream, position):
-    """Number in [0, 1) at a position of a stream."""
+    """Uniform number in [0, 1) at a position of a stream."""
     return float(np.int64(_word(stream, position) >> _S11)) * 2.0**-53
 
 
 @jit
 def _half(stream, k):
-    """Half of a word, from 0 to 2^32 - 1: number k of those of a stream."""
+    """Half word number k of a stream, 0 to 2^32 - 1."""
     word = _word(stream, k >> 1)
     return word & _LOW if k & 1 else word >> _S32
 
 
 @jit
 def _in_cell(half):
-    cell = half >> _BITS  # unsigned: numba then asks not whether it counts from the end
+    cell = half >> _BITS  # unsigned, so numba need not handle negative indices
     low = _QUANTILES[cell]
     share = (float(np.int64(half & _SHARE)) + 0.5) * 2.0**-21
     return low + share * (_QUANTILES[cell + _ONE] - low)
@@ -93,7 +95,7 @@ def _in_tail(half):
 
 @jit
 def fill_normals(stream, out):
-    """Fill (n,) with the first standard normal numbers of a stream; n even."""
+    """Fill `out` (n,), n even, with the first standard normal numbers of a stream."""
     position = np.uint64(stream)
     for k in range(len(out) // 2):
         position = position + _STEP

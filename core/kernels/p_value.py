@@ -15,14 +15,14 @@ from core.types import Array, Indices
 
 
 class Transduction(NamedTuple):
-    """What the exact p-value needs to calibrate anew with the test point among the unsafe ones.
+    """Arrays of the exact p-value, which recalibrates with the test point among the unsafe points.
 
-    points: (n, d) mapped samples of the failures' histories; failure i owns start[i]:start[i+1].
-    unsafe, safe: (n,) their weighted squared distances, own failure left out.
+    points: (n, d) mapped samples of the failures' histories; failure i has start[i]:start[i+1].
+    unsafe, safe: (n,) their weighted squared distances, without own failure.
     alphas: (n_failures,) in the order of `start`.
-    always: failures too early to be warned of.   running: score a flight by its lowest so far.
-    tree: of the samples, see `indexed`.
-    Empty arrays mean the simple p-value (SIMPLE).
+    always: failures too early for a warning.   running: score a flight by its lowest so far.
+    tree: search tree of the samples, see `indexed`.
+    Empty arrays select the simple p-value (SIMPLE).
     """
 
     points: Array
@@ -35,7 +35,7 @@ class Transduction(NamedTuple):
     tree: CalibrationTree = NOTHING
 
     def indexed(self) -> "Transduction":
-        """Return it with its tree, which p-values are taken from."""
+        """Copy with the search tree, which p-values need."""
         tree = build_calibration_tree(self.points, self.unsafe, self.safe, self.start, self.alphas)
         return self._replace(tree=tree)
 
@@ -61,7 +61,7 @@ def simple_p(alphas, s):
 
 @inlined
 def _exact_p(fitted, exact, z, s):
-    """p-value with z joined to the unsafe points; never above the simple one at the same s."""
+    """p-value with z added to the unsafe points; never above the simple one at the same s."""
     staying = n_staying(exact.tree, fitted.unsafe_weight, z, s)
     return (exact.always + staying + 1) / (fitted.alphas.shape[0] + 1)
 
@@ -70,7 +70,7 @@ def _exact_p(fitted, exact, z, s):
 def p_value_of(fitted, exact, z, s, lowest):
     """p-value of point z with score s; NaN for none.
 
-    fitted: what holds `alphas` and `unsafe_weight`.
+    fitted: has `alphas` and `unsafe_weight`.
     lowest: the flight's lowest score so far, this one included.
     """
     if exact.start.shape[0] == 0:

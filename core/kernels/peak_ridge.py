@@ -1,7 +1,7 @@
-"""Scores of the peak that a manoeuvre will still have, linear in what has been flown of it.
+"""Scores of the coming peak of a manoeuvre, linear in the samples so far.
 
-A phase counts samples since the input began. Each has its own weights of the samples since then;
-where one of those is missing, nothing is scored.
+A phase counts samples since the input began. Each phase has its own weights; if a sample that they
+need is missing, there is no score.
 """
 
 from typing import NamedTuple
@@ -15,21 +15,20 @@ from core.types import Array, Indices
 
 FLIGHTS_A_TASK = 32
 NONE = np.inf
-"""Score before the input begins, and after the last phase."""
+"""Score before the input begins and after the last phase."""
 BEFORE = -1
 TAKEN, PHASE, SIGN, MISSING, LOST = range(5)
-"""Counts of a flight: samples taken; phase of the last one, BEFORE the input began; sign of the
-input; whether the last sample was missing; whether the begin of the input passed unseen."""
+"""Counts of a flight: samples; phase of the last one, or BEFORE the input began; sign of the
+input; whether the last sample was missing; whether the begin of the input was missed."""
 
 
 class PeakWeights(NamedTuple):
     """Weights of the scores.
 
-    weights: (n_scored, n_past, 6) of the samples, the newest first, each `stride` samples older.
-    offset: (n_scored,).   every: samples from one scored phase to the next, which has the score of
-    the one before it until then.
-    surface: channel that tells when the input begins; -1 where that is a flight's first sample.
-    threshold: magnitude from which on it has begun, in its SI unit.
+    weights: (n_scored, n_past, 6) of the samples, newest first, `stride` samples apart.
+    offset: (n_scored,).   every: samples between scored phases; phases between use the last score.
+    surface: channel that shows when the input begins; -1: at the first sample.
+    threshold: magnitude at which the input has begun, in the SI unit.
     """
 
     weights: Array
@@ -41,10 +40,10 @@ class PeakWeights(NamedTuple):
 
 
 class PeakHistory(NamedTuple):
-    """What is remembered of one flight.
+    """Memory of one flight.
 
     samples: (n, 6) of the last n phases, with the sign of the input.   phases: (n,) of each, BEFORE
-    where there is none.   counts: see TAKEN.   clock: (1,) time of the last sample [s].
+    for none.   counts: see TAKEN.   clock: (1,) time of the last sample [s].
     """
 
     samples: Array
@@ -55,7 +54,7 @@ class PeakHistory(NamedTuple):
 
 @jit
 def begin(peaks):
-    """The history before the first sample."""
+    """History before the first sample."""
     n = (peaks.weights.shape[1] - 1) * peaks.stride + peaks.every
     counts = np.zeros(5, np.int64)
     counts[PHASE] = BEFORE
@@ -63,8 +62,8 @@ def begin(peaks):
 
 
 @jit
-def _take(peaks, history, y, known):
-    """Take the next sample y (6,), known or not."""
+def _add_sample(peaks, history, y, known):
+    """Add the next sample y (6,), which may be unknown."""
     counts = history.counts
     if counts[PHASE] >= 0:
         counts[PHASE] += 1
@@ -85,7 +84,7 @@ def _take(peaks, history, y, known):
 
 @jit
 def _score(peaks, history):
-    """Score by the last sample taken; NaN where a sample that it needs is missing."""
+    """Score at the last sample; NaN if a sample that it needs is missing."""
     phase, n = history.counts[PHASE], history.phases.shape[0]
     k = phase // peaks.every
     if phase < 0 or k >= peaks.offset.shape[0]:
@@ -105,10 +104,10 @@ def _score(peaks, history):
 
 @brief
 def update(peaks, history, dt, t, y, code):
-    """Take one sample of a flight; returns its score, NaN where there is none, and its state.
+    """Process one sample of a flight; returns its score, NaN for none, and its state.
 
-    code: its state so far; it is WARMING_UP where a sample that the score needs is missing.
-    The flight is lost (counts[LOST]) where the begin of the input passed unseen.
+    code: state before; the result is WARMING_UP if a sample that the score needs is missing.
+    The flight is lost (counts[LOST]) if the begin of the input was missed.
     """
     counts, clock = history.counts, history.clock
     if code == STALE or counts[LOST] != 0:
@@ -122,7 +121,7 @@ def update(peaks, history, dt, t, y, code):
                 counts[PHASE] += skipped
     if np.isfinite(t):
         clock[0] = t
-    _take(peaks, history, y, code != INVALID)
+    _add_sample(peaks, history, y, code != INVALID)
     if code != OK or counts[LOST] != 0:
         return np.nan, code
     s = _score(peaks, history)
@@ -131,9 +130,9 @@ def update(peaks, history, dt, t, y, code):
 
 @jit
 def follow(peaks, t, y, codes, dt, s):
-    """Score a trajectory, as `update` does sample by sample; returns the first that is lost.
+    """Score a trajectory as `update` does sample by sample; returns the first lost sample.
 
-    t: (n,).   y: (n, 6).   codes: (n,) in and out.   s: (n,) out.   n where none is lost.
+    t: (n,).   y: (n, 6).   codes: (n,) in and out.   s: (n,) output.   Returns n for none.
     """
     history = begin(peaks)
     for i in range(t.shape[0]):
@@ -149,7 +148,7 @@ def _lowest_some(peaks, y, first, last, start, stop, lowest):
     for i in range(start, stop):
         history = begin(peaks)
         for t in range(last[i] + 1):
-            _take(peaks, history, y[i, t], True)
+            _add_sample(peaks, history, y[i, t], True)
             if history.counts[LOST] != 0:
                 break
             if t >= first[i]:
@@ -173,17 +172,17 @@ def _scores_some(peaks, y, last, start, stop, scores):
     for i in range(start, stop):
         history = begin(peaks)
         for t in range(last[i] + 1):
-            _take(peaks, history, y[i, t], True)
+            _add_sample(peaks, history, y[i, t], True)
             if history.counts[LOST] != 0:
                 break
             scores[i, t] = _score(peaks, history)
 
 
 def scores(peaks: PeakWeights, y: Array, last: Indices) -> Array:
-    """Score of each sample 0..last of flights (n, n_samples); +inf for the rest.
+    """Scores (n, n_samples) of samples 0..last of each flight; +inf for the rest.
 
     y: (n, n_samples, 6), finite over samples 0..last.   last: (n,).
     """
-    found = np.full(y.shape[:2], np.inf)
-    in_chunks(len(y), FLIGHTS_A_TASK, lambda a, b: _scores_some(peaks, y, last, a, b, found))
-    return found
+    all_scores = np.full(y.shape[:2], np.inf)
+    in_chunks(len(y), FLIGHTS_A_TASK, lambda a, b: _scores_some(peaks, y, last, a, b, all_scores))
+    return all_scores

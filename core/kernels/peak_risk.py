@@ -1,7 +1,7 @@
 """The riskiest moment of each trajectory: its lowest score, its highest p-value.
 
-Calibration and evaluation need only the extreme of a whole trajectory, so most samples can be
-passed over: a bound on their score shows that they cannot be it.
+Calibration and evaluation need only the extreme of a trajectory. A bound on their scores shows that
+most samples cannot be it, so they are skipped.
 """
 
 import numpy as np
@@ -19,12 +19,12 @@ from core.types import Array, Indices
 
 FLIGHTS_A_TASK = 32
 ROUNDING = 1e-9
-"""Relative slack of a bound that is computed another way than the score it stands for."""
+"""Relative slack of a bound, which is computed differently from the score it bounds."""
 
 
 @jit
 def _next_goal(lowest, levels):
-    """Score that the next candidate must not exceed to matter."""
+    """Highest score at which the next candidate still matters."""
     if levels.shape[0] == 0:
         return lowest
     below = np.searchsorted(levels, lowest) - 1
@@ -32,7 +32,7 @@ def _next_goal(lowest, levels):
 
 
 @jit
-def _lowest_some(fitted, y, n_delay, first, last, own, levels, start, stop, lowest):
+def _lowest_some(fitted, y, n_delay, first, last, left_out, levels, start, stop, lowest):
     z, anchor = np.empty(fitted.d), np.zeros(fitted.d)
     rule, unsafe_at, safe_at = rule_of(fitted), locate(fitted.unsafe), locate(fitted.safe)
     a, b, channel = rule
@@ -43,8 +43,8 @@ def _lowest_some(fitted, y, n_delay, first, last, own, levels, start, stop, lowe
         near_unsafe, near_safe = -1, -1
         goal = _next_goal(np.inf, levels)
         to_unsafe, to_safe = 0.0, np.inf
-        # One manoeuvre, one riskiest moment, nearly: begin where the last flight had its own, go on
-        # to the end, then back to the start. An early low score lets most others be passed over.
+        # The riskiest moments of flights are close together: start at that of the last flight, go
+        # on to the end, then back to the start. An early low score lets most others be skipped.
         begin = min(max(riskiest, first[i]), last[i])
         for k in range(last[i] + 1 - first[i]):
             t = begin + k if begin + k <= last[i] else last[i] - k
@@ -53,7 +53,7 @@ def _lowest_some(fitted, y, n_delay, first, last, own, levels, start, stop, lowe
                 s = -abs(z[channel])
             elif not bounded:
                 s, near_unsafe, near_safe = score_point(
-                    rule, unsafe_at, safe_at, z, own[i], near_unsafe, near_safe
+                    rule, unsafe_at, safe_at, z, left_out[i], near_unsafe, near_safe
                 )
             else:
                 # A step away from the anchor changes each distance by at most its length.
@@ -62,8 +62,8 @@ def _lowest_some(fitted, y, n_delay, first, last, own, levels, start, stop, lowe
                 safe = b * (to_safe + step) ** 2
                 if unsafe - safe - ROUNDING * (unsafe + safe) > goal:
                     continue
-                # Any safe point bounds the distance to the nearest one: take the last neighbour.
-                unsafe, near_unsafe = nearest_at(unsafe_at, z, own[i], near_unsafe)
+                # Any safe point bounds the distance to the nearest one: use the last neighbour.
+                unsafe, near_unsafe = nearest_at(unsafe_at, z, left_out[i], near_unsafe)
                 safe = squared_distance_at(safe_at, z, near_safe) if near_safe >= 0 else np.inf
                 if a * unsafe - b * safe <= goal:
                     safe, near_safe = nearest_at(safe_at, z, -1, near_safe)
@@ -79,7 +79,7 @@ def _lowest_some(fitted, y, n_delay, first, last, own, levels, start, stop, lowe
 
 @inlined
 def distance_between(z, anchor):
-    """Length of the step from one mapped point to another."""
+    """Distance between two mapped points."""
     total = 0.0
     for k in range(z.shape[0]):
         total += (z[k] - anchor[k]) ** 2
@@ -92,21 +92,21 @@ def lowest_scores(
     n_delay: int,
     first: Indices,
     last: Indices,
-    own: Indices,
+    left_out: Indices,
     levels: Array,
 ) -> Array:
     """Lowest score of each trajectory over its samples first..last.
 
     y: (n, n_samples, 6), finite over those samples.
-    first, last: (n,); +inf where last < first.   own: (n,) unsafe point left out, -1 for none.
-    levels: sorted scores; if there are any, the lowest score is sought only so far as it decides
-    which of them are at least as high.
+    first, last: (n,); +inf if last < first.   left_out: (n,) unsafe point to leave out, -1: none.
+    levels: sorted scores. If given, the lowest score is only computed as far as needed to decide
+    which levels are at least as high.
     """
     lowest = np.full(len(y), np.inf)
     in_chunks(
         len(y),
         FLIGHTS_A_TASK,
-        lambda a, b: _lowest_some(fitted, y, n_delay, first, last, own, levels, a, b, lowest),
+        lambda a, b: _lowest_some(fitted, y, n_delay, first, last, left_out, levels, a, b, lowest),
     )
     return lowest
 
@@ -130,10 +130,10 @@ def _highest_p_some(fitted, exact, y, n_delay, last, start, stop, highest):
 def highest_p_values(
     fitted: Fitted, exact: Transduction, y: Array, n_delay: int, last: Indices
 ) -> Array:
-    """Highest p-value of each trajectory over its samples 0..last; 0 where last < 0."""
+    """Highest p-value of each trajectory over its samples 0..last; 0 if last < 0."""
     if len(exact.start) == 0:
-        alphas, nobody = fitted.alphas, np.full(len(y), -1)
-        s = lowest_scores(fitted, y, n_delay, np.zeros_like(last), last, nobody, alphas)
+        alphas, none_left_out = fitted.alphas, np.full(len(y), -1)
+        s = lowest_scores(fitted, y, n_delay, np.zeros_like(last), last, none_left_out, alphas)
         at_least = len(alphas) - np.searchsorted(alphas, s)
         return np.where(last < 0, 0.0, (at_least + 1) / (len(alphas) + 1))
     highest = np.zeros(len(y))

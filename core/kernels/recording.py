@@ -1,4 +1,4 @@
-"""What a recorder makes of true outputs: gain, lag, noise, quantisation, trim and bias."""
+"""How instruments record true outputs: gain, lag, noise, quantisation, trim and bias."""
 
 from typing import NamedTuple
 
@@ -10,14 +10,14 @@ from core.kernels.normals import fill_normals, stream_of, uniform
 from core.types import Array
 
 ERRORS, LAGS, NOISE = np.int64(0), np.int64(1), np.int64(2)
-"""Streams of a rollout. As literal numbers they would compile `stream_of` once more for each."""
+"""Streams of a rollout. Not literals, because `stream_of` would be compiled again for each."""
 
 
 class Instruments(NamedTuple):
     """Errors of the six channels, (6,) each.
 
     gain, bias, noise: 1 sigma; bias and noise in the channel's unit.   lag: largest [steps].
-    step: of the recorded value, in the channel's unit; 0: not quantised.
+    step: of the recorded value, in the channel's unit; 0: no quantisation.
     """
 
     gain: Array
@@ -31,7 +31,7 @@ class Instruments(NamedTuple):
 def subtract_trim(y, start, every, rest, first, last):
     """Subtract from each channel of rollouts first..last-1 its mean over the samples at rest.
 
-    y: (n, n_steps, 6); a sample each `every` steps from `start` on.   rest: (n,) samples.
+    y: (n, n_steps, 6); one sample every `every` steps from `start`.   rest: (n,) samples.
     """
     for i in range(first, last):
         for c in range(N_CHANNELS):
@@ -45,9 +45,9 @@ def subtract_trim(y, start, every, rest, first, last):
 
 @jit
 def record(seed, y, start, every, rest, instruments, out, first, last):
-    """Record rollouts first..last-1 of true outputs `y` into `out`, each with errors of its own.
+    """Record rollouts first..last-1 of true outputs `y` into `out`, each with its own errors.
 
-    y, start, every, rest: as of `subtract_trim`.   out: (n, n_samples, 6), from trim.
+    y, start, every, rest: as in `subtract_trim`.   out: (n, n_samples, 6), from trim.
     """
     n_samples = out.shape[1]
     noise, errors = np.empty(N_CHANNELS * n_samples), np.empty(2 * N_CHANNELS)
@@ -80,6 +80,6 @@ def record(seed, y, start, every, rest, instruments, out, first, last):
 
 @jit
 def _quantise(values, step, between):
-    """Round (n,) to whole steps; between: where 0 lies between two of them, 0 to 1."""
+    """Round (n,) to whole steps. between: position of 0 between two steps, 0 to 1."""
     for k in range(len(values)):
         values[k] = step * (np.floor(values[k] / step + between) - between + 0.5)

@@ -29,18 +29,18 @@ from core.kernels.zero_order_hold import FADING, GUST, KINDS, discretise, produc
 from core.types import Array
 
 SAMPLES = 4
-"""Between two transposed stores: 4 samples x 6 channels are three blocks of eight."""
+"""Samples per transposed store: 4 samples x 6 channels are three blocks of eight."""
 GROUPS = 2
-"""Of eight rollouts that advance in turn: one computes while the other waits for its sums."""
+"""Groups of eight rollouts that alternate: one computes while the other waits for its sums."""
 LANES_IWORK = 2 * WIDTH + SAMPLES * N_CHANNELS
-"""Integers of eight rollouts: their numbers, their places in `out`, the sources of channels."""
+"""Integers per eight rollouts: their numbers, their positions in `out`, sources of channels."""
 LINEAR_IWORK = GROUPS * LANES_IWORK
 
 
 class Hold(NamedTuple):
-    """How long a command is held. step: [s] between two output samples, `substeps` to a command.
+    """How long a command is held. step: [s] between output samples, `substeps` per command.
 
-    series, decays: `input_series` of that step; decays of 0: no pedal lag.
+    series, decays: `input_series` of that step; decays 0: no pedal lag.
     """
 
     step: float
@@ -50,15 +50,17 @@ class Hold(NamedTuple):
 
 
 class Gusts(NamedTuple):
-    """Sideslip that the air adds to the aircraft's own (n, n_out) [rad], joined by lines between
-    output samples; state: the plant's state that is sideslip. None: (0, 0) and -1."""
+    """Sideslip (n, n_out) [rad] added by gusts, linear between output samples.
+
+    state: plant state of the sideslip.   Without gusts: (0, 0) and -1.
+    """
 
     sideslip: Array
     state: int
 
 
 def linear_work(nx: int, m: int, n_samples: int, n_out: int) -> int:
-    """Workspace [numbers] that `roll_out_linear` needs."""
+    """Workspace of `roll_out_linear` [numbers]."""
     n = nx + 2 + m
     vectors = n * n + (9 + SAMPLES) * n + 4 + 4 * SAMPLES + N_FEEDBACK * (nx + 2)
     return GROUPS * ((vectors + 2 * n_samples + n_out) * WIDTH + scratch(n))
@@ -66,7 +68,7 @@ def linear_work(nx: int, m: int, n_samples: int, n_out: int) -> int:
 
 @jit
 def place_lanes(which, base, n_rollouts, length):
-    """Note the rollouts of the lanes, from `base` on, and their places in `out`."""
+    """Write the rollout numbers of the lanes, from `base`, and their positions in `out`."""
     for lane in range(WIDTH):
         rollout = min(base + lane, n_rollouts - 1)
         write_integer(which, lane, rollout)
@@ -75,7 +77,7 @@ def place_lanes(which, base, n_rollouts, length):
 
 @jit
 def gather_commands(pilot, which, commands):
-    """Copy pilot commands (one for all rollouts or one each) into (n_samples, 2) lanes."""
+    """Copy pilot commands (shared or one per rollout) into (n_samples, 2) lanes."""
     for lane in range(WIDTH):
         n = read_integer(which, lane) if pilot.shape[0] > 1 else 0
         for k in range(pilot.shape[1]):
@@ -85,7 +87,7 @@ def gather_commands(pilot, which, commands):
 
 @jit
 def gather_gusts(gusts, which, step, rates):
-    """Copy rates of the gusts' sideslip [rad/s], a step each, into lanes."""
+    """Copy the rates of the gusts' sideslip [rad/s], one per step, into lanes."""
     for lane in range(WIDTH):
         n = read_integer(which, lane)
         for k in range(gusts.sideslip.shape[1] - 1):
@@ -95,7 +97,7 @@ def gather_gusts(gusts, which, step, rates):
 
 @jit
 def note_changes(commands, n_samples, changed, used):
-    """Mark the samples at which any command changes, and the surfaces that are commanded at all."""
+    """Mark the samples at which any command changes, and the surfaces that are commanded."""
     for k in range(n_samples):
         for i in range(2 * WIDTH):
             at = k * 2 * WIDTH + i
@@ -106,7 +108,7 @@ def note_changes(commands, n_samples, changed, used):
 
 @jit
 def is_state(w, row, o, ny):
-    """Whether a measured row is state `o` itself, in all eight lanes."""
+    """Whether a measured row equals state `o` in all eight lanes."""
     off = splat(0.0)
     for j in range(ny):
         unit = splat(1.0 if j == o else 0.0)
@@ -116,7 +118,7 @@ def is_state(w, row, o, ny):
 
 @jit
 def locate_channels(w, rows, z, spacing, y, nx, sources):
-    """Find where the channels of SAMPLES samples lie: among the states at z, or measured at y."""
+    """Find the positions of the channels of SAMPLES samples: states at z, or measured at y."""
     for o in range(N_CHANNELS):
         at = z + o * WIDTH
         gap = spacing
@@ -131,7 +133,7 @@ def locate_channels(w, rows, z, spacing, y, nx, sources):
 
 @jit
 def measure(w, rows, z, spacing, y, nx, sources):
-    """Write y = C x + D delta of SAMPLES samples for the channels that are not states."""
+    """Compute y = C x + D delta of SAMPLES samples for channels that are not states."""
     for o in range(4):
         if read_integer(sources, o) != y + o * WIDTH:
             continue
@@ -152,7 +154,7 @@ def measure(w, rows, z, spacing, y, nx, sources):
 
 @inlined
 def write_samples(w, rows, z, spacing, y, nx, which, samples, target, written):
-    """Measure SAMPLES samples or fewer and write them behind those that are written already."""
+    """Measure up to SAMPLES samples and append them to the output."""
     if samples == 0:
         return
     measure(w, rows, z, spacing, y, nx, which + 16 * WIDTH)
@@ -164,7 +166,7 @@ def write_samples(w, rows, z, spacing, y, nx, which, samples, target, written):
 
 @jit
 def write_block(w, which, target, written):
-    """Write SAMPLES samples behind those that are written already."""
+    """Append SAMPLES samples to the output."""
     places, sources = which + 8 * WIDTH, which + 16 * WIDTH
     for i in range(0, SAMPLES * N_CHANNELS, WIDTH):
         store_transposed(w, sources + 8 * i, target, places, written + i)
@@ -172,7 +174,7 @@ def write_block(w, which, target, written):
 
 @jit
 def write_rest(w, which, samples, target, written):
-    """Write the last, fewer than SAMPLES, samples."""
+    """Append the last samples, fewer than SAMPLES."""
     for i in range(samples * N_CHANNELS):
         source = read_integer(which, 2 * WIDTH + i)
         for lane in range(WIDTH):
@@ -203,7 +205,7 @@ def _add_gust(w, gains, rate, n, start, out):
 
 @jit
 def take_command(w, commands, at, u, e):
-    """Move to the commands at `at`; what the pedals lack of a jump is left in e."""
+    """Apply the commands at `at`; e holds the part of a jump that the pedals still lag."""
     for s in (0, WIDTH):
         command = load(commands, at + s)
         jump = subtract(command, load(w, u + s))
@@ -212,7 +214,7 @@ def take_command(w, commands, at, u, e):
 
 
 class _LinearPlaces(NamedTuple):
-    """Where in the workspace of a group things begin; line: length of a state of eight rollouts."""
+    """Positions in the workspace of a group. line: length of a state of eight rollouts."""
 
     n: int
     line: int
@@ -233,7 +235,7 @@ class _LinearPlaces(NamedTuple):
 def _places(nx, m):
     n = nx + 2 + m
     line = n * WIDTH
-    phi = n - n  # a literal 0 would compile every callee once more
+    phi = n - n  # a literal compiles every callee again
     inputs = n * line
     zero = inputs + 2 * KINDS * line
     constant = zero + line
@@ -249,7 +251,7 @@ def _places(nx, m):
 
 @jit
 def _begin(w, at, plants, law, bandwidth, hold, gust_state, which):
-    """Eight rollouts at trim, before their first command; False if a loop is not finite."""
+    """Set eight rollouts to trim, before their first command. False if a loop is not finite."""
     nx = plants[0].shape[1]
     if not close_loop(plants, law, bandwidth, which, w, at.loop, at.rows):
         return False
@@ -266,12 +268,12 @@ def _begin(w, at, plants, law, bandwidth, hold, gust_state, which):
 
 @jit
 def roll_out_linear(plants, law, bandwidth, pilot, hold, gusts, work, iwork, out, first, last):
-    """Simulate rollouts first..last-1 into `out`; returns the first block that cannot be, or -1.
+    """Simulate rollouts first..last-1 into `out`; returns the first block that failed, or -1.
 
     hold, gusts: Hold and Gusts.
     work: `linear_work` numbers, aligned; iwork: LINEAR_IWORK integers.
-    With a pedal lag the surfaces follow u + e: the held command, and what is left of earlier jumps,
-    which fades as exp(-t / lag). Both enter exactly, without more states.
+    With a pedal lag the surfaces follow u + e: the held command, and the rest of earlier jumps,
+    which fades as exp(-t / lag). Both are exact, without additional states.
     """
     n_rollouts, nx = plants[0].shape[:2]
     n_samples = pilot.shape[1]

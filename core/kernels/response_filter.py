@@ -1,9 +1,9 @@
-"""The response filter: what is left of a test card, forecast from the samples flown so far.
+"""The response filter: the rest of a test card, forecast from the samples so far.
 
-The outputs of a manoeuvre made of steps are a sum of step responses, one for each switch of the
-input. Those of the aircraft in flight are unknown but for their distribution: a mean and a few
-principal components, whose coefficients are estimated from the samples by a Kalman filter in
-information form. When the pilot switches is seen in the surface, a sample or so late.
+The outputs of a manoeuvre made of steps are a sum of step responses, one per switch of the input.
+The aircraft's step response is unknown, but its distribution is known: a mean and a few principal
+components. A Kalman filter in information form estimates their coefficients from the samples. The
+surface shows when the pilot switches, a sample or so late.
 """
 
 from math import erf, log, sqrt
@@ -30,28 +30,28 @@ from core.types import Array, Indices
 
 FLIGHTS_A_TASK = 32
 NONE = -np.inf
-"""Danger before the card has begun and after it has ended."""
+"""Danger before the card begins and after it ends."""
 TAKEN, SWITCHED, SIGN, LOST = range(4)
-"""Counts of a flight: samples taken; switches seen; the sign of its first step against the card's,
-0 until it is seen; whether a switch may have passed unseen."""
+"""Counts of a flight: samples; switches seen; sign of its first step relative to the card's, 0
+until it is seen; whether a switch may have been missed."""
 FINEST_SHARE = 1e-4
 MARGIN_WEIGHT = 0.02
-"""Shares closer to 0 or 1 than the first are told apart by the mean margin, with this weight."""
+"""Shares closer to 0 or 1 than FINEST_SHARE are ranked by the mean margin, with MARGIN_WEIGHT."""
 
 
 class CardResponses(NamedTuple):
-    """A card, and how the aircraft that may fly it respond to its first step.
+    """A card, and the distribution of responses to its first step.
 
-    mean: (n_lags, 6).   components: (n_lags, 6, 8), their coefficients of unit variance.
-    residual: (n_lags, 6) variance of what components leave.   noise: (6,) variance of a sample.
+    mean: (n_lags, 6).   components: (n_lags, 6, 8), with coefficients of unit variance.
+    residual: (n_lags, 6) variance not in the components.   noise: (6,) variance of a sample.
     steps: (n_switches,) each step as a multiple of the first.
-    apart: (n_switches,) planned samples since the switch before it.
-    later: (n_switches, n_lags, n_cases) the same for equally likely pilots who have let so many
-    samples pass without it.
-    tail: samples that are forecast after the last switch.   surface: channel that the card moves.
-    seen_after: samples by which a switch shows in it.   share: of the mean response by then from
-    which on it does.   least_apart: samples between two switches.   limits: (6,).   h: lead.
-    window: samples that the score looks ahead; 0 for the rest of the card.
+    apart: (n_switches,) planned samples since the previous switch.
+    later: (n_switches, n_lags, n_cases) the same for equally likely pilots, after that many samples
+    without the switch.
+    tail: samples to forecast after the last switch.   surface: channel that the card moves.
+    seen_after: samples until a switch is visible.   share: of the mean response at that sample,
+    above which it is visible.   least_apart: minimum samples between switches.   limits: (6,).
+    h: lead.   window: samples that the score looks ahead; 0 for the rest of the card.
     """
 
     mean: Array
@@ -72,10 +72,10 @@ class CardResponses(NamedTuple):
 
 
 class CardEstimate(NamedTuple):
-    """What the samples of one flight say of its coefficients.
+    """Estimate of one flight's coefficients from its samples.
 
     information: (8, 8).   vector: (8,).   root: (8, 8) transpose of R, with R'R their covariance.
-    mean: (8,).   switches, plan: (n_switches,) samples, as seen and with those to come.
+    mean: (8,).   switches, plan: (n_switches,) samples: switches seen, and with future ones.
     counts: see TAKEN.   work: (8,).
     """
 
@@ -91,7 +91,7 @@ class CardEstimate(NamedTuple):
 
 @jit
 def begin(n_switches):
-    """The estimate before the first sample: that of the aircraft that may fly."""
+    """Estimate before the first sample: the prior distribution."""
     return CardEstimate(
         np.eye(WIDTH),
         np.zeros(WIDTH),
@@ -106,7 +106,7 @@ def begin(n_switches):
 
 @inlined
 def _respond(card, components, switches, n, sample, c):
-    """Mean of channel c after n switches, variance of what components leave, and their weights."""
+    """Mean of channel c after n switches, variance not in the components, and their weights."""
     longest = card.mean.shape[0] - 1
     mean, variance, weights = 0.0, 0.0, splat(0.0)
     for j in range(n):
@@ -122,7 +122,7 @@ def _respond(card, components, switches, n, sample, c):
 
 @inlined
 def _spread(root, weights):
-    """Variance of the estimate of this combination of the coefficients."""
+    """Variance of the estimated combination of coefficients."""
     even, odd = splat(0.0), splat(0.0)
     for k in range(0, WIDTH, 2):
         even = fma(load(root, k * WIDTH), splat(pick(weights, k)), even)
@@ -133,7 +133,7 @@ def _spread(root, weights):
 
 @jit
 def _look_for_switch(card, estimate, y):
-    """Note the card's next switch once its surface shows it."""
+    """Record the next switch of the card once the surface shows it."""
     counts, switches = estimate.counts, estimate.switches
     n, sample = counts[SWITCHED], counts[TAKEN]
     at, c = sample - card.seen_after, card.surface
@@ -173,7 +173,7 @@ def _learn(card, estimate, y):
 
 @jit
 def _solve(estimate):
-    """Bring mean and root up to the information, by Cholesky's decomposition."""
+    """Compute mean and root from the information, by Cholesky decomposition."""
     lower, root, half = estimate.information.copy(), estimate.root, estimate.work
     for i in range(WIDTH):
         for j in range(i + 1):
@@ -197,9 +197,9 @@ def _solve(estimate):
 
 @jit
 def _plan_on(card, estimate, now, wait):
-    """Write the switches seen by sample `now`, and those to come, into the plan.
+    """Write the switches seen by sample `now`, and future ones, into the plan.
 
-    wait: samples from the last one seen to the next.
+    wait: samples from the last switch seen to the next.
     """
     counts, plan = estimate.counts, estimate.plan
     for j in range(plan.shape[0]):
@@ -213,7 +213,7 @@ def _plan_on(card, estimate, now, wait):
 
 @jit
 def _largest_margin(card, estimate, first, last):
-    """By how much a limit is exceeded at most in samples first..last, in deviations."""
+    """Largest exceedance of a limit in samples first..last, in standard deviations."""
     components, root = address(card.components), address(estimate.root)
     coefficients, n, largest = load(address(estimate.mean), 0), estimate.plan.shape[0], NONE
     for c in range(N_CHANNELS):
@@ -231,7 +231,7 @@ def _largest_margin(card, estimate, first, last):
 
 @jit
 def _danger_in_rest(card, estimate):
-    """How surely a limit will be exceeded; NONE before the card begins and after it."""
+    """How certainly a limit will be exceeded; NONE before the card begins and after it."""
     counts, m = estimate.counts, estimate.switches.shape[0]
     n, sample = counts[SWITCHED], counts[TAKEN]
     if n == 0:
@@ -242,9 +242,9 @@ def _danger_in_rest(card, estimate):
 
 @jit
 def _dangers_within(card, estimate, windows, dangers):
-    """The same within windows, over the times at which the pilot may switch next.
+    """As `_danger_in_rest` within windows, over the possible times of the next switch.
 
-    windows: (n,) samples, ascending, above 0.   dangers: (n,) out.
+    windows: (n,) samples, ascending, above 0.   dangers: (n,) output.
     """
     counts, m = estimate.counts, estimate.switches.shape[0]
     n, sample = counts[SWITCHED], counts[TAKEN]
@@ -271,7 +271,7 @@ def _dangers_within(card, estimate, windows, dangers):
 
 @jit
 def _danger(card, estimate):
-    """How surely a limit will be exceeded in what the score looks at."""
+    """How certainly a limit will be exceeded within the score's window."""
     if card.window == 0:
         return _danger_in_rest(card, estimate)
     dangers = np.empty(1)
@@ -280,8 +280,8 @@ def _danger(card, estimate):
 
 
 @jit
-def _take(card, estimate, y, known):
-    """Take the next sample y (6,), known or not, but for the count of those taken."""
+def _add_sample(card, estimate, y, known):
+    """Add the next sample y (6,), which may be unknown; the caller counts it."""
     if known:
         _look_for_switch(card, estimate, y)
         if estimate.counts[SWITCHED] > 0:
@@ -291,7 +291,7 @@ def _take(card, estimate, y, known):
 
 @jit
 def _forecast(card, estimate, ahead, y_hat):
-    """Write the outputs `ahead` samples after the last one taken; NaN before the card begins."""
+    """Forecast the outputs `ahead` samples after the last one; NaN before the card begins."""
     counts, m = estimate.counts, estimate.switches.shape[0]
     n, sample = counts[SWITCHED], counts[TAKEN] - 1
     if n == 0:
@@ -306,10 +306,10 @@ def _forecast(card, estimate, ahead, y_hat):
 
 @jit
 def look_ahead(card, estimate, mean, variance):
-    """Write what is to be measured of the rest of the card; returns of how many samples.
+    """Forecast the measurements over the rest of the card; returns the number of samples.
 
-    mean, variance: (n, 6) out, from the sample after the last one taken on; over the times at which
-    the pilot may switch next.
+    mean, variance: (n, 6) output, from the next sample on; over the possible times of the pilot's
+    next switch.
     """
     counts, m = estimate.counts, estimate.switches.shape[0]
     n, sample = counts[SWITCHED], counts[TAKEN] - 1
@@ -340,11 +340,11 @@ def look_ahead(card, estimate, mean, variance):
 
 @brief
 def update(card, estimate, clock, dt, t, y, code, y_hat):
-    """Take one sample of a flight, and return its score; NaN where there is none.
+    """Process one sample of a flight and return its score; NaN for none.
 
-    clock: (2,) time of the last sample; samples in a row that were not there.
-    code: its state.   y_hat: (6,) out, the outputs h samples later.
-    The flight is lost (counts[LOST]) where a switch may have passed unseen.
+    clock: (2,) time of the last sample; number of consecutive missing samples.
+    code: its state.   y_hat: (6,) output, the outputs h samples later.
+    The flight is lost (counts[LOST]) if a switch may have been missed.
     """
     counts, m = estimate.counts, estimate.switches.shape[0]
     y_hat[:] = np.nan
@@ -363,7 +363,7 @@ def update(card, estimate, clock, dt, t, y, code, y_hat):
             counts[LOST] = 1
             return np.nan
     clock[1] = 0.0 if known else clock[1] + 1.0
-    _take(card, estimate, y, known)
+    _add_sample(card, estimate, y, known)
     danger = _danger(card, estimate)
     counts[TAKEN] += 1
     if code != OK:
@@ -374,9 +374,9 @@ def update(card, estimate, clock, dt, t, y, code, y_hat):
 
 @jit
 def follow(card, t, y, codes, dt, s, y_hat):
-    """Score a trajectory, as `update` does sample by sample; returns the first that is lost.
+    """Score a trajectory as `update` does sample by sample; returns the first lost sample.
 
-    t: (n,).   y: (n, 6).   codes: (n,).   s: (n,), y_hat: (n, 6) out.   n where none is lost.
+    t: (n,).   y: (n, 6).   codes: (n,).   s: (n,), y_hat: (n, 6) output.   Returns n for none.
     """
     estimate, clock = begin(card.steps.shape[0]), np.zeros(2)
     for i in range(t.shape[0]):
@@ -390,10 +390,10 @@ def follow(card, t, y, codes, dt, s, y_hat):
 
 @jit
 def squares(card, y, off, expected):
-    """Squares of what samples are off the forecast made before them, and their expectation.
+    """Squared errors of one-step forecasts, and their expectation.
 
     y: (n, n_samples, 6) of whole flights.
-    off, expected: (n * n_samples, 6) out, in rows; returns how many rows were written.
+    off, expected: (n * n_samples, 6) output; returns the number of rows written.
     """
     row = 0
     for i in range(y.shape[0]):
@@ -422,7 +422,7 @@ def _lowest_some(card, y, first, last, start, stop, lowest):
     for i in range(start, stop):
         estimate = begin(card.steps.shape[0])
         for t in range(last[i] + 1):
-            _take(card, estimate, y[i, t], True)
+            _add_sample(card, estimate, y[i, t], True)
             if t >= first[i]:
                 lowest[i] = min(lowest[i], -_danger(card, estimate))
             estimate.counts[TAKEN] += 1
@@ -445,7 +445,7 @@ def _scores_some(card, windows, y, last, start, stop, scores):
     for i in range(start, stop):
         estimate = begin(card.steps.shape[0])
         for t in range(last[i] + 1):
-            _take(card, estimate, y[i, t], True)
+            _add_sample(card, estimate, y[i, t], True)
             if rest:
                 dangers[0] = _danger_in_rest(card, estimate)
             if len(within) > 0:
@@ -455,9 +455,9 @@ def _scores_some(card, windows, y, last, start, stop, scores):
 
 
 def scores_within(card: CardResponses, windows: Indices, y: Array, last: Indices) -> Array:
-    """Score of each sample 0..last of flights, were the card's window another; +inf for the rest.
+    """Score of each sample 0..last of flights for other windows of the card; +inf for the rest.
 
-    windows: (n_windows,) samples, ascending; 0, for the rest of the card, is the first of them.
+    windows: (n_windows,) samples, ascending; may start with 0 for the rest of the card.
     y: (n, n_samples, 6), finite over samples 0..last.   last: (n,).
     Returns (n_windows, n, n_samples).
     """

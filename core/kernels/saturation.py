@@ -1,7 +1,7 @@
-"""Response of closed loops whose surfaces reach rate or position limits, by Runge-Kutta.
+"""Response of closed loops with rate or position limits of the surfaces, by Runge-Kutta.
 
-The classic fourth-order method at a fixed step; the step at which a limit begins to act is crossed
-without being located, which costs some 1e-5 rad at two milliseconds.
+The classic fourth-order method at a fixed step. The moment at which a limit starts to act is not
+located, which costs about 1e-5 rad at two milliseconds.
 """
 
 from typing import NamedTuple
@@ -37,7 +37,7 @@ LIMITED_IWORK = LANES_IWORK
 
 
 class Surfaces(NamedTuple):
-    """Actuators of first order. rate_limit [rad/s], position_limit [rad]: inf if none."""
+    """First-order actuators. rate_limit [rad/s], position_limit [rad]: inf if none."""
 
     bandwidth: float
     rate_limit: float
@@ -45,9 +45,9 @@ class Surfaces(NamedTuple):
 
 
 class TimeSteps(NamedTuple):
-    """How time is cut. step: [s] between two output samples, of which a command lasts `substeps`.
+    """Time steps. step: [s] between output samples, `substeps` per command.
 
-    parts: Runge-Kutta steps of each.   half_fade: what half of one leaves of a lag; 0 without lag.
+    parts: Runge-Kutta steps per step.   half_fade: decay of the lag in half a part; 0: no lag.
     """
 
     step: float
@@ -57,9 +57,9 @@ class TimeSteps(NamedTuple):
 
 
 class _LimitedPlaces(NamedTuple):
-    """Where in the workspace things begin; line: length of a state of eight rollouts.
+    """Positions in the workspace. line: length of a state of eight rollouts.
 
-    outside: what a gust does to each state, besides the loop.
+    outside: effect of a gust on each state.
     """
 
     n: int
@@ -82,7 +82,7 @@ class _LimitedPlaces(NamedTuple):
 def _places(nx, m):
     n = nx + 2 + m
     line = n * WIDTH
-    loop = n - n  # a literal 0 would compile every callee once more
+    loop = n - n  # a literal compiles every callee again
     outside = n * line
     state = outside + line
     slope = state + line
@@ -100,13 +100,13 @@ def _places(nx, m):
 
 
 def limited_work(nx: int, m: int, n_samples: int, n_out: int) -> int:
-    """Workspace [numbers] that `roll_out_limited` needs."""
+    """Workspace of `roll_out_limited` [numbers]."""
     return _places(nx, m).commands + (2 * n_samples + n_out) * WIDTH
 
 
 @jit
 def _clip(value, limit):
-    """Return value within +-limit; NaN stays NaN."""
+    """Limit a value to +-limit; NaN stays NaN."""
     high = splat(limit)
     low = splat(-limit)
     value = where_greater(value, high, high, value)
@@ -115,7 +115,7 @@ def _clip(value, limit):
 
 @inlined
 def _derivative(w, at, z, out, fade, nx, surfaces):
-    """out = z_dot, with the loop of unit bandwidth and the pedals at u + fade e."""
+    """out = z_dot, for the loop of unit bandwidth and pedals at u + fade e."""
     product(w, at.loop, z, at.outside, out, at.n, 1)
     for s in range(2):
         place = (nx + s) * WIDTH
@@ -142,7 +142,7 @@ def _copy(w, source, target, length):
 
 @inlined
 def _runge_kutta(w, at, nx, surfaces, steps):
-    """Advance the state by one part of a step, and let the lags fade."""
+    """Advance the state and the lags by one part of a step."""
     h = steps.step / steps.parts
     half, full = splat(steps.half_fade), splat(steps.half_fade * steps.half_fade)
     for i, weight, ahead in ((0, 1.0, 0.5), (1, 2.0, 0.5), (2, 2.0, 1.0), (3, 1.0, 0.0)):
@@ -158,7 +158,7 @@ def _runge_kutta(w, at, nx, surfaces, steps):
 
 @jit
 def _begin(w, at, plants, law, pilot, which, same_commands):
-    """Eight rollouts at trim, before their first command; False if a loop is not finite."""
+    """Set eight rollouts to trim, before their first command. False if a loop is not finite."""
     if not close_loop(plants, law, 1.0, which, w, at.loop, at.rows):
         return False
     locate_channels(w, at.rows, at.z, at.line, at.y, plants[0].shape[1], which + 16 * WIDTH)
@@ -194,7 +194,7 @@ def _follow_commands(w, at, nx, n_samples, surfaces, steps, gust_state, which, t
 
 @jit
 def roll_out_limited(plants, law, surfaces, pilot, steps, gusts, work, iwork, out, first, last):
-    """Simulate rollouts first..last-1 into `out`; returns the first block that cannot be, or -1.
+    """Simulate rollouts first..last-1 into `out`; returns the first block that failed, or -1.
 
     surfaces, steps, gusts: Surfaces, TimeSteps and Gusts.
     work: `limited_work` numbers, aligned; iwork: LIMITED_IWORK integers.

@@ -1,4 +1,4 @@
-"""How far the channels of many samples spread."""
+"""Standard deviation and peak of the channels over many samples."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from core.kernels.compiled import jit
 def spread(y):
     """Standard deviation and largest magnitude of each column of y (n, m), n >= 1.
 
-    Summed in the order of the rows, as numpy does, and in two passes over them instead of six.
+    Summed in row order like numpy, but in two passes instead of six.
     """
     n, m = y.shape
     mean, square, peak = np.zeros(m), np.zeros(m), np.zeros(m)

@@ -1,7 +1,7 @@
-"""Simple p-values of a trajectory whose scores nobody asks for.
+"""Simple p-values of a trajectory, without its scores.
 
-Most samples of most flights score above every calibration score and share the lowest p-value: a
-bound on their score shows it, as in `core.kernels.peak_risk`, and few neighbours are looked up.
+Most samples of most flights score above every calibration score and share the lowest p-value. A
+bound on their score shows this, as in `core.kernels.peak_risk`, so few neighbours are searched.
 """
 
 import numpy as np
@@ -36,7 +36,7 @@ def _p_some(fitted, y, ok, n_delay, start, stop, p):
             )
             p[i] = simple_p(fitted.alphas, s)
             continue
-        # Any safe point bounds the distance to the nearest one: take the last neighbour. A step
+        # Any safe point bounds the distance to the nearest one: use the last neighbour. A step
         # away from the anchor changes the distance to the nearest unsafe one by at most its length.
         safe = b * squared_distance_at(safe_at, z, near_safe) if near_safe >= 0 else np.inf
         at_least = (1.0 - ROUNDING) * to_unsafe - (1.0 + ROUNDING) * distance_between(z, anchor)
@@ -54,7 +54,7 @@ def _p_some(fitted, y, ok, n_delay, start, stop, p):
 
 
 def simple_p_values(fitted: Fitted, y: Array, ok: Flags, n_delay: int) -> Array:
-    """Simple p-value of each sample, to the bit that of its score; NaN where not ok.
+    """Simple p-value of each sample, bit for bit that of its score; NaN unless ok.
 
     y: (n, 6).   ok: (n,) whether the sample has a full history.   Returns (n,).
     """

@@ -1,4 +1,4 @@
-"""How the points of a nearest-neighbour search are laid out: distinct, split, packed by leaf."""
+"""Layout of the points of a nearest-neighbour search: distinct, split, packed by leaf."""
 
 import numpy as np
 import numpy.typing as npt
@@ -12,12 +12,12 @@ Indices32 = npt.NDArray[np.int32]
 LEAF = 32
 WIDTH = 8
 SAMPLED = 128
-"""Points at least that tell which side of many is the longest: no answer depends on it."""
+"""Minimum sample of points for finding the longest side; no result depends on it."""
 AHEAD = 16
-"""How many points before its turn the memory is asked for what a point needs."""
+"""How many points ahead memory is prefetched."""
 POINTS_A_TASK = 32_768
 EMPTY = 2**31 - 1
-"""Original index of an unused lane: above every point's, so that it never wins a tie."""
+"""Original index of an unused lane: above all points, so that it never wins a tie."""
 
 
 def pack(points: Array) -> tuple[Array, Indices32, Array, Indices32]:
@@ -28,9 +28,9 @@ def pack(points: Array) -> tuple[Array, Indices32, Array, Indices32]:
 
 
 def pack_rows(points: Array, order: Indices32) -> tuple[Array, Indices32, Array, Indices32]:
-    """The first three fields of a Tree of some rows of points, and the lane of each of them.
+    """The first three fields of a Tree of some rows of points, and the lane of each row.
 
-    order: (m,) rows, sorted into the leaves on the way.   Returns lanes (n,).
+    order: (m,) rows; sorted into the leaves here.   Returns lanes (n,).
     """
     n, d = points.shape
     n_leaves = (len(order) + LEAF - 1) // LEAF
@@ -75,7 +75,7 @@ def _fill_some(points, order, owned, n_nodes, start, stop, leaves, original, box
 
 @jit
 def _enclose(boxes):
-    """Give each node's box to the node above it."""
+    """Write each node's box into its parent."""
     for node in range(len(boxes) - 1, 0, -1):
         above, j = (node - 1) // WIDTH, (node - 1) % WIDTH
         for k in range(boxes.shape[2]):
@@ -85,9 +85,9 @@ def _enclose(boxes):
 
 @jit
 def _distinct(points):
-    """Points without third and further copies, and for each point the first equal to it.
+    """Points with at most two copies each, and for each point the first equal point.
 
-    Two copies stay, the lowest numbered: leave one point out, and its copy is there to be found.
+    The two lowest numbered copies stay, so that leaving one out still finds the other.
     """
     n = len(points)
     bits = points.view(np.uint64)
@@ -137,7 +137,7 @@ def _equal(bits, i, j):
 
 
 def _split_all(points: Array, order: Indices32, n_nodes: int, n_leaves: int) -> Indices:
-    """Sort `order` so that each node of the heap owns a compact range, evenly filled.
+    """Sort `order` so that each node of the heap has a contiguous range, evenly filled.
 
     Returns (n_nodes + n_leaves, 2): first and past-the-last position of each node's points.
     """
@@ -146,7 +146,7 @@ def _split_all(points: Array, order: Indices32, n_nodes: int, n_leaves: int) -> 
     owned[0, 1] = len(order)
     key = np.empty(len(order))
     first, stop = 0, min(1, n_nodes)
-    while first < stop:  # nodes of one depth, that own no point in common
+    while first < stop:  # nodes of one depth, with disjoint points
         n = stop - first
         in_chunks(
             n,
@@ -161,7 +161,7 @@ def _split_all(points: Array, order: Indices32, n_nodes: int, n_leaves: int) -> 
 
 @jit
 def _leaves_below(n_nodes, n_leaves):
-    # Numbers up to the last node's last child; those past the last leaf own no leaf and no point.
+    # Numbers up to the last node's last child; those after the last leaf have no points.
     leaves = np.zeros(max(WIDTH * n_nodes + 1, n_nodes + n_leaves), np.int64)
     leaves[n_nodes : n_nodes + n_leaves] = 1
     for node in range(n_nodes - 1, -1, -1):
@@ -171,7 +171,7 @@ def _leaves_below(n_nodes, n_leaves):
 
 @jit
 def _split_some(leaves, owned, start, stop, points, order, key):
-    """Split nodes start..stop among their children. key: (m,) room to work in."""
+    """Split nodes start..stop among their children. key: (m,) workspace."""
     edge = np.empty(WIDTH + 1, np.int64)
     for node in range(start, stop):
         child = WIDTH * node + 1
@@ -192,7 +192,7 @@ def _split_some(leaves, owned, start, stop, points, order, key):
 
 @jit
 def _split(points, order, key, middle):
-    """Move the `middle` lowest along the longest side, of a sample where many, to the front."""
+    """Move the `middle` lowest points along the (sampled) longest side to the front."""
     axis, longest, step = 0, -1.0, max(1, len(order) // SAMPLED)
     for k in range(points.shape[1]):
         low, high = _extent(points, order, 0, len(order), step, k)
@@ -205,7 +205,7 @@ def _split(points, order, key, middle):
 
 @jit
 def _extent(points, order, start, stop, step, k):
-    """Lowest and highest coordinate k of the rows that stand in `order` from start to stop."""
+    """Lowest and highest coordinate k of the rows order[start:stop:step]."""
     low, high = np.inf, -np.inf
     for i in range(start, stop, step):
         x = points[order[i], k]
@@ -233,11 +233,11 @@ def _select(key, order, middle):
             lo = j
         else:
             if middle > j:
-                # none lies below the pivot: those equal to it come first
+                # none is below the pivot: put those equal to it first
                 lo = _below(key, order, lo, hi, pivot, True)
             if middle <= lo or middle == j:
                 return
-    # Pivots that keep failing are no accident: sort what is left, so that it stays O(n log n).
+    # If pivots keep failing, sort the rest, so that it stays O(n log n).
     _merge_sort(key[lo:hi], order[lo:hi])
 
 
@@ -248,9 +248,9 @@ def _median(a, b, c):
 
 @jit
 def _below(key, order, lo, hi, pivot, equal):
-    """Move keys below the pivot to the front of lo..hi, without a branch; where they end.
+    """Move keys below the pivot to the front of lo..hi, without a branch; returns their end.
 
-    equal: those equal to it too.
+    equal: also keys equal to the pivot.
     """
     j = lo
     for i in range(lo, hi):
@@ -263,9 +263,9 @@ def _below(key, order, lo, hi, pivot, equal):
 
 @jit
 def _merge_sort(key, order):
-    """Put `order` into the order of its keys, equal ones as they were.
+    """Sort `order` by key; equal keys keep their order.
 
-    np.argsort(key, kind="mergesort") gives the same, and takes seconds to compile.
+    np.argsort(key, kind="mergesort") gives the same, but takes seconds to compile.
     """
     n, width = len(key), 1
     keys, rows = key.copy(), order.copy()

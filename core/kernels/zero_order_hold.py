@@ -1,8 +1,9 @@
-"""Exact zero-order-hold discretisation of eight closed loops at a time, by scaling and squaring.
+"""Exact zero-order-hold discretisation of eight closed loops at a time.
 
-Taylor polynomial of degree 16 in blocks of four powers (Paterson and Stockmeyer 1973), the scale
-chosen from the norms of M and M^4 (after Al-Mohy and Higham 2009) for each lane by itself: a lane
-that needs fewer squarings than its neighbours keeps its result, so its bits do not depend on them.
+Scaling and squaring with a Taylor polynomial of degree 16 in blocks of four powers (Paterson and
+Stockmeyer 1973). The scale of each lane comes from the norms of M and M^4 (after Al-Mohy and
+Higham 2009). A lane that needs fewer squarings keeps its result, so its bits do not depend on its
+neighbours.
 """
 
 from functools import cache
@@ -38,14 +39,14 @@ _TRUNCATION = (
 )  # |M^17| below this: the remainder is below half an ulp
 _LARGEST_NORM = 3.0  # of the scaled matrix: keeps the polynomial's rounding within e^3 ulp
 HELD, FADING, GUST = 0, 1, 2
-"""Kinds of inputs: a held command, what a lag has left of earlier ones, the rate of a gust."""
+"""Kinds of inputs: a held command, the fading rest of earlier ones, the rate of a gust."""
 KINDS = 3
 _EXP = np.array([0.0] + [1.0 / factorial(k) for k in range(1, DEGREE + 1)])  # exp(M) - I
 
 
 @jit
 def scratch(n):
-    """Room that `discretise` needs at `loop`: F, five more matrices, and twenty vectors."""
+    """Workspace of `discretise` at `loop`: F, five more matrices, and twenty vectors."""
     return (6 * n * n + DEGREE + 4) * WIDTH
 
 
@@ -90,7 +91,7 @@ def product(w, left, right, start, out, n, columns):
 
 @jit
 def _norm(w, matrix, n):
-    """Largest row sum of magnitudes, a lane each."""
+    """Largest row sum of magnitudes, per lane."""
     largest = splat(0.0)
     for i in range(n):
         row = splat(0.0)
@@ -102,7 +103,7 @@ def _norm(w, matrix, n):
 
 @jit
 def _halvings(w, norm, norm4, scale):
-    """Write how often each lane has to halve its step; returns the most."""
+    """Write the number of halvings of each lane's step; returns the largest."""
     most = 0
     for lane in range(WIDTH):
         n1 = read(w, norm + lane)
@@ -139,7 +140,7 @@ def _block(w, powers, coefficients, first, last, n, out):
 
 @jit
 def _column_block(w, powers, series, first, last, n, surface, out):
-    """The two columns from `surface` on of `_block`, its coefficients differing between lanes."""
+    """Columns `surface` and `surface` + 1 of `_block`, with coefficients per lane."""
     size = n * n * WIDTH
     for i in range(n):
         for j in range(2):
@@ -151,7 +152,7 @@ def _column_block(w, powers, series, first, last, n, surface, out):
 
 
 class _HoldPlaces(NamedTuple):
-    """Where the workspace of `discretise` has its parts: four powers of M, sums, lane vectors."""
+    """Positions in the workspace of `discretise`: four powers of M, sums, lane vectors."""
 
     size: int
     narrow: int
@@ -164,7 +165,7 @@ class _HoldPlaces(NamedTuple):
     scale: int
     decay: int
     half_step: int
-    own: int
+    coefficients: int
 
 
 @jit
@@ -179,9 +180,9 @@ def _places(loop, n):
 
 @jit
 def _scale_down(w, at, n, step, decays):
-    """Powers M to M^4 of the halved M = F h; how often the busiest lane is halved, -1 if too often.
+    """Powers M to M^4 of the halved M = F h. Returns the largest number of halvings, -1: too many.
 
-    Leaves in each lane its halvings, what the lag does in its halved step, and that step's share.
+    Writes the halvings, the lag's decay in the halved step, and the share of the step, per lane.
     """
     h = splat(step)
     for i in range(at.powers, at.powers + at.size, WIDTH):
@@ -211,7 +212,7 @@ def _scale_down(w, at, n, step, decays):
 
 @jit
 def _exponential(w, at, n, phi):
-    """exp(M) - I by Horner's rule in M^4; the I would cost slow modes their digits."""
+    """exp(M) - I by Horner's rule in M^4; adding I would cost slow modes their digits."""
     _block(w, at.powers, _EXP, 12, 4, n, at.total)
     _block(w, at.powers, _EXP, 8, 3, n, at.start)
     product(w, at.p4, at.total, at.start, phi, n, n)
@@ -224,17 +225,17 @@ def _exponential(w, at, n, phi):
 @jit
 def _input_effect(w, at, n, surface, factor, series, out):
     """Effect (n, 2) of inputs on two rows over the halved step, by the same rule."""
-    two_columns = at.narrow // (n * WIDTH)  # a literal 2 would compile `product` once more
+    two_columns = at.narrow // (n * WIDTH)  # a literal compiles `product` again
     for lane in range(WIDTH):
         s = int(read(w, at.scale + lane))
         for k in range(DEGREE + 1):
-            write(w, at.own + k * WIDTH + lane, series[s, k])
-    _column_block(w, at.powers, at.own, 12, 4, n, surface, at.total)
-    _column_block(w, at.powers, at.own, 8, 3, n, surface, at.start)
+            write(w, at.coefficients + k * WIDTH + lane, series[s, k])
+    _column_block(w, at.powers, at.coefficients, 12, 4, n, surface, at.total)
+    _column_block(w, at.powers, at.coefficients, 8, 3, n, surface, at.start)
     product(w, at.p4, at.total, at.start, out, n, two_columns)
-    _column_block(w, at.powers, at.own, 4, 3, n, surface, at.start)
+    _column_block(w, at.powers, at.coefficients, 4, 3, n, surface, at.start)
     product(w, at.p4, out, at.start, at.total, n, two_columns)
-    _column_block(w, at.powers, at.own, 0, 3, n, surface, at.start)
+    _column_block(w, at.powers, at.coefficients, 0, 3, n, surface, at.start)
     product(w, at.p4, at.total, at.start, out, n, two_columns)
     gain = multiply(splat(factor), load(w, at.half_step))
     for i in range(out, out + at.narrow, WIDTH):
@@ -243,7 +244,7 @@ def _input_effect(w, at, n, surface, factor, series, out):
 
 @jit
 def _take_doubled(w, at, level, out, length):
-    """Take the doubled matrix at `total` in the lanes that are halved more than `level` times."""
+    """Copy the doubled matrix at `total` in lanes with more than `level` halvings."""
     active, now = load(w, at.scale), splat(float(level))
     for i in range(0, length, WIDTH):
         store(w, out + i, where_greater(active, now, load(w, at.total + i), load(w, out + i)))
@@ -279,8 +280,8 @@ def discretise(w, loop, n, surface, bandwidth, step, series, decays, gust_state,
     w: workspace; F (n, n) at `loop`, the start of `scratch(n)` numbers, is overwritten.
     inputs: KINDS matrices (n, 2): integral of exp(F (step - t)) B e(t) dt. HELD: e = 1, B =
     bandwidth on the rows of the two surfaces. FADING: e = exp(-t / lag), the same B; not written
-    without lag. GUST: e = 1, B = 1 on the row of gust_state (first column; the second is nothing);
-    not written where that is negative.   series, decays: `input_series`.
+    without lag. GUST: e = 1, B = 1 on the row of gust_state (first column; the second is unused);
+    not written if that is negative.   series, decays: `input_series`.
     """
     at = _places(loop, n)
     most = _scale_down(w, at, n, step, decays)
@@ -291,8 +292,8 @@ def discretise(w, loop, n, surface, bandwidth, step, series, decays, gust_state,
     for kind in range(KINDS):
         if is_given[kind]:
             row, gain = (gust_state, 1.0) if kind == GUST else (surface, bandwidth)
-            out, own = inputs + kind * at.narrow, series[FADING if kind == FADING else HELD]
-            _input_effect(w, at, n, row, gain * step, own, out)
+            out, own_series = inputs + kind * at.narrow, series[FADING if kind == FADING else HELD]
+            _input_effect(w, at, n, row, gain * step, own_series, out)
     for level in range(most):
         _double(w, at, n, level, is_given, phi, inputs)
     for i in range(n):

@@ -412,14 +412,6 @@ class Monitor:
         wrong = basis.input_shape.first_wrong_of(y, self.dt)
         return np.minimum(first, np.where(wrong <= last, wrong, y.shape[1]))
 
-    def unsafe_exemplar(self, point: int, distance: float) -> Exemplar:
-        """The failed rollout of an unsafe point, t_early before its failure."""
-        return self._unsafe_neighbour().exemplar(point, distance)
-
-    def safe_exemplar(self, point: int, distance: float) -> Exemplar:
-        """The safe rollout of a safe point, at its observed sample."""
-        return self._safe_neighbour().exemplar(point, distance)
-
     def _unsafe_neighbour(self) -> "_Neighbour":
         return _Neighbour(self.unsafe_where, self.theta_unsafe, self.theta_names, self.dt)
 

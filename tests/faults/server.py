@@ -1,4 +1,4 @@
-"""A server in a process of its own, to be killed or starved; forked of one that has imported it."""
+"""A server in its own process, to be killed or starved; forked from one with the imports done."""
 
 import multiprocessing
 import socket

@@ -1,4 +1,4 @@
-"""Live sources over bad networks: what was acknowledged is in the journal, once, as shown."""
+"""Live sources over bad networks: acknowledged samples are in the journal once, as shown."""
 
 import json
 import socket

@@ -1,4 +1,4 @@
-"""A database whose pages were overwritten: the server starts, says so and does not die of it."""
+"""A database with overwritten pages: the server starts, reports the damage and keeps running."""
 
 import signal
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Requests that come many times at once, and a database that another program holds."""
+"""Many equal requests at once, and a database that another program locks."""
 
 import sqlite3
 from concurrent.futures import ThreadPoolExecutor
@@ -29,9 +29,7 @@ def test_a_flight_that_is_deleted_while_it_flies_is_kept(tmp_path: Path, flyable
         assert set(deleted) == {204}
 
 
-def test_a_flight_that_is_ordered_many_times_is_started_once(
-    tmp_path: Path, flyable: Monitor
-) -> None:
+def test_a_flight_requested_many_times_starts_once(tmp_path: Path, flyable: Monitor) -> None:
     monitor = keep_monitor(tmp_path, flyable)
     order = {"source": {"kind": "simulated", "seed": 1}, "monitor": monitor}
     key = {"Idempotency-Key": "one"}
@@ -44,7 +42,7 @@ def test_a_flight_that_is_ordered_many_times_is_started_once(
         assert len(client.get(FLIGHTS).json()) == 1
 
 
-def test_a_database_that_another_program_holds_is_not_ready_and_nothing_is_lost(
+def test_a_database_locked_by_another_program_is_not_ready_and_loses_nothing(
     tmp_path: Path, flyable: Monitor
 ) -> None:
     monitor = keep_monitor(tmp_path, flyable)

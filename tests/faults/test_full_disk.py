@@ -1,4 +1,4 @@
-"""A full disk: what is confirmed is stored, what is not is said, and deleting makes space."""
+"""A full disk: confirmed data is stored, refusals are reported, deleting makes space."""
 
 import time
 from pathlib import Path
@@ -44,7 +44,7 @@ def until(found: Any) -> None:
         time.sleep(0.05)  # between two questions to another process
 
 
-def test_nothing_is_confirmed_that_is_not_stored_and_the_flight_goes_on(
+def test_only_stored_data_is_confirmed_and_the_flight_continues(
     disk: Path, flyable: Monitor
 ) -> None:
     monitor = keep_monitor(disk, flyable)

@@ -1,4 +1,4 @@
-"""A server killed with -9 at any moment: no alarm that was shown as stored is missing."""
+"""A server killed with -9 at any moment: no alarm shown as stored is missing."""
 
 import json
 import random
@@ -75,12 +75,10 @@ def kill_so_often(data_dir: Path, monitor: Monitor, n: int) -> None:
         assert_kept(data_dir, *alarms_until_killed(data_dir, monitor_id, n_alarms))
 
 
-def test_no_alarm_that_was_shown_is_missing_after_a_kill(tmp_path: Path, flyable: Monitor) -> None:
+def test_no_shown_alarm_is_missing_after_a_kill(tmp_path: Path, flyable: Monitor) -> None:
     kill_so_often(tmp_path, flyable, N_KILLS)
 
 
 @pytest.mark.fuzz
-def test_no_alarm_that_was_shown_is_missing_after_many_kills(
-    tmp_path: Path, flyable: Monitor
-) -> None:
+def test_no_shown_alarm_is_missing_after_many_kills(tmp_path: Path, flyable: Monitor) -> None:
     kill_so_often(tmp_path, flyable, N_LONG)

@@ -1,4 +1,4 @@
-"""Live flights under faults: what was acknowledged is there afterwards, and the flight goes on."""
+"""Live flights under faults: acknowledged samples persist, and the flight continues."""
 
 import json
 import random
@@ -122,16 +122,12 @@ def kill_so_often(data_dir: Path, monitor: Monitor, n: int) -> None:
         assert_kept(data_dir, flight, monitor, acknowledged)
 
 
-def test_what_a_live_flight_acknowledged_is_there_after_a_kill(
-    tmp_path: Path, flyable: Monitor
-) -> None:
+def test_acknowledged_samples_persist_after_a_kill(tmp_path: Path, flyable: Monitor) -> None:
     kill_so_often(tmp_path, flyable, N_KILLS)
 
 
 @pytest.mark.fuzz
-def test_what_a_live_flight_acknowledged_is_there_after_many_kills(
-    tmp_path: Path, flyable: Monitor
-) -> None:
+def test_acknowledged_samples_persist_after_many_kills(tmp_path: Path, flyable: Monitor) -> None:
     kill_so_often(tmp_path, flyable, N_LONG)
 
 

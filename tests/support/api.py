@@ -73,7 +73,6 @@ def command(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
 
 
 def store_of(client: TestClient) -> Any:
-    """The store behind a client."""
     return client.app.state.store  # pyright: ignore
 
 

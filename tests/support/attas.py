@@ -1,4 +1,4 @@
-"""A small transport on a rudder doublet: its monitor, its flights, and what was really recorded."""
+"""A small transport on a rudder doublet: its monitor, flights and real records."""
 
 from dataclasses import replace
 from pathlib import Path

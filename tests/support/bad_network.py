@@ -1,4 +1,4 @@
-"""Networks between a source and a server that delay, cut, drop, double and reorder, by a seed."""
+"""Networks that delay, cut, drop, double and reorder, reproducible by seed."""
 
 import asyncio
 import random

@@ -1,4 +1,4 @@
-"""Every clock that recordings come with: times as text, and counts of a unit from an origin."""
+"""The clocks of recordings: times as text, and counts of a unit from an origin."""
 
 from datetime import datetime, timedelta, timezone
 

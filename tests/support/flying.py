@@ -1,4 +1,4 @@
-"""What tests of flights share: a clock that moves when told, and flights over the oscillator."""
+"""Shared by tests of flights: a scripted clock, and flights of the oscillator."""
 
 import heapq
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Processes that read a file, forked of one that has imported what they need.
+"""Processes that read a file, forked from one with the imports done.
 
 They are begun in a few milliseconds, where an interpreter that imports its libraries takes half a
 second of processor time: for the many files of a campaign, each of which has a process of its own.

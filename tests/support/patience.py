@@ -1,4 +1,4 @@
-"""How long a test waits for what must come: no test fails by the clock of a busy machine."""
+"""Time limit for waits in tests, long enough for a busy machine."""
 
 PATIENCE = 120
 """[s] Who takes longer hangs; the first call of a machine compiles kernels."""

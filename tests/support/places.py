@@ -1,4 +1,4 @@
-"""Where the tests find what lies outside them."""
+"""Locations outside the tests."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What tests of recordings share: a flight as a file, and its way to the server."""
+"""Shared by tests of recordings: a flight as a file, and its upload."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""What tests of reports share: scored manoeuvres in plain data, and a subject made of them."""
+"""Shared by tests of reports: scored manoeuvres as plain data, and a subject made of them."""
 
 from collections.abc import Sequence
 from typing import Any

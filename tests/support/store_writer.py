@@ -1,4 +1,4 @@
-"""Processes that open a store, most to be killed: each forked of one that has imported it."""
+"""Processes that open a store, mostly to be killed; forked from one with the imports done."""
 
 import multiprocessing
 import os

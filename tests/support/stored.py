@@ -1,4 +1,4 @@
-"""What the store's tests share: samples that say their number, a store opened and closed."""
+"""Shared by tests of the store: numbered samples, and a store opened and closed."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

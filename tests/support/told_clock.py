@@ -1,4 +1,4 @@
-"""A clock for what takes one."""
+"""A clock that advances only on request."""
 
 
 class ToldClock:

@@ -1,4 +1,4 @@
-"""A reader that does to its process what the file says: for tests of what contains it."""
+"""A reader that harms its process as the file says, for tests of its isolation."""
 
 import ctypes
 import os

@@ -32,7 +32,7 @@ from core.kernels.deviation import (
     n_before,
 )
 from core.kernels.exceedance import exceeds_any
-from core.kernels.live_call import take_at, take_call
+from core.kernels.live_call import deviation_at, deviation_call
 from core.monitor.assessment import Assessment, Assessments, Withdrawal, code_of
 from core.monitor.validity.input_shape import WrongInput
 from core.monitor.validity.reasons import outside_training, too_little
@@ -231,8 +231,8 @@ class RunningValidity:
         self._history = np.zeros((n_before(basis.reference) + 1, N_CHANNELS))
         self._deviation: Deviation = begin(basis.reference)
         self._outlier: Array | None = None
-        self._call = take_call(basis.reference, self._deviation, self._history)
-        self._update = entry(take_at, *self._call, self._history[0], 0.0, 0, 0.0)
+        self._call = deviation_call(basis.reference, self._deviation, self._history)
+        self._update = entry(deviation_at, *self._call, self._history[0], 0.0, 0, 0.0)
         self._peaks, self._counts = self._deviation.peaks, self._deviation.counts
         self._shape = basis.input_shape and basis.input_shape.start()
         self._wrong: WrongInput | None = None

@@ -55,7 +55,7 @@ def test_cut_off_monitor_is_refused_by_score(attas_monitor: Path, tmp_path: Path
     broken = tmp_path / "broken.fwm"
     broken.write_bytes(attas_monitor.read_bytes()[:-100])
     assert main(["score", str(broken), "any.csv", "-o", str(tmp_path / "out")]) == 1
-    assert "cut off or was altered" in capsys.readouterr().err
+    assert "cut off or altered" in capsys.readouterr().err
 
 
 def test_real_doublet_that_crosses_the_limit_is_warned_of(attas_monitor: Path, tmp_path, capsys):

@@ -228,7 +228,7 @@ def test_of_two_who_decide_at_once_one_is_told_to_look_again(client: TestClient)
     campaigns = Campaigns(store_of(client))
     stored, campaign = campaigns.get(path.rpartition("/")[2])
     campaigns.put(stored, campaign.on_hold("Ann", "gust"))
-    with pytest.raises(CampaignChanged, match="somebody else changed"):
+    with pytest.raises(CampaignChanged, match="changed by another person"):
         campaigns.put(stored, campaign.confirmed("Bob"))
     assert client.get(path).json()["points"][0]["state"] == "hold"
 

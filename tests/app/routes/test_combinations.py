@@ -114,7 +114,7 @@ def test_a_flight_shows_and_alarms_what_the_combination_says(tmp_path, members):
         ({"monitors": "x"}, 422, "give the ids of 2 to 16"),
         ({"monitors": ["x", "x"]}, 422, "each once"),
         ({"monitors": ["x", "y"]}, 404, "x"),
-        ({"lead": 0.75}, 422, "choose that of a member"),
+        ({"lead": 0.75}, 422, "choose a member's lead"),
         ({"lead": -1}, 422, "the lead must be positive"),
         ({"epsilon": 0.001}, 422, "unsafe rollouts"),
         ({"t_early": 1}, 422, "has no 't_early'"),
@@ -148,4 +148,4 @@ def test_the_command_combines_files(tmp_path, members, capsys):
     assert said["alert_above"] == monitor.alert_above() < 0.2
     assert said["evaluation"]["n_test"] == 40
     assert main(["combine", *map(str, paths), "--lead", "1", "-o", str(out)]) != 0
-    assert "choose that of a member" in capsys.readouterr().err
+    assert "choose a member's lead" in capsys.readouterr().err

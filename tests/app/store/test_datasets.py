@@ -1,4 +1,4 @@
-"""Stored datasets: to the bit, complete or not at all, one rollout without the others."""
+"""Stored datasets: identical to the bit, complete or absent, single rollouts readable."""
 
 from collections.abc import Iterator
 from dataclasses import fields, replace
@@ -45,7 +45,7 @@ def test_a_dataset_comes_back_to_the_bit(
     assert (count(store, dataset_blocks) > 20) == (parts == "small")
 
 
-def test_a_dataset_says_what_it_is(store: Store, dataset: Dataset) -> None:
+def test_the_info_of_a_dataset_describes_it(store: Store, dataset: Dataset) -> None:
     added = store.datasets.add(dataset, "doublets")
     assert store.datasets.info(added.id) == added
     assert store.datasets.all() == [added]
@@ -75,7 +75,7 @@ def test_a_dataset_without_safe_rollouts_is_kept(store: Store, dataset: Dataset)
     assert store.datasets.add(replace(lonely, **single), "b").unsafe_rate is None
 
 
-def test_every_rollout_is_the_datasets_own_up_to_its_failure(
+def test_every_rollout_ends_with_its_failure_sample(
     store: Store, dataset: Dataset, small_parts: None
 ) -> None:
     dataset_id = store.datasets.add(dataset, "a").id
@@ -128,7 +128,7 @@ def test_an_altered_array_is_noticed(store: Store, dataset: Dataset) -> None:
         store.datasets.get(dataset_id)
 
 
-def test_a_dataset_is_seen_only_once_it_is_complete(
+def test_a_dataset_is_visible_only_when_complete(
     store: Store, dataset: Dataset, small_parts: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen: list[list[DatasetInfo]] = []
@@ -191,7 +191,7 @@ def test_python_objects_are_neither_stored_nor_read() -> None:
         from_blob(pickled)
 
 
-def test_an_array_is_read_again_where_the_interpreter_stumbled_over_its_header(
+def test_an_array_is_read_again_after_a_system_error_in_its_header(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     load, tries = np.load, []

@@ -16,7 +16,7 @@ from tests.support.repetition import examples
 from tests.support.stored import append, assert_says_its_number, count, flown, opened
 
 
-def test_reasons_come_back_across_chunks_and_default_to_what_the_state_says(
+def test_reasons_survive_chunks_and_default_to_the_states_reason(
     store: Store, trained: Monitor
 ) -> None:
     flight, n = flown(store, trained), 2500
@@ -34,7 +34,7 @@ def test_reasons_come_back_across_chunks_and_default_to_what_the_state_says(
     assert store.flights.assessments(flight, n).reasons == REASONS
 
 
-def test_a_flight_that_goes_on_keeps_nothing_beyond_its_newest_sample_that_is_durable(
+def test_a_resumed_flight_drops_samples_beyond_its_durable_head(
     store: Store, trained: Monitor
 ) -> None:
     flight = flown(store, trained)
@@ -52,7 +52,7 @@ def test_a_flight_that_goes_on_keeps_nothing_beyond_its_newest_sample_that_is_du
     assert store.flights.info(flight).head == 54
 
 
-def test_state_codes_mean_what_stored_flights_mean_by_them() -> None:
+def test_state_codes_match_those_of_stored_flights() -> None:
     assert [state.value for state in STATES[:4]] == ["ok", "warming_up", "stale", "invalid"]
 
 
@@ -71,7 +71,7 @@ def long_lived(
     first=st.integers(-5, 50),
     length=st.none() | st.integers(0, 30),
 )
-def test_any_samples_come_back_as_they_were_stored(
+def test_samples_are_read_back_unchanged(
     long_lived: tuple[Store, str],
     parts: list[tuple[int, int]],
     first: int,
@@ -92,7 +92,7 @@ def test_any_samples_come_back_as_they_were_stored(
     assert store.flights.info(flight).head == (there[-1] if there else None)
 
 
-def test_samples_lie_a_thousand_to_a_blob(store: Store, trained: Monitor) -> None:
+def test_a_blob_holds_at_most_a_thousand_samples(store: Store, trained: Monitor) -> None:
     append(store, flown(store, trained), 1, 2500)
     assert count(store, assessment_chunks) == 3
 

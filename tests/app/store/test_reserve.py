@@ -61,7 +61,7 @@ def test_a_deletion_on_a_short_disk_frees_the_reserve_and_makes_it_again(
     assert path.exists()
 
 
-def test_what_could_not_be_cleared_up_is_before_the_next_write(
+def test_a_failed_clean_up_happens_before_the_next_write(
     path: Path, trained: Monitor, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     dying = open_store(path)

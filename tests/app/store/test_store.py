@@ -162,7 +162,7 @@ def test_work_under_way_is_interrupted_when_the_store_opens(path: Path, trained:
         ("://", "unsupported"),
     ],
 )
-def test_what_is_no_database_address_is_refused(given: str, message: str) -> None:
+def test_an_unsupported_database_address_is_refused(given: str, message: str) -> None:
     with pytest.raises(StoreError, match=message):
         address(given)
 

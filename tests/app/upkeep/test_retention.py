@@ -164,7 +164,7 @@ def test_the_command_says_what_would_go_and_deletes_it_beside_a_server(
     assert main(["retain", "--above", "1", "--data-dir", str(stocked.data / "none")]) == 1
 
 
-def test_what_is_kept_for_ever_is_deleted_by_nobody_until_it_is_released(
+def test_a_permanently_kept_row_cannot_be_deleted_until_released(
     stocked: Stocked,
 ) -> None:
     client = stocked.client

@@ -13,7 +13,7 @@ import pytest
 from filelock import FileLock
 
 import core
-from core.kernels.compiled import KEPT_S, cache_directory, jit, prune
+from core.kernels.compiled import KEEP_S, cache_directory, jit, prune
 from core.kernels.spread import spread
 
 CORE = Path(core.__file__).parent
@@ -54,7 +54,7 @@ def test_the_present_kernels_the_last_used_others_and_those_of_today_are_kept(
     for name, ago in days.items():
         folder = tmp_path / f"kernels-{name}"
         (folder / "inner").mkdir(parents=True)
-        used = time.time() - ago * KEPT_S
+        used = time.time() - ago * KEEP_S
         os.utime(folder, (used, used))
     (tmp_path / "settings").mkdir()
     prune(tmp_path / "kernels-present")
@@ -87,7 +87,7 @@ def test_a_process_notes_that_its_kernels_are_used(tmp_path: Path) -> None:
     folder.mkdir(parents=True)
     os.utime(folder, (0, 0))
     import_kernels(tmp_path)
-    assert folder.stat().st_mtime > time.time() - KEPT_S
+    assert folder.stat().st_mtime > time.time() - KEEP_S
 
 
 @pytest.mark.parametrize("file", files(KERNELS), ids=str)

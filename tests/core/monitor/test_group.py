@@ -1,4 +1,4 @@
-"""Groups of failing flights: who belongs where, and what is missed of each."""
+"""Groups of failing flights: membership, calibration and misses per group."""
 
 import numpy as np
 import pytest
@@ -27,8 +27,8 @@ def test_the_first_limit_is_the_one_exceeded_at_the_failure_and_farthest_of_seve
     y[2, 1, NY], y[2, 1, P] = 0.6, 0.9
     y[3, 2, NY] = np.nan
     fails = np.array([2, 3, 1, 2])
-    found = FirstLimit().groups(y, fails, Limits(Ny=0.5, p=0.4))
-    assert {name: which.tolist() for name, which in found.items()} == {
+    groups = FirstLimit().groups(y, fails, Limits(Ny=0.5, p=0.4))
+    assert {name: which.tolist() for name, which in groups.items()} == {
         name_of(P): [False, True, True, False],
         name_of(NY): [True, False, False, True],
     }
@@ -44,8 +44,8 @@ def test_thirds_of_the_deflection_count_nothing_behind_the_failure() -> None:
     y = np.zeros((9, 4, 6))
     y[:, 1, RUDDER] = np.deg2rad([-1, 2, 3, -4, 5, 6, 7, -8, 9])
     y[:, 3, RUDDER] = 1.0  # after each failure
-    found = LargestDeflection().groups(y, np.full(9, 2), Limits())
-    thirds = np.array(list(found.values()))
+    groups = LargestDeflection().groups(y, np.full(9, 2), Limits())
+    thirds = np.array(list(groups.values()))
     assert thirds.argmax(axis=0).tolist() == [0, 0, 0, 1, 1, 1, 2, 2, 2]
     assert (thirds.sum(axis=0) == 1).all()
 
@@ -97,17 +97,17 @@ def fresh(seed: int, n: int = 400) -> tuple[Array, Indices]:
 
 
 def plain_groups(rule: object, flight: Array) -> list[set[int]]:
-    """The groups that each sample leaves possible, said once more in plain words."""
+    """Reference implementation: the groups still possible after each sample."""
     if not isinstance(rule, DeflectionRule):
         return [{0, 1}] * len(flight)
-    found, peak, back = [], 0.0, False
+    possible, peak, back = [], 0.0, False
     for value in np.abs(flight[:, rule.surface]):
         if not back and value >= peak:
             peak = value
-        own = int(peak >= rule.low) + int(peak >= rule.high)
-        back |= bool(value < peak / 2 and peak >= rule.low / 2) or own == 2
-        found.append({own} if back else set(range(own, 3)))
-    return found
+        group = int(peak >= rule.low) + int(peak >= rule.high)
+        back |= bool(value < peak / 2 and peak >= rule.low / 2) or group == 2
+        possible.append({group} if back else set(range(group, 3)))
+    return possible
 
 
 def test_the_risk_is_the_highest_over_the_groups_that_are_possible(grouped: Monitor) -> None:
@@ -119,18 +119,22 @@ def test_the_risk_is_the_highest_over_the_groups_that_are_possible(grouped: Moni
     last = np.minimum(fails - grouped.h, flights.shape[1] - 1)
     highest = grouped.highest_p_values(flights[5:], last[5:])
     for k, flight in enumerate(flights):
-        said = grouped.assess(np.arange(len(flight)) * grouped.dt, flight)
+        batch = grouped.assess(np.arange(len(flight)) * grouped.dt, flight)
         stream = grouped.stream()
-        told = [stream.update(i * grouped.dt, y) for i, y in enumerate(flight)]
-        assert [a.p_value for a in told] == said.columns()["p_value"]
-        assert [a.group for a in told] == said.columns()["group"] == [a.group for a in said]
-        for possible, one in zip(plain_groups(groups.rule, flight), told, strict=True):
-            if one.score is not None:
-                counts = [sum(alpha >= one.score for alpha in groups.alphas[g]) for g in possible]
-                assert one.p_value == (1 + max(counts)) / (groups.n_unsafe + 1)
-                assert one.group == (groups.rule.names[min(possible)] if len(counts) == 1 else None)
+        streamed = [stream.update(i * grouped.dt, y) for i, y in enumerate(flight)]
+        assert [a.p_value for a in streamed] == batch.columns()["p_value"]
+        assert [a.group for a in streamed] == batch.columns()["group"] == [a.group for a in batch]
+        for possible, assessment in zip(plain_groups(groups.rule, flight), streamed, strict=True):
+            if assessment.score is not None:
+                counts = [
+                    sum(alpha >= assessment.score for alpha in groups.alphas[g]) for g in possible
+                ]
+                assert assessment.p_value == (1 + max(counts)) / (groups.n_unsafe + 1)
+                assert assessment.group == (
+                    groups.rule.names[min(possible)] if len(counts) == 1 else None
+                )
         if k >= 5:
-            assert highest[k - 5] == np.nanmax([0.0, *said.p_value[: last[k] + 1]])
+            assert highest[k - 5] == np.nanmax([0.0, *batch.p_value[: last[k] + 1]])
 
 
 def test_each_group_is_calibrated_on_as_many_of_its_own_failures(
@@ -152,7 +156,7 @@ def test_each_group_is_calibrated_on_as_many_of_its_own_failures(
 
 
 @pytest.mark.parametrize("rule", GROUPED)
-def test_the_promise_is_kept_in_each_group_where_the_pooled_one_is_broken(rule: str) -> None:
+def test_each_group_keeps_the_miss_rate_that_pooling_breaks(rule: str) -> None:
     epsilon, flights, n_monitors = 0.2, fresh(8, 3000), 8
     missed = {}
     for grouping in (GROUPINGS["pooled"], GROUPED[rule]):
@@ -170,15 +174,15 @@ def test_the_promise_is_kept_in_each_group_where_the_pooled_one_is_broken(rule: 
 
 
 def test_a_grouped_monitor_survives_its_file(grouped: Monitor) -> None:
-    again, (y, _) = from_bytes(grouped.to_bytes()), fresh(6, 3)
-    assert again.recipe == grouped.recipe
-    assert again.n_unsafe == grouped.n_unsafe
-    assert again.alert_above() == grouped.alert_above()
+    loaded, (y, _) = from_bytes(grouped.to_bytes()), fresh(6, 3)
+    assert loaded.recipe == grouped.recipe
+    assert loaded.n_unsafe == grouped.n_unsafe
+    assert loaded.alert_above() == grouped.alert_above()
     for flight in y:
-        assert np.array_equal(again.p_values(flight), grouped.p_values(flight), equal_nan=True)
+        assert np.array_equal(loaded.p_values(flight), grouped.p_values(flight), equal_nan=True)
 
 
-def test_a_group_with_too_few_failures_is_refused_with_the_number_that_would_do(
+def test_too_few_failures_in_a_group_are_refused_with_the_number_needed(
     dataset: Dataset,
 ) -> None:
     recipe = MonitorRecipe(epsilon=0.015, groups=GROUPINGS["largest_deflection"])

@@ -1,6 +1,6 @@
-"""A monitor's file that was made to do harm: refused with one sentence, or a monitor all the same.
+"""Malicious monitor files: refused with one sentence, or they give a working monitor.
 
-Digests are right in all of them: whoever can write a file can sign it.
+All have a correct digest, because anyone who writes a file can sign it.
 """
 
 import hashlib
@@ -216,7 +216,7 @@ def test_a_transduction_that_is_not_of_these_failures_is_refused(key: str, value
     refusal(changed(sections_of("exact"), "transduction", (key,), value))
 
 
-def test_what_claims_another_p_value_than_it_has_is_refused() -> None:
+def test_a_recipe_that_contradicts_the_transduction_is_refused() -> None:
     without = [part for name, part in sections_of("exact").items() if name != "transduction"]
     assert "section transduction" in refusal(pack(without))
 
@@ -225,7 +225,7 @@ def test_what_claims_another_p_value_than_it_has_is_refused() -> None:
     ("field", "value"),
     [("name", 1), ("version", "1"), ("version", None), ("required", 0), ("header", [])],
 )
-def test_a_section_that_is_none_is_refused(field: str, value: object) -> None:
+def test_an_invalid_section_is_refused(field: str, value: object) -> None:
     odd = Section("odd", 1, True, {}, {})._replace(**{field: value})
     assert "holds no monitor" in refusal(pack([*sections_of("simple").values(), odd]))
     twice = [*sections_of("simple").values(), sections_of("simple")["monitor"]]
@@ -342,7 +342,7 @@ def memory() -> Iterator[Callable[[], int]]:
     tracemalloc.stop()
 
 
-def test_a_file_that_unfolds_to_much_more_is_refused_before_it_does(
+def test_a_file_that_unpacks_to_much_more_is_refused_before_unpacking(
     memory: Callable[[], int],
 ) -> None:
     """Declared as it is; and declared small, which reads no more than is declared."""
