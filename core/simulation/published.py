@@ -1,7 +1,7 @@
-"""Published lateral-directional models as stability derivatives, with where each number comes from.
+"""Published lateral-directional models as stability derivatives, with their sources.
 
 Signs follow the sources: positive beta is wind from the right, p right wing down, r nose right.
-A derivative is the dimensional one, inertia terms included: L_p = d(p_dot)/dp [1/s].
+Derivatives are dimensional and include inertia terms: L_p = d(p_dot)/dp [1/s].
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ FOOT = 0.3048
 STANDARD_GRAVITY = 9.80665
 """[m/s2]"""
 GRAVITY_IN_FEET = 32.174 * FOOT
-"""The 32.174 ft/s2 [m/s2] of the sources that compute in feet; differs by 1.5e-6 of its value."""
+"""32.174 ft/s2 in [m/s2], as in sources that use feet; relative difference 1.5e-6."""
 
 RESPONSES = ("Y", "L", "N")
 """Rows: side force (beta_dot), rolling moment (p_dot), yawing moment (r_dot)."""
@@ -44,12 +44,12 @@ ModelName = Literal[
 
 
 AircraftClass = Literal["fighter", "transport", "light"]
-"""What an aircraft looks like, on the whole."""
+"""The overall shape of an aircraft, for display."""
 
 
 @dataclass(frozen=True)
 class UsualTest:
-    """The test to begin with on an aircraft: a rudder doublet that about a quarter of it fails.
+    """The usual first test of an aircraft: a rudder doublet; about a quarter of the draws exceed.
 
     control_law: its name in CONTROL_LAWS.   doublet_deg: amplitude of the usual doublet [deg].
     limit_g: limit of the lateral acceleration [g].
@@ -68,9 +68,9 @@ class PublishedModel:
     alpha0, theta0: trim angle of attack and pitch [rad].
     Y, L, N: derivatives by (beta [1/rad], p [s/rad], r [s/rad], delta_a [1/rad], delta_r [1/rad])
         of beta_dot [rad/s], p_dot [rad/s2], r_dot [rad/s2]; Y is divided by m V, so it is in 1/s.
-    phi_to_beta, r_to_phi: g cos(theta0) / V [1/s] and tan(theta0) as the source rounded them, where
-        its own V and theta0 do not give the printed digits.
-    usual_test: the test that recipes, forms and the command line begin with.
+    phi_to_beta, r_to_phi: g cos(theta0) / V [1/s] and tan(theta0) as rounded by the source, if its
+        own V and theta0 do not give the printed digits.
+    usual_test: default test of recipes, forms and the command line.
     """
 
     title: str
@@ -91,8 +91,8 @@ class PublishedModel:
     r_to_phi: float | None = None
 
 
-# A Y derivative with more digits than its source has them so that both places where it acts,
-# beta_dot and N_y = Y V / g, agree with the source's own six decimals; they carry no knowledge.
+# Extra digits of a Y derivative make beta_dot and N_y = Y V / g both agree with the source's six
+# decimals; they carry no information.
 MODELS: dict[ModelName, PublishedModel] = {
     "f16_sl_h0_v502": PublishedModel(
         title="F-16",
