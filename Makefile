@@ -1,4 +1,4 @@
-.PHONY: demo study test fuzz lint types bench command-line pictures clean
+.PHONY: demo study studies test fuzz lint types bench command-line pictures clean
 VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
@@ -16,6 +16,11 @@ demo: $(ENOUGH) ## train a small monitor, serve the page, and fly a doublet on i
 
 study: $(ENOUGH) ## repeat the paper's experiment at a small size and draw its figures
 	$(BIN)/forewarn study --n-monitors 4 --n-test 300 --out results/study
+
+studies: $(READY) ## the tables of the guide: campaigns, clearances, near and far aircraft, faults
+	mkdir -p results/studies
+	for study in fault_table validity_matrix clearance_errors campaign_study; do \
+	    $(BIN)/python -m tests.studies.$$study -o results/studies/$$study.csv || exit 1; done
 
 test: $(READY) ## every test but the long campaign of damaged files; a file's tests share a process
 	$(TESTING) $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --ignore tests/benchmarks $(ALSO)

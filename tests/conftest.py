@@ -25,7 +25,7 @@ LONG = (
     "fuzzing/test_readers.py",
     "core/test_clearance.py",
     "core/test_every_promise.py",
-    "core/evaluation/test_clearance_errors.py",
+    "studies/test_clearance_errors.py",
     "app/live/test_hostile_messages.py",
 )
 """What takes minutes in the campaign; each of the others takes seconds."""

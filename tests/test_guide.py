@@ -31,7 +31,7 @@ SMALL = {
 }
 """Options that keep a command short; the last of an option counts."""
 ENDLESS = ("serve", "demo")
-MINUTES = ("sweep", "campaign-study", "clearance-errors", "validity-matrix", "fault-table")
+MINUTES = ("sweep",)
 
 
 def text_of(slug: str) -> str:

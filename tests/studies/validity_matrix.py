@@ -4,9 +4,9 @@ An exceeding flight of another aircraft counts as a miss only if it was valid an
 alert. The matrix counts the share of such flights.
 """
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from typing import Literal
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from core.channels import KEYS
 from core.collection import collect, fresh
 from core.evaluation.rates import clopper_pearson
 from core.monitor.monitor import Monitor
+from core.monitor.recipe import MonitorRecipe
 from core.monitor.training import train
 from core.planned_test import DatasetRecipe, Simulator
 from core.seeds import Branch, stream
@@ -24,6 +25,7 @@ from core.simulation.maneuver import MANEUVERS
 from core.simulation.published import MODELS, ModelName
 from core.specification import Limits
 from core.types import Array, Indices
+from tests.studies.study_command import Progress, run_study
 
 Command = Literal["same", "retuned"]
 COMMANDS: tuple[Command, ...] = ("same", "retuned")
@@ -38,7 +40,8 @@ NY = KEYS.index("Ny")
 N_FAILING = 1
 """Position of the exceeding flights among the counts."""
 UNLIMITED_G = 1e6
-Progress = Callable[[int, int], object]
+FEW = 100
+"""Exceeding flights below which a bound says little."""
 
 
 @dataclass(frozen=True)
@@ -196,3 +199,53 @@ def _counts(monitor: Monitor, y: Array, fail_index: Indices) -> Indices:
     missed[fails] = risk <= monitor.alert_above()
     kinds = ~fails, fails, invalid & ~fails, invalid & fails, missed, missed & ~invalid
     return np.array([np.count_nonzero(kind) for kind in kinds])
+
+
+def plain(pair: Pair) -> dict[str, Any]:
+    """Return a pair with its shares, as JSON's types."""
+    shares = {
+        "share_invalid": pair.share_invalid,
+        "share_unwarned": pair.share_unwarned,
+        "most_unwarned": pair.most_unwarned,
+    }
+    return asdict(pair) | shares
+
+
+def in_words(flown: Sequence[Pair], _: object = None) -> str:
+    """One line a pair, and what is worst."""
+    head = (
+        f"{'monitor':15} {'aircraft':15} {'doublet':>8} {'flights':>7} {'exceed':>6} "
+        f"{'invalid':>7} {'missed':>6}   valid and missed"
+    )
+    lines = [head, *map(_line, flown)]
+    own = [pair for pair in flown if pair.is_own]
+    others = [pair for pair in flown if not pair.is_own and pair.n_failing >= FEW]
+    if own:
+        worst = max(own, key=lambda pair: pair.share_invalid)
+        lines.append(f"own aircraft called invalid: at most {worst.share_invalid:.1%}")
+    if others:
+        worst = max(others, key=lambda pair: pair.most_unwarned)
+        epsilon = MonitorRecipe().epsilon
+        above = sum(pair.most_unwarned > epsilon for pair in others)
+        lines.append(
+            f"others, of the flights that exceed, valid and missed: {worst.share_unwarned:.1%}, "
+            f"surely below {worst.most_unwarned:.1%}, where it is most ({worst.monitor} on "
+            f"{worst.aircraft}); above epsilon {epsilon:g} in {above} of {len(others)} pairs"
+        )
+    return "\n".join(lines)
+
+
+def _line(pair: Pair) -> str:
+    unwarned = "none exceeds"
+    if pair.share_unwarned is not None:
+        unwarned = f"{pair.share_unwarned:.1%}, surely below {pair.most_unwarned:.1%}"
+    n_missed = f"{pair.missed / pair.n_failing:.0%}" if pair.n_failing else "-"
+    return (
+        f"{pair.monitor:15} {pair.aircraft:15} {pair.amplitude_deg:7.3g}° "
+        f"{pair.n_safe + pair.n_failing:7} {pair.n_failing:6} {pair.share_invalid:7.1%} "
+        f"{n_missed:>6}   {unwarned}"
+    )
+
+
+if __name__ == "__main__":
+    run_study(MatrixRecipe, pairs, in_words, plain)

@@ -6,8 +6,8 @@ then mapped again from names without units, and scored unchanged.
 """
 
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from math import cos, tan
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -30,6 +30,7 @@ from core.simulation.attitude import SurfaceSigns, surface_signs
 from core.simulation.imperfections import channel_array
 from core.simulation.published import ModelName
 from core.types import Array
+from tests.studies.study_command import Progress, run_study
 
 Kind = Literal["safe", "failing"]
 KINDS: tuple[Kind, ...] = ("safe", "failing")
@@ -41,8 +42,9 @@ ATTITUDE_NOISE, SPEED_NOISE = float(np.radians(0.05)), 0.3
 SURE = 0.9
 """Below this confidence a mapping asks a person to check."""
 NO_FAULT = "none"
+NONE = "-"
+MEANS = ("mapping", "validity", "flown_input", "compatibility", "found")
 BATCH = 100
-Progress = Callable[[int, int], object]
 
 
 class Reading(NamedTuple):
@@ -257,3 +259,21 @@ def _is_other(before: Proposal, now: Proposal) -> bool:
         for proposal in (before, now)
     )
     return bool(was - is_now)
+
+
+def in_words(rows: Sequence[FaultCounts], _: object = None) -> str:
+    """One line a fault: how many of the safe and of the failing flights each means found."""
+    n = rows[0].n if rows else 0
+    head = f"{'sensor':8} {'fault':14}" + "".join(
+        f" {name.replace('_', ' '):>14}" for name in MEANS
+    )
+    lines = [f"found in so many of {n} safe + {n} failing flights, by:", head]
+    for safe, failing in zip(rows[:: len(KINDS)], rows[1 :: len(KINDS)], strict=True):
+        counts = (f"{getattr(safe, name)} + {getattr(failing, name)}" for name in MEANS)
+        cells = "".join(f" {'-' if count == '0 + 0' else count:>14}" for count in counts)
+        lines.append(f"{safe.sensor:8} {safe.fault:14}{cells}")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    run_study(FaultTableRecipe, fault_table, in_words, asdict)

@@ -1,6 +1,6 @@
 """Clearance under model errors: wrong clearances, and errors that its checks detect."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Annotated, NamedTuple
 
@@ -16,8 +16,8 @@ from core.seeds import Branch, stream
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import NoFeedback
 from core.types import Array, Flags
+from tests.studies.study_command import Progress, run_study
 
-Progress = Callable[[int, int], object]
 Recipe = Callable[[DatasetRecipe], DatasetRecipe]
 
 SOFT_SIDESLIP = 0.1
@@ -252,3 +252,33 @@ def softened(
             state = state + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
             pedals = after
     return y
+
+
+def in_words(rows: Sequence[ErrorRow], _: object = None) -> str:
+    """One line an error of a test."""
+    lines = [
+        "wrongly: of exceeding aircraft those that the prediction clears; unflagged: those of them "
+        "that no check withdraws",
+        f"{'':8} {'error':44} {'exceed':>6} {'wrongly':>8} {'unflagged':>9} {'safe cleared':>12} "
+        f"{'flagged':>8}",
+    ]
+    for row in rows:
+        n = row.n_exceed + row.n_safe
+        shares = [
+            f"{part / whole:.3f}" if whole else "-"
+            for part, whole in (
+                (row.wrongly, row.n_exceed),
+                (row.wrongly_unflagged, row.n_exceed),
+                (row.safe_cleared, row.n_safe),
+                (row.flagged, n),
+            )
+        ]
+        lines.append(
+            f"{row.test:8} {row.error:44} {row.n_exceed / n:6.2f} {shares[0]:>8} {shares[1]:>9} "
+            f"{shares[2]:>12} {shares[3]:>8}"
+        )
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    run_study(ErrorTableRecipe, error_table, in_words, ErrorRow._asdict)

@@ -1,21 +1,19 @@
 """Model errors: their flights, and the table of clearances."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from app.cli import main
-from core.evaluation import clearance_errors
-from core.evaluation.clearance_errors import (
+from core.evaluation.lead_sweep import TESTS
+from core.planned_test import SensorNoise, Simulator
+from tests.studies import clearance_errors
+from tests.studies.clearance_errors import (
     MODEL_ERRORS,
     ErrorTableRecipe,
     error_table,
     softened,
 )
-from core.evaluation.lead_sweep import TESTS
-from core.planned_test import SensorNoise, Simulator
 
 BY_WORDS = {error.words: error for error in MODEL_ERRORS}
 
@@ -45,26 +43,22 @@ def test_softening_makes_the_aircraft_swing_farther() -> None:
     assert 0.0 < grown[0] < 0.01 < grown[1] < grown[2]
 
 
-def test_the_command_prints_each_error(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_noise_that_is_not_modelled_is_detected(monkeypatch: pytest.MonkeyPatch) -> None:
     """Twice the noise is detected on all flights; the modelled noise on few."""
     some = (BY_WORDS["as modelled"], BY_WORDS["noise twice as large"])
     monkeypatch.setattr(clearance_errors, "MODEL_ERRORS", some)
-    sizes = ["--n-aircraft", "100", "--n-exceeding", "20", "--epsilon", "0.1"]
-    assert main(["clearance-errors", "--tests", "ATTAS", *sizes, "--json"]) == 0
-    modelled, noisy = json.loads(capsys.readouterr().out)
-    assert modelled["error"] == "as modelled"
-    assert modelled["n_exceed"] + modelled["n_safe"] == 100
-    assert modelled["flagged"] <= 20
-    assert noisy["flagged"] >= 95
-    assert noisy["wrongly_unflagged"] == 0
+    recipe = ErrorTableRecipe(tests=("ATTAS",), n_aircraft=100, n_exceeding=20, epsilon=0.1)
+    modelled, noisy = error_table(recipe)
+    assert modelled.error == "as modelled"
+    assert modelled.n_exceed + modelled.n_safe == 100
+    assert modelled.flagged <= 20
+    assert noisy.flagged >= 95
+    assert noisy.wrongly_unflagged == 0
 
 
-def test_impossible_tables_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    """An unknown test, and impossible steps."""
-    assert main(["clearance-errors", "--tests", "B-52"]) == 1
-    assert "'B-52' was given: choose F-16" in capsys.readouterr().err
+def test_an_unknown_test_is_refused() -> None:
+    with pytest.raises(ValueError, match="'B-52' was given: choose F-16"):
+        ErrorTableRecipe(tests=("B-52",))
 
 
 SHOWN = (

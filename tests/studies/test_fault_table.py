@@ -5,15 +5,16 @@ import csv
 import pytest
 from pydantic import TypeAdapter
 
-from app.commands.fault_table import MEANS, in_words
-from app.scoring.fault_table import (
+from tests.studies.fault_table import (
     FAULTS,
     KINDS,
+    MEANS,
     NO_FAULT,
     SENSORS,
     FaultCounts,
     FaultTableRecipe,
     fault_table,
+    in_words,
 )
 from tests.support.places import DATA, ROOT
 
@@ -22,7 +23,7 @@ ROUNDING = 1
 
 
 def kept() -> dict[tuple[str, str, str], FaultCounts]:
-    """The table written by `forewarn fault-table`."""
+    """The table written by `make studies`."""
     with (DATA / "fault_table.csv").open() as file:
         rows = TypeAdapter(list[FaultCounts]).validate_python(list(csv.DictReader(file)))
     return {(row.sensor, row.fault, row.kind): row for row in rows}

@@ -6,13 +6,16 @@ aborted point ends the build-up, and so does an exceedance. Every pair of epsilo
 and of the monitor, is applied to the same flights.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
 
+from app.report.studies.study_figures import COLOURS, DASHES, STYLE
 from core.bounds import Bounds, check_bounds
 from core.clearance import BATCH, BuildUp, ClearanceRecipe, PointPredictor, calibrate
 from core.collection import CollectionError, card_of, collect
@@ -24,8 +27,8 @@ from core.monitor.calibration import Guarantee, alert_above, failures_needed
 from core.planned_test import DatasetRecipe, Simulator
 from core.seeds import Branch, stream
 from core.types import Array, Flags, Indices
+from tests.studies.study_command import Progress, run_study
 
-Progress = Callable[[str, int, int], object]
 WITHOUT = 1.0
 """Epsilon that means no clearance, or no monitor."""
 OTHERS = 10_000
@@ -144,7 +147,7 @@ def campaign_study(
 ) -> list[CampaignCounts]:
     """Fly the build-ups; one entry for each planned test and pair of epsilons.
 
-    progress: called with (name of the point, points done, total); an exception cancels.
+    progress: called with (points done, total).
     """
     each = len(recipe.steps) - 1
     counts: list[CampaignCounts] = []
@@ -155,7 +158,7 @@ def campaign_study(
         for number in range(1, len(recipe.steps)):
             if progress:
                 done = of_test * each + number - 1
-                progress(f"{name}, point {number + 1}", done, len(tests) * each)
+                progress(done, len(tests) * each)
             points.append(build_up.outcomes(number))
         first = build_up.flown[0].is_unsafe
         counts += [
@@ -298,3 +301,100 @@ def best_of(counts: Sequence[CampaignCounts], avoided: float) -> CampaignCounts 
     """Among pairs that avoid at least this share, the one that loses the fewest safe points."""
     enough = [pair for pair in counts if pair.avoided_share >= avoided]
     return min(enough, key=lambda pair: pair.lost_share) if enough else None
+
+
+GOAL = 0.99
+"""Share of the exceedances to avoid."""
+
+
+def plain(counts: CampaignCounts) -> dict[str, Any]:
+    (avoided_low, avoided_high), (lost_low, lost_high) = counts.intervals.tolist()
+    return counts._asdict() | {
+        "avoided_share": counts.avoided_share,
+        "avoided_low": avoided_low,
+        "avoided_high": avoided_high,
+        "lost_share": counts.lost_share,
+        "lost_low": lost_low,
+        "lost_high": lost_high,
+    }
+
+
+def in_words(counts: Sequence[CampaignCounts], recipe: CampaignStudyRecipe) -> str:
+    """One line for each pair of epsilons, and the best pair that avoids nearly all exceedances."""
+    steps = ", ".join(f"{step:.0%}" for step in recipe.steps)
+    lines = [
+        f"build-up of {steps}, {recipe.n_flown} aircraft; {recipe.method}, {recipe.lead_s:g} s "
+        f"ahead, reaction {recipe.reaction_s:g} s; points after the first",
+        f"{'':8} {'clearance':>9} {'monitor':>8} {'exceed':>7} {'avoided':>23} {'safe':>6} "
+        f"{'lost':>23}",
+    ]
+    for pair in counts:
+        (low, high), (least, most) = pair.intervals
+        lines.append(
+            f"{pair.test:8} {_epsilon(pair.clearance_epsilon):>9} "
+            f"{_epsilon(pair.monitor_epsilon):>8} {pair.n_exceeding:7d} "
+            f"{pair.avoided_share:7.3f} ({low:.3f} to {high:.3f}) {pair.n_safe:6d} "
+            f"{pair.lost_share:7.3f} ({least:.3f} to {most:.3f})"
+        )
+    for name in dict.fromkeys(pair.test for pair in counts):
+        best = best_of([pair for pair in counts if pair.test == name], GOAL)
+        lines.append(
+            f"{name}: no pair avoids {GOAL:.0%} of the exceedances"
+            if best is None
+            else f"{name}: {best.avoided_share:.1%} avoided at {best.lost_share:.1%} of the safe "
+            f"points lost, with a clearance at {_epsilon(best.clearance_epsilon)} and a monitor "
+            f"at {_epsilon(best.monitor_epsilon)}: the fewest lost with {GOAL:.0%} avoided"
+        )
+    return "\n".join(lines)
+
+
+def _epsilon(epsilon: float) -> str:
+    return "none" if epsilon == WITHOUT else f"{epsilon:g}"
+
+
+def avoided_against_lost(counts: Sequence[CampaignCounts], recipe: CampaignStudyRecipe) -> Figure:
+    """One panel per planned test, one line per monitor, one mark per clearance; 95 % intervals."""
+    tests = list(dict.fromkeys(pair.test for pair in counts))
+    with rc_context(STYLE):
+        figure = Figure(figsize=(4.0 * len(tests) + 1.0, 4.4), layout="constrained")
+        panels = figure.subplots(1, len(tests), sharey=True, squeeze=False)[0]
+        for axes, name in zip(panels, tests, strict=True):
+            for number, epsilon in enumerate(recipe.monitor_epsilons):
+                line = [c for c in counts if c.test == name and c.monitor_epsilon == epsilon]
+                line.sort(key=lambda pair: pair.lost_share)
+                axes.errorbar(
+                    [pair.lost_share for pair in line],
+                    [pair.avoided_share for pair in line],
+                    yerr=_sides([pair.avoided_share for pair in line], line, 0),
+                    xerr=_sides([pair.lost_share for pair in line], line, 1),
+                    label="no monitor" if epsilon == WITHOUT else f"monitor at {epsilon:g}",
+                    color=COLOURS[number % len(COLOURS)],
+                    ls=DASHES[number % len(DASHES)],
+                    marker="o",
+                    lw=1.4,
+                    ms=3,
+                    elinewidth=0.6,
+                )
+            axes.set(title=name, xlabel="share of safe points lost", ylim=(-0.02, 1.02))
+        panels[0].set_ylabel("share of exceedances avoided")
+        lines, labels = panels[0].get_legend_handles_labels()
+        figure.legend(lines, labels, loc="outside lower center", ncols=5, frameon=False)
+        figure.suptitle(
+            "clearances at "
+            f"{', '.join(f'{e:g}' for e in recipe.clearance_epsilons if e < WITHOUT)}, and none; "
+            f"{recipe.lead_s:g} s ahead, reaction {recipe.reaction_s:g} s"
+        )
+    return figure
+
+
+def _sides(
+    shares: list[float], counts: list[CampaignCounts], which: int
+) -> tuple[list[float], list[float]]:
+    """Distance of the interval's ends below and above each share."""
+    intervals = [pair.intervals[which] for pair in counts]
+    pairs = list(zip(shares, intervals, strict=True))
+    return [share - low for share, (low, _) in pairs], [high - share for share, (_, high) in pairs]
+
+
+if __name__ == "__main__":
+    run_study(CampaignStudyRecipe, campaign_study, in_words, plain, avoided_against_lost)

@@ -1,24 +1,28 @@
 """Campaign study: counts as by hand, on flights that stay the same until stopped."""
 
-import json
+import csv
 from copy import deepcopy
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from app.cli import main
-from core.evaluation.campaign_study import (
+from core.evaluation.lead_sweep import TESTS
+from core.planned_test import Simulator
+from core.seeds import Branch, stream
+from tests.studies.campaign_study import (
     WITHOUT,
     CampaignStudyRecipe,
     _counted,
     _PointOutcomes,
+    avoided_against_lost,
     best_of,
     campaign_study,
+    in_words,
+    plain,
 )
-from core.evaluation.lead_sweep import TESTS
-from core.planned_test import Simulator
-from core.seeds import Branch, stream
+from tests.studies.study_command import run_study
 
 SMALL = CampaignStudyRecipe(
     tests=("F-16",),
@@ -94,42 +98,34 @@ def test_a_smaller_epsilon_avoids_more_and_loses_more() -> None:
     assert best_of([nothing], 0.5) is None
 
 
-def test_the_command_prints_the_table_and_draws_it(
+def test_the_study_prints_its_table_and_writes_it_with_a_figure(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     sizes = ["--n-flown", "60", "--n-unsafe", "40", "--n-exceeding", "30", "--n-aircraft", "100"]
     grid = ["--steps", "0.6,1", "--clearance-epsilons", "0.2,1", "--monitor-epsilons", "0.2,1"]
-    files = ["--figure", str(tmp_path / "c.svg"), "-o", str(tmp_path / "c.csv")]
-    assert main(["campaign-study", "--tests", "F-16", *sizes, *grid, *files]) == 0
+    arguments = ["--tests", "F-16", *sizes, *grid, "-o", str(tmp_path / "c.csv")]
+    run_study(CampaignStudyRecipe, campaign_study, in_words, plain, avoided_against_lost, arguments)
     printed = capsys.readouterr().out
     assert "build-up of 60%, 100%, 60 aircraft" in printed
     assert "F-16: " in printed.splitlines()[-1]
-    assert len((tmp_path / "c.csv").read_text().splitlines()) == 5
+    with (tmp_path / "c.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    pairs = {(row["clearance_epsilon"], row["monitor_epsilon"]) for row in rows}
+    assert pairs == {("0.2", "0.2"), ("0.2", "1.0"), ("1.0", "0.2"), ("1.0", "1.0")}
     assert "no monitor" in (tmp_path / "c.svg").read_text()
-    assert main(["campaign-study", "--tests", "F-16", *sizes, *grid, "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out)
-    assert {(row["clearance_epsilon"], row["monitor_epsilon"]) for row in rows} == {
-        (0.2, 0.2),
-        (0.2, 1.0),
-        (1.0, 0.2),
-        (1.0, 1.0),
-    }
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("given", "words"),
     [
-        (("--tests", "B-52"), "'B-52' was given: choose F-16"),
-        (("--method", "magic"), "'magic' was given"),
-        (("--steps", "1"), "two or more positive, growing"),
-        (("--steps", "1,0.5"), "two or more positive, growing"),
-        (("--clearance-epsilons", "0,0.5"), "above 0, at most 1"),
-        (("--clearance-epsilons", "0.0001"), "it needs at least 9999"),
-        (("--figure", "c.pdf"), "ends in .png or .svg"),
+        ({"tests": ("B-52",)}, "'B-52' was given: choose F-16"),
+        ({"method": "magic"}, "'magic' was given"),
+        ({"steps": (1.0,)}, "two or more positive, growing"),
+        ({"steps": (1.0, 0.5)}, "two or more positive, growing"),
+        ({"clearance_epsilons": (0.0, 0.5)}, "above 0, at most 1"),
+        ({"clearance_epsilons": (0.0001,)}, "it needs at least 9999"),
     ],
 )
-def test_impossible_studies_are_refused(
-    capsys: pytest.CaptureFixture[str], options: tuple[str, ...], words: str
-) -> None:
-    assert main(["campaign-study", *options]) == 1
-    assert words in capsys.readouterr().err
+def test_impossible_studies_are_refused(given: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        CampaignStudyRecipe(**given)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from core.evaluation.validity_matrix import MatrixRecipe, Pair, pairs
 from core.monitor import MonitorRecipe
 from core.simulation.published import MODELS
+from tests.studies.validity_matrix import MatrixRecipe, Pair, pairs
 from tests.support.places import DATA, ROOT
 
 ROUNDING = 2
@@ -16,7 +16,7 @@ ROUNDING = 2
 
 
 def kept() -> list[Pair]:
-    """The table written by `forewarn validity-matrix`."""
+    """The table written by `make studies`."""
     with (DATA / "validity_matrix.csv").open() as file:
         return TypeAdapter(list[Pair]).validate_python(list(csv.DictReader(file)))
 
