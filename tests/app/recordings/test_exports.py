@@ -1,4 +1,4 @@
-"""Exports: other programs read back every number, its unit, and nothing where there was nothing."""
+"""Other programs read back every exported number, unit and missing value."""
 
 import io
 

@@ -1,4 +1,4 @@
-"""A recording under a mapping is applied and repaired once, whoever looks at it."""
+"""A mapping is applied and repaired once per recording."""
 
 import json
 from dataclasses import asdict, replace

@@ -1,4 +1,4 @@
-"""Tiles: at any zoom the extremes of each bin are those of its samples."""
+"""At any zoom the extremes of a bin are those of its samples."""
 
 import numpy as np
 import pytest

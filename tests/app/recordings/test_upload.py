@@ -1,4 +1,4 @@
-"""Uploads over a socket: what is interrupted at any moment leaves nothing behind."""
+"""Uploads over a socket: an interruption at any moment leaves nothing behind."""
 
 import asyncio
 import json
@@ -151,7 +151,7 @@ def test_a_server_that_is_killed_leaves_nothing_half_done_after_its_next_start(
 
 @pytest.mark.parametrize("moment", ["row", "folder", "withdrawn", "gone", "scoring"])
 def test_incomplete_files_of_a_crashed_server_are_removed(tmp_path, file, moment):
-    """Each moment between two steps of putting in place, removing and scoring."""
+    """Crash between any two steps of adding, removing and scoring."""
     with api(tmp_path) as client:
         whole = uploaded(client, file, name="whole.csv")
         half = uploaded(client, file, name="half.csv")["id"]

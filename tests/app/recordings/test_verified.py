@@ -1,4 +1,4 @@
-"""What is stored is checked against its digest when it is read; a mismatch is an error."""
+"""Stored files are checked against their digests on reading; a mismatch is an error."""
 
 from collections.abc import Iterator
 from dataclasses import fields, replace
@@ -34,7 +34,7 @@ class StoredScoring(NamedTuple):
 
 @pytest.fixture
 def stored_scoring(tmp_path: Path, dataset: Dataset, flights: Array) -> Iterator[StoredScoring]:
-    """A recording that was scored, at a server that has not read it since."""
+    """A scored recording on a server that has not read it yet."""
     with api(tmp_path) as client:
         monitor = store_of(client).monitors.add(train(replace(dataset, recipe={})), "m").id
         recording = uploaded(client, csv_of(flights[0]))["id"]

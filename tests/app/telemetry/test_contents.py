@@ -1,4 +1,4 @@
-"""Columns on the disk: mapped when they are used, and given back."""
+"""Columns on disk are memory-mapped on use, and released."""
 
 import sys
 from pathlib import Path
@@ -19,9 +19,9 @@ def resident(path: Path) -> int:
     return resident_kib * 1024
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="the system does not say it")
+@pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
 def test_a_released_column_uses_no_memory_and_can_be_read_again(tmp_path: Path) -> None:
-    """Also through views of it; what is in memory alone stays."""
+    """Also through views of it; other arrays are not affected."""
     place = tmp_path / "columns"
     place.mkdir()
     writer = ColumnWriter(place, 1 << 30)

@@ -1,4 +1,4 @@
-"""What holds for every binary format: the same telemetry comes back, and damage is one error."""
+"""Every binary format gives the same telemetry back; damage gives one error."""
 
 import contextlib
 import sys

@@ -1,4 +1,4 @@
-"""Files are read elsewhere, and whatever happens there is one sentence here."""
+"""Files are read in another process; any failure there becomes one sentence."""
 
 import os
 import select

@@ -1,4 +1,4 @@
-"""Files are read by their content, whatever they are called; what is no file is refused."""
+"""Files are read by their content, whatever their names; other paths are refused."""
 
 import os
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a file says of a signal in words: a NetCDF long_name, a comment, a table of parameters."""
+"""Descriptions of signals in a file: a NetCDF long_name, a comment, a table of parameters."""
 
 import pytest
 

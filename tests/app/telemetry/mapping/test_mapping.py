@@ -1,4 +1,4 @@
-"""The proposal as a whole: what a file's signals are taken for, how surely and why."""
+"""The whole proposal: mapped signals, confidence and reasons."""
 
 import json
 

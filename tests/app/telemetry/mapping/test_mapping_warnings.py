@@ -1,4 +1,4 @@
-"""Warnings about a mapping made by hand."""
+"""Warnings about a mapping made by a person."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What the motion says of a mapping: signs, gravity, offsets."""
+"""Check a mapping against the motion: signs, gravity, biases."""
 
 import numpy as np
 import pytest

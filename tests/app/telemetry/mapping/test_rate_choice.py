@@ -1,4 +1,4 @@
-"""Of several signals named like a rate, the one that the attitude follows."""
+"""Choose the rate signal that fits the attitude best."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ NAMES = {"p": ("roll_rate", "P_RATE_2"), "r": ("yaw_rate", "R_RATE_2")}
 
 
 def two_rates(key, correlation, *, first, second):
-    """A table in which the first name is a rate of some correlation, the second the rate itself."""
+    """A table with a correlated signal named `first` and the true rate named `second`."""
     truth = flight()[key]
     t = flight()["t"]
     slow = np.sin(0.9 * t + 1.0) + 0.7 * np.sin(2.3 * t)  # another quantity, which moves as slowly

@@ -1,4 +1,4 @@
-"""A recording without a vector of times, at a rate that its file or a person says."""
+"""Recordings without times, with a rate from the file or a person."""
 
 import h5py
 import netCDF4
@@ -101,7 +101,7 @@ def test_a_declared_time_with_conflicting_values_is_replaced_by_a_better_one(tmp
 
 
 def recorder(path):
-    """Parameters of a flight data recorder: each at a rate and from a moment of its own."""
+    """Parameters of a flight data recorder, each with its own rate and start."""
     with h5py.File(path, "w") as file:
         for name, unit, rate, start, values in (
             ("Sideslip", "deg", 8.0, 0.25, np.degrees(SWING)),

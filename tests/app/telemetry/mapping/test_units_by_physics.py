@@ -1,4 +1,4 @@
-"""Units that neither file nor names give, decided by physics and by the company of a signal."""
+"""Infer units that neither file nor names give, by physics and other signals."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ ANGLES = ("beta", "phi", "theta", "psi", "delta_a", "delta_r")
 RATES = ("p", "r")
 ATTITUDE = ("phi", "theta", "psi")
 SURE = 0.9
-"""Confidence from which command line and page say "high"."""
+"""Least confidence that command line and page call "high"."""
 
 
 def gentle(model="attas_id_16kft", share=0.3):

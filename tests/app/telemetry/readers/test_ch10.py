@@ -1,4 +1,4 @@
-"""Recordings of IRIG 106 Chapter 10: packets of the library's and by the standard."""
+"""Read IRIG 106 Chapter 10: packets from the library and from the standard."""
 
 import struct
 from datetime import datetime

@@ -1,4 +1,4 @@
-"""Recordings in HDF5, and what such a file must not make its reader do."""
+"""Read HDF5, and resist hostile files."""
 
 import h5py
 import numpy as np

@@ -1,4 +1,4 @@
-"""Journals of live flights as recordings: what was sent, when it came, and nothing else."""
+"""Journals of live flights as recordings: sent values and times of arrival, nothing else."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Recordings in MATLAB files, of MATLAB itself where scipy brings them along."""
+"""Read MATLAB files, including files by MATLAB that scipy ships."""
 
 import struct
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Recordings in NetCDF, against the netCDF library's own reading of them."""
+"""Read NetCDF; results equal those of the netCDF library."""
 
 from datetime import UTC, datetime
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Text tables in every dialect: the same numbers come out, and bad rows by their lines."""
+"""Text tables in every dialect give the same numbers, and bad rows with line numbers."""
 
 import io
 

@@ -1,4 +1,4 @@
-"""Times written as text become seconds since the first, whatever their form."""
+"""Times as text in any form become seconds since the first."""
 
 from datetime import UTC, datetime, timedelta
 

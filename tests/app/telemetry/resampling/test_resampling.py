@@ -1,4 +1,4 @@
-"""Channels on one grid: what survives, what is removed, and what is never invented."""
+"""Resample onto one grid: keep the signal, remove aliases, invent nothing."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Times repaired only where that is certain, and the repair named."""
+"""Repair times only where that is certain, and report it."""
 
 import json
 from dataclasses import asdict
@@ -20,7 +20,7 @@ from tests.support.repetition import examples
 
 N = 2000
 ROW = np.arange(N, dtype=np.float64)
-"""Values that say which row they are of; of channels that may reach so far."""
+"""Values equal to their row number, for channels with a wide plausible range."""
 T = ROW / 100.0
 
 
