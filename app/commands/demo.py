@@ -6,7 +6,7 @@ import os
 import sys
 import webbrowser
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from itertools import repeat
 from multiprocessing import get_context
 
@@ -58,10 +58,12 @@ def demonstrate(settings: Settings, say: Callable[[str], None], *, browser: bool
     listening = listen(settings)
     tasks: list[asyncio.Task[None]] = []
 
-    async def opened(app: FastAPI, address: str) -> None:
-        tasks.append(asyncio.create_task(show(app, address, say, browser=browser)))
+    with ExitStack() as stack:
 
-    with compiling_ahead():
+        async def opened(app: FastAPI, address: str) -> None:
+            stack.enter_context(compiling_ahead())
+            tasks.append(asyncio.create_task(show(app, address, say, browser=browser)))
+
         serve(settings, opened, listening)
     return int(any(task.done() and not task.cancelled() and task.exception() for task in tasks))
 

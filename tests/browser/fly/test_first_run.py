@@ -8,6 +8,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from app.http.page import modules
+from app.messages import Frame, Hello, StatusChange
 from core.monitor import Monitor
 from tests.browser.chromium import ROOT, wait_until
 from tests.browser.recorded_site import RecordedSite, open_recorded_site
@@ -196,3 +197,19 @@ def test_files_are_compressed_and_streams_are_not(page: Page, fresh: Site):
     assert "gzip" not in page.request.get(f"{fresh.http}/healthz").headers.get(
         "content-encoding", ""
     )
+
+
+def test_the_recording_holds_messages_of_this_program():
+    recording = json.loads(FILE.read_text())
+    hello = Hello.model_validate(recording["hello"] | {"mode": "simulated"})
+    assert hello.monitors[0].warnings == []
+    whole, sparse = recording["frames"]["whole"], recording["frames"]["sparse"]
+    for k in range(len(whole["t"])):
+        frame = {key: values[k] for key, values in whole.items()}
+        frame |= {key: dict(values).get(k) for key, values in sparse.items()}
+        Frame.model_validate(frame | {"seq": k, "sent": None, "reason": frame["reason"] or ""})
+    for change in recording["headlines"]:
+        for headline in change["pair"]:
+            StatusChange.model_validate(headline)
+    kinds = [each["message"]["type"] for each in recording["messages"]]
+    assert kinds == ["state", "alarm", "alarm"]
