@@ -13,7 +13,7 @@
  * AlarmPanel
  *   describe({epsilon, alertAbove, guarantee, lead, warnings, limits, channels})   of the flight; warnings: of the monitor; limits: nodes, |N_y| 0.5 g
  *   setState({state, reason, last})    of the newest assessment, for the guarantee; last: cause of the newest sample
- *   take(alarm)          raised or acknowledged
+ *   onAlarm(alarm)       raised or acknowledged
  *   setStale(words)      why and by how much the newest sample is stale; empty where it is current
  *   setHeadline({status, beside})   of the flight; an acknowledged condition may continue
  *   setLinked(boolean)   false: new alarms cannot arrive
@@ -138,13 +138,13 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     failure.show("");
     try {
       const { warnings, cautions } = waiting();
-      for (const alarm of warnings.length > 0 ? warnings : cautions) take(await acknowledge(alarm));
+      for (const alarm of warnings.length > 0 ? warnings : cautions) onAlarm(await acknowledge(alarm));
     } catch (error) {
       failure.show(`Not acknowledged. ${reason(error)}`);
     }
   }
 
-  function take(alarm) {
+  function onAlarm(alarm) {
     const known = alarms.get(alarm.number);
     if (known?.acknowledged && !alarm.acknowledged) return;
     alarms.set(alarm.number, alarm);
@@ -163,7 +163,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
       render();
     },
     setLinked: (linked) => put(quiet, linked ? "No unacknowledged alarms. " : "◆ Not connected: new alarms cannot arrive. "),
-    take,
+    onAlarm,
     setStale: (words) => {
       if (words === stale) return;
       stale = words;

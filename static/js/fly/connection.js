@@ -73,7 +73,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
       if (socket !== mine) return;
       heard = performance.now();
       if (connection.link === "silent") setLink("open");
-      take(JSON.parse(event.data));
+      onMessage(JSON.parse(event.data));
     });
     mine.addEventListener("close", (event) => {
       if (socket === mine) onClose(event.code);
@@ -131,7 +131,7 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
     on.over?.(reason);
   }
 
-  const takers = {
+  const handlers = {
     hello: (message) => {
       const again = knowsFlight;
       [knowsFlight, backlog, connection.attempt] = [true, message.head, 0];
@@ -180,8 +180,8 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
     end: (message) => finish(message.reason),
   };
 
-  function take(message) {
-    takers[message.type]?.(message);
+  function onMessage(message) {
+    handlers[message.type]?.(message);
   }
 
   function send(message) {
@@ -212,9 +212,9 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
   }
 
   /** A browser warns about a socket that is closed before it is open. */
-  function shut(one) {
-    if (one.readyState === Socket.CONNECTING) one.addEventListener("open", () => one.close());
-    else one.close();
+  function shut(socket) {
+    if (socket.readyState === Socket.CONNECTING) socket.addEventListener("open", () => socket.close());
+    else socket.close();
   }
 
   connect();

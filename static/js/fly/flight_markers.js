@@ -12,7 +12,7 @@
  *
  * FlightMarkers
  *   offer(kinds)     that may be set: {kind, word, meaning, level, shortcut}
- *   take(marker) -> bool     shows the newest of the most urgent; returns whether it is new
+ *   onMarker(marker) -> bool     shows the newest of the most urgent; returns whether it is new
  *   keys             {key: act}, filled by offer
  *   shortcuts()      [[key, meaning, request]] for the list of keys
  */
@@ -71,7 +71,7 @@ export function createFlightMarkers({ buttons, last, refused }, { set, heard, un
     unheard();
   }
 
-  function take(marker) {
+  function onMarker(marker) {
     const isNew = !known.has(marker.number);
     known.set(marker.number, marker);
     const set = [...known.values()];
@@ -85,7 +85,7 @@ export function createFlightMarkers({ buttons, last, refused }, { set, heard, un
     return isNew;
   }
 
-  return { offer, take, keys, shortcuts: () => kinds.map(({ word, meaning, shortcut }) => [shortcut.toUpperCase(), `${word}: ${meaning}`, SET]) };
+  return { offer, onMarker, keys, shortcuts: () => kinds.map(({ word, meaning, shortcut }) => [shortcut.toUpperCase(), `${word}: ${meaning}`, SET]) };
 }
 
 export function markerText({ word, meaning, t, created, by, text }) {

@@ -46,8 +46,8 @@ export function headlineOf(server, { stale, alarms, blank = false }) {
   if (!stale) return blank && CALM.includes(server.level) ? { ...server, status: "no_data", level: "advisory" } : server;
   const known = [server.status, ...server.beside].filter((status) => !NOW.includes(status));
   const holds = [...known, "stale", ...(alarms > 0 ? ["alarm"] : [])];
-  const status = WORST_FIRST.find((one) => holds.includes(one));
-  const beside = BESIDE.filter((one) => one !== status && holds.includes(one));
+  const status = WORST_FIRST.find((each) => holds.includes(each));
+  const beside = BESIDE.filter((each) => each !== status && holds.includes(each));
   return { status, level: LEVELS[status], beside, exceeded_t: server.exceeded_t, verdict: server.verdict };
 }
 

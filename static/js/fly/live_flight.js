@@ -81,7 +81,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
 
   const connection = createConnection(id, {
     hello: onHello,
-    frames: (frames) => onFrames(frames, display.take(withForecast(frames))),
+    frames: (frames) => onFrames(frames, display.onFrames(withForecast(frames))),
     state: (assessment) => display.setAssessment(assessment),
     status: onStatus,
     alarm: onAlarm,
@@ -195,7 +195,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     const { number, t, level, kind, acknowledged } = raisedAlarm;
     const fresh = !raised.has(number);
     raised.add(number);
-    alarm.take(raisedAlarm);
+    alarm.onAlarm(raisedAlarm);
     if (fresh) events.add({ t, text: alertText(raisedAlarm, alertAbove(), hello.channels), level: LEVEL_OF[level], seen: kind === "limit" });
     if (acknowledged) {
       events.add(acknowledgementOf(raisedAlarm, hello.mode === "live"));
@@ -207,7 +207,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   }
 
   function onMarker(marker) {
-    if (!markers.take(marker)) return;
+    if (!markers.onMarker(marker)) return;
     events.add(markerEvent(marker));
     display.chart.flag(markerFlag(marker));
     markEvents();
@@ -220,8 +220,8 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     display.chart.setLimits(channels, since ?? -Infinity);
     limits.show(inForce, channels);
     if (inForce === null) return; // a seek to before the first limits
-    const own = hello.held.length > 0 ? hello.held : [{ t: null, limits: hello.monitors[0].limits }];
-    hello.held = [...own, { t: since, limits: inForce.limits }];
+    const before = hello.held.length > 0 ? hello.held : [{ t: null, limits: hello.monitors[0].limits }];
+    hello.held = [...before, { t: since, limits: inForce.limits }];
     events.add(limits.event(inForce, since));
     display.chart.flag({ key: null, t: since ?? inForce.t, word: inForce.limits === null ? "limits unknown" : "limits", colour: "caution" });
   }

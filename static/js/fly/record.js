@@ -117,7 +117,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     status.update(shown);
     const { passes, longest } = longestPass(frames);
     const held = heldDuring(flight.limits_held ?? [], longest);
-    const newest = held.findLast((one) => one.limits !== null)?.limits ?? {};
+    const newest = held.findLast(({ limits }) => limits !== null)?.limits ?? {};
     const limits = put.length > 0 || held.length > 0 ? newest : (monitor.dataset_recipe.limits ?? {});
     panels.notice.append(...putLines(put));
     panels.notice.append(...exceedanceLines(flight.exceedances, catalog.channels));
@@ -274,7 +274,7 @@ function verdictLine(flight) {
 /** Count, newest and worst of each channel: the verdict names only the first exceedance. */
 function exceedanceLines(exceedances, channels) {
   return exceedances.map(({ channel: key, n, first_t: first, last_t: last, worst, worst_t: at, limit }) => {
-    const channel = channels.find((one) => one.key === key);
+    const channel = channels.find((each) => each.key === key);
     const when = n === 1 ? `once, at ${secondsText(first)}` : `${n} times, first at ${secondsText(first)}, last at ${secondsText(last)}`;
     const most = `worst ${quantity(channel, worst)} at ${secondsText(at)}, limit ${magnitudeIn(channel, limit)}`;
     return h("p", { class: "exceedance-summary" }, h("strong", {}, ...symbolNodes(channel.symbol), " exceeded: "), `${when}; ${most}.`);

@@ -224,8 +224,8 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
     const pair = `${now.id} ${typed}`;
     if (pair === warned) return;
     warned = pair;
-    const found = await warningsAt(api, now, [typed]);
-    if (pair === warned) warnings.replaceChildren(...warningLines(found));
+    const current = await warningsAt(api, now, [typed]);
+    if (pair === warned) warnings.replaceChildren(...warningLines(current));
   }
 
   async function start(event) {

@@ -81,8 +81,8 @@ function beginWithUsualTest(fields, element, catalog) {
     const usual = catalog.families.aircraft.entries[target.value].usual_test;
     const { maneuver } = fields.read();
     const scatter = Object.keys(scatterOf(catalog.recipes.dataset, "as_flown"));
-    const kept = Object.fromEntries(scatter.map((key) => [key, maneuver[key]]));
-    const begun = { ...usual, maneuver: { ...usual.maneuver, ...kept } };
+    const flown = Object.fromEntries(scatter.map((key) => [key, maneuver[key]]));
+    const begun = { ...usual, maneuver: { ...usual.maneuver, ...flown } };
     for (const [key, value] of Object.entries(begun)) if (!byHand.has(key)) fields.put(key, value);
   });
 }
@@ -114,8 +114,8 @@ function imperfectionsChoice(fields, recipes) {
   }
 }
 
-function same(one, other) {
-  return JSON.stringify(one) === JSON.stringify(other);
+function same(a, b) {
+  return JSON.stringify(a) === JSON.stringify(b);
 }
 
 /** A button that fills in the amplitude at which a quarter of the rollouts exceed a limit. */
@@ -131,9 +131,9 @@ function amplitudeSuggestion(fields, api) {
     go.disabled = true;
     words.textContent = "Flying a pilot run…";
     try {
-      const found = await api.post("/datasets/amplitude", fields.read());
-      fields.put("maneuver", found.maneuver);
-      words.textContent = `${figure(found.amplitude_deg)} deg: ${percent(found.share, 0)} of ${found.n_rollouts} pilot rollouts exceed a limit`;
+      const suggestion = await api.post("/datasets/amplitude", fields.read());
+      fields.put("maneuver", suggestion.maneuver);
+      words.textContent = `${figure(suggestion.amplitude_deg)} deg: ${percent(suggestion.share, 0)} of ${suggestion.n_rollouts} pilot rollouts exceed a limit`;
     } catch (error) {
       words.textContent = "";
       failure.show(reason(error));

@@ -11,21 +11,21 @@ import { needs } from "./me.js";
 import { button } from "./view_states.js";
 
 export function createKeepButton({ api, path, keep, fail, name = "", attributes = {} }) {
-  let kept = keep;
+  let isKept = keep;
   const element = button("", press, { ...attributes, ...needs(`PUT ${path.replace(/[^/]+$/, "{}")}/keep`) });
   show();
 
   function show() {
     const hidden = name && h("span", { class: "visually-hidden" }, ` ${name}`);
-    element.replaceChildren(kept ? "✓ Kept permanently" : "Keep permanently", hidden);
-    element.setAttribute("aria-pressed", String(kept));
-    element.title = kept ? "Protected from deletion; press to release it" : "Protect it from deletion by retention and by people";
+    element.replaceChildren(isKept ? "✓ Kept permanently" : "Keep permanently", hidden);
+    element.setAttribute("aria-pressed", String(isKept));
+    element.title = isKept ? "Protected from deletion; press to release it" : "Protect it from deletion by retention and by people";
   }
 
   async function press() {
     element.disabled = true;
     try {
-      kept = (await api.put(`${path}/keep`, { keep: !kept })).keep;
+      isKept = (await api.put(`${path}/keep`, { keep: !isKept })).keep;
       show();
     } catch (error) {
       fail(error);

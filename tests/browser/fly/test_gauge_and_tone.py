@@ -59,13 +59,13 @@ def test_warnings_come_before_cautions_each_with_its_own_tone(strips: Open) -> N
         const word = () => banner.textContent.split(' at ')[0];
         const level = () => (banner.hidden ? '' : banner.dataset.level);
         const note = () => seen.push([level(), word(), panel.open()]);
-        panel.take(alarm(1, 'risk', 'warning'));
-        panel.take(alarm(2, 'stale', 'caution'));
+        panel.onAlarm(alarm(1, 'risk', 'warning'));
+        panel.onAlarm(alarm(2, 'stale', 'caution'));
         note();
         await panel.acknowledgeAll();
         note();
-        panel.take(alarm(2, 'stale', 'caution'));
-        panel.take(alarm(3, 'invalid', 'caution'));
+        panel.onAlarm(alarm(2, 'stale', 'caution'));
+        panel.onAlarm(alarm(3, 'invalid', 'caution'));
         note();
         await panel.acknowledgeAll();
         note();
@@ -92,9 +92,9 @@ def test_a_banner_of_several_alarms_says_how_many_and_when_the_first_was(strips:
         panel.describe({ epsilon: 0.1, lead: 0.5, limits: [], channels, warnings: [] });
         const about = { p_value: null, level: 'warning', acknowledged: null, by: null };
         const exceedance = { channel: 'Ny', value: 0.6, limit: 0.5, judged: 'both' };
-        panel.take({ ...about, number: 1, kind: 'risk', t: 1.4 });
-        panel.take({ ...about, number: 2, kind: 'limit', t: 1.65, exceedance });
-        panel.take({ ...about, number: 3, kind: 'limit', t: 2.7, exceedance });
+        panel.onAlarm({ ...about, number: 1, kind: 'risk', t: 1.4 });
+        panel.onAlarm({ ...about, number: 2, kind: 'limit', t: 1.65, exceedance });
+        panel.onAlarm({ ...about, number: 3, kind: 'limit', t: 2.7, exceedance });
         return element.querySelector('.alarm-text').textContent;
         """,
     )

@@ -65,8 +65,8 @@ export function createReadings(strips, { rowOf, bar }, { timeWindow, alertAbove,
       const parts = [`${name}: ${range === "–" ? "no value in view" : `${range} ${unit} in view`}`];
       if (risk && Number.isFinite(alertAbove)) parts.push(`alerts above ${figure(alertAbove)}`);
       if (risk && withdrawn) parts.push("withdrawn where invalid");
-      const limits = held ? held.map((one) => one.limit) : [limit];
-      for (const one of new Set(limits)) if (one !== null) parts.push(`limit ±${magnitudeIn(strip, one)}${held ? " in force" : ""}`);
+      const limits = held ? held.map(({ limit }) => limit) : [limit];
+      for (const each of new Set(limits)) if (each !== null) parts.push(`limit ±${magnitudeIn(strip, each)}${held ? " in force" : ""}`);
       rowOf[n].canvas.setAttribute("aria-label", parts.join(", "));
     });
   }

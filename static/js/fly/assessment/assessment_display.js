@@ -7,7 +7,7 @@
  *     was sought, so not flown now
  *
  * Display
- *   take(frames)               newest last; returns the newest that is shown, or null
+ *   onFrames(frames)           newest last; returns the newest that is shown, or null
  *   restart(t, held) -> Promise<frames | null>    after a seek or a loop: draws what lies before t [s]; held(): which limits held there, as hello has them
  *   forget()                   clears the strips: the samples shown were lost
  *   setAssessment({state, reason, cause}, quiet)    as the server says it, without a sample
@@ -62,7 +62,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   let seen = false; // the samples pushed lie before a point that was sought
   let late = null; // the server's state for samples that arrive late
 
-  function take(frames) {
+  function onFrames(frames) {
     if (frames.length === 0) return null;
     if (history.waits) {
       const wall = performance.now();
@@ -71,7 +71,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     }
     chart.push(frames);
     newest = frames.at(-1);
-    ahead.take(newest);
+    ahead.onFrame(newest);
     show(newest);
     return newest;
   }
@@ -124,7 +124,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
 
   async function restart(t, held) {
     newest = null;
-    ahead.take(null);
+    ahead.onFrame(null);
     origin = t;
     const read = await history.readBefore(t);
     if (read === null) return null;
@@ -133,7 +133,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     seen = true;
     if (read.before.length > 0) chart.push(read.before);
     seen = false;
-    return take(read.frames);
+    return onFrames(read.frames);
   }
 
   function exceeds({ key, symbol, t, value }) {
@@ -148,7 +148,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
 
   function forget() {
     newest = null;
-    ahead.take(null);
+    ahead.onFrame(null);
     chart.clear();
   }
 
@@ -169,7 +169,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   return {
     timeline,
     chart,
-    take,
+    onFrames,
     restart,
     forget,
     setAssessment: setServerState,

@@ -11,7 +11,7 @@
  *
  * RiskAhead
  *   describe(monitors)    as hello has them, the alarm authority first; hidden for a single one
- *   take(frame)           the newest sample; null for none
+ *   onFrame(frame)        the newest sample; null for none
  *   draw(stale)           stale: the display is out of date
  */
 
@@ -52,7 +52,7 @@ export function createRiskAhead(element) {
 
   return {
     describe,
-    take: (frame) => {
+    onFrame: (frame) => {
       newest = frame;
     },
     draw,
