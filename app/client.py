@@ -4,9 +4,9 @@
         client.start(monitor)
         client.send(t=0.02, beta=0.001, p=0.0, r=0.0, Ny=0.0, delta_a=0.0, delta_r=0.01)
 
-Every sample waits in memory until the server says that it is durable. After a broken connection,
-or a server that was killed, what it did not acknowledge is sent again under the same numbers, so
-that nothing is lost and nothing is taken twice.
+Every sample stays in memory until the server confirms that it is durable. After a broken connection
+or a killed server, unacknowledged batches are sent again under the same numbers: nothing is lost
+and nothing counts twice. Leaving the context ends the flight.
 """
 
 import asyncio
@@ -28,28 +28,28 @@ from app.outbox import Outbox, OutgoingBatch, PushFailed
 
 Way = Literal["websocket", "rest", "udp"]
 MOST_VALUES = 8_000
-"""In one batch: 200 kB at most, of the 256 kB that a message may have."""
+"""Per batch: at most 200 kB of the 256 kB that a message may have."""
 MOST_VALUES_UDP = 40
-"""In one datagram, so that it fits a packet."""
+"""Per datagram, so that it fits a packet."""
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.1, 5.0
-"""Between two attempts to connect."""
+"""Between two connection attempts."""
 REQUEST_S, PING_S = 15.0, 5.0
 START_S = 180.0
-"""That a flight may take to start: the server's first one compiles what a sample needs."""
+"""Longest start of a flight: the server's first one compiles kernels."""
 PATIENCE_S = 60.0
-"""That closing waits for acknowledgements, from the last one on."""
+"""Longest wait for acknowledgements when leaving, since the last one."""
 WRONG = frozenset({400, 401, 403, 404, 409, 410})
-"""Answers after which the same again makes no sense."""
+"""Answers after which a repetition is useless."""
 UNREADABLE = frozenset({413, 422})
-"""Answers to a batch that is none: it is left out, and counted."""
+"""Answers to an invalid batch: it is dropped and counted."""
 
 
 class LiveClient:
     """Pushes samples into one live flight, in the background. PushFailed.
 
-    url: of the server.   token: of somebody who may push samples, where the server asks for one.
-    way: `websocket`; `rest`; `udp`: as datagrams, and what got lost by WebSocket in the end.
-    patience: that leaving waits for acknowledgements, from the last one on [s].
+    url: of the server.   token: of an operator, if the server needs one.
+    way: `websocket`; `rest`; `udp`: datagrams, and lost ones by WebSocket at the end.
+    patience: longest wait for acknowledgements when leaving, since the last one [s].
     keep_open: leave the flight in progress. Otherwise leaving the client's context ends the flight
     that it started or pushed into, once every sample is durable; an error never ends a flight.
     """
@@ -67,7 +67,7 @@ class LiveClient:
         self.url, self.way, self.patience = url.rstrip("/"), way, patience
         self.flight = ""
         self.problem = ""
-        """Why nothing is acknowledged at present; empty where it is."""
+        """Why nothing is being acknowledged; empty if it is."""
         self.broken = 0
         """Connections that broke."""
         headers = {"Authorization": f"Bearer {token}"} if token else {}
@@ -78,12 +78,12 @@ class LiveClient:
         self._thread: threading.Thread | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._closing = self._flushing = False
-        self._come, self._stop = asyncio.Event(), asyncio.Event()
+        self._work_available, self._stop = asyncio.Event(), asyncio.Event()
 
     # --- the flight ---------------------------------------------------------------------------
 
     def start(self, monitor: str, *, name: str | None = None, **source: Any) -> str:
-        """Start a live flight through a monitor, by its id; return the flight's.
+        """Start a live flight with a monitor, given by id. Returns the flight's id.
 
         source: further fields of the source: recording, delay, trim, udp.
         """
@@ -96,23 +96,23 @@ class LiveClient:
         return flight
 
     def join(self, flight: str) -> str:
-        """Push into a flight that was started, after what it has; return its id."""
+        """Push into a started flight, after the batches that it has. Returns its id."""
         self.flight = flight
         self._samples.begin_after(self.status()["last_sequence"])
         return flight
 
     def status(self) -> dict[str, Any]:
-        """How the server finds the source: last_sequence, names, counts by kind, ..."""
+        """State of the source on the server: last_sequence, names, counts by kind, ..."""
         return self._ask("GET", f"/flights/{self.flight}/samples")
 
     def end(self) -> None:
-        """End the flight, once everything is durable."""
+        """End the flight once every sample is durable."""
         self.flush()
         self._ask("POST", f"/flights/{self.flight}/end")
 
     @property
     def address(self) -> str:
-        """Of the page that shows the flight."""
+        """Address of the flight's page."""
         return f"{self.url}/#/fly/{self.flight}"
 
     # --- samples ------------------------------------------------------------------------------
@@ -120,11 +120,11 @@ class LiveClient:
     def send(self, sample: Mapping[str, float | None] | None = None, /, **values: Any) -> None:
         """Push a sample: a number or None by name, in the units of the flight's mapping.
 
-        Returns at once, but where MOST_WAITING samples are not durable yet.
+        Returns at once, unless MOST_WAITING samples are not durable yet.
         """
         if self._thread is None:
             if not self.flight:
-                raise PushFailed("no flight was named: call start or join before send")
+                raise PushFailed("no flight yet: call start or join before send")
             self._thread = threading.Thread(target=self._work, name="live client", daemon=True)
             self._thread.start()
         named = {**(sample or {}), **values}
@@ -133,26 +133,26 @@ class LiveClient:
 
     @property
     def sent(self) -> int:
-        """Samples given to `send`."""
+        """Number of samples given to `send`."""
         return self._samples.n_put
 
     @property
     def durable(self) -> int:
-        """Samples that the server has on its disk."""
+        """Number of samples on the server's disk."""
         return self._samples.n_durable
 
     @property
     def refused(self) -> int:
-        """Samples that the server could not read, see `refusal`."""
+        """Number of samples that the server refused, see `refusal`."""
         return self._samples.n_refused
 
     @property
     def refusal(self) -> str:
-        """Why the last of them was refused."""
+        """Why the last refused sample was refused."""
         return self._samples.refusal
 
     def flush(self, patience: float | None = None) -> bool:
-        """Wait until nothing waits; False where nothing was acknowledged for `patience` [s]."""
+        """Wait until every sample is durable. False if none was acknowledged for `patience` [s]."""
         self._flushing = True
         self._wake()
         try:
@@ -161,7 +161,7 @@ class LiveClient:
             self._flushing = False
 
     def close(self) -> None:
-        """Stop, whatever waits."""
+        """Stop at once."""
         self._closing = True
         if self._thread is not None:
             self._call("_stop")
@@ -180,7 +180,7 @@ class LiveClient:
             if kind is None and not self.flush():
                 n, of = self.sent - self.durable, self.sent
                 why = self.problem or self.refusal
-                raise PushFailed(f"{n} of {of} samples are not known to be durable: {why}")
+                raise PushFailed(f"{n} of {of} samples are not confirmed as durable: {why}")
             if kind is None and not self.keep_open and (self._has_started or self.sent):
                 self.end()
         finally:
@@ -189,11 +189,11 @@ class LiveClient:
     # --- in the background --------------------------------------------------------------------
 
     def _wake(self) -> None:
-        self._call("_come")
+        self._call("_work_available")
 
-    def _call(self, event: Literal["_come", "_stop"]) -> None:
+    def _call(self, event: Literal["_work_available", "_stop"]) -> None:
         if self._loop is not None:
-            with suppress(RuntimeError):  # it has ended
+            with suppress(RuntimeError):  # the loop has ended
                 self._loop.call_soon_threadsafe(getattr(self, event).set)
 
     def _work(self) -> None:
@@ -203,7 +203,7 @@ class LiveClient:
             self._samples.fail(str(error) or repr(error))
 
     async def _until_closed(self) -> None:
-        self._come, self._stop = asyncio.Event(), asyncio.Event()
+        self._work_available, self._stop = asyncio.Event(), asyncio.Event()
         self._loop = asyncio.get_running_loop()
         pushing = asyncio.create_task(self._keep_pushing())
         stopping = asyncio.create_task(self._stop.wait())
@@ -216,7 +216,7 @@ class LiveClient:
                 raise outcome
 
     async def _keep_pushing(self) -> None:
-        """Push, and begin again after each fault, later and later until something is durable."""
+        """Push; after each fault reconnect, with longer waits until something is durable."""
         wait, link = FIRST_WAIT_S, {"rest": self._by_rest, "udp": self._by_udp}
         while True:
             n_durable = self._samples.n_durable
@@ -224,7 +224,7 @@ class LiveClient:
                 await link.get(self.way, self._by_websocket)()
             except PushFailed:
                 raise
-            except (OSError, WebSocketException, httpx2.HTTPError, _Again) as error:
+            except (OSError, WebSocketException, httpx2.HTTPError, _Retry) as error:
                 self.problem = str(error) or repr(error)
             self._samples.rewind()
             if self._samples.n_durable > n_durable:
@@ -235,8 +235,8 @@ class LiveClient:
 
     async def _next(self) -> OutgoingBatch:
         while (batch := self._samples.take()) is None:
-            self._come.clear()
-            await self._come.wait()
+            self._work_available.clear()
+            await self._work_available.wait()
         return batch
 
     async def _by_rest(self) -> None:
@@ -262,9 +262,9 @@ class LiveClient:
             is_refused = error.response.status_code in WRONG
             await asyncio.to_thread(self.status)
             if is_refused:
-                raise PushFailed(f"{reason}: use the token of an operator") from None
+                raise PushFailed(f"{reason}: use an operator's token") from None
         await asyncio.to_thread(self.status)
-        raise _Again(reason)
+        raise _Retry(reason)
 
     async def _talk(self, socket: ClientConnection) -> None:
         sending = asyncio.create_task(self._send_all(socket))
@@ -280,15 +280,15 @@ class LiveClient:
             sending.cancel()
 
     async def _send_all(self, socket: ClientConnection) -> None:
-        with suppress(WebSocketException):  # who receives is told too
+        with suppress(WebSocketException):  # the receiving side reports it
             while True:
                 await socket.send((await self._next()).text, text=True)
 
     async def _by_udp(self) -> None:
-        """Send datagrams; where somebody waits for them, repeat by WebSocket what got lost."""
+        """Send datagrams; while someone waits for them, repeat lost ones by WebSocket."""
         to = (await asyncio.to_thread(self.status))["udp"]
         if to is None:
-            raise PushFailed("the flight listens to no datagrams: start it with `udp`")
+            raise PushFailed("the flight does not listen for datagrams: start it with `udp`")
         host, port = urlsplit(self.url).hostname or "", int(to.rpartition(":")[2])
         family, *_, target = (await asyncio.to_thread(socket.getaddrinfo, host, port))[0]
         with socket.socket(family, socket.SOCK_DGRAM) as sender:
@@ -299,8 +299,8 @@ class LiveClient:
                     sender.sendto(batch.text, target)
                     await asyncio.sleep(0.0)
                 else:
-                    self._come.clear()
-                    await self._come.wait()
+                    self._work_available.clear()
+                    await self._work_available.wait()
 
     async def _repeat_lost(self) -> None:
         self._samples.rewind()
@@ -315,7 +315,7 @@ class LiveClient:
             await asyncio.wait((repeating,))
 
     def _note(self, sequence: int | None, status: int, reason: str) -> None:
-        """What the server says of a batch. PushFailed; _Again."""
+        """Handle the server's answer to a batch. PushFailed; _Retry."""
         if status == 200:
             self.problem = ""
             self._samples.acknowledge(sequence)
@@ -324,15 +324,17 @@ class LiveClient:
         elif status in WRONG | UNREADABLE:
             raise PushFailed(reason)
         else:
-            raise _Again(reason)
+            raise _Retry(reason)
 
     def _ask(self, method: str, path: str, body: Any = None, within_s: float = REQUEST_S) -> Any:
-        """Answer of a call. PushFailed; OSError where the server is not there."""
+        """The answer to a request. PushFailed; OSError if the server does not answer."""
         try:
             with httpx2.Client(**self._options) as http:
                 answer = http.request(method, path, json=body, timeout=within_s)
         except httpx2.HTTPError as error:
-            raise ConnectionError(f"{self.url} does not answer ({error}): is it served?") from error
+            raise ConnectionError(
+                f"{self.url} does not answer ({error}): is the server running?"
+            ) from error
         if answer.status_code in WRONG | UNREADABLE:
             raise PushFailed(_detail(answer))
         if not answer.is_success:
@@ -340,12 +342,12 @@ class LiveClient:
         return answer.json()
 
 
-class _Again(Exception):
-    """What was sent is to be sent again."""
+class _Retry(Exception):
+    """A batch must be sent again."""
 
 
 def _detail(answer: httpx2.Response) -> str:
-    """What a problem document says, or what came instead of one."""
+    """The detail of a problem document, or the status of another answer."""
     with suppress(ValueError, KeyError, TypeError):
         return f"{answer.json()['detail']} ({answer.status_code})"
     return f"the server answered {answer.status_code}"

@@ -1,6 +1,6 @@
-"""What is wrong with input, in words: which value, what was given, what is needed.
+"""Errors of input in words: which value, what was given, what is needed.
 
-pydantic finds it; its own words name its types, and the members of a union as if they were fields.
+pydantic finds them, but its own messages name its types, and union members as if they were fields.
 """
 
 from collections.abc import Iterable, Mapping
@@ -37,18 +37,18 @@ NEEDED = {
     "literal_error": "{expected}",
     "enum": "{expected}",
     "union_tag_invalid": "one whose {discriminator} is {expected_tags}",
-    "union_tag_not_found": "an object that says its {discriminator}",
+    "union_tag_not_found": "an object with its {discriminator}",
 }
-"""By the type of pydantic's error, filled with its context."""
+"""By the type of pydantic's error, formatted with its context."""
 TAGS = ("kind", "type")
 """Fields that tell members of a union apart."""
-OWN, MISSING, UNKNOWN = "value_error", "missing", "extra_forbidden"
+RAISED, MISSING, UNKNOWN = "value_error", "missing", "extra_forbidden"
 LONGEST = 60
-"""Letters of what was given."""
+"""Most letters of a quoted value."""
 
 
 class InputError(NamedTuple):
-    """A value that is wrong.   place: its path, empty for the input itself."""
+    """An invalid value.   place: its path, empty for the whole input."""
 
     place: str
     reason: str
@@ -58,10 +58,7 @@ class InputError(NamedTuple):
 
 
 def input_errors(errors: Iterable[Mapping[str, Any]], whole: Any) -> list[InputError]:
-    """One error for each value that is wrong.
-
-    errors: as pydantic lists them.   whole: the input that they are of.
-    """
+    """One error per invalid value. errors: as pydantic lists them.   whole: the input."""
     by_place: dict[tuple[str | int, ...], list[Mapping[str, Any]]] = {}
     for error in errors:
         by_place.setdefault(_place(error, whole), []).append(error)
@@ -94,16 +91,16 @@ def _place(error: Mapping[str, Any], whole: Any) -> tuple[str | int, ...]:
 
 
 def _reason(errors: list[Mapping[str, Any]]) -> str:
-    """What is wrong with one value: the errors of each member of its union."""
+    """The error of one value, from the errors of each member of its union."""
     kinds = {error["type"] for error in errors}
     if MISSING in kinds:
         return "is missing: give it"
     if UNKNOWN in kinds:
-        return "is not known here: leave it out, or correct its name"
+        return "is unknown: leave it out, or correct its name"
     tag = errors[0].get("ctx", {}).get("tag")
     is_given = f"is of kind {tag!r}" if tag else f"is {given(errors[0]['input'])}"
-    if own := [error for error in errors if error["type"] == OWN]:
-        return f"{is_given}: {own[0]['msg'].removeprefix('Value error, ')}"
+    if raised := [error for error in errors if error["type"] == RAISED]:
+        return f"{is_given}: {raised[0]['msg'].removeprefix('Value error, ')}"
     return f"{is_given}: give {', or '.join(dict.fromkeys(map(_needed, errors)))}"
 
 
@@ -116,7 +113,7 @@ def _needed(error: Mapping[str, Any]) -> str:
 
 
 def given(value: Any) -> str:
-    """What was given, as JSON says it where that is short."""
+    """A given value as in JSON, shortened if long."""
     if isinstance(value, Mapping):
         return "an object"
     if isinstance(value, list | tuple):

@@ -1,8 +1,8 @@
-"""Integrity: whether what is stored is what was stored.
+"""Integrity of the stored data.
 
-A quick look at the server's start, bounded in time: the database's pages, monitors, the contents of
-recordings. All of it in the background then: every page, digest and sample, slowly, so that flights
-do not notice. Damage is told, and what is damaged is not served: each reader checks for itself.
+At the start of the server a quick check, limited in time: database pages, monitors, contents of
+recordings. Then everything in the background: every page, digest and sample, slowly enough not to
+disturb flights. Damage is reported; readers check by themselves and never serve damaged data.
 """
 
 import logging
@@ -21,20 +21,20 @@ from app.store.store import NotFound, Store, StoreError
 
 LOG = logging.getLogger("forewarn")
 LOOK_S = 0.3
-"""[s] That the look at the start may take; what it does not come to, the background does."""
+"""Longest quick check at the start [s]; the background check does the rest."""
 BEGIN_AFTER_S = 5.0
-"""[s] After the start: the first pages come first."""
+"""Start of the background check [s] after the server's, so that first pages load quickly."""
 PIECE_S = 0.01
-"""[s] Of work between two rests."""
+"""Work between two rests [s]."""
 REST = 4.0
-"""Rest after a piece, in units of its time: a fifth of one processor is used."""
+"""Rest after work, in units of its duration: this uses a fifth of one processor."""
 Kind = Literal["database", "monitor", "dataset", "recording", "scoring"]
 State = Literal["begun", "checking", "checked", "stopped"]
 
 
 @dataclass(frozen=True)
 class Damage:
-    """Something that is not as it was stored. id: empty of the database itself."""
+    """Damage of a stored item. id: empty for the database itself."""
 
     kind: Kind
     id: str
@@ -47,7 +47,7 @@ class Damage:
 
 @dataclass(frozen=True)
 class Item:
-    """Something that is stored; `check` raises StoreError or FileNotFoundError where damaged."""
+    """A stored item; `check` raises StoreError or FileNotFoundError if it is damaged."""
 
     kind: Kind
     id: str
@@ -55,7 +55,7 @@ class Item:
     check: Callable[[], object]
 
     def damage(self) -> Damage | None:
-        """What is wrong with it, None where nothing is or it was deleted meanwhile."""
+        """Its damage; None if it is intact or was deleted meanwhile."""
         try:
             self.check()
         except NotFound:
@@ -69,18 +69,18 @@ class Item:
 
 
 class Stopped(Exception):
-    """The server stops, and the check with it."""
+    """The server is stopping."""
 
 
 class Pace:
-    """Work in pieces, with a rest after each, until it is told to stop."""
+    """Work in pieces with rests, until it is stopped."""
 
     def __init__(self) -> None:
         self.stopped = threading.Event()
         self._since = time.perf_counter()
 
     def rest(self) -> None:
-        """Rest where a piece of work was done; Stopped."""
+        """Rest after a piece of work. Stopped."""
         worked = time.perf_counter() - self._since
         if worked >= PIECE_S:
             self.stopped.wait(worked * REST)
@@ -90,7 +90,7 @@ class Pace:
 
 
 def small_items(store: Store, files: RecordingFiles) -> Iterator[Item]:
-    """What is checked in no time: monitors, and what the columns of recordings are."""
+    """Items that are quick to check: monitors, and the columns of recordings."""
     for monitor in store.monitors.all():
         yield Item("monitor", monitor.id, monitor.name, partial(store.monitors.file, monitor.id))
     for recording in store.recordings.all():
@@ -100,7 +100,7 @@ def small_items(store: Store, files: RecordingFiles) -> Iterator[Item]:
 def all_items(
     store: Store, files: RecordingFiles, rest: Callable[[], None] = lambda: None
 ) -> Iterator[Item]:
-    """Everything stored but the database's own pages. rest: called between pieces of the work."""
+    """All stored items except database pages. rest: called between pieces of work."""
     for monitor in store.monitors.all():
         yield Item("monitor", monitor.id, monitor.name, partial(store.monitors.file, monitor.id))
     for dataset in store.datasets.all():
@@ -127,57 +127,56 @@ def _check_scoring(
 
 
 class Integrity:
-    """What is known of the integrity of a server's data; `stop` ends the background's check."""
+    """The integrity check of a server's data; `stop` ends the background check."""
 
     def __init__(self, store: Store, files: RecordingFiles) -> None:
         self.store, self.files = store, files
         self.state: State = "begun"
         self.n_checked = 0
         self._pace = Pace()
-        self._found: dict[tuple[Kind, str, str], Damage] = {}
+        self._known_damage: dict[tuple[Kind, str, str], Damage] = {}
         self._thread = threading.Thread(target=self._run, name="integrity", daemon=True)
 
     @property
     def n_damaged(self) -> int:
-        """Damaged things that were found."""
-        return len(self._found)
+        """Number of damaged items."""
+        return len(self._known_damage)
 
     def damaged(self) -> list[Damage]:
-        """What was found damaged and was not deleted since."""
-        for key, damage in list(self._found.items()):
+        """Damaged items that were not deleted since."""
+        for key, damage in list(self._known_damage.items()):
             if not self._is_there(damage):
-                self._found.pop(key, None)
-        return list(self._found.values())
+                self._known_damage.pop(key, None)
+        return list(self._known_damage.values())
 
     def look(self) -> None:
-        """Look at pages and at what is small, for LOOK_S at most."""
+        """The quick check: pages and small items, at most LOOK_S."""
         deadline = time.monotonic() + LOOK_S
         try:
             self._note_pages(quick_check(self.store.engine, self._pace.stopped, LOOK_S))
             for item in small_items(self.store, self.files):
                 if time.monotonic() > deadline:
                     break
-                self._take(item)
+                self._check(item)
         except (Interrupted, StoreError) as error:
-            LOG.info("the look at what is stored ended early: %s", error)
+            LOG.info("the quick integrity check ended early: %s", error)
 
     def start(self) -> None:
-        """Check everything in the background."""
         self._thread.start()
 
     def stop(self) -> None:
-        """End the check; it ends at its next rest."""
+        """Stop the check at its next rest."""
         self._pace.stopped.set()
         if self._thread.is_alive():
             self._thread.join()
 
     def check_all(self) -> None:
-        """Check every page, and every item that can be listed. Stopped; StoreError."""
+        """Check every page and every listed item. Stopped; StoreError."""
         pace = self._pace
         self._note_pages(check_pages(self.store.engine, pace.stopped, pace.rest))
         try:
             for item in all_items(self.store, self.files, pace.rest):
-                self._take(item)
+                self._check(item)
                 pace.rest()
         except Damaged as error:
             self._note_pages([str(error)])
@@ -193,24 +192,24 @@ class Integrity:
         except (Stopped, Interrupted):
             self.state = "stopped"
         except Exception:
-            LOG.exception("what is stored could not be checked")
+            LOG.exception("the integrity check failed")
             self.state = "stopped"
 
     def _note_pages(self, lines: list[str]) -> None:
         for line in lines:
-            detail = f"the database is damaged ({line}): restore a backup of it"
+            detail = f"the database is damaged ({line}): restore a backup"
             self._note(Damage("database", "", "", detail))
 
-    def _take(self, item: Item) -> None:
+    def _check(self, item: Item) -> None:
         if (damage := item.damage()) is not None:
             self._note(damage)
         self.n_checked += 1
 
     def _note(self, damage: Damage) -> None:
         key = damage.kind, damage.id, "" if damage.id else damage.detail
-        if key not in self._found:
+        if key not in self._known_damage:
             LOG.error("damaged: %s", damage)
-        self._found[key] = damage
+        self._known_damage[key] = damage
 
     def _is_there(self, damage: Damage) -> bool:
         if damage.kind == "database":

@@ -1,4 +1,4 @@
-"""JSON of plain data, dataclasses and numpy arrays; what is not finite becomes null."""
+"""JSON of plain data, dataclasses and numpy arrays; non-finite numbers become null."""
 
 from typing import Annotated, Any
 
@@ -11,23 +11,23 @@ def _whole(value: Any) -> Any:
 
 
 Whole = Annotated[int, Strict(), BeforeValidator(_whole)]
-"""An integer of a request, as JSON may write it: 3 or 3.0."""
+"""An integer of a request; JSON may write it as 3 or 3.0."""
 
 
 _encoder = msgspec.json.Encoder(enc_hook=lambda value: value.tolist())
 
 
 class NotJson(ValueError):
-    """What was sent is not JSON; says where."""
+    """Input that is not JSON."""
 
 
 def encode(content: Any) -> bytes:
-    """Return content as JSON, each float by the fewest digits that mean it."""
+    """JSON text, each float with the fewest digits that restore it."""
     return _encoder.encode(content)
 
 
 def decode(text: bytes | str) -> Any:
-    """Return what JSON says, as plain data; NotJson where it is none, or too deep."""
+    """Plain data from JSON. NotJson, also if nested too deeply."""
     try:
         return msgspec.json.decode(text)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:

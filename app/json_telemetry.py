@@ -1,4 +1,4 @@
-"""Telemetry as JSON, one array a channel, and its assessments as JSON."""
+"""Telemetry as JSON, one array per channel, and its assessments as JSON."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -16,7 +16,7 @@ MOST_SAMPLES = 1_000_000
 
 
 class TelemetryBody(BaseModel):
-    """Telemetry, one array a channel, SI units; null for a missing value."""
+    """Telemetry, one array per channel, SI units; null for a missing value."""
 
     model_config = ConfigDict(extra="forbid", title="Telemetry to score")
 
@@ -35,24 +35,24 @@ class TelemetryBody(BaseModel):
 
 
 def parse_telemetry(plain: dict[str, Any]) -> Recording:
-    """Return the telemetry of parsed JSON; TelemetryError says what is missing or too long."""
+    """Read telemetry from parsed JSON. TelemetryError."""
     known = ("t", *KEYS, *ATTITUDE)
     if unknown := [key for key in plain if key not in known]:
         raise TelemetryError(f"telemetry has no channel {unknown[0]!r}: choose {', '.join(known)}")
     if missing := [key for key in ("t", *KEYS) if plain.get(key) is None]:
         raise TelemetryError(
-            f"the channel {missing[0]} is missing: give t and {', '.join(KEYS)}, one array each"
+            f"missing channel: {missing[0]}; give t and {', '.join(KEYS)}, one array each"
         )
     t = _array("t", plain["t"])
     if not 1 <= len(t) <= MOST_SAMPLES:
         raise TelemetryError(f"t has {len(t)} samples: give 1 to {MOST_SAMPLES}")
     if not np.isfinite(t).all():
-        raise TelemetryError("t has a missing or infinite value: give every sample's time")
+        raise TelemetryError("t has a missing or infinite value: give the time of each sample")
     channels = {key: _array(key, plain[key]) for key in known if plain.get(key) is not None}
     for key, values in channels.items():
         if len(values) != len(t):
             raise TelemetryError(
-                f"{key} has {len(values)} samples and t has {len(t)}: give as many"
+                f"{key} has {len(values)} samples, t has {len(t)}: give equally many"
             )
     y = np.column_stack([channels[key] for key in KEYS])
     return Recording(t, y, {key: channels[key] for key in ATTITUDE if key in channels})
@@ -61,7 +61,7 @@ def parse_telemetry(plain: dict[str, Any]) -> Recording:
 def _array(key: str, values: Any) -> np.ndarray:
     """(n,) of a list of numbers and nulls, null as NaN."""
     if not isinstance(values, list) or any(type(v) not in (float, int, type(None)) for v in values):
-        raise TelemetryError(f"{key} is not an array of numbers: give one number or null a sample")
+        raise TelemetryError(f"{key} is not an array of numbers: give a number or null per sample")
     try:
         return np.array(values, dtype=np.float64)
     except OverflowError:
@@ -72,7 +72,7 @@ Forecast = msgspec.defstruct("Forecast", [(key, float) for key in KEYS], gc=Fals
 
 
 class AssessedRow(msgspec.Struct, gc=False):
-    """An Assessment without exemplars in wire form, quick to make and to encode."""
+    """An Assessment without exemplars in wire form, fast to make and encode."""
 
     t: float
     p_value: float | None
@@ -90,7 +90,7 @@ class AssessedRow(msgspec.Struct, gc=False):
 def assessed(
     monitor: Monitor, recording: Recording, epsilon: float, *, why: bool
 ) -> Sequence[AssessedRow | dict[str, Any]]:
-    """Return the assessment of each sample in wire form; `why` adds the exemplars."""
+    """The assessment of each sample in wire form; `why` adds the exemplars."""
     if why:
         stream = monitor.stream(epsilon)
         return [

@@ -1,4 +1,4 @@
-"""What forms, lists and reports call the members of families and the choices of parameters."""
+"""Labels of family members and parameter choices in forms, lists and reports."""
 
 from collections.abc import Hashable
 
@@ -46,13 +46,13 @@ KINDS: dict[str, str] = {
     "rest_of_card": "margin in what is left of the manoeuvre",
     "card_window": "margin within the lead and a little more",
 }
-"""Of the members whose key, with blanks for underscores, does not say it in the field's words."""
+"""Labels of members whose key, with spaces for underscores, is not the field's word."""
 METHODS = {
     "peak_ahead": "forecast of the peak still to come, in any manoeuvre",
     "test_card": "forecast of the test card: for doublets, pulses and other steps",
     "outputs_ahead": "forecast of the outputs against past failures: for any manoeuvre",
 }
-"""Of core.monitor.recipe.METHODS."""
+"""Labels of core.monitor.recipe.METHODS."""
 CHOICES: dict[str, dict[Hashable, str]] = {
     "calibration": {"trajectory": "as flown", "pointwise": "one sample (paper)"},
     "guarantee": {"average": "on average over monitors", "95%": "of this monitor, 95 % confident"},
@@ -80,14 +80,14 @@ CHOICES: dict[str, dict[Hashable, str]] = {
     "key": {channel.key: f"{channel.label} {channel.symbol}" for channel in CHANNELS},
     "name": {name: model.title for name, model in MODELS.items()},
 }
-"""Words for the values that a parameter may take, by the parameter's name."""
+"""Labels of the values of parameters, by parameter."""
 
 
 def kind_label(kind: str) -> str:
-    """What people call a member of a family."""
+    """Label of a family member."""
     return KINDS.get(kind) or kind.replace("_", " ")
 
 
 def choice_label(parameter: str, value: Hashable) -> str:
-    """What people call a value of a parameter."""
+    """Label of a parameter value."""
     return CHOICES.get(parameter, {}).get(value) or str(value).replace("_", " ")

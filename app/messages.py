@@ -1,10 +1,10 @@
-"""What goes over a flight's WebSocket: JSON objects told apart by `type`.
+"""Messages of a flight's WebSocket: JSON objects, distinguished by `type`.
 
 Down: hello, frames, state, status, alarm, marker, transport, live, limits, reset, heartbeat,
 waiting, end.
 Up: credit, resume.
-Times `t` are the flight's own [s]; `seq` numbers the samples flown, one up a sample, whatever the
-transport does; `sent` and the heartbeat's `server_time` are the server's.
+Times `t` are flight times [s]. `seq` numbers the samples flown, one up per sample whatever the
+transport does. `sent` and the heartbeat's `server_time` are times of the server.
 """
 
 from collections.abc import Sequence
@@ -31,50 +31,50 @@ Outputs = Annotated[list[float | None], Field(min_length=6, max_length=6)]
 
 
 class Message(BaseModel):
-    """A message or part of one; what it does not know is an error."""
+    """A message or part of one; unknown fields are errors."""
 
     model_config = ConfigDict(extra="forbid")
 
     def encode(self) -> str:
-        """Return it as JSON text."""
+        """JSON text."""
         return self.model_dump_json()
 
 
 class ChannelLimit(Message):
-    """One channel as it is named, drawn and limited."""
+    """One channel: names, units and limit."""
 
     key: str
     symbol: str
     unit: str
     label: str
     display_unit: str = Field(description="unit that people read")
-    display_factor: float = Field(description="times a value in `unit` is one in `display_unit`")
-    display_decimals: int = Field(description="digits behind the point that mean something there")
+    display_factor: float = Field(description="factor from `unit` to `display_unit`")
+    display_decimals: int = Field(description="meaningful decimals in `display_unit`")
     limit: float | None = Field(description="unsafe from this magnitude on, in `unit`")
 
 
 class MeasuredExceedance(Message):
-    """A measured sample that exceeds a limit; SI units, N_y in g."""
+    """A measured exceedance of a limit; SI units, N_y in g."""
 
-    channel: str = Field(description="key of the one furthest beyond its limit")
+    channel: str = Field(description="key of the channel furthest beyond its limit")
     value: float
     limit: float
     judged: Judged = Field(
-        description="which value exceeds it: `from_trim`, as the monitor and every verdict take "
-        "it, as `recorded`, or both, as where nothing is subtracted"
+        description="value that exceeds it: `from_trim`, which the monitor and every verdict use, "
+        "as `recorded`, or both"
     )
 
 
 class ChannelExceedances(Message):
-    """What a flight came to in one channel, of its measured exceedances; SI units, N_y in g."""
+    """The measured exceedances of a flight in one channel; SI units, N_y in g."""
 
     channel: str = Field(description="key")
-    n: int = Field(description="exceedances, each from its first sample on")
-    first_t: float = Field(description="[s] at which the first began")
-    last_t: float = Field(description="[s] at which the newest began")
-    worst: float = Field(description="value that is furthest beyond the limit in force with it")
+    n: int = Field(description="number of exceedances")
+    first_t: float = Field(description="start of the first one [s]")
+    last_t: float = Field(description="start of the newest one [s]")
+    worst: float = Field(description="value furthest beyond the limit in force then")
     worst_t: float = Field(description="[s]")
-    limit: float = Field(description="that the worst one exceeds")
+    limit: float = Field(description="limit that the worst one exceeds")
 
 
 class Verdict(Message):
@@ -93,168 +93,162 @@ class Verdict(Message):
 
 
 class LatchedExceedance(Message):
-    """An exceedance from trim that a strip shows until it was acknowledged and is over."""
+    """An exceedance from trim that its strip shows until it is acknowledged and has ended."""
 
     channel: str = Field(description="key")
-    t: float = Field(description="[s] at which it began")
-    value: float = Field(description="largest since, in the channel's `unit`")
+    t: float = Field(description="start [s]")
+    value: float = Field(description="largest value since, in the channel's `unit`")
     over: bool = Field(description="whether the newest sample exceeds the limit")
     acknowledged: bool
 
 
 class LimitsFrom(Message):
-    """Limits that hold, or held, during a flight."""
+    """Limits in force during part of a flight."""
 
-    t: float | None = Field(description="[s] of the sample before the first one; null for all")
-    limits: dict[str, float | None] | None = Field(
-        description="by channel; null where it could not be told which hold"
-    )
+    t: float | None = Field(description="time of the last sample before [s]; null for all")
+    limits: dict[str, float | None] | None = Field(description="by channel; null if unknown")
     seq: int | None = Field(
         default=None,
-        description="the first sample itself, in a record: times return where a flight is sought; "
-        "null elsewhere and in records of before",
+        description="number of the first sample, in a record (times repeat where a flight was "
+        "sought); null elsewhere and in old records",
     )
 
 
 class Alarm(Message):
-    """A latched warning or caution: it stays until someone acknowledges it."""
+    """A warning or caution, latched until someone acknowledges it."""
 
-    id: str = Field(description="of this flight's alarms; path of its acknowledgement")
+    id: str = Field(description="in its flight; part of the path of its acknowledgement")
     number: int = Field(description="1, 2, 3 ... in the order raised")
     seq: int = Field(
-        description="sample that raised it; of a late source the last one that came, -1 for none"
+        description="sample that raised it; for a late source the last one received, -1 for none"
     )
     t: float = Field(description="[s]")
     p_value: float | None
     kind: AlarmKind = Field(
         default="risk",
-        description="a predicted exceedance, or a measured one: warnings; a monitor that is not "
-        "applicable (`invalid`) or a late source (`stale`): cautions",
+        description="warnings: a predicted (`risk`) or measured (`limit`) exceedance; cautions: a "
+        "monitor that is not applicable (`invalid`), a late source (`stale`)",
     )
     level: Level = Field(
         default=Level.WARNING,
-        description="14 CFR 25.1322: `warning` asks for action now, `caution` for attention now",
+        description="14 CFR 25.1322: `warning` needs action now, `caution` attention now",
     )
-    exceedance: MeasuredExceedance | None = Field(default=None, description="of kind `limit`")
-    reason: str | None = Field(default=None, description="of a caution: why")
-    cause: Cause | None = Field(
-        default=None, description="of a monitor that is not applicable, as of a frame"
-    )
+    exceedance: MeasuredExceedance | None = Field(default=None, description="for kind `limit`")
+    reason: str | None = Field(default=None, description="of a caution")
+    cause: Cause | None = Field(default=None, description="for kind `invalid`, as in a frame")
     raised: str = Field(description="UTC, ISO 8601")
     acknowledged: str | None = Field(default=None, description="UTC, ISO 8601")
     by: str | None = None
     stored: bool = Field(
-        default=False, description="false while the store has not taken it: it would not survive"
+        default=False, description="false until it is stored: a crash would lose it"
     )
 
 
 class FlightMarker(Message):
-    """A marker that someone set in the flight; it neither ends nor pauses it."""
+    """A marker set by a person; it neither ends nor pauses the flight."""
 
     number: int = Field(description="1, 2, 3 ... in the order set")
     kind: FlightMarkerKey = Field(title="Call")
-    word: str = Field(description="how people call its kind")
-    meaning: str = Field(description="of its kind")
+    word: str = Field(description="name of its kind")
+    meaning: str = Field(description="meaning of its kind")
     level: Level
-    seq: int = Field(description="newest sample then; -1 before the first")
-    t: float = Field(description="[s] of that sample")
+    seq: int = Field(description="newest sample when it was set; -1 before the first")
+    t: float = Field(description="time of that sample [s]")
     created: str = Field(description="UTC, ISO 8601")
     by: str
     text: str | None = None
     stored: bool = Field(
-        default=False, description="false while the store has not taken it: it would not survive"
+        default=False, description="false until it is stored: a crash would lose it"
     )
 
 
 class TransportState(Message):
-    """Where a flight is in its source; `sample` and `n_samples` count the source's samples."""
+    """Position of a flight in its source; `sample` and `n_samples` count source samples."""
 
     playing: bool
-    speed: float = Field(description="times the source's own rate")
+    speed: float = Field(description="factor of the source's rate")
     loop: bool
-    start: float = Field(description="[s] of the source's first sample; 0 for a live source")
+    start: float = Field(description="time of the source's first sample [s]; 0 for a live source")
     position: float = Field(description="[s]")
     duration: float | None = Field(description="[s]; null for a live source")
     sample: int
     n_samples: int | None
-    slipped: float = Field(description="[s] by which the flight could not keep its clock, in all")
-    seekable: bool = Field(description="false for a live source: it only plays")
+    slipped: float = Field(description="total time that the flight fell behind its clock [s]")
+    seekable: bool = Field(description="false for a live source")
     waiting: bool = Field(
         default=False,
-        description="whether it waits at its start for a first viewer: it plays from the first "
-        "connection to the stream on, or after 10 s",
+        description="whether it waits at its start for a first viewer: it plays when the stream is "
+        "first connected, or after 10 s",
     )
 
 
 class DisplayAssessment(Message):
-    """What a monitor that is flown for display says of a sample; it raises no alarm."""
+    """Assessment by a monitor for display, which raises no alarm."""
 
-    p_value: float | None = Field(description="null unless state is `ok`, as alert is")
+    p_value: float | None = Field(description="null unless state is `ok`, like alert")
     alert: bool | None
     state: State
     reason: str
-    cause: Cause | None = Field(default=None, description="as of a frame")
+    cause: Cause | None = Field(default=None, description="as in a frame")
 
 
 class FlownMonitor(Message):
-    """A monitor of a flight: its one alarm authority, or one that is flown for display."""
+    """A monitor of a flight: its alarm authority, or one for display."""
 
     id: str
     name: str
-    authority: bool = Field(description="whether its alerts are alarms; one monitor of a flight is")
+    authority: bool = Field(description="whether its alerts are alarms: true of one monitor")
     lead: float = Field(
-        description="[s] ahead that its alerts warn, less what live samples may wait"
+        description="lead time of its alerts [s], less the longest wait of live samples"
     )
     epsilon: float = Field(description="accepted miss rate")
     alert_above: float = Field(description="risk above which it alerts")
     n_unsafe: int
     limits: dict[str, float | None] | None = Field(
-        description="that it warns of by channel, whatever is in force; null where it says none"
+        description="limits it was trained for by channel, whatever is in force; null if unknown"
     )
     validity: Literal["checked", "not calibrated"]
-    warnings: list[str] = Field(description="what speaks against relying on it")
+    warnings: list[str] = Field(description="reasons not to rely on it")
 
 
 MOST_AHEAD = 40
-"""Samples to come in a frame, of all channels together."""
+"""Most forecast samples per frame, of all channels together."""
 
 
 class ChannelAhead(Message):
-    """What is to be measured of a limited channel in the rest of a test card."""
+    """Forecast of a limited channel in the rest of a test card."""
 
-    low: list[float] = Field(description="that 90 % of the samples lie above `low`, below `high`")
+    low: list[float] = Field(description="90 % of the samples lie between `low` and `high`")
     high: list[float]
-    predicted: float | None = Field(description="[s] when the mean first exceeds the limit, if so")
-    possible: float | None = Field(description="[s] when `low` or `high` first does, if so")
+    predicted: float | None = Field(description="when the mean first exceeds the limit [s], if so")
+    possible: float | None = Field(description="when `low` or `high` first does [s], if so")
 
 
 class PeakToCome(Message):
-    """The peak of what is left, as a share of its limit, of the channel that comes nearest."""
+    """Peak still to come, as a share of its limit, of the channel nearest to it."""
 
     mean: float
-    low: float = Field(description="that 90 % of the peaks lie above `low`, below `high`")
+    low: float = Field(description="90 % of the peaks lie between `low` and `high`")
     high: float
 
 
 class CardAhead(Message):
-    """What is left of the manoeuvre, as the alarm authority forecasts it by this sample."""
+    """Forecast of the rest of the manoeuvre by the alarm authority."""
 
-    t: list[float] = Field(description="[s] of samples to come, to the end of the card; thinned")
+    t: list[float] = Field(description="times of the forecast to the end of the card [s]; thinned")
     channels: dict[str, ChannelAhead]
     peak: PeakToCome | None = Field(
-        default=None, description="of a monitor that forecasts the peak alone; left out elsewhere"
+        default=None, description="from a monitor that forecasts only the peak; else absent"
     )
-    why: str = Field(
-        default="", description="why nothing is forecast of it; left out where something is"
-    )
+    why: str = Field(default="", description="why there is no forecast; absent if there is one")
 
 
 class Frame(Message):
-    """One sample and what the monitor says of it; SI units, N_y in g, channels in order.
+    """One sample with its assessment; SI units, N_y in g, channels in order.
 
-    Null where a value is unknown; p_value, alert and y_hat are null unless state is `ok`.
-    `sent`: monotonic milliseconds of the server when the sample was due, null in a record.
-    `taken`: the same of when it was taken, where that is known to be earlier: of a live source.
+    Unknown values are null; p_value, alert and y_hat are null unless state is `ok`.
+    `sent`: monotonic milliseconds of the server when the sample was due; null in a record.
+    `taken`: the same when the sample was taken, if known to be earlier (live sources).
     """
 
     seq: int
@@ -266,103 +260,99 @@ class Frame(Message):
     reason: str
     cause: Cause | None = Field(
         default=None,
-        description="of an invalid sample, where it has a word of its own: nothing was to be "
-        "assessed there (`between_manoeuvres`), other limits are in force than the monitor's "
-        "(`not_applicable`), or nobody can tell which are (`limits_unknown`)",
+        description="special cause of an invalid sample: it is outside every manoeuvre "
+        "(`between_manoeuvres`), the limits in force are not the monitor's (`not_applicable`), or "
+        "they are unknown (`limits_unknown`)",
     )
     y_hat: Outputs | None
     sent: float | None
     taken: float | None = Field(
         default=None,
-        description="monotonic milliseconds of the server when a live source took it: it was due "
-        "by as much later as its source lags; left out elsewhere",
+        description="monotonic milliseconds of the server when a live source took it: earlier than "
+        "`sent` by the lag of the source; else absent",
     )
     ahead: CardAhead | None = Field(
         default=None,
-        description="with some samples of a test card under way, of a monitor that knows the card, "
-        "while someone watches; left out elsewhere",
+        description="with some samples during a test card, from a monitor that knows the card, "
+        "while someone watches; else absent",
     )
     display: list[DisplayAssessment] = Field(
         default_factory=list,
-        description="of the monitors flown for display, in the order of `monitors`; left out "
-        "where there are none",
+        description="by the monitors for display, in the order of `monitors`; absent if there are "
+        "none",
     )
 
 
 class ManoeuvreBegun(Message):
-    """Where a manoeuvre of a live flight began."""
+    """The beginning of a manoeuvre of a live flight."""
 
-    number: int = Field(description="1, 2, 3 ... in the order begun")
-    t: float = Field(description="[s] of its first sample")
+    number: int = Field(description="1, 2, 3 ... in order")
+    t: float = Field(description="time of its first sample [s]")
 
 
 class LiveStatus(Message):
-    """How a live source does."""
+    """State of a live source."""
 
     delay: float = Field(
-        description="[s] that a sample waits for others at most; subtracted from the lead shown"
+        description="longest wait of a sample for others [s], subtracted from the stated lead"
     )
     interval: float | None = Field(
-        description="[s] at which the source samples; null before the first sample"
+        description="sample interval of the source [s]; null before the first sample"
     )
     lag: float = Field(
-        description="[s] by which the newest sample came later than the quickest of the last minute"
+        description="delay of the newest sample compared with the quickest of the last minute [s]"
     )
-    manoeuvre: int = Field(description="1, 2, 3 ... of the one under way; 0 for none")
+    manoeuvre: int = Field(description="number of the current one; 0 for none")
     trim: Literal["detected", "none"]
     begun: list[ManoeuvreBegun] = Field(
-        default_factory=list, description="the newest manoeuvres, that under way included"
+        default_factory=list, description="the newest manoeuvres, including the current one"
     )
     resumed: int = Field(
-        default=0, description="times that the flight went on after its server was killed"
+        default=0, description="times that the flight was resumed after its server was killed"
     )
-    needed: list[str] = Field(description="channels that the monitor cannot do without")
-    names: list[str] = Field(description="of what a batch holds, time first")
-    batches: int = Field(description="that came, without repeated ones")
-    last_sequence: int | None = Field(description="largest number of a batch; null for none")
+    needed: list[str] = Field(description="channels that the monitors need")
+    names: list[str] = Field(description="names that a batch contains, time first")
+    batches: int = Field(description="batches received, without repetitions")
+    last_sequence: int | None = Field(description="largest number received; null for none")
     malformed: int = Field(
-        description="messages that were no batch, or had the number of another one"
+        description="messages that were not a valid batch, or had the number of another one"
     )
     refused: str = Field(
-        default="", description="why the newest message was one of them; empty where it was a batch"
+        default="", description="why the newest message was refused; empty if it was accepted"
     )
-    foreign: int = Field(description="datagrams of somebody else than the source")
+    foreign: int = Field(description="datagrams from unknown senders")
     counts: dict[str, int] = Field(
         description="samples by kind: see First live flight in the guide"
     )
     unread: list[str] = Field(
-        default_factory=list, description="names that batches held and nothing reads, the first 20"
+        default_factory=list, description="names in batches that are not read, the first 20"
     )
-    udp: str | None = Field(description="host:port that listens for datagrams; null for none")
-    problem: str = Field(
-        description="why the journal takes nothing at present; empty while it does"
-    )
+    udp: str | None = Field(description="host:port for datagrams; null for none")
+    problem: str = Field(description="why the journal is not being written; empty if it is")
 
 
 class LimitsStatus(Message):
-    """Which limits hold for the newest sample, where a limit set is in force."""
+    """The limits in force for the newest sample, from a limit set."""
 
     number: int = Field(description="1, 2, 3 ... in the order put in force during the flight")
     limit_set: str = Field(description="id")
     name: str = Field(description="of the limit set")
     version: int
-    case: str = Field(description="name of the flight condition; empty where it is none of them")
-    limits: dict[str, float | None] | None = Field(
-        description="by channel; null where it cannot be told which hold"
-    )
-    reason: str = Field(description="why it cannot be told; empty where it can")
+    case: str = Field(description="name of the flight condition; empty if none matches")
+    limits: dict[str, float | None] | None = Field(description="by channel; null if unknown")
+    reason: str = Field(description="why they are unknown; empty if known")
     since: float | None = Field(
-        description="[s] of the sample before the first one that these hold for; null for all"
+        description="time of the sample before the first one under these limits [s]; null for all"
     )
-    fixed: dict[str, float] = Field(description="flight conditions that are declared")
-    seq: int = Field(description="first sample that this version holds for")
-    t: float = Field(description="[s] of the sample before; 0 before the first")
+    fixed: dict[str, float] = Field(description="declared values of the flight condition")
+    seq: int = Field(description="first sample under this version")
+    t: float = Field(description="time of the sample before [s]; 0 before the first")
     created: str = Field(description="UTC, ISO 8601")
     by: str = Field(description="who put it in force")
 
 
 class Hello(Message):
-    """First message: everything a display needs to draw this flight."""
+    """First message: all that a display needs to draw the flight."""
 
     type: Literal["hello"] = "hello"
     flight: str
@@ -371,79 +361,77 @@ class Hello(Message):
     channels: list[ChannelLimit]
     epsilon: float = Field(description="accepted miss rate")
     guarantee: Guarantee = Field(
-        description="whether the miss rate is promised on average or of the monitor itself"
+        description="whether the miss rate holds on average over monitors or for this monitor"
     )
     n_unsafe: int
     lead: float = Field(
-        description="[s] ahead that alerts warn: the monitor's, less what live samples may wait"
+        description="lead time of alerts [s]: the monitor's less the longest wait of live samples"
     )
     dt: float
     stale_after: float = Field(
-        description="[s] without a sample before what is shown is stale, at speed 1; below, three "
-        "intervals as played if that is longer"
+        description="time without a sample after which the display is stale, at speed 1 [s]; at "
+        "lower speeds three intervals as played, if longer"
     )
     validity: Literal["checked", "not calibrated"] = Field(
-        description="whether the flight becomes `invalid` once it is unlike those of training"
+        description="`checked`: the flight becomes `invalid` when it is unlike those of training"
     )
     monitor: dict[str, str]
     monitors: list[FlownMonitor] = Field(
-        description="the alarm authority, then those flown for display"
+        description="the alarm authority, then the monitors for display"
     )
     warnings: list[str] = Field(
-        description="what the monitor's test flights say against relying on it at this epsilon, "
-        "or that it was not tested; what is wrong, a colon, figures and remedy"
+        description="reasons from its test flights not to rely on the monitor at this epsilon, or "
+        "that it was not tested: problem, colon, figures and remedy"
     )
     no_rest: str = Field(
-        description="why the alarm authority forecasts nothing of the rest of the test card, of no "
-        "flight; empty where it does"
+        description="why the alarm authority never forecasts the rest of the test card; empty if "
+        "it does"
     )
     ahead: CardAhead | None = Field(
-        description="what it forecasts of the rest by the newest sample, `head`, as of a frame"
+        description="its forecast by the newest sample, `head`, as in a frame"
     )
     source: dict[str, Any]
-    mode: Mode = Field(description="whether its samples are measured now, replayed or simulated")
+    mode: Mode = Field(description="live, replayed or simulated")
     theta: dict[str, float] | None
-    fail_t: float | None = Field(description="[s] where the source is known to exceed a limit")
+    fail_t: float | None = Field(description="when the source exceeds a limit [s], if known")
     duration: float | None
     transport: TransportState
     state: State
     reason: str
-    cause: Cause | None = Field(default=None, description="as of a frame")
+    cause: Cause | None = Field(default=None, description="as in a frame")
     status: Status
     level: Level
     beside: list[Status]
     exceeded_t: float | None = Field(
         default=None,
-        description="[s] of the first exceedance that the flight has come to, sought back or not",
+        description="first exceedance of the flight [s], also after seeking back",
     )
     verdict: Verdict | None = Field(
         default=None, description="on that exceedance; null before one and where none is known"
     )
-    exceedances: list[ChannelExceedances] = Field(
-        description="that the flight has come to, of each channel that had one"
-    )
-    latched: list[LatchedExceedance] = Field(description="as strips that saw all of it show them")
+    exceedances: list[ChannelExceedances] = Field(description="exceedances so far, per channel")
+    latched: list[LatchedExceedance] = Field(description="exceedances that the strips show")
     held: list[LimitsFrom] = Field(
-        description="limits since the flight began or was sought, the newest changes; empty where "
-        "they are those of `channels` all along"
+        description="newest changes of the limits since the flight began or was sought; empty if "
+        "those of `channels` were in force all the time"
     )
     head: int = Field(description="newest seq; -1 before the first sample")
-    alarms: list[Alarm] = Field(description="all that are open, and the last acknowledged ones")
-    markers: list[FlightMarker] = Field(description="all that wait for the store, the last others")
-    marker_kinds: list[FlightMarkerKind] = Field(description="that may be set, with their words")
+    alarms: list[Alarm] = Field(description="unacknowledged ones, and the last acknowledged")
+    markers: list[FlightMarker] = Field(description="those not stored yet, and the last stored")
+    marker_kinds: list[FlightMarkerKind] = Field(description="kinds of markers that can be set")
     credit: int = Field(
-        description="messages of frames that may come before the client grants more"
+        description="frames messages that are sent before the client must grant more"
     )
     live: LiveStatus | None = Field(default=None, description="of a live flight")
     limits: LimitsStatus | None = Field(
-        default=None, description="null where the monitor's own limits are those in force"
+        default=None, description="null if the monitor's own limits are in force"
     )
 
 
 class Frames(Message):
     """Newest samples, in order; costs one credit.
 
-    `conflated` samples before them were left out for this watcher since the last message.
+    `conflated` samples before them were skipped for this watcher since the last message.
     """
 
     type: Literal["frames"] = "frames"
@@ -453,18 +441,18 @@ class Frames(Message):
 
 
 class LiveChange(Message):
-    """How the live source does, where that changed: each second, and as a manoeuvre begins."""
+    """Changed state of the live source: each second, and when a manoeuvre begins."""
 
     type: Literal["live"] = "live"
     live: LiveStatus
 
 
 class LimitsChange(Message):
-    """Another version of a limit set was put in force, or another flight condition holds."""
+    """The limits in force changed: by hand or with the flight condition."""
 
     type: Literal["limits"] = "limits"
     limits: LimitsStatus | None = Field(description="as in hello")
-    channels: list[ChannelLimit] = Field(description="as in hello, with the limits that hold")
+    channels: list[ChannelLimit] = Field(description="as in hello, with the limits in force")
 
 
 class StateChange(Message):
@@ -473,13 +461,13 @@ class StateChange(Message):
     type: Literal["state"] = "state"
     state: State
     reason: str
-    cause: Cause | None = Field(default=None, description="as of a frame")
+    cause: Cause | None = Field(default=None, description="as in a frame")
 
 
 class StatusChange(Message):
     """The headline or the verdict changed: the worst that is true of the flight now.
 
-    beside: `stale` and `invalid` where they are true and not the headline.
+    beside: `stale` and `invalid`, if true and not the headline.
     """
 
     type: Literal["status"] = "status"
@@ -488,20 +476,20 @@ class StatusChange(Message):
     beside: list[Status]
     exceeded_t: float | None = Field(
         default=None,
-        description="[s] of the first exceedance that the flight has come to, sought back or not",
+        description="first exceedance of the flight [s], also after seeking back",
     )
     verdict: Verdict | None = Field(default=None, description="as in hello")
 
 
 class AlarmRaised(Message):
-    """An alarm was raised or acknowledged; never left out."""
+    """An alarm was raised or acknowledged; never skipped."""
 
     type: Literal["alarm"] = "alarm"
     alarm: Alarm
 
 
 class MarkerSet(Message):
-    """A marker was set, or the store has taken it; never left out."""
+    """A marker was set or stored; never skipped."""
 
     type: Literal["marker"] = "marker"
     marker: FlightMarker
@@ -515,7 +503,7 @@ class TransportChange(Message):
 
 
 class Reset(Message):
-    """The next frame, `seq`, does not follow the one before it: clear the strips."""
+    """The next frame, `seq`, does not follow the last one: clear the strips."""
 
     type: Literal["reset"] = "reset"
     seq: int
@@ -529,12 +517,12 @@ class Reset(Message):
 
 
 class Heartbeat(Message):
-    """Each second: the server lives.
+    """Sent each second while the server runs.
 
     lost: samples of the flight that could not be recorded.
-    unwritten: samples that wait for the store; a few always do.
-    problem: why the store takes nothing at present, also while nothing waits; empty while it does.
-    conflated: samples left out for this watcher so far, waiting ones included.
+    unwritten: samples that wait for the store; a few are normal.
+    problem: why the store refuses writes, also if none wait; empty if it accepts them.
+    conflated: samples skipped for this watcher so far, including waiting ones.
     """
 
     type: Literal["heartbeat"] = "heartbeat"
@@ -547,13 +535,13 @@ class Heartbeat(Message):
 
 
 class Waiting(Message):
-    """Samples wait and no credit is left: said within a second, once until the client gives some.
+    """Samples wait and no credit is left: sent within a second, once until the client gives credit.
 
-    Until then only the newest of the samples that come are kept for it.
+    Meanwhile only the newest samples are kept for it.
     """
 
     type: Literal["waiting"] = "waiting"
-    behind: int = Field(description="samples that came since the last message of frames")
+    behind: int = Field(description="samples since the last frames message")
     reason: str
 
 
@@ -565,16 +553,16 @@ class End(Message):
 
 
 class Credit(Message):
-    """The client took n messages of frames and may be sent as many more."""
+    """The client processed n frames messages and accepts as many more."""
 
     type: Literal["credit"]
     n: int = Field(ge=1, le=1_000)
 
 
 class Resume(Message):
-    """The client has seen everything up to seq: send what followed, or reset and what there is.
+    """The client has all samples up to seq: send the following ones, or a reset and all kept ones.
 
-    -1 asks for all that is kept, about the last minute.
+    -1 requests all that are kept, about the last minute.
     """
 
     type: Literal["resume"]
@@ -585,13 +573,13 @@ DOWN: tuple[type[Message], ...] = (
     Hello, Frames, StateChange, StatusChange, AlarmRaised, MarkerSet, TransportChange, LiveChange,
     LimitsChange, Reset, Heartbeat, Waiting, End,
 )  # fmt: skip
-"""What the server sends on a flight's stream."""
+"""Messages of the server on a flight's stream."""
 UP: tuple[type[Message], ...] = (Credit, Resume)
-"""What a client sends."""
+"""Messages of a client."""
 
 
 class MessageError(ValueError):
-    """What a client sent is no message."""
+    """An invalid message of a client."""
 
 
 _CLIENT: TypeAdapter[Credit | Resume] = TypeAdapter(
@@ -601,7 +589,7 @@ _CLIENT: TypeAdapter[Credit | Resume] = TypeAdapter(
 
 @lru_cache(maxsize=64)
 def decode(text: bytes | str) -> Credit | Resume:
-    """Read a client's message; MessageError where it is none."""
+    """Read a client's message. MessageError."""
     try:
         return _CLIENT.validate_json(text)
     except ValidationError as error:
@@ -609,7 +597,7 @@ def decode(text: bytes | str) -> Credit | Resume:
 
 
 def validity_word(is_checked: bool) -> Literal["checked", "not calibrated"]:
-    """Whether a monitor's validity is calibrated, in words."""
+    """Words for whether a monitor's validity is calibrated."""
     return "checked" if is_checked else "not calibrated"
 
 
@@ -622,7 +610,7 @@ def plain_frame(
     taken: float | None = None,
     ahead: Ahead | None = None,
 ) -> dict[str, Any]:
-    """Return a Frame as plain data; unchecked, since this is done for every sample. taken: [s]."""
+    """A Frame as plain data; not validated, since every sample needs one. taken: [s]."""
     frame = {
         "seq": seq,
         "t": assessment.t,
@@ -642,19 +630,19 @@ def plain_frame(
     if display:
         frame["display"] = [
             {
-                "p_value": one.p_value,
-                "alert": one.alert,
-                "state": one.state.value,
-                "reason": one.reason,
-                "cause": one.cause,
+                "p_value": shown.p_value,
+                "alert": shown.alert,
+                "state": shown.state.value,
+                "reason": shown.reason,
+                "cause": shown.cause,
             }
-            for one in display
+            for shown in display
         ]
     return frame
 
 
 def plain_ahead(ahead: Ahead) -> dict[str, Any]:
-    """Return a CardAhead: MOST_AHEAD samples of all channels together, the last one included."""
+    """A CardAhead as plain data: at most MOST_AHEAD samples, including the last one."""
     if isinstance(ahead, NothingAhead):
         return {"t": [], "channels": {}, "why": ahead.why}
     if isinstance(ahead, PeakAhead):
@@ -679,16 +667,16 @@ def plain_ahead(ahead: Ahead) -> dict[str, Any]:
 
 
 def encode_frame(frame: dict[str, Any]) -> str:
-    """Return a frame as JSON text, once for all who see it; what is not finite becomes null."""
+    """A frame as JSON text, encoded once for all watchers; non-finite values become null."""
     return json_codec.encode(frame).decode()
 
 
 def encode_frames(seq: int, frames: list[str], conflated: int) -> str:
-    """Return Frames of frames that are encoded already."""
+    """A Frames message from encoded frames."""
     return f'{{"type":"frames","seq":{seq},"conflated":{conflated},"frames":[{",".join(frames)}]}}'
 
 
 def limited_channels(specification: Specification) -> list[ChannelLimit]:
-    """The telemetry dictionary with the specification's limits, as far as it has any."""
+    """The telemetry dictionary with the limits of a specification."""
     limits = asdict(specification) if isinstance(specification, Limits) else {}
     return [ChannelLimit(**asdict(channel), limit=limits.get(channel.key)) for channel in CHANNELS]

@@ -1,4 +1,4 @@
-"""Measures of the running server for Prometheus."""
+"""Metrics of the server for Prometheus."""
 
 import time
 from collections.abc import Awaitable, Callable, MutableMapping
@@ -16,7 +16,7 @@ BUCKETS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
 
 
 class Metrics:
-    """One application's counters; labels are route templates, so that their number is bounded."""
+    """Counters of the application; labels are route templates, so their number is bounded."""
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
@@ -32,20 +32,20 @@ class Metrics:
         )
         self.seconds = Histogram(
             "forewarn_request_seconds",
-            "time to the answer's end [s]; event streams are left out",
+            "time to the end of the answer [s]; without event streams",
             ("route",),
             buckets=BUCKETS,
             registry=self.registry,
         )
 
     def gauge(self, name: str, text: str, read: Callable[[], float]) -> None:
-        """Publish a number that is read when it is asked for, in place of one of this name."""
+        """Publish a number that is read on request; replaces one of this name."""
         if name not in self._gauges:
             self._gauges[name] = Gauge(f"forewarn_{name}", text, registry=self.registry)
         self._gauges[name].set_function(read)
 
     def text(self) -> bytes:
-        """Return everything in Prometheus's text format."""
+        """All metrics in Prometheus's text format."""
         return generate_latest(self.registry)
 
 

@@ -1,4 +1,4 @@
-"""Samples on their way to a server: in batches, each there until it is acknowledged."""
+"""Samples on their way to a server, in batches that are kept until acknowledged."""
 
 import threading
 from collections import deque
@@ -7,17 +7,17 @@ from typing import NamedTuple
 import msgspec
 
 MOST_WAITING = 200_000
-"""Samples that are not durable yet; `send` waits where more would be."""
+"""Most samples that are not durable yet; beyond it `send` waits."""
 MOST_IN_BATCH = 500
-"""Samples: the server takes 1000."""
+"""Most samples per batch; the server accepts 1000."""
 
 
 class PushFailed(OSError):
-    """Samples that cannot be pushed; one sentence: why, and what to do."""
+    """Samples that cannot be pushed."""
 
 
 class OutgoingBatch(NamedTuple):
-    """Samples as they go out. sequence: its number.   n: samples in it."""
+    """A batch to send. sequence: its number.   n: samples in it."""
 
     sequence: int
     n: int
@@ -25,9 +25,9 @@ class OutgoingBatch(NamedTuple):
 
 
 class Outbox:
-    """Samples that are not durable: waiting, then in batches that are not acknowledged.
+    """Samples that are not durable: waiting, then in unacknowledged batches.
 
-    `put` and `wait` are of the caller's thread, the others of the one that sends.
+    `put` and `wait` are for the caller's thread, the other methods for the sending thread.
     """
 
     def __init__(self, most_values: int) -> None:
@@ -46,12 +46,10 @@ class Outbox:
 
     @property
     def is_full(self) -> bool:
-        """Whether no more may wait."""
         return self._n_open >= MOST_WAITING
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing waits."""
         return self._n_open == 0
 
     def begin_after(self, last: int | None) -> None:
@@ -59,7 +57,7 @@ class Outbox:
         self._sequence = 0 if last is None else last + 1
 
     def put(self, sample: dict[str, float | None]) -> None:
-        """Take a sample, as soon as there is room. PushFailed."""
+        """Add a sample, as soon as there is room. PushFailed."""
         with self._changed:
             self._changed.wait_for(lambda: self._failure or not self.is_full)
             self._check()
@@ -67,7 +65,7 @@ class Outbox:
             self.n_put += 1
 
     def wait(self, patience: float) -> bool:
-        """Wait until nothing waits; False where `patience` [s] went by without news. PushFailed."""
+        """Wait until all is acknowledged. False after `patience` [s] without news. PushFailed."""
         with self._changed:
             while not self.is_empty:
                 self._check()
@@ -78,26 +76,25 @@ class Outbox:
             return self.n_refused == 0
 
     def take(self) -> OutgoingBatch | None:
-        """The next batch to send; None where there is none."""
+        """The next batch to send; None if there is none."""
         with self._changed:
             if not self._unsent and self._waiting:
                 self._unsent.append(self._made())
             return self._unsent.popleft() if self._unsent else None
 
     def rewind(self) -> None:
-        """Send again what is not acknowledged, in order."""
+        """Send the unacknowledged batches again, in order."""
         with self._changed:
             self._unsent = deque(self._open.values())
 
     def acknowledge(self, sequence: int | None) -> None:
-        """A batch is durable."""
         with self._changed:
             if sequence is not None and (batch := self._open.pop(sequence, None)):
                 self.n_durable += batch.n
                 self._changed.notify_all()
 
     def refuse(self, sequence: int, reason: str) -> None:
-        """A batch is none, and left out."""
+        """A batch was refused and is dropped."""
         with self._changed:
             if batch := self._open.pop(sequence, None):
                 self.n_refused += batch.n
@@ -105,7 +102,7 @@ class Outbox:
                 self._changed.notify_all()
 
     def fail(self, reason: str) -> None:
-        """Nothing goes on: tell who puts and waits."""
+        """Sending has failed: raise in `put` and `wait`."""
         with self._changed:
             self._failure = reason
             self._changed.notify_all()
@@ -115,7 +112,7 @@ class Outbox:
             raise PushFailed(self._failure)
 
     def _made(self) -> OutgoingBatch:
-        """A batch of what waits, as many samples as it may have; None of a name that one lacks."""
+        """A batch of waiting samples, as large as allowed; None for names that a sample lacks."""
         most = max(1, self._most_values // max(1, len(self._waiting[0])))
         most = min(most, MOST_IN_BATCH, len(self._waiting))
         samples = [self._waiting.popleft() for _ in range(most)]

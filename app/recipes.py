@@ -1,4 +1,4 @@
-"""Recipes as people write them, in files, options and requests: checked value by value."""
+"""Recipes as written in files, options and requests, checked value by value."""
 
 import json
 from collections.abc import Mapping
@@ -51,11 +51,11 @@ BEFORE_GUARANTEE = set(
     takewhile("guarantee".__ne__, (entry.name for entry in fields(MonitorRecipe)))
 )
 MATRICES = {"A": "a", "B": "b", "C": "c", "D": "d"}
-"""Matrices of a model or a law as they are printed, and their parameters."""
+"""Names of matrices as printed, and their parameters."""
 
 
 def _changes(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
-    """What nested objects of the same keys say otherwise."""
+    """Entries of `after` that differ from `before`, for nested objects with the same keys."""
     return {
         key: _changes(before[key], value) if isinstance(value, dict) else value
         for key, value in after.items()
@@ -64,19 +64,19 @@ def _changes(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
 
 
 AS_FLOWN: dict[str, Any] = _changes(to_plain(DatasetRecipe()), to_plain(DatasetRecipe().as_flown()))
-"""Noise, jitter and imperfections as they are usual in flight: those parts of a recipe."""
+"""The parts of a recipe with noise, jitter and imperfections as usual in flight."""
 Imperfect = Literal["usual", "none"]
-"""Whether rollouts have gust, instrument errors, noise and pilot's scatter as usual in flight."""
+"""Whether rollouts have gusts, instrument errors, noise and pilot scatter as usual in flight."""
 USUAL_DATASET = DatasetRecipe(n_unsafe=500).as_flown()
-"""What an order of a dataset means that says nothing."""
+"""The default dataset."""
 USUAL_MONITOR = MonitorRecipe(guarantee="95%")
-"""What an order of a monitor means that says nothing."""
+"""The default monitor."""
 AUTO = "auto"
-"""What an amplitude may say for the one that a pilot run suggests."""
+"""Value of an amplitude: the one that a pilot run suggests."""
 
 
 LIMITS, STORED_LIMITS = "limits", "specification"
-"""What people, requests and responses call the limits of a recipe, and what stored recipes do."""
+"""The name of the limits in requests and responses, and in stored recipes."""
 
 
 def limits_named(plain: Any) -> Any:
@@ -112,10 +112,7 @@ def stored_names(plain: Any, where: str = "dataset") -> Any:
 
 
 def from_plain(default: Any, plain: Any, where: str = "recipe") -> Any:
-    """Return `default` with what `plain` says put in place, every value of the type it must have.
-
-    RecipeError says which part is wrong and what would be right.
-    """
+    """`default` with the values of `plain`, each checked for its type. RecipeError."""
     try:
         return recipe.from_plain(default, stored_names(plain, where), where, _checked)
     except RecipeError as error:
@@ -124,7 +121,7 @@ def from_plain(default: Any, plain: Any, where: str = "recipe") -> Any:
 
 @cache
 def _adapter(kind: type[Any]) -> TypeAdapter[Any]:
-    """Made once: it takes milliseconds."""
+    """Cached, since it takes milliseconds."""
     return TypeAdapter(kind)
 
 
@@ -142,10 +139,10 @@ def _checked(default: Any, values: Mapping[str, Any], where: str) -> Any:
 
 
 def dataset_recipe(plain: Any, where: str = "dataset") -> tuple[DatasetRecipe, Suggestion | None]:
-    """Read a dataset's recipe; where it says no law, doublet or limit, the aircraft's usual test.
+    """Read a dataset's recipe; a missing law, manoeuvre or limit is that of the usual test.
 
-    An `amplitude_deg` of "auto", and that of an own model where none is said, is the one that a
-    pilot run suggests, which is returned too. RecipeError; AmplitudeError where there is none.
+    `amplitude_deg` "auto", or none for a user's own model, becomes the amplitude that a pilot run
+    suggests, which is also returned. RecipeError; AmplitudeError if there is none.
     """
     if not isinstance(plain, dict):
         return from_plain(DatasetRecipe(), plain, where), None
@@ -167,12 +164,11 @@ def dataset_recipe(plain: Any, where: str = "dataset") -> tuple[DatasetRecipe, S
 
 
 def as_ordered(plain: Any, unsaid: Imperfect = "usual", asked: Imperfect | None = None) -> Any:
-    """A dataset's recipe as it is ordered by option or request, with what it leaves unsaid of
-    noise, jitter and imperfections; and, where these are usual, with the usual number of failures.
+    """A requested dataset recipe, completed with noise, jitter and imperfections, and, if these are
+    as usual in flight, with the usual number of failures.
 
-    asked: what to fill in, which its `imperfections` may say by a word too.   unsaid: what to fill
-    in where neither does, but for a recipe that is whole: as versions without imperfections stored
-    it, it means none.
+    asked: how to complete it; its `imperfections` may be this word too.   unsaid: how to complete
+    it if neither is given. A complete recipe of a version without imperfections means none.
     """
     plain = stored_names(plain)
     if isinstance(plain, dict) and plain.get("imperfections") in get_args(Imperfect):
@@ -187,17 +183,17 @@ def as_ordered(plain: Any, unsaid: Imperfect = "usual", asked: Imperfect | None 
 
 
 def dataset_for(monitor: MonitorRecipe, dataset: DatasetRecipe) -> DatasetRecipe:
-    """The dataset to simulate for a monitor: one by groups gets as many failures of each."""
+    """The dataset for a monitor; a monitor with groups gets equally many failures of each."""
     return (
         replace(dataset, groups=monitor.groups) if isinstance(dataset.groups, Pooled) else dataset
     )
 
 
 def monitor_as_ordered(plain: Any) -> Any:
-    """A monitor's recipe as it is ordered by option or request, with the usual guarantee.
+    """A requested monitor recipe, completed with the usual guarantee.
 
-    A predictor given alone has the score that goes with it, a score the predictor. A recipe that is
-    whole, as versions without guarantees stored it, means what it says.
+    A predictor alone gets its usual score, and a score its predictor. A complete recipe of a
+    version without guarantees stays as it is.
     """
     if not isinstance(plain, dict) or plain.keys() >= BEFORE_GUARANTEE:
         return plain
@@ -205,21 +201,21 @@ def monitor_as_ordered(plain: Any) -> Any:
 
 
 def _method(plain: dict[str, Any]) -> dict[str, Any]:
-    """Predictor and score of the first method that has the one of them that is said."""
-    said = {part: plain[part] for part in ("predictor", "score") if part in plain}
-    for predictor, score in METHODS.values() if len(said) == 1 else ():
+    """Predictor and score of the first method with the given one of them."""
+    given = {part: plain[part] for part in ("predictor", "score") if part in plain}
+    for predictor, score in METHODS.values() if len(given) == 1 else ():
         method = {"predictor": to_plain(predictor), "score": to_plain(score)}
-        if all(isinstance(m, dict) and m.get("kind") == method[p]["kind"] for p, m in said.items()):
+        kinds = {part: isinstance(m, dict) and m.get("kind") for part, m in given.items()}
+        if all(kind == method[part]["kind"] for part, kind in kinds.items()):
             return method
     return {}
 
 
 def matrices_renamed(plain: dict[str, Any], where: str = "dataset") -> dict[str, Any]:
-    """A dataset's recipe with the matrices of aircraft and law by their parameters' names.
+    """A dataset's recipe with the matrices of aircraft and law under their parameters' names.
 
-    An aircraft of matrices need not say its kind, nor names of its states, as in a model's file:
-    those of the catalog's example are not its own. RecipeError where a matrix
-    is given in capitals and in small letters.
+    An aircraft given as matrices needs neither its kind nor names of states, as in a model's file.
+    RecipeError if a matrix is given twice, in capitals and in small letters.
     """
     named = {}
     for part in {"aircraft", "control_law"} & plain.keys():
@@ -227,7 +223,7 @@ def matrices_renamed(plain: dict[str, Any], where: str = "dataset") -> dict[str,
         if not isinstance(given, dict):
             continue
         if twice := [name for name, key in MATRICES.items() if {name, key} <= given.keys()]:
-            raise RecipeError(f"{where}.{part} gives the matrix {twice[0]} twice: leave one out")
+            raise RecipeError(f"{where}.{part} has the matrix {twice[0]} twice: leave one out")
         named[part] = {MATRICES.get(key, key): value for key, value in given.items()}
         if part == "aircraft" and "a" in named[part]:
             named[part] = {"kind": "matrices", "states": []} | named[part]
@@ -235,7 +231,7 @@ def matrices_renamed(plain: dict[str, Any], where: str = "dataset") -> dict[str,
 
 
 def _check_limits(limits: Limits, where: str) -> None:
-    """RecipeError for a limit that no flight comes near, as of degrees given as radians."""
+    """RecipeError for an implausibly large limit, such as degrees given as radians."""
     for channel in CHANNELS:
         limit = getattr(limits, channel.key)
         if limit is None or limit <= BEYOND_FLIGHT.get(channel.unit, inf):
@@ -243,20 +239,20 @@ def _check_limits(limits: Limits, where: str) -> None:
         meant = f"{limit:g}{channel.display_unit}"
         raise RecipeError(
             f"{where}.{channel.key} is {limit:g} {channel.unit}, which is "
-            f"{channel.read(limit)} and no flight comes near it: if {meant} was meant, give "
+            f"{channel.read(limit)} and implausibly large: for {meant} give "
             f"{limit / channel.display_factor:.4g} {channel.unit}, or on the command line "
             f"--limit {channel.key}={meant}"
         )
 
 
 def _is_own_model(plain: dict[str, Any]) -> bool:
-    """Whether matrices are given, of which no usual amplitude is known."""
+    """Whether the aircraft is given as matrices, without a known usual amplitude."""
     aircraft = plain.get("aircraft")
     return isinstance(aircraft, MatrixAircraft) or (isinstance(aircraft, dict) and "a" in aircraft)
 
 
 def _with_usual_test(plain: dict[str, Any]) -> dict[str, Any]:
-    """Add to a dataset's recipe what the usual test of its aircraft says, where it says nothing."""
+    """Complete a dataset's recipe from the usual test of its aircraft."""
     aircraft = plain.get("aircraft", {"kind": DEFAULT_KIND})
     kind = aircraft.get("kind", DEFAULT_KIND) if isinstance(aircraft, dict) else None
     if not (isinstance(kind, str) and kind in AIRCRAFT):
@@ -264,34 +260,34 @@ def _with_usual_test(plain: dict[str, Any]) -> dict[str, Any]:
     usual = DatasetRecipe.usual(AIRCRAFT[kind])
     filled = {"specification": usual.specification} | plain
     for part in ("control_law", "maneuver"):
-        own, given = to_plain(getattr(usual, part)), plain.get(part, {})
-        if isinstance(given, dict) and given.get("kind", own["kind"]) == own["kind"]:
-            filled[part] = own | given
+        default, given = to_plain(getattr(usual, part)), plain.get(part, {})
+        if isinstance(given, dict) and given.get("kind", default["kind"]) == default["kind"]:
+            filled[part] = default | given
     return filled
 
 
 def overlay(below: Any, above: Any) -> Any:
-    """Nested objects of plain data, what `above` says in place of what `below` does."""
+    """Nested plain data: values of `above` replace those of `below`."""
     if not (isinstance(below, dict) and isinstance(above, dict)):
         return above
     return below | {key: overlay(below.get(key), value) for key, value in above.items()}
 
 
 def read_plain(path: Path) -> Any:
-    """Read a JSON file; RecipeError says where it is not JSON."""
+    """Read a JSON file. RecipeError."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise RecipeError(f"{path} cannot be read ({error.strerror}): give a JSON file") from error
+        raise RecipeError(f"{path} is not readable ({error.strerror}): give a JSON file") from error
     except ValueError as error:
-        raise RecipeError(f"{path} is not JSON ({error}): correct it there") from error
+        raise RecipeError(f"{path} is not JSON ({error}): correct it") from error
 
 
 def set_path(plain: dict[str, Any], dotted: str, value: Any) -> None:
-    """Put a value at `a.b.c` of nested objects, making them where they are missing."""
+    """Set `a.b.c` in nested objects, creating missing ones."""
     *parents, last = dotted.split(".")
     for parent in parents:
         plain = plain.setdefault(parent, {})
         if not isinstance(plain, dict):
-            raise RecipeError(f"{dotted} cannot be set: {parent} holds a value, not parameters")
+            raise RecipeError(f"{dotted} cannot be set: {parent} is a value, not an object")
     plain[last] = value

@@ -1,4 +1,4 @@
-"""Serving: the listening socket, the server around the application, one server a data directory."""
+"""Serving: the listening socket, the server, and one server per data directory."""
 
 import asyncio
 import gc
@@ -23,24 +23,24 @@ from app.store.database import address, file_of
 from app.store.store import open_store
 
 UNANSWERED_MS = 5_000
-"""A connection whose peer answers nothing for so long is given up."""
+"""A connection is dropped if its peer does not answer for this time."""
 LARGEST_MESSAGE = 262_144
 PATIENCE = 3
-"""[s] Connections that still run when the server stops are given so long."""
+"""[s] Time that open connections have when the server stops."""
 GRACE = 1
-"""[s] What a request then still does is cancelled so much later."""
+"""[s] Requests still running after that time are cancelled this much later."""
 BACKLOG = 128
 COLLECTED = 20_000, 50, 10
-"""Objects made before cycles among them are looked for: samples make few, and none waits."""
+"""Thresholds of the garbage collector: rare collections, so that no sample waits."""
 THREAD_TURN_S = 0.001
-"""What a thread that computes may keep the event loop waiting [s]; the interpreter's own is five
-times as long, and a sample waits for it again at each wake-up of the loop."""
+"""Longest time that a computing thread delays the event loop [s]. The interpreter's default is five
+times as long, and a sample would wait for it at each wake-up of the loop."""
 
 Opened = Callable[[FastAPI], Awaitable[None]]
 
 
 class Server(uvicorn.Server):
-    """A server that says when it takes requests."""
+    """A server that calls `opened` when it accepts requests."""
 
     def __init__(self, app: FastAPI, opened: Opened | None = None) -> None:
         settings: Settings = app.state.settings
@@ -64,13 +64,12 @@ class Server(uvicorn.Server):
         self.opened = opened
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Start, then say so."""
         await super().startup(sockets)
         if self.started and self.opened is not None:
             await self.opened(self.app)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Stop. Who has not taken his answer after PATIENCE is dropped."""
+        """Stop. Clients that have not read their answer after PATIENCE are dropped."""
         dropping = asyncio.get_running_loop().call_later(PATIENCE, self._drop_connections)
         await super().shutdown(sockets)
         dropping.cancel()
@@ -84,7 +83,7 @@ class Server(uvicorn.Server):
 
 
 def listen(settings: Settings) -> socket.socket:
-    """Return a listening socket; SettingsError where the address cannot be had."""
+    """A listening socket. SettingsError if the address is not available."""
     listening = None
     try:
         family = socket.getaddrinfo(settings.host, settings.port, type=socket.SOCK_STREAM)[0][0]
@@ -98,7 +97,7 @@ def listen(settings: Settings) -> socket.socket:
         if listening is not None:
             listening.close()
         raise SettingsError(
-            f"{settings.host}:{settings.port} cannot be listened on "
+            f"{settings.host}:{settings.port} is not available "
             f"({error.strerror or error}): choose another port with --port"
         ) from error
     listening.setblocking(False)
@@ -120,24 +119,23 @@ def serve(
 ) -> None:
     """Serve until interrupted; `opened` is called with the application and its address.
 
-    listening: the socket of `listen`, where it was taken before; it is closed in the end.
-
-    SettingsError where the address or the data directory is taken, StoreError where the database
-    cannot be used: said before anything listens.
+    listening: a socket from `listen`; it is closed at the end.
+    SettingsError if the address or the data directory is in use, StoreError if the database cannot
+    be used: before anything listens.
     """
     with alone(settings):
         open_store(settings.url).close()
         listening = listening or listen(settings)
-        here = address_of(listening, settings)
-        server = Server(create_app(settings), lambda app: opened(app, here))
+        url = address_of(listening, settings)
+        server = Server(create_app(settings), lambda app: opened(app, url))
         gc.collect()
-        gc.freeze()  # what is loaded stays: a sample never waits until all of it was looked through
+        gc.freeze()  # no sample waits for a collection of what is loaded
         gc.set_threshold(*COLLECTED)
         sys.setswitchinterval(THREAD_TURN_S)
         try:
             with asyncio.Runner(loop_factory=_loop_factory()) as runner:
                 runner.run(server.serve(sockets=[listening]))
-        except KeyboardInterrupt:  # the server has stopped in good order by then
+        except KeyboardInterrupt:  # the server has stopped cleanly by then
             return
         finally:
             listening.close()
@@ -145,10 +143,10 @@ def serve(
 
 @contextmanager
 def alone(settings: Settings) -> Iterator[None]:
-    """Hold the data directory and an SQLite database for this process alone.
+    """Lock the data directory and an SQLite database for this process.
 
-    The directory is made where it is missing. SettingsError where another process serves either, or
-    they cannot be written.
+    Creates the directory if needed. SettingsError if another process serves either, or if they are
+    not writable.
     """
     database = file_of(address(settings.url))
     with _locked(settings.data_dir, settings.data_dir / "forewarn.lock", "--data-dir"):
@@ -161,19 +159,19 @@ def alone(settings: Settings) -> Iterator[None]:
 
 
 @contextmanager
-def _locked(what: Path, path: Path, option: str) -> Iterator[None]:
-    """Hold a lock file. what: that it is of.   option: chooses another."""
+def _locked(locked: Path, path: Path, option: str) -> Iterator[None]:
+    """Hold a lock file. locked: what it protects.   option: chooses another one."""
     lock = FileLock(path, timeout=0, mode=0o600)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         lock.acquire()
     except Timeout:
         raise SettingsError(
-            f"another forewarn serves {what}: stop it, or choose another with {option}"
+            f"another forewarn serves {locked}: stop it, or choose another one with {option}"
         ) from None
     except OSError as error:
         raise SettingsError(
-            f"{what} cannot be written ({error.strerror}): choose another with {option}"
+            f"{locked} is not writable ({error.strerror}): choose another one with {option}"
         ) from error
     try:
         yield
@@ -182,7 +180,6 @@ def _locked(what: Path, path: Path, option: str) -> Iterator[None]:
 
 
 def _loop_factory() -> Callable[[], asyncio.AbstractEventLoop] | None:
-    """uvloop's where it is installed."""
     try:
         import uvloop
     except ImportError:

@@ -1,4 +1,4 @@
-"""Settings of the server: defaults, then the environment, then options of the command line.
+"""Settings of the server. Options of the command line override the environment.
 
 | setting          | environment               | default                                          |
 |------------------|---------------------------|--------------------------------------------------|
@@ -36,11 +36,10 @@ SHORTEST_TOKEN = 16
 
 
 class SettingsError(ValueError):
-    """A setting that cannot be used; one sentence: what was given, what is needed."""
+    """An invalid setting."""
 
 
 def default_data_dir() -> Path:
-    """Directory of the user's data on this platform."""
     from platformdirs import user_data_path
 
     return user_data_path("forewarn", appauthor=False)
@@ -48,10 +47,10 @@ def default_data_dir() -> Path:
 
 @dataclass(frozen=True)
 class Settings:
-    """Where the server listens and keeps its data, and what it refuses.
+    """Address, data and limits of the server.
 
-    Sizes in bytes. SettingsError for an address that others can reach without a token, for a short
-    token, and for numbers out of range.
+    Sizes in bytes. SettingsError for an address that other machines can reach without a token, for
+    a short token, and for numbers out of range.
     """
 
     data_dir: Path = field(default_factory=default_data_dir)
@@ -81,43 +80,39 @@ class Settings:
                 "example from `openssl rand -hex 16`"
             )
         if self.token is not None and not (self.token.isascii() and self.token.isprintable()):
-            raise SettingsError("the token has characters that no header can carry: use ASCII")
+            raise SettingsError("the token has characters not allowed in a header: use ASCII")
         if not is_loopback(self.host) and self.token is None:
             raise SettingsError(
                 f"host {self.host} can be reached from other machines: set FOREWARN_TOKEN, or "
                 "listen on 127.0.0.1"
             )
         if not 0 <= self.port <= 65535:
-            raise SettingsError(f"port {self.port} was given: it lies between 0 and 65535")
+            raise SettingsError(f"port={self.port}: give a number between 0 and 65535")
         for name in ("max_flights", "max_jobs", "max_queued_jobs"):
             if getattr(self, name) < 0:
-                raise SettingsError(f"{name}={getattr(self, name)} was given: it must be 0 or more")
-        for name in (each.name for each in fields(self) if each.name.endswith("_bytes")):
+                raise SettingsError(f"{name}={getattr(self, name)}: give 0 or more")
+        names = [entry.name for entry in fields(self)]
+        for name in (name for name in names if name.endswith("_bytes")):
             if getattr(self, name) < 1024:
-                raise SettingsError(
-                    f"{name}={getattr(self, name)} was given: it must be at least 1024 bytes"
-                )
-        for name in (each.name for each in fields(self) if each.name.endswith("_seconds")):
+                raise SettingsError(f"{name}={getattr(self, name)}: give at least 1024 bytes")
+        for name in (name for name in names if name.endswith("_seconds")):
             if not 0 < getattr(self, name) < math.inf:
-                raise SettingsError(f"{name}={getattr(self, name)} was given: it must be positive")
-
+                raise SettingsError(f"{name}={getattr(self, name)}: give a positive number")
         for name in ("retain_days", "retain_gb"):
             if not 0 <= getattr(self, name) < math.inf:
-                raise SettingsError(f"{name}={getattr(self, name)} was given: it must be 0 or more")
+                raise SettingsError(f"{name}={getattr(self, name)}: give 0 or more")
 
     @property
     def url(self) -> str:
-        """Address of the database."""
         return self.database_url or f"sqlite:///{self.data_dir / 'forewarn.db'}"
 
     @property
     def is_local(self) -> bool:
-        """Whether only this machine can reach the server."""
         return is_loopback(self.host)
 
 
 def is_loopback(host: str) -> bool:
-    """Whether this name or address is of this machine alone."""
+    """Whether only this machine can reach this name or address."""
     if host == "localhost":
         return True
     try:
@@ -127,9 +122,9 @@ def is_loopback(host: str) -> bool:
 
 
 def read_settings(environment: Mapping[str, str] | None = None, **options: Any) -> Settings:
-    """Return the settings of the environment, options over it; None leaves an option unsaid.
+    """Settings from the environment, overridden by options that are not None.
 
-    SettingsError names a variable that is unknown or is not of its setting's kind.
+    SettingsError for a variable that is unknown or has a value of the wrong type.
     """
     environment = os.environ if environment is None else environment
     known = {PREFIX + entry.name.upper(): entry for entry in fields(Settings)}
@@ -138,7 +133,7 @@ def read_settings(environment: Mapping[str, str] | None = None, **options: Any) 
         if not name.startswith(PREFIX) or not text:
             continue
         if name not in known:
-            raise SettingsError(f"{name} is no setting: choose {', '.join(known)}")
+            raise SettingsError(f"{name} is not a setting: choose {', '.join(known)}")
         values[known[name].name] = _parse(name, known[name].name, text)
     return Settings(**values | {key: value for key, value in options.items() if value is not None})
 
@@ -152,10 +147,10 @@ def _parse(variable: str, name: str, text: str) -> Any:
         try:
             return int(text)
         except ValueError:
-            raise SettingsError(f"{variable}={text!r} was given: it must be an integer") from None
+            raise SettingsError(f"{variable}={text!r}: give an integer") from None
     if name.endswith("_seconds") or name.startswith("retain_"):
         try:
             return float(text)
         except ValueError:
-            raise SettingsError(f"{variable}={text!r} was given: it must be a number") from None
+            raise SettingsError(f"{variable}={text!r}: give a number") from None
     return text

@@ -1,4 +1,4 @@
-"""The command that pushes a recording into a live flight, as its source would have in flight."""
+"""The command that pushes a recording into a live flight, as its source did in flight."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ INTERRUPTED = 130
 TOKEN = "FOREWARN_TOKEN"
 FASTEST = "max"
 LAST_S = 2.0
-"""That an interrupted push waits for acknowledgements."""
+"""Longest wait of an interrupted push for acknowledgements."""
 
 
 @dataclass(frozen=True)
 class Pushed:
-    """What came of it, in samples. broken: connections that were.   refusal: why the last was."""
+    """Result, in samples. broken: connections lost.   refusal: of the last refused sample."""
 
     flight: str
     address: str
@@ -42,35 +42,38 @@ class Pushed:
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
-    parser.add_argument("file", type=Path, metavar="FILE", help="telemetry in any format read")
+    parser.add_argument("file", type=Path, metavar="FILE", help="telemetry in any supported format")
     into = parser.add_mutually_exclusive_group(required=True)
-    into.add_argument("--flight", metavar="ID", help="live flight that was started")
-    into.add_argument("--monitor", metavar="ID", help="start a live flight through this monitor")
+    into.add_argument("--flight", metavar="ID", help="live flight in progress")
+    into.add_argument("--monitor", metavar="ID", help="start a live flight with this monitor")
     ways = parser.add_mutually_exclusive_group()
     for way, words in (
         ("websocket", "by WebSocket (the default)"),
         ("rest", "by REST"),
-        ("udp", "as datagrams; those that get lost by WebSocket, in the end"),
+        ("udp", "as datagrams; lost ones by WebSocket at the end"),
     ):
         ways.add_argument(f"--{way}", dest="way", action="store_const", const=way, help=words)
     parser.add_argument(
-        "--rate", default="1x", metavar="1x|4x|...|max", help="times as fast as it was recorded"
+        "--rate",
+        default="1x",
+        metavar="1x|4x|...|max",
+        help="multiple of the recorded rate",
     )
     parser.add_argument(
-        "--server", default="http://127.0.0.1:8000", metavar="URL", help="%(default)s if absent"
+        "--server", default="http://127.0.0.1:8000", metavar="URL", help="default: %(default)s"
     )
-    parser.add_argument("--token", help=f"of who may push samples; {TOKEN} if absent")
-    parser.add_argument("--name", help="of the flight that is started")
-    parser.add_argument("--mapping", type=Path, metavar="FILE.json", help="which signal is what")
+    parser.add_argument("--token", help=f"an operator's token; default: {TOKEN}")
+    parser.add_argument("--name", help="of the started flight")
+    parser.add_argument("--mapping", type=Path, metavar="FILE.json", help="mapping of the signals")
     parser.add_argument(
         "--as-is",
         action="store_true",
-        help="send the file's own names and numbers: the flight maps them",
+        help="send the file's own names and numbers; the flight maps them",
     )
     parser.add_argument(
         "--recording",
         metavar="ID",
-        help="on the server, by whose mapping the flight that is started reads its samples",
+        help="recording on the server whose mapping the started flight uses",
     )
     parser.add_argument(
         "--keep-open",
@@ -84,13 +87,13 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Push the file; 0 only where every sample of it is durable."""
+    """Push the file. Returns 0 only if every sample is durable."""
     from app.client import LiveClient, PushFailed  # slow to import, not needed for help
     from app.commands.recorded_rows import own_rows, si_rows
 
     rate = _rate(options.rate)
     if options.monitor and options.as_is and not options.recording:
-        raise ValueError("--as-is needs a flight that maps the names: give --recording ID too")
+        raise ValueError("--as-is needs a mapping: give --recording ID too")
     if options.recording and not options.as_is:
         raise ValueError("--recording maps the file's own names: give --as-is too")
     token = options.token or os.environ.get(TOKEN)
@@ -141,7 +144,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _rate(text: str) -> float:
-    """Times as fast as recorded; infinite for as fast as can be."""
+    """Multiple of the recorded rate; infinite for `max`."""
     if text == FASTEST:
         return float("inf")
     with suppress(ValueError):
@@ -151,7 +154,7 @@ def _rate(text: str) -> float:
 
 
 def _push(client: LiveClient, rows: RecordedRows, rate: float) -> None:
-    """Send each sample when it is due, by the time that passed since the first, and wait."""
+    """Send each sample when it is due, then wait until all are durable."""
     begun, problem = time.monotonic(), ""
     times = rows.t.tolist()
     for t, row in zip(times, rows.values.tolist(), strict=True):
@@ -161,7 +164,7 @@ def _push(client: LiveClient, rows: RecordedRows, rate: float) -> None:
         client.send(dict(zip(rows.names, row, strict=True)))
         if client.problem != problem:
             problem = client.problem
-            print(f"forewarn: {problem or 'samples are taken again'}", file=sys.stderr)
+            print(f"forewarn: {problem or 'samples are accepted again'}", file=sys.stderr)
     client.flush()
 
 

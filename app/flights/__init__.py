@@ -1,1 +1,1 @@
-"""Flights under way: their sources, how they are played, who watches, what is recorded."""
+"""Flights in progress: sources, transport, watchers, alarms, records."""

@@ -1,18 +1,18 @@
 """Alarms: warnings and cautions, latched until someone acknowledges them.
 
-A risk above the alert level is a warning, and so is a measured exceedance, from the channels alone:
-it asks nobody whether the monitor is applicable. That it is not, or that the source is late, is a
-caution. Each kind is raised at its onset, once. A risk ends at an assessed sample that does not
-alert; a sample that could not be assessed ends nothing. An exceedance ends at a sample within the
-limits, a caution at a sample that gives no cause for it. Warnings end where the flight restarts
-(seek, loop), cautions go on where the next sample finds them as they were. The next onset is an
-alarm of its own, except while one of its kind waits for its acknowledgement and
-- it is the last one and had ended for less than REJOIN_S: a flicker is one alarm, or
-- the sample is the very one that raised it: a loop does not ring again each time round.
-An acknowledged alarm is over: every onset after it rings.
+Warnings: a risk above the alert level, and a measured exceedance, whether or not the monitor is
+applicable. Cautions: the monitor is not applicable, and a late source. Each kind is raised once, at
+its onset. A risk ends at an assessed sample that does not alert; a sample without an assessment
+ends nothing. An exceedance ends at a sample within the limits, a caution at a sample without its
+cause. A restart (seek, loop) ends warnings; cautions continue if the next sample still has their
+cause. The next onset raises a new alarm, unless an alarm of its kind is unacknowledged and
+- it is the latest one and ended less than REJOIN_S ago: a flicker is one alarm, or
+- this same sample raised it: a loop does not repeat its alarms.
+After an acknowledgement every onset raises a new alarm.
 """
 
 from collections import Counter
+from operator import attrgetter
 from typing import Any
 
 from app.flights.clock import Clock
@@ -24,22 +24,25 @@ from core.monitor.status import ALARM_LEVELS, AlarmKind, Level
 
 REJOIN_S = 1.0
 ALARMING = frozenset({State.INVALID, State.STALE})
-"""States that may be a caution; no other is an alarm by itself."""
+"""States that may raise a caution; no other state is an alarm by itself."""
 CLOSED_KEPT = 50
-"""Acknowledged alarms that a flight keeps at hand; the store has all."""
+"""Acknowledged alarms that a flight keeps in memory; the store has all."""
 
 
 def gives_alarm(kind: AlarmKind, assessment: Assessment) -> bool:
-    """Whether what is said of a sample is an alert, or withdraws the monitor where one is flown."""
+    """Whether an assessment raises an alarm of this kind.
+
+    Between manoeuvres a monitor is not withdrawn: nothing is assessed there.
+    """
     if kind == "risk":
         return bool(assessment.alert)
     return assessment.state is State.INVALID and assessment.cause is not Cause.BETWEEN
 
 
 class Onsets:
-    """Where one condition began: which of its onsets is an alarm of its own.
+    """The onsets of one condition, and which of them raise an alarm.
 
-    is_active: whether it holds at the newest sample.
+    is_active: whether the condition holds at the newest sample.
     """
 
     def __init__(self) -> None:
@@ -49,11 +52,10 @@ class Onsets:
         self._indices: dict[str, int] = {}
 
     def restart(self) -> None:
-        """The next sample does not follow the last one."""
         self.is_active, self._last_t = False, None
 
     def begins(self, index: int, t: float, active: bool) -> bool:
-        """Take a sample; whether it is an onset that rings."""
+        """Whether this sample is an onset that raises an alarm."""
         began = active and not self.is_active
         rings = began and not self._joins(index, t)
         self.is_active = active
@@ -62,11 +64,10 @@ class Onsets:
         return rings
 
     def latch(self, alarm_id: str, index: int) -> None:
-        """Note the alarm that an onset raised."""
+        """Remember the alarm that an onset raised."""
         self._latest, self._indices[alarm_id] = alarm_id, index
 
     def release(self, alarm_id: str) -> None:
-        """The alarm was acknowledged."""
         self._indices.pop(alarm_id, None)
 
     def _joins(self, index: int, t: float) -> bool:
@@ -96,27 +97,25 @@ class Alarms:
 
     @property
     def at_hand(self) -> list[Alarm]:
-        """All open alarms and the last acknowledged ones, in the order raised."""
+        """All unacknowledged alarms and the last acknowledged ones, in the order raised."""
         return sorted([*self._closed, *self._open.values()], key=lambda alarm: alarm.number)
 
     def n_open(self, level: Level) -> int:
-        """Alarms of a level that nobody acknowledged."""
+        """Unacknowledged alarms of a level."""
         return self._n_open[level]
 
     def note_stored(self, alarm_id: str) -> None:
-        """The store holds this alarm."""
         if alarm_id in self._open:
             stored = {"stored": True}
             self._open[alarm_id] = self._open[alarm_id].model_copy(update=stored)
 
     def restart(self) -> None:
-        """The next sample does not follow the last one."""
         for kind, onsets in self._onsets.items():
             if ALARM_LEVELS[kind] is Level.WARNING:
                 onsets.restart()
 
     def restore(self, alarms: list[Alarm]) -> None:
-        """Take the alarms of a flight that goes on."""
+        """Continue with the alarms of a resumed flight."""
         for alarm in alarms:
             self._number = max(self._number, alarm.number)
             self._keep_evidence(alarm)
@@ -136,11 +135,10 @@ class Alarms:
         late: str = "",
         only: AlarmKind | None = None,
     ) -> list[Alarm]:
-        """Take a sample; return the alarms that it raises, an exceedance first.
+        """Return the alarms that a sample raises, an exceedance first.
 
-        index: the sample's number in its source, which a loop meets again.   exceedance: of it.
-        late: why the sample is not of now; empty where it is.   only: the kind that it is asked
-        about, of a sample that a seek passes; None for all.
+        index: the sample's number in its source; a loop repeats it.   late: why the source is late;
+        empty if it is not.   only: the one kind to check, for a sample that a seek passes.
         """
         t, state, reason = assessment.t, assessment.state, assessment.reason
         gives_cause = exceedance is not None or assessment.alert or late or state in ALARMING
@@ -174,7 +172,7 @@ class Alarms:
         return raised
 
     def note_late(self, seq: int, t: float, reason: str, clock: Clock) -> list[Alarm]:
-        """Nothing follows sample seq, of t [s]; return the alarm that this raises, if any."""
+        """No sample followed seq, at t [s]: return the caution that this raises, if any."""
         self._may_be_active = True
         if not self._onsets["stale"].begins(seq, clock.now(), True):
             return []
@@ -193,21 +191,22 @@ class Alarms:
     def _keep_evidence(self, alarm: Alarm) -> None:
         if alarm.level is not Level.WARNING:
             return
-        kept = self._evidence
-        names = ["from trim"] if exceeds_from_trim(alarm) else []
-        for name in (alarm.kind, *names):
-            kept[name] = min(kept.get(name, alarm), alarm, key=lambda one: one.t)
+        evidence, names = self._evidence, [alarm.kind]
+        if exceeds_from_trim(alarm):
+            names.append("from trim")
+        for name in names:
+            evidence[name] = min(evidence.get(name, alarm), alarm, key=attrgetter("t"))
         if alarm.kind == "limit":
-            kept["latest"] = max(kept.get("latest", alarm), alarm, key=lambda one: one.t)
+            evidence["latest"] = max(evidence.get("latest", alarm), alarm, key=attrgetter("t"))
 
     def _keep_open(self, alarm: Alarm) -> None:
         self._open[alarm.id] = alarm
         self._n_open[alarm.level] += 1
 
     def acknowledge(self, alarm_id: str, by: str, utc: str) -> tuple[Alarm, bool]:
-        """Acknowledge; the first one stays. Returns the alarm and whether this was the first.
+        """Acknowledge an alarm once. Returns it, and whether this was the first acknowledgement.
 
-        KeyError for an alarm that is not at hand.
+        KeyError for an alarm that is not in memory.
         """
         alarm = self._open.pop(alarm_id, None)
         if alarm is None:

@@ -1,4 +1,4 @@
-"""Time as a flight sees it: monotonic seconds, a call at a time, and the date for people."""
+"""The clock of a flight: monotonic seconds, timers, and the date for people."""
 
 import asyncio
 import time
@@ -9,23 +9,21 @@ from typing import Protocol
 
 
 class Timer(Protocol):
-    """A call that is due later."""
+    """A planned call."""
 
-    def cancel(self) -> None:
-        """Do not make the call."""
-        ...
+    def cancel(self) -> None: ...
 
 
 class Clock(ABC):
-    """The one way to time and waiting; a test's own clock moves when it is told."""
+    """All timing of flights goes through it; tests use a clock that they advance."""
 
     @abstractmethod
     def now(self) -> float:
-        """Seconds that never run backwards, of no date."""
+        """Monotonic seconds."""
 
     @abstractmethod
     def call_at(self, when: float, call: Callable[[], object]) -> Timer:
-        """Call from the event loop at `when`, in seconds of `now`; at once if that has passed."""
+        """Call from the event loop at time `when` of this clock; at once if that has passed."""
 
     @abstractmethod
     def utc(self) -> str:
@@ -36,14 +34,11 @@ class MonotonicClock(Clock):
     """The machine's clock and the running event loop."""
 
     def now(self) -> float:
-        """Seconds since some start, the same for every process of the machine."""
         return time.monotonic()
 
     def call_at(self, when: float, call: Callable[[], object]) -> Timer:
-        """Call at `when`, by the running loop's timers."""
         delay = max(0.0, when - time.monotonic())
         return asyncio.get_running_loop().call_later(delay, call)
 
     def utc(self) -> str:
-        """Return the machine's date and time to the millisecond."""
         return datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")

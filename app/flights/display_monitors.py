@@ -1,7 +1,7 @@
-"""Monitors that a flight is shown by, beside the one that raises its alarms.
+"""Monitors that a flight displays beside its alarm authority.
 
-Several monitors say more than one, of several warning lead times say, but a list of them keeps no
-promise: each may miss, and each may alert on a safe flight. One alone is the alarm authority.
+Several monitors show more than one, for example several lead times. But a list of monitors has no
+guarantee as a whole: each may miss and each may alert falsely. So only one raises alarms.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,15 +20,15 @@ from core.recipe import to_plain
 from core.specification import specification_to_plain
 
 ALIKE = {"aircraft": "another aircraft", "maneuver": "another manoeuvre"}
-"""What of their datasets' recipes monitors of one flight have in common."""
+"""Parts of the dataset recipe in which all monitors of a flight agree."""
 
 
 class LimitsUnknown(ValueError):
-    """A monitor whose limits are not known, so that nothing could be said of an exceedance."""
+    """A monitor without known limits: exceedances could not be judged."""
 
 
 class DisplayMonitor(NamedTuple):
-    """A monitor that is flown for display, at its own accepted miss rate."""
+    """A monitor for display, at its own accepted miss rate."""
 
     id: str
     name: str
@@ -37,22 +37,22 @@ class DisplayMonitor(NamedTuple):
 
 
 def check_limits(monitor_id: str, monitor: Monitor) -> None:
-    """LimitsUnknown for a monitor that could not say what it warns of."""
+    """LimitsUnknown for a monitor without limits."""
     if monitor.limits is None:
         raise LimitsUnknown(
-            f"monitor {monitor_id} does not say which limits it was trained for, so nothing "
-            "could be said of an exceedance: fly a monitor that does, or train it again"
+            f"monitor {monitor_id} does not contain the limits it was trained for, so exceedances "
+            "cannot be judged: choose another monitor, or train it again"
         )
 
 
 def check_alike(authority: Monitor, display: Sequence[DisplayMonitor]) -> None:
-    """Whether monitors can see the same flight. SourceError; LimitsUnknown."""
+    """SourceError for monitors that cannot assess the same flight; LimitsUnknown."""
     for shown in display:
         check_limits(shown.id, shown.monitor)
         if other := _unlike(authority, shown.monitor):
             raise SourceError(
-                f"monitor {shown.name} ({shown.id}) is of {other} than the alarm authority: fly "
-                "monitors of one aircraft, manoeuvre and sample interval together"
+                f"monitor {shown.name} ({shown.id}) has {other} than the alarm authority: choose "
+                "monitors of the same aircraft, manoeuvre and sample interval"
             )
 
 
@@ -74,7 +74,7 @@ def flown_monitor(
     delay: float = 0.0,
     is_authority: bool = False,
 ) -> FlownMonitor:
-    """A monitor of a flight as it is sent. delay: that live samples may wait [s]."""
+    """A monitor of a flight as sent to clients. delay: longest wait of a live sample [s]."""
     plain = (
         monitor.specification
         if isinstance(monitor, MonitorInfo)
@@ -95,15 +95,15 @@ def flown_monitor(
 
 
 def no_rest(monitor: Monitor) -> str:
-    """Why a monitor forecasts nothing of the rest of the test card; empty where it does."""
+    """Why a monitor never forecasts the rest of the test card; empty if it does."""
     if monitor.forecast is not None:
         return monitor.forecast.no_forecast_reason
     predictor = kind_label(to_plain(monitor.recipe.predictor)["kind"])
-    return f"“{predictor}” gives none"
+    return f"the predictor “{predictor}” makes none"
 
 
 def flown_monitors(store: Store, flights: Sequence[FlightInfo]) -> dict[str, list[FlownMonitor]]:
-    """The monitors of stored flights, by id of the flight: the alarm authority first."""
+    """The monitors of stored flights by flight id, the alarm authority first."""
     shown = store.flights.display(info.id for info in flights)
     used = {info.id: [(info.monitor_id, info.epsilon), *shown.get(info.id, ())] for info in flights}
     warnings = store.monitors.warnings(pair for pairs in used.values() for pair in pairs)
@@ -129,7 +129,7 @@ def flown_monitors(store: Store, flights: Sequence[FlightInfo]) -> dict[str, lis
 
 
 def stated_delay(store: Store, source: Mapping[str, Any], dt: float) -> float:
-    """How long the samples of a flight could wait [s]: live, or as a live one was shown."""
+    """Longest wait of the samples of a live flight, or of its replay [s]; 0 for other flights."""
     if source.get("kind") == "journal":
         with suppress(NotFound):
             return stated_delay(store, store.flights.info(source["flight_id"]).source, dt)

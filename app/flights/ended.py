@@ -1,4 +1,4 @@
-"""What can be said of flights that are over: their headline and their verdict, from the record."""
+"""Headline and verdict of ended flights, from their records."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -28,25 +28,23 @@ from core.monitor.status import Facts, Headline, Level, cause_of, headline
 
 RUNNING = "running"
 NO_SAMPLE = STATES.index(State.WARMING_UP), "no sample came"
-"""State and reason of a flight that ended before its first one."""
+"""State and reason of a flight that ended before its first sample."""
 
 
 class Record(BaseModel):
-    """Headline and verdict of a flight that is over; no verdict where no limit was exceeded."""
+    """Headline and verdict of an ended flight; no verdict if it exceeded no limit."""
 
     headline: Headline
     verdict: Verdict | None
-    exceedances: list[ChannelExceedances] = Field(
-        description="that it came to, of each channel that had one"
-    )
-    reason: str = Field(description="why its newest sample was not assessed; empty where it was")
-    cause: Cause | None = Field(description="of that reason, as of a frame")
-    open_alarms: int = Field(description="warnings that wait for their acknowledgement")
-    open_cautions: int = Field(description="cautions that wait for theirs")
+    exceedances: list[ChannelExceedances] = Field(description="exceedances, per channel")
+    reason: str = Field(description="why its newest sample was not assessed; empty if it was")
+    cause: Cause | None = Field(description="cause of that reason, as in a frame")
+    open_alarms: int = Field(description="unacknowledged warnings")
+    open_cautions: int = Field(description="unacknowledged cautions")
 
 
 def records(store: Store, flights: Iterable[FlightInfo]) -> dict[str, Record]:
-    """The records of those flights that are over, by id."""
+    """Records of the ended flights among these, by id."""
     over = [info for info in flights if info.status != RUNNING]
     if not over:
         return {}
@@ -73,7 +71,7 @@ def _record(
     last: int,
     reason: str,
 ) -> Record:
-    """last, reason: code of the state of its newest sample, and why."""
+    """last, reason: state code of the newest sample, and its reason."""
     exceeded = _exceeded(info, alarms)
     warnings, cautions = (_n_waiting(alarms, level) for level in (Level.WARNING, Level.CAUTION))
     facts = Facts(
@@ -84,11 +82,10 @@ def _record(
         calibrated=monitor.support is not None,
         exceeded_t=min(exceeded, default=None),
     )
-    found = _verdict(store, info, monitor, alarms) if exceeded else None
     return Record(
         headline=headline(facts),
-        verdict=found,
-        exceedances=_of_channels(info, alarms),
+        verdict=_verdict(store, info, monitor, alarms) if exceeded else None,
+        exceedances=_exceedances(info, alarms),
         reason=reason,
         cause=cause_of(STATES[last], reason),
         open_alarms=warnings,
@@ -96,10 +93,10 @@ def _record(
     )
 
 
-def _of_channels(info: FlightInfo, alarms: Sequence[StoredAlarm]) -> list[ChannelExceedances]:
-    """As they were noted in flight; of a flight that was cut short, by its alarms."""
+def _exceedances(info: FlightInfo, alarms: Sequence[StoredAlarm]) -> list[ChannelExceedances]:
+    """As noted in flight; for a flight that was cut short, from its alarms."""
     if info.exceedances is not None:
-        return [ChannelExceedances(**one) for one in info.exceedances]
+        return [ChannelExceedances(**plain) for plain in info.exceedances]
     return of_alarms(
         (alarm.t, MeasuredExceedance(**alarm.exceedance))
         for alarm in sorted(alarms, key=lambda alarm: alarm.t)
@@ -110,7 +107,7 @@ def _of_channels(info: FlightInfo, alarms: Sequence[StoredAlarm]) -> list[Channe
 def _verdict(
     store: Store, info: FlightInfo, monitor: MonitorInfo, alarms: Sequence[StoredAlarm]
 ) -> Verdict | None:
-    """That of its recording as it was scored, else by what was flown."""
+    """The verdict of the scored recording; for other flights from their alarms."""
     promised = monitor.lead - stated_delay(store, info.source, monitor.dt)
     if (scored := _scored(store, info)) is not None:
         return verdict_of_recording(scored, alarms, _exceeded(info, alarms), monitor.dt, promised)
@@ -125,7 +122,7 @@ def _verdict(
 
 
 def _scored(store: Store, info: FlightInfo) -> list[dict[str, Any]] | None:
-    """The manoeuvres of the recording that it replayed; None where it did not, or they are gone."""
+    """The scored manoeuvres of a replayed recording; None for other flights or if deleted."""
     recording, scoring = info.source.get("recording"), info.source.get("scoring")
     if not (isinstance(recording, str) and isinstance(scoring, str)):
         return None
@@ -137,13 +134,13 @@ def _scored(store: Store, info: FlightInfo) -> list[dict[str, Any]] | None:
 
 
 def _exceeded(info: FlightInfo, alarms: Sequence[StoredAlarm]) -> list[float]:
-    """Times of the exceedances that a flight has come to [s]."""
+    """Times of the exceedances of a flight [s]."""
     exceeded = [alarm.t for alarm in alarms if alarm.kind == "limit"]
     return exceeded if info.exceeded_t is None else [*exceeded, info.exceeded_t]
 
 
 def before_exceedance(store: Store, flight_id: str, seq: int, dt: float) -> tuple[bool, bool]:
-    """Whether a seek came just before this sample, and whether its monitor was withdrawn by it."""
+    """Whether a seek led to this sample, and whether the monitor was not applicable to it."""
     stored = store.flights.assessments(flight_id, max(seq - BEFORE, 0), seq)
     withdrawn = (
         is_withdrawn(STATES[code], reason, cause_of(STATES[code], reason))

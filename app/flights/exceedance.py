@@ -1,7 +1,8 @@
-"""Measured exceedances: judged from the channels alone, whatever the monitor says of them."""
+"""Measured exceedances, judged from the channels alone."""
 
 from collections.abc import Iterable
 from math import inf, isnan
+from operator import attrgetter
 
 import numpy as np
 
@@ -12,10 +13,10 @@ from core.types import Array
 
 
 def exceedance(limits: Array | None, y: Array, recorded: Array) -> MeasuredExceedance | None:
-    """Which limit a sample exceeds: from trim, as recorded, or both; None where it exceeds none.
+    """The limit that a sample exceeds from trim, as recorded, or both; None if it exceeds none.
 
-    limits: (6,), None where they are not known.   y: (6,) from trim.   recorded: (6,), trim
-    included. Of several channels the one furthest beyond its limit is named.
+    limits: (6,), None if unknown.   y: (6,) from trim.   recorded: (6,) including trim.
+    With several channels beyond their limits, the result names the furthest one.
     """
     if limits is None:
         return None
@@ -28,7 +29,7 @@ def exceedance(limits: Array | None, y: Array, recorded: Array) -> MeasuredExcee
 
 
 class Exceedances:
-    """The measured exceedances of a flight, channel by channel: those begun, and those latched."""
+    """The measured exceedances of a flight per channel, and those that the strips latch."""
 
     def __init__(self) -> None:
         self._of: dict[str, ChannelExceedances] = {}
@@ -39,16 +40,14 @@ class Exceedances:
 
     @property
     def of_channels(self) -> list[ChannelExceedances]:
-        """What each channel came to, in the order of their first."""
-        return sorted(self._of.values(), key=lambda one: one.first_t)
+        """Exceedances per channel, in order of the first one."""
+        return sorted(self._of.values(), key=attrgetter("first_t"))
 
     @property
     def latched(self) -> list[LatchedExceedance]:
-        """Those that a strip shows."""
-        return [one.model_copy() for one in self._latched.values()]
+        return [latched.model_copy() for latched in self._latched.values()]
 
     def restart(self) -> None:
-        """The next sample does not follow the last one."""
         self._over.clear()
         self._latched.clear()
         self._is_over_any = False
@@ -56,7 +55,7 @@ class Exceedances:
     def update(
         self, t: float, y: Array, limits: Array | None, named: MeasuredExceedance | None
     ) -> None:
-        """Take a sample, y (6,) from trim. named: its exceedance, or one since the one before."""
+        """Add a sample, y (6,) from trim. named: its exceedance, or one since the last sample."""
         if named is None and not self._is_over_any:
             return
         values: dict[str, tuple[float, float]] = {}
@@ -72,12 +71,14 @@ class Exceedances:
             self._note(key, t, value, limit)
         self._over = set(values)
         self._latch(t, {key: values[key][0] for key in from_trim}, y)
-        self._is_over_any = bool(self._over) or any(one.over for one in self._latched.values())
+        self._is_over_any = bool(self._over) or any(
+            latched.over for latched in self._latched.values()
+        )
 
     def pass_by(self, t: float, named: MeasuredExceedance, goes_on: bool = False) -> None:
-        """Note one that a seek passes, which no strip shows.
+        """Add an exceedance that a seek passes; no strip shows it.
 
-        goes_on: up to the sample that was sought, which then begins none.
+        goes_on: it lasts to the sample sought, which then starts no new one.
         """
         self._note(named.channel, t, named.value, named.limit)
         if goes_on:
@@ -87,10 +88,10 @@ class Exceedances:
             self._over.discard(named.channel)
 
     def acknowledge(self) -> None:
-        """Somebody acknowledged an exceedance: those that are over need no more."""
-        for key, one in list(self._latched.items()):
-            if one.over:
-                one.acknowledged = True
+        """Acknowledge all; those that have ended are no longer latched."""
+        for key, latched in list(self._latched.items()):
+            if latched.over:
+                latched.acknowledged = True
             else:
                 del self._latched[key]
 
@@ -129,7 +130,7 @@ class Exceedances:
 
 
 def of_alarms(alarms: Iterable[tuple[float, MeasuredExceedance]]) -> list[ChannelExceedances]:
-    """What each channel came to, by the exceedances of alarms: t [s], value as each began."""
+    """Exceedances per channel from alarms: time [s], and values at their onset."""
     log = Exceedances()
     for t, named in alarms:
         log.pass_by(t, named)

@@ -1,6 +1,6 @@
-"""One flight: samples and what the monitor says of them, to recorder, watchers and scene.
+"""One flight: its assessed samples go to the recorder, the watchers and the scene.
 
-Where the samples come from, and when, is the matter of TrackFlight and LiveFlight.
+TrackFlight and LiveFlight supply the samples.
 """
 
 import logging
@@ -74,34 +74,33 @@ if TYPE_CHECKING:
 LOG = logging.getLogger("forewarn")
 HEARTBEAT_S = 1.0
 AHEAD_S = 0.1
-"""[s] of flight between two samples with which the rest of the card is shown."""
+"""[s] of flight between two forecasts of the rest of the card."""
 MOST_HELD = 200
-"""Changes of the limits that who joins is told, the newest."""
+"""Newest changes of the limits that a joining watcher receives."""
 BETA, DELTA_A, DELTA_R = (KEYS.index(key) for key in ("beta", "delta_a", "delta_r"))
 Angles = tuple[float, float, float]
 LEVEL: Angles = (0.0, 0.0, 0.0)
 NOTHING_COMES = "no sample comes"
-"""Why a flight is stale to which nothing comes any more; for how long, each display counts."""
+"""Reason of a stale flight without new samples; each display adds the age."""
 STALE_INTERVALS, STALE_S = 3.0, 0.25
-"""A source is late when nothing came for so many intervals, and so long [s]."""
+"""A source is late after this many intervals, and this time [s], without a sample."""
 
 
-def patience(dt: float, speed: float = 1.0) -> float:
-    """How long a sample may be awaited [s] before what is shown is stale: the one such number.
+def stale_after(dt: float, speed: float = 1.0) -> float:
+    """Time without a sample after which the display is stale [s]; flight, scene and page use it.
 
-    Flight, scene and page go by it. speed: of play; slow play brings the samples more slowly.
+    speed: of play; samples of slow play come at longer intervals.
     """
     return max(STALE_INTERVALS * dt / min(speed, 1.0), STALE_S)
 
 
 @dataclass(frozen=True, eq=False)
 class FlightPlan:
-    """What is flown and through what.
+    """What a flight is started with.
 
-    source: as it was asked for, in plain data.   monitor: the alarm authority.
-    monitor_name: what people call it.   mode: whether what is flown is live, replayed or simulated.
-    display: monitors that raise no alarm.   limits, by: put in force at the start, and by whom;
-    None for the monitor's own.   wait_for_viewer: see FlightRequest.
+    source: as requested, in plain data.   monitor: the alarm authority.   display: monitors without
+    alarms.   limits, by: put in force at the start, and by whom; None for the monitor's own.
+    wait_for_viewer: see FlightRequest.
     """
 
     id: str
@@ -119,14 +118,13 @@ class FlightPlan:
 
 
 class Flight(ABC):
-    """A flight under way. Its methods are called in the event loop; only `stop` waits.
+    """A flight in progress. Its methods are called in the event loop; only `stop` waits.
 
-    on_over: called once when the flight is over by itself, with status and reason.
-    is_checked: whether it is judged by its monitor's validity.   exceeded_t: first exceedance that
-    it has come to [s], flown or passed, sought back since or not; None for none.
-    verdict: how it was warned of that exceedance.   manoeuvres: plain, of a scored recording.
-    _late: why the samples that come are not of now; empty while they are.
-    _is_waiting: at its start, for a first viewer.
+    on_over: called once if the flight ends by itself, with status and reason.
+    is_checked: whether its monitor's validity is calibrated.   exceeded_t: first exceedance, flown
+    or passed by a seek [s]; None for none.   verdict: how the flight was warned of it.
+    manoeuvres: plain, of a scored recording.   _late: why the source is late; empty if it is not.
+    _is_waiting: whether it waits at its start for a first viewer.
     """
 
     dt: float
@@ -153,7 +151,7 @@ class Flight(ABC):
         self._held_since: float | None = None
         self.is_over = False
         self.t = 0.0
-        self.state, self.reason, self._late = State.WARMING_UP, "no sample has come yet", ""
+        self.state, self.reason, self._late = State.WARMING_UP, "no sample yet", ""
         self.cause: Cause | None = None
         self._assessment: Assessment | None = None
         self._exceeds = False
@@ -178,67 +176,65 @@ class Flight(ABC):
     @property
     @abstractmethod
     def transport(self) -> TransportState:
-        """Where it is in its source."""
+        """Position and state of play."""
 
     @abstractmethod
-    def start(self) -> None:
-        """Begin to fly."""
+    def start(self) -> None: ...
 
     @abstractmethod
     def act(self, action: str, value: float | bool | None = None) -> None:
-        """Do an action of the transport; TransportError says what is wrong with it."""
+        """Perform an action of the transport. TransportError."""
 
     @abstractmethod
-    def _settle_before(self) -> None:
-        """Assess what waits, by the limits that held for it."""
+    def _assess_waiting(self) -> None:
+        """Assess waiting samples, still under the current limits."""
 
     @abstractmethod
-    def _take_limits(self, in_force: LimitsInForce) -> Ruling:
-        """Hold what comes against other limits; return the ruling of now. NotPossible."""
+    def _apply_limits(self, in_force: LimitsInForce) -> Ruling:
+        """Apply other limits from the next sample on; return the current ruling. NotPossible."""
 
     @abstractmethod
     def source_frames(self, first: int, last: int) -> list[dict[str, Any]]:
-        """Samples first..last of the source, flown yet or not; `seq` is their number in it."""
+        """Frames first..last of the source, flown or not; `seq` is their number in it."""
 
     @property
     def lead(self) -> float:
-        """How far ahead an alert is shown [s]."""
+        """Lead time of alerts [s]."""
         return self.plan.monitor.lead
 
     @property
     def monitors(self) -> list[FlownMonitor]:
-        """The alarm authority, then the monitors that are flown for display."""
+        """The alarm authority, then the monitors for display."""
         plan = self.plan
         delay = plan.monitor.lead - self.lead
-        own = DisplayMonitor(plan.monitor_id, plan.monitor_name, plan.monitor, plan.epsilon)
+        authority = DisplayMonitor(plan.monitor_id, plan.monitor_name, plan.monitor, plan.epsilon)
         return [
             flown_monitor(
-                *one,
-                warnings_of(one.monitor.evaluation, one.epsilon),
+                *shown,
+                warnings_of(shown.monitor.evaluation, shown.epsilon),
                 delay=delay,
-                is_authority=one is own,
+                is_authority=shown is authority,
             )
-            for one in (own, *plan.display)
+            for shown in (authority, *plan.display)
         ]
 
     @property
     def limits(self) -> LimitsStatus | None:
-        """Which limits hold; None where the monitor's own do."""
+        """Limits in force; None for the monitor's own."""
         return None if self._ruling is None else status_of(self._ruling, self._held_since)
 
     @property
     def limits_held(self) -> list[LimitsFrom]:
-        """Which limits held from which sample on; empty for the monitor's own."""
+        """Limits in force since which sample; empty for the monitor's own."""
         return list(self._limits_of_record)
 
     @property
     def live(self) -> LiveStatus | None:
-        """How its source does, of a live flight."""
+        """State of a live source; None for other flights."""
         return None
 
     @property
     def id(self) -> str:
-        """Its id in the store."""
         return self.plan.id
 
     @property
@@ -248,7 +244,7 @@ class Flight(ABC):
 
     @property
     def facts(self) -> Facts:
-        """What its headline is decided from."""
+        """Facts that decide the headline."""
         assessment = self._assessment
         return Facts(
             exceeds=self._exceeds and not self.is_over,
@@ -264,55 +260,54 @@ class Flight(ABC):
 
     @property
     def headline(self) -> Headline:
-        """The worst that is true of it now."""
+        """The worst current status."""
         return headline(self.facts)
 
     @property
     def n_watchers(self) -> int:
-        """Connections that watch."""
+        """Number of connected watchers."""
         return len(self._watchers)
 
     # --- watching -----------------------------------------------------------------------------
 
     def watch(self) -> Watcher:
-        """Add a watcher; its first message is hello, frames follow from the next one on."""
+        """Add a watcher; its first message is hello, then new frames follow."""
         watcher = Watcher(self._recent)
-        watcher.tell(self._hello())
+        watcher.send(self._hello())
         self._watchers.add(watcher)
         if self.is_over:
-            watcher.end(End(reason="the flight is over").encode())
+            watcher.end(End(reason="the flight has ended").encode())
         elif self._is_waiting:
             self.act("play")
         return watcher
 
     def leave(self, watcher: Watcher) -> None:
-        """The watcher is gone."""
         self._watchers.discard(watcher)
 
     def acknowledge(self, alarm_id: str, by: str, utc: str) -> Alarm:
-        """Take an acknowledgement that is stored and tell everyone; KeyError if not at hand."""
+        """Apply a stored acknowledgement and send it to all watchers; KeyError if not in memory."""
         alarm, is_first = self.alarms.acknowledge(alarm_id, by, utc)
         if is_first:
             if alarm.kind == "limit":
                 self.exceedances.acknowledge()
-            self._tell(AlarmRaised(alarm=alarm).encode())
-            self._tell_headline()
-            self._stage(lambda scene: scene.restate(self._facts))
+            self._broadcast(AlarmRaised(alarm=alarm).encode())
+            self._send_headline()
+            self._use_scene(lambda scene: scene.restate(self._facts))
         return alarm
 
     def mark(self, kind: FlightMarkerKey, by: str, text: str | None) -> FlightMarker:
-        """Set a marker at the newest sample: everyone is told, then it is stored."""
+        """Set a marker at the newest sample: sent to all watchers, then stored."""
         marker = self.markers.add(kind, self.head, self.t, self.clock.utc(), by, text)
-        self._tell(MarkerSet(marker=marker).encode())
+        self._broadcast(MarkerSet(marker=marker).encode())
         self.recorder.add_marker(marker, partial(self._note_marker, marker.number))
         return marker
 
     def put_in_force(self, change: RequestedLimits, by: str) -> LimitsInForce:
-        """Hold the samples from the next one on against a limit set; everyone is told. NotPossible.
+        """Put a limit set in force from the next sample on; all watchers are told. NotPossible.
 
-        What was declared of the flight condition stays, unless it is declared anew.
+        Values declared for the flight condition stay unless given again.
         """
-        self._settle_before()
+        self._assess_waiting()
         before = self.limits_at_hand[-1].fixed if self.limits_at_hand else {}
         in_force = LimitsInForce(
             len(self.limits_at_hand) + 1,
@@ -323,60 +318,60 @@ class Flight(ABC):
             created=self.clock.utc(),
             by=by,
         )
-        ruling = self._take_limits(in_force)
+        ruling = self._apply_limits(in_force)
         self.limits_at_hand.append(in_force)
         self._hold(ruling)
         self.recorder.add_limits(to_store(in_force))
         return in_force
 
     def _hold(self, ruling: Ruling | None) -> None:
-        """Tell everyone which limits hold, where that changed."""
+        """Apply a ruling; if the limits in force changed, tell all watchers."""
         if ruling is self._ruling:
             return
-        own = self._plain_limits(None)
-        if not self._limits_held and own is not None:
-            self._limits_held.append(LimitsFrom(t=None, limits=own))
+        monitors = self._plain_limits(None)
+        if not self._limits_held and monitors is not None:
+            self._limits_held.append(LimitsFrom(t=None, limits=monitors))
         since = self.t if self.head >= 0 else None
         self._limits_held.append(LimitsFrom(t=since, limits=self._plain_limits(ruling)))
         self._change(ruling, since)
 
     def _change(self, ruling: Ruling | None, since: float | None) -> None:
-        """Hold what comes by a ruling, None for the monitor's own limits; tell and note it.
+        """Apply, record and announce a ruling; None for the monitor's own limits.
 
-        since: time of the sample before the first that it held for [s]; None for all.
+        since: time of the sample before the first one under it [s]; None for all samples.
         """
-        record, own = self._limits_of_record, self._plain_limits(None)
-        if not record and own is not None:
-            record.append(LimitsFrom(t=None, limits=own, seq=0))
+        record, monitors = self._limits_of_record, self._plain_limits(None)
+        if not record and monitors is not None:
+            record.append(LimitsFrom(t=None, limits=monitors, seq=0))
         limits = self._plain_limits(ruling)
         record.append(LimitsFrom(t=since, limits=limits, seq=self.head + 1))
         self._ruling, self._held_since = ruling, since
         channels = limited_channels(self._specification)
-        self._tell(LimitsChange(limits=self.limits, channels=channels).encode())
+        self._broadcast(LimitsChange(limits=self.limits, channels=channels).encode())
 
     def _plain_limits(self, ruling: Ruling | None) -> Any:
-        """What is held against by a ruling, by channel; None where nobody can tell."""
-        own = self.plan.monitor.specification
-        plain = specification_to_plain(own if ruling is None else ruling.specification)
+        """The limits of a ruling by channel; None if unknown."""
+        specification = self.plan.monitor.specification if ruling is None else ruling.specification
+        plain = specification_to_plain(specification)
         return plain if isinstance(plain, dict) else None
 
     @property
     def _limits(self) -> Array | None:
-        """(6,) what is held against now; None where nobody can tell."""
+        """(6,) limits in force; None if unknown."""
         return self.plan.monitor.limits if self._ruling is None else self._ruling.limits
 
     @property
     def _specification(self) -> Specification:
-        """What is held against now."""
+        """Limits in force."""
         ruling = self._ruling
         return self.plan.monitor.specification if ruling is None else ruling.specification
 
     def _note_marker(self, number: int, is_stored: bool) -> None:
         if is_stored:
-            self._tell(MarkerSet(marker=self.markers.note_stored(number)).encode())
+            self._broadcast(MarkerSet(marker=self.markers.note_stored(number)).encode())
 
     async def stop(self, reason: str) -> None:
-        """End the flight: it takes no further sample, the watchers are told."""
+        """End the flight and tell the watchers."""
         self._halt(reason)
 
     def _hello(self) -> str:
@@ -391,7 +386,7 @@ class Flight(ABC):
             n_unsafe=monitor.n_unsafe,
             lead=self.lead,
             dt=self.dt,
-            stale_after=patience(self.dt),
+            stale_after=stale_after(self.dt),
             validity=validity_word(self.is_checked),
             monitor={"id": plan.monitor_id, "name": plan.monitor_name},
             monitors=self.monitors,
@@ -433,16 +428,16 @@ class Flight(ABC):
         attitude: Angles,
         display: tuple[Assessment, ...] = (),
     ) -> None:
-        """One sample: recorded, checked for alarms, encoded. `_show` follows once a burst.
+        """Record, check and encode one sample; `_show` follows once per burst.
 
-        display: what the monitors say of it that raise no alarm.
+        display: assessments by the monitors for display.
         """
         seq = self._recent.head + 1
         self.recorder.add(seq, y, assessment, display)
         self._follow(y, assessment, exceedance, attitude, display, round(due * 1e3, 3))
         about = assessment, exceedance, self.clock, self._late
         if raised := self.alarms.update(seq, index, *about):
-            self._ring(raised)
+            self._raise_alarms(raised)
         if self._has_new_evidence:
             self._judge(seq, assessment)
 
@@ -455,7 +450,7 @@ class Flight(ABC):
         display: tuple[Assessment, ...] = (),
         sent: float | None = None,
     ) -> None:
-        """One sample as it is shown. sent: monotonic milliseconds; None where it was long ago."""
+        """Update the display with one sample. sent: monotonic milliseconds; None for an old one."""
         if self._late:
             self._set_state(State.STALE, self._late)
         else:
@@ -472,7 +467,7 @@ class Flight(ABC):
             self._note_exceedance(assessment.t)
 
     def _ahead_of(self, assessment: Assessment) -> Ahead | None:
-        """The rest of the card while someone watches, AHEAD_S apart and by the last sample."""
+        """Forecast of the rest of the card: while watched, each AHEAD_S and at the last sample."""
         passed = assessment.t - self._ahead_t
         is_apart = self._is_at_end or not 0 <= passed < AHEAD_S - 1e-6
         is_due = bool(self._watchers) and is_apart
@@ -486,7 +481,7 @@ class Flight(ABC):
 
     @property
     def _newest_ahead(self) -> CardAhead | None:
-        """What is forecast by the newest sample, for who joins a flight that is paused."""
+        """Forecast by the newest sample, for a watcher that joins a paused flight."""
         newest = self._assessment
         if newest is None or newest.p_value is None or self._late or self.is_over:
             return None
@@ -496,21 +491,21 @@ class Flight(ABC):
         return CardAhead.model_validate(plain_ahead(ahead))
 
     def _forecast_ahead(self) -> Ahead | None:
-        """What the alarm authority forecasts by the sample that is shown next."""
+        """Forecast of the alarm authority by the sample that is shown next."""
         return None
 
     @property
     def _is_at_end(self) -> bool:
-        """Whether that sample is the last one of its source."""
+        """Whether that sample is the last one of the source."""
         return False
 
     def _taken(self, t: float) -> float | None:
-        """When the sample of t was taken, by the flight's clock [s]; None where it is when due."""
+        """Clock time at which the sample of t was taken [s]; None if that is when it was due."""
         return None
 
     @property
     def age(self) -> float | None:
-        """Since the newest sample was taken [s]; None where none came, or none is awaited."""
+        """Time since the newest sample was taken [s]; None before the first and after the end."""
         taken = None if self.head < 0 or self.is_over else self._taken(self.t)
         return None if taken is None else max(self.clock.now() - taken, 0.0)
 
@@ -531,47 +526,46 @@ class Flight(ABC):
         self._has_new_evidence, self._before_exceedance = False, before_exceedance
         alarms, live = self.alarms.evidence, self.plan.source.get("kind") == "live"
         reached = [alarm.t for alarm in alarms if alarm.kind == "limit"]
-        if self.manoeuvres is not None and reached:
-            dt = self.plan.monitor.dt
-            found = verdict_of_recording(self.manoeuvres, alarms, reached, dt, self.lead)
+        if self.manoeuvres is None or not reached:
+            self.verdict = verdict(alarms, Circumstances(self.lead, *before_exceedance, live))
         else:
-            found = verdict(alarms, Circumstances(self.lead, *before_exceedance, live))
-        self.verdict = found
+            about = alarms, reached, self.plan.monitor.dt, self.lead
+            self.verdict = verdict_of_recording(self.manoeuvres, *about)
 
-    def _ring(self, alarms: list[Alarm]) -> None:
-        """Store alarms and then announce them."""
+    def _raise_alarms(self, alarms: list[Alarm]) -> None:
+        """Store alarms, then send them to all watchers."""
         for alarm in alarms:
             self._has_new_evidence |= alarm.level is Level.WARNING
             self.recorder.add_alarm(alarm, partial(self._announce, alarm.id))
 
     def _announce(self, alarm_id: str, is_stored: bool) -> None:
-        """Tell everyone of an alarm."""
+        """Send an alarm to all watchers."""
         if is_stored:
             self.alarms.note_stored(alarm_id)
         for alarm in self.alarms.at_hand:
             if alarm.id == alarm_id:
-                self._tell(AlarmRaised(alarm=alarm).encode())
+                self._broadcast(AlarmRaised(alarm=alarm).encode())
 
     def _restart(self, t: float, held: Sequence[InForceFrom] = ()) -> None:
         """The next sample, at t [s], does not follow the last one.
 
-        held: which limits held for the samples of the source up to that one; empty for those that
-        hold now, whatever the time.
+        held: limits in force for the samples of the source up to that one; empty for the current
+        ones, whatever the time.
         """
         for watcher in self._watchers:
             watcher.before_reset()
         self.alarms.restart()
         self.exceedances.restart()
-        newest = [one.model_copy(update={"t": None}) for one in list(self._limits_held)[-1:]]
+        newest = [held.model_copy(update={"t": None}) for held in list(self._limits_held)[-1:]]
         of_source = [LimitsFrom(t=t, limits=self._plain_limits(ruling)) for t, ruling in held]
         self._limits_held = deque(of_source or newest, MOST_HELD)
-        self._tell(self._recent.restart(t))
+        self._broadcast(self._recent.restart(t))
         if held and held[-1].ruling is not self._ruling:
             self._change(held[-1].ruling, held[-1].t)
 
     def _show(self) -> None:
-        """Let watchers and scene have what is new."""
-        self._tell_headline()
+        """Send new samples to watchers and scene."""
+        self._send_headline()
         for watcher in self._watchers:
             watcher.wake()
         if self.scene is None or self._pose is None or self._assessment is None:
@@ -582,27 +576,27 @@ class Flight(ABC):
         angles = y.item(BETA), y.item(DELTA_A), y.item(DELTA_R)
         risk = p_value, self._alert_above, alert, self.state, self.reason
         about = self._facts, self._assessment.cause
-        self._stage(lambda scene: scene.show(self.t, attitude, *angles, *risk, *about))
+        self._use_scene(lambda scene: scene.show(self.t, attitude, *angles, *risk, *about))
 
     def _miss(self, seconds: float) -> None:
-        """Say that no sample came for so long [s]."""
+        """Become stale: no sample came for this time [s]."""
         reason, is_new = f"no sample came for {seconds:g} s", self.state is not State.STALE
         if is_new or self.reason == self._late:
             self._set_state(State.STALE, NOTHING_COMES)
-        self._ring(self.alarms.note_late(self.head, self.t, reason, self.clock))
+        self._raise_alarms(self.alarms.note_late(self.head, self.t, reason, self.clock))
         if is_new:
             self._show()
 
-    def _tell_headline(self) -> None:
+    def _send_headline(self) -> None:
         if (facts := self.facts) == self._facts and self.verdict is self._shown_verdict:
             return
         self._facts, now = facts, headline(facts)
         if now != self._headline or self.verdict != self._shown_verdict:
             self._headline, self._shown_verdict = now, self.verdict
-            self._tell(StatusChange(**_plain(now), verdict=self.verdict).encode())
+            self._broadcast(StatusChange(**_plain(now), verdict=self.verdict).encode())
 
-    def _stage(self, act: "Callable[[Scene], object]") -> None:
-        """Use the scene; the flight goes on without one that fails, which says stale by itself."""
+    def _use_scene(self, act: "Callable[[Scene], object]") -> None:
+        """Use the scene. If it fails, the flight continues without it; the scene turns stale."""
         if self.scene is None:
             return
         try:
@@ -614,16 +608,16 @@ class Flight(ABC):
     def _set_state(self, state: State, reason: str, cause: Cause | None = None) -> None:
         if (state, reason) != (self.state, self.reason):
             self.state, self.reason, self.cause = state, reason, cause
-            self._tell(StateChange(state=state, reason=reason, cause=cause).encode())
+            self._broadcast(StateChange(state=state, reason=reason, cause=cause).encode())
 
     # --- time and end -------------------------------------------------------------------------
 
-    def _tell(self, text: str) -> None:
+    def _broadcast(self, text: str) -> None:
         for watcher in self._watchers:
-            watcher.tell(text)
+            watcher.send(text)
 
-    def _beat(self) -> None:
-        """Send a heartbeat each second, encoded once for all who were sent as much."""
+    def _send_heartbeat(self) -> None:
+        """Send a heartbeat each second, encoded once per count of skipped frames."""
         recorder = self.recorder
         beat = Heartbeat(
             server_time=self.clock.utc(),
@@ -640,10 +634,10 @@ class Flight(ABC):
 
         for watcher in self._watchers:
             watcher.beat(heartbeat)
-        self._call_at("beat", self.clock.now() + HEARTBEAT_S, self._beat)
+        self._call_at("beat", self.clock.now() + HEARTBEAT_S, self._send_heartbeat)
 
     def _call_at(self, name: str, when: float, call: Callable[[], object]) -> None:
-        """Call later, instead of any earlier plan of this name."""
+        """Call later; replaces an earlier plan of this name."""
         self._stop_timer(name)
         if not self.is_over:
             self._timers[name] = self.clock.call_at(when, call)
@@ -654,25 +648,25 @@ class Flight(ABC):
             timer.cancel()
 
     def _halt(self, reason: str) -> None:
-        """Fly no further, and say so."""
+        """Stop flying and tell the watchers."""
         if self.is_over:
             return
         self.is_over = True
-        self.recorder.say_alarms()
+        self.recorder.announce_pending()
         for name in list(self._timers):
             self._stop_timer(name)
         for watcher in self._watchers:
             watcher.end(End(reason=reason).encode())
 
     def _end(self, status: str, reason: str) -> None:
-        """The flight is over by itself."""
+        """The flight ends by itself."""
         self._halt(reason)
         self._on_over(status, reason)
 
     def _fail(self) -> None:
-        """Report the exception at hand; the flight is over."""
+        """Log the current exception and end the flight."""
         LOG.exception("flight %s failed", self.id)
-        self._end("failed", "the flight failed; the server's log says why")
+        self._end("failed", "the flight failed: see the server's log")
 
 
 def _plain(headline: Headline) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The limits that a flight is held against: as they are put in force, sent and stored."""
+"""The limits in force in a flight: put in force, sent and stored."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,7 +14,7 @@ from core.monitor import Monitor
 from core.specification import Limits, specification_to_plain
 
 MOST_NAMED = 3
-"""Monitors that are named of those that would serve."""
+"""Most suitable monitors to name."""
 
 
 def change_of_limits(
@@ -24,10 +24,7 @@ def change_of_limits(
     version: int | None,
     fixed: Mapping[ConditionKey, float] | None,
 ) -> RequestedLimits:
-    """A version of a limit set, the newest if None, for flights of a monitor; for a thread.
-
-    NotFound.
-    """
+    """A version of a limit set, the newest if None; for a thread. NotFound."""
     stored = store.limit_sets.version(limit_set, version)
     limits, monitors = stored.limits, store.monitors.all()
     serving = tuple(_serving(monitor, case.limits, monitors) for case in limits.cases)
@@ -35,31 +32,30 @@ def change_of_limits(
 
 
 def _serving(monitor: Monitor, limits: Limits, stored: list[MonitorInfo]) -> str:
-    """Which stored monitors of the same test have these limits, the most like it in lead first."""
+    """Names of stored monitors of the same test with these limits, the nearest lead first."""
     plain = specification_to_plain(limits)
     alike = [
-        one
-        for one in stored
-        if one.dt == monitor.dt
-        and one.specification == plain
-        and all(one.dataset_recipe.get(p) == monitor.dataset_recipe.get(p) for p in ALIKE)
+        info
+        for info in stored
+        if info.dt == monitor.dt
+        and info.specification == plain
+        and all(info.dataset_recipe.get(p) == monitor.dataset_recipe.get(p) for p in ALIKE)
     ]
-    nearest = sorted(alike, key=lambda one: abs(one.lead - monitor.lead))[:MOST_NAMED]
-    named = [f"{one.name} ({one.id})" for one in nearest]
+    nearest = sorted(alike, key=lambda info: abs(info.lead - monitor.lead))[:MOST_NAMED]
+    named = [f"{info.name} ({info.id})" for info in nearest]
     if not named:
         return "no stored monitor would serve"
     return f"monitor{'s' * (len(named) > 1)} {' or '.join(named)} would serve"
 
 
 def status_of(ruling: Ruling, since: float | None) -> LimitsStatus:
-    """Which limits hold, as it is sent. since: [s] of the sample before; None for all samples."""
+    """The limits in force as sent. since: time of the sample before [s]; None for all samples."""
     limits: Any = specification_to_plain(ruling.specification)
-    told = {"case": ruling.case, "limits": limits, "reason": ruling.reason, "since": since}
-    return LimitsStatus(**told, **_about(ruling.in_force))
+    about = {"case": ruling.case, "limits": limits, "reason": ruling.reason, "since": since}
+    return LimitsStatus(**about, **_about(ruling.in_force))
 
 
 def to_store(in_force: LimitsInForce) -> FlightLimits:
-    """What was put in force, as it is stored."""
     return FlightLimits(**_about(in_force))
 
 

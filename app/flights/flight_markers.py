@@ -1,15 +1,15 @@
-"""The markers that were set in a flight under way, as every watcher is shown them."""
+"""The markers of a flight in progress, as sent to every watcher."""
 
 from app.messages import FlightMarker
 from app.store.flight_markers import StoredFlightMarker
 from core.flight_markers import FLIGHT_MARKERS, FlightMarkerKey
 
 KEPT = 50
-"""Stored markers that a flight keeps at hand; the store has all."""
+"""Stored markers that a flight keeps in memory; the store has all."""
 
 
 class FlightMarkers:
-    """The markers of one flight."""
+    """The markers of one flight, numbered from 1."""
 
     def __init__(self) -> None:
         self._markers: dict[int, FlightMarker] = {}
@@ -17,25 +17,25 @@ class FlightMarkers:
 
     @property
     def at_hand(self) -> list[FlightMarker]:
-        """Those that wait for the store and the last stored ones, in the order set."""
+        """Markers not stored yet, and the last stored ones, in the order set."""
         return list(self._markers.values())
 
     def restore(self, markers: list[FlightMarker]) -> None:
-        """Take the markers of a flight that goes on."""
+        """Continue with the markers of a resumed flight."""
         self._markers |= {marker.number: marker for marker in markers[-KEPT:]}
         self._number = max(self._markers, default=0)
 
     def add(
         self, kind: FlightMarkerKey, seq: int, t: float, created: str, by: str, text: str | None
     ) -> FlightMarker:
-        """Set one after sample seq, of t [s]."""
+        """Set a marker after sample seq, at t [s]."""
         self._number += 1
         about = {"seq": seq, "t": t, "created": created, "by": by, "text": text}
         marker = self._markers[self._number] = sent(kind, number=self._number, **about)
         return marker
 
     def note_stored(self, number: int) -> FlightMarker:
-        """The store holds this marker; return it so."""
+        """Mark a marker as stored, and return it."""
         marker = self._markers[number].model_copy(update={"stored": True})
         self._markers[number] = marker
         for old in [n for n, known in self._markers.items() if known.stored][:-KEPT]:
@@ -44,19 +44,17 @@ class FlightMarkers:
 
 
 def sent(kind: FlightMarkerKey, **about: object) -> FlightMarker:
-    """A marker as it is sent, with the words of its kind."""
+    """A marker with the words of its kind."""
     known = FLIGHT_MARKERS[kind]
     words = {"word": known.word, "meaning": known.meaning, "level": known.level}
     return FlightMarker.model_validate({"kind": kind, **words, **about})
 
 
 def of_store(stored: StoredFlightMarker) -> FlightMarker:
-    """A marker of the store as it is sent."""
     about = {name: getattr(stored, name) for name in ("number", "seq", "t", "created", "by")}
     return sent(stored.kind, **about, text=stored.text, stored=True)
 
 
 def to_store(marker: FlightMarker) -> StoredFlightMarker:
-    """A marker as it is stored."""
     about = {name: getattr(marker, name) for name in ("number", "seq", "t", "created", "by")}
     return StoredFlightMarker(kind=marker.kind, **about, text=marker.text)

@@ -1,16 +1,17 @@
-"""Live flights as recordings: when one is over, its journal becomes a recording by itself.
+"""Live flights as recordings: the journal of an ended live flight becomes a recording.
 
-What fails, on a full disk say, leaves the journal as it is and is tried again at the next start.
+After a failure, for example on a full disk, the journal stays and the next start tries again.
 """
 
 import asyncio
 import logging
 import time
 from datetime import UTC, datetime, timedelta
+from operator import itemgetter
 
 from app.labels import kind_label
-from app.live.again import header_of
 from app.live.journal import Journals, lines_of
+from app.live.rescoring import header_of
 from app.recordings.files import NoSpace
 from app.recordings.flown_journal import FlownJournal
 from app.recordings.recordings import Recordings
@@ -25,9 +26,9 @@ from core.flight_markers import FLIGHT_MARKERS
 
 LOG = logging.getLogger("forewarn")
 UNNAMED = "live"
-"""What a live flight is called that was given no name, or what that begins with."""
+"""Default name of a live flight, or the beginning of it."""
 RESUMED_WITHIN_S = 600.0
-"""A live flight whose last batch is older is not gone on with when the server starts [s]."""
+"""The server resumes at its start no live flight whose last batch is older [s]."""
 
 
 class FlightRecordings:
@@ -38,31 +39,28 @@ class FlightRecordings:
         self._store = recordings.store
         self._turn = asyncio.Lock()
         self.under_way: str | None = None
-        """id of the flight whose journal is being read"""
+        """flight whose journal is being read"""
 
     async def make(self, flight_id: str) -> None:
-        """Make the recording of a flight that is over, unless there is or was one.
-
-        A failure is logged.
-        """
+        """Make the recording of an ended flight, unless there is or was one. Logs a failure."""
         async with self._turn:
             self.under_way = flight_id
             try:
                 await run_to_end(self.make_now, flight_id)
             except NotFound:
-                LOG.info("flight %s is gone before it became a recording", flight_id)
+                LOG.info("flight %s was deleted before it became a recording", flight_id)
             except TelemetryError as error:
                 LOG.info("flight %s becomes no recording: %s", flight_id, error)
             except Exception:
-                LOG.exception("flight %s becomes a recording at the next start", flight_id)
+                LOG.exception("flight %s is made a recording at the next start", flight_id)
             finally:
                 self.under_way = None
 
     def make_now(self, flight_id: str) -> str | None:
-        """Make the recording of a flight that is over; return its id, None where it has none.
+        """Make the recording of an ended flight; for a thread. Returns its id.
 
-        That is a flight that was not live, or one that was interrupted a short while ago. For a
-        thread. NotFound; StoreError; NoSpace; TelemetryError where nothing came.
+        None for a flight that was not live or was interrupted recently. NotFound; StoreError;
+        NoSpace; TelemetryError if it received nothing.
         """
         info, path = self._store.flights.info(flight_id), self._journals.path(flight_id)
         if not self._waits(info):
@@ -77,9 +75,9 @@ class FlightRecordings:
         return self._recordings.add_journal(flown)
 
     def waiting(self) -> list[str]:
-        """Ids of flights that are over and became no recording yet, the oldest first. StoreError.
+        """Ids of ended flights without a recording, the oldest first. StoreError.
 
-        One that was interrupted a short while ago may go on still.
+        Flights that were interrupted recently are left out: they may be resumed.
         """
         return [info.id for info in reversed(self._store.flights.all()) if self._waits(info)]
 
@@ -91,21 +89,21 @@ class FlightRecordings:
         return info.status != INTERRUPTED or age >= RESUMED_WITHIN_S
 
     def _name(self, info: FlightInfo, header: dict[str, object], aircraft: str | None) -> str:
-        """The flight's name; where it was given none, by aircraft, manoeuvre, id and beginning."""
+        """The flight's name; by default from aircraft, manoeuvre, id and start."""
         given = str(info.source.get("name", header.get("name", UNNAMED)))
         if given != UNNAMED and not given.startswith(f"{UNNAMED}, "):
             return given
         recipe = self._store.monitors.info(info.monitor_id).dataset_recipe
         kinds = [(recipe.get(part) or {}).get("kind") for part in ("aircraft", "maneuver")]
         flown, maneuver = [kind_label(kind) if kind else "" for kind in kinds]
-        what = " ".join(word for word in (aircraft or flown, maneuver) if word) or "flight"
+        test = " ".join(word for word in (aircraft or flown, maneuver) if word) or "flight"
         began = str(header.get("began", info.created))[:16].replace("T", " ")
-        return f"{what}, flight {info.id}, {began} UTC"
+        return f"{test}, flight {info.id}, {began} UTC"
 
     def _read_by(
         self, info: FlightInfo, header: dict[str, object]
     ) -> tuple[Mapping | None, str | None]:
-        """The mapping that a flight was read by, and its aircraft; an old journal has neither."""
+        """The mapping and aircraft of a flight; old journals have neither."""
         if "mapping" in header:
             plain, aircraft = header["mapping"], header.get("aircraft")
             mapping = None if plain is None else Mapping.from_plain(plain)
@@ -117,13 +115,13 @@ class FlightRecordings:
         return Mapping.from_plain(plain), self._store.recordings.info(recording).aircraft
 
     def _markers(self, flight_id: str, began: str) -> list[Marker]:
-        """What was called in a flight, manoeuvres said to begin, and limits put in force.
+        """Markers of a flight: calls, manoeuvres begun by hand, and limits put in force.
 
         began: UTC, ISO 8601.
         """
         called = [
-            (one.t, f"{FLIGHT_MARKERS[one.kind].word}, {one.by}", one.text, one.created)
-            for one in self._store.flight_markers.of(flight_id)
+            (call.t, f"{FLIGHT_MARKERS[call.kind].word}, {call.by}", call.text, call.created)
+            for call in self._store.flight_markers.of(flight_id)
         ]
         zero = datetime.fromisoformat(began)
         begun = [
@@ -142,5 +140,5 @@ class FlightRecordings:
         ]
         return [
             Marker(new_id(), created, "marker", t, None, f"{word}: {text}" if text else word)
-            for t, word, text, created in sorted((*called, *begun, *held), key=lambda one: one[0])
+            for t, word, text, created in sorted((*called, *begun, *held), key=itemgetter(0))
         ]

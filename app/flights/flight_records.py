@@ -1,4 +1,4 @@
-"""What was flown, under way or over: frames, alarms and markers, stored or about to be."""
+"""Frames, alarms and markers of flights, in progress or ended, stored or not yet."""
 
 import asyncio
 from collections.abc import Mapping
@@ -20,32 +20,32 @@ from core.monitor.assessment import STATES
 from core.monitor.status import cause_of
 
 NAME, ACCEPT_USELESS = "name", "accept_useless"
-"""Kept with the source of a stored flight."""
+"""Stored with the source of a flight."""
 MOST_DIGITS = 12
 
 
 class FlightRecords:
     """The records of a server's flights.
 
-    under_way: flights by id, as they come and go.   threads: where an acknowledgement is written.
+    under_way: flights in progress by id.   threads: where an acknowledgement is written.
     """
 
     def __init__(self, store: Store, under_way: Mapping[str, Flight], threads: Executor) -> None:
         self._store, self._under_way, self._threads = store, under_way, threads
 
     async def alarms(self, flight_id: str) -> list[Alarm]:
-        """All alarms of a flight, under way or ended, in the order raised; NotFound."""
+        """All alarms of a flight, in the order raised. NotFound."""
         flight = self._under_way.get(flight_id)
         at_hand = flight.alarms.at_hand if flight else []
         stored = await asyncio.to_thread(self._store.alarms.of, flight_id)
-        alarms = {one.number: _alarm(one) for one in stored}
+        alarms = {alarm.number: _alarm(alarm) for alarm in stored}
         alarms |= {alarm.number: alarm for alarm in at_hand}
         return [alarms[number] for number in sorted(alarms)]
 
     async def acknowledge(self, flight_id: str, alarm_id: str, by: str) -> Alarm:
-        """Acknowledge an alarm of a flight, under way or ended, once that is stored.
+        """Acknowledge an alarm, stored first; the first acknowledgement counts.
 
-        The first acknowledgement stays. NotFound; StoreError: it is not acknowledged.
+        NotFound; StoreError: it is not acknowledged.
         """
         flight = self._under_way.get(flight_id)
         if flight is not None:
@@ -61,23 +61,23 @@ class FlightRecords:
         return _alarm(stored)
 
     async def markers(self, flight_id: str) -> list[FlightMarker]:
-        """All markers of a flight, under way or ended, in the order set; NotFound."""
+        """All markers of a flight, in the order set. NotFound."""
         flight = self._under_way.get(flight_id)
         at_hand = flight.markers.at_hand if flight else []
         stored = await asyncio.to_thread(self._store.flight_markers.of, flight_id)
-        markers = {one.number: of_store(one) for one in stored}
-        return list((markers | {one.number: one for one in at_hand}).values())
+        markers = {marker.number: of_store(marker) for marker in stored}
+        return list((markers | {marker.number: marker for marker in at_hand}).values())
 
     async def frames(self, flight_id: str, first: int, last: int) -> list[dict[str, Any]]:
-        """Frames first..last of what was flown, as streamed; NotFound."""
+        """Flown frames first..last, as streamed. NotFound."""
         flight = self._under_way.get(flight_id)
         waiting = flight.recorder.waiting(first, last) if flight else []
         stored = await asyncio.to_thread(self._stored_frames, flight_id, first, last)
         head = stored[-1]["seq"] if stored else -1
         return stored + [
-            plain_frame(one.seq, one.y, one.assessment, None, one.display)
-            for one in waiting
-            if one.seq > head
+            plain_frame(sample.seq, sample.y, sample.assessment, None, sample.display)
+            for sample in waiting
+            if sample.seq > head
         ]
 
     def _stored_frames(self, flight_id: str, first: int, last: int) -> list[dict[str, Any]]:
@@ -95,22 +95,21 @@ class FlightRecords:
                 y_hat,
                 cause=cause_of(STATES[code], stored.reasons[i]),
             )
-            display = [_displayed(one, i, assessment.t) for one in stored.display]
+            display = [_displayed(shown, i, assessment.t) for shown in stored.display]
             frames.append(plain_frame(int(stored.seq[i]), stored.y[i], assessment, None, display))
         return frames
 
 
 def _displayed(stored: StoredDisplay, i: int, t: float) -> Assessment:
-    """What a monitor that was flown for display said of stored sample i."""
+    """Assessment of stored sample i by a monitor for display."""
     p_value, alert, code = stored.samples[i].tolist()
     ok = STATES[code] is State.OK
-    said = (p_value, alert) if ok else (None, None)
+    risk = (p_value, alert) if ok else (None, None)
     state, reason = STATES[code], stored.reasons[i]
-    return Assessment(t, *said, state, reason, cause=cause_of(state, reason))
+    return Assessment(t, *risk, state, reason, cause=cause_of(state, reason))
 
 
 def _alarm(stored: StoredAlarm) -> Alarm:
-    """An alarm of the store as it is sent."""
     return Alarm(
         id=str(stored.number),
         number=stored.number,
@@ -130,15 +129,14 @@ def _alarm(stored: StoredAlarm) -> Alarm:
 
 
 def flight_name(info: FlightInfo) -> str:
-    """What people call a stored flight."""
     return str(info.source.get(NAME, info.source.get("kind", "flight")))
 
 
 def source_of(info: FlightInfo) -> dict[str, Any]:
-    """The source of a stored flight as it was asked for."""
+    """The source of a stored flight as requested."""
     return {key: info.source[key] for key in info.source if key not in (NAME, ACCEPT_USELESS)}
 
 
 def accepts_useless(info: FlightInfo) -> bool:
-    """Whether a stored flight was started although its monitor is of no use."""
+    """Whether a stored flight was started with a monitor that alerts on most safe flights."""
     return bool(info.source.get(ACCEPT_USELESS, False))

@@ -1,4 +1,4 @@
-"""All flights under way: started, found, stopped, and none left behind at the end."""
+"""The flights of a server: start, find, stop, resume, delete."""
 
 import asyncio
 import logging
@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from app.flights.clock import Clock, MonotonicClock, Timer
 from app.flights.display_monitors import DisplayMonitor, check_alike, check_limits
 from app.flights.ended import before_exceedance
-from app.flights.flight import Flight, FlightPlan, patience
+from app.flights.flight import Flight, FlightPlan, stale_after
 from app.flights.flight_limits import change_of_limits
 from app.flights.flight_recordings import RESUMED_WITHIN_S, FlightRecordings
 from app.flights.flight_records import (
@@ -41,8 +41,8 @@ from app.flights.sources.source import (
 from app.flights.sources.track import SourceError
 from app.flights.transport import NotPossible
 from app.flights.verdict import first_exceedance
-from app.live.again import header_of
 from app.live.journal import Journals, lines_of
+from app.live.rescoring import header_of
 from app.messages import FlightMarker, LiveStatus
 from app.recordings.scored import ScoredRecordings
 from app.scoring.limits_in_force import LimitsInForce, RequestedLimits
@@ -62,16 +62,16 @@ if TYPE_CHECKING:
 LOG = logging.getLogger("forewarn")
 STOPPING = "the server is stopping"
 RECORDING_THREADS = 2
-"""One may wait for the disk while the other stores an alarm."""
+"""So that an alarm can be stored while the other thread waits for the disk."""
 
 
 class TooManyFlights(RuntimeError):
-    """As many flights are under way as may be."""
+    """The server has its most flights in progress."""
 
 
 @dataclass
 class _Ending:
-    """A flight that is being ended: with which word, and how far that got."""
+    """A flight that is ending: its final status, and the progress of ending it."""
 
     status: str
     has_stopped: bool = False
@@ -80,7 +80,7 @@ class _Ending:
 
 
 class Flights:
-    """The flights of a server; a context, at whose end every flight is stopped and recorded."""
+    """The flights of a server; leaving the context stops and records every flight."""
 
     def __init__(
         self,
@@ -118,7 +118,7 @@ class Flights:
         await self.close()
 
     async def close(self) -> None:
-        """Stop every flight; none starts any more. What the store refuses to the last is lost."""
+        """Stop every flight and start no more. Samples that the store refuses are lost."""
         self._closing = True
         await asyncio.gather(*(self._close(flight) for flight in [*self._flights]))
         await asyncio.gather(*self._stopping)
@@ -129,13 +129,13 @@ class Flights:
             is_live = isinstance(self.get(flight_id), LiveFlight)
             await self.stop(flight_id, INTERRUPTED if is_live else "ended", STOPPING)
         except Exception:
-            LOG.exception("flight %s ended, but its record is not complete", flight_id)
+            LOG.exception("flight %s ended with an incomplete record", flight_id)
             if flight := self._flights.pop(flight_id, None):
                 flight.recorder.give_up()
 
     @property
     def unwritten(self) -> int:
-        """Samples of flights under way that wait for the store."""
+        """Samples of flights in progress that wait for the store."""
         return sum(flight.recorder.unwritten for flight in self._flights.values())
 
     @property
@@ -146,38 +146,37 @@ class Flights:
 
     @property
     def problem(self) -> str:
-        """Why a flight is not recorded at present; empty where all are."""
+        """Why a flight is not being recorded; empty if all are."""
         problems = (flight.recorder.problem for flight in self._flights.values())
         return next(filter(None, problems), "")
 
     def under_way(self) -> list[Flight]:
-        """Flights under way, newest last."""
+        """Flights in progress, newest last."""
         return list(self._flights.values())
 
     def get(self, flight_id: str) -> Flight | None:
-        """Return a flight under way."""
         return self._flights.get(flight_id)
 
     def flying(self, flight_id: str) -> Flight:
-        """Return a flight under way; NotFound."""
+        """A flight in progress. NotFound."""
         flight = self.get(flight_id)
         if flight is None or flight.is_over:
-            raise NotFound(f"no flight {flight_id!r} is under way: it ended, or never was")
+            raise NotFound(f"no flight {flight_id!r} is in progress: it ended or does not exist")
         return flight
 
     async def start(self, request: FlightRequest, by: str = LOCAL) -> Flight:
-        """Start a flight. by: who does.
+        """Start a flight. by: who starts it.
 
-        TooManyFlights; SourceError and RecipeError for the source; ValueError for an epsilon that
-        the monitor cannot serve; LimitsUnknown; UselessMonitor; NotFound.
+        TooManyFlights; SourceError and RecipeError for the source; ValueError for an epsilon too
+        small for the monitor; LimitsUnknown; UselessMonitor; NotFound.
         """
-        self._take_place()
+        self._reserve_place()
         try:
             monitor = await asyncio.to_thread(self._monitor, request.monitor)
             epsilon = monitor.check_epsilon(request.epsilon)
             if not request.accept_useless:
                 check_use(monitor.evaluation, epsilon)
-            shown = [(one, None) for one in request.monitors]
+            shown = [(monitor_id, None) for monitor_id in request.monitors]
             display = await asyncio.to_thread(self._display, monitor, shown)
             limits = await asyncio.to_thread(self._asked_limits, request, monitor)
             opening = self._opening(request.monitor, monitor, epsilon)
@@ -196,8 +195,7 @@ class Flights:
             return None
         if isinstance(request.source, FlownLive):
             raise SourceError(
-                "a replay of a live flight is held against the limits that it was: leave limit_set "
-                "out"
+                "a replay of a live flight keeps the limits of that flight: leave out limit_set"
             )
         asked = request.limit_set, request.limit_set_version, request.declared
         return change_of_limits(self.store, monitor, *asked)
@@ -210,10 +208,10 @@ class Flights:
         fixed: Mapping[ConditionKey, float],
         by: str,
     ) -> LimitsInForce:
-        """Hold a flight under way against a limit set from its next sample on.
+        """Put a limit set in force from the next sample of a flight on.
 
-        NotFound; NotPossible; JournalFull; StoreError: it is in force, and stored as soon as the
-        store takes it.
+        NotFound; NotPossible; JournalFull; StoreError: it is in force, and is stored as soon as the
+        store accepts it.
         """
         monitor = self.flying(flight_id).plan.monitor
         asked = limit_set, version, fixed
@@ -224,8 +222,8 @@ class Flights:
             await flight.recorder.store_alarms()
         except StoreError as error:
             raise StoreError(
-                f"{in_force.words} is in force and shown on every screen, and is not stored yet: "
-                f"{error}; it is stored as soon as that is so, do not put it in force again"
+                f"{in_force.words} is in force on every screen but not stored yet ({error}): it "
+                "is stored as soon as possible, do not put it in force again"
             ) from error
         return in_force
 
@@ -235,22 +233,22 @@ class Flights:
         )
 
     async def live(self, flight_id: str) -> LiveFlight:
-        """A live flight that takes samples; one that a killed server flew goes on.
+        """A live flight that accepts samples; one of a killed server is resumed.
 
-        NotFound; NotPossible where it is over, or not live.
+        NotFound; NotPossible if it has ended or is not live.
         """
         flight = self.get(flight_id)
         if flight is None or (isinstance(flight, LiveFlight) and flight.is_restoring):
             async with self._resuming:
                 flight = self.get(flight_id) or await self._resume(flight_id)
         if not isinstance(flight, LiveFlight):
-            raise NotPossible(f"flight {flight_id} is not live: it takes no samples")
+            raise NotPossible(f"flight {flight_id} is not live: it accepts no samples")
         if flight.is_over:
-            raise NotPossible("the flight is over: start another one")
+            raise NotPossible("the flight has ended: start another one")
         return flight
 
     async def live_status(self, flight_id: str) -> LiveStatus | None:
-        """How the source of a live flight does, or did at its end; None where nobody knows."""
+        """State of the source of a live flight, at its end if it has ended; None if unknown."""
         flight = self.get(flight_id)
         if flight is not None or self._journals is None:
             return flight.live if flight else None
@@ -261,7 +259,7 @@ class Flights:
             return None
 
     async def resume_all(self) -> None:
-        """Go on with the live flights that were under way when the server was killed."""
+        """Resume the live flights that were in progress when the server was killed."""
         if self._journals is None:
             return
         for info in await asyncio.to_thread(self.store.flights.all):
@@ -271,37 +269,37 @@ class Flights:
                     try:
                         await self.live(info.id)
                     except Exception:
-                        LOG.exception("flight %s is not resumed", info.id)
+                        LOG.exception("flight %s could not be resumed", info.id)
 
-    def show_again(
+    def rescore(
         self, flight_id: str, monitor_id: str | None, epsilon: float | None
     ) -> tuple[ShownFlight, Opening]:
-        """Score a live flight that is over by what had come at each moment; for a thread.
+        """Rescore an ended live flight from its journal; for a thread.
 
-        monitor_id, epsilon: those of the flight if None; of another monitor its own epsilon.
-        NotFound; SourceError where it has no journal; LimitsUnknown; ValueError for the epsilon.
+        monitor_id, epsilon: those of the flight if None; for another monitor its own epsilon.
+        NotFound; SourceError if it has no journal; LimitsUnknown; ValueError for the epsilon.
         """
         info = self.store.flights.info(flight_id)
-        is_own = monitor_id in (None, info.monitor_id)
+        is_same = monitor_id in (None, info.monitor_id)
         monitor = self._monitor(monitor_id or info.monitor_id)
-        epsilon = info.epsilon if is_own and epsilon is None else monitor.check_epsilon(epsilon)
+        epsilon = info.epsilon if is_same and epsilon is None else monitor.check_epsilon(epsilon)
         opening = self._opening(monitor_id or info.monitor_id, monitor, epsilon)
         return ShownFlight(journal_setup(opening, flight_id), flight_id), opening
 
     async def make_recordings(self) -> None:
-        """Make the recordings of live flights that are over and have none, in the background."""
+        """Make recordings of the ended live flights that have none, in the background."""
         if self._recordings is None:
             return
         try:
             waiting = await asyncio.to_thread(self._recordings.waiting)
         except (StoreError, OSError) as error:
-            LOG.warning("live flights become recordings at the next start: %s", error)
+            LOG.warning("live flights are made recordings at the next start: %s", error)
             return
         for flight_id in waiting:
             self._make_recording(flight_id)
 
     def _make_recording(self, flight_id: str) -> None:
-        """Have a live flight that is over become a recording, in the background."""
+        """Make a recording of an ended live flight, in the background."""
         if self._recordings is None or self._closing:
             return
         task = asyncio.create_task(self._recordings.make(flight_id))
@@ -309,40 +307,37 @@ class Flights:
         task.add_done_callback(self._stopping.discard)
 
     async def end_reason(self, flight_id: str) -> str:
-        """Why a live flight that is over ended and by whom; empty where its journal does not say.
-
-        OSError.
-        """
+        """Why and by whom a live flight was ended; empty if its journal has no reason. OSError."""
         if self.get(flight_id) is not None or self._journals is None:
             return ""
         return str((await asyncio.to_thread(self._journals.last, flight_id)).get("reason", ""))
 
     async def end(self, flight_id: str, by: str) -> None:
-        """End a flight; one of a killed server is gone on with first, so that its record is whole.
+        """End a flight; one of a killed server is resumed first, to complete its record.
 
-        by: who ends it, as its watchers and its journal are told.   As `stop` and `live`.
+        by: who ends it, for watchers and journal.   Raises as `stop` and `live` do.
         """
         if self.get(flight_id) is None:
             info = await asyncio.to_thread(self.store.flights.info, flight_id)
             is_live = source_of(info).get("kind") == "live" and self._journals is not None
             if is_live and info.status == INTERRUPTED and info.recording_id is None:
-                with suppress(NotPossible):  # nothing is left to go on with
+                with suppress(NotPossible):  # nothing left to resume
                     await self.live(flight_id)
         await self.stop(flight_id, reason=f"the flight was ended by {by}")
 
     async def _resume(self, flight_id: str) -> Flight:
-        """Go on with a live flight whose server was killed, by its journal."""
+        """Resume a live flight of a killed server from its journal."""
         info = await asyncio.to_thread(self.store.flights.info, flight_id)
         source = source_of(info)
         journals = self._journals
         if source.get("kind") != "live" or info.status != INTERRUPTED or journals is None:
-            raise NotPossible(f"flight {flight_id} takes no samples: it is over, or not live")
+            raise NotPossible(f"flight {flight_id} accepts no samples: it has ended or is not live")
         making = self._recordings.under_way if self._recordings else None
         if info.recording_id is not None or making == flight_id:
             raise NotPossible(
-                f"flight {flight_id} takes no samples: it was interrupted and is a recording now"
+                f"flight {flight_id} accepts no samples: it was interrupted and is a recording now"
             )
-        self._take_place()
+        self._reserve_place()
         try:
             monitor = await asyncio.to_thread(self._monitor, info.monitor_id)
             request = FlightRequest.model_validate({"source": source, "monitor": info.monitor_id})
@@ -355,11 +350,11 @@ class Flights:
             assert isinstance(live, Live)
             if not path.exists():
                 raise NotPossible(
-                    f"flight {flight_id} takes no samples: it was interrupted, and its journal "
+                    f"flight {flight_id} accepts no samples: it was interrupted and its journal "
                     "is missing"
                 )
             header = await asyncio.to_thread(header_of, path)
-            setup, name = await asyncio.to_thread(live.open_again, opening, header or {})
+            setup, name = await asyncio.to_thread(live.reopen, opening, header or {})
             alarms = await self.records.alarms(flight_id)
             markers = await self.records.markers(flight_id)
             about = await asyncio.to_thread(self.store.monitors.info, info.monitor_id)
@@ -375,7 +370,7 @@ class Flights:
             )
             stored = -1 if info.head is None else info.head
 
-            async def go_on(flight: Flight) -> None:
+            async def resume(flight: Flight) -> None:
                 assert isinstance(flight, LiveFlight)
                 flight.is_restoring = True
                 lines = lines_of(path)
@@ -386,17 +381,17 @@ class Flights:
                 await asyncio.to_thread(self.store.flights.resume, flight_id, flight.head)
                 flight.resume(unrecorded)
 
-            return await self._start(plan, request.source.flight, setup, go_on)
+            return await self._start(plan, request.source.flight, setup, resume)
         finally:
             self._starting -= 1
 
     async def stop(
         self, flight_id: str, status: str = "ended", reason: str = "the flight was ended"
     ) -> None:
-        """Stop a flight and complete its record; nothing for one that is not under way.
+        """Stop a flight and complete its record; no effect on one that has ended.
 
-        StoreError where the store does not take it: the flight is over, and what waits is written,
-        without being asked again, as soon as it can be.
+        StoreError if the store refuses the record: the flight has ended, and the record is
+        completed as soon as possible.
         """
         flight = self.get(flight_id)
         if flight is None:
@@ -411,8 +406,8 @@ class Flights:
                     await asyncio.to_thread(self._scenes.close, flight_id)
                 ending.has_stopped = True
             try:
-                came_to = flight.exceeded_t, flight.exceedances.of_channels, flight.limits_held
-                await flight.recorder.complete(ending.status, *came_to)
+                result = flight.exceeded_t, flight.exceedances.of_channels, flight.limits_held
+                await flight.recorder.complete(ending.status, *result)
             except StoreError:
                 self._stop_later(flight_id, ending)
                 raise
@@ -422,21 +417,21 @@ class Flights:
                 self._make_recording(flight_id)
 
     def _stop_later(self, flight_id: str, ending: "_Ending") -> None:
-        """Try again to complete the record of a flight that is over."""
+        """Retry later to complete the record of an ended flight."""
 
-        def again() -> None:
+        def retry() -> None:
             ending.timer = None
             self._when_over(flight_id)(ending.status, "")
 
         if ending.timer is None and not self._closing:
-            ending.timer = self._clock.call_at(self._clock.now() + INTERVAL_S, again)
+            ending.timer = self._clock.call_at(self._clock.now() + INTERVAL_S, retry)
 
     async def delete(self, flight_id: str) -> None:
-        """Delete the record of a flight that is over. FlightInProgress; NotFound; StoreError."""
+        """Delete the record of an ended flight. FlightInProgress; NotFound; StoreError."""
         flight = self.get(flight_id)
         if flight is not None and flight.is_over:
             raise FlightInProgress(
-                f"flight {flight_id} is over, but its record is not complete: "
+                f"flight {flight_id} has ended but its record is incomplete: "
                 f"{flight.recorder.waiting_words} wait for the store"
             )
         await asyncio.to_thread(self.store.flights.delete, flight_id)
@@ -446,9 +441,9 @@ class Flights:
     async def mark(
         self, flight_id: str, kind: FlightMarkerKey, by: str, text: str | None
     ) -> FlightMarker:
-        """Set a marker in a flight under way: everyone is told at once, then it is stored.
+        """Set a marker in a flight in progress: sent to all watchers at once, then stored.
 
-        NotFound; StoreError: it is not stored yet, and will be as soon as the store takes it.
+        NotFound; StoreError: it is not stored yet, and is as soon as the store accepts it.
         """
         flight = self.flying(flight_id)
         marker = flight.mark(kind, by, text)
@@ -456,25 +451,25 @@ class Flights:
             await flight.recorder.store_alarms()
         except StoreError as error:
             raise StoreError(
-                f"{marker.word} is shown on every screen and is not stored yet: {error}; it is "
-                "stored as soon as that is so, do not set it again"
+                f"{marker.word} is on every screen but not stored yet ({error}): it is stored as "
+                "soon as possible, do not set it again"
             ) from error
         return marker.model_copy(update={"stored": True})
 
     # --- starting -----------------------------------------------------------------------------
 
-    def _take_place(self) -> None:
+    def _reserve_place(self) -> None:
         if self._closing:
-            raise TooManyFlights(f"{STOPPING}: start the flight when it is up again")
+            raise TooManyFlights(f"{STOPPING}: start the flight after its restart")
         if len(self._flights) + self._starting >= self.max_flights:
             raise TooManyFlights(
-                f"{self.max_flights} flights are under way, as many as may be: end one of them "
+                f"{self.max_flights} flights are in progress, the most allowed: end one of them "
                 f"({', '.join(self._flights)})"
             )
         self._starting += 1
 
     def _monitor(self, monitor_id: str) -> Monitor:
-        """The monitor of a flight. NotFound; LimitsUnknown: it could not say what it warns of."""
+        """The monitor of a flight. NotFound; LimitsUnknown."""
         monitor = self.store.monitors.get(monitor_id)
         check_limits(monitor_id, monitor)
         return monitor
@@ -484,13 +479,14 @@ class Flights:
     ) -> tuple[DisplayMonitor, ...]:
         """The monitors of a flight for display; for a thread. NotFound; SourceError; LimitsUnknown.
 
-        shown: id of each and its epsilon, its own if None.
+        shown: id and epsilon of each; None for the monitor's own epsilon.
         """
         monitors = self.store.monitors
         display = tuple(
-            DisplayMonitor(one, monitors.info(one).name, monitor, monitor.check_epsilon(epsilon))
-            for one, epsilon in shown
-            for monitor in (monitors.get(one),)
+            DisplayMonitor(shown_id, monitors.info(shown_id).name, monitor, checked)
+            for shown_id, epsilon in shown
+            for monitor in (monitors.get(shown_id),)
+            for checked in (monitor.check_epsilon(epsilon),)
         )
         check_alike(authority, display)
         return display
@@ -521,7 +517,7 @@ class Flights:
         begin: Callable[[Flight], Awaitable[None]] | None = None,
     ) -> Flight:
         try:
-            scene = await asyncio.to_thread(self._open_scene, plan, patience(source.dt))
+            scene = await asyncio.to_thread(self._open_scene, plan, stale_after(source.dt))
             recorder = Recorder(
                 self.store, plan.id, self._clock, self._recording, self._store_health
             )
@@ -555,7 +551,7 @@ class Flights:
         return stop
 
     def _open_scene(self, plan: FlightPlan, stale_after_s: float) -> "Scene | None":
-        """Scene of a flight; it flies without one where there can be none."""
+        """The scene of a flight; None if it cannot be opened, and the flight continues without."""
         if self._scenes is None:
             return None
         recipe = plan.monitor.dataset_recipe

@@ -1,4 +1,4 @@
-"""When new frames are sent: to the watchers of all flights together."""
+"""Rounds of sending: new frames go to the watchers of all flights together."""
 
 import logging
 from collections.abc import Callable
@@ -7,15 +7,14 @@ from app.flights.clock import Clock
 
 LOG = logging.getLogger("forewarn")
 TICK_S = 0.004
-"""Least time between two rounds of sending [s]: what a frame may wait, where many come."""
+"""Least time between two rounds [s], so also the longest that a frame waits for its round."""
 
 
 class FrameTicks:
-    """Sends what is new to everybody in one round: at once, but TICK_S after the last round.
+    """Sends new frames to all watchers in one round, TICK_S or more after the last round.
 
-    A write that wakes the machine by itself costs twice what it costs among others, and frames of
-    one flight that come between two rounds are one message. The more a server has to do, the more
-    of them there are.
+    Writes in a group cost half as much as single ones, and frames of one flight between two rounds
+    become one message. Both save more the busier the server is.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -25,7 +24,7 @@ class FrameTicks:
         self._is_planned = False
 
     def ask(self, send: Callable[[], object]) -> None:
-        """Call `send` in the next round, once however often that is asked."""
+        """Call `send` once in the next round."""
         self._due[send] = None
         if not self._is_planned:
             self._is_planned = True
@@ -38,5 +37,5 @@ class FrameTicks:
             try:
                 send()
             except Exception:
-                LOG.exception("a watcher was not sent what is new")
+                LOG.exception("new frames were not sent to a watcher")
         self._next = self._clock.now() + TICK_S

@@ -1,9 +1,9 @@
-"""The recorder: every sample, alarm and marker of a flight into the store, off the loop.
+"""The recorder: writes every sample, alarm and marker of a flight to the store, off the loop.
 
-An alarm or a marker is stored at once, an alarm announced when it is; samples are written in
-batches each `interval`, in order, one at a time. What the store refuses waits and is tried again;
-only when MOST_WAITING samples wait are the oldest lost, and counted. A process that dies loses the
-samples of the last interval at most, and no alarm that was announced as stored.
+Alarms and markers are stored at once, and alarms are announced when they are. Samples are written
+in order, one batch per `interval`. What the store refuses waits and is retried; if MOST_WAITING
+samples wait, the oldest are lost and counted. A process that dies loses at most the samples of the
+last interval, and no alarm that was announced as stored.
 """
 
 import asyncio
@@ -32,13 +32,13 @@ from core.types import Array, Flags
 LOG = logging.getLogger("forewarn")
 INTERVAL_S = 2.0
 JOURNALLED_S = 8.0
-"""Between batches of a flight whose journal has its samples already [s]."""
+"""Interval for a flight whose journal already holds its samples [s]."""
 ANNOUNCED_S = 0.05
-"""An alarm that a slow disk has not taken by then is announced all the same, as not stored yet."""
+"""An alarm that is not stored by then is announced as not stored yet [s]."""
 PARTS = 64
-"""Of an interval, one of which is the first of a flight whose batches are spread."""
+"""Parts of an interval, by which the first batches of flights are spread."""
 BATCH = 10_000
-"""Most samples in one write."""
+"""Most samples per write."""
 MOST_WAITING = 200_000
 UNKNOWN = np.full(N_CHANNELS, np.nan)
 CODES = {state: code for code, state in enumerate(STATES)}
@@ -49,7 +49,7 @@ Event = Alarm | FlightMarker | FlightLimits
 
 
 class RecordedSample(NamedTuple):
-    """A sample as it waits for the store."""
+    """A sample that waits for the store."""
 
     seq: int
     y: Array
@@ -57,23 +57,22 @@ class RecordedSample(NamedTuple):
     display: tuple[Assessment, ...] = ()
 
 
-class Raised:
-    """An alarm, a marker or a change of limits as it waits for the store.
+class PendingEvent:
+    """An alarm, a marker or a change of limits that waits for the store.
 
-    announce: called with whether it is stored; once more when it is, if it was not by then.
+    announce: called with whether it is stored; called again once it is, if it was not.
     """
 
     def __init__(self, event: Event, announce: Callable[[bool], object]) -> None:
         self.event, self.announce, self.is_announced = event, announce, False
 
-    def say(self) -> None:
-        """Announce it though it is not stored, once."""
+    def announce_unstored(self) -> None:
+        """Announce it once although it is not stored."""
         if not self.is_announced:
             self.is_announced = True
             self.announce(False)
 
-    def stored(self) -> None:
-        """Announce it: it is stored."""
+    def announce_stored(self) -> None:
         self.is_announced = True
         self.announce(True)
 
@@ -81,11 +80,11 @@ class Raised:
 class Recorder:
     """Records one flight.
 
-    threads: where it writes, so that no other work of the server keeps an alarm waiting.
-    store_health: reports a fault of the store even while nothing is queued.
-    interval: samples wait for the next batch at most so long [s].
-    is_spread: the first batch comes sooner, each flight's at another time: those that began
-    together do not write together.
+    threads: where it writes, so that other work of the server does not delay an alarm.
+    store_health: reveals a fault of the store even while nothing waits.
+    interval: longest wait of a sample for the next batch [s].
+    is_spread: the first batch comes earlier, at a different time for each flight, so that flights
+    started together do not write together.
     """
 
     interval = INTERVAL_S
@@ -102,7 +101,7 @@ class Recorder:
         self._store, self._flight_id, self._clock = store, flight_id, clock
         self._threads = threads
         self._samples: list[RecordedSample] = []
-        self._raised: deque[Raised] = deque()
+        self._raised: deque[PendingEvent] = deque()
         self._writing, self._storing_alarms = asyncio.Lock(), asyncio.Lock()
         self._timer: Timer | None = None
         self._when = 0.0
@@ -113,23 +112,23 @@ class Recorder:
 
     @property
     def problem(self) -> str:
-        """Why the store took nothing the last time, or would not now; empty while it does."""
+        """Why the store refused the last write, or would refuse one now; empty if it does not."""
         return self._refusal or (self._store_health.fault if self._store_health else "")
 
     @property
     def _first_interval(self) -> float:
-        """Until the first batch [s]."""
+        """Time until the first batch [s]."""
         part = 1 + crc32(self._flight_id.encode()) % PARTS if self.is_spread else PARTS
         return self.interval * part / PARTS
 
     @property
     def unwritten(self) -> int:
-        """Samples that wait for the store."""
+        """Number of samples that wait for the store."""
         return len(self._samples)
 
     @property
     def waiting_words(self) -> str:
-        """What waits for the store, counted; of a record that lacks nothing else, its end."""
+        """What waits for the store, with counts: `12 samples and 1 alarm`."""
         kinds = {"alarm": Alarm, "marker": FlightMarker, "limit set": FlightLimits}
         counts = {"sample": self.unwritten} | {
             name: sum(isinstance(raised.event, kind) for raised in self._raised)
@@ -141,7 +140,7 @@ class Recorder:
     def add(
         self, seq: int, y: Array, assessment: Assessment, display: tuple[Assessment, ...] = ()
     ) -> None:
-        """Take a sample; it is written with the next batch."""
+        """Queue a sample for the next batch."""
         self._samples.append(RecordedSample(seq, y, assessment, display))
         if len(self._samples) > MOST_WAITING:
             del self._samples[:BATCH]
@@ -150,56 +149,56 @@ class Recorder:
             self._schedule(self._first_interval if seq == 0 else self.interval)
 
     def add_alarm(self, alarm: Alarm, announce: Callable[[bool], object]) -> None:
-        """Store an alarm and then announce it, see Raised.
+        """Store an alarm, then announce it, see PendingEvent.
 
-        Where the store refuses it, or takes longer than ANNOUNCED_S, it is announced nevertheless:
-        nobody goes unwarned for a full disk.
+        It is announced even if the store refuses it or takes longer than ANNOUNCED_S: a full disk
+        must not suppress a warning.
         """
-        self._take(Raised(alarm, announce))
+        self._queue(PendingEvent(alarm, announce))
 
     def add_marker(self, marker: FlightMarker, announce: Callable[[bool], object]) -> None:
-        """Store a marker, which everyone was told of; announce: called once it is stored."""
-        raised = Raised(marker, announce)
+        """Store a marker that all watchers have; announce: called once it is stored."""
+        raised = PendingEvent(marker, announce)
         raised.is_announced = True
-        self._take(raised)
+        self._queue(raised)
 
     def add_limits(self, put: FlightLimits) -> None:
-        """Store what was put in force, which everyone was told of."""
-        raised = Raised(put, lambda _: None)
+        """Store a change of limits that all watchers have."""
+        raised = PendingEvent(put, lambda _: None)
         raised.is_announced = True
-        self._take(raised)
+        self._queue(raised)
 
-    def _take(self, raised: Raised) -> None:
+    def _queue(self, raised: PendingEvent) -> None:
         self._raised.append(raised)
         self._store_alarms_soon(raised)
 
-    def say_alarms(self) -> None:
-        """Announce now what waits to be stored: soon nobody will listen."""
+    def announce_pending(self) -> None:
+        """Announce all pending events now: the flight is ending."""
         for raised in self._raised:
-            raised.say()
+            raised.announce_unstored()
 
     def waiting(self, first: int, last: int) -> list[RecordedSample]:
-        """Return samples first..last that are not in the store yet."""
+        """Samples first..last that are not in the store yet."""
         return [sample for sample in self._samples if first <= sample.seq <= last]
 
     async def store_alarms(self) -> None:
-        """Store every alarm, marker and change of limits that waits. StoreError."""
+        """Store every pending alarm, marker and change of limits. StoreError."""
         async with self._storing_alarms:
             while self._raised:
                 raised = self._raised[0]
                 await self._run(self._write_event, raised.event)
                 self._raised.popleft()
-                raised.stored()
+                raised.announce_stored()
 
     async def flush(self) -> bool:
-        """Write all that waits now, not what comes meanwhile; whether the store took it."""
+        """Write all that waits now. Returns False if the store refused it."""
         try:
             await self._flush()
         except Exception as error:
             if not self._refusal:
-                LOG.exception("flight %s is not recorded: tried again", self._flight_id)
+                LOG.exception("flight %s is not recorded; retrying", self._flight_id)
             self._refusal = str(error) or type(error).__name__
-            self.say_alarms()
+            self.announce_pending()
             return False
         if self._refusal:
             text = "flight %s is recorded again: %d samples were lost"
@@ -214,23 +213,24 @@ class Recorder:
         exceedances: Sequence[ChannelExceedances] = (),
         held: Sequence[LimitsFrom] | None = None,
     ) -> None:
-        """Write all that is left and how the flight ended. StoreError: it can be tried again.
+        """Write the rest of the record and the end of the flight. StoreError: it can be retried.
 
-        exceeded_t: first exceedance that it had come to [s].   exceedances: of its channels.
-        held: which limits did; None where that is not known.
+        exceeded_t: first exceedance [s].   exceedances: per channel.
+        held: limits that were in force; None if unknown.
         """
         if not await self.flush():
             raise StoreError(
                 f"{self.waiting_words} of flight {self._flight_id} wait for the store, which "
-                f"takes none ({self.problem}); they are written as soon as it does"
+                f"refuses them ({self.problem}); they are written as soon as it accepts them"
             )
         self._stop_timer()
-        told = [one.model_dump() for one in exceedances]
-        limits = None if held is None else [one.model_dump() for one in held]
-        await self._run(self._store.flights.end, self._flight_id, status, exceeded_t, told, limits)
+        result = [exceedance.model_dump() for exceedance in exceedances]
+        limits = None if held is None else [limits.model_dump() for limits in held]
+        end = self._store.flights.end
+        await self._run(end, self._flight_id, status, exceeded_t, result, limits)
 
     def give_up(self) -> None:
-        """Count as lost what the store refused to the last."""
+        """Count what the store still refuses as lost."""
         self._stop_timer()
         self.lost += self.unwritten
         LOG.error(
@@ -249,7 +249,7 @@ class Recorder:
                 await self._write_some()
 
     def _schedule(self, seconds: float) -> None:
-        """Write after so long [s], unless that is due sooner."""
+        """Write after this time [s], unless a write is due sooner."""
         when = self._clock.now() + seconds
         if self._timer is not None and self._when <= when:
             return
@@ -263,19 +263,19 @@ class Recorder:
     def _due(self) -> None:
         self._timer = None
         if self._task is None or self._task.done():
-            self._task = asyncio.get_running_loop().create_task(self._flush_again())
+            self._task = asyncio.get_running_loop().create_task(self._flush_or_retry())
         else:
             self._schedule(INTERVAL_S)
 
-    async def _flush_again(self) -> bool:
-        taken = await self.flush()
-        if not taken:
+    async def _flush_or_retry(self) -> bool:
+        is_written = await self.flush()
+        if not is_written:
             self._schedule(INTERVAL_S)
-        return taken
+        return is_written
 
-    def _store_alarms_soon(self, raised: Raised) -> None:
+    def _store_alarms_soon(self, raised: PendingEvent) -> None:
         loop = asyncio.get_running_loop()
-        loop.call_later(ANNOUNCED_S, raised.say)
+        loop.call_later(ANNOUNCED_S, raised.announce_unstored)
         if self._alarms_task is None or self._alarms_task.done():
             self._alarms_task = loop.create_task(self._try_alarms())
 
@@ -285,7 +285,7 @@ class Recorder:
         except Exception as error:
             text = "an alarm or a marker of flight %s is not stored: %s"
             LOG.warning(text, self._flight_id, error)
-            self.say_alarms()
+            self.announce_pending()
             self._schedule(INTERVAL_S)
 
     async def _write_some(self) -> None:
@@ -311,7 +311,7 @@ class Recorder:
             batch[0].seq,
             np.array([assessment.t for assessment in assessments]),
             np.array([sample.y for sample in batch]),
-            *_said(assessments),
+            *_columns(assessments),
             np.array(
                 [
                     UNKNOWN if assessment.y_hat is None else assessment.y_hat
@@ -348,17 +348,17 @@ class Recorder:
         )
 
 
-def _said(assessments: Sequence[Assessment]) -> Columns:
-    """p-value, alert and code of the state of each, as they are stored."""
+def _columns(assessments: Sequence[Assessment]) -> Columns:
+    """p-values, alerts and state codes as stored."""
     return (
-        np.array([np.nan if one.p_value is None else one.p_value for one in assessments]),
-        np.array([bool(one.alert) for one in assessments]),
-        np.array([CODES[one.state] for one in assessments], np.uint8),
+        np.array([np.nan if a.p_value is None else a.p_value for a in assessments]),
+        np.array([bool(a.alert) for a in assessments]),
+        np.array([CODES[a.state] for a in assessments], np.uint8),
     )
 
 
 def _to_store(assessments: Sequence[Assessment]) -> StoredDisplay:
     samples = np.empty(len(assessments), DISPLAY)
-    for name, column in zip(DISPLAY.names or (), _said(assessments), strict=True):
+    for name, column in zip(DISPLAY.names or (), _columns(assessments), strict=True):
         samples[name] = column
-    return StoredDisplay(samples, tuple(one.reason for one in assessments))
+    return StoredDisplay(samples, tuple(assessment.reason for assessment in assessments))

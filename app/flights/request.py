@@ -1,4 +1,4 @@
-"""The flight that is asked for."""
+"""The request for a flight."""
 
 from math import isfinite
 from typing import Any
@@ -30,28 +30,28 @@ class FlightRequest(BaseModel):
     )
 
     source: SourceRequest
-    monitor: str = Field(description="id of the alarm authority: its alerts alone are alarms")
+    monitor: str = Field(description="id of the alarm authority: only its alerts are alarms")
     monitors: list[str] = Field(
         default_factory=list,
         max_length=MOST_DISPLAYED,
-        description="ids of further monitors, for display, each at its own epsilon: of the same "
-        "aircraft, manoeuvre and sample interval. Of a recording, each must have scored it",
+        description="ids of further monitors for display, each at its own epsilon; of the same "
+        "aircraft, manoeuvre and sample interval. To replay a recording, each must have scored it",
     )
     epsilon: float | None = Field(
-        default=None, gt=0, lt=1, description="accepted miss rate; the monitor's own if absent"
+        default=None, gt=0, lt=1, description="accepted miss rate; default: the monitor's own"
     )
     limit_set: str | None = Field(
         default=None,
-        description="id of the limit set that measured exceedances are held against; the monitor's "
-        "own limits if absent",
+        description="id of the limit set that judges measured exceedances; default: the monitor's "
+        "own limits",
     )
     limit_set_version: Whole | None = Field(
-        default=None, ge=1, description="number of its version; the newest if absent"
+        default=None, ge=1, description="version of the limit set; default: the newest"
     )
     condition: dict[ConditionKey, float | str] = Field(
         default_factory=dict,
-        description="the flight condition by which limits are chosen: a value that is declared, in "
-        "SI units, or the name under which a live source sends it; its own name if absent",
+        description="the flight condition that selects the limits: a declared value in SI units, "
+        "or the name under which a live source sends it; default: its own name",
     )
     name: str | None = Field(default=None, min_length=1, max_length=200)
     wait_for_viewer: StrictBool = Field(
@@ -61,49 +61,49 @@ class FlightRequest(BaseModel):
     )
     accept_useless: StrictBool = Field(
         default=False,
-        description="fly a monitor although by its evaluation less than 20 % of safe flights pass "
-        "without an alert; kept with the flight",
+        description="fly a monitor although its evaluation found fewer than 20 % of safe flights "
+        "without a false alarm; stored with the flight",
     )
 
     @property
     def declared(self) -> dict[ConditionKey, float]:
-        """Values of the flight condition that are declared."""
+        """Declared values of the flight condition."""
         return {key: v for key, v in self.condition.items() if not isinstance(v, str)}
 
     @property
     def source_names(self) -> dict[ConditionKey, str]:
-        """Names under which a live source sends others."""
+        """Names under which a live source sends the other values."""
         return {key: v for key, v in self.condition.items() if isinstance(v, str)}
 
     @field_validator("monitor", mode="before")
     @classmethod
     def check_authority(cls, given: Any) -> Any:
-        """Refuse several monitors as alarm authority."""
+        """Refuse a list of monitors as alarm authority."""
         if isinstance(given, list):
             raise ValueError(
-                "a list of monitors was not calibrated as a whole, so that nobody knows how often "
-                "it misses: name one as `monitor`, which raises the alarms, and the others in "
-                "`monitors`, for display; or make one of them that is calibrated as a whole, by "
-                "POST /api/v1/monitors/combinations or `forewarn combine`, and name that"
+                "a list of monitors has no calibrated miss rate: give one as `monitor`, which "
+                "raises the alarms, and the others in `monitors` for display; or combine them into "
+                "one calibrated monitor with POST /api/v1/monitors/combinations or `forewarn "
+                "combine`"
             )
         return given
 
     @model_validator(mode="after")
     def check_display(self) -> "FlightRequest":
-        """Refuse a monitor that is named twice."""
+        """Refuse a monitor given twice, and a condition that cannot be used."""
         if self.limit_set is None and (self.limit_set_version is not None or self.condition):
-            raise ValueError("a version or a condition was given without a limit_set: name it")
+            raise ValueError("a version or condition needs a limit_set: give its id")
         if self.source_names and getattr(self.source, "kind", "") != "live":
             raise ValueError(
-                f"the condition of {' and '.join(self.source_names)} is a name, and only a live "
-                "source sends it: declare its value"
+                f"the condition {' and '.join(self.source_names)} is a name, which only a live "
+                "source sends: give its value"
             )
         if wild := [key for key, value in self.declared.items() if not isfinite(value)]:
-            raise ValueError(f"the condition of {wild[0]} is no finite number: declare its value")
+            raise ValueError(f"the condition {wild[0]} is not a finite number: give its value")
         named = [self.monitor, *self.monitors]
-        if twice := [one for one in self.monitors if named.count(one) > 1]:
+        if twice := [name for name in self.monitors if named.count(name) > 1]:
             raise ValueError(
-                f"monitor {twice[0]} is named twice: `monitor` is shown anyway, and each of "
-                "`monitors` once"
+                f"monitor {twice[0]} is given twice: list each monitor once; `monitor` is always "
+                "displayed"
             )
         return self

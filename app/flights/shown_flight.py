@@ -1,8 +1,7 @@
-"""A live flight that is over, again from its journal: what was shown, and when.
+"""An ended live flight, rescored from its journal: what was shown, and when.
 
-The same monitor gives the same bits; another one says what it would have shown by what had come at
-each moment. Played, each sample comes with the delay that it had, and the source is stale where it
-was.
+The same monitor gives the same bits; another one gives what it would have shown with the samples
+received by each moment. The replay keeps the delay of each sample and the stale times.
 """
 
 from collections.abc import Iterator
@@ -10,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from app.flights.flight import patience
+from app.flights.flight import stale_after
 from app.flights.recorder import CODES
 from app.flights.sources.live import LiveSetup
 from app.flights.sources.playback import Angles, FollowedForecast, Script, onsets
 from app.flights.sources.track import SourceError
-from app.live.again import ShownSample, shown_again
 from app.live.journal import lines_of
 from app.live.lag import Lag
+from app.live.rescoring import ShownSample, rescored
 from app.scoring.limits_in_force import InForceFrom, Ruling
 from app.scoring.planned_test import limits_of, needed_channels
 from app.store.assessments import StoredAssessments
@@ -45,15 +44,15 @@ SHOWN = np.dtype(
         ("manoeuvre", "<i4"),
     ]
 )
-"""One sample as it was shown; `shown` is the time since the flight began [s]."""
+"""A shown sample; `shown` is the time since the flight began [s]."""
 UNKNOWN = np.full(N_CHANNELS, np.nan)
 
 
 class ShownFlight(Script):
-    """What the journal of a flight shows through a monitor. Slow to make, for a thread.
+    """The journal of a flight, scored by a monitor. Slow to make, for a thread.
 
-    Its times are those of the flight, each later by what its sample came later than the quickest.
-    SourceError where nothing is shown; OSError.
+    Its times are those of the flight, each delayed by as much as its sample was later than the
+    quickest one. SourceError if no sample is shown; OSError.
     """
 
     shows_rulings = True
@@ -67,7 +66,7 @@ class ShownFlight(Script):
         self._came: list[float] = []
         self.samples = np.fromiter(self._read(setup, flight_id), SHOWN)
         if not len(self.samples):
-            raise SourceError(f"flight {flight_id} shows no sample: nothing came that settles one")
+            raise SourceError(f"flight {flight_id} has no assessed sample: its source sent too few")
         shown = self.samples["shown"]
         self._began = float((shown - self.samples["t"]).min())
         self.t = np.maximum.accumulate(shown - self._began)
@@ -81,20 +80,17 @@ class ShownFlight(Script):
         self._followed = FollowedForecast(setup.monitor, self._followed_sample)
 
     def y(self, k: int) -> Array:
-        """Sample k from trim, (6,)."""
         return self.samples["y"][k]
 
     def recorded(self, k: int) -> Array:
-        """Sample k as it came, (6,)."""
         return self.samples["recorded"][k]
 
     def attitude(self, k: int) -> Angles:
-        """As it came; an angle that did not is integrated from the rates."""
+        """As received; missing angles are integrated from the rates."""
         phi, theta, psi = self.samples["attitude"][k].tolist()
         return phi, theta, psi
 
     def assessment(self, k: int) -> Assessment:
-        """What was said of sample k."""
         sample, reason = self.samples[k], self.reasons[k]
         t, state = float(sample["t"]), STATES[int(sample["state"])]
         if state is not State.OK:
@@ -104,16 +100,15 @@ class ShownFlight(Script):
         return Assessment(t, p_value, alert, state, reason, y_hat)
 
     def display(self, k: int) -> tuple[Assessment, ...]:
-        """What was said of sample k for display."""
         return self._display[k]
 
     def forecast_ahead(self, k: int) -> Ahead | None:
-        """The rest of the card, of which each manoeuvre is one flown, with the history before."""
+        """Forecast of the rest of the card; each manoeuvre is a card."""
         self._first = first = int(self._begun[np.searchsorted(self._begun, k, "right") - 1])
         return self._followed.ahead(k, max(first - self._n_history, 0))
 
     def _followed_sample(self, k: int) -> tuple[float, Array, int]:
-        """Sample k from the trim of the manoeuvre that is followed, as the monitor read it."""
+        """Sample k from the trim of the followed manoeuvre, as the monitor read it."""
         first, y, code = self._first, self.y(k), int(self.samples["state"][k])
         if k < first:
             y = self.recorded(k) - (self.recorded(first) - self.y(first))
@@ -123,11 +118,9 @@ class ShownFlight(Script):
         return float(self.samples["t"][k]), y, code
 
     def ruling(self, k: int) -> Ruling | None:
-        """Which limits held for sample k."""
         return self._rulings[k]
 
     def held_until(self, k: int) -> list[InForceFrom]:
-        """Which limits held for the samples up to k."""
         if all(ruling is None for ruling in self._rulings):
             return []
         changes = [
@@ -136,17 +129,16 @@ class ShownFlight(Script):
             if i == 0 or ruling is not self._rulings[i - 1]
         ]
         t = self.samples["t"]
-        return [InForceFrom(float(t[i - 1]) if i else None, one) for i, one in changes]
+        return [InForceFrom(float(t[i - 1]) if i else None, ruling) for i, ruling in changes]
 
     def late(self, k: int) -> str:
-        """Why sample k was not of now."""
         return self._late.get(k, "")
 
     def stale_after(self, k: int) -> float | None:
-        """How long after sample k was shown its source was said to be stale [s]."""
+        """Time after showing sample k at which the source became stale [s]; None if it did not."""
         if k < 0:
             return None
-        shown, wait = self.samples["shown"], patience(self.dt)
+        shown, wait = self.samples["shown"], stale_after(self.dt)
         following = float(shown[k + 1]) if k + 1 < len(shown) else np.inf
         for i in range(int(np.searchsorted(self._came, shown[k], "right")) - 1, len(self._came)):
             stale = self._came[max(i, 0)] + wait
@@ -157,25 +149,25 @@ class ShownFlight(Script):
         return None
 
     def is_as(self, stored: StoredAssessments) -> bool:
-        """Whether all that a record holds is what is said here, bit for bit."""
+        """Whether a record equals this flight bit for bit, as far as it goes."""
         if len(stored) and stored.seq[-1] >= len(self.samples):
             return False
-        again, names = self.samples[stored.seq], ("t", "y", "p_value", "alert", "state", "y_hat")
+        samples, names = self.samples[stored.seq], ("t", "y", "p_value", "alert", "state", "y_hat")
         return tuple(self.reasons[k] for k in stored.seq) == stored.reasons and all(
-            again[name].tobytes() == getattr(stored, name).tobytes() for name in names
+            samples[name].tobytes() == getattr(stored, name).tobytes() for name in names
         )
 
     def _read(self, setup: LiveSetup, flight_id: str) -> Iterator[tuple[Any, ...]]:
         display, known = DisplayAttitude(setup.theta0), dict[str, str]()
-        for one in shown_again(self._lines(setup, flight_id), setup.scorer(), setup.reader):
-            reason = one.assessed.assessment.reason
+        for shown in rescored(self._lines(setup, flight_id), setup.scorer(), setup.reader):
+            reason = shown.assessed.assessment.reason
             self.reasons.append(known.setdefault(reason, reason))
-            self._display.append(one.assessed.display)
-            self._rulings.append(one.assessed.ruling)
-            yield _row(one, display)
+            self._display.append(shown.assessed.display)
+            self._rulings.append(shown.assessed.ruling)
+            yield _row(shown, display)
 
-    def _over(self, own: Array | None) -> Flags:
-        """(n,) whether a sample exceeds the limits that held for it, its own or others."""
+    def _over(self, monitors: Array | None) -> Flags:
+        """(n,) whether a sample exceeds the limits in force. monitors: (6,) the monitor's own."""
         over, both = (
             np.zeros(len(self.samples), bool),
             (self.samples["y"], self.samples["recorded"]),
@@ -183,7 +175,8 @@ class ShownFlight(Script):
         held = {id(ruling): ruling for ruling in self._rulings}
         of_sample = np.array([id(ruling) for ruling in self._rulings])
         for key, ruling in held.items():
-            limits, here = own if ruling is None else ruling.limits, of_sample == key
+            limits = monitors if ruling is None else ruling.limits
+            here = of_sample == key
             if limits is not None:
                 exceeding = (exceeds(limits, np.nan_to_num(values[here])) for values in both)
                 over[here] = np.logical_or(*exceeding)
@@ -196,7 +189,7 @@ class ShownFlight(Script):
             yield line
 
     def _lags(self, late: float) -> dict[int, str]:
-        """Why samples were not of now, by number; those that came together by their last."""
+        """Reasons of late samples by number; samples received together share the last one's."""
         lag, shown, reasons = Lag(late), self.samples["shown"], {}
         first = 0
         for stop in (*(np.flatnonzero(np.diff(shown)) + 1).tolist(), len(shown)):
@@ -207,16 +200,16 @@ class ShownFlight(Script):
         return reasons
 
 
-def _row(one: ShownSample, display: DisplayAttitude) -> tuple[Any, ...]:
-    """A sample as SHOWN."""
-    assessed, assessment = one.assessed, one.assessed.assessment
+def _row(sample: ShownSample, display: DisplayAttitude) -> tuple[Any, ...]:
+    """A row of SHOWN."""
+    assessed, assessment = sample.assessed, sample.assessed.assessment
     angles = assessed.attitude
     if angles is None:
         p, r = float(assessed.recorded[P]), float(assessed.recorded[R])
         at = display.update(assessment.t, p, r)
         angles = at.phi, at.theta, at.psi
     return (
-        one.shown,
+        sample.shown,
         assessment.t,
         assessed.y,
         assessed.recorded,

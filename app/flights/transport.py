@@ -1,9 +1,8 @@
 """Transport: which sample of a source is due when. Arithmetic only, the clock's time is passed in.
 
-Sample k is due at anchor + (t_k - t_anchor) / speed, always from the same anchor, so that a flight
-does not drift, however late single calls come. Late samples are caught up one after the other, none
-left out; a flight that is later than CATCH_UP_S goes on from where it is, and says how far the
-clock has run away from it (`slipped`).
+Sample k is due at anchor + (t_k - t_anchor) / speed, always from the same anchor: late calls cause
+no drift. Late samples follow one after the other, none skipped. A flight that is later than
+CATCH_UP_S continues from its position, and `slipped` counts the time lost.
 """
 
 from collections.abc import Iterator
@@ -15,24 +14,24 @@ from core.types import Array
 
 SLOWEST, FASTEST = 0.1, 10.0
 CATCH_UP_S = 1.0
-"""[s] A flight later than this, after a suspended machine for example, does not rush."""
+"""[s] A flight later than this, for example after a suspended machine, does not catch up."""
 BURST = 512
-"""Samples handed out in one call; the rest follows in the next one."""
+"""Most samples per call; the rest follows in the next one."""
 
 
 class TransportError(ValueError):
-    """An action that no flight can do; the sentence says what they can."""
+    """An invalid action."""
 
 
 class NotPossible(TransportError):
-    """A good action that this flight cannot do now."""
+    """A valid action that this flight cannot do now."""
 
 
 class Due(NamedTuple):
-    """A sample to be flown now.
+    """A sample to fly now.
 
-    sample: its number in the source.   due: when it was due [s], by the clock.
-    restarts: whether it does not follow the sample before it (seek, loop).
+    sample: its number in the source.   due: clock time at which it was due [s].
+    restarts: it does not follow the sample before it (seek, loop).
     """
 
     sample: int
@@ -66,20 +65,19 @@ class Transport:
         return self._next >= len(self._t)
 
     def play(self, now: float) -> None:
-        """Go on from here; from the start where the end was reached."""
+        """Play from here; at the end, from the start."""
         if self.playing:
             return
         if self.at_end:
             self._go_to(0)
         self.playing = True
-        self._take_anchor(now)
+        self._set_anchor(now)
 
     def pause(self) -> None:
-        """Hold after the last sample flown."""
         self.playing, self._anchor = False, None
 
     def set_speed(self, speed: float, now: float) -> None:
-        """Fly at `speed` times the source's rate, from here on; the next sample keeps its turn."""
+        """Play at `speed` times the source's rate; the progress towards the next sample is kept."""
         speed = _checked_speed(speed)
         if self._anchor is not None:
             due = self._due(self._next)
@@ -88,14 +86,14 @@ class Transport:
         self.speed = speed
 
     def seek(self, t: float, now: float) -> None:
-        """Fly the first sample at or after t [s] at once, and go on from there if playing."""
+        """Fly the first sample at or after t [s] at once; continue from there if playing."""
         if not np.isfinite(t):
-            raise TransportError(f"seek to {t} s was asked: give a time in seconds")
+            raise TransportError(f"seek to {t}: give a time in seconds")
         last = len(self._t) - 1
         self.jump(min(int(np.searchsorted(self._t, t - 1e-9)), last), now)
 
     def jump(self, index: int, now: float) -> None:
-        """Fly this sample at once, and go on from there if playing."""
+        """Fly this sample at once; continue from there if playing."""
         self._go_to(index)
         self._asked = [index]
         self._next = index + 1
@@ -103,9 +101,9 @@ class Transport:
             self._anchor = (now, self._time(index))
 
     def step(self, n: int, now: float) -> None:
-        """Pause, then fly the next n samples at once; backwards, the one n before this."""
+        """Pause, then fly the next n samples at once; for n < 0, the sample n before this one."""
         if not 1 <= abs(n) <= BURST:
-            raise TransportError(f"a step of {n} was asked: give 1 to {BURST} samples, or negative")
+            raise TransportError(f"step of {n}: give 1 to {BURST} samples, negative for backwards")
         self.pause()
         if n < 0:
             self.jump(max(self.index + n, 0), now)
@@ -115,15 +113,15 @@ class Transport:
             self._next = stop
 
     def next_due(self, now: float) -> float | None:
-        """When to call `take` again [s]; None until an action."""
+        """When to call `due_samples` again [s]; None until an action."""
         if self._asked:
             return now
         if not self.playing:
             return None
         return self._due(self._next)
 
-    def take(self, now: float) -> Iterator[Due]:
-        """Yield the samples due by now. At the end of the source: loop, or pause."""
+    def due_samples(self, now: float) -> Iterator[Due]:
+        """Yield the samples that are due. At the end of the source: loop or pause."""
         for index in self._asked:
             yield self._hand_out(index, now)
         self._asked = []
@@ -151,7 +149,7 @@ class Transport:
         self._restarts = self._restarts or self.index >= 0
         self._asked = []
 
-    def _take_anchor(self, now: float) -> None:
+    def _set_anchor(self, now: float) -> None:
         wait = self._dt / self.speed if self.index >= 0 and not self._restarts else 0.0
         self._anchor = (now + wait, self._time(self._next))
 
@@ -161,7 +159,7 @@ class Transport:
         return now + (self._time(index) - t) / self.speed
 
     def _time(self, index: int) -> float:
-        """Time of a sample; the source's end lies one interval after its last sample."""
+        """Time of a sample [s]; the source ends one interval after its last sample."""
         if index < len(self._t):
             return float(self._t[index])
         return float(self._t[-1]) + self._dt
@@ -169,7 +167,5 @@ class Transport:
 
 def _checked_speed(speed: float) -> float:
     if not SLOWEST <= speed <= FASTEST:
-        raise TransportError(
-            f"speed {speed} was asked: it lies between {SLOWEST:g} and {FASTEST:g}"
-        )
+        raise TransportError(f"speed {speed}: give a factor between {SLOWEST:g} and {FASTEST:g}")
     return float(speed)

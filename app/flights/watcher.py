@@ -1,10 +1,11 @@
-"""One watcher of a flight, and the newest frames that all of them share.
+"""One watcher of a flight, and the newest frames that all watchers share.
 
-A frame is encoded once, when it is flown. A watcher holds no frames, only the number of the next
-one: a slow or frozen one costs a few hundred bytes and nobody any time. It is sent frames while it
-has credit, which it gives back as it draws; what it could not take meanwhile is left out but for
-the newest, and counted. Alarms, changes of state and of transport need no credit and are never left
-out: a watcher that does not take them is closed, and finds them again when it reconnects.
+A frame is encoded once, when it is flown. A watcher holds no frames, only the number of its next
+one, so a slow or frozen watcher costs a few hundred bytes and delays nobody. It receives frames
+while it has credit, which the client returns as it draws. Frames that came without credit are sent
+later, or skipped and counted if there are too many. Alarms and changes of state and transport need
+no credit and are never skipped: a watcher that does not read them is closed, and gets them when it
+reconnects.
 """
 
 from collections import deque
@@ -14,24 +15,24 @@ from app.messages import LimitsFrom, Reset, Waiting, encode_frames
 
 CREDIT = 16
 NEWEST = 16
-"""Frames that a watcher that is always slow is sent of those that came while it had no credit."""
+"""Newest frames that a slow watcher receives of those that came while it had no credit."""
 LARGEST = 250
-"""Frames a message: after a burst, for a watcher that resumes or that was held up once."""
+"""Most frames per message: after a burst, a resume, or one delay."""
 RARELY = 500
-"""Frames between two times without credit that make a watcher held up, not slow."""
+"""Frames since the last delay after which a watcher counts as delayed once, not as slow."""
 KEPT = 3_600
-"""Frames kept for those who reconnect: over a minute at 50 Hz."""
+"""Frames kept for watchers that join or reconnect: over a minute at 50 Hz."""
 FEW_WAITING = 4
-"""A watcher that takes nothing is kept no frames of before a reset beyond this."""
-NO_CREDIT = 'no credit is left: send {"type": "credit", "n": 1} for each message of frames taken'
+"""Most queued messages up to which frames before a reset are still queued for a watcher."""
+NO_CREDIT = 'no credit left: send {"type": "credit", "n": 1} for each frames message processed'
 MAX_WAITING = 256
-"""Messages other than frames that may wait for one watcher."""
+"""Most queued messages other than frames for one watcher."""
 
 
 class RecentFrames:
     """The newest encoded frames since the last reset, by seq.
 
-    held: which limits held since then.
+    first: oldest one kept.   since: first one after the reset.   held: limits in force since then.
     """
 
     def __init__(self, kept: int = KEPT, held: Callable[[], list[LimitsFrom]] = list) -> None:
@@ -44,7 +45,7 @@ class RecentFrames:
         self.first_t = 0.0
 
     def append(self, frame: str) -> None:
-        """Keep the next frame; the oldest one goes where there is no room."""
+        """Add the next frame; it replaces the oldest one if the ring is full."""
         self.head += 1
         slot = self.head % self._kept
         if slot < len(self._ring):
@@ -56,26 +57,26 @@ class RecentFrames:
         self._newest = ""
 
     def restart(self, t: float) -> str:
-        """What comes next, at t [s], does not follow what is kept. Returns the reset to send."""
+        """The next frame, at t [s], does not follow the last one. Returns the reset to send."""
         self.first = self.since = self.head + 1
         self.first_t = t
         self._messages.clear()
         return self.reset()
 
     def reset(self) -> str:
-        """Return the message that says where the kept frames start."""
+        """The message that tells where the kept frames start."""
         about = {"seq": self.first, "t": self.first_t, "since": self.since}
         return Reset(**about, held=self._held()).encode()
 
     @property
     def newest(self) -> str:
-        """The newest frame as one message: what nearly everybody gets."""
+        """The newest frame as a message; nearly every watcher gets this one."""
         if not self._newest:
             self._newest = self.message(self.head, self.head, 0)
         return self._newest
 
     def message(self, first: int, last: int, conflated: int) -> str:
-        """Return frames first..last as one message, encoded once for all who get the same."""
+        """Frames first..last as one message, encoded once for all watchers that get the same."""
         key = first, last, conflated
         text = self._messages.get(key)
         if text is None:
@@ -85,9 +86,9 @@ class RecentFrames:
 
 
 class Watcher:
-    """What one connection is to be sent next; it pulls that with `take`.
+    """The messages for one connection, which pulls them with `next_message`.
 
-    on_news: called when there may be something to take that is not to wait.
+    on_news: called when there may be a message to send at once.
     on_frames: called when there are new frames.
     """
 
@@ -102,61 +103,60 @@ class Watcher:
         self._conflated_at = -RARELY
         self.on_news: Callable[[], object] | None = None
         self.on_frames: Callable[[], object] | None = None
-        self.credit, self._is_told = CREDIT, False
+        self.credit, self._was_asked = CREDIT, False
         self.ended = False
         self.overrun = False
 
     @property
     def conflated(self) -> int:
-        """Frames left out so far, those that will be when credit comes included."""
+        """Frames skipped so far, including those that will be skipped when credit returns."""
         behind = self._recent.head + 1 - self._next
         return self._conflated + (max(behind - self._most, 0) if self._conflating else 0)
 
     @property
     def _most(self) -> int:
-        """Frames that are sent of those that came without credit."""
+        """Most frames to send of those that came without credit."""
         return LARGEST if self._recent.head - self._conflated_at >= RARELY else NEWEST
 
     def wake(self) -> None:
-        """There are new frames."""
         if not self.credit:
             self._conflating = True
         if self.on_frames is not None:
             self.on_frames()
 
     def grant(self, n: int) -> None:
-        """The client took n messages of frames."""
+        """The client processed n messages of frames."""
         had_none = not self.credit
-        self.credit, self._is_told = min(self.credit + n, CREDIT), False
+        self.credit, self._was_asked = min(self.credit + n, CREDIT), False
         if had_none:
-            self._tell_news()
+            self._notify()
 
     def resume(self, seq: int) -> None:
-        """Send what followed seq; where that is not kept, or is too late to ask, reset and all."""
+        """Send the frames after seq; a reset and all kept frames if these are not enough."""
         recent, self._conflating = self._recent, False
         if self._started or not recent.first - 1 <= seq <= recent.head:
             self._next = recent.first
-            self.tell(recent.reset())
+            self.send(recent.reset())
         else:
             self._next = seq + 1
-            self._tell_news()
+            self._notify()
 
-    def tell(self, text: str) -> None:
-        """Send this before any further frame; close a watcher that takes nothing."""
+    def send(self, text: str) -> None:
+        """Queue a message before any further frame; close a watcher that reads none."""
         if len(self._waiting) >= MAX_WAITING:
             self.overrun = self.ended = True
             self._waiting.clear()
         if not self.ended:
             self._waiting.append(text)
-        self._tell_news()
+        self._notify()
 
     def beat(self, heartbeat: Callable[[int], str]) -> None:
-        """Send a heartbeat, given the count of frames left out; the newest only."""
+        """Queue a heartbeat, made from the count of skipped frames; only the newest is kept."""
         self._heartbeat = heartbeat
-        self._tell_news()
+        self._notify()
 
     def before_reset(self) -> None:
-        """Frames are about to be forgotten: take those that this watcher can still be sent."""
+        """Before the frames are dropped, queue those that this watcher has credit for."""
         head = self._recent.head
         while self.credit and self._next <= head and len(self._waiting) < FEW_WAITING:
             self._waiting.append(self._frames())
@@ -164,19 +164,19 @@ class Watcher:
         self._next, self._conflating = head + 1, False
 
     def end(self, text: str) -> None:
-        """Send the frames there is credit for, then this, and no more."""
+        """Send the frames there is credit for, then this last message."""
         self.before_reset()
-        self.tell(text)
+        self.send(text)
         self._heartbeat, self.ended = None, True
-        self._tell_news()
+        self._notify()
 
     @property
     def is_done(self) -> bool:
-        """Whether nothing follows what was taken."""
+        """Whether the last message was sent."""
         return self.ended and not self._waiting
 
-    def take_newest(self) -> str | None:
-        """The newest frame, where that is all there is to send; None where it is not."""
+    def newest_message(self) -> str | None:
+        """The newest frame, if it is all there is to send; else None."""
         recent = self._recent
         has_other = self._waiting or self._heartbeat is not None or self._conflating
         if has_other or self._next != recent.head or not self.credit:
@@ -185,43 +185,43 @@ class Watcher:
         self.credit -= 1
         return recent.newest
 
-    def take(self) -> str | None:
-        """The next message; None where there is none yet, or none any more."""
+    def next_message(self) -> str | None:
+        """The next message to send; None if there is none."""
         if self._waiting:
             return self._waiting.popleft()
         if self._heartbeat is not None:
-            if self._must_be_told:
-                return self._tell_of_credit()
+            if self._needs_credit_request:
+                return self._credit_request()
             heartbeat, self._heartbeat = self._heartbeat, None
             return heartbeat(self.conflated)
         recent = self._recent
         if not self.credit or self._next > recent.head:
             return None
-        return self.take_newest() or self._frames()
+        return self.newest_message() or self._frames()
 
-    def _tell_news(self) -> None:
+    def _notify(self) -> None:
         if self.on_news is not None:
             self.on_news()
 
     @property
-    def _must_be_told(self) -> bool:
-        """Whether frames wait for a client that gives no credit and was not told why."""
-        return not (self.credit or self._is_told) and self._next <= self._recent.head
+    def _needs_credit_request(self) -> bool:
+        """Whether frames wait for a client that gives no credit and was not asked for it."""
+        return not (self.credit or self._was_asked) and self._next <= self._recent.head
 
-    def _tell_of_credit(self) -> str:
-        self._is_told = True
+    def _credit_request(self) -> str:
+        self._was_asked = True
         return Waiting(behind=self._recent.head + 1 - self._next, reason=NO_CREDIT).encode()
 
     def _frames(self) -> str:
-        """Spend a credit on the next frames; of those that came without one, on the newest."""
+        """Spend a credit on the next frames, on the newest ones if too many came without credit."""
         recent = self._recent
         oldest = max(recent.first, recent.head + 1 - self._most if self._conflating else 0)
         if self._conflating:
             self._conflated_at = recent.head
         first = max(self._next, oldest)
         last = min(first + LARGEST - 1, recent.head)
-        left_out = first - self._next
-        self._conflated += left_out
+        skipped = first - self._next
+        self._conflated += skipped
         self._next, self._conflating, self._started = last + 1, False, True
         self.credit -= 1
-        return recent.message(first, last, left_out)
+        return recent.message(first, last, skipped)

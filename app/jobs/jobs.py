@@ -20,7 +20,7 @@ STOPPED = "the server stopped while this was under way: ask for it again"
 
 
 class Cancelled(Exception):
-    """Raised inside the work of a job whose end was asked for."""
+    """PendingEvent inside the work of a job whose end was asked for."""
 
 
 class QueueFull(Exception):

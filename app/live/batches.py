@@ -1,4 +1,4 @@
-"""Batches as sources send them: JSON objects, their channels by the mapping of the flight."""
+"""Batches of sources: JSON objects, read into channels by the flight's mapping."""
 
 import collections.abc as abc
 from collections.abc import Collection
@@ -22,10 +22,10 @@ from core.channels import KEYS
 from core.limit_set import CONDITION_KEYS, ConditionKey
 
 MOST_SAMPLES = 1_000
-"""In one batch: more would keep other flights waiting."""
+"""Most samples per batch: more would delay other flights."""
 DEEPEST = 4
 WITH_MEMORY = ("p_from_attitude", "r_from_attitude")
-"""Derivations by slopes, which need samples of the future."""
+"""Derivations by slopes, which need future samples."""
 
 Values = dict[str, list[Any]]
 Names = abc.Mapping[ConditionKey, str]
@@ -38,31 +38,31 @@ _decoder = msgspec.json.Decoder()
 
 
 class Batch(NamedTuple):
-    """What a source sent at once. sequence: its number; None where the source gives none."""
+    """A batch of a source. sequence: its number; None if the source gives none."""
 
     sequence: int | None
     values: Values
 
 
 def decode_batch(content: bytes | str) -> Batch:
-    """Read a batch: {"sequence": n, name: value or list of values, ...}, objects within by a/b.
+    """Read a batch: {"sequence": n, name: value or list of values, ...}. TelemetryError.
 
-    TelemetryError says what is wrong.
+    Members of nested objects get names like a/b.
     """
     try:
         plain = _decoder.decode(content)
     except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
         raise TelemetryError(
-            f"the batch is no JSON ({error}): send an object such as "
+            f"the batch is not JSON ({error}): send an object such as "
             '{"sequence": 1, "t": 0.02, "beta": 0.01, ...}'
         ) from None
     if not isinstance(plain, dict):
-        raise TelemetryError("the batch is no JSON object: send names with values, one list each")
+        raise TelemetryError(
+            "the batch is not a JSON object: send names with a list of values each"
+        )
     sequence = plain.pop("sequence", None)
     if sequence is not None and (type(sequence) is not int or not 0 <= sequence <= 2**53):
-        raise TelemetryError(
-            f"sequence is {str(sequence)[:40]!r}: number the batches of a flight 0, 1, 2 ..."
-        )
+        raise TelemetryError(f"sequence is {str(sequence)[:40]!r}: number the batches 0, 1, 2 ...")
     if {*map(type, plain.values())} == _FLOATS:
         return Batch(sequence, {name: [value] for name, value in plain.items()})
     values: Values = {}
@@ -71,7 +71,7 @@ def decode_batch(content: bytes | str) -> Batch:
 
 
 def sequence_of(content: bytes | str) -> int | None:
-    """Number of what may be no batch; None where it says none."""
+    """Sequence number of a message that may not be a batch; None if it has none."""
     try:
         plain = _decoder.decode(content)
     except (msgspec.DecodeError, RecursionError, UnicodeDecodeError):
@@ -84,12 +84,12 @@ def _flatten(plain: dict[str, Any], prefix: str, values: Values, depth: int) -> 
     for name, value in plain.items():
         if isinstance(value, dict):
             if depth == 0:
-                raise TelemetryError(f"{prefix}{name} lies too deep: send flatter objects")
+                raise TelemetryError(f"{prefix}{name} is nested too deeply: send flatter objects")
             _flatten(value, f"{prefix}{name}/", values, depth - 1)
         elif isinstance(value, list):
             if len(value) > MOST_SAMPLES:
                 raise TelemetryError(
-                    f"{prefix}{name} has {len(value)} samples: send {MOST_SAMPLES} at most"
+                    f"{prefix}{name} has {len(value)} samples: send at most {MOST_SAMPLES}"
                 )
             values[prefix + name] = value
         else:
@@ -112,15 +112,15 @@ class _Direct:
 
     @property
     def is_plain(self) -> bool:
-        """Whether values are taken as they are."""
+        """Whether values need no conversion."""
         return self.scale == 1.0 and self.shift == 0.0
 
 
 class ChannelReader:
-    """Turns batches into samples by a mapping, or by our own names in SI units where it is None.
+    """Turns batches into samples by a mapping; without one, names are our keys in SI units.
 
-    conditions: by which name a batch holds a channel of the flight condition, in SI units; its own
-    where it is not said.   TelemetryError for a mapping that live samples cannot be read by.
+    conditions: names of the channels of the flight condition in a batch, in SI units; by default
+    their own.   TelemetryError for a mapping that cannot read live samples.
     """
 
     def __init__(self, mapping: Mapping | None = None, conditions: Names | None = None) -> None:
@@ -146,8 +146,8 @@ class ChannelReader:
         for key, source in self._derived.items():
             if source.derivation in WITH_MEMORY:
                 raise TelemetryError(
-                    f"{key} is derived by slopes, which use samples of the future: a live flight "
-                    "needs a source that sends it"
+                    f"{key} is derived by slopes, which need future samples: in a live flight the "
+                    "source must send it"
                 )
         self._read = {self._time.name, *self._names}
 
@@ -157,18 +157,18 @@ class ChannelReader:
 
     @property
     def names(self) -> list[str]:
-        """Names of what a batch holds: time, and each signal that is read."""
+        """Names that a batch contains: time, then each signal that is read."""
         time = self._time.name if self._time else TIMES[0]
         return [time, *(direct.name for direct in self._direct.values())]
 
     def unread(self, batch: Batch) -> list[str]:
-        """Names of what a batch holds and nothing reads, in its order."""
+        """Names in a batch that are not read, in its order."""
         if batch.values.keys() <= self._read:
             return []
         return [name for name in batch.values if name not in self._read]
 
     def check(self, batch: Batch, needed: Collection[str]) -> None:
-        """Whether a flight can begin with a batch. TelemetryError names what is missing or odd."""
+        """TelemetryError if a flight cannot begin with this batch."""
         samples = self.samples(batch)
         lacking = [
             key for key in needed if all(np.isnan(sample.y[KEYS.index(key)]) for sample in samples)
@@ -182,21 +182,23 @@ class ChannelReader:
         )
         sent = ", ".join([*batch.values][:20]) or "nothing"
         raise TelemetryError(
-            f"{odd}: look at its unit"
+            f"{odd}: check its unit"
             if odd
-            else f"the batch gives no value of {named}; it holds {sent}: "
-            f"the flight begins with a batch of all that its monitor needs, {', '.join(needed)}"
+            else f"missing channels: {named}; the batch contains {sent}: "
+            f"the first batch must contain all that the monitor needs, {', '.join(needed)}"
         )
 
     def samples(self, batch: Batch) -> list[Sample]:
-        """The samples of a batch, in its order, implausible values missing. TelemetryError."""
+        """The samples of a batch, in its order; implausible values are missing. TelemetryError."""
         values = batch.values
         samples = self._samples(values)
         if not self._condition_names.isdisjoint(values):
             n = len(samples)
-            came = [read(values, n) if read.name in values else None for read in self._conditions]
+            columns = [
+                read(values, n) if read.name in values else None for read in self._conditions
+            ]
             return [
-                sample._replace(condition=tuple(column and column[k] for column in came))
+                sample._replace(condition=tuple(column and column[k] for column in columns))
                 for k, sample in enumerate(samples)
             ]
         return samples
@@ -218,20 +220,20 @@ class ChannelReader:
         return [_sample(t, row) for t, row in rows]
 
     def _row(self, values: Values) -> tuple[float, ...]:
-        """The one sample of a batch: KEYS and ATTITUDE in order."""
+        """The only sample of a batch: KEYS, then ATTITUDE."""
         given = [values.get(name, _NOTHING) for name in self._plain_names]
-        row: tuple[Any, ...] = tuple([one[0] if len(one) == 1 else None for one in given])
+        row: tuple[Any, ...] = tuple([column[0] if len(column) == 1 else None for column in given])
         if row and {*map(type, row)} == _FLOATS:
             return row
         return tuple([read(values, 1)[0] if read else NAN for read in self._columns])
 
     def _times(self, values: Values) -> list[float]:
-        own = self._time.name if self._time else None
-        name = own or next(filter(values.__contains__, TIMES), TIMES[0])
+        mapped = self._time.name if self._time else None
+        name = mapped or next(filter(values.__contains__, TIMES), TIMES[0])
         given = values.get(name)
         if not given:
             sent = ", ".join([*values][:20]) or "nothing"
-            raise TelemetryError(f"the batch has no time {name!r}, only {sent}: send it [s]")
+            raise TelemetryError(f"the batch has no time {name!r}, only {sent}: add it, in s")
         if self._time is None or self._time.is_plain:
             times = _numbers(values, name, len(given))
         else:
@@ -244,7 +246,7 @@ class ChannelReader:
         t = np.array(times)
         for key, source in self._derived.items():
             way = DERIVATIONS[source.derivation]
-            helps = way.helps if all(one in channels for one in way.helps) else ()
+            helps = way.helps if channels.keys() >= {*way.helps} else ()
             if any(need not in channels for need in way.needs):
                 continue
             inputs = {need: np.array(channels[need]) for need in (*way.needs, *helps)}
@@ -262,8 +264,7 @@ def _time_of(mapping: Mapping) -> _Direct:
     sources = [source for source in mapping.times.values() if source.signal]
     if len(sources) != 1:
         raise TelemetryError(
-            f"the mapping has {len(sources)} signals of time: a live flight needs one, which is "
-            "sent with each sample"
+            f"the mapping has {len(sources)} time signals: a live flight needs exactly one"
         )
     (source,) = sources
     scale, shift = _factor(source.unit, "s", f"the time {source.signal}")
@@ -272,25 +273,29 @@ def _time_of(mapping: Mapping) -> _Direct:
 
 def _factor(unit: str, target: str, what: str) -> tuple[float, float]:
     try:
-        zero, one = convert(np.array([0.0, 1.0]), unit, target).tolist()
+        zero, unity = convert(np.array([0.0, 1.0]), unit, target).tolist()
     except TelemetryError as error:
         raise TelemetryError(f"unit of {what}: {error}") from None
-    return one - zero, zero
+    return unity - zero, zero
 
 
 def _numbers(values: Values, name: str, n: int) -> list[float]:
-    """n numbers, NaN where there is none. TelemetryError."""
+    """n numbers, NaN for null and absent ones. TelemetryError."""
     given = values.get(name)
     if given is None:
         return [NAN] * n
     if len(given) != n:
-        raise TelemetryError(f"{name} has {len(given)} samples and the time has {n}: send as many")
+        raise TelemetryError(
+            f"{name} has {len(given)} samples but the time has {n}: send equally many"
+        )
     if {*map(type, given)} == _FLOATS:
         return given
     try:
         return [NAN if v is None else _NUMBER[type(v)](v) for v in given]
     except (KeyError, OverflowError):
-        raise TelemetryError(f"{name} holds what is no number: send one or null a sample") from None
+        raise TelemetryError(
+            f"{name} contains a non-number: send a number or null per sample"
+        ) from None
 
 
 def _sample(t: float, row: tuple[float, ...]) -> Sample:

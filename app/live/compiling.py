@@ -1,4 +1,4 @@
-"""The kernels that a live sample needs, compiled before the first flight that needs them."""
+"""Compiles the kernels of a live sample before the first flight needs them."""
 
 import logging
 import os
@@ -16,7 +16,7 @@ from core.monitor.validity.verdict import exceeds
 
 LOG = logging.getLogger("forewarn")
 COMPILED = "live"
-"""A file among the compiled kernels: those of a live sample are there."""
+"""File beside the compiled kernels: marks that those of a live sample exist."""
 APART = """
 import sys
 from app.live.compiling import warm_up
@@ -26,10 +26,10 @@ warm_up(from_bytes(sys.stdin.buffer.read()))
 
 
 def make_ready(monitor: Monitor) -> None:
-    """Have all kernels of a sample compiled and loaded; for a thread.
+    """Compile and load all kernels of a live sample; for a thread.
 
-    They are compiled once on a machine, in a process of its own: compiling holds the interpreter,
-    and the flights under way would stand still meanwhile.
+    They are compiled once per machine, in a separate process: compiling holds the interpreter and
+    would stop the flights in progress.
     """
     done = Path(os.environ.get("NUMBA_CACHE_DIR") or cache_directory()) / COMPILED
     if not done.exists():
@@ -41,7 +41,7 @@ def make_ready(monitor: Monitor) -> None:
             check=False,
         )
         if apart.returncode:
-            LOG.warning("kernels are compiled in flight: %s", apart.stderr.decode()[-500:])
+            LOG.warning("kernels are compiled during flights: %s", apart.stderr.decode()[-500:])
         else:
             with suppress(OSError):
                 done.touch()
@@ -49,7 +49,7 @@ def make_ready(monitor: Monitor) -> None:
 
 
 def warm_up(monitor: Monitor) -> None:
-    """Assess a sample or two of nothing."""
+    """Assess a few samples of zeros."""
     stream, nothing = monitor.stream(monitor.recipe.epsilon), np.zeros(N_CHANNELS)
     for k in range(monitor.recipe.n_delay + 2):
         stream.update(k * monitor.dt, nothing)

@@ -1,9 +1,9 @@
-"""The journal of a live flight: every batch as it came, with the time of its arrival.
+"""The journal of a live flight: every batch as received, with its arrival time.
 
-    live/<flight>.jsonl     a line of JSON each: what the flight is, batches, events
+    live/<flight>.jsonl     lines of JSON: a description of the flight, batches, events
 
-A line is acknowledged once it is on the disk. One thread writes for all flights, so that a slow
-disk delays acknowledgements and nothing else; what a full disk refuses waits and is tried again.
+A line is acknowledged once it is on the disk. One thread writes for all flights, so a slow disk
+delays only acknowledgements. Lines that a full disk refuses wait and are retried.
 """
 
 import asyncio
@@ -20,20 +20,20 @@ import msgspec
 
 LOG = logging.getLogger("forewarn")
 MOST_WAITING = 64 * 2**20
-"""Bytes of one flight that may wait for the disk; more is refused, not lost."""
+"""Most bytes of one flight that wait for the disk; further batches are refused."""
 RETRY_S = 1.0
 PAUSE_S = 0.004
-"""For each flight that has lines to write: what comes within so long is written together [s]."""
+"""Per flight with lines to write: lines within this time are written together [s]."""
 ENDING = ".jsonl"
 _encoder = msgspec.json.Encoder()
 
 
 class JournalFull(OSError):
-    """As much waits for the disk as may: the source keeps the rest and repeats it."""
+    """Too much waits for the disk: the source must keep the batch and repeat it."""
 
 
 class Journals:
-    """The journals under one folder, and the thread that writes them."""
+    """The journals in one folder, and the thread that writes them."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
@@ -44,22 +44,21 @@ class Journals:
         self._thread: threading.Thread | None = None
 
     def open(self, flight_id: str) -> "Journal":
-        """The journal of a flight, to go on writing; its torn last line is cut off. OSError."""
+        """Open the journal of a flight for writing, without an incomplete last line. OSError."""
         self.root.mkdir(parents=True, exist_ok=True, mode=0o700)
         journal = self._opened[flight_id] = Journal(self, self.path(flight_id))
         return journal
 
     def is_whole(self, flight_id: str) -> bool:
-        """Whether nothing of a journal waits for the disk, nor will: it was closed."""
+        """Whether a journal is closed and all of it is on the disk."""
         journal = self._opened.get(flight_id)
         return journal is None or journal.is_closed
 
     def path(self, flight_id: str) -> Path:
-        """The file of a flight's journal."""
         return self.root / f"{flight_id}{ENDING}"
 
     def last(self, flight_id: str) -> dict[str, Any]:
-        """The last line of a flight's journal; empty where there is none."""
+        """The last line of a flight's journal; empty if there is none."""
         try:
             file = os.open(self.path(flight_id), os.O_RDONLY)
         except FileNotFoundError:
@@ -72,11 +71,10 @@ class Journals:
             os.close(file)
 
     def has(self, flight_id: str) -> bool:
-        """Whether there is a journal of a flight."""
         return self.path(flight_id).exists()
 
     def size(self, flight_id: str) -> int:
-        """Bytes that a journal takes; 0 where there is none, or its recording has them too."""
+        """Bytes of a journal; 0 if there is none or its recording shares the file."""
         try:
             status = self.path(flight_id).stat()
         except FileNotFoundError:
@@ -84,12 +82,12 @@ class Journals:
         return status.st_size if status.st_nlink == 1 else 0
 
     def delete(self, flight_id: str) -> None:
-        """Delete a journal; nothing where there is none."""
+        """Delete a journal, if there is one."""
         self._opened.pop(flight_id, None)
         self.path(flight_id).unlink(missing_ok=True)
 
     def close(self) -> None:
-        """Write what waits, once more, and stop."""
+        """Write pending lines, then stop."""
         self._closed = True
         self._wake.set()
         if self._thread is not None:
@@ -125,7 +123,7 @@ class Journals:
 class Journal:
     """One flight's journal. `append` is called in the event loop, `commit` in the thread.
 
-    is_closed: whether it takes no more, and all of it is on the disk.
+    is_closed: whether it accepts no more lines and all of it is on the disk.
     """
 
     def __init__(self, journals: Journals, path: Path) -> None:
@@ -142,15 +140,15 @@ class Journal:
         self.problem = ""
 
     def append(self, line: dict[str, Any]) -> asyncio.Future[None]:
-        """Write a line; the future is done once it is on the disk. JournalFull.
+        """Queue a line. Returns a future, shared by lines written together. JournalFull.
 
-        Lines that are written together share it.
+        The future is done once the line is on the disk.
         """
         text = _encoder.encode(line) + b"\n"
         if self._bytes + len(text) > MOST_WAITING:
             raise JournalFull(
-                f"{self._bytes} bytes of this flight wait for the disk, which takes none "
-                f"({self.problem}): make space, and repeat what was not acknowledged"
+                f"{self._bytes} bytes of this flight wait for the disk, which refuses writes "
+                f"({self.problem}): free space, then repeat the batches not acknowledged"
             )
         with self._lock:
             if not self._is_grouping:
@@ -163,7 +161,7 @@ class Journal:
         return group
 
     def settled(self) -> asyncio.Future[None]:
-        """Done once all that was appended so far is on the disk."""
+        """A future that is done once all queued lines are on the disk."""
         with self._lock:
             if self._waiting:
                 return self._groups[-1]
@@ -172,7 +170,7 @@ class Journal:
         return future
 
     def commit(self) -> bool:
-        """Make what waits durable; whether the disk took it."""
+        """Flush queued lines. Returns False if the write failed."""
         with self._writing:
             if self.is_closed:
                 return True
@@ -201,25 +199,25 @@ class Journal:
             del self._waiting[:n_lines]
             self._bytes -= len(content)
             groups, self._groups = self._groups[:n_groups], self._groups[n_groups:]
-        with suppress(RuntimeError):  # the loop is gone: nobody waits any more
+        with suppress(RuntimeError):  # the loop has ended
             groups[0].get_loop().call_soon_threadsafe(_resolve, groups)
         return True
 
     def close(self) -> None:
-        """Take no more, and release the file as soon as all that waits is written."""
+        """Accept no more lines; close the file once all queued lines are written."""
         self._is_closing = True
         self.commit()
 
     def _refused(self, error: OSError) -> None:
         if not self.problem:
-            LOG.error("%s is not written: %s; tried again", self.path, error)
+            LOG.error("%s is not written: %s; retrying", self.path, error)
         self.problem = error.strerror or str(error)
         with suppress(OSError):
             os.ftruncate(self._file, self._size)
 
 
 def lines_of(path: Path) -> Iterator[dict[str, Any]]:
-    """The lines of a journal, in order, without a torn last one. OSError."""
+    """The lines of a journal, in order, without an incomplete last one. OSError."""
     with path.open("rb") as file:
         for line in file:
             if not line.endswith(b"\n"):
@@ -240,13 +238,13 @@ def _write_all(file: int, content: bytes, offset: int) -> None:
 
 
 def _whole(file: int, size: int | None = None) -> int:
-    """Bytes up to the end of the last whole line, of the first `size`; of all if None."""
+    """Length up to the last complete line within the first `size` bytes; of all if None."""
     size = os.fstat(file).st_size if size is None else max(0, size)
     while size:
         start = max(0, size - 65536)
         block = os.pread(file, size - start, start)
-        found = block.rfind(b"\n")
-        if found >= 0:
-            return start + found + 1
+        end = block.rfind(b"\n")
+        if end >= 0:
+            return start + end + 1
         size = start
     return 0

@@ -1,21 +1,21 @@
-"""Which batches of a live flight came, so that one that comes again is known."""
+"""The batches that a live flight has received, to recognise repetitions."""
 
 from array import array
 
 KEPT = 200_000
-"""Newest batches that are known, of a source that numbers them one up."""
+"""Newest batches remembered, if the source numbers them consecutively."""
 NONE = -1
 
 
 class KnownBatches:
-    """Digests of batches by their sequence, in 16 bytes each: objects would take ten times that."""
+    """Digests of batches by sequence, 16 bytes each: a tenth of what objects would take."""
 
     def __init__(self, kept: int = KEPT) -> None:
         self._kept = kept
         self._sequences, self._digests = array("q"), array("Q")
 
     def note(self, sequence: int, digest: int) -> None:
-        """Remember a batch; the one `kept` numbers before it goes. digest: below 2**64."""
+        """Remember a batch, in place of the one `kept` numbers before. digest: below 2**64."""
         slot = sequence % self._kept
         if (lacking := slot + 1 - len(self._sequences)) > 0:
             self._sequences.extend([NONE] * lacking)
@@ -23,7 +23,7 @@ class KnownBatches:
         self._sequences[slot], self._digests[slot] = sequence, digest
 
     def digest(self, sequence: int) -> int | None:
-        """Of the batch of this number; None where it did not come, or long ago."""
+        """Digest of a batch; None if it is unknown or too old."""
         slot = sequence % self._kept
         is_known = slot < len(self._sequences) and self._sequences[slot] == sequence
         return self._digests[slot] if is_known else None

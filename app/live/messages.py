@@ -1,4 +1,4 @@
-"""What goes over the uplink of a live flight's source: batches up, what became of them down."""
+"""Messages on the uplink of a live flight: batches up, their results down."""
 
 from typing import Literal
 
@@ -10,47 +10,47 @@ Values = float | None | list[float | None]
 
 
 class Welcome(Message):
-    """First message: what has come, and what a batch holds."""
+    """First message: what the server has received, and what a batch contains."""
 
     type: Literal["welcome"] = "welcome"
     flight: str
     last_sequence: int | None = Field(
-        description="largest number of a batch that came; null before the first. A source that has "
-        "kept nothing goes on with the next; one that has repeats all that was not `stored`"
+        description="largest number of a received batch; null before the first. A source without a "
+        "buffer continues with the next number; one with a buffer repeats all that was not `stored`"
     )
-    names: list[str] = Field(description="of what a batch holds, time first")
+    names: list[str] = Field(description="names that a batch contains, time first")
 
 
 class Stored(Message):
-    """Batches that are durable: they are not lost, whatever happens to the server."""
+    """Batches that are durable: they survive a crash of the server."""
 
     type: Literal["stored"] = "stored"
     sequences: list[int]
-    repeated: list[int] = Field(description="those of them that had come before")
-    unread: list[str] = Field(default_factory=list, description="names in them that nothing reads")
-    count: int = Field(description="batches in all, those without a number included")
+    repeated: list[int] = Field(description="those of them that were repetitions")
+    unread: list[str] = Field(default_factory=list, description="names in them that are not read")
+    count: int = Field(description="batches in all, including those without a number")
 
 
 class Refused(Message):
-    """A message that was not taken."""
+    """A message that was not accepted."""
 
     type: Literal["refused"] = "refused"
-    sequence: int | None = Field(description="number of the batch; null where it has none")
+    sequence: int | None = Field(description="number of the batch; null if it has none")
     status: Literal[409, 422, 503] = Field(
-        description="as over REST. 409: the number was used for another batch; 422: this is no "
-        "batch, it was left out; 503: the disk takes nothing, repeat it later"
+        description="as over REST. 409: the number belongs to another batch; 422: not a valid "
+        "batch, ignored; 503: the disk refuses writes, repeat it later"
     )
     reason: str
 
 
 class SentBatch(BaseModel):
-    """A number, null or a list of them for the time and each channel; objects within by `a/b`."""
+    """A number, null or a list of them per name; nested objects get names like `a/b`."""
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, Values | dict[str, Values]]  # pyright: ignore[reportIncompatibleVariableOverride]
 
     sequence: int | None = Field(
-        default=None, ge=0, description="numbers the batch: repeated, it is taken once"
+        default=None, ge=0, description="number of the batch; a repetition is used once"
     )
 
 

@@ -1,7 +1,7 @@
-"""Samples as they arrive, on the monitor's own times, with nothing that had not come by then.
+"""Resamples received samples to the monitor's times, using only those received by then.
 
-All that happens follows from the samples and the times of their arrival: the same arrivals give the
-same samples to the bit, in flight and whenever they are resampled again.
+The result depends only on the samples and their arrival times: resampling the same arrivals later
+gives the same bits.
 """
 
 from bisect import bisect_left, bisect_right
@@ -19,26 +19,26 @@ from core.types import Array
 
 Angles = tuple[float, float, float]
 ON_GRID = 1e-6
-"""Of an interval: a sample so close to a time of the grid is the grid's, bit for bit."""
+"""Part of an interval: a sample this close to a grid time is used as it is, bit for bit."""
 DELAY_INTERVALS = 1.5
-"""Of the monitor: waited at most for a sample, unless another delay is asked for."""
+"""Longest wait for a sample by default, in intervals of the monitor."""
 FASTER = 0.75
-"""Of the monitor's interval: a source that samples more often is averaged over two intervals."""
+"""Part of the monitor's interval: a faster source is averaged over two intervals."""
 STEP_S = 1.0
-"""A source's time that runs ahead of its arrival by more has stepped [s]."""
+"""A source time that runs further ahead of its arrival is a clock step [s]."""
 BACK_S, BACK_SAMPLES = 0.25, 3
-"""A source whose samples are all old, or of times that others had, for so long, and so many, has
-set its clock back."""
+"""After this time [s] and this many samples with only old or repeated times, the source has set its
+clock back."""
 INTERVALS, FEW_INTERVALS, REMEMBERED = 15, 3, 256
-"""Of the source that tell its rate, fewer that do not tell it is slow, times that are known."""
+"""Source intervals that give its rate; fewer ones cannot make it slow; times remembered."""
 UNKNOWN = np.full(N_CHANNELS, np.nan)
 
 
 class Sample(NamedTuple):
     """One sample. t: [s].   y: (6,), NaN where unknown.   attitude: phi, theta, psi [rad].
 
-    reason: why it is not known; empty where it is.   condition: values of CONDITION_KEYS that came
-    with it, NaN where they are not known, None where they did not come; None for no condition.
+    reason: why it is unknown; empty if known.   condition: values of CONDITION_KEYS sent with it,
+    NaN if unknown, None if not sent; None for no condition.
     """
 
     t: float
@@ -50,22 +50,22 @@ class Sample(NamedTuple):
 
 @dataclass
 class Counts:
-    """What came, by kind."""
+    """Received samples by kind."""
 
     accepted: int = 0
-    """samples that were used"""
+    """samples used"""
     repeated: int = 0
-    """samples that had come before, left out"""
+    """repeated samples, dropped"""
     out_of_order: int = 0
-    """samples that came after a later one, and were used"""
+    """samples received after a later one, used"""
     late: int = 0
-    """samples that came when their time had been passed or was taken by another, left out"""
+    """samples received after their time was settled or taken by another, dropped"""
     missing: int = 0
-    """times of the monitor at which nothing was known"""
+    """times of the monitor without a sample"""
     clock_steps: int = 0
-    """steps of the source's clock, each a gap"""
+    """steps of the source's clock; each causes a gap"""
     implausible_times: int = 0
-    """samples of a time that the next one did not follow, left out"""
+    """samples with an implausible time, dropped"""
 
     def to_plain(self) -> dict[str, int]:
         """Return JSON's types."""
@@ -73,18 +73,17 @@ class Counts:
 
 
 class CausalResampler:
-    """A source's samples, taken with `push` as they arrive, on the grid of the monitor.
+    """Puts received samples, given to `push`, on the grid of the monitor.
 
-    dt: of the monitor [s].   delay: most that a time of the grid waits for samples [s], from when
-    it was measured. Arrivals are in seconds of any clock that never runs backwards.
+    dt: of the monitor [s].   delay: longest wait of a grid time for samples, from when it was
+    measured [s]. Arrivals are seconds of any monotonic clock.
 
-    A sample on the grid is passed on bit for bit, as soon as it is there, and the grid follows it.
-    A source that samples more often than FASTER dt is averaged over dt to either side with Hann's
-    weights and a local line, which keeps what the monitor would take for slower motion out; any
-    other is interpolated by straight lines. Neighbours more than GAP_RATIO steps apart, of the
-    source or of the grid, whichever is longer, have a gap between them, which is never bridged: it
-    waits for `delay`, and then the grid begins anew with the first sample behind it. A source
-    slower than RATE_RATIO dt gives samples of which nothing is known, and a reason.
+    A sample on the grid passes bit for bit as soon as it arrives, and the grid follows it. A source
+    with an interval below FASTER dt is averaged over dt to either side with Hann's weights and a
+    local line, against aliasing; a slower one is interpolated linearly. Neighbours more than
+    GAP_RATIO steps apart (of source or grid, whichever is longer) have a gap between them, which is
+    never bridged: it waits for `delay`, then the grid restarts with the first sample after it. A
+    source slower than RATE_RATIO dt gives unknown samples, with a reason.
     """
 
     def __init__(self, dt: float, delay: float) -> None:
@@ -102,25 +101,25 @@ class CausalResampler:
 
     @property
     def interval(self) -> float:
-        """Interval at which the source has been sampling [s]; the monitor's own before that."""
+        """Sample interval of the source so far [s]; at first the monitor's."""
         return self._interval
 
     @property
     def deadline(self) -> float | None:
-        """When, by the clock of arrivals, what waits is given up; None where nothing waits."""
+        """Arrival time at which a waiting grid time is given up; None if none waits."""
         if self._grid is None or not self._came_up_to(self._grid):
             return None
         return self._deadline(self._grid, self._following(self._grid))
 
     def push(self, arrived: float, sample: Sample) -> list[Sample]:
-        """Take a sample; return those of the grid that are settled by now, in order."""
+        """Add a sample; return the grid samples settled by now, in order."""
         settled = self.advance(arrived)
-        for when, one in self._in_time(arrived, sample):
-            settled += self._take(when, one)
+        for when, accepted in self._in_time(arrived, sample):
+            settled += self._accept(when, accepted)
         return settled
 
     def advance(self, now: float) -> list[Sample]:
-        """Return the samples of the grid that are settled at `now`, in order."""
+        """Return the grid samples settled at `now`, in order."""
         settled: list[Sample] = []
         while (grid := self._grid) is not None and self._came_up_to(grid):
             if not self._settle(grid, now, settled):
@@ -130,7 +129,7 @@ class CausalResampler:
     # --- the source's clock -------------------------------------------------------------------
 
     def _in_time(self, arrived: float, sample: Sample) -> list[tuple[float, Sample]]:
-        """The samples to use now, on the flight's clock: this one, none, or the held one too."""
+        """Samples to use now, on the flight's clock: this one, none, or also a held one."""
         t = sample.t + self._offset
         if self._grid is None:
             return [(arrived, sample)]
@@ -149,13 +148,13 @@ class CausalResampler:
         return [(arrived, sample if is_as_sent else sample._replace(t=t))]
 
     def _y_at(self, t: float) -> Array | None:
-        """What came before with this time, where that was not long ago."""
+        """Values of a recent sample with this time; None if there is none."""
         if t > self._newest:
             return None
         return next((y for known, y in reversed(self._recent) if known == t), None)
 
     def _leapt(self, arrived: float, sample: Sample) -> list[tuple[float, Sample]]:
-        """A time far ahead is believed when the next one follows it."""
+        """A time far ahead is accepted once the next sample follows it."""
         held, self._leap = self._leap, (arrived, sample)
         if held is None:
             return []
@@ -165,7 +164,8 @@ class CausalResampler:
         self._leap = None
         self._step(*held)
         return [
-            (when, one._replace(t=one.t + self._offset)) for when, one in (held, (arrived, sample))
+            (when, early._replace(t=early.t + self._offset))
+            for when, early in (held, (arrived, sample))
         ]
 
     def _drop_leap(self) -> None:
@@ -174,7 +174,7 @@ class CausalResampler:
             self.counts.implausible_times += 1
 
     def _went_back(self, arrived: float, sample: Sample) -> list[tuple[float, Sample]]:
-        """A time that has passed is late, unless only such times come any more."""
+        """A past time is late, unless the source sends only such times: then its clock stepped."""
         begun, last, n = self._back or (arrived, -np.inf, 0)
         if sample.t <= last:
             begun, n = arrived, 0
@@ -188,7 +188,7 @@ class CausalResampler:
         return [(arrived, sample._replace(t=sample.t + self._offset))]
 
     def _step(self, arrived: float, sample: Sample) -> None:
-        """The source's clock stepped: the flight's goes on by the times of arrival, after a gap."""
+        """After a step of the source's clock, time continues by arrival times after a gap."""
         self.counts.clock_steps += 1
         passed = max(arrived - self._newest_arrived, 2.0 * self.dt)
         self._offset = self._newest + passed - sample.t
@@ -200,7 +200,7 @@ class CausalResampler:
 
     # --- the grid -----------------------------------------------------------------------------
 
-    def _take(self, arrived: float, sample: Sample) -> list[Sample]:
+    def _accept(self, arrived: float, sample: Sample) -> list[Sample]:
         t = sample.t
         self.counts.accepted += 1
         self._recent.append((t, sample.y))
@@ -219,7 +219,7 @@ class CausalResampler:
         return self.advance(arrived)
 
     def _settle(self, grid: float, now: float, settled: list[Sample]) -> bool:
-        """Settle one time of the grid that samples came up to, if it can be; whether it was."""
+        """Settle one grid time that samples have reached, if possible. Returns whether it was."""
         following = self._following(grid)
         t, _, sample = self._rows[following]
         if self._interval <= FASTER * self.dt and not self._begins(following):
@@ -246,7 +246,7 @@ class CausalResampler:
         return True
 
     def _begins(self, following: int) -> bool:
-        """Whether nothing came before this row: the flight begins, or goes on after a gap."""
+        """Whether this row is the first one, at the start or after a gap."""
         return following == 0
 
     def _average(self, grid: float, following: int) -> Sample | None:
@@ -266,7 +266,7 @@ class CausalResampler:
         return Sample(grid, _local_line(weights, tau, y), nearest[2].attitude)
 
     def _between(self, grid: float, following: int) -> Sample | None:
-        """On the line between two neighbours; None across a gap, or where they came too late."""
+        """Interpolated between two neighbours; None across a gap or if they came too late."""
         t, _, after = self._rows[following]
         if following == 0:
             return after if abs(t - grid) <= ON_GRID * self.dt else None
@@ -279,20 +279,20 @@ class CausalResampler:
         return Sample(grid, y, (after if share > 0.5 else before).attitude)
 
     def _came_up_to(self, grid: float) -> bool:
-        """Whether a sample at or after a time of the grid came."""
+        """Whether a sample at or after a grid time was received."""
         return bool(self._rows) and self._rows[-1][0] >= grid - ON_GRID * self.dt
 
     def _following(self, grid: float) -> int:
-        """Number of the first row at or after a time of the grid, of which one came."""
+        """Number of the first row at or after a grid time."""
         return bisect_left(self._rows, (grid - ON_GRID * self.dt,))
 
     def _deadline(self, grid: float, following: int) -> float:
-        """When a time of the grid is given up: by the first arrival that was measured after it."""
+        """Arrival time at which a grid time is given up: by the first arrival of a later sample."""
         t, arrived, _ = min(self._rows[following:], key=lambda row: row[1])
         return arrived + max(0.0, self.delay - (t - grid))
 
     def _too_few(self) -> str:
-        """Why samples are too far apart: the source is too slow, or many came too late."""
+        """Why samples are too far apart: a slow source, or too many late samples."""
         span = sum(self._steps)
         n_late = len({t for t in self._late if self._newest - span < t < self._newest})
         if span / (n := len(self._steps) + n_late) <= RATE_RATIO * self.dt:
@@ -307,7 +307,7 @@ class CausalResampler:
 
 
 def _local_line(weights: Array, tau: Array, y: Array) -> Array:
-    """(k,) value at tau 0 of the weighted line through each column; unknown values have no weight.
+    """(k,) value at tau = 0 of the weighted line through each column; unknown values do not count.
 
     weights, tau: (n,).   y: (n, k), NaN where unknown.
     """

@@ -1,4 +1,4 @@
-"""What a monitor says of a live source, sample by sample, and the same again from its record."""
+"""Assesses a live source sample by sample; its journal gives the same assessments again."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -24,13 +24,12 @@ NOT_FINITE = REASONS[assessing.INVALID]
 
 
 class LiveAssessed(NamedTuple):
-    """A sample on the monitor's grid and what is said of it.
+    """A sample on the monitor's grid, with its assessment.
 
-    y: (6,) from trim.   recorded: (6,) trim included.   manoeuvre: 1, 2 ...; 0 for none.
-    exceeding: y and recorded of a sample that came since the one before this and exceeds a limit
-    although it is none of the grid: between two of them, or late; None for none.
-    display: what further monitors say of it, which raise no alarm.
-    ruling: which limits hold for it; None where they are the monitor's own.
+    y: (6,) from trim.   recorded: (6,) including trim.   manoeuvre: 1, 2 ...; 0 for none.
+    exceeding: y and recorded of a received sample off the grid that exceeds a limit, since the last
+    grid sample: between two grid times, or late; None for none.   display: assessments by the
+    monitors for display.   ruling: limits in force; None for the monitor's own.
     """
 
     y: Array
@@ -44,7 +43,7 @@ class LiveAssessed(NamedTuple):
 
 
 class GridMonitor:
-    """One monitor of a live source, on the samples of its grid."""
+    """One monitor on the grid samples of a live source."""
 
     def __init__(self, monitor: Monitor, epsilon: float) -> None:
         self.monitor, self.epsilon = monitor, epsilon
@@ -54,44 +53,44 @@ class GridMonitor:
         self._history: deque[Sample] = deque(maxlen=monitor.recipe.n_delay + 1)
 
     def restart(self, trim: Array) -> None:
-        """Judge what comes as a flight of its own, which has a history."""
+        """Start a new manoeuvre, with the history so far."""
         self._stream = self._new_stream()
         for sample in self._history:
             self._stream.update(sample.t, self._read(sample.y - trim))
 
     def assess(self, sample: Sample, y: Array) -> Assessment:
-        """What is said of a sample, y (6,) from trim."""
+        """Assess a sample. y: (6,) from trim."""
         self._history.append(sample)
         return self._explained(self._stream.update(sample.t, self._read(y)), sample)
 
     def forecast_ahead(self) -> Ahead | None:
-        """What is forecast of the rest of the card by the last sample assessed."""
+        """Forecast of the rest of the card by the last assessed sample."""
         return self._stream.forecast_ahead()
 
     def wait(self, sample: Sample, reason: str) -> Assessment:
-        """What is said of a sample while no manoeuvre is under way, and why."""
+        """Assessment of a sample outside every manoeuvre. reason: why there is none."""
         self._history.append(sample)
         missing = sample.reason or self._missing(sample.y)
         state = State.INVALID if missing else State.WARMING_UP
         return Assessment(sample.t, None, None, state, missing or reason)
 
     def _new_stream(self) -> Stream:
-        """A stream without exemplars: nobody is shown those of a flight."""
+        """A stream without exemplars, which flights do not show."""
         return self.monitor.stream(self.epsilon, exemplars=False)
 
     def _read(self, y: Array) -> Array:
-        """What the monitor is given: 0 for a channel that it can do without and that is missing."""
+        """Input of the monitor: 0 for a missing channel that it does not need."""
         return y if self._needs_all else np.where(self.needed | np.isfinite(y), y, 0.0)
 
     def _explained(self, assessment: Assessment, sample: Sample) -> Assessment:
-        """Say which channels are missing, or why all are."""
+        """Add to the reason which channels are missing, or why all are."""
         if assessment.reason != NOT_FINITE:
             return assessment
         missing = sample.reason or self._missing(sample.y)
         return assessment._replace(reason=missing) if missing else assessment
 
     def _missing(self, y: Array) -> str:
-        """Which channels are missing that the monitor needs; empty where none is."""
+        """Missing channels that the monitor needs, in words; empty if there are none."""
         known = np.isfinite(y)
         if known.all():
             return ""
@@ -102,13 +101,13 @@ class GridMonitor:
 
 
 class CausalScorer:
-    """Assesses a live source through a monitor: resampled, from trim, with its validity.
+    """Assesses a live source: resampled, from trim, with validity.
 
-    delay: most that a sample waits for others [s]; DELAY_INTERVALS of the monitor's if None.
-    trim: `detected`: nothing is said at rest, each manoeuvre has the trim before it and is judged
-    as a flight of its own; `none`: the samples are from trim as they come, and all are assessed.
-    display: further monitors with their epsilons, which see the same samples from the same trim.
-    ValueError for a delay that is negative or not below the lead of each monitor.
+    delay: longest wait of a sample for others [s]; DELAY_INTERVALS of the monitor if None.
+    trim: `detected`: each manoeuvre is assessed by itself, from the trim before it; rest is not
+    assessed. `none`: samples are already from trim, and all are assessed.
+    display: further monitors with their epsilons, for the same samples and trim.
+    ValueError unless 0 <= delay < lead of every monitor.
     """
 
     def __init__(
@@ -121,18 +120,18 @@ class CausalScorer:
     ) -> None:
         self.monitor, self.epsilon = monitor, epsilon
         self.delay = DELAY_INTERVALS * monitor.dt if delay is None else delay
-        shortest = min(monitor.lead, *(one.lead for one, _ in display), np.inf)
+        shortest = min(monitor.lead, *(shown.lead for shown, _ in display), np.inf)
         if not 0.0 <= self.delay < shortest:
             raise ValueError(
-                f"a delay of {self.delay:g} s was given: it is subtracted from the lead of "
-                f"{shortest:g} s, so give 0 or more, and less than that"
+                f"delay {self.delay:g} s is subtracted from the lead of {shortest:g} s: give at "
+                f"least 0 and less than {shortest:g} s"
             )
         self._resampler = CausalResampler(monitor.dt, self.delay)
         self._trim = CausalTrim(planned_test(monitor)) if trim == "detected" else None
         self._limits = monitor.limits
         self._rule: LimitsRule | None = None
         self.ruling: Ruling | None = None
-        """by which the newest sample was held; None for the monitor's own limits"""
+        """of the newest sample; None for the monitor's own limits"""
         self._conditions = ConditionHold()
         self._exceeding: tuple[Array, Array] | None = None
         self._authority = GridMonitor(monitor, epsilon)
@@ -140,49 +139,49 @@ class CausalScorer:
 
     @property
     def lead(self) -> float:
-        """How far ahead an alert is shown [s]: the monitor's lead less the delay."""
+        """Lead time of alerts [s]: the monitor's less the delay."""
         return self.monitor.lead - self.delay
 
     @property
     def needed(self) -> list[str]:
-        """Channels that one of the monitors cannot do without."""
-        needed = np.logical_or.reduce([one.needed for one in (self._authority, *self._display)])
+        """Channels that at least one of the monitors needs."""
+        needed = np.logical_or.reduce([m.needed for m in (self._authority, *self._display)])
         return [key for key, is_needed in zip(KEYS, needed, strict=True) if is_needed]
 
     @property
     def counts(self) -> Counts:
-        """What came, by kind."""
+        """Received samples by kind."""
         return self._resampler.counts
 
     @property
     def interval(self) -> float:
-        """Interval at which the source has been sampling [s]."""
+        """Sample interval of the source so far [s]."""
         return self._resampler.interval
 
     @property
     def deadline(self) -> float | None:
-        """When `advance` has something to do although nothing came; None for never."""
+        """Arrival time at which `advance` settles a sample without further input; None: never."""
         return self._resampler.deadline
 
     @property
     def manoeuvre(self) -> int:
-        """1, 2, 3 ... of the manoeuvre under way; 0 for none."""
+        """Number of the current manoeuvre; 0 for none."""
         return self._trim.manoeuvre if self._trim else 0
 
     def forecast_ahead(self) -> Ahead | None:
-        """What the alarm authority forecasts of the rest of the card."""
+        """Forecast of the rest of the card by the alarm authority."""
         return self._authority.forecast_ahead()
 
     def put_in_force(self, in_force: LimitsInForce) -> Ruling:
-        """Hold what is settled from now on against other limits; return the ruling of now."""
-        own = [one.monitor.limits for one in (self._authority, *self._display)]
-        self._rule = LimitsRule(in_force, own)
+        """Apply other limits to the samples settled from now on; return the current ruling."""
+        monitors = self._authority, *self._display
+        self._rule = LimitsRule(in_force, [grid.monitor.limits for grid in monitors])
         self.ruling = self._rule.at(self._conditions.at(in_force.t))
         self._limits = self.ruling.limits
         return self.ruling
 
     def push(self, arrived: float, sample: Sample) -> list[LiveAssessed]:
-        """Take a sample as it arrives; return what is settled by it."""
+        """Add a received sample; return the samples that it settles."""
         if sample.condition is not None:
             self._conditions.note(sample.t, sample.condition)
         settled = self._resampler.push(arrived, sample)
@@ -193,11 +192,11 @@ class CausalScorer:
         return [*map(self._assess, settled)]
 
     def advance(self, now: float) -> list[LiveAssessed]:
-        """Return what is settled at `now`, of the clock of arrivals."""
+        """Return the samples settled at time `now` of the clock of arrivals."""
         return [*map(self._assess, self._resampler.advance(now))]
 
     def begin(self) -> bool:
-        """A manoeuvre begins with the next sample: somebody says so. False if one is under way."""
+        """Begin a manoeuvre with the next sample, by hand. Returns False during a manoeuvre."""
         if self._trim is None or not self._trim.begin():
             return False
         self._restart(self._trim.level)

@@ -1,7 +1,7 @@
-"""Where a manoeuvre begins and what its trim is, from the samples so far.
+"""The beginning of a manoeuvre and its trim, from the samples so far.
 
-Offline a recording is searched as a whole (app.scoring.manoeuvres). In flight a manoeuvre begins
-with the first departure of a surface from its rest, and trim is the mean of the rest before it.
+Offline the whole recording is searched (app.scoring.manoeuvres). In flight a manoeuvre begins when
+a surface first departs from rest, and trim is the mean of the rest before it.
 """
 
 from collections import deque
@@ -15,23 +15,24 @@ from core.channels import N_CHANNELS
 from core.types import Array
 
 MEASURED_S = 0.1
-"""Between two measurements of trim at rest [s]."""
+"""Interval of trim measurements at rest [s]."""
 GUARD_S = 0.2
-"""Before the present sample, left out of trim: a departure has begun before it is one [s]."""
+"""The newest part of the rest does not count for trim [s]: a departure may have begun."""
 DEPARTED_SAMPLES = 2
-"""In a row, so that one wild sample is no departure."""
+"""Consecutive samples of a departure, so that one outlier is none."""
 NOISES = 5.0
-"""Standard deviations of the rest that are no departure."""
+"""A departure exceeds this many standard deviations of the rest."""
 TRAVEL = 2.0
-"""Times what a departure is: surfaces that travel less within the trim segment rest."""
+"""Surfaces rest if they travel less than this many departures within the trim segment."""
 MOVING = "the surfaces move: trim is measured as soon as they rest"
 RESTING = "no manoeuvre is under way: it begins with the first movement of a surface"
+"""These reasons are stored: a journal that is rescored must give the same."""
 
 
 class CausalTrim:
-    """Phases of a flight: rest, in which trim is measured, and manoeuvres, with the trim before.
+    """Phases of a flight: rest, in which trim is measured, and manoeuvres.
 
-    manoeuvre: 1, 2, 3 ... of the one under way; 0 at rest.   trim: (6,); None while not known.
+    manoeuvre: number of the current one; 0 at rest.   trim: (6,); None while unknown.
     """
 
     def __init__(self, planned: PlannedTest) -> None:
@@ -50,12 +51,12 @@ class CausalTrim:
 
     @property
     def level(self) -> Array:
-        """Trim (6,); 0 while it is not known."""
+        """Trim (6,); 0 while unknown."""
         return np.zeros(N_CHANNELS) if self.trim is None else self.trim
 
     @property
     def reason(self) -> str:
-        """Why no manoeuvre is under way."""
+        """Why there is no manoeuvre."""
         if self.trim is not None:
             return RESTING
         if len(self._rest) == self._n_rest:
@@ -64,7 +65,7 @@ class CausalTrim:
         return f"trim is measured: it needs {needed:.3g} s of rest before the manoeuvre"
 
     def update(self, y: Array) -> bool:
-        """Take the next sample (6,); whether a manoeuvre begins with it."""
+        """Add a sample (6,). Returns whether a manoeuvre begins with it."""
         if self.manoeuvre and not self._is_over(y):
             return False
         if self.trim is not None and self._departs(y, self.trim):
@@ -77,7 +78,7 @@ class CausalTrim:
         return False
 
     def begin(self) -> bool:
-        """A manoeuvre begins now, with the trim there is; whether none was under way."""
+        """Begin a manoeuvre with the current trim. Returns False during a manoeuvre."""
         if self.manoeuvre > 0:
             return False
         self._n_begun += 1
@@ -96,7 +97,7 @@ class CausalTrim:
         return self._departed >= DEPARTED_SAMPLES
 
     def _measure(self) -> None:
-        """Trim of the rest, but for its newest part; not known while the surfaces move."""
+        """Measure trim from the rest without its newest part; unknown while surfaces move."""
         rest = np.array([*self._rest][: self._n_trim])
         surfaces = np.nan_to_num(rest[:, SURFACES])
         self._limits = np.maximum(self._threshold, NOISES * surfaces.std(axis=0))
@@ -106,7 +107,7 @@ class CausalTrim:
             self.trim = None
 
     def _is_over(self, y: Array) -> bool:
-        """Whether the manoeuvre ended before this sample; the rest after it is measured anew."""
+        """Whether the manoeuvre ended before this sample; then trim is measured again."""
         self._length += 1
         self._flown.append(y)
         duration, dt = self.planned.duration, self.planned.dt

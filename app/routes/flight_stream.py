@@ -52,10 +52,10 @@ class _Screen:
         connection, watcher = self._connection, self._watcher
         if connection.is_closing:
             return
-        if connection.has_room and (text := watcher.take_newest()) is not None:
+        if connection.has_room and (text := watcher.newest_message()) is not None:
             connection.send(text)
             return
-        while connection.has_room and (text := watcher.take()) is not None:
+        while connection.has_room and (text := watcher.next_message()) is not None:
             connection.send(text)
         if not (watcher.ended and watcher.is_done):
             return

@@ -8,7 +8,7 @@ from fastapi import APIRouter, WebSocket
 from starlette.status import WS_1008_POLICY_VIOLATION
 
 from app.flights.flights import Flights, TooManyFlights
-from app.flights.sources.live import LiveFlight, SequenceConflict, TakenBatch
+from app.flights.sources.live import AcceptedBatch, LiveFlight, SequenceConflict
 from app.flights.transport import NotPossible
 from app.http.connection import Connection, accepted
 from app.live.batches import sequence_of
@@ -50,7 +50,7 @@ class _Source:
 
     def __init__(self, connection: Connection, flight: LiveFlight) -> None:
         self._connection, self._flight = connection, flight
-        self._waiting: deque[TakenBatch] = deque()
+        self._waiting: deque[AcceptedBatch] = deque()
         self._newest: asyncio.Future[None] | None = None
         self._malformed: deque[float] = deque(maxlen=MOST_MALFORMED)
 
@@ -83,7 +83,7 @@ class _Source:
 
     def _durable(self) -> Stored:
         """Take what is durable from the front of what waits."""
-        done: list[TakenBatch] = []
+        done: list[AcceptedBatch] = []
         while self._waiting and self._waiting[0].stored.done():
             done.append(self._waiting.popleft())
         numbered = [(one.sequence, one.repeated) for one in done if one.sequence is not None]

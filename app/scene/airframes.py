@@ -29,7 +29,7 @@ GAP = 0.008
 """Slit around a surface, as a fraction of span or chord, so that it reads as separate."""
 FLIP = np.array((1.0, -1.0, 1.0))
 UP = (0.0, 1.0, 0.0)
-"""In which a fin is thick."""
+"""Direction of the thickness of a fin."""
 
 
 def lifting(

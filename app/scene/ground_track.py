@@ -1,4 +1,4 @@
-"""Where the aircraft would be: the ground it passes, its trail, and the heading the camera follows.
+"""The ground track: position over the ground, trail, and heading of the camera.
 
 Telemetry has no position: the track follows heading and sideslip at a fixed speed.
 """
@@ -15,11 +15,11 @@ from core.simulation.attitude import Attitude, wrapped
 from core.types import Array
 
 DISPLAY_SPEED = 28.0
-"""How fast the ground passes [m/s]."""
+"""Speed of the ground [m/s]."""
 CHASE_S = 2.5
 """Time constant with which the camera follows the heading [s]."""
 LONGEST_STEP_S = 1.0
-"""A longer step of flight time, or one backwards, is a jump: the trail starts anew [s]."""
+"""A longer or a backward step of flight time restarts the trail [s]."""
 TRAIL_POINTS, TRAIL_STEP_S = 48, 0.12
 TIPS: Array = np.array([(-3.2, -3.2), (-SPAN / 2, SPAN / 2), (0.0, 0.0)])
 """Left and right wing tip, body axes [m]; (3, 2)."""
@@ -39,7 +39,7 @@ class GroundTrack:
         self._tips, self._colour = np.zeros((3, 2)), (0, 0, 0)
 
     def advance(self, t: float, attitude: Attitude, beta: float, colour: Colour) -> None:
-        """Fly on to flight time t [s]."""
+        """Advance to flight time t [s]."""
         step = np.inf if self._t is None else t - self._t
         if not 0.0 <= step <= LONGEST_STEP_S:
             self._trail.clear()

@@ -1,7 +1,7 @@
-"""What a scene shows, as viser nodes: aircraft, ground, trail, velocity and the risk column.
+"""The contents of a scene as viser nodes: aircraft, ground, trail, velocity and risk column.
 
-The world is north-east-down, in metres, seen by a camera behind the aircraft. The attitude is drawn
-true; surfaces and sideslip are exaggerated; the aircraft stands still and the ground passes below.
+The world is north-east-down, in metres, seen by a camera behind the aircraft. The attitude is
+drawn true, surfaces and sideslip exaggerated. The aircraft stays in place and the ground moves.
 """
 
 from html import escape
@@ -32,18 +32,17 @@ FAINT: Colour = (96, 104, 116)
 VELOCITY: Colour = (72, 132, 236)
 LIMIT: Colour = (232, 160, 8)
 GRID: Colour = (104, 114, 128)
-"""Seen on a dark sky and on a light one: whoever watches has a theme of his own, and the sky, which
-is not drawn, is his page's."""
+"""Visible on a dark and on a light sky: the sky is the page's background, in the viewer's theme."""
 
 EXAGGERATION = 3.0
-"""Surfaces and sideslip are drawn this many times larger; the scene says so."""
+"""Factor of the drawn surface angles and sideslip; shown in the scene."""
 WIDEST = pi / 4
-"""No surface is drawn further out than this [rad]."""
+"""Largest drawn surface angle [rad]."""
 DOWN = (0.0, 0.0, 1.0)
 GROUND_BELOW, CELL, SECTION = 11.0, 10.0, 50.0
 RING_RADIUS = 8.8
 COLUMN_AT, COLUMN_HEIGHT, COLUMN_RADIUS = (-4.3, -11.75, -1.2), 7.0, 0.5
-"""Left of all letters of the compass, and its foot above them."""
+"""Left of all letters of the compass, with its foot above them."""
 
 CAMERA_AT, LOOKS_AT, FIELD_OF_VIEW = (-28.0, 7.8, -16.1), (-0.8, -2.2, -2.6), 0.75
 """Compass and column fill a picture that is a quarter wider than high."""
@@ -51,7 +50,7 @@ CAMERA_AT, LOOKS_AT, FIELD_OF_VIEW = (-28.0, 7.8, -16.1), (-0.8, -2.2, -2.6), 0.
 LONGEST_DETAIL, LONGEST_LABEL = 120, 36
 TICKS = {"none": 0.0, "quarter": 0.25, "half": 0.5, "whole": 1.0}
 NUMBERED = ("none", "quarter", "whole")
-"""Ticks with a number: so far apart that the smallest scene keeps the numbers apart."""
+"""Ticks with a number, far enough apart for the smallest scene."""
 
 
 COLOURS = {
@@ -60,11 +59,11 @@ COLOURS = {
     Level.ADVISORY: ADVISORY,
     Level.NONE: CALM,
 }
-"""Of the ring and the words: red is for warnings only."""
+"""Colours of ring and words: red is for warnings only."""
 
 
 class Shown(NamedTuple):
-    """Everything that a picture depends on; see Scene.show."""
+    """All that a picture depends on; see Scene.show."""
 
     t: float
     attitude: Attitude
@@ -82,7 +81,7 @@ class Shown(NamedTuple):
 
     @property
     def headline(self) -> Headline:
-        """The flight's; that of the sample alone where nothing more is known of the flight."""
+        """The flight's headline; by default that of the sample alone."""
         return headline(self._sampled() if self.facts is None else self.facts)
 
     def _sampled(self) -> Facts:
@@ -96,7 +95,7 @@ class Shown(NamedTuple):
 
 
 class Caption(NamedTuple):
-    """What a scene says: ALERT, STALE, ...; the risk as text, where there is one; and why."""
+    """Words of a scene: headline, risk if known, and detail."""
 
     word: str
     risk: str
@@ -104,11 +103,11 @@ class Caption(NamedTuple):
 
 
 def caption(shown: Shown) -> Caption:
-    """A number only where the sample could be assessed, a word wherever it is not calm."""
+    """A number only for an assessed sample; a word unless the flight is calm."""
     now = shown.headline
     both = "" if now.status is Status.OK else in_words(now, shown.cause)
     if shown.state is not State.OK or shown.p_value is None:
-        return Caption(both, "", shown.reason or "no risk can be given")
+        return Caption(both, "", shown.reason or "no risk known")
     word = f"{both}{' PAUSED' * shown.paused}".strip()
     return Caption(
         word,
@@ -118,7 +117,7 @@ def caption(shown: Shown) -> Caption:
 
 
 def label(shown: Shown) -> str:
-    """As much of the caption as the narrowest scene has room for, what is of now in any case."""
+    """As much of the caption as fits the narrowest scene, the current status in any case."""
     words, now = caption(shown), shown.headline
     first = in_words(now._replace(exceeded_t=None), shown.cause)
     headline = in_words(now, shown.cause)
@@ -127,7 +126,7 @@ def label(shown: Shown) -> str:
 
 
 def as_text(p_value: float, alert_above: float) -> str:
-    """Two digits, or as many as it takes for the number not to read 0 or across the threshold."""
+    """Two decimals, or more where rounding would give 0 or cross the threshold."""
     text = ""
     for digits in range(2, 6):
         text = f"{p_value:.{digits}f}"
@@ -137,7 +136,7 @@ def as_text(p_value: float, alert_above: float) -> str:
 
 
 def readout(words: Caption, colour: Colour) -> str:
-    """The words as HTML for viser's panel; `detail` may come from outside and is escaped."""
+    """The words as HTML for viser's panel; `detail` is escaped since it may be external text."""
     tint = f"rgb{colour}"
     style = f"background:{tint};color:#0b0f14;padding:0 8px;margin:0 -8px 2px;border-radius:4px"
     word = f'<div style="{style};font-size:24px;font-weight:800">{words.word}</div>'
@@ -155,22 +154,22 @@ def readout(words: Caption, colour: Colour) -> str:
 
 
 def tone(shown: Shown) -> Colour:
-    """Colour of the risk: calm, alert, or grey where nothing can be said."""
+    """Colour of the risk: calm, alert, or grey if unknown."""
     if shown.state is not State.OK or shown.p_value is None:
         return GREY
     return ALERT if shown.alert else CALM
 
 
 def height(p_value: float) -> float:
-    """Height of a p-value on the column [m]: its square root, so that small ones can be told."""
+    """Height of a p-value on the column [m]: its square root, to resolve small ones."""
     return COLUMN_HEIGHT * sqrt(min(max(p_value, 0.0), 1.0))
 
 
 class Picture:
-    """The nodes of one scene; `draw` sends what has changed, as one atomic update.
+    """The nodes of one scene; `draw` sends the changes as one atomic update.
 
-    signs: which way the aircraft's surfaces act.   alpha0: angle of attack at trim [rad].
-    Not safe against concurrent calls, nor after the server stopped: Scene sees to that.
+    signs: directions in which the surfaces act.   alpha0: angle of attack at trim [rad].
+    Not thread-safe, and not usable after the server stopped: Scene takes care of both.
     """
 
     def __init__(
@@ -192,7 +191,6 @@ class Picture:
         server.flush()
 
     def draw(self, shown: Shown) -> None:
-        """Send this state to all watchers."""
         colour = tone(shown)
         with self._server.atomic():
             self._move(shown, colour)
@@ -201,7 +199,7 @@ class Picture:
         self._server.flush()
 
     def _set(self, node: Any, **properties: Any) -> None:
-        """Assign what differs from the last time; viser sends every assignment."""
+        """Assign only changed properties, since viser sends every assignment."""
         for name, value in properties.items():
             key = id(node), name
             if self._sent.get(key) != value:
@@ -317,8 +315,8 @@ class Picture:
         self._threshold = scene.add_mesh_simple(
             "/column/threshold", *torus(COLUMN_RADIUS * 1.75, 0.09), color=LIMIT, **common
         )
-        self._threshold = scene.add_label(
-            "/column/threshold", "", font_screen_scale=0.9, anchor="center-right"
+        self._threshold_label = scene.add_label(
+            "/column/threshold_label", "", font_screen_scale=0.9, anchor="center-right"
         )
         self._headline = scene.add_label(
             "/column/headline",
@@ -332,7 +330,7 @@ class Picture:
     # --- moving ---------------------------------------------------------------------------------
 
     def _move(self, shown: Shown, colour: Colour) -> None:
-        """Turn the world under the camera, pass the ground below, lengthen the trail."""
+        """Turn the world under the camera, move the ground, extend the trail."""
         track = self._track
         track.advance(shown.t, shown.attitude, shown.beta, colour)
         north, east = -(track.place % SECTION)
@@ -341,7 +339,7 @@ class Picture:
         self._trail.points, self._trail.colors = track.trail(GRID)
 
     def _pose(self, shown: Shown) -> None:
-        """Attitude, surfaces and velocity; all grey where the telemetry is not to be trusted."""
+        """Attitude, surfaces and velocity; grey if the telemetry is stale or invalid."""
         lost = shown.state in (State.STALE, State.INVALID)
         self._set(self._aircraft, wxyz=body_to_earth(*shown.attitude))
         roll = self._signs.aileron * _drawn(shown.delta_a)
@@ -368,7 +366,7 @@ class Picture:
         at = (0.0, 0.0, -height(shown.alert_above))
         self._set(self._threshold, position=at)
         beside = (0.0, -2.2 * COLUMN_RADIUS, at[2])
-        self._set(self._threshold, text=f"> {shown.alert_above:.3g}", position=beside)
+        self._set(self._threshold_label, text=f"> {shown.alert_above:.3g}", position=beside)
         urgent = COLOURS[shown.headline.level]
         self._paint_ring(urgent)
         words = caption(shown)
@@ -388,7 +386,7 @@ def _drawn(angle: float) -> float:
 
 
 def _stage(server: viser.ViserServer) -> None:
-    """Up, lights, background, camera; viser's own panel out of the way."""
+    """Up direction, lights, background, camera, and viser's panel out of the way."""
     server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
     server.gui.main_panel.float(x=-10, y=10, width=262)
     scene = server.scene

@@ -1,4 +1,4 @@
-"""Unit quaternions (w, x, y, z) as viser takes them: from a child's frame to its parent's."""
+"""Unit quaternions (w, x, y, z) as viser uses them: from a child's frame to its parent's."""
 
 from math import cos, sin
 

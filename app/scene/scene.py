@@ -1,7 +1,7 @@
-"""The scenes of the live flights: each a viser server of its own, redrawn by one common ticker.
+"""The scenes of flights in progress: one viser server each, redrawn by one common thread.
 
-`show` only keeps the newest state; a thread draws it, at most 20 times a second, and only while
-someone watches. A scene to which nothing comes any more says STALE by itself.
+`show` only stores the newest state; the thread draws it at most 20 times a second, and only while
+someone watches. Without new samples a scene turns STALE by itself.
 """
 
 import asyncio
@@ -23,13 +23,13 @@ from core.simulation.attitude import Attitude, SurfaceSigns
 PERIOD_S = 0.05
 """Between two drawings [s]: 20 Hz."""
 STALE_AFTER_S = 2.0
-"""Without a new sample for so long a scene says STALE that its flight told no better [s]."""
+"""Default time without a new sample after which a scene is STALE [s]."""
 MAX_SCENES = 64
 LOG = logging.getLogger("forewarn")
 
 Clock = Callable[[], float]
 _Pose = tuple[float, tuple[float, float, float], float, float, float]
-_Said = tuple[float | None, float, bool | None, State | str, str, Facts | None, Cause | None]
+_Sample = tuple[float | None, float, bool | None, State | str, str, Facts | None, Cause | None]
 NOTHING_YET = Shown(
     0.0, Attitude(0.0, 0.0, 0.0), 0.0, 0.0, 0.0, None, 1.0, False, State.STALE, "no sample yet"
 )
@@ -37,7 +37,7 @@ USUAL_SIGNS = SurfaceSigns(aileron=1, rudder=-1)
 
 
 class TooManyScenes(RuntimeError):
-    """As many flights as there may be show a scene already."""
+    """The program has its most scenes open."""
 
 
 class Scene:
@@ -53,9 +53,9 @@ class Scene:
     ) -> None:
         self._clock, self._stale_after_s = clock, stale_after_s
         self._lock, self._latest = threading.RLock(), threading.Lock()
-        self._shown, self._came = NOTHING_YET, clock()
+        self._shown, self._shown_at = NOTHING_YET, clock()
         self._pose: _Pose = NOTHING_YET[:5]
-        self._said: _Said | None = None
+        self._latest_sample: _Sample | None = None
         self._drawn: Shown | None = None
         self._watchers: list[Callable[[], object]] = []
         self._closed = False
@@ -82,38 +82,37 @@ class Scene:
         facts: Facts | None = None,
         cause: Cause | None = None,
     ) -> None:
-        """Show this from the next drawing on; an earlier one that was not drawn yet is dropped.
+        """Show this state at the next drawing; it replaces one that was not drawn yet.
 
         t: flight time [s].   attitude: phi, theta, psi [rad].   beta, delta_a, delta_r: [rad].
         p_value, alert: None unless state is `ok`; `ok` without a finite p-value shows as INVALID.
-        facts: what the flight's headline is decided from; of this sample alone unless given.
-        cause: why the sample is invalid, where there is a word of its own for it.
-        Angles that are not finite keep the last pose.
-        After `close` this does nothing. Costs a microsecond or two and never waits.
+        facts: decide the flight's headline; by default those of this sample alone.
+        cause: special cause of an invalid sample.   Non-finite angles keep the last pose.
+        No effect after `close`. Costs a microsecond or two and never waits.
         """
         with self._latest:
             if isfinite(t + sum(attitude) + beta + delta_a + delta_r):
                 self._pose = t, attitude, beta, delta_a, delta_r
-            self._said = p_value, alert_above, alert, state, reason, facts, cause
-            self._came = self._clock()
+            self._latest_sample = p_value, alert_above, alert, state, reason, facts, cause
+            self._shown_at = self._clock()
 
     def wait(self, stale_after_s: float) -> None:
-        """From now on wait so long for a sample before saying STALE [s]; the wait begins anew."""
+        """Set the time without a sample after which the scene is STALE [s]; the wait restarts."""
         with self._latest:
-            self._stale_after_s, self._came = stale_after_s, self._clock()
+            self._stale_after_s, self._shown_at = stale_after_s, self._clock()
 
     def restate(self, facts: Facts) -> None:
-        """The headline's facts have changed, without a sample."""
+        """Change the facts of the headline without a sample."""
         with self._latest:
             self._shown = self._newest()._replace(facts=facts)
 
     def hold(self) -> None:
-        """The flight is paused: keep what is shown, and say PAUSED, not STALE, until a `show`."""
+        """The flight is paused: show PAUSED, not STALE, until the next `show`."""
         with self._latest:
             self._shown = self._newest()._replace(paused=True)
 
     def draw(self) -> bool:
-        """Bring the watchers' picture up to date; whether there was anything new."""
+        """Update the picture. Returns whether anything was new."""
         with self._lock:
             if self._closed:
                 return False
@@ -125,38 +124,37 @@ class Scene:
             return True
 
     def _newest(self) -> Shown:
-        """What was shown last, made when it is needed; under the lock."""
-        if self._said is not None:
+        """The newest state, built on demand; needs the lock."""
+        if self._latest_sample is not None:
             t, attitude, beta, delta_a, delta_r = self._pose
-            p_value, alert_above, alert, state, reason, facts, cause = self._said
+            p_value, alert_above, alert, state, reason, facts, cause = self._latest_sample
             if p_value is not None and not isfinite(p_value):
                 p_value = None
             assessment = p_value, alert_above, bool(alert), State(state), reason
             pose = t, Attitude(*attitude), beta, delta_a, delta_r
             self._shown = Shown(*pose, *assessment, facts=facts, cause=cause)
-            self._said = None
+            self._latest_sample = None
         return self._shown
 
     def _now(self) -> Shown:
-        """What is to be seen now: what came last, or STALE where that is too long ago."""
+        """The state to draw: the newest one, or STALE if that is too old."""
         with self._latest:
-            came, shown, patience = self._came, self._newest(), self._stale_after_s
-        silent = self._clock() - came
-        if silent <= patience or shown.paused or shown.state is State.STALE:
+            shown_at, shown, stale_after_s = self._shown_at, self._newest(), self._stale_after_s
+        silent = self._clock() - shown_at
+        if silent <= stale_after_s or shown.paused or shown.state is State.STALE:
             return shown
-        reason = f"no sample for {max(silent // 1.0, patience):g} s"
+        reason = f"no sample for {max(silent // 1.0, stale_after_s):g} s"
         facts = shown.facts and shown.facts._replace(stale=True)
         late = {"p_value": None, "alert": False, "state": State.STALE, "reason": reason}
         return shown._replace(**late, facts=facts)
 
     @property
     def is_watched(self) -> bool:
-        """Whether anyone has the scene open."""
         return bool(self._watchers)
 
     @contextmanager
     def watching(self, on_close: Callable[[], object]) -> Iterator[None]:
-        """Someone watches: the picture is made current at once, and on_close called at `close`."""
+        """While someone watches: update the picture at once, and call on_close at `close`."""
         with self._lock:
             self._watchers.append(on_close)
             if self._closed:
@@ -170,21 +168,21 @@ class Scene:
                 self._watchers.remove(on_close)
 
     def close(self) -> None:
-        """Send the watchers away and stop the server; blocks for up to a second or so."""
+        """Disconnect the watchers and stop the server; blocks for up to about a second."""
         with self._lock:
             if self._closed:
                 return
             self._closed = True
             watchers = list(self._watchers)
-        for send_away in watchers:
-            send_away()
+        for disconnect in watchers:
+            disconnect()
         self._server.stop()
 
 
 class Scenes:
     """All scenes of the program, by flight, and the thread that draws them.
 
-    clock: seconds, monotonic.   Use `lifespan` around the server's life, or `stop` at its end.
+    clock: monotonic seconds.   Use `lifespan` around the server's life, or `stop` at its end.
     """
 
     def __init__(
@@ -207,24 +205,24 @@ class Scenes:
         stale_after_s: float | None = None,
         aircraft_class: AircraftClass = "fighter",
     ) -> Scene:
-        """Open the scene of a flight, or return the one that is open; blocks for some 30 ms.
+        """Open the scene of a flight, or return the open one; blocks for about 30 ms.
 
-        signs: which way the aircraft's surfaces act.   alpha0: angle of attack at trim [rad].
-        stale_after_s: as of `Scene.wait`.   aircraft_class: what the aircraft looks like.
+        signs: directions in which the surfaces act.   alpha0: angle of attack at trim [rad].
+        stale_after_s: see `Scene.wait`.   aircraft_class: shape of the drawn aircraft.
         Raises TooManyScenes at max_scenes, and RuntimeError after `stop`.
         """
         with self._lock:
             if self._stopping.is_set():
-                raise RuntimeError("the server is stopping: no scene opens any more")
+                raise RuntimeError("the server is stopping: no scene can be opened")
             if flight in self._scenes:
                 return self._scenes[flight]
             if len(self._scenes) >= self.max_scenes:
                 raise TooManyScenes(
-                    f"{self.max_scenes} flights show a scene already; end one of them, or raise "
-                    "the number of flights"
+                    f"{self.max_scenes} flights show a scene, the most allowed: end one of them, "
+                    "or raise the number of flights"
                 )
-            patience = stale_after_s or self._stale_after_s
-            scene = Scene(self._clock, signs, alpha0, patience, aircraft_class)
+            stale_after_s = stale_after_s or self._stale_after_s
+            scene = Scene(self._clock, signs, alpha0, stale_after_s, aircraft_class)
             self._scenes[flight] = scene
             if self._ticker is None:
                 self._ticker = threading.Thread(target=self._tick, name="scenes", daemon=True)
@@ -232,11 +230,10 @@ class Scenes:
             return scene
 
     def get(self, flight: str) -> Scene | None:
-        """The open scene of a flight, if it has one."""
         return self._scenes.get(flight)
 
     def close(self, flight: str) -> None:
-        """Close the scene of a flight, if it has one; blocks, see Scene.close."""
+        """Close the scene of a flight, if any; blocks, see Scene.close."""
         with self._lock:
             scene = self._scenes.pop(flight, None)
         if scene is not None:
@@ -253,7 +250,7 @@ class Scenes:
 
     @asynccontextmanager
     async def lifespan(self) -> AsyncIterator[Self]:
-        """For the server's lifespan: stops everything at its end, off the event loop."""
+        """Stop everything at the end of the server's lifespan, off the event loop."""
         try:
             yield self
         finally:
@@ -266,7 +263,7 @@ class Scenes:
                     self._draw(flight, scene)
 
     def _draw(self, flight: str, scene: Scene) -> None:
-        """Draw one scene; one that fails is closed, since a frozen picture would lie."""
+        """Draw one scene; close it if that fails, since a frozen picture would mislead."""
         try:
             scene.draw()
         except Exception:

@@ -1,8 +1,8 @@
-"""A viser server that only this process can reach, and that lets nobody open a public tunnel.
+"""A viser server that only this process can reach, without viser's public tunnel.
 
-viser listens on a TCP port without authentication, offers its own page there, and opens a tunnel to
-the internet for any client that asks. Here the port is on 127.0.0.1 and every request to it needs a
-secret that never leaves this process; routes/scene.py is the only door.
+viser listens on a TCP port without authentication, serves its own page there, and opens a tunnel to
+the internet for any client. Here the port is on 127.0.0.1 and every request needs a secret that
+never leaves this process; routes/scene.py is the only access.
 """
 
 import hmac
@@ -29,29 +29,29 @@ from websockets.typing import Subprotocol
 HOST = "127.0.0.1"
 SECRET_HEADER = "X-Forewarn-Scene"
 LARGEST_MESSAGE = 16_384
-"""What a watcher may send at once [bytes]; a camera pose takes some 250."""
+"""Largest message of a watcher [bytes]; a camera pose has about 250."""
 SUBPROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 
 
 QUIET = logging.getLogger("forewarn.scene")
-"""Strangers at the port are refused, which is no news; raise the level to see them."""
+"""Requests without the secret are refused silently; lower the level to see them."""
 QUIET.setLevel(logging.CRITICAL)
 
 
 class SceneServerError(RuntimeError):
-    """The server could not be made safe; it was stopped again."""
+    """The server could not be secured and was stopped."""
 
 
 @cache
 def secret() -> str:
-    """What this process, and no other, tells its own viser servers."""
+    """The secret of this process for its viser servers."""
     return secrets.token_urlsafe(32)
 
 
 def open_server() -> viser.ViserServer:
-    """Start a server on a free loopback port, closed to strangers and without the tunnel.
+    """Start a server on a free loopback port, with the secret and without the tunnel.
 
-    Blocks for a few milliseconds. Raises SceneServerError where a stranger is let in all the same.
+    Blocks for a few milliseconds. SceneServerError if it answers without the secret.
     """
     _guard()
     server = viser.ViserServer(host=HOST, port=0, label="Forewarn", verbose=False)
@@ -60,28 +60,27 @@ def open_server() -> viser.ViserServer:
     if (status := _status_for_a_stranger(server.get_port())) != HTTPStatus.FORBIDDEN:
         server.stop()
         raise SceneServerError(
-            f"viser {viser.__version__} answered {status} to a stranger instead of 403; "
-            "the scene stays closed: install the viser version that this program was tested with"
+            f"viser {viser.__version__} answered {status} instead of 403 to a request without the "
+            "secret; the scene stays closed: install the viser version that this program requires"
         )
     return server
 
 
 def address(server: viser.ViserServer) -> str:
-    """Where the proxy connects to; the secret goes with it, see `credentials`."""
+    """Address for the proxy, which also needs `credentials`."""
     return f"ws://{HOST}:{server.get_port()}"
 
 
 def credentials() -> dict[str, str]:
-    """The header that opens the port."""
     return {SECRET_HEADER: secret()}
 
 
 @cache
 def _guard() -> None:
-    """Put the secret in front of every viser server of this process, and keep viser off stdout.
+    """Require the secret for every viser server of this process, and silence viser's output.
 
-    viser has no setting for either, so the name `websockets` in its own module is replaced; other
-    users of that library see nothing of it. Only viser prints through rich's global console.
+    viser has settings for neither, so `websockets` is replaced, in its module only. Only viser
+    prints through rich's global console.
     """
     library: Any = SimpleNamespace(
         asyncio=SimpleNamespace(

@@ -90,7 +90,7 @@ def test_a_sample_that_is_none_is_left_out_and_told(server: LiveServer) -> None:
     client.send(REST, t=0.0, beta=None)
     assert not client.flush()
     send(client, 1, 1)
-    with pytest.raises(PushFailed, match=r"1 of 2 samples .* gives no value of beta"):
+    with pytest.raises(PushFailed, match=r"1 of 2 samples .* missing channels: beta"):
         client.__exit__(None, None, None)
     assert (client.durable, client.refused) == (1, 1)
 
@@ -102,7 +102,7 @@ def test_a_flight_that_was_ended_takes_no_more(server: LiveServer, way: Way) -> 
     send(client, 0, 1)
     client.end()
     send(client, 1, 1)
-    with pytest.raises(PushFailed, match="takes no samples"):
+    with pytest.raises(PushFailed, match="accepts no samples"):
         client.flush()
     client.close()
     assert (client.sent, client.durable) == (2, 1)
@@ -121,7 +121,7 @@ def test_numbers_that_another_source_uses_are_told(server: LiveServer) -> None:
 
 
 def test_a_server_that_is_not_there_and_a_flight_that_is_not_are_told(server: LiveServer) -> None:
-    with pytest.raises(ConnectionError, match="is it served"):
+    with pytest.raises(ConnectionError, match="server running"):
         LiveClient("http://127.0.0.1:9").start("m")
     with pytest.raises(PushFailed, match="no monitor"):
         LiveClient(server.url).start("nothing")
@@ -141,6 +141,6 @@ def test_a_token_of_a_viewer_may_not_push(tmp_path: Path) -> None:
         watching = LiveClient(server.url, viewer)
         watching.join(flight)
         send(watching, 1, 1)
-        with pytest.raises(PushFailed, match="use the token of an operator"):
+        with pytest.raises(PushFailed, match="operator"):
             watching.flush()
         watching.close()

@@ -51,7 +51,7 @@ class Body(BaseModel):
         ),
         ({"name": "long"}, "name is 'long': give text of 3 characters or less"),
         ({"name": None}, "name is null: give text"),
-        ({"colour": 1}, "colour is not known here: leave it out, or correct its name"),
+        ({"colour": 1}, "colour is unknown: leave it out, or correct its name"),
         (7, "the input is 7: give an object"),
     ],
 )

@@ -223,7 +223,7 @@ def test_a_refusal_names_the_field_and_what_it_needs(session, known):
     told = session.post(path, json={"action": "seek", "value": "x", "to": 1}).json()
     assert told["errors"] == [
         {"where": "body.value", "reason": "is 'x': give true or false, or a number"},
-        {"where": "body.to", "reason": "is not known here: leave it out, or correct its name"},
+        {"where": "body.to", "reason": "is unknown: leave it out, or correct its name"},
     ]
     assert told["detail"].startswith("value is 'x': give true or false, or a number; to is not")
     path = "/api/v1/datasets/none/rollouts"

@@ -34,9 +34,9 @@ def test_an_address_of_this_machine_needs_none(host):
 @pytest.mark.parametrize(
     ("environment", "words"),
     [
-        ({"FOREWARN_PORT": "eight"}, "FOREWARN_PORT='eight' was given: it must be an integer"),
-        ({"FOREWARN_PORTS": "8000"}, "FOREWARN_PORTS is no setting: choose FOREWARN_DATA_DIR"),
-        ({"FOREWARN_PORT": "70000"}, "port 70000"),
+        ({"FOREWARN_PORT": "eight"}, "FOREWARN_PORT='eight': give an integer"),
+        ({"FOREWARN_PORTS": "8000"}, "FOREWARN_PORTS is not a setting: choose FOREWARN_DATA_DIR"),
+        ({"FOREWARN_PORT": "70000"}, "port=70000"),
         ({"FOREWARN_TOKEN": "short"}, "at least 16"),
         ({"FOREWARN_TOKEN": "a token with é in it"}, "ASCII"),
         ({"FOREWARN_MAX_JOBS": "-1"}, "max_jobs=-1"),
@@ -44,7 +44,7 @@ def test_an_address_of_this_machine_needs_none(host):
         ({"FOREWARN_MAX_HEADER_BYTES": "1"}, "max_header_bytes=1"),
         ({"FOREWARN_HEADER_SECONDS": "0"}, "header_seconds=0"),
         ({"FOREWARN_BODY_SECONDS": "nan"}, "body_seconds=nan"),
-        ({"FOREWARN_IDLE_SECONDS": "soon"}, "IDLE_SECONDS='soon' was given: it must be a number"),
+        ({"FOREWARN_IDLE_SECONDS": "soon"}, "IDLE_SECONDS='soon': give a number"),
     ],
 )
 def test_a_setting_that_cannot_be_used_says_so(environment, words):

@@ -14,7 +14,7 @@ import numpy as np
 
 from app.flights.clock import Clock
 from app.flights.flight import FlightPlan
-from app.flights.recorder import Raised, Recorder
+from app.flights.recorder import PendingEvent, Recorder
 from app.flights.sources.playback import AssessedTrack
 from app.flights.sources.replay import TrackFlight
 from app.flights.sources.track import Track, times
@@ -108,7 +108,7 @@ class Seen:
     def take(self, credit: bool = True) -> list[dict[str, Any]]:
         """Take what can be had now, giving credit back for frames unless told not to."""
         new: list[dict[str, Any]] = []
-        while (text := self.watcher.take()) is not None:
+        while (text := self.watcher.next_message()) is not None:
             new.append(msgspec.json.decode(text))
             if credit and new[-1]["type"] == "frames":
                 self.watcher.grant(1)
@@ -182,8 +182,8 @@ class SilentRecorder(Recorder):
     def _schedule(self, seconds: float) -> None:
         pass
 
-    def _store_alarms_soon(self, raised: Raised) -> None:
-        raised.stored()
+    def _store_alarms_soon(self, raised: PendingEvent) -> None:
+        raised.announce_stored()
 
 
 class Flown:

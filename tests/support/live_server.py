@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from app.flights.sources.live import LiveSetup
-from app.live.again import shown_again
 from app.live.batches import ChannelReader
 from app.live.journal import Journals, lines_of
+from app.live.rescoring import rescored
 from app.live.scorer import LiveAssessed
 from app.settings import Settings
 from app.store.store import open_store
@@ -47,7 +47,7 @@ def journal_samples(root: Path, flight: str, name: str = "t") -> list[float]:
 def assessed_again(setup: LiveSetup, flight_id: str) -> list[LiveAssessed]:
     """What the journal of a flight shows by its setup, by what had come at each moment."""
     lines = lines_of(setup.journals.path(flight_id))
-    return [one.assessed for one in shown_again(lines, setup.scorer(), setup.reader)]
+    return [one.assessed for one in rescored(lines, setup.scorer(), setup.reader)]
 
 
 def assert_shown_again(root: Path, flight: str) -> int:

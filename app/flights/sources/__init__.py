@@ -1,1 +1,1 @@
-"""Where a flight's samples come from, and how each kind of source is flown."""
+"""The sources of flights, and how each kind is flown."""

@@ -1,8 +1,7 @@
-"""The flight of a live source: assessed as its samples arrive, stale as soon as they do not.
+"""The flight of a live source: assessed as its samples arrive, stale when they stop.
 
-Every batch goes into the journal as it came, with the time of its arrival, and then through the
-scorer; what is shown follows from the journal alone, so that it can be had again from it, after the
-server was killed as well.
+Every batch is journalled as received, with its arrival time, and then scored. The display follows
+from the journal alone, so it can be computed again from it, also after the server was killed.
 """
 
 import asyncio
@@ -17,17 +16,17 @@ import msgspec
 
 from app.flights.display_monitors import DisplayMonitor
 from app.flights.exceedance import exceedance
-from app.flights.flight import Angles, Flight, FlightPlan, patience
+from app.flights.flight import Angles, Flight, FlightPlan, stale_after
 from app.flights.flight_limits import to_store
 from app.flights.recorder import JOURNALLED_S
 from app.flights.sources.track import SourceError
 from app.flights.sources.udp import UdpReceiver
 from app.flights.transport import NotPossible
-from app.live.again import settled_by
 from app.live.batches import Batch, ChannelReader, decode_batch
 from app.live.journal import Journal, JournalFull, Journals
 from app.live.known_batches import KnownBatches
 from app.live.lag import Lag
+from app.live.rescoring import replay_line
 from app.live.scorer import CausalScorer, LiveAssessed, TrimRule
 from app.messages import (
     Alarm,
@@ -48,20 +47,20 @@ from core.types import Array
 
 P, R = KEYS.index("p"), KEYS.index("r")
 BEGUN_KEPT = 50
-"""Newest manoeuvres whose beginnings are told."""
+"""Newest manoeuvres whose beginnings are shown."""
 UNREAD_KEPT, LONGEST_NAME, LONGEST_REASON = 20, 60, 300
-"""Names that nothing reads which are told, and letters of each."""
+"""Unread names that are shown, letters of each, and letters of a refusal."""
 FORMAT = 1
 
 
 class SequenceConflict(ValueError):
-    """A sequence number that was used for another batch."""
+    """A sequence number that another batch already has."""
 
 
-class TakenBatch(NamedTuple):
-    """What became of a batch.
+class AcceptedBatch(NamedTuple):
+    """The result of a batch.
 
-    stored: done once it is durable; None for nothing to wait for.   unread: what nothing reads.
+    stored: done once it is durable.   unread: names in it that nothing reads.
     """
 
     sequence: int | None
@@ -72,10 +71,10 @@ class TakenBatch(NamedTuple):
 
 
 class LiveSetup(NamedTuple):
-    """What a live flight is flown with. delay: [s], DELAY_INTERVALS of the monitor if None.
+    """What a live flight is started with. delay: [s], DELAY_INTERVALS of the monitor if None.
 
-    udp: port to listen at, 0 for any; None for none.   host: where it listens.
-    aircraft: as people call the one whose mapping is used.   display: monitors that raise no alarm.
+    udp: port to listen on, 0 for any; None for none.   host: address to listen on.
+    aircraft: name of the one whose mapping is used.   display: monitors without alarms.
     """
 
     monitor: Monitor
@@ -96,26 +95,23 @@ class LiveSetup(NamedTuple):
         return self.monitor.dt
 
     def scorer(self) -> CausalScorer:
-        """A scorer for a flight from its beginning."""
+        """A new scorer."""
         display = [(shown.monitor, shown.epsilon) for shown in self.display]
         return CausalScorer(self.monitor, self.epsilon, self.delay, self.trim, display)
 
 
 class LiveFlight(Flight):
-    """A flight that only plays, at the pace of its source.
-
-    Its batches come through `receive`; the flight goes on until somebody ends it.
-    """
+    """A flight that follows its source. Batches come through `receive`, until somebody ends it."""
 
     def __init__(self, plan: FlightPlan, setup: LiveSetup, *about: Any, **more: Any) -> None:
         self.scorer = setup.scorer()
         super().__init__(plan, *about, **more)
         self.recorder.interval, self.recorder.is_spread = JOURNALLED_S, True
         self.dt, self.is_checked = setup.dt, plan.monitor.support is not None
-        self._setup, self._patience = setup, patience(setup.dt)
+        self._setup, self._stale_after = setup, stale_after(setup.dt)
         self.needed = self.scorer.needed
         self._display = DisplayAttitude(setup.theta0)
-        self._began = self._came = self.clock.now()
+        self._began = self._last_arrival = self.clock.now()
         self._settled = 0.0
         self._journal: Journal | None = None
         self.is_restoring = False
@@ -130,16 +126,16 @@ class LiveFlight(Flight):
         self._newest_manoeuvre = 0
         self._unread: dict[str, None] = {}
         self._has_begun = False
-        self._told: LiveStatus | None = None
+        self._sent_status: LiveStatus | None = None
 
     @property
     def lead(self) -> float:
-        """How far ahead an alert is shown [s]: less what a sample may wait for others."""
+        """Lead time of alerts [s]: the monitor's, less the longest wait of a sample."""
         return self.scorer.lead
 
     @property
     def transport(self) -> TransportState:
-        """Where it is: at its newest sample."""
+        """The position is always the newest sample."""
         return TransportState(
             playing=not self.is_over,
             speed=1.0,
@@ -183,10 +179,10 @@ class LiveFlight(Flight):
         self._record(self._header())
         if self.plan.limits is not None:
             self.put_in_force(self.plan.limits, self.plan.by)
-        self._begin_to_listen()
+        self._listen()
 
     def _header(self) -> dict[str, Any]:
-        """What the journal begins with: all that says how its lines are read and scored."""
+        """First line of the journal: how its lines are read and scored."""
         plan, mapping = self.plan, self._setup.reader.mapping
         return {
             "format": FORMAT,
@@ -196,7 +192,7 @@ class LiveFlight(Flight):
             "aircraft": self._setup.aircraft,
             "monitor": plan.monitor_id,
             "epsilon": plan.epsilon,
-            "monitors": [{"monitor": one.id, "epsilon": one.epsilon} for one in plan.display],
+            "monitors": [{"monitor": d.id, "epsilon": d.epsilon} for d in plan.display],
             "conditions": dict(self._setup.reader.conditions),
             "source": plan.source,
             "mapping": mapping.to_plain() if mapping else None,
@@ -209,9 +205,9 @@ class LiveFlight(Flight):
         alarms: list[Alarm],
         markers: list[FlightMarker],
     ) -> list[LiveAssessed]:
-        """Become the flight that a killed server flew; for a thread. What is not recorded yet.
+        """Restore the flight of a killed server; for a thread. Returns samples not recorded yet.
 
-        lines: of its journal.   stored: newest sample of its record.   alarms, markers: of that.
+        lines: of its journal.   stored, alarms, markers: newest sample and contents of its record.
         """
         header, *rest = lines
         passed = _seconds_between(header["began"], self.clock.utc())
@@ -228,7 +224,7 @@ class LiveFlight(Flight):
         return unrecorded
 
     def resume(self, unrecorded: list[LiveAssessed]) -> None:
-        """Go on as the flight that was restored. OSError."""
+        """Continue a restored flight. OSError."""
         self._open()
         self._record({"e": "resumed"})
         self._n_resumed += 1
@@ -238,13 +234,13 @@ class LiveFlight(Flight):
         for in_force in self.limits_at_hand:
             self.recorder.add_limits(to_store(in_force))
         self.is_restoring = False
-        self._begin_to_listen()
-        self._set_state(State.STALE, "the server was started again: it waits for the source")
+        self._listen()
+        self._set_state(State.STALE, "the server restarted: waiting for the source")
 
-    def receive(self, content: bytes | str, via: str) -> TakenBatch:
-        """Take a batch: score what it settles, show it, and write it into the journal.
+    def receive(self, content: bytes | str, via: str) -> AcceptedBatch:
+        """Journal a batch, score the samples that it settles, and show them.
 
-        TelemetryError; SequenceConflict; JournalFull: nothing of it was taken.
+        TelemetryError; SequenceConflict; JournalFull: nothing of it was used.
         """
         try:
             batch = decode_batch(content)
@@ -263,46 +259,44 @@ class LiveFlight(Flight):
         self._note_batch(batch.sequence, values)
         now, counts = self.clock.now(), self.scorer.counts
         n_before, arrived = counts.accepted, line["a"]
-        assessed = [one for each in samples for one in self.scorer.push(arrived, each)]
+        assessed = [settled for sample in samples for settled in self.scorer.push(arrived, sample)]
         if counts.accepted > n_before:
-            self._came = now
+            self._last_arrival = now
         self._show_all(assessed, now)
         self._settle_later()
-        return TakenBatch(batch.sequence, len(samples), False, written, self._note_unread(batch))
+        return AcceptedBatch(batch.sequence, len(samples), False, written, self._note_unread(batch))
 
     def begin_manoeuvre(self, by: str) -> asyncio.Future[None]:
-        """A manoeuvre begins now: somebody says so. NotPossible while one is under way."""
+        """Begin a manoeuvre by hand. NotPossible while one is in progress."""
         if self._setup.trim == "none":
-            raise NotPossible("the samples of this flight are from trim: all of it is assessed")
+            raise NotPossible("no manoeuvre to begin: all samples of this flight are from trim")
         now = self._arrival()
         self._show_all(self.scorer.advance(now), self.clock.now())
         if self.scorer.manoeuvre > 0:
-            raise NotPossible(f"manoeuvre {self.scorer.manoeuvre} is under way")
+            raise NotPossible(f"manoeuvre {self.scorer.manoeuvre} is in progress")
         t = self.t if self.head >= 0 else None
         written = self._record({"e": "manoeuvre", "by": by, "t": t}, now)
         self.scorer.begin()
         return written
 
-    def _settle_before(self) -> None:
+    def _assess_waiting(self) -> None:
         self._settled = self._arrival()
         self._show_all(self.scorer.advance(self._settled), self.clock.now())
 
-    def _take_limits(self, in_force: LimitsInForce) -> Ruling:
+    def _apply_limits(self, in_force: LimitsInForce) -> Ruling:
         self._record({"e": "limits", "limits": in_force.to_plain()}, self._settled)
         return self.scorer.put_in_force(in_force)
 
     def act(self, action: str, value: float | bool | None = None) -> None:
-        """Refuse: nobody steers a live source."""
         raise NotPossible(
-            f"{action} was asked: a live flight cannot be steered, it plays as its samples come"
+            f"{action} is not possible: a live flight follows its source and cannot be steered"
         )
 
     def source_frames(self, first: int, last: int) -> list[dict[str, Any]]:
-        """Refuse: nobody knows a live source."""
-        raise NotPossible("a live source has no samples but those that came: see assessments")
+        raise NotPossible("a live source has only the samples received: read assessments")
 
     async def stop(self, reason: str) -> None:
-        """End the flight: what waits is settled, watchers are told, the record is completed."""
+        """End the flight: settle waiting samples, tell watchers, complete the record."""
         if not self.is_over and self._journal is not None:
             arrived = self._arrival()
             self._show_all(self.scorer.advance(arrived), self.clock.now())
@@ -320,30 +314,30 @@ class LiveFlight(Flight):
     # --- the journal --------------------------------------------------------------------------
 
     def _arrival(self) -> float:
-        """Time since the flight began [s]: by it everything is settled."""
+        """Time since the flight began [s], which settles waiting samples."""
         return max(self.clock.now() - self._began, self._settled)
 
     def _record(self, line: dict[str, Any], arrived: float | None = None) -> asyncio.Future[None]:
-        """Write a line with the time of its arrival, now or as given, which is added to it."""
+        """Journal a line with its arrival time [s]; now if None."""
         line["a"] = self._arrival() if arrived is None else arrived
         return self._open_journal.append(line)
 
     @property
     def _open_journal(self) -> Journal:
         if self._journal is None:
-            raise NotPossible("the flight is over: start another one")
+            raise NotPossible("the flight has ended: start another one")
         return self._journal
 
     def _settled_until(
         self, lines: Iterable[dict[str, Any]], arrival: float
     ) -> Iterator[LiveAssessed]:
-        """What lines of the journal settled, and then the clock alone, which wrote none."""
+        """Samples settled by lines of the journal, then those settled by the clock alone."""
         for line in lines:
-            yield from self._again(line)
+            yield from self._replay(line)
         yield from self.scorer.advance(arrival)
 
-    def _again(self, line: dict[str, Any]) -> list[LiveAssessed]:
-        """What a line of the journal settled."""
+    def _replay(self, line: dict[str, Any]) -> list[LiveAssessed]:
+        """Samples settled by a line of the journal."""
         if "b" in line:
             self._note_batch(line["s"], msgspec.json.encode(line["b"]))
             self._note_unread(Batch(line["s"], line["b"]))
@@ -351,13 +345,13 @@ class LiveFlight(Flight):
             self.limits_at_hand.append(LimitsInForce.from_plain(line["limits"]))
         self._port = line.get("port", self._port)
         self._n_resumed += line.get("e") == "resumed"
-        settled = settled_by(line, self.scorer, self._setup.reader)
+        settled = replay_line(line, self.scorer, self._setup.reader)
         if settled:
             self._lag.note(line["a"], settled[-1].assessment.t)
         return settled
 
     def _note_batch(self, sequence: int | None, values: bytes) -> None:
-        """Remember a batch, so that it is known when it comes again. values: in JSON."""
+        """Remember a batch, to recognise a repetition. values: as JSON."""
         self._has_begun = True
         self._n_batches += 1
         self._refused = ""
@@ -366,36 +360,36 @@ class LiveFlight(Flight):
             self._last_sequence = max(sequence, self._last_sequence or 0)
 
     def _note_unread(self, batch: Batch) -> list[str]:
-        """What of a batch nothing reads, as much as is told; the flight remembers it."""
+        """Names of a batch that nothing reads, at most UNREAD_KEPT; the flight keeps them."""
         unread = [name[:LONGEST_NAME] for name in self._setup.reader.unread(batch)[:UNREAD_KEPT]]
         for name in unread:
             if len(self._unread) < UNREAD_KEPT:
                 self._unread[name] = None
         return unread
 
-    def _known(self, batch: Batch) -> TakenBatch | None:
-        """What is answered to a batch that came before. SequenceConflict."""
+    def _known(self, batch: Batch) -> AcceptedBatch | None:
+        """The answer to a repeated batch; None for a new one. SequenceConflict."""
         known = self._known_batches.digest(batch.sequence) if batch.sequence is not None else None
         if known is None:
             return None
         if known != _digest(msgspec.json.encode(batch.values)):
             raise SequenceConflict(
-                f"sequence {batch.sequence} was used for another batch: number each batch anew; "
-                f"the newest is {self._last_sequence}"
+                f"sequence {batch.sequence} was used for another batch: give each batch a new "
+                f"number; the newest is {self._last_sequence}"
             )
-        return TakenBatch(batch.sequence, 0, True, self._open_journal.settled())
+        return AcceptedBatch(batch.sequence, 0, True, self._open_journal.settled())
 
     # --- showing ------------------------------------------------------------------------------
 
     def _open(self) -> None:
-        """Have the port and the journal, or neither. SourceError; OSError."""
+        """Open port and journal, or neither. SourceError; OSError."""
         if self._port is not None:
             try:
                 self._udp = UdpReceiver(self._setup.host, self._port, self._receive_datagram)
             except OSError as error:
                 raise SourceError(
-                    f"UDP port {self._port} of {self._setup.host} cannot be had "
-                    f"({error.strerror}): give another one, or 0 for any that is free"
+                    f"UDP port {self._port} of {self._setup.host} is not available "
+                    f"({error.strerror}): give another one, or 0 for any free one"
                 ) from None
         try:
             self._journal = self._setup.journals.open(self.id)
@@ -404,15 +398,15 @@ class LiveFlight(Flight):
                 self._udp.close()
             raise
 
-    def _begin_to_listen(self) -> None:
+    def _listen(self) -> None:
         if self._udp is not None:
             self._record({"e": "listening", "port": self._udp.port})
-        self._beat()
-        self._came = self.clock.now()
+        self._send_heartbeat()
+        self._last_arrival = self.clock.now()
         self._watch_out()
 
     def _receive_datagram(self, content: bytes) -> bool:
-        """Take a datagram, a batch a line; whether one was a batch."""
+        """Receive a datagram, one batch per line. Returns whether any was a batch."""
         n_taken = 0
         for line in content.splitlines():
             with suppress(TelemetryError, SequenceConflict, NotPossible, JournalFull):
@@ -432,10 +426,10 @@ class LiveFlight(Flight):
         self._lag.note(now - self._began, assessed[-1].assessment.t)
         self._late = self._lag.reason
         n_begun = self._newest_manoeuvre
-        for one in assessed:
-            self._fly_one(one, now)
+        for sample in assessed:
+            self._fly_one(sample, now)
         if self._newest_manoeuvre != n_begun:
-            self._tell_live()
+            self._send_live()
         self._show()
 
     def _fly_one(self, assessed: LiveAssessed, due: float) -> None:
@@ -466,7 +460,7 @@ class LiveFlight(Flight):
         return self._display.update(assessed.assessment.t, *rates)
 
     def _settle_later(self) -> None:
-        """Settle what waits when its time is up."""
+        """Plan to settle waiting samples at their deadline."""
         deadline = self.scorer.deadline
         if deadline is None:
             self._stop_timer("settle")
@@ -478,28 +472,28 @@ class LiveFlight(Flight):
         self._show_all(self.scorer.advance(self._settled), self.clock.now())
         self._settle_later()
 
-    def _beat(self) -> None:
-        super()._beat()
-        self._tell_live()
+    def _send_heartbeat(self) -> None:
+        super()._send_heartbeat()
+        self._send_live()
 
-    def _tell_live(self) -> None:
-        if (now := self.live) != self._told:
-            self._told = now
-            self._tell(LiveChange(live=now).encode())
+    def _send_live(self) -> None:
+        if (now := self.live) != self._sent_status:
+            self._sent_status = now
+            self._broadcast(LiveChange(live=now).encode())
 
     def _watch_out(self) -> None:
-        """Say `stale` as soon as a source that had begun is late; look again when it could be."""
+        """Become stale as soon as a source that has sent samples is late; plan the next check."""
         now = self.clock.now()
-        when = self._came + self._patience
+        when = self._last_arrival + self._stale_after
         if when <= now:
-            when = now + self._patience
+            when = now + self._stale_after
             if self._has_begun:
-                self._miss(self._patience)
+                self._miss(self._stale_after)
         self._call_at("watch out", when, self._watch_out)
 
 
 def _digest(values: bytes) -> int:
-    """Of this process alone, by a key that no source knows; below 2**64."""
+    """Digest below 2**64, by a key of this process that no source knows."""
     return hash(values) & 0xFFFF_FFFF_FFFF_FFFF
 
 

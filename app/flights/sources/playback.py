@@ -1,6 +1,6 @@
-"""What a seekable flight plays: each sample, and what the monitor says of it.
+"""What a seekable flight plays: each sample with its assessment.
 
-Whatever the transport does, a sample has the history of the flight, not that of the jump.
+An assessment uses the history in the source, whatever the transport did before.
 """
 
 from abc import ABC, abstractmethod
@@ -19,7 +19,7 @@ from core.monitor.validity.verdict import exceeds
 from core.types import Array, Flags, Indices
 
 MOST_FOLLOWED = 1_000
-"""Samples that a forecast of the rest is brought up to date by at once: some 30 ms."""
+"""Most samples per call by which a forecast catches up: about 30 ms."""
 Angles = tuple[float, float, float]
 """Bank, pitch and heading [rad]."""
 
@@ -28,11 +28,11 @@ class Script(ABC):
     """A flight to play.
 
     t: (n,) rising [s].   dt: sample interval [s].   theta: parameters of a simulated aircraft.
-    fail_t: when it exceeds a limit, if known [s].   is_checked: whether it was asked if the flight
-    is like those that its monitor was trained on.   alerts, exceedances: rising, samples at which
-    an alert or a measured exceedance begins.   shows_rulings: whether it says which limits held for
-    each sample when it was flown.   delay: that a live flight stated [s], by
-    which its lead is less than the monitor's.   manoeuvres: plain, of a scored recording.
+    fail_t: time at which it exceeds a limit, if known [s].   is_checked: whether its monitor's
+    validity is calibrated.   alerts, exceedances: rising, samples at which an alert or a measured
+    exceedance begins.   shows_rulings: whether it knows the limits in force when it was flown.
+    delay: stated delay of a live flight [s], subtracted from the monitor's lead.
+    manoeuvres: plain, of a scored recording.
     """
 
     t: Array
@@ -61,62 +61,59 @@ class Script(ABC):
 
     @abstractmethod
     def assessment(self, k: int) -> Assessment:
-        """What the monitor says of sample k."""
+        """Assessment of sample k."""
 
     def display(self, k: int) -> tuple[Assessment, ...]:
-        """What the monitors say of sample k that are flown for display."""
+        """Assessments of sample k by the monitors for display."""
         return ()
 
     def forecast_ahead(self, k: int) -> Ahead | None:
-        """What the monitor forecast of the rest of the card by sample k; None where none is known.
-
-        k: of a sample that is `ok`.
-        """
+        """Forecast of the rest of the card by sample k, which is `ok`; None if there is none."""
         return None
 
     def ruling(self, k: int) -> Ruling | None:
-        """Which limits held for sample k when it was flown; None where it was not, or its own."""
+        """Limits in force for sample k when it was flown; None for the monitor's own."""
         return None
 
     def held_until(self, k: int) -> list[InForceFrom]:
-        """Which limits held for the samples up to k when they were flown; empty where its own."""
+        """Limits in force for the samples up to k when flown; empty for the monitor's own."""
         return []
 
     def exceeding(self, limits: Array | None) -> Indices:
-        """Samples at which an exceedance of limits begins. limits: (6,), None for none known."""
+        """Samples at which an exceedance begins. limits: (6,), None if unknown."""
         n = len(self.t)
         over = (k for k in range(n) if self.exceedance(k, limits) is not None)
         return onsets(_flags(over, n))
 
     def late(self, k: int) -> str:
-        """Why sample k was not of now when it was shown; empty where it was."""
+        """Why sample k was late when it was shown; empty if it was not."""
         return ""
 
     def stale_after(self, k: int) -> float | None:
-        """How long after sample k its source was stale [s]; None where it was not before the next.
+        """Time after sample k at which the source became stale [s]; None if it did not.
 
-        k: -1 before the first.
+        k: -1 before the first sample.
         """
         return None
 
     def next_alert(self, k: int) -> int | None:
-        """First sample after k at which an alert begins."""
+        """First sample after k at which an alert begins; None if there is none."""
         later = self.alerts[self.alerts > k]
         return int(later[0]) if len(later) else None
 
     def recorded(self, k: int) -> Array:
-        """Sample k before its trim was subtracted, (6,); as it is where nothing was."""
+        """Sample k including trim, (6,)."""
         return self.y(k)
 
     def exceedance(self, k: int, limits: Array | None) -> MeasuredExceedance | None:
-        """Which limit sample k exceeds. limits: (6,), None where they are not known."""
+        """The limit that sample k exceeds, if any. limits: (6,), None if unknown."""
         return exceedance(limits, self.y(k), self.recorded(k))
 
 
 class FollowedForecast:
-    """The forecast of the rest of a card, brought up to any sample of a flight that is stored.
+    """The forecast of the rest of a card, at any sample of a stored flight.
 
-    sample: number to time [s], outputs (6,) as the monitor reads them, and code of its state.
+    sample: number -> time [s], outputs (6,) as the monitor reads them, and state code.
     """
 
     def __init__(self, monitor: Monitor, sample: Callable[[int], tuple[float, Array, int]]) -> None:
@@ -125,9 +122,9 @@ class FollowedForecast:
         self._running: RunningForecast | None = None
 
     def ahead(self, k: int, first: int = 0) -> Ahead | None:
-        """The rest by sample k, which is `ok`.   first: sample with which its manoeuvre began.
+        """Forecast by sample k, which is `ok`.   first: first sample of its manoeuvre.
 
-        After a far seek nothing is known until it has followed, a part with each call.
+        After a long seek it returns None until several calls have caught up.
         """
         if self._forecast is None:
             return None
@@ -143,7 +140,7 @@ class FollowedForecast:
 
 
 class AssessedTrack(Script):
-    """A track through a monitor, assessed and judged whole; slow to make, for a thread.
+    """A track, assessed as a whole; slow to make, for a thread.
 
     display: further monitors, each with its epsilon.
     """
@@ -161,7 +158,7 @@ class AssessedTrack(Script):
         self._track = track
         self._assessments = monitor.assess(track.t, track.y, epsilon)
         self._followed = FollowedForecast(monitor, self._followed_sample)
-        self._display = [one.assess(track.t, track.y, at) for one, at in display]
+        self._display = [shown.assess(track.t, track.y, epsilon) for shown, epsilon in display]
         self.alerts = onsets(self._assessments.alert)
         self.exceedances = self.exceeding(monitor.limits)
         self.is_checked = monitor.support is not None
@@ -180,7 +177,7 @@ class AssessedTrack(Script):
         return self._assessments[k]
 
     def forecast_ahead(self, k: int) -> Ahead | None:
-        """The rest of the card, by the samples since the last one asked for."""
+        """Forecast of the rest of the card."""
         return self._followed.ahead(k)
 
     def _followed_sample(self, k: int) -> tuple[float, Array, int]:
@@ -204,5 +201,5 @@ def _flags(active: Iterable[int], n: int) -> Flags:
 
 
 def onsets(active: Flags) -> Indices:
-    """Samples at which something begins. active: (n,)."""
+    """Samples at which a condition begins. active: (n,)."""
     return np.flatnonzero(active & ~np.concatenate([[False], active[:-1]]))

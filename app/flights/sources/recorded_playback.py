@@ -1,6 +1,7 @@
-"""A scored recording as a flight to play: nothing is scored again, samples are mapped as needed.
+"""A scored recording as a flight to play.
 
-Ten hours start as quickly as ten seconds, and what is replayed is what was scored, bit for bit.
+It replays the stored assessments bit for bit and scores nothing again, so ten hours start as
+quickly as ten seconds.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,17 +28,17 @@ from core.types import Array, Indices
 
 P, R = KEYS.index("p"), KEYS.index("r")
 RUN_UP_S = 2 * WASH_OUT_S
-"""An attitude that was not recorded is integrated from so long before it is shown [s]."""
+"""A missing attitude is integrated from this time before its sample [s]."""
 
 
 class RecordedScript(Script):
-    """Stored samples and the manoeuvres they were scored in.
+    """Stored samples and their scored manoeuvres.
 
     samples: as app.scoring stores them, mapped.   manoeuvres: plain, see app.scoring.
-    forecasts: whether the monitor makes forecasts.   outside: recorded exceedances that begin in no
-    manoeuvre, plain.   biases: (6,) that the mapping subtracted of what was recorded.
-    theta0: pitch at trim [rad], for the scene.   display: the same recording as further monitors
-    scored it, which are flown for display.   held: limits that were in force; None for none.
+    forecasts: whether the monitor makes forecasts.   outside: exceedances outside every manoeuvre,
+    plain.   biases: (6,) that the mapping subtracted.   theta0: pitch at trim [rad], for the scene.
+    display: the recording as scored by the monitors for display.   held: limits that were in force;
+    None for none.
     monitor: by which it was scored, for what that forecasts of the rest of a card; None for none.
     """
 
@@ -59,9 +60,9 @@ class RecordedScript(Script):
         self._held, self.shows_rulings = held, held is not None
         judged = [s["exceedance"] for s in manoeuvres if s["exceedance"] is not None]
         self.fail_t = min((exceedance["t"] for exceedance in judged), default=None)
-        raw = [found for s in manoeuvres if (found := s.get("recorded_exceedance")) is not None]
-        self._exceedances = {self._at(one["t"]): one for one in (*outside, *judged)}
-        self._recorded_exceedances = {self._at(one["t"]): one for one in raw}
+        recorded = [e for s in manoeuvres if (e := s.get("recorded_exceedance")) is not None]
+        self._exceedances = {self._at(e["t"]): e for e in (*outside, *judged)}
+        self._recorded_exceedances = {self._at(e["t"]): e for e in recorded}
         self.is_checked = all(s["validity"]["valid"] is not None for s in manoeuvres)
         self.manoeuvres = self._manoeuvres = manoeuvres
         self._samples, self._forecasts = samples, forecasts
@@ -82,11 +83,11 @@ class RecordedScript(Script):
             self._followed = FollowedForecast(monitor, self._followed_sample)
 
     def y(self, k: int) -> Array:
-        """Sample k as it was assessed, from trim, (6,)."""
+        """Sample k as assessed, from trim, (6,)."""
         return self._samples["y"][k]
 
     def forecast_ahead(self, k: int) -> Ahead | None:
-        """The rest of the card, of which each manoeuvre is one flown from its beginning."""
+        """Forecast of the rest of the card; each manoeuvre is a card."""
         number = int(self._samples["manoeuvre"][k])
         first = None if number < 0 else self._manoeuvres[number].get("first")
         if self._followed is None or first is None:
@@ -94,33 +95,33 @@ class RecordedScript(Script):
         return self._followed.ahead(k, first)
 
     def _followed_sample(self, k: int) -> tuple[float, Array, int]:
-        """Sample k as the monitor read it, also where limits in force withdrew what it said."""
+        """Sample k as the monitor read it, also if the limits in force withdrew its assessment."""
         y, code = np.where(self._needed, self.y(k), 0.0), int(self._samples["state"][k])
         if STATES[code] is State.INVALID and np.isfinite(y).all():
             code = code_of(State.OK)
         return float(self.t[k]), y, code
 
     def ruling(self, k: int) -> Ruling | None:
-        """Which limits held for sample k."""
         return None if self._held is None else self._held.ruling(float(self.t[k]))
 
     def held_until(self, k: int) -> list[InForceFrom]:
-        """Which limits held for the samples up to k."""
         if self._held is None:
             return []
         begins = np.searchsorted(self.t, self._held.starts)
         held = zip(begins.tolist(), self._held.rulings, strict=True)
         by_sample = {begin: ruling for begin, ruling in held if begin <= k}
-        each = by_sample.items()
-        return [InForceFrom(float(self.t[i - 1]) if i else None, one) for i, one in each]
+        return [
+            InForceFrom(float(self.t[i - 1]) if i else None, ruling)
+            for i, ruling in by_sample.items()
+        ]
 
     def recorded(self, k: int) -> Array:
-        """Sample k, bias and trim included, (6,): between manoeuvres, trim of the one before."""
+        """Sample k with bias and trim, (6,); between manoeuvres with the trim of the last one."""
         before = int(np.searchsorted(self._starts, k, "right")) - 1
         return self._samples["y"][k] + self._offsets[max(before, 0)]
 
     def exceedance(self, k: int, limits: Array | None) -> MeasuredExceedance | None:
-        """Which limit sample k exceeds, or the recording between it and the sample before."""
+        """The limit that sample k exceeds, or the recording between it and the last sample."""
         of_sample = super().exceedance(k, limits)
         if of_sample is not None or limits is None:
             return of_sample
@@ -141,23 +142,23 @@ class RecordedScript(Script):
         )
 
     def exceeding(self, limits: Array | None) -> Indices:
-        """Samples at which an exceedance begins, of the whole recording at once."""
+        """Samples at which an exceedance begins."""
         if limits is None:
             return np.empty(0, np.int64)
         y = self._samples["y"]
         before = np.searchsorted(self._starts, np.arange(len(y)), "right") - 1
         recorded = y + self._offsets[np.maximum(before, 0)]
-        over = np.logical_or(*(exceeds(limits, np.nan_to_num(one)) for one in (y, recorded)))
+        over = np.logical_or(*(exceeds(limits, np.nan_to_num(v)) for v in (y, recorded)))
         for k in (*self._exceedances, *self._recorded_exceedances):
             over[k] = over[k] or self.exceedance(k, limits) is not None
         return onsets(over)
 
     def _at(self, t: float) -> int:
-        """The first sample at or after a time [s]; the last one where there is none."""
+        """First sample at or after a time [s]; the last one if there is none."""
         return min(int(np.searchsorted(self.t, t - SAME_TIME)), len(self.t) - 1)
 
     def attitude(self, k: int) -> Angles:
-        """As recorded; an angle that was not is integrated from the rates."""
+        """As recorded; missing angles are integrated from the rates."""
         recorded = self._samples["attitude"][k]
         known = np.isfinite(recorded)
         if known.all():
@@ -167,7 +168,7 @@ class RecordedScript(Script):
         return phi, theta, psi
 
     def assessment(self, k: int) -> Assessment:
-        """What was said of sample k when the recording was scored."""
+        """Stored assessment of sample k."""
         sample = self._samples[k]
         t, code = float(sample["t"]), int(sample["state"])
         if (state := STATES[code]) is not State.OK:

@@ -1,13 +1,13 @@
 """The flight of a source that is known from start to end.
 
-It is assessed whole before it flies. What is played of it, in whatever order and speed, are
-samples of that one script: seek, step and loop cannot change a bit of a score.
+The whole source is assessed before the flight starts. Seek, step, speed and loop only choose which
+of these assessed samples is shown when; they cannot change a score.
 """
 
 from typing import Any
 
 from app.flights.alarms import gives_alarm
-from app.flights.flight import Flight, FlightPlan, patience
+from app.flights.flight import Flight, FlightPlan, stale_after
 from app.flights.sources.playback import Script
 from app.flights.transport import Due, NotPossible, Transport, TransportError
 from app.messages import MeasuredExceedance, TransportChange, TransportState, plain_frame
@@ -18,26 +18,25 @@ from core.monitor.status import AlarmKind
 from core.types import Indices
 
 TICK_S = 0.016
-"""[s] Samples due within this time go out together."""
+"""[s] Samples due within this time are sent together."""
 VIEWER_S = 10.0
-"""[s] that a flight waits for its first viewer, where that was asked."""
+"""[s] A flight with `wait_for_viewer` starts after this time without a viewer."""
 WAITING = "waiting for a viewer"
 KEEP_WAITING = frozenset({"loop", "speed"})
 """Actions that leave a flight waiting for its first viewer; any other starts it."""
 LEFT_S = 600.0
-"""[s] At the end of its source."""
+"""[s] A flight at the end of its source ends after this time."""
 MOST_BACK = 3_000
-"""Samples before one that is sought at which what goes on there may have begun: some 30 ms."""
+"""Samples before a sought one that are searched for the onset of its alarms: about 30 ms."""
 LASTING: tuple[AlarmKind, ...] = ("limit", "risk", "invalid")
-"""What a sample by itself gives an alarm of."""
+"""Kinds of alarm that a sample alone decides."""
 
 
 class TrackFlight(Flight):
     """A flight with play, pause, seek, step, speed, loop and next_alert.
 
-    At the end of its source it pauses, and can be played again until it is stopped. Where nobody
-    steers it for LEFT_S it is over by itself, and others have its place; not while someone watches
-    an alarm that waits, which must not fall silent.
+    At the end of its source it pauses and can be played again. It ends LEFT_S later if it is not
+    steered, unless someone is watching an unacknowledged alarm: that must stay on the screen.
     """
 
     def __init__(self, plan: FlightPlan, script: Script, *about: Any, **more: Any) -> None:
@@ -56,12 +55,11 @@ class TrackFlight(Flight):
 
     @property
     def lead(self) -> float:
-        """How far ahead an alert is shown [s]: less the delay that a live flight stated."""
+        """Lead time of alerts [s], less the stated delay of a replayed live flight."""
         return self.plan.monitor.lead - self._script.delay
 
     @property
     def transport(self) -> TransportState:
-        """Where it is in its source."""
         transport, script = self._transport, self._script
         return TransportState(
             playing=transport.playing and not self.is_over,
@@ -81,16 +79,15 @@ class TrackFlight(Flight):
         """Play, or wait for the first viewer where the plan says so."""
         if self.plan.limits is not None:
             self.put_in_force(self.plan.limits, self.plan.by)
-        self._beat()
+        self._send_heartbeat()
         if self._is_waiting:
             self._call_at("viewer", self.clock.now() + VIEWER_S, lambda: self.act("play"))
         else:
             self.act("play")
 
     def act(self, action: str, value: float | bool | None = None) -> None:
-        """Do an action of the transport; TransportError says what is wrong with it."""
         if self.is_over:
-            raise NotPossible("the flight is over: start another one")
+            raise NotPossible("the flight has ended: start another one")
         now = self.clock.now()
         starts = self._is_waiting and action not in KEEP_WAITING
         if starts:
@@ -116,14 +113,17 @@ class TrackFlight(Flight):
             for assessment, display in [self._assessed(k)]
         ]
 
-    def _settle_before(self) -> None:
-        """Nothing waits: a sample is assessed when it is due."""
+    def _assess_waiting(self) -> None:
+        """Nothing waits: samples are assessed in advance."""
 
-    def _take_limits(self, in_force: LimitsInForce) -> Ruling:
+    def _apply_limits(self, in_force: LimitsInForce) -> Ruling:
         if self._script.shows_rulings:
-            raise NotPossible("a replay of a live flight is held against the limits that it was")
-        own = [one.limits for one in (self.plan.monitor, *(d.monitor for d in self.plan.display))]
-        self._held = LimitsRule(in_force, own).at()
+            raise NotPossible(
+                "a replay of a live flight keeps the limits of that flight: they cannot be changed"
+            )
+        plan = self.plan
+        monitors = [plan.monitor, *(shown.monitor for shown in plan.display)]
+        self._held = LimitsRule(in_force, [monitor.limits for monitor in monitors]).at()
         self._exceedances = self._script.exceeding(self._held.limits)
         return self._held
 
@@ -141,7 +141,7 @@ class TrackFlight(Flight):
         return self._script.ruling(k) or self._held
 
     def _assessed(self, k: int) -> tuple[Assessment, tuple[Assessment, ...]]:
-        """What the monitors say of sample k by the limits in force."""
+        """The assessments of sample k under the limits in force, and those for display."""
         ruling, about = self._ruled(k), (self._script.assessment(k), self._script.display(k))
         return about if ruling is None or self._script.shows_rulings else ruling.apply(*about)
 
@@ -166,30 +166,30 @@ class TrackFlight(Flight):
                 transport.seek(value, now)
             case "speed" if value is not None and is_number:
                 transport.set_speed(value, now)
-                self._stage(lambda scene: scene.wait(patience(self.dt, transport.speed)))
+                self._use_scene(lambda scene: scene.wait(stale_after(self.dt, transport.speed)))
             case "loop" if isinstance(value, bool):
                 transport.loop = value
             case _:
                 raise TransportError(
-                    f"{action} was asked with value {value}: seek takes seconds, speed a factor, "
-                    "step a whole number, loop true or false"
+                    f"{action} was given {value}: seek needs seconds, speed a factor, step a whole "
+                    "number, loop true or false"
                 )
 
     def _tick(self, changed: bool = False) -> None:
-        """Fly what is due, then wait for what follows."""
+        """Fly the samples that are due, then plan the next tick."""
         transport = self._transport
         if self.is_over:
             return
         try:
             before, now = (transport.playing, transport.slipped), self.clock.now()
-            flown = [self._fly_due(due) for due in transport.take(now)]
+            flown = [self._fly_due(due) for due in transport.due_samples(now)]
             if flown:
                 self._flown = now
                 self._show()
             if changed or (transport.playing, transport.slipped) != before:
-                self._tell(TransportChange(transport=self.transport).encode())
+                self._broadcast(TransportChange(transport=self.transport).encode())
                 if not transport.playing:
-                    self._stage(lambda scene: scene.hold())
+                    self._use_scene(lambda scene: scene.hold())
             due = transport.next_due(now)
             self._await_stale()
             self._stop_timer("left")
@@ -202,25 +202,25 @@ class TrackFlight(Flight):
             self._fail()
 
     def _await_stale(self) -> None:
-        """Say `stale` where the source was, before the next sample."""
+        """Plan `stale` where the replayed source was stale before its next sample."""
         after = self._script.stale_after(self._transport.index)
         if after is None or not self._transport.playing:
             self._stop_timer("stale")
         elif self.state is not State.STALE or self.reason == self._late:
             when = self._flown + after / self._transport.speed
-            self._call_at("stale", when, lambda: self._miss(patience(self.dt)))
+            self._call_at("stale", when, lambda: self._miss(stale_after(self.dt)))
 
     def _wait_at_end(self) -> None:
-        """Be over in LEFT_S unless steered, where it is at its end."""
+        """At the end of the source, plan to end in LEFT_S unless steered."""
         if self._transport.at_end:
             self._call_at("left", self.clock.now() + LEFT_S, self._leave_end)
 
     def _leave_end(self) -> None:
-        if self.n_watchers and any(one.acknowledged is None for one in self.alarms.at_hand):
+        if self.n_watchers and any(alarm.acknowledged is None for alarm in self.alarms.at_hand):
             self._wait_at_end()
             return
         minutes = LEFT_S / 60.0
-        self._end("ended", f"it was at its end, and nobody steered it for {minutes:g} minutes")
+        self._end("ended", f"it was at its end and was not steered for {minutes:g} minutes")
 
     def _fly_due(self, due: Due) -> None:
         script, k = self._script, due.sample
@@ -235,9 +235,9 @@ class TrackFlight(Flight):
         self._fly(script.y(k), assessment, *about)
 
     def _pass(self, k: int) -> None:
-        """Raise the alarms of what a seek to sample k passes, the first of each kind, if new.
+        """Raise the alarms that a seek to sample k passes: the first new one of each kind.
 
-        What goes on at k has its alarm by the sample at which it began, not by the one sought.
+        A condition that still holds at k raises its alarm with the sample of its onset.
         """
         script, passed = self._script, set[tuple[int, AlarmKind]]()
         about: tuple[tuple[AlarmKind, Indices], ...] = (
@@ -256,10 +256,12 @@ class TrackFlight(Flight):
                 goes_on = (at, kind) in under_way
                 self.exceedances.pass_by(float(script.t[at]), exceeded, goes_on)
             seq, (assessment, _) = self.head + 1, self._assessed(at)
-            self._ring(self.alarms.update(seq, at, assessment, exceeded, self.clock, only=kind))
+            self._raise_alarms(
+                self.alarms.update(seq, at, assessment, exceeded, self.clock, only=kind)
+            )
 
     def _since(self, k: int, kind: AlarmKind) -> int:
-        """Sample at which what sample k gives an alarm of began; k where it gives none."""
+        """Onset of the condition that raises this alarm at sample k; k if it does not hold."""
         began = k
         for at in range(k, max(k - MOST_BACK, 0) - 1, -1):
             if kind == "limit":
@@ -275,12 +277,12 @@ class TrackFlight(Flight):
         return began
 
     def _next_alert(self) -> int:
-        """Sample at which the next alert begins."""
+        """Sample at which the next alert begins. NotPossible."""
         if self._held is not None and self._held.reasons[0]:
-            raise NotPossible(f"there is no alert to go to: {self._held.reasons[0]}")
+            raise NotPossible(f"no alerts under these limits: {self._held.reasons[0]}")
         k = self._script.next_alert(self._transport.index)
         if k is None:
             raise NotPossible(
-                f"no alert begins after {self._transport.position:g} s: seek back to find one"
+                f"no alert after {self._transport.position:g} s: seek back to an earlier one"
             )
         return k

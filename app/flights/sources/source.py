@@ -1,6 +1,6 @@
 """Where a flight's samples come from: a simulated or stored rollout, a recording, a live source.
 
-A source is what is asked for over the wire, and knows how it is opened and flown.
+A source is a request over the wire; its class opens it and names its kind of flight.
 """
 
 from abc import ABC, abstractmethod
@@ -21,10 +21,10 @@ from app.flights.sources.recorded_playback import RecordedScript
 from app.flights.sources.replay import TrackFlight
 from app.flights.sources.track import SourceError, Track, times
 from app.json_codec import Whole
-from app.live.again import header_of
 from app.live.batches import ChannelReader, Names
 from app.live.compiling import make_ready
 from app.live.journal import Journals
+from app.live.rescoring import header_of
 from app.live.scorer import TrimRule
 from app.messages import Mode
 from app.recipes import from_plain
@@ -41,15 +41,15 @@ from core.types import Array
 
 FIRST_FREE_PORT = 1024
 BATCH, MOST_BATCHES = 256, 64
-"""Rollouts made at a time, and at most so many times, until one has the outcome asked for."""
+"""Rollouts per batch, and most batches, in the search for the requested outcome."""
 
 
 class Opening(NamedTuple):
-    """By what a source is opened.
+    """What a source needs to be opened.
 
-    scored: recordings, journals: of live flights; None where none are kept.   host: of the server.
-    display: monitors that raise no alarm.   conditions: names by which a live source sends channels
-    of the flight condition, other than their own.
+    scored: recordings; journals: of live flights; None if the server keeps none.   host: of the
+    server.   display: monitors without alarms.   conditions: names under which a live source sends
+    channels of the flight condition, if not their own.
     """
 
     store: Store
@@ -64,92 +64,87 @@ class Opening(NamedTuple):
 
 
 class Source(BaseModel, ABC):
-    """A source as it is asked for; its `kind` is its name in SOURCES."""
+    """A requested source; its `kind` is its name in SOURCES."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
     flight: ClassVar[Callable[..., Flight]] = TrackFlight
-    """How what it opens is flown."""
+    """The class of its flights."""
     mode: ClassVar[Mode] = "live"
-    """What people must never take it for another of."""
+    """Always shown, so that no replay or simulation is mistaken for live data."""
 
     @abstractmethod
     def open(self, opening: Opening) -> tuple[Script | LiveSetup, str]:
-        """Return what is flown, and what people call it; slow, for a thread.
+        """Return what is flown, and its name for people; slow, for a thread.
 
-        SourceError where there is no such flight or the monitor cannot fly it; RecipeError for a
+        SourceError if there is no such flight or the monitor cannot assess it; RecipeError for a
         wrong recipe; the store's NotFound.
         """
 
 
 class TrackSource(Source):
-    """A source of a track, which the monitor assesses as it is opened."""
+    """A source of a track, which is assessed when opened."""
 
     def open(self, opening: Opening) -> tuple[Script, str]:
-        """Make the track and assess it."""
         track = self.track(opening.store, opening.monitor)
         display = [(shown.monitor, shown.epsilon) for shown in opening.display]
         return AssessedTrack(track, opening.monitor, opening.epsilon, display), self.name()
 
     def track(self, store: Store, monitor: Monitor) -> Track:
-        """Make the track; SourceError where the monitor has another interval."""
+        """Make the track. SourceError if the monitor has another interval."""
         track = self.make(store, monitor)
         if abs(track.dt - monitor.dt) > 1e-9 * monitor.dt:
             raise SourceError(
-                f"the source has a sample each {track.dt:g} s, the monitor needs one each "
+                f"the source has a sample every {track.dt:g} s, the monitor needs one every "
                 f"{monitor.dt:g} s: choose a dataset with that dt, or train a monitor for this one"
             )
         return track
 
     @abstractmethod
-    def make(self, store: Store, monitor: Monitor) -> Track:
-        """Make the track, whatever its interval."""
+    def make(self, store: Store, monitor: Monitor) -> Track: ...
 
     @abstractmethod
-    def name(self) -> str:
-        """What people call it."""
+    def name(self) -> str: ...
 
 
 class Simulated(TrackSource):
-    """A fresh rollout of a stored dataset's test, of a recipe, or else of the monitor's own test.
+    """A new rollout of a dataset's test, of a recipe, or by default of the monitor's own test.
 
-    Where theta is given, its parameters are as said and the others nominal.
+    Parameters in theta have the given values; the others are then nominal.
     """
 
     mode = "simulated"
     kind: Literal["simulated"]
-    dataset: str | None = Field(default=None, description="id of the dataset whose test is flown")
+    dataset: str | None = Field(default=None, description="id of the dataset whose test to fly")
     recipe: dict[str, Any] | None = Field(
         default=None, description="DatasetRecipe, as for /datasets"
     )
     seed: Whole = Field(default=0, ge=0, le=2**53, description="same seed, same flight")
     theta: dict[str, float] | None = Field(
-        default=None, description="parameters by name; null: random"
+        default=None, description="aircraft parameters by name; default: random"
     )
     outcome: Literal["any", "unsafe", "safe"] = Field(
-        default="any", description="of a random aircraft"
+        default="any", description="of the random aircraft"
     )
 
     def make(self, store: Store, monitor: Monitor) -> Track:
-        """Fly the test once, to its planned end."""
         return simulate(_recipe(self, store, monitor), self)
 
     def name(self) -> str:
-        """By its seed."""
         return f"simulated, seed {self.seed}"
 
 
 class Replay(TrackSource):
-    """A stored rollout; an unsafe one goes on past its failure where it can be simulated again."""
+    """A stored rollout; an unsafe one continues past its failure if it can be simulated again."""
 
     mode = "replay"
     kind: Literal["replay"]
     dataset: str = Field(description="id")
     outcome: Literal["unsafe", "safe"]
-    rollout: Whole = Field(ge=0, description="number among those of this outcome")
+    rollout: Whole = Field(ge=0, description="number among the rollouts of this outcome")
 
     def make(self, store: Store, monitor: Monitor) -> Track:
-        """Return the rollout, with the samples after its failure where they can be had again."""
+        """The rollout, with the samples after its failure if they can be simulated again."""
         stored = store.datasets.rollout(self.dataset, self.outcome, self.rollout)
         info = store.datasets.info(self.dataset)
         y = stored.y
@@ -160,12 +155,11 @@ class Replay(TrackSource):
         return Track(t, y, info.dt, angles, theta=stored.theta, fail_index=stored.fail_index)
 
     def name(self) -> str:
-        """By outcome and number."""
         return f"{self.outcome} rollout {self.rollout}"
 
 
 class Recorded(Source):
-    """A recording as it was scored; monitor and epsilon are those of the scoring."""
+    """A scored recording, by the monitor and epsilon of the scoring."""
 
     mode = "replay"
     kind: Literal["recording"]
@@ -173,17 +167,16 @@ class Recorded(Source):
     scoring: str = Field(description="id of one of its scorings")
 
     def open(self, opening: Opening) -> tuple[Script, str]:
-        """Play what was scored; nothing is scored again."""
         store, monitor = opening.store, opening.monitor
         if opening.scored is None:
-            raise SourceError("no recordings are kept here: fly a simulated source")
+            raise SourceError("this server keeps no recordings: choose a simulated source")
         info = store.scorings.info(self.recording, self.scoring)
         if (info.monitor_id, info.epsilon) != (opening.monitor_id, opening.epsilon):
             raise SourceError(
                 f"this recording was scored by monitor {info.monitor_name} ({info.monitor_id}) at "
-                f"epsilon {info.epsilon:g}: fly it with these, or score it again"
+                f"epsilon {info.epsilon:g}: use these, or score it again"
             )
-        own = [monitor.limits, *(shown.monitor.limits for shown in opening.display)]
+        limits = [monitor.limits, *(shown.monitor.limits for shown in opening.display)]
         script = RecordedScript(
             opening.scored.samples(info),
             info.manoeuvres,
@@ -193,7 +186,7 @@ class Recorded(Source):
             biases=[info.mapping["channels"].get(key, {}).get("bias", 0.0) for key in KEYS],
             theta0=trim_angles(monitor.dataset_recipe)[1],
             display=[self._displayed(shown, info, opening) for shown in opening.display],
-            held=opening.scored.limits_timeline(info, own),
+            held=opening.scored.limits_timeline(info, limits),
             monitor=monitor,
         )
         return script, store.recordings.info(self.recording).name
@@ -201,10 +194,7 @@ class Recorded(Source):
     def _displayed(
         self, shown: DisplayMonitor, info: ScoringInfo, opening: Opening
     ) -> RecordedScript:
-        """The recording as a monitor for display scored it: the newest scoring of the same samples.
-
-        SourceError where there is none.
-        """
+        """The newest scoring of the same samples by a monitor for display. SourceError if none."""
         assert opening.scored is not None
         flown = opening.scored.samples(info)
         for other in opening.store.scorings.of(self.recording):
@@ -221,38 +211,37 @@ class Recorded(Source):
 
 
 class Live(Source):
-    """Samples as they arrive by REST, WebSocket or UDP.
+    """Samples received by REST, WebSocket or UDP.
 
-    Channels are named as in telemetry, in SI units, unless a recording's mapping says otherwise.
+    Channels have their telemetry keys and SI units, unless the mapping of a recording is given.
     """
 
     flight = LiveFlight
     kind: Literal["live"]
     recording: str | None = Field(
-        default=None, description="id of a recording by whose mapping the channels are read"
+        default=None, description="id of a recording whose mapping reads the channels"
     )
     delay: float | None = Field(
         default=None,
         ge=0.0,
-        description="[s] that a sample waits for others at most, subtracted from the lead; 1.5 "
-        "intervals of the monitor if absent",
+        description="longest wait of a sample for others [s], subtracted from the lead; default: "
+        "1.5 intervals of the monitor",
     )
     trim: TrimRule = Field(
         default="detected",
         description="`detected`: each manoeuvre is assessed from the trim before it; `none`: the "
-        "samples are from trim, and all are assessed",
+        "samples are already from trim, and all are assessed",
     )
     udp: Whole | None = Field(
-        default=None, ge=0, le=65535, description="port to listen at for datagrams; 0: any free"
+        default=None, ge=0, le=65535, description="port to listen on for datagrams; 0: any free one"
     )
 
     def open(self, opening: Opening) -> tuple[LiveSetup, str]:
-        """Make ready to receive."""
         if opening.journals is None:
-            raise SourceError("no live flights are kept here: fly a simulated source")
+            raise SourceError("this server keeps no live flights: choose a simulated source")
         if self.udp is not None and 0 < self.udp < FIRST_FREE_PORT:
             raise SourceError(
-                f"UDP port {self.udp} was asked for: give one from {FIRST_FREE_PORT} on, or 0"
+                f"UDP port {self.udp} is reserved: give one from {FIRST_FREE_PORT} on, or 0"
             )
         mapping, name, aircraft = None, "live", None
         if self.recording is not None:
@@ -274,15 +263,15 @@ class Live(Source):
             aircraft=aircraft,
             display=opening.display,
         )
-        setup.scorer()  # refuses a delay as long as the lead
-        for one in (monitor, *(shown.monitor for shown in opening.display)):
-            make_ready(one)
+        setup.scorer()  # refuses a delay that is not shorter than the lead
+        for flown in (monitor, *(shown.monitor for shown in opening.display)):
+            make_ready(flown)
         return setup, name
 
-    def open_again(self, opening: Opening, header: dict[str, Any]) -> tuple[LiveSetup, str]:
-        """Make ready as a flight was before: by the mapping that its journal says.
+    def reopen(self, opening: Opening, header: dict[str, Any]) -> tuple[LiveSetup, str]:
+        """Open a flight again, with the mapping in the header of its journal.
 
-        That of an old journal is the recording's of now.
+        Old journals have none: then the recording's current mapping is used.
         """
         opening = opening._replace(conditions=header.get("conditions", {}))
         if "mapping" not in header:
@@ -295,37 +284,37 @@ class Live(Source):
 
 
 class FlownLive(Source):
-    """A live flight that is over, by its journal: with the delays, gaps and stale times it had.
+    """An ended live flight from its journal, with its delays, gaps and stale times.
 
-    By its own monitor and epsilon it shows what it showed; another monitor says what it would have.
+    Its own monitor and epsilon show what was shown; another monitor shows what it would have shown.
     """
 
     mode = "replay"
     kind: Literal["journal"]
-    flight_id: str = Field(description="of the live flight")
+    flight_id: str = Field(description="id of the live flight")
 
     def open(self, opening: Opening) -> tuple[Script, str]:
-        """Score its journal by what had come at each moment."""
+        """Rescore its journal by what had been received at each moment."""
         setup = journal_setup(opening, self.flight_id)
         source = opening.store.flights.info(self.flight_id).source
         return ShownFlight(setup, self.flight_id), f"{source.get('name', 'live')}, as shown"
 
 
 def journal_setup(opening: Opening, flight_id: str) -> LiveSetup:
-    """How the journal of a live flight that is over is read and scored. NotFound; SourceError."""
+    """How the journal of an ended live flight is read and scored. NotFound; SourceError."""
     info, journals = opening.store.flights.info(flight_id), opening.journals
     if info.source.get("kind") != "live" or journals is None or not journals.has(flight_id):
-        raise SourceError(f"flight {flight_id} has no journal: choose a live flight that is over")
+        raise SourceError(f"flight {flight_id} has no journal: choose a live flight that has ended")
     if info.status == "running":
-        raise SourceError(f"flight {flight_id} is under way: end it, then score or replay it")
+        raise SourceError(f"flight {flight_id} is in progress: end it, then score or replay it")
     known = Live.model_fields
     live = Live.model_validate({key: info.source[key] for key in info.source if key in known})
-    setup, _ = live.open_again(opening, header_of(journals.path(flight_id)) or {})
+    setup, _ = live.reopen(opening, header_of(journals.path(flight_id)) or {})
     return setup
 
 
 def simulate(recipe: DatasetRecipe, request: Simulated) -> Track:
-    """Fly the test once; SourceError where no rollout has the outcome or a parameter is unknown."""
+    """Fly the test once. SourceError if no rollout has the outcome or a parameter is unknown."""
     simulator = Simulator(recipe)
     rng = np.random.default_rng(request.seed)
     if request.theta is not None:
@@ -346,13 +335,13 @@ def simulate(recipe: DatasetRecipe, request: Simulated) -> Track:
 
 
 def trim_angles(plain: dict[str, Any]) -> tuple[float, float]:
-    """Angle of attack and pitch at trim [rad] of a dataset recipe's aircraft; 0 where unknown."""
+    """Angle of attack and pitch at trim [rad] of a dataset recipe's aircraft; 0 if unknown."""
     aircraft = aircraft_of(plain)
     return (0.0, 0.0) if aircraft is None else _trim_angles(aircraft)
 
 
 def aircraft_of(plain: dict[str, Any]) -> Aircraft | None:
-    """Aircraft of a dataset recipe in plain data; None where it says none that is known here."""
+    """Aircraft of a dataset recipe in plain data; None if it has no known one."""
     try:
         return from_plain(DatasetRecipe(), plain, "dataset").aircraft if plain else None
     except ValueError:
@@ -363,25 +352,27 @@ def _recipe(request: Simulated, store: Store, monitor: Monitor) -> DatasetRecipe
     plain = request.recipe
     if request.dataset is not None:
         if plain is not None:
-            raise SourceError("dataset and recipe were both given: give one, or neither")
+            raise SourceError("both dataset and recipe are given: give one, or neither")
         plain = store.datasets.info(request.dataset).recipe
     if plain is None:
         plain = monitor.dataset_recipe
     if not plain:
-        raise SourceError("no recipe says what to simulate here: give one, or a simulated dataset")
+        raise SourceError(
+            "this monitor has no test to simulate: give a recipe or a simulated dataset"
+        )
     return from_plain(DatasetRecipe(), plain, "dataset")
 
 
 def _make_certain(simulator: Simulator, theta: dict[str, float]) -> None:
-    """Leave the simulator one aircraft to draw; its control law stays that of the nominal one."""
+    """Fix the simulator's aircraft; its control law stays that of the nominal one."""
     plant = simulator.plant
     if unknown := [name for name in theta if name not in plant.names]:
         raise SourceError(
-            f"theta names {', '.join(unknown)}: this aircraft's parameters are "
+            f"theta has unknown parameters {', '.join(unknown)}: this aircraft has "
             f"{', '.join(plant.names)}"
         )
     if not all(np.isfinite(value) for value in theta.values()):
-        raise SourceError("theta holds what is not a finite number: give one for each parameter")
+        raise SourceError("theta contains a non-finite number: give a finite one per parameter")
     nominal = plant.nominal.copy()
     for name, value in theta.items():
         nominal[plant.names.index(name)] = value
@@ -410,19 +401,18 @@ def _trim_angles(aircraft: Aircraft) -> tuple[float, float]:
 
 
 def _whole_rollout(plain: dict[str, Any], theta: dict[str, float], y: Array) -> Array:
-    """The rollout simulated again to its planned end; as stored unless the same bits come out.
+    """The rollout simulated to its planned end; as stored unless the result has the same bits.
 
-    What a flight has besides its model (noise, the pilot's scatter, gusts, ...) is not stored: with
-    any of it, it ends at the failure.
+    Noise, gusts and the pilot's scatter are not stored: a rollout with any of them ends at its
+    failure.
     """
     try:
         simulator = Simulator(from_plain(DatasetRecipe(), plain, "dataset"))
         _make_certain(simulator, theta)
     except ValueError:
         return y
-    again = simulator.rollouts(1, np.random.default_rng(0)).y[0]
-    same = bool(plain) and np.array_equal(again[: len(y)], y)
-    return again if same else y
+    whole = simulator.rollouts(1, np.random.default_rng(0)).y[0]
+    return whole if plain and np.array_equal(whole[: len(y)], y) else y
 
 
 SOURCES: dict[str, type[Source]] = {
@@ -435,7 +425,7 @@ SOURCES: dict[str, type[Source]] = {
 
 
 def mode_of(source: dict[str, Any]) -> Mode:
-    """Where the samples of a flight come from. source: of it, in plain data."""
+    """Whether a source in plain data is live, replayed or simulated."""
     kind = SOURCES.get(source.get("kind", ""))
     return "live" if kind is None else kind.mode
 

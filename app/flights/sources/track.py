@@ -1,4 +1,4 @@
-"""What is flown, known from start to end: it can be sought in, and is assessed at once."""
+"""A source that is known from start to end."""
 
 from dataclasses import dataclass, field
 
@@ -10,7 +10,7 @@ from core.types import Array
 
 
 class SourceError(ValueError):
-    """A source that cannot be flown, or not through this monitor; one sentence: why, what to do."""
+    """A source that cannot be flown, or not with this monitor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,15 +30,14 @@ class Track:
     fail_index: int | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what has no samples or no order; integrate the attitude where it is missing."""
         n = len(self.t)
         if not n or self.y.shape != (n, N_CHANNELS):
             raise SourceError(
                 f"the source has {n} times and samples of shape {self.y.shape}: it needs one row "
-                f"of {N_CHANNELS} channels for each time, and one at least"
+                f"of {N_CHANNELS} channels per time, and at least one"
             )
         if not (np.isfinite(self.t).all() and (np.diff(self.t) > 0).all()):
-            raise SourceError("the source's times do not rise throughout: sort or resample it")
+            raise SourceError("the source's times do not always increase: sort or resample it")
         if len(self.attitude) != n:
             object.__setattr__(self, "attitude", attitude(self.t, self.y))
 
@@ -49,5 +48,5 @@ class Track:
 
 
 def times(n: int, dt: float) -> Array:
-    """Times of n samples from 0 on [s]: the very ones that batch scores are made with."""
+    """Times of n samples from 0 on [s], equal to the bit to those of batch scores."""
     return (np.arange(n) * dt).astype(np.float64)

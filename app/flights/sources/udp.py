@@ -1,4 +1,4 @@
-"""Batches by UDP: a datagram each, as plotting tools and simple range scripts send them."""
+"""Batches by UDP, one per datagram, as plotting tools and simple range scripts send them."""
 
 import asyncio
 import logging
@@ -8,21 +8,21 @@ from collections.abc import Callable
 LOG = logging.getLogger("forewarn")
 LARGEST = 65_535
 AT_ONCE = 64
-"""Datagrams that are taken before others have their turn."""
+"""Datagrams that are read before other work gets its turn."""
 SILENT_S = 1.0
-"""A sender that sent no batch for so long may be followed by another one, at another port."""
+"""[s] After this silence of the sender another address may take over."""
 RECEIVE_BUFFER = 4 * 2**20
 
 
 class UdpReceiver:
-    """Receives the datagrams of one sender, the first that sends a batch, until it is silent.
+    """Receives datagrams of one sender: the first that sends a batch, until it falls silent.
 
-    take: called with each datagram; whether it was a batch.   n_foreign: datagrams of others.
-    OSError where the port cannot be had.
+    on_datagram: called with each datagram; returns whether it was a batch.
+    n_foreign: datagrams from unknown senders.   OSError if the port is not available.
     """
 
-    def __init__(self, host: str, port: int, take: Callable[[bytes], bool]) -> None:
-        self._take, self._sender, self._heard = take, None, 0.0
+    def __init__(self, host: str, port: int, on_datagram: Callable[[bytes], bool]) -> None:
+        self._on_datagram, self._sender, self._last_heard = on_datagram, None, 0.0
         self.n_foreign = 0
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
@@ -39,17 +39,15 @@ class UdpReceiver:
 
     @property
     def address(self) -> str:
-        """Where it listens, or did before it was closed, host:port."""
+        """host:port on which it listens, or listened until it was closed."""
         host, port = self._bound
         return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
     @property
     def port(self) -> int:
-        """Port it listens at."""
         return self._bound[1]
 
     def close(self) -> None:
-        """Listen no more."""
         self._loop.remove_reader(self._socket)
         self._socket.close()
 
@@ -64,7 +62,7 @@ class UdpReceiver:
                 return
             now = self._loop.time()
             is_other = self._sender not in (None, sender)
-            if is_other and now - self._heard < SILENT_S:
+            if is_other and now - self._last_heard < SILENT_S:
                 self.n_foreign += 1
-            elif self._take(content):
-                self._sender, self._heard = sender, now
+            elif self._on_datagram(content):
+                self._sender, self._last_heard = sender, now

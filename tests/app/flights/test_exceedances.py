@@ -76,7 +76,7 @@ def test_who_joins_late_is_told_what_the_others_saw_and_the_record_counts_it(
                 sample = {"t": T[k], "mach": 0.7 if k < 20 else 0.9} | dict.fromkeys(KEYS, 0.01)
                 sample["Ny"] = 0.45 if k in (5, 10, 25, 30, 31) else 0.01
                 await flight.receive(json.dumps(sample), "rest").stored
-            hello = Hello.model_validate_json(flight.watch().take() or "")
+            hello = Hello.model_validate_json(flight.watch().next_message() or "")
             assert [(one.t, one.limits and one.limits["Ny"]) for one in hello.held] == [
                 (None, 0.5),
                 (None, None),

@@ -257,7 +257,7 @@ def test_a_measured_condition_chooses_the_limits_and_the_journal_says_the_same(
             assert [one and one.reasons[0] for one in rulings] == [f["reason"] for f in frames]
             asked = {"source": {"kind": "journal", "flight_id": flight.id}, "monitor": ids}
             replay = await flights.start(FlightRequest.model_validate(asked))
-            with pytest.raises(NotPossible, match="held against the limits that it was"):
+            with pytest.raises(NotPossible, match="keeps the limits"):
                 await flights.put_in_force(replay.id, place.limits, 1, {}, "Ben")
             assert_it_knows_its_limits_where_it_is_sought(replay)
             source_frames = replay.source_frames(0, N_SAMPLES)

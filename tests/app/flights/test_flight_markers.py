@@ -74,7 +74,7 @@ def test_a_marker_that_the_store_refuses_is_shown_and_stored_later(
     with server.watch(flight) as socket, monkeypatch.context() as broken:
         broken.setattr(server.flights.store.flight_markers, "add", refuse)
         detail = problem(server.client.post(path, json={"kind": "abort"}), 503)
-        assert "ABORT is shown on every screen and is not stored yet: the disk is full" in detail
+        assert "ABORT is on every screen but not stored yet (the disk is full)" in detail
         (told,) = markers_of(until(socket, lambda m: m["type"] == "marker"))
         assert (told["word"], told["stored"]) == ("ABORT", False)
         assert [one["stored"] for one in server.client.get(path).json()] == [False]

@@ -232,7 +232,7 @@ def test_an_interrupted_flight_of_long_ago_becomes_a_recording_and_takes_no_more
 def test_it_is_scored_again_to_the_bit_and_by_another_monitor(range_: Range) -> None:
     flight = range_.start()
     url = f"{FLIGHTS}/{flight}/score"
-    assert "is under way" in problem(range_.client.post(url), 422)
+    assert "is in progress" in problem(range_.client.post(url), 422)
     for k in (*range(20), 22, 21, 23, 30, 31):
         range_.push(flight, k)
     range_.end(flight)

@@ -104,7 +104,7 @@ def test_there_are_at_most_so_many_flights_even_when_started_at_once(run: Callab
         assert len(flights) == 2
         (first, second) = [error for error in done if isinstance(error, Exception)]
         assert isinstance(first, TooManyFlights)
-        assert "2 flights are under way" in str(second)
+        assert "2 flights are in progress" in str(second)
         await hangar.flights.stop(flights[0].id)
         await hangar.flights.start(hangar.request())
 
@@ -243,14 +243,14 @@ def test_a_flight_is_ending_until_its_record_is_complete(
             assert flight.is_over
             assert (flights.unwritten, flights.problem) == (21, "the disk is full")
             assert hangar.store.flights.info(flight.id).status == "running"
-            with pytest.raises(FlightInProgress, match="its record is not complete: 21 samples"):
+            with pytest.raises(FlightInProgress, match="its record is incomplete: 21 samples"):
                 await flights.delete(flight.id)
             full.undo()
             full.setattr(hangar.store.flights, "end", refuse)
             with pytest.raises(StoreError):
                 await flights.stop(flight.id)
             with pytest.raises(
-                FlightInProgress, match="not complete: status and time of its end wait"
+                FlightInProgress, match="incomplete: status and time of its end wait"
             ):
                 await flights.delete(flight.id)
         hangar.clock.advance(INTERVAL_S)

@@ -152,7 +152,7 @@ def test_the_last_sample_says_that_nothing_is_left_however_short_ago_the_rest_wa
 @pytest.mark.parametrize(
     ("monitor", "words"),
     [
-        (exact_monitor, "“linear, by least squares” gives none"),
+        (exact_monitor, "the predictor “linear, by least squares” makes none"),
         (peak_trained, ""),
         (combination, "not available for a combination"),
     ],

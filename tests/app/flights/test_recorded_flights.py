@@ -186,7 +186,7 @@ def test_the_next_alert_is_that_of_the_scoring(field: Airfield, flight: str):
     assert alarm["t"] == pytest.approx(begins[0])
     end = {"action": "next_alert", "value": None}
     answer = field.client.post(f"{URL}/{flight}/transport", json=end)
-    assert "no alert begins" in problem(answer, 409)
+    assert "no alert after" in problem(answer, 409)
 
 
 def test_seeking_outside_stays_within(field: Airfield, flight: str):
@@ -225,7 +225,7 @@ def test_another_monitor_or_epsilon_is_refused_by_a_sentence(field: Airfield, at
         said = problem(field.order(**wrong), 422)
         assert said == (
             f"this recording was scored by monitor transport doublet ({field.monitor}) at epsilon "
-            "0.1: fly it with these, or score it again"
+            "0.1: use these, or score it again"
         )
     assert "nothing" in problem(field.order(source={"scoring": "nothing"}), 404)
     assert "no scoring" in problem(field.order(source={"recording": "nothing"}), 404)

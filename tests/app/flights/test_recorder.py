@@ -148,7 +148,7 @@ def test_what_the_store_refuses_is_tried_again_and_not_lost(
 
     asyncio.run(record())
     assert [(chunk[1], len(chunk[2])) for chunk in store.chunks] == [(0, 15)]
-    assert "tried again" in caplog.text
+    assert "retrying" in caplog.text
     assert "recorded again" in caplog.text
 
 

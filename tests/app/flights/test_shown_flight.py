@@ -147,7 +147,7 @@ def test_what_was_never_shown_is_no_flight(tmp_path: Path) -> None:
         return live
 
     live = asyncio.run(fly())
-    with pytest.raises(SourceError, match="shows no sample"):
+    with pytest.raises(SourceError, match="has no assessed sample"):
         ShownFlight(live.setup, live.flight.id)
 
 

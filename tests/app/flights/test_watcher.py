@@ -42,7 +42,7 @@ def test_the_same_message_is_encoded_once_for_all() -> None:
     recent = RecentFrames()
     watchers = [Watcher(recent) for _ in range(3)]
     append(recent, *watchers)
-    first, *others = [watcher.take() for watcher in watchers]
+    first, *others = [watcher.next_message() for watcher in watchers]
     assert all(text is first for text in others)
 
 
@@ -120,8 +120,8 @@ def test_other_messages_need_no_credit_and_come_first() -> None:
     watcher = Watcher(recent)
     watcher.credit = 0
     append(recent, watcher, n=LARGEST + 40)
-    watcher.tell('{"type":"alarm"}')
-    watcher.tell('{"type":"state"}')
+    watcher.send('{"type":"alarm"}')
+    watcher.send('{"type":"state"}')
     watcher.beat(lambda conflated: f'{{"type":"heartbeat","conflated":{conflated}}}')
     seen = Seen(watcher)
     told = [message["type"] for message in seen.take()]
@@ -139,9 +139,9 @@ def test_of_waiting_heartbeats_only_the_newest_is_sent() -> None:
 def test_a_watcher_that_takes_no_alarms_is_closed_and_holds_nothing() -> None:
     watcher = Watcher(RecentFrames())
     for _ in range(MAX_WAITING):
-        watcher.tell("{}")
+        watcher.send("{}")
     assert not watcher.ended
-    watcher.tell("{}")
+    watcher.send("{}")
     assert watcher.overrun
     assert watcher.ended
     assert Seen(watcher).take() == []
@@ -152,7 +152,7 @@ def test_the_frames_before_a_reset_are_still_sent_before_it() -> None:
     watcher = Watcher(recent)
     append(recent, watcher, n=3)
     watcher.before_reset()
-    watcher.tell(recent.restart(7.5))
+    watcher.send(recent.restart(7.5))
     append(recent, watcher)
     messages = Seen(watcher).take()
     assert [message["type"] for message in messages] == ["frames", "reset", "frames"]
@@ -166,7 +166,7 @@ def test_what_a_reset_took_from_a_watcher_without_credit_is_counted() -> None:
     watcher.credit = 0
     append(recent, watcher, n=3)
     watcher.before_reset()
-    watcher.tell(recent.restart(0.0))
+    watcher.send(recent.restart(0.0))
     assert [message["type"] for message in Seen(watcher).take()] == ["reset"]
     assert watcher.conflated == 3
 
@@ -212,7 +212,7 @@ def test_end_comes_after_the_last_frames() -> None:
     watcher = Watcher(recent)
     append(recent, watcher, n=2)
     watcher.end('{"type":"end"}')
-    watcher.tell('{"type":"alarm"}')
+    watcher.send('{"type":"alarm"}')
     assert [message["type"] for message in Seen(watcher).take()] == ["frames", "end"]
 
 
@@ -227,7 +227,7 @@ def test_a_client_that_gives_no_credit_is_told_with_the_next_heartbeat() -> None
 
     for _ in range(CREDIT + 3):
         append(recent, watcher)
-        while (text := watcher.take()) is not None:
+        while (text := watcher.next_message()) is not None:
             assert "frames" in text
     assert beaten() == ["waiting", "heartbeat"]
     assert '"type": "credit"' in seen.messages[-2]["reason"]

@@ -98,7 +98,7 @@ def test_more_than_may_wait_is_refused(tmp_path: Path, monkeypatch: pytest.Monke
 
     async def write() -> None:
         journal = Journals(tmp_path).open("a")
-        with pytest.raises(JournalFull, match="repeat what was not acknowledged"):
+        with pytest.raises(JournalFull, match="repeat the batches not acknowledged"):
             journal.append({"text": "x" * 30})
 
     asyncio.run(write())

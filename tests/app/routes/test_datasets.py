@@ -85,7 +85,7 @@ def test_an_own_model_is_sent_as_its_file_is_written(client):
     assert isinstance(capital.aircraft, MatrixAircraft)
     assert capital == small
     both = client.post("/api/v1/datasets", json={"aircraft": printed | {"a": model["a"]}})
-    assert "gives the matrix A twice" in problem(both, 422)
+    assert "has the matrix A twice" in problem(both, 422)
 
 
 @pytest.mark.parametrize("name", ["limits", "specification"])

@@ -356,9 +356,9 @@ def test_a_wrong_action_is_a_problem(action: str, value: Any, status: int, serve
 def test_an_action_that_cannot_be_now_is_a_conflict(server: Server) -> None:
     flight = server.start()["id"]
     server.steer(flight, "seek", 5.9)
-    assert "no alert begins after" in problem(server.steer(flight, "next_alert"), 409)
+    assert "no alert after" in problem(server.steer(flight, "next_alert"), 409)
     server.client.post(f"{URL}/{flight}/end")
-    assert "is under way" in problem(server.steer(flight, "play"), 404)
+    assert "is in progress" in problem(server.steer(flight, "play"), 404)
 
 
 @pytest.mark.parametrize(
@@ -368,8 +368,8 @@ def test_an_action_that_cannot_be_now_is_a_conflict(server: Server) -> None:
         ({"epsilon": 0.01}, 422, "needs at least 99"),
         ({"epsilon": 2}, 422, "less than 1"),
         ({"source": {"kind": "seance"}}, 422, "seance"),
-        ({"source": {"kind": "simulated", "theta": {"C_n": 1}}}, 422, "theta names C_n"),
-        ({"source": {"kind": "simulated", "recipe": {"dt": 0.1}}}, 422, "each 0.1 s"),
+        ({"source": {"kind": "simulated", "theta": {"C_n": 1}}}, 422, "parameters C_n"),
+        ({"source": {"kind": "simulated", "recipe": {"dt": 0.1}}}, 422, "every 0.1 s"),
         ({"source": {"kind": "simulated", "recipe": {"x": 1}}}, 422, "no 'x'"),
         ({"source": {"kind": "replay", "dataset": "none", "outcome": "safe", "rollout": 0}}, 404,
          "none"),
@@ -416,7 +416,7 @@ def test_one_flight_too_many_is_refused(tmp_path: Path) -> None:
         server.start()
         source = {"kind": "simulated"}
         body = {"source": source, "monitor": server.monitor_id}
-        assert "1 flights are under way" in problem(client.post(URL, json=body), 429)
+        assert "1 flights are in progress" in problem(client.post(URL, json=body), 429)
 
 
 def test_a_replay_flies_a_stored_rollout(server: Server) -> None:

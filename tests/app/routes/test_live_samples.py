@@ -85,8 +85,8 @@ def test_names_that_nothing_reads_are_told_in_the_answer_and_of_the_flight(range
 
 
 def test_what_is_no_batch_is_refused_and_the_flight_goes_on(range_: Range) -> None:
-    assert "gives no value of Ny" in problem(range_.push(batch(1, Ny=None)), 422)
-    assert "no JSON object" in problem(range_.push([1, 2]), 422)
+    assert "missing channels: Ny" in problem(range_.push(batch(1, Ny=None)), 422)
+    assert "not a JSON object" in problem(range_.push([1, 2]), 422)
     assert range_.push(batch(1)).status_code == 200
 
 
@@ -97,7 +97,7 @@ def test_only_a_live_flight_that_is_under_way_takes_samples(range_: Range) -> No
     assert "is not live" in problem(refused, 409)
     problem(range_.client.post(f"{URL}/nowhere/samples", json=batch(1)), 404)
     assert range_.client.post(f"{URL}/{range_.id}/end").status_code == 200
-    assert "takes no samples" in problem(range_.push(batch(1)), 409)
+    assert "accepts no samples" in problem(range_.push(batch(1)), 409)
     assert range_.lines()[-1]["e"] == "end"
     over = range_.client.get(f"{URL}/{range_.id}").json()
     assert over["live"]["counts"]["accepted"] == 0
@@ -108,7 +108,7 @@ def test_a_source_that_cannot_be_is_refused_before_the_flight(range_: Range) -> 
     assert "UDP port 80" in problem(range_.start(udp=80), 422)
     flight = range_.start(udp=0).json()["id"]
     port = range_.client.get(f"{URL}/{flight}/samples").json()["udp"].split(":")[1]
-    assert f"UDP port {port} of 127.0.0.1 cannot be had" in problem(
+    assert f"UDP port {port} of 127.0.0.1 is not available" in problem(
         range_.start(udp=int(port)), 422
     )
     assert "subtracted from the lead" in problem(range_.start(delay=10.0), 422)
@@ -150,7 +150,7 @@ def test_a_manoeuvre_is_begun_by_hand_once(range_: Range) -> None:
     range_.push(batch(0, n=20))
     begin = f"{URL}/{range_.id}/manoeuvre"
     assert range_.client.post(begin, json={"by": "FTE"}).status_code == 204
-    assert "manoeuvre 1 is under way" in problem(range_.client.post(begin), 409)
+    assert "manoeuvre 1 is in progress" in problem(range_.client.post(begin), 409)
     range_.push(batch(1, first=20))
     live = range_.client.get(f"{URL}/{range_.id}/samples").json()
     assert (live["manoeuvre"], live["begun"]) == (1, [{"number": 1, "t": 20 * DT}])

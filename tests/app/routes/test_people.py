@@ -106,7 +106,7 @@ def test_a_websocket_closes_when_its_token_is_revoked(client: TestClient) -> Non
         def take(self) -> None:
             pass
 
-        take_newest = take
+        newest_message = take
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(flights, "get", lambda _: Silent())

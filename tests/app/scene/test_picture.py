@@ -270,7 +270,9 @@ class TestThePicture:
     def test_the_column_fills_to_its_ring_where_the_risk_is_the_threshold(self, scene):
         show(scene, p_value=0.1, alert_above=0.1)
         scene.draw()
-        assert filled(scene) == pytest.approx(-nodes(scene)._threshold.position[2])
+        ring, label = nodes(scene)._threshold, nodes(scene)._threshold_label
+        assert filled(scene) == pytest.approx(-ring.position[2])
+        assert (len(ring.vertices) > 0, label.text) == (True, "> 0.1")
         show(scene, p_value=0.2, alert_above=0.1, alert=True)
         scene.draw()
         assert filled(scene) > -nodes(scene)._threshold.position[2]
@@ -353,7 +355,7 @@ class TestThePicture:
         assert np.abs([*x / 1.25, *y]).max() < 0.97
         column = foot + np.array([(0, side, -h) for side in (-0.9, 0.9) for h in (0, 7)])
         assert on_screen(column)[0].max() < x.min()
-        beside = foot + np.array(nodes(scene)._threshold.position)
+        beside = foot + np.array(nodes(scene)._threshold_label.position)
         per_px = 2 * 1.25 / narrow
         assert on_screen(beside[None])[0][0] - 5 * letter * per_px > -1.25
         above = on_screen((foot + np.array(nodes(scene)._headline.position))[None])[0][0]

@@ -123,7 +123,7 @@ class TestTheLoopbackPort:
         open_server().stop()
         monkeypatch.setattr(_infra, "websockets", websockets)
         before = threading.active_count()
-        with pytest.raises(SceneServerError, match="200 to a stranger"):
+        with pytest.raises(SceneServerError, match="answered 200"):
             open_server()
         assert threading.active_count() == before
 

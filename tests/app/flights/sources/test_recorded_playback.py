@@ -114,7 +114,7 @@ def test_a_recording_flies_with_the_transport_of_any_flight(samples: npt.NDArray
         seen.take()
     flight.act("next_alert")
     flight.act("seek", 3364.0)
-    with pytest.raises(NotPossible, match="no alert begins"):
+    with pytest.raises(NotPossible, match="no alert after"):
         flight.act("next_alert")
     seen.take()
     frames = seen.frames

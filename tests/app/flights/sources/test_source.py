@@ -89,7 +89,7 @@ def test_parameters_that_are_not_chosen_are_nominal() -> None:
 
 @pytest.mark.parametrize(
     ("theta", "message"),
-    [({"C_n_beta": 1.0}, "theta names C_n_beta: .* Y_beta"), ({"N_beta": np.inf}, "finite")],
+    [({"C_n_beta": 1.0}, "parameters C_n_beta: .* Y_beta"), ({"N_beta": np.inf}, "finite")],
 )
 def test_a_theta_that_cannot_be_is_refused(theta: dict[str, float], message: str) -> None:
     with pytest.raises(SourceError, match=message):
@@ -110,7 +110,7 @@ def test_the_test_is_the_recipes_the_datasets_or_the_monitors(stored: tuple) -> 
     of_recipe = fly(stored, simulated(seed=1, recipe=recipe))
     np.testing.assert_array_equal(fly(stored, simulated(seed=1, dataset=noisy)).y, of_recipe.y)
     assert (of_recipe.y != of_monitor.y).any()
-    with pytest.raises(SourceError, match="both given"):
+    with pytest.raises(SourceError, match="both dataset and recipe"):
         fly(stored, simulated(dataset=clean, recipe=recipe))
     with pytest.raises(RecipeError, match="dataset has no 'aeroplane'"):
         fly(stored, simulated(recipe={"aeroplane": "747"}))
@@ -120,12 +120,12 @@ def test_the_test_is_the_recipes_the_datasets_or_the_monitors(stored: tuple) -> 
 
 def test_a_monitor_of_flown_data_needs_a_recipe(stored: tuple) -> None:
     store, _, _, monitor = stored
-    with pytest.raises(SourceError, match="no recipe says what to simulate"):
+    with pytest.raises(SourceError, match="no test to simulate"):
         simulated().track(store, replace(monitor, dataset_recipe={}))
 
 
 def test_another_interval_than_the_monitors_is_refused(stored: tuple) -> None:
-    with pytest.raises(SourceError, match=r"each 0\.1 s, the monitor needs one each 0\.05 s"):
+    with pytest.raises(SourceError, match=r"every 0\.1 s, the monitor needs one every 0\.05 s"):
         fly(stored, simulated(recipe=to_plain(replace(RECIPE, dt=0.1))))
 
 

@@ -1,4 +1,4 @@
-"""What a live flight was shown, again: from its journal, by what had come at each moment."""
+"""Rescoring: the samples of a live flight's journal, as shown at each moment."""
 
 from collections.abc import Iterable, Iterator
 from math import inf
@@ -12,24 +12,24 @@ from app.scoring.limits_in_force import LimitsInForce
 
 
 class ShownSample(NamedTuple):
-    """A sample and when it was shown: time since the flight began [s]."""
+    """A sample, and when it was shown: time since the flight began [s]."""
 
     shown: float
     assessed: LiveAssessed
 
 
 def header_of(path: Path) -> dict[str, Any] | None:
-    """What a journal says that its flight is; None where it says nothing yet. OSError."""
+    """First line of a journal, which describes its flight; None if it is empty. OSError."""
     return next(lines_of(path), None)
 
 
-def settled_by(
+def replay_line(
     line: dict[str, Any], scorer: CausalScorer, reader: ChannelReader
 ) -> list[LiveAssessed]:
-    """What a line of a journal settles."""
+    """Apply a line of a journal. Returns the samples that it settles."""
     if "b" in line:
         samples = reader.samples(Batch(line["s"], line["b"]))
-        return [one for each in samples for one in scorer.push(line["a"], each)]
+        return [settled for sample in samples for settled in scorer.push(line["a"], sample)]
     settled = scorer.advance(line["a"])
     if line.get("e") == "manoeuvre":
         scorer.begin()
@@ -38,18 +38,18 @@ def settled_by(
     return settled
 
 
-def shown_again(
+def rescored(
     lines: Iterable[dict[str, Any]], scorer: CausalScorer, reader: ChannelReader
 ) -> Iterator[ShownSample]:
-    """Each sample of a journal as a scorer of its flight's beginning assesses it.
+    """Each sample of a journal, assessed by a new scorer.
 
-    What waited for others is shown when its time was up, not when the next batch came; so is what
-    waited at the end of a journal that says of no end: the server was killed.
+    A sample that waited for others is shown at its deadline, not when the next batch came. This
+    includes samples at the end of a journal without an `end` line: its server was killed.
     """
     is_ended = False
     for line in lines:
         yield from _settled_alone(scorer, line["a"])
-        for assessed in settled_by(line, scorer, reader):
+        for assessed in replay_line(line, scorer, reader):
             yield ShownSample(line["a"], assessed)
         is_ended = line.get("e") == "end"
     if not is_ended:
@@ -57,8 +57,8 @@ def shown_again(
 
 
 def _settled_alone(scorer: CausalScorer, until: float) -> Iterator[ShownSample]:
-    """What the clock settled before a time."""
+    """Samples that the clock alone settled before a time."""
     before = None
     while (deadline := scorer.deadline) is not None and before != deadline < until:
-        yield from (ShownSample(deadline, one) for one in scorer.advance(deadline))
+        yield from (ShownSample(deadline, settled) for settled in scorer.advance(deadline))
         before = deadline
