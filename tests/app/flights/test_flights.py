@@ -250,7 +250,7 @@ def test_a_flight_is_ending_until_its_record_is_complete(
             with pytest.raises(StoreError):
                 await flights.stop(flight.id)
             with pytest.raises(
-                FlightInProgress, match="incomplete: status and time of its end wait"
+                FlightInProgress, match="incomplete: status and time of its end"
             ):
                 await flights.delete(flight.id)
         hangar.clock.advance(INTERVAL_S)
