@@ -1,8 +1,9 @@
 """Logging in and out: a page that asks for a token, links for one use, the session's cookies."""
 
 import asyncio
+import logging
 import math
-from collections.abc import Mapping
+import time
 from urllib.parse import parse_qs
 
 from starlette.requests import HTTPConnection, Request
@@ -12,14 +13,15 @@ from app.http.audit import Audit
 from app.http.people import Admission, People
 from app.http.problems import Problem, problem_response
 from app.http.sessions import Sessions
-from app.http.wrong_tokens import WrongTokens
 from app.store.store import Store, StoreError
 
+LOG = logging.getLogger("forewarn")
 COOKIE = "forewarn"
 COOKIE_OF_PAGE = "forewarn-page"
 """Tells the page that there is a session to end; it lets nobody in."""
 PATHS = ("/login", "/logout")
 LARGEST_LOGIN = 4096
+LOGGED_EVERY_S = 1.0
 
 LOGIN_PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Forewarn</title>
 <meta name="viewport" content="width=device-width">
@@ -27,19 +29,17 @@ LOGIN_PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Fore
 min-height:90vh}}input,button{{font:inherit;padding:.4em .6em}}</style>
 <form method="post" action="/login"><p><label for="token">Token of this Forewarn server</label></p>
 <p><input id="token" name="token" type="password" required autofocus>
-<button>Enter</button></p><p role="alert">{said}</p></form></html>"""
+<button>Enter</button></p><p role="alert">{message}</p></form></html>"""
 
 
 class Login:
     """What is answered at /login and /logout."""
 
-    def __init__(
-        self, people: People, sessions: Sessions, wrong_tokens: WrongTokens, audit: Audit
-    ) -> None:
+    def __init__(self, people: People, sessions: Sessions, audit: Audit) -> None:
         self._people = people
         self._sessions = sessions
-        self._wrong_tokens = wrong_tokens
         self._audit = audit
+        self._logged = -math.inf
 
     async def answer(self, request: Request) -> Response:
         """Answer a request for one of PATHS."""
@@ -59,12 +59,18 @@ class Login:
     async def _take_token(self, request: Request) -> Response:
         given = await _posted_token(request)
         if admission := self._people.find(given):
-            self._wrong_tokens.forget(address_of(request))
             return self._entered(request, admission)
-        if wait := math.ceil(self._wrong_tokens.note(given, address_of(request))):
-            text = f"Too many wrong tokens came from here: try again in {wait} s."
-            return _asking(text, 429, {"Retry-After": str(wait)})
+        if given:
+            self.log_wrong_token(request)
         return _asking("That is not a token of this server.", 401)
+
+    def log_wrong_token(self, connection: HTTPConnection) -> None:
+        """Log the address of a wrong token, never the token; one line in LOGGED_EVERY_S."""
+        now = time.monotonic()
+        if now - self._logged >= LOGGED_EVERY_S:
+            self._logged = now
+            address = connection.client.host if connection.client else "an unknown address"
+            LOG.warning("wrong token from %s", address)
 
     async def _take_link(self, request: Request, link: str) -> Response:
         if self._sessions.use_link(link):
@@ -100,16 +106,9 @@ class Login:
         return response
 
 
-def address_of(connection: HTTPConnection) -> str:
-    """Address that a connection comes from."""
-    return connection.client.host if connection.client else ""
-
-
-def _asking(
-    said: str = "", status: int = 200, headers: Mapping[str, str] | None = None
-) -> Response:
+def _asking(message: str = "", status: int = 200) -> Response:
     """The page that asks for the token."""
-    return HTMLResponse(LOGIN_PAGE.format(said=said), status, headers)
+    return HTMLResponse(LOGIN_PAGE.format(message=message), status)
 
 
 async def _posted_token(request: Request) -> str:

@@ -4,7 +4,6 @@ One ASGI layer around everything, HTTP and WebSocket alike, so that no route can
 """
 
 import asyncio
-import math
 import re
 import socket
 from collections import deque
@@ -26,7 +25,6 @@ from app.http.people import Admission, People, Person
 from app.http.problems import Problem, problem_response
 from app.http.roles import may, rule_of
 from app.http.sessions import Sessions
-from app.http.wrong_tokens import WrongTokens
 from app.settings import Settings
 
 Scope = MutableMapping[str, Any]
@@ -77,8 +75,6 @@ class Refusal(Exception):
     kind: str
     extra: Mapping[str, str] = field(default_factory=dict)
     """Further members of the problem document."""
-    wait: int = 0
-    """[s] until it may be tried again, where that is the reason."""
 
 
 class Guard:
@@ -103,8 +99,7 @@ class Guard:
         self.people = people
         self.sessions = sessions
         self.audit = audit
-        self.wrong_tokens = WrongTokens()
-        self.login = Login(people, sessions, self.wrong_tokens, audit)
+        self.login = Login(people, sessions, audit)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Let a connection through, or answer it here."""
@@ -179,16 +174,13 @@ class Guard:
         given = bearer.strip() if scheme.lower() == "bearer" else ""
         if scope["type"] == "websocket":
             given = given or connection.query_params.get("token", "")
-        address = login.address_of(connection)
         if given and (admission := self.people.find(given)):
-            self.wrong_tokens.forget(address)
             return admission, ""
         session = connection.cookies.get(login.COOKIE, "")
         if admission := self.sessions.use(session):
             return admission, session
-        if given and (wait := math.ceil(self.wrong_tokens.note(given, address))):
-            text = f"too many wrong tokens came from your address: try again in {wait} s"
-            raise Refusal(429, text, "token", {}, wait)
+        if given:
+            self.login.log_wrong_token(connection)
         text = "the token is missing, wrong or over: send `Authorization: Bearer TOKEN`"
         raise Refusal(401, text, "token")
 
@@ -247,8 +239,6 @@ class Guard:
         kind = f"urn:forewarn:{refusal.kind}"
         problem = Problem(refusal.status, refusal.reason, kind, **refusal.extra)
         headers = {"WWW-Authenticate": "Bearer"} if refusal.status == 401 else {}
-        if refusal.wait:
-            headers["Retry-After"] = str(refusal.wait)
         response = problem_response(problem, headers)
         wants_page = "text/html" in Headers(scope=scope).get("accept", "")
         if refusal.status == 401 and wants_page and scope["method"] == "GET":
