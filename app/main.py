@@ -25,7 +25,7 @@ from app.http.document import (
     describe_links,
     describe_names,
 )
-from app.http.head_requests import HeadAsGet
+from app.http.head_requests import Route
 from app.http.idempotency import Idempotent, describe_keys
 from app.http.page import serve_page
 from app.http.people import People
@@ -103,7 +103,7 @@ class Application(FastAPI):
     def build_middleware_stack(self) -> Any:
         """FastAPI's layers, then what counts, then what lets in."""
         limited = BodyLimit(
-            HeadAsGet(GZipMiddleware(Idempotent(super().build_middleware_stack()), **COMPRESSION)),
+            GZipMiddleware(Idempotent(super().build_middleware_stack()), **COMPRESSION),
             self.settings.max_body_bytes,
             {("POST", recordings.router.prefix): self.settings.max_upload_bytes},
         )
@@ -146,6 +146,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.sessions = app.state.sessions = Sessions(settings.session_seconds)
     app.audit = app.state.audit = Audit()
     install_problems(app)
+    app.router.route_class = Route
     _serve_docs(app)
     if STATIC.is_dir():
         serve_page(app, STATIC)

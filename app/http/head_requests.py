@@ -1,47 +1,32 @@
-"""HEAD: answered wherever GET is, by the status and the headers that GET would have."""
+"""HEAD: every GET route answers it. The server sends the headers alone."""
 
-import asyncio
-from collections.abc import Awaitable, Callable, MutableMapping
 from typing import Any
 
-Scope = MutableMapping[str, Any]
-Message = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[Message]]
-Send = Callable[[Message], Awaitable[None]]
-ASGIApp = Callable[[Scope, Receive, Send], Awaitable[None]]
+from fastapi import APIRouter
+from fastapi.routing import APIRoute
+from starlette.routing import Match
+from starlette.types import Receive, Scope, Send
 
 
-class HeadAsGet:
-    """ASGI layer that has HEAD carried out as GET and leaves the body out."""
+class Route(APIRoute):
+    """A route whose GET answers HEAD too; the document does not list HEAD."""
 
-    def __init__(self, app: ASGIApp) -> None:
-        self.app = app
+    def matches(self, scope: Scope) -> tuple[Match, Scope]:
+        match, child_scope = super().matches(scope)
+        if match == Match.PARTIAL and self._answers_head(scope):
+            match = Match.FULL
+        return match, child_scope
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass on; what goes on after the beginning of its body is cut off there."""
-        if scope["type"] != "http" or scope["method"] != "HEAD":
-            await self.app(scope, receive, send)
-            return
-        answered = asyncio.Event()
+    async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
+        handle = self.app if self._answers_head(scope) else super().handle
+        await handle(scope, receive, send)
 
-        async def sending(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                await send(message)
-            elif not answered.is_set():
-                await send({"type": "http.response.body", "body": b""})
-                if message.get("more_body", False):
-                    answered.set()
+    def _answers_head(self, scope: Scope) -> bool:
+        return scope["method"] == "HEAD" and "GET" in self.methods
 
-        scope["method"] = "GET"  # in place: the layers outside read the route from the scope
-        work = asyncio.ensure_future(self.app(scope, receive, sending))
-        cut = asyncio.ensure_future(answered.wait())
-        try:
-            await asyncio.wait((work, cut), return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            scope["method"] = "HEAD"
-            cut.cancel()
-            if not work.done():
-                work.cancel()
-                await asyncio.wait((work,))
-        if not work.cancelled():
-            work.result()
+
+class Router(APIRouter):
+    """A router of such routes."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(route_class=Route, **options)

@@ -8,18 +8,19 @@ from dataclasses import asdict, fields
 from datetime import UTC, datetime
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import Query, Request, Response
 from fastapi.responses import StreamingResponse
 
 from app import json_codec
 from app.http.audit import Audit
+from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.routes.dependencies import StoreDep
 from app.store.audit import AuditEntry
 from app.store.store import StoreError
 from app.store.tables import time_text
 
-router = APIRouter(prefix="/api/v1", tags=["people"])
+router = Router(prefix="/api/v1", tags=["people"])
 JSON_LINES, CSV = "application/x-ndjson", "text/csv"
 
 

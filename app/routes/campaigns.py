@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, Response
+from fastapi import Depends, Response
 from fastapi.responses import HTMLResponse
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -15,6 +15,7 @@ from app.campaigns.file import from_file
 from app.campaigns.flying import aborted_flight, flown_point
 from app.campaigns.stored import CampaignDetails, Campaigns, CampaignSummary, check_next
 from app.catalog import campaign_request_schema, condition_request_schema
+from app.http.head_requests import Router
 from app.http.people import Person
 from app.http.problems import Problem, problem_responses
 from app.jobs.campaigns import (
@@ -47,7 +48,7 @@ from app.store.jobs import ENDED, JobInfo
 from app.store.tokens import LOCAL
 from core.quoted import quoted
 
-router = APIRouter(prefix="/api/v1/campaigns", tags=["campaigns"])
+router = Router(prefix="/api/v1/campaigns", tags=["campaigns"])
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 

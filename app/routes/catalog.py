@@ -4,11 +4,12 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, NamedTuple
 
-from fastapi import APIRouter, Response
+from fastapi import Response
 from pydantic import BaseModel, Field
 from pydantic.json_schema import models_json_schema
 
 from app.catalog import catalog
+from app.http.head_requests import Router
 from app.live.messages import UPLINK_DOWN, UPLINK_UP
 from app.messages import DOWN, UP
 from app.routes.dependencies import json_response
@@ -21,7 +22,7 @@ from core.limit_set import ConditionChannel
 STREAMS: dict[int | str, dict[str, Any]] = {
     200: {"content": {"application/json": {"schema": {"type": "object"}}}}
 }
-router = APIRouter(prefix="/api/v1", tags=["catalog"])
+router = Router(prefix="/api/v1", tags=["catalog"])
 
 
 class Member(BaseModel):

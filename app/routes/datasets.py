@@ -6,10 +6,11 @@ from dataclasses import asdict
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from fastapi import APIRouter, Query, Response
+from fastapi import Query, Response
 from pydantic import BaseModel, Field
 
 from app.catalog import amplitude_request_schema, dataset_request_schema
+from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.jobs.kinds import dataset_work
 from app.jobs.requests import amplitude_suggestion, dataset_request
@@ -30,7 +31,7 @@ from app.store.jobs import JobInfo
 from app.store.store import Store
 from core.channels import CHANNELS, KEYS
 
-router = APIRouter(prefix="/api/v1/datasets", tags=["datasets"])
+router = Router(prefix="/api/v1/datasets", tags=["datasets"])
 Outcome = Literal["unsafe", "safe"]
 MOST_ROLLOUTS = 500
 

@@ -3,12 +3,13 @@
 from dataclasses import asdict
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Request
+from fastapi import Depends, Request
 from pydantic import BaseModel, Field
 
 from app.demonstration import Demonstration, Phase
+from app.http.head_requests import Router
 
-router = APIRouter(prefix="/api/v1/demonstration", tags=["demonstration"])
+router = Router(prefix="/api/v1/demonstration", tags=["demonstration"])
 
 
 class DemonstrationProgress(BaseModel):

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from fastapi import APIRouter, WebSocket
+from fastapi import WebSocket
 from starlette.status import (
     WS_1000_NORMAL_CLOSURE,
     WS_1008_POLICY_VIOLATION,
@@ -13,9 +13,10 @@ from app.flights.flights import Flights
 from app.flights.frame_ticks import FrameTicks
 from app.flights.watcher import Watcher
 from app.http.connection import Connection, accepted
+from app.http.head_requests import Router
 from app.messages import Credit, End, MessageError, decode
 
-router = APIRouter(prefix="/api/v1/flights", tags=["flights"])
+router = Router(prefix="/api/v1/flights", tags=["flights"])
 NO_SUCH_FLIGHT = 4404
 """Close code of a WebSocket to a flight that is not under way."""
 

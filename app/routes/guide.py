@@ -11,11 +11,13 @@ from pathlib import Path
 from textwrap import shorten
 from typing import Annotated, Any
 
-from fastapi import APIRouter, HTTPException, Query
+from fastapi import HTTPException, Query
 from fastapi.responses import HTMLResponse
 from jinja2 import Environment, FileSystemLoader
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
+
+from app.http.head_requests import Router
 
 SLUGS = (
     "what-the-numbers-mean",
@@ -67,9 +69,9 @@ class GuidePage:
         return self.sections[0].title
 
 
-def guide_router(directory: Path) -> APIRouter:
+def guide_router(directory: Path) -> Router:
     """The pages of a directory at /guide, read when one is first asked for."""
-    router = APIRouter(include_in_schema=False)
+    router = Router(include_in_schema=False)
 
     @cache
     def pages() -> dict[str, GuidePage]:

@@ -4,17 +4,18 @@ import asyncio
 from dataclasses import asdict
 from typing import Any
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from pydantic import BaseModel, Field
 from starlette.datastructures import State as AppState
 
 from app.flights.flights import Flights
+from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.integrity import Damage, Integrity, Kind, State
 from app.metrics import CONTENT_TYPE
 from core import __version__
 
-router = APIRouter(tags=["health"])
+router = Router(tags=["health"])
 MOST_DAMAGED = 20
 """Damaged things that readiness names."""
 

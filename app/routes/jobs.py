@@ -5,12 +5,13 @@ from collections.abc import AsyncIterator
 from dataclasses import replace
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header, Request, Response
+from fastapi import Header, Request, Response
 from fastapi.responses import StreamingResponse
 from fastapi.sse import format_sse_event
 
 from app import json_codec
 from app.catalog import study_request_schema, sweep_request_schema
+from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.jobs.jobs import NotRunning
 from app.jobs.kinds import study_work, sweep_work
@@ -27,7 +28,7 @@ from app.routes.dependencies import (
 from app.routes.job_answers import ACCEPTED, accepted, as_sent
 from app.store.jobs import ENDED, JobInfo
 
-router = APIRouter(prefix="/api/v1", tags=["jobs"])
+router = Router(prefix="/api/v1", tags=["jobs"])
 KEEP_ALIVE = 15.0
 """[s] A quiet event stream says so this often, so that no proxy takes it for dead."""
 LAST_EVENT = "end"
@@ -103,6 +104,7 @@ EVENTS: dict[int | str, dict[str, Any]] = {
 )
 async def stream_job(
     job_id: str,
+    request: Request,
     jobs: JobsDep,
     last_event_id: Annotated[str | None, Header()] = None,
 ) -> Response:
@@ -115,6 +117,8 @@ async def stream_job(
         return Response(status_code=204)
     await asyncio.to_thread(jobs.info, job_id)
     headers = {"X-Accel-Buffering": "no"}
+    if request.method == "HEAD":
+        return Response(None, 200, headers, "text/event-stream")
     return StreamingResponse(_events(job_id, jobs), 200, headers, "text/event-stream")
 
 

@@ -3,11 +3,12 @@
 import asyncio
 from typing import Annotated
 
-from fastapi import APIRouter, Path
+from fastapi import Path
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from app.flights.flight_limits import to_store
 from app.flights.transport import NotPossible
+from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.json_codec import Whole
 from app.live.journal import JournalFull
@@ -18,7 +19,7 @@ from app.store.limit_sets import FlightLimits, LimitSetInfo, StoredLimits
 from app.store.tokens import LOCAL
 from core.limit_set import ConditionKey, LimitSet, limit_set_from_plain
 
-router = APIRouter(prefix="/api/v1", tags=["limit sets"])
+router = Router(prefix="/api/v1", tags=["limit sets"])
 MOST_CASES = 100
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 CASES: list[JsonValue] = [

@@ -3,12 +3,13 @@
 import asyncio
 from typing import Annotated
 
-from fastapi import APIRouter, Body, Request, Response
+from fastapi import Body, Request, Response
 from pydantic import BaseModel, Field
 
 from app.flights.flights import Flights, TooManyFlights
 from app.flights.sources.live import LiveFlight, SequenceConflict
 from app.flights.transport import NotPossible
+from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.live.journal import JournalFull
 from app.messages import LiveStatus
@@ -16,7 +17,7 @@ from app.routes.dependencies import PersonDep, SignedRequest, signature
 from app.routes.flights import FlightsDep
 from app.telemetry.recording import TelemetryError
 
-router = APIRouter(prefix="/api/v1/flights", tags=["flights"])
+router = Router(prefix="/api/v1/flights", tags=["flights"])
 DURABLE_WITHIN_S = 5.0
 EXAMPLE = {
     "sequence": 1,

@@ -3,16 +3,17 @@
 from typing import Annotated, Any
 
 import numpy as np
-from fastapi import APIRouter, Body, Response
+from fastapi import Body, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.flights.flights import Flights
+from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.messages import Frame, plain_frame
 from app.routes.dependencies import RecordingsDep, json_response
 from app.routes.flights import MOST_FRAMES, First, FlightsDep, Last
 
-router = APIRouter(prefix="/api/v1/flights", tags=["flights"])
+router = Router(prefix="/api/v1/flights", tags=["flights"])
 
 
 class LiveScoreRequest(BaseModel):

@@ -2,16 +2,16 @@
 
 import asyncio
 
-from fastapi import APIRouter
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from app.http.head_requests import Router
 from app.http.problems import problem_responses
 from app.routes.dependencies import StoreDep
 from app.routes.recording_models import Number
 from app.store.markers import Marker, MarkerKind
 from app.store.tables import new_id, now
 
-router = APIRouter(prefix="/api/v1/recordings/{recording_id}/markers", tags=["recordings"])
+router = Router(prefix="/api/v1/recordings/{recording_id}/markers", tags=["recordings"])
 
 
 class MarkerText(BaseModel):

@@ -7,7 +7,7 @@ from pathlib import PurePath
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import Query, Request, Response
 from fastapi.responses import HTMLResponse
 from pydantic import BaseModel, Field
 
@@ -16,6 +16,7 @@ from app.catalog import (
     combination_request_schema,
     monitor_request_schema,
 )
+from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.jobs.kinds import combination_work, epsilon_work, monitor_work
 from app.jobs.requests import choice_request, combination_request, monitor_request
@@ -48,7 +49,7 @@ from core.monitor.assessment import Exemplar
 from core.monitor.combination import members_of
 from core.types import Array
 
-router = APIRouter(prefix="/api/v1/monitors", tags=["monitors"])
+router = Router(prefix="/api/v1/monitors", tags=["monitors"])
 
 
 class GroupCalibration(BaseModel):

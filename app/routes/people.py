@@ -3,16 +3,17 @@
 import asyncio
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Request, Response
+from fastapi import Depends, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.http.head_requests import Router
 from app.http.people import People
 from app.http.problems import Problem, problem_responses
 from app.http.roles import allowed_to
 from app.routes.dependencies import PersonDep, StoreDep
 from app.store.tokens import LINK_SECONDS, LONGEST_DAYS, Role, StoredToken, TokenError
 
-router = APIRouter(prefix="/api/v1", tags=["people"])
+router = Router(prefix="/api/v1", tags=["people"])
 
 
 def _people(request: Request) -> People:

@@ -3,9 +3,10 @@
 import asyncio
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Query, Request
+from fastapi import Query, Request
 from starlette.requests import ClientDisconnect
 
+from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.recordings.answers import preview, recording_answer, signal_bands
 from app.recordings.recordings import Abandoned, Upload
@@ -28,7 +29,7 @@ from app.routes.sent_files import CONTENT, sent_file
 from app.store.recordings import RecordingInfo
 from app.telemetry.mapping.mapping import Mapping
 
-router = APIRouter(prefix="/api/v1/recordings", tags=["recordings"])
+router = Router(prefix="/api/v1/recordings", tags=["recordings"])
 LONGEST_NAME = 255
 UNNAMED = "upload"
 """What a file is called whose sender does not say."""

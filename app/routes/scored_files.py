@@ -8,9 +8,10 @@ from pathlib import PurePath
 from typing import Annotated, Any, BinaryIO, Literal
 from urllib.parse import quote
 
-from fastapi import APIRouter, Query, Response
+from fastapi import Query, Response
 from fastapi.responses import StreamingResponse
 
+from app.http.head_requests import Router
 from app.http.problems import problem_responses
 from app.recordings.exports import EXPORTS, export
 from app.recordings.files import reporting_full_disk
@@ -29,7 +30,7 @@ SAMPLES: dict[int | str, dict[str, Any]] = {
         },
     }
 }
-router = APIRouter(
+router = Router(
     prefix="/api/v1/recordings/{recording_id}/scorings/{scoring_id}", tags=["recordings"]
 )
 

@@ -3,9 +3,10 @@
 import asyncio
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Query, Response
+from fastapi import Query, Response
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.messages import ChannelLimit, Frame
 from app.recordings.scoring_answers import answers, detected_manoeuvres, frames, tiled
@@ -15,7 +16,7 @@ from app.scoring import Interval, ScoringRecipe
 from app.store.scorings import ScoringInfo
 from app.telemetry.mapping.mapping import Mapping
 
-router = APIRouter(prefix="/api/v1/recordings/{recording_id}", tags=["recordings"])
+router = Router(prefix="/api/v1/recordings/{recording_id}", tags=["recordings"])
 Seconds = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 MOST_FRAMES = 10_000
 MOST_BINS = 10_000

@@ -2,14 +2,14 @@
 
 import asyncio
 
-from fastapi import APIRouter
 from pydantic import BaseModel, ConfigDict
 
+from app.http.head_requests import Router
 from app.http.problems import problem_responses
 from app.routes.dependencies import JournalsDep, RecordingsDep, SettingsDep, StoreDep
 from app.upkeep.usage import DiskSpace, StorageUsage, space_of, usage_of
 
-router = APIRouter(prefix="/api/v1", tags=["storage"])
+router = Router(prefix="/api/v1", tags=["storage"])
 
 
 class Keeping(BaseModel):

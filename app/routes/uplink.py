@@ -4,13 +4,14 @@ import asyncio
 from collections import deque
 from typing import Literal
 
-from fastapi import APIRouter, WebSocket
+from fastapi import WebSocket
 from starlette.status import WS_1008_POLICY_VIOLATION
 
 from app.flights.flights import Flights, TooManyFlights
 from app.flights.sources.live import AcceptedBatch, LiveFlight, SequenceConflict
 from app.flights.transport import NotPossible
 from app.http.connection import Connection, accepted
+from app.http.head_requests import Router
 from app.live.batches import sequence_of
 from app.live.journal import JournalFull
 from app.live.messages import Refused, Stored, Welcome
@@ -18,7 +19,7 @@ from app.routes.flight_stream import NO_SUCH_FLIGHT, dismiss, refuse
 from app.store.store import NotFound
 from app.telemetry.recording import TelemetryError
 
-router = APIRouter(prefix="/api/v1/flights", tags=["flights"])
+router = Router(prefix="/api/v1/flights", tags=["flights"])
 MOST_MALFORMED = 100
 """Messages that are no batch, within MALFORMED_S, after which the source is closed."""
 MALFORMED_S = 1.0

@@ -23,7 +23,8 @@ def test_the_server_is_alive_and_ready(client):
 
 def test_a_probe_may_ask_for_the_head_alone(client):
     for path in ("/healthz", "/readyz", "/", "/api/v1/catalog", "/api/v1/datasets/none"):
-        whole, head = client.get(path), client.head(path)
+        plain = {"accept-encoding": "identity"}
+        whole, head = client.get(path, headers=plain), client.head(path, headers=plain)
         assert head.content == b""
         assert head.status_code == whole.status_code
         assert head.headers == whole.headers
@@ -33,6 +34,13 @@ def test_a_probe_may_ask_for_the_head_alone(client):
     assert (refused.status_code, refused.headers["allow"]) == (405, "POST")
     assert client.post("/healthz").headers["allow"] == "GET, HEAD"
     assert 'method="HEAD",route="/healthz",status="200"' in client.get("/metrics").text
+
+
+def test_the_server_sends_the_head_of_a_page_without_an_error(tmp_path, caplog):
+    with served(tmp_path) as (origin, _):
+        for path in ("/", "/api/v1/catalog", "/docs"):
+            assert httpx2.head(f"{origin}{path}").status_code == 200
+    assert not [record for record in caplog.records if record.levelname == "ERROR"]
 
 
 def test_a_server_without_its_store_is_alive_but_not_ready(client, monkeypatch):
