@@ -175,6 +175,18 @@ async def _go_on(aloft: Flights) -> None:
 
 @asynccontextmanager
 async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
+    """The parts while the server runs. A failed start is kept: uvicorn would only log it."""
+    async with AsyncExitStack() as stack:
+        try:
+            await stack.enter_async_context(_parts(app))
+        except Exception as error:
+            app.state.failure = error
+            raise
+        yield
+
+
+@asynccontextmanager
+async def _parts(app: FastAPI) -> AsyncIterator[None]:
     """Open the parts of the application; close them in the opposite order."""
     settings, metrics = app.state.settings, app.state.metrics
     async with AsyncExitStack() as parts:

@@ -2,10 +2,13 @@
 
 import asyncio
 import gc
+import logging
+import os
 import socket
 import sys
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
+from errno import EACCES
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -64,7 +67,17 @@ class Server(uvicorn.Server):
         self.opened = opened
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        await super().startup(sockets)
+        """Raise the error of a failed start, which uvicorn would only log."""
+        log = logging.getLogger("uvicorn.error")
+        log.disabled = True
+        try:
+            await super().startup(sockets)
+        except SystemExit:
+            if failure := getattr(self.app.state, "failure", None):
+                raise failure from None
+            raise
+        finally:
+            log.disabled = False
         if self.started and self.opened is not None:
             await self.opened(self.app)
 
@@ -164,6 +177,8 @@ def _locked(locked: Path, path: Path, option: str) -> Iterator[None]:
     lock = FileLock(path, timeout=0, mode=0o600)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        if not os.access(path.parent, os.W_OK):
+            raise PermissionError(EACCES, os.strerror(EACCES))
         lock.acquire()
     except Timeout:
         raise SettingsError(

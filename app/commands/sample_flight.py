@@ -19,7 +19,7 @@ COLUMNS = ("t_s", "beta_deg", "p_degps", "r_degps", "ay_g", "da_deg", "dr_deg")
 TRIM_S = 5.0
 """[s] Flown in trim before the manoeuvre."""
 FLIGHTS = 100
-"""Simulated, of which the first with the outcome asked for is written."""
+"""Simulated; the first with the outcome asked for is written."""
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -38,7 +38,13 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--amplitude", type=float, metavar="DEG", help="of the doublet, the usual one if absent"
     )
     parser.add_argument("--seed", type=int, default=0, metavar="NUMBER", help="of the aircraft")
-    parser.add_argument("--outcome", choices=("unsafe", "safe"), default="unsafe")
+    parser.add_argument(
+        "--outcome",
+        choices=("unsafe", "safe", "random"),
+        default="unsafe",
+        help="whether the flight exceeds its limit; random: the same seed is the same aircraft at "
+        "any amplitude",
+    )
     add_json(parser)
 
 
@@ -49,18 +55,20 @@ def run(options: argparse.Namespace) -> int:
     if options.amplitude is not None:
         recipe = replace(recipe, maneuver=recipe.maneuver.with_peak(options.amplitude))
     flights = evaluation_flights(recipe, FLIGHTS)
-    unsafe = options.outcome == "unsafe"
-    matching = np.flatnonzero(flights.is_unsafe == unsafe)
+    wanted = {"unsafe": flights.is_unsafe, "safe": ~flights.is_unsafe}
+    matching = np.flatnonzero(wanted.get(options.outcome, np.ones(FLIGHTS)))
     if len(matching) == 0:
-        lacks, change = ("exceeds", "larger") if unsafe else ("keeps", "smaller")
+        is_higher = options.outcome == "unsafe"
+        lacks, change = ("exceeds", "larger") if is_higher else ("keeps", "smaller")
         raise ValueError(
             f"none of {FLIGHTS} flights at {recipe.maneuver.peak_deg:g} deg {lacks} its limit: "
             f"give a {change} --amplitude"
         )
     number = int(matching[0])
     write_whole(out, table(flights.y[number], recipe.dt).encode())
-    exceeds_at = TRIM_S + float(flights.fail_index[number]) * recipe.dt if unsafe else None
-    words = f"exceeds its limit at {exceeds_at:g} s" if unsafe else "keeps its limit"
+    is_unsafe = bool(flights.is_unsafe[number])
+    exceeds_at = TRIM_S + float(flights.fail_index[number]) * recipe.dt if is_unsafe else None
+    words = f"exceeds its limit at {exceeds_at:g} s" if is_unsafe else "keeps its limit"
     text = f"written: {out}, a rudder doublet of {options.aircraft} that {words}"
     print_result(options, text, {"file": str(out), "exceeds_at": exceeds_at})
     return 0

@@ -22,7 +22,7 @@ class Route(APIRoute):
         await handle(scope, receive, send)
 
     def _answers_head(self, scope: Scope) -> bool:
-        return scope["method"] == "HEAD" and "GET" in self.methods
+        return scope["method"] == "HEAD" and "GET" in (self.methods or ())
 
 
 class Router(APIRouter):

@@ -204,3 +204,21 @@ def test_what_is_compiled_ahead_trains_and_flies_a_monitor(monkeypatch):
     monkeypatch.setattr(demo, "evaluate", lambda *test: flown.append(evaluate(*test)))
     demo.train_on_noise()
     assert (flown[0].n_unsafe, flown[0].n_safe) == (100, 300)
+
+
+def test_a_start_that_fails_is_one_sentence_and_exit_code_1(tmp_path, monkeypatch, capfd):
+    def denied(*_):
+        raise PermissionError(13, "Permission denied", str(tmp_path / "recordings"))
+
+    monkeypatch.setattr("app.main.Recordings", denied)
+    assert main(["serve", "--data-dir", str(tmp_path), "--port", "0"]) == 1
+    printed = capfd.readouterr().err
+    assert "Traceback" not in printed
+    assert "Permission denied" in printed
+    assert len(printed.splitlines()) == 1
+
+
+def test_a_data_directory_that_cannot_be_written_is_refused(tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr("app.serving.os.access", lambda *_: False)
+    assert main(["serve", "--data-dir", str(tmp_path), "--port", "0"]) == 1
+    assert "cannot be written" in capfd.readouterr().err

@@ -249,9 +249,7 @@ def test_a_flight_is_ending_until_its_record_is_complete(
             full.setattr(hangar.store.flights, "end", refuse)
             with pytest.raises(StoreError):
                 await flights.stop(flight.id)
-            with pytest.raises(
-                FlightInProgress, match="incomplete: status and time of its end"
-            ):
+            with pytest.raises(FlightInProgress, match="incomplete: status and time of its end"):
                 await flights.delete(flight.id)
         hangar.clock.advance(INTERVAL_S)
         await asyncio.gather(*flights._stopping)

@@ -1,12 +1,13 @@
 import re
 import threading
 
+import httpx2
 import pytest
 
 from app.store import health
 from app.store.store import StoreError
 from core import __version__
-from tests.support.api import api, problem, store_of
+from tests.support.api import api, problem, served, store_of
 
 
 @pytest.fixture
