@@ -1,4 +1,4 @@
-"""The command `forewarn`: what it can be told to do, and how it ends."""
+"""The command `forewarn`: its commands, and its exit codes."""
 
 import argparse
 import re
@@ -14,11 +14,11 @@ INTERRUPTED, MISTYPED = 130, 2
 
 COMMANDS = {
     "study": "repeat the paper's experiment: five methods",
-    "sweep": "say how early planned tests can be warned of, by which method and at what cost",
+    "sweep": "find how early each method can warn of planned tests, and at what cost",
     "train": "simulate, train and test a monitor; write its file",
     "combine": "make one monitor of several of one planned test, calibrated as a whole",
     "choose-epsilon": "choose an epsilon by costs, or so that misses and false alarms keep targets",
-    "certificate": "write what fresh flights said of a monitor as a page that prints",
+    "certificate": "write a monitor's certificate as a page to print",
     "campaign": "plan a build-up; clear, fly and identify its points one by one",
     "score": "score recorded telemetry with monitors",
     "report": "score recorded telemetry and report it in one HTML file that prints to a clean PDF",
@@ -26,10 +26,10 @@ COMMANDS = {
     "serve": "serve the page and the API",
     "push": "push a recording into a live flight, as a source does",
     "backup": "write database and recordings into one file, also while the server runs",
-    "restore": "put a backup back in its place, whole or not at all",
+    "restore": "restore a backup, whole or not at all",
     "token": "make, list and revoke the tokens of people",
-    "audit": "print who changed what on a server, and when",
-    "retain": "delete flights and recordings by age and size, but what is kept for ever",
+    "audit": "print the log of changes of a server",
+    "retain": "delete old flights and recordings by age and size, except those kept permanently",
     "demo": "train a small monitor, serve, and fly it",
     "doctor": "check this installation",
 }

@@ -46,16 +46,16 @@ REFERENCE = {"$ref": "#/components/schemas/Problem"}
 WORDS = {
     401: "the token is missing or wrong",
     403: "the request comes from another site, or your role does not allow it",
-    404: "there is nothing of this id",
-    408: "nothing more of the body came",
-    409: "it is in use, or not in a state for this",
-    410: "it was created under this key, and deleted since",
+    404: "no such id",
+    408: "the body stopped arriving",
+    409: "in use, or not in a state that allows this",
+    410: "created under this key and deleted since",
     413: "the body is too large",
-    415: "the body is of a type that is not read here",
-    422: "what was sent is not right; `detail` says what would be",
-    429: "there are too many under way; try again later",
+    415: "the body has an unsupported type",
+    422: "the request is invalid; `detail` names what is needed",
+    429: "too many in progress; try again later",
     503: "the server is not ready",
-    507: "there is no space left for it",
+    507: "no disk space left",
 }
 
 

@@ -34,7 +34,7 @@ Send = Callable[[Message], Awaitable[None]]
 Application = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 HOST = re.compile(r"(?:\[([0-9A-Fa-f:.]+)\]|([0-9A-Za-z._-]+))(?::[0-9]{0,5})?")
-PULSE = "/healthz"
+HEALTH_PATH = "/healthz"
 """Answered without a token: a probe learns nothing from it."""
 EVENTS = "/events"
 """How the path of a stream of events ends."""
@@ -113,7 +113,7 @@ class Guard:
             if self.people.asks and scope["type"] == "http" and scope["path"] in login.PATHS:
                 answer = await self.login.answer(Request(scope, receive))
                 return await answer(scope, receive, send)
-            if scope["type"] == "http" and scope["path"] == PULSE:
+            if scope["type"] == "http" and scope["path"] == HEALTH_PATH:
                 return await self.app(scope, receive, send)
             admission, session = self.check_token(scope, connection)
             scope["person"] = person = admission.person
@@ -247,9 +247,9 @@ class Guard:
 
 
 class BodyLimit:
-    """ASGI layer that refuses a body above so many bytes, said or sent.
+    """ASGI layer that refuses a body above a size, declared or sent.
 
-    FastAPI's `max_body_size` would answer a said length in plain text, after the route has run.
+    FastAPI's `max_body_size` would answer a declared length in plain text, after the route ran.
     uploads: where a body may be larger, by method and path.
     """
 
@@ -265,8 +265,8 @@ class BodyLimit:
         if scope["type"] != "http":
             return await self.app(scope, receive, send)
         most = self.uploads.get((scope["method"], scope["path"]), self.max_bytes)
-        said = Headers(scope=scope).get("content-length", "")
-        if said.isdigit() and int(said) > most:
+        length = Headers(scope=scope).get("content-length", "")
+        if length.isdigit() and int(length) > most:
             return await problem_response(_too_large(most))(scope, receive, send)
         read = 0
 

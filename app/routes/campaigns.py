@@ -1,4 +1,4 @@
-"""Campaigns: points of a build-up, cleared, flown and identified one by one."""
+"""Build-up campaigns: points are cleared, flown and identified one by one."""
 
 import asyncio
 from collections.abc import Callable
@@ -53,21 +53,24 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class Decision(BaseModel):
-    """What is decided of the next point, and by whom."""
+    """A decision on the next point."""
 
     model_config = ConfigDict(
         extra="forbid", json_schema_extra={"examples": [{"point": "60%", "by": "Ann"}]}
     )
 
-    point: str = Field(description="name of the next point, as it was seen; another one is refused")
+    point: str = Field(description="name of the next point, as displayed; any other is refused")
     by: str = Field(
-        default=LOCAL, min_length=1, max_length=200, description="where nobody is logged in"
+        default=LOCAL,
+        min_length=1,
+        max_length=200,
+        description="ignored where a person is logged in",
     )
     why: str = Field(default="", max_length=2000, description="reason")
 
 
 class _Recorded(Decision):
-    """What is decided of the next point, and the part of a recording that shows it."""
+    """A decision on the next point, with its part of a recording."""
 
     start: Finite | None = Field(
         default=None,
@@ -87,7 +90,7 @@ class _Recorded(Decision):
 
 
 class FlownRequest(_Recorded):
-    """Which recording is that of the next point."""
+    """The recording of the next point."""
 
     model_config = ConfigDict(
         json_schema_extra={"examples": [{"point": "60%", "recording": "3f9a1c20b7de", "by": "Bob"}]}
@@ -97,7 +100,7 @@ class FlownRequest(_Recorded):
 
 
 class AbortRequest(_Recorded):
-    """Why the next point is aborted, and which recording shows it, where it was in flight."""
+    """The reason to abort the next point, and its recording if it was broken off in flight."""
 
     model_config = ConfigDict(
         json_schema_extra={"examples": [{"point": "60%", "by": "Bob", "why": "flutter at 0.4 g"}]}
@@ -151,7 +154,7 @@ async def plan_campaign(plain: PlainBody, campaigns: CampaignsDep, settings: Set
 async def add_campaign_file(plain: PlainBody, campaigns: CampaignsDep):
     """Store a campaign's file, as `forewarn campaign` or `GET /campaigns/{id}/file` gives it.
 
-    Its names are marked: nobody knows whether these people decided.
+    Its names are marked as unverified.
     """
 
     def add() -> CampaignDetails:
@@ -265,7 +268,7 @@ async def confirm_point(
 async def hold_point(
     campaign_id: str, decision: Decision, campaigns: CampaignsDep, person: PersonDep
 ) -> CampaignDetails:
-    """The next point is not flown for now."""
+    """Hold the next point: do not fly it for now."""
     return await _decided(campaigns, campaign_id, decision, person, Campaign.on_hold)
 
 
@@ -277,10 +280,10 @@ async def abort_point(
     recordings: RecordingsDep,
     person: PersonDep,
 ) -> CampaignDetails:
-    """The next point is not flown any more, or was broken off; `why` is needed.
+    """Abort the next point: it is given up, or was broken off. Give the reason in `why`.
 
-    `recording` shows how far a point came that was broken off: it counts against the limits, and
-    nothing is identified from it.
+    `recording` shows a point that was broken off: it counts against the limits, and nothing is
+    identified from it.
     """
     marked, recording, by = asked.marked, asked.recording, signature(person, asked.by)
     if marked is not None and recording is None:
@@ -303,7 +306,7 @@ async def complete_point(
     recordings: RecordingsDep,
     person: PersonDep,
 ) -> CampaignDetails:
-    """The next point was flown: it is complete, with its manoeuvre as a stored recording has it."""
+    """Complete the next point with its manoeuvre from a stored recording."""
     marked, by = asked.marked, signature(person, asked.by)
 
     def decide(campaign: Campaign) -> Campaign:
@@ -361,15 +364,15 @@ async def clear_point(
     jobs: JobsDep,
     person: PersonDep,
 ):
-    """Compute whether the next point may be flown, from those flown before; answered by a job.
+    """Compute whether the next point may be flown, from the points flown before; a job.
 
-    It is on condition then, until a person confirms what no computation can see, or on hold.
+    The point is then on condition, until a person confirms the checklist, or on hold.
     """
     by = signature(person, decision.by)
     await _check_next(campaigns, campaign_id, decision.point)
     if await asyncio.to_thread(_is_clearing, campaigns, campaign_id):
-        said = f"the clearance of {decision.point!r} is being computed: wait for it, or cancel it"
-        raise Problem(409, said, "urn:forewarn:campaign")
+        text = f"the clearance of {decision.point!r} is being computed: wait for it, or cancel it"
+        raise Problem(409, text, "urn:forewarn:campaign")
     work = clearance_work(campaigns, campaign_id, decision.point, by)
     request = {"campaign": campaign_id, "point": decision.point, "by": by}
     return await accepted(jobs, "clearance", request, work)
@@ -409,7 +412,7 @@ async def train_next_monitor(
     if not isinstance(point := asked.pop("point", None), str):
         raise Problem(422, f"point is {quoted(point)}: give the name of the next point")
     if "dataset" in asked:
-        raise Problem(422, "dataset was given: the campaign says what is simulated, leave it out")
+        raise Problem(422, "dataset was given: the campaign determines it, leave it out")
     _, campaign = await asyncio.to_thread(campaigns.get, campaign_id)
 
     def request() -> Any:
@@ -421,10 +424,10 @@ async def train_next_monitor(
             raise Problem(409, str(error), "urn:forewarn:campaign") from None
 
     training = await asyncio.to_thread(request)
-    said = {"name": training.name, "campaign": campaign_id, "point": point}
-    said |= {"n_test": training.n_test} | to_plain(training.recipe)
+    details = {"name": training.name, "campaign": campaign_id, "point": point}
+    details |= {"n_test": training.n_test} | to_plain(training.recipe)
     work = next_monitor_work(campaigns, campaign_id, point, training)
-    return await accepted(jobs, "monitor", said, work)
+    return await accepted(jobs, "monitor", details, work)
 
 
 def _is_clearing(campaigns: Campaigns, campaign_id: str) -> bool:

@@ -1,4 +1,4 @@
-"""Long work: how far it is, its end, and how to end it."""
+"""Long work: progress, result, cancelling."""
 
 import asyncio
 from collections.abc import AsyncIterator
@@ -36,7 +36,7 @@ LAST_EVENT = "end"
 
 @router.get("/jobs")
 async def list_jobs(store: StoreDep, jobs: JobsDep) -> list[JobInfo]:
-    """All jobs, newest first; progress as of now. The curves of studies and sweeps are left out."""
+    """All jobs, newest first, without the curves of studies and sweeps."""
 
     def read() -> list[JobInfo]:
         listed = [jobs.fresh(info) for info in store.jobs.all()]
@@ -71,7 +71,7 @@ async def read_figure(job_id: str, name: str, jobs: JobsDep) -> Response:
 
 @router.post("/jobs/{job_id}/cancel", status_code=202, responses=problem_responses(404, 409))
 async def cancel_job(job_id: str, jobs: JobsDep) -> JobInfo:
-    """Ask a job to end; it does at its next step, as `cancelled`."""
+    """Cancel a job: it ends at its next step as `cancelled`."""
     try:
         await asyncio.to_thread(jobs.cancel, job_id)
     except NotRunning as error:
@@ -125,7 +125,7 @@ async def stream_job(
 async def _events(job_id: str, jobs: JobsDep) -> AsyncIterator[bytes]:
     async for info in jobs.watch(job_id, KEEP_ALIVE):
         if info is None:
-            yield format_sse_event(comment="still at it")
+            yield format_sse_event(comment="in progress")
             continue
         data = json_codec.encode(as_sent(info)).decode()
         ended = info.status in ENDED

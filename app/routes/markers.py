@@ -1,4 +1,4 @@
-"""Markers: what people note at a moment or a manoeuvre of a recording."""
+"""Markers: remarks at a moment or a manoeuvre of a recording."""
 
 import asyncio
 
@@ -15,7 +15,7 @@ router = Router(prefix="/api/v1/recordings/{recording_id}/markers", tags=["recor
 
 
 class MarkerText(BaseModel):
-    """A remark: what is said, and of when."""
+    """A remark and its time."""
 
     model_config = ConfigDict(
         extra="forbid",
@@ -53,12 +53,12 @@ async def add_marker(recording_id: str, text: MarkerText, store: StoreDep) -> Ma
 async def change_marker(
     recording_id: str, marker_id: str, text: MarkerText, store: StoreDep
 ) -> Marker:
-    """Say it otherwise, or of another time."""
+    """Change a marker's text or time."""
     marker = Marker(id=marker_id, created="", **text.model_dump())
     return await asyncio.to_thread(store.markers.update, recording_id, marker)
 
 
 @router.delete("/{marker_id}", status_code=204, responses=problem_responses(404))
 async def delete_marker(recording_id: str, marker_id: str, store: StoreDep) -> None:
-    """Take a marker away."""
+    """Delete a marker."""
     await asyncio.to_thread(store.markers.delete, recording_id, marker_id)

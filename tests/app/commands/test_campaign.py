@@ -253,3 +253,22 @@ def test_a_flight_condition_needs_its_aircraft(
 ) -> None:
     assert run(campaign, "add", "--condition", "Mach 0.6") == 1
     assert "say --aircraft" in capsys.readouterr().err
+
+
+def test_a_build_up_is_flown_with_sample_flights(tmp_path: Path) -> None:
+    """The campaign of the guide as printed, on a smaller calibration."""
+    path = tmp_path / "rudder.json"
+    small = ["--n-exceeding", "20", "--n-aircraft", "100"]
+    steps = ["--steps", "0.4", "0.6", "0.8", "1"]
+    plan = ["--name", "Rudder build-up", "--aircraft", "attas_id_16kft"]
+    assert main(["campaign", "new", str(path), *plan, *steps, *small]) == 0
+    planned = load(path).conditions[0].test.maneuver.peak_deg
+    for number, step in enumerate((0.4, 0.6, 0.8, 1.0)):
+        flight = tmp_path / f"flight{number}.csv"
+        options = ["--aircraft", "attas_id_16kft", "--outcome", "random", "--seed", "3"]
+        amplitude = ["--amplitude", f"{step * planned:g}"]
+        assert main(["sample-flight", *options, *amplitude, "--out", str(flight)]) == 0
+        if not number:
+            assert run(path, "confirm", "--by", "Ann") == 0
+        assert run(path, "fly", str(flight), "--by", "Bob") == 0
+    assert load(path).is_over
