@@ -15,6 +15,8 @@ def test_a_limit_set_is_made_versioned_and_chosen_at_the_start_of_a_live_flight(
     page.goto(f"{site.http}/#/monitors")
     page.get_by_role("link", name="Limit sets").click()
     form = page.locator("form.panel")
+    page.locator(".state-empty").get_by_role("button", name="Create a limit set").click()
+    expect(form.get_by_label("Name", exact=True)).to_be_focused()
     form.get_by_label("Name", exact=True).fill("envelope")
     form.get_by_label("Name of the condition").fill("slow")
     form.get_by_label("Mach number below").fill("0.8")

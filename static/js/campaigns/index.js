@@ -36,7 +36,7 @@ function showCampaigns(element, { api, navigate }) {
           planning(),
           guideLink("campaigns", "how to plan a campaign"),
         );
-    const page = pageOf("Campaigns", [planning(), guideLink("campaigns", "campaigns")], content, fileChoice(api, navigate));
+    const page = pageOf("Campaigns", [planning()], content, fileChoice(api, navigate));
     const shown = JSON.stringify(campaigns);
     keep(
       watching(page, async () => {

@@ -25,7 +25,7 @@ export function showPlanning(element, { id, query, api, navigate }) {
 
   async function build() {
     const [catalog, campaign] = await Promise.all([loadCatalog(api), isNew ? null : api.get(`/campaigns/${id}`)]);
-    return pageOf(campaign ? `${campaign.name}: ${title.toLowerCase()}` : title, [guideLink("campaigns#before-you-plan", "before you plan")], form({ api, catalog, campaign, navigate, title, given: query?.get("name") ?? "" }));
+    return pageOf(campaign ? `${campaign.name}: ${title.toLowerCase()}` : title, [guideLink("campaigns#on-the-page", "how to plan")], form({ api, catalog, campaign, navigate, title, given: query?.get("name") ?? "" }));
   }
 }
 

@@ -7,7 +7,7 @@
 import { limitWords, loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
 import { guideLink } from "../lib/guide_link.js";
-import { tableHead } from "../lib/lists.js";
+import { scrolledTable, tableHead } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
 import { needs } from "../lib/me.js";
 import { moment } from "../lib/numbers.js";
@@ -27,14 +27,14 @@ export function show(element, { id, api, navigate }) {
       send: async (version) => navigate(`#/limits/${(await api.post("/limit-sets", version)).limit_set}`),
     });
     const list = sets.length
-      ? h("table", { class: "table" }, tableHead([["Name"], ["Newest version", 1], ["Created"]]), h("tbody", {}, rows))
+      ? scrolledTable({ heads: [["Name"], ["Newest version", 1], ["Created"]], rows })
       : empty(
           "No limit set yet",
           "Exceedances are measured against each monitor's own limits. A limit set replaces them for live flights and can depend on the flight condition.",
           button("Create a limit set", () => form.querySelector("input").focus(), { class: "button button-primary", ...needs("POST /limit-sets") }),
           guideLink("limit-sets", "how to use limit sets"),
         );
-    return pageOf("Limit sets", [link("Fly", "#/fly"), link("Monitors", "#/monitors"), guideLink("limit-sets", "limit sets")], list, form);
+    return pageOf("Limit sets", [link("Fly", "#/fly"), link("Monitors", "#/monitors")], list, form);
   }
 
   async function buildOne({ again }) {

@@ -43,13 +43,14 @@ export function createEpsilonChoice({ api, id, catalog, navigate, keep }) {
       "div",
       { class: "row" },
       go,
+      guideLink("first-monitor#choose-an-epsilon", "how to choose an epsilon"),
       h("span", { class: "hint" }, "Half of the fresh flights choose epsilon, the other half certify it."),
     ),
   );
   const outcome = h("div", { class: "stack", role: "status" });
   const stage = h("div", { class: "stack" }, form, outcome);
   show();
-  return h("details", { class: "panel fold" }, h("summary", {}, "Choose an epsilon from fresh flights ", guideLink("first-monitor#choose-an-epsilon", "how to choose an epsilon")), stage);
+  return h("details", { class: "panel fold" }, h("summary", {}, "Choose an epsilon from fresh flights"), stage);
 
   function show() {
     for (const [value, , keys] of WAYS)

@@ -90,7 +90,7 @@ export function createEpsilonCost({ monitor, calibrations, evaluation, changed }
     evaluation && counts,
     warnings,
     guarantee,
-    served(monitor, calibrations.length),
+    enough(monitor, calibrations.length),
   );
   const promised = monitor.recipe.guarantee ?? "average";
   const cost = { element, epsilon: points[slider.value].epsilon };
@@ -143,7 +143,7 @@ function failures({ n_unsafe }, nGroups) {
   return nGroups > 1 ? `${n_unsafe} failures of each group` : `${n_unsafe} failures`;
 }
 
-function served(monitor, nGroups) {
+function enough(monitor, nGroups) {
   const { smallest_epsilon, recipe } = monitor;
   const half = smallest_epsilon / 2;
   return h(

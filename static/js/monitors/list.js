@@ -42,7 +42,6 @@ export function showMonitors(element, { api, navigate }) {
         link("Lead-time study", "#/monitors/sweep"),
         link("Limit sets", "#/limits"),
         uploader(),
-        guideLink("first-monitor", "monitors"),
       ],
       jobs.element,
       content,

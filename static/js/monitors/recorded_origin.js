@@ -1,16 +1,16 @@
 /**
- * Train a monitor for a recording: what the server found in it, and the one thing to ask, the aircraft.
+ * Train a monitor for a recording: what the server proposes, and the question which aircraft was flown.
  *
  * Exports
  *   recordedTest(api, id) -> Promise<{recording, proposal | null, problem}>
- *   createRecordedOrigin({catalog, recorded, changed}) -> {element, recipe() -> {recipe, dataset_recipe} | null, check()}
- *     changed(): another aircraft was chosen.   recipe: null until one is.   check: shows what is missing
+ *   createRecordedOrigin({catalog, recorded, changed}) -> {element, recipe() -> {recipe, dataset_recipe} | null}
+ *     changed(): another aircraft was chosen.   recipe: null until one is chosen
  */
 
 import { scatterOf } from "../forms/planned_test.js";
 import { reason } from "../lib/api.js";
 import { aircraftCondition } from "../lib/catalog.js";
-import { h } from "../lib/dom.js";
+import { formatted, h } from "../lib/dom.js";
 import { sentences } from "../lib/lists.js";
 import { errorLine } from "../lib/view_states.js";
 import { proposalOf } from "../recordings/training_offer.js";
@@ -29,7 +29,7 @@ export function createRecordedOrigin({ catalog, recorded, changed }) {
   const failure = errorLine();
   const select = h(
     "select",
-    { id: "recorded-aircraft", onchange: choose },
+    { id: "recorded-aircraft", onchange: changed },
     h("option", { value: "" }, "choose the aircraft"),
     Object.values(catalog.families.aircraft.entries).map((entry) => h("option", { value: entry.kind }, aircraftCondition(entry))),
   );
@@ -38,22 +38,17 @@ export function createRecordedOrigin({ catalog, recorded, changed }) {
     "section",
     { class: "panel stack-tight recorded-origin", "aria-label": "From a recording" },
     h("h2", { class: "panel-title" }, "For the recording ", h("a", { href: `#/recordings/${recording.id}` }, recording.name)),
-    proposal ? sentences(proposal.reasons) : null,
+    proposal ? sentences(proposal.reasons.map(formatted)) : null,
     h(
       "div",
       { class: "field" },
       h("label", { for: select.id }, "Which aircraft was flown?"),
       select,
-      h("p", { class: "hint" }, "A recording does not name its aircraft. The form below is filled once you choose it."),
+      h("p", { class: "hint" }, "The form opens with this aircraft's usual test and what the recording shows."),
     ),
     failure.element,
   );
-  return { element, recipe, check };
-
-  function choose() {
-    failure.show("");
-    changed();
-  }
+  return { element, recipe };
 
   function recipe() {
     if (!select.value) return null;
@@ -63,13 +58,6 @@ export function createRecordedOrigin({ catalog, recorded, changed }) {
       recipe: { ...(recipeOf ?? clean), ...monitor },
       dataset_recipe: testOf(catalog, select.value, dataset),
     };
-  }
-
-  function check() {
-    if (select.value) return true;
-    failure.show("Choose the aircraft that was flown.");
-    select.focus();
-    return false;
   }
 }
 

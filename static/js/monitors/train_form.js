@@ -11,7 +11,6 @@ import { datasetChoice } from "../forms/planned_test.js";
 import { reason } from "../lib/api.js";
 import { loadCatalog, methodOf } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
-import { guideLink } from "../lib/guide_link.js";
 import { followInPlace } from "../lib/job_progress.js";
 import { loadingView } from "../lib/loading_view.js";
 import { needs } from "../lib/me.js";
@@ -49,19 +48,20 @@ export function showTraining(element, { query, api, navigate }) {
     const origin = recorded && createRecordedOrigin({ catalog, recorded, changed: fill });
     let form = null;
     fill();
-    return pageOf("Train a monitor", [guideLink("first-monitor", "how to train a monitor")], origin?.element, stage);
+    return pageOf("Train a monitor", [], origin?.element, stage);
 
     function fill() {
       const begun = like ?? origin?.recipe() ?? null;
+      stage.replaceChildren();
+      if (origin && begun === null) return;
       form = createTrainForm({ api, catalog, datasets, like: begun, chosen: query.get("dataset"), onsubmit: send });
-      stage.replaceChildren(form.element);
+      stage.append(form.element);
     }
 
     async function send(event) {
       event.preventDefault();
       form.refuse("");
       if (!form.check()) return;
-      if (origin && !origin.check()) return;
       form.setUsable(false);
       try {
         const job = await api.post("/monitors", form.read());

@@ -24,7 +24,7 @@ export function showRecordings(element, { api, navigate }) {
       createDropZone({ aircraft, formats: formats.map(formatWords), done: arrived }),
     );
     const list = h("div", {}, listOf(recordings));
-    return pageOf("Recordings", [link("Storage", "#/storage"), guideLink("first-recording", "recordings")], zone.element, list);
+    return pageOf("Recordings", [link("Storage", "#/storage")], zone.element, list);
 
     async function arrived(uploaded, someFailed) {
       if (uploaded.length === 1 && !someFailed) navigate(`#/recordings/${uploaded[0].id}`);

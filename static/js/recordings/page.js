@@ -57,7 +57,7 @@ export function showRecording(element, { id, api, navigate }) {
     );
     const list = h("div", { class: "scorings" });
     fill(scorings);
-    if (form && next) requestAnimationFrame(() => form.begin());
+    if (form && next) requestAnimationFrame(() => form.reveal());
     next = false;
     const failure = errorLine();
     const fail = (error) => failure.show(reason(error));

@@ -8,7 +8,7 @@
  */
 
 import { reason } from "../lib/api.js";
-import { h } from "../lib/dom.js";
+import { formatted, h } from "../lib/dom.js";
 import { guideLink } from "../lib/guide_link.js";
 import { sentences } from "../lib/lists.js";
 import { needs } from "../lib/me.js";
@@ -27,7 +27,7 @@ export function createTrainingOffer({ api, recording, title, text }) {
   const row = h("div", { class: "row" }, train, guideLink("first-monitor", "how to train a monitor"));
   proposalOf(api, recording).then(
     ({ reasons, can_train: canTrain }) => {
-      detail.replaceChildren(sentences(reasons));
+      detail.replaceChildren(sentences(reasons.map(formatted)));
       if (!canTrain) train.replaceWith(h("strong", {}, "No method can score this recording yet."));
     },
     (error) => {

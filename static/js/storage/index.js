@@ -32,7 +32,7 @@ export function show(element, { api }) {
       failure.element,
       list("Largest flights and recordings", usage.largest),
       list("Oldest flights and recordings", usage.oldest),
-      h("p", { class: "dim" }, "`forewarn retain` deletes old data, daily if FOREWARN_RETAIN_DAYS or FOREWARN_RETAIN_GB is set. Data kept permanently are never deleted."),
+      h("p", { class: "dim" }, h("code", {}, "forewarn retain"), " deletes old data, daily if ", h("code", {}, "FOREWARN_RETAIN_DAYS"), " or ", h("code", {}, "FOREWARN_RETAIN_GB"), " is set. Data kept permanently are never deleted."),
     );
   }
 
@@ -75,9 +75,9 @@ function listOf(title, things, control) {
       "tr",
       {},
       h("th", { scope: "row" }, h("a", { href: `#/${PAGES[thing.kind]}/${thing.id}` }, thing.name)),
-      h("td", { "data-label": "Kind" }, thing.kind),
+      h("td", { class: "nowrap", "data-label": "Kind" }, thing.kind),
       h("td", { class: "number", "data-label": "Size" }, bytesText(thing.size)),
-      h("td", { class: "dim", "data-label": "Ended or uploaded" }, moment(thing.since)),
+      h("td", { class: "dim nowrap", "data-label": "Ended or uploaded" }, moment(thing.since)),
       h("td", {}, control(thing)),
     ),
   );

@@ -74,6 +74,7 @@ def field(page: Page, path: str):
     [
         ("monitors", "No monitor yet", "#/monitors/new"),
         ("datasets", "No dataset yet", "#/datasets/new"),
+        ("campaigns", "No campaign yet", "#/campaigns/new"),
     ],
 )
 def test_an_empty_list_says_what_to_do_next(page: Page, fresh: str, view, says, leads_to) -> None:

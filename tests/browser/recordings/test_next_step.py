@@ -24,9 +24,9 @@ def field(page: Page, path: str):
 
 def choose_aircraft(page: Page) -> None:
     expect(page.get_by_role("heading", level=1)).to_have_text("Train a monitor")
-    page.get_by_role("button", name="Train", exact=True).click()
     origin = page.get_by_role("region", name="From a recording")
-    expect(origin.get_by_role("alert")).to_contain_text("Choose the aircraft")
+    expect(origin).to_be_visible()
+    expect(page.get_by_role("form", name="Train a monitor")).to_have_count(0)
     origin.get_by_label("Which aircraft was flown?").select_option(AIRCRAFT)
     expect(field(page, "dataset.aircraft.kind")).to_have_value(AIRCRAFT)
 

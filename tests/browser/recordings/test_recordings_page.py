@@ -50,6 +50,8 @@ def test_without_recordings_the_page_says_what_one_is(page: Page, tmp_path: Path
     with open_site(tmp_path) as fresh:
         page.goto(f"{fresh.http}/#/recordings")
         expect(page.locator(".state-empty")).to_contain_text("No recording yet")
+        with page.expect_file_chooser():
+            page.locator(".state-empty").get_by_role("button", name="Choose a file").click()
         expect(page.get_by_text("Drop a recording anywhere on this page")).to_be_visible()
         for title in ("Parquet", "MATLAB", "HDF5"):
             expect(page.locator(".drop-zone")).to_contain_text(title)

@@ -63,7 +63,6 @@ export function createMappingSection({
       h("h2", { class: "panel-title" }, "Mapping"),
       h("span", { class: "chip", "data-level": level }, word),
       h("span", { class: "dim" }, summaryOf(recording, text, catalog)),
-      guideLink("first-recording#mapping", "mapping"),
     ),
     shown,
     createMappingFile({ use }),
@@ -71,6 +70,7 @@ export function createMappingSection({
     h(
       "div",
       { class: "row map-end" },
+      guideLink("first-recording#mapping", "mapping"),
       h("label", { for: "map-aircraft" }, "Aircraft"),
       h(
         "div",

@@ -3,9 +3,9 @@
  *
  * Exports
  *   createScoreForm({api, catalog, recording, monitors, used, scored})
- *       -> {element, show(channels), begin(), hold(), close()}
+ *       -> {element, show(channels), reveal(), hold(), close()}
  *     used: Set of ids of monitors that scored it before.   scored([scoring], someFailed)
- *     show: a preview, see manoeuvre_picker.js.   begin(): scrolls the form into view
+ *     show: a preview, see manoeuvre_picker.js.   reveal(): scrolls the form into view
  *     hold(): disables scoring while the mapping is being changed
  */
 
@@ -128,7 +128,7 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
     return chosen === "seconds" ? decimal(seconds.value) : TRIM_SEGMENT;
   }
 
-  function begin() {
+  function reveal() {
     element.scrollIntoView({ block: "start" });
     (element.querySelector("input:not(:disabled)") ?? go).focus({ preventScroll: true });
   }
@@ -143,5 +143,5 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
     picker.close();
   }
 
-  return { element, show: picker.show, begin, hold, close };
+  return { element, show: picker.show, reveal, hold, close };
 }

@@ -29,7 +29,7 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
   let refusal = ""; // why the chosen monitor cannot look for its manoeuvre
   const chart = createPreviewChart(catalog, recording.id);
   const hint = h("p", { class: "hint", role: "status" });
-  const marked = createManoeuvreTable({ changed: () => lay() });
+  const marked = createManoeuvreTable({ changed: () => showManoeuvres() });
   const mark = button(
     "Mark by dragging",
     () => press(mark.getAttribute("aria-pressed") !== "true"),
@@ -73,14 +73,14 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
 
   followUnits(element, () => {
     chart.draw();
-    lay();
+    showManoeuvres();
   });
 
   function turnTo(value) {
     way = value;
     byHand.hidden = way !== "marked";
     press(way === "marked");
-    lay();
+    showManoeuvres();
   }
 
   function press(active) {
@@ -98,12 +98,12 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
       const answer = await api.get(`/recordings/${recording.id}/manoeuvres?monitor=${id}`);
       if (mine !== turn) return;
       detected = answer;
-      lay();
+      showManoeuvres();
     } catch (error) {
       if (mine !== turn) return;
       detected = [];
       refusal = reason(error);
-      lay();
+      showManoeuvres();
     }
   }
 
@@ -118,10 +118,10 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
     chart.clearMarks();
   }
 
-  function lay() {
+  function showManoeuvres() {
     const shown = way === "detected" ? detected : way === "entire" ? entire() : marked.read();
     hint.textContent = wordsOf(shown);
-    chart.lay(shown);
+    chart.showManoeuvres(shown);
   }
 
   function entire() {
@@ -145,7 +145,7 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
     element,
     show: (channels) => {
       chart.show(channels);
-      lay();
+      showManoeuvres();
     },
     refresh,
     read: () => (way === "marked" ? marked.read() : way),
@@ -190,7 +190,7 @@ function createPreviewChart(catalog, recording) {
     chart.setMarking(isMarking);
   }
 
-  function lay(manoeuvres) {
+  function showManoeuvres(manoeuvres) {
     chart?.setEvents(manoeuvres.map(({ start }) => ({ t: start })));
     chart?.setLane(manoeuvres.map(laneItem));
   }
@@ -199,7 +199,7 @@ function createPreviewChart(catalog, recording) {
     element,
     show,
     draw,
-    lay,
+    showManoeuvres,
     extent: () => tiles && { start: tiles.start, end: tiles.end },
     marks: () => chart?.window.marks ?? {},
     clearMarks: () => chart.window.clearMarks(),

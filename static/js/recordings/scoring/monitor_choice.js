@@ -58,7 +58,7 @@ export function createMonitorChoice({ api, recording, monitors, used, catalog, c
     try {
       return await api.get(`/recordings/${recording.id}/manoeuvres?monitor=${monitor.id}`);
     } catch (error) {
-      if (error.status === 422) refused.textContent = ` ◆ ${reason(error)}`;
+      if (error.status === 422) refused.textContent = `◆ ${reason(error)}`;
       return [];
     }
   }

@@ -59,7 +59,7 @@ export function showScoring(element, { id, query, api, navigate }) {
       recording: id,
       place,
       go: (t) => visit({ t }),
-      changed: lay,
+      changed: showMarkers,
     });
     const stop = chart.window.subscribe(notes.moved);
     keep({ close: stop });
@@ -127,7 +127,7 @@ export function showScoring(element, { id, query, api, navigate }) {
       return made;
     }
 
-    function lay(markers) {
+    function showMarkers(markers) {
       const more = laneOfMarkers(markers, 1);
       chart.setLane([...laneOf(manoeuvres), ...more]);
       chart.setEvents([...events, ...markers.map(({ t }) => ({ t }))]);
