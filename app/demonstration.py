@@ -32,19 +32,19 @@ KERNELS = 78
 """Kernels that training and flying the monitor compile; only the estimate depends on it."""
 FEW_KERNELS = 5
 LEAST_SHARE = 0.08
-"""Of the work done, below which the time that is left is not estimated."""
+"""Of the work done; below it the remaining time is not estimated."""
 STEPS = {"simulating": 0.0, "training": 0.25, "calibrating": 0.5, "flying": 0.75, "storing": 0.95}
-"""First word of the job's message, and the share of the work done when that step begins."""
+"""First word of the job's message -> share of the work done when that step begins."""
 
 Phase = Literal["preparing", "compiling", "training", "ready", "failed"]
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far the demonstration is.
+    """Progress of the demonstration.
 
-    share: of the work, 0 to 1.   elapsed, remaining: [s]; None where nothing can be estimated yet.
-    flight: id, once it flies.   problem: why it failed.
+    share: of the work, 0 to 1.   elapsed, remaining: [s]; remaining is None while too little is done
+    to estimate from.   flight: id, once it flies.   problem: why it failed.
     """
 
     phase: Phase
@@ -83,7 +83,7 @@ class Demonstration:
 
     @property
     def progress(self) -> Progress | None:
-        """How far it is; None where nobody started it."""
+        """Progress; None before it is started."""
         task = self._task
         if task is None:
             return None

@@ -16,7 +16,7 @@ TAGS = {
     "studies": "Comparisons of methods and of warning lead times.",
     "storage": "Disk space, and what is kept.",
     "people": "Roles, tokens, sessions, and the log of changes.",
-    "demonstration": "The recorded flight that the page replays at first.",
+    "demonstration": "A small monitor, trained here, and a flight that exceeds its limit.",
     "health": "Whether the server runs, is ready, and what it counts.",
 }
 """Resources, in the order of the documentation."""

@@ -1,4 +1,4 @@
-"""The demonstration: how far it is, and its start from a page."""
+"""The live demonstration: its progress, and its start from a page."""
 
 from dataclasses import asdict
 from typing import Annotated
@@ -13,14 +13,14 @@ router = Router(prefix="/api/v1/demonstration", tags=["demonstration"])
 
 
 class DemonstrationProgress(BaseModel):
-    """How far the demonstration is."""
+    """Progress of the live demonstration."""
 
     phase: Phase
-    step: str = Field(description="what is being done, in words")
-    share: float = Field(description="of the work done, 0 to 1")
+    step: str = Field(description="current step, in words")
+    share: float = Field(description="share of the work done, 0 to 1")
     elapsed: float = Field(description="[s]")
     remaining: float | None = Field(
-        description="[s], estimated from the work done; null while too little is done to tell"
+        description="[s], estimated from the work done; null while too little is done"
     )
     flight: str | None = Field(description="id of its flight; null before `ready`")
     problem: str = Field(description="why it failed; empty otherwise")
@@ -35,13 +35,13 @@ DemonstrationDep = Annotated[Demonstration, Depends(_demonstration)]
 
 @router.get("")
 async def read_demonstration(demonstration: DemonstrationDep) -> DemonstrationProgress | None:
-    """How far the live demonstration is; null where it was not started."""
+    """Progress of the live demonstration; null before it is started."""
     progress = demonstration.progress
     return None if progress is None else DemonstrationProgress(**asdict(progress))
 
 
 @router.post("", status_code=202)
 async def start_demonstration(demonstration: DemonstrationDep) -> DemonstrationProgress | None:
-    """Train the demonstration's small monitor where it is missing, and fly a failing flight."""
+    """Train the small monitor of the demonstration if it is missing, then fly a failing flight."""
     demonstration.start()
     return await read_demonstration(demonstration)
