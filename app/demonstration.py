@@ -43,8 +43,8 @@ Phase = Literal["preparing", "compiling", "training", "ready", "failed"]
 class Progress:
     """Progress of the demonstration.
 
-    share: of the work, 0 to 1.   elapsed, remaining: [s]; remaining is None while too little is done
-    to estimate from.   flight: id, once it flies.   problem: why it failed.
+    share: of the work, 0 to 1.   elapsed, remaining: [s]; remaining is None while too little is
+    done to estimate from.   flight: id, once it flies.   problem: why it failed.
     """
 
     phase: Phase
