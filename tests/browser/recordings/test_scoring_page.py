@@ -45,7 +45,7 @@ def test_every_verdict_has_a_word_and_says_what_is_promised(
 
 def test_sensors_are_compared_and_remarked_on(scored: Page, scoring: dict[str, Any]) -> None:
     panel = scored.get_by_role("region", name="Data compatibility")
-    expect(panel).to_contain_text("a delay of 0.05 s")
+    expect(panel).to_contain_text("delay 0.05 s")
     table = panel.locator("tbody")
     checks = scoring["quality"]["compatibility"]
     expect(table).to_have_count(len(checks))
