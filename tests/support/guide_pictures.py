@@ -22,7 +22,7 @@ from app.main import STATIC
 from app.recipes import to_plain
 from core.channels import KEYS
 from core.collection import DatasetRecipe, Simulator
-from core.monitor import MonitorRecipe, load
+from core.monitor import Monitor, MonitorRecipe, load
 from core.monitor.predictor import ResponseFilter
 from core.monitor.score import CardWindow
 from core.planned_test import Simulator as PlannedTest
@@ -51,6 +51,8 @@ BUILD_UP = DatasetRecipe(
     n_unsafe=60,
 )
 DT = DATASET.dt
+WELL_BEFORE = 8
+"""Samples between the alert and the limit of the recording shown."""
 SETTLE = 900
 """[ms] Until a page shows the newest sample."""
 
@@ -60,6 +62,7 @@ class Studio:
 
     def __init__(self, site: Site, browser: Browser) -> None:
         self.site, self.browser = site, browser
+        self.http = httpx2.Client(base_url=site.http, timeout=300)
         self.page = self.open("light")
 
     def open(self, theme: str) -> Page:
@@ -69,11 +72,11 @@ class Studio:
 
     def ask(self, method: str, path: str, **given: Any) -> Any:
         """Call the REST interface; a job is waited for."""
-        answer = httpx2.request(method, f"{self.site.http}/api/v1{path}", timeout=300, **given)
+        answer = self.http.request(method, f"/api/v1{path}", **given)
         assert answer.is_success, answer.text
         if answer.status_code != 202:
             return answer.json() if answer.content else None
-        while (job := httpx2.get(self.site.http + answer.headers["Location"]).json())["status"] in (
+        while (job := self.http.get(answer.headers["Location"]).json())["status"] in (
             "queued",
             "running",
         ):
@@ -217,10 +220,14 @@ def heroes(studio: Studio, monitor: str) -> None:
         page.context.close()
 
 
-def recordings(studio: Studio, monitor: str) -> None:
+def recordings(studio: Studio, monitor: str, trained: Monitor) -> None:
+    """A recording of a flight that is warned of in time: its mapping, its scoring."""
     flights = Simulator(DATASET).rollouts(30, np.random.default_rng(5))
-    peaks = np.abs(flights.y[:, :, KEYS.index("Ny")]).max(axis=1)
-    failing = flights.y[int(np.argsort(peaks)[-3])]
+    failing = next(
+        y
+        for y, fails in zip(flights.y, flights.fail_index, strict=True)
+        if fails >= 0 and trained.p_values(y)[: fails - WELL_BEFORE].max() > trained.alert_above()
+    )
     text = table(failing, DT)
     recording = studio.ask(
         "POST", "/recordings", params={"name": "flight 12.csv"}, content=text.encode()
@@ -373,7 +380,7 @@ def main() -> None:
         take("monitor", studio.go(f"monitors/{monitor}"))
         gauges(studio, monitor, opposite)
         alert(studio, monitor)
-        recordings(studio, monitor)
+        recordings(studio, monitor, trained)
         limit_set(studio)
         heroes(studio, monitor)
         campaign(studio)
