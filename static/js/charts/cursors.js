@@ -1,5 +1,5 @@
 /**
- * The cursor and the marks A and B that all strips of a chart share, and who hears of their changes.
+ * The cursor and the marks A and B that all strips of a chart share.
  *
  * Exports
  *   createCursors() -> Cursors
@@ -7,7 +7,7 @@
  * Cursors
  *   pinned -> t | NaN                     the cursor that stays
  *   setCursor(t | null), setHover(fraction | null), cursorAt(view) -> t | NaN
- *   setMark("a" | "b", t | null), clearMarks(), marks -> {a, b}    [s], NaN where unset
+ *   setMark("a" | "b", t | null), clearMarks(), marks -> {a, b}    [s], NaN if unset
  *   subscribe(listener) -> unsubscribe, revision, changed()    of any change
  */
 

@@ -1,9 +1,9 @@
 /**
- * What every figure of datasets and monitors shares: a title with a key, and shares as an axis.
+ * Parts of every figure of datasets and monitors: a title with a key, and an axis of shares.
  *
  * Exports
  *   framed(title, plot, key, words) -> <figure>
- *   keyOf([mark, words], ...) -> element     a line each of what is drawn
+ *   keyOf([mark, words], ...) -> element     a line for each mark
  *   barKey(plot, safe, unsafe) -> element   the key of stacked bars: a line of words for each
  *   sample(name, mark) -> [svg]              a line of a key: class name, mark "cross", "circle", ...
  *   UNIT_SHARE   the axis of a share from 0 to 1.   SPARE   of an axis above its greatest value

@@ -19,7 +19,7 @@ export const KEYS_HELP =
   "start and the newest sample; A and B set cursors, C clears them; plus and minus zoom, Page Up and " +
   "Page Down move the window, L follows the newest sample, Escape removes the cursor.";
 
-const CLICK = 4; // px that a click may wander
+const CLICK = 4; // px that the pointer may move during a click
 
 function attachInput(host, plots, timeline, chart) {
   const pointers = new Map();

@@ -3,7 +3,7 @@
  *
  * Exports
  *   createMiniPlot(name, channel null) -> {element, show(tiles | null)}
- *     channel: as the catalog has it; null: in the unit of the tiles
+ *     channel: of the catalog; null: in the unit of the tiles
  *     tiles: {t, low, high, unit, min, max}; null in low and high where nothing was recorded
  */
 

@@ -1,11 +1,11 @@
 /**
- * The style sheet's colours as a canvas needs them, and the hatches that say the same without colour.
+ * The style sheet's colours for a canvas, and hatches that work without colour.
  *
  * Exports
  *   readPalette(element) -> Palette    colours and font of the element's theme, `--token` by token
  *   hatch(context, name, palette) -> CanvasPattern    name: "stale", "alert" or "warming"
- *   watchTheme(element, changed) -> unwatch    changed() after a switch of theme and around
- *                                      printing, for which the element is made light
+ *   watchTheme(element, changed) -> unwatch    changed() after a change of theme, and around
+ *                                      printing, which uses the light theme
  */
 
 const TOKENS = [

@@ -6,7 +6,7 @@
  *   niceTicks(low, high, about) -> [number]
  *
  * Plot
- *   svg                               the element; `label` is what a screen reader says of it
+ *   svg                               the element; `label` is for screen readers
  *   x(value), y(value)                to pixels
  *   line(points, class), band(points [[x, low, high]], class), bar(x0, x1, y0, y1, class)
  *   marks(points, shape, class)       shape: circle, square, triangle, diamond, cross, plus

@@ -1,9 +1,8 @@
 /**
  * The column at the right of a strip: symbol, current value, state, forecast, cursor values.
  *
- * A measured value stands as long as data come in, dim where the monitor does not assess it; the risk
- * has a number only where it was assessed, else a word. Once nothing comes, the last value stays, marked
- * as the last with its age.
+ * A measured value is shown while data arrive, dim where the monitor does not assess it; the risk has a
+ * number only where it was assessed, else a word. When samples stop, the last value stays, with its age.
  *
  * Exports
  *   createReadout(element, strip) -> {show(reading)}   strip: {symbol, label, unit, limit, risk}
@@ -14,7 +13,7 @@
  *   shownState({state, cause}) -> string    "not_assessed" between the manoeuvres of a recording
  *   stripState({state, cause}) -> string    the same, and the cause where the limits in force are not the monitor's
  *   withdrawnWord(cause) -> string | null    "NOT APPLICABLE" or "LIMITS UNKNOWN", of an invalid sample
- *   STATE_WORDS                       what each state is called on screen
+ *   STATE_WORDS                       words of the states
  */
 
 import { put } from "../lib/dom.js";
@@ -35,7 +34,7 @@ export const STATE_WORDS = {
 
 const WITHDRAWN = ["not_applicable", "limits_unknown"]; // causes of an invalid sample with a word of their own
 
-/** Nothing is withdrawn where nothing was to be assessed. */
+/** Between manoeuvres there is no guarantee to withdraw. */
 export function shownState({ state, cause }) {
   return state === "invalid" && cause === "between_manoeuvres" ? "not_assessed" : state;
 }

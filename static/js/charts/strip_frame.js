@@ -1,25 +1,25 @@
 /**
- * What every strip draws alike: ground, grid, thresholds, words on plates, cursors, the value axis.
+ * Common parts of all strips: background, grid, thresholds, labels, cursors, the value axis.
  *
  * Exports
  *   GUTTER  width of the value axis left of the plot [px]
  *   SPARSE  px between marks of the same kind
  *   stacked(labels, rows) -> labels, the most urgent first, each with its row: {left, right [px], colour}
- *     what would overlap stands a row lower; where no row is left, in the last one, to be drawn under the others
+ *     a label that would overlap moves a row down; without a free row it goes into the last, below the others
  *   createStripFrame(canvas, strip) -> StripFrame     strip: {key, axis, limit, risk}
  *
  * StripFrame
  *   pen, width, height, palette, hatches      of the whole canvas, gutter included
  *   resize(width, height, ratio), setPalette(palette)
  *   y(value) -> px
- *   begin(ticks, x, plot)       clears, draws the grid; the pen then stands at the plot's left edge
+ *   begin(ticks, x, plot)       clears and draws the grid; the pen's origin is then the plot's left edge
  *   wide(text) -> px of a word with its plate
  *   word(text, x, middle, colour), upright(text, x, colour)     text on a plate
  *   triangle(x, up), line(x, colour, dash, thick)
  *   cursors({x, cursor, marks})      the cursor, A and B
- *   flags({flags, x, width})         moments of this channel, or of all: [{key | null, t, word, colour, thin}]; the word of all stands on the risk's strip
+ *   flags({flags, x, width})         moments of this channel, or of all: [{key | null, t, word, colour, thin}]; words of all channels are on the risk strip
  *   thresholds(alertAbove, plot, held), labels(alertAbove)      limits or alertAbove: in the plot, in the gutter
- *     held: [{limit, left, right}] what held from where to where [px], where the limit changed; else all along
+ *     held: [{limit, left, right}] limits by px range, where the limit changed
  */
 
 import { figure } from "../lib/numbers.js";
@@ -95,8 +95,8 @@ export function createStripFrame(canvas, strip) {
     pen.restore();
   }
 
-  /** Text on a plate of the panel's colour, so that it reads over any hatch. */
-  /** How wide a word is with what is left free around it [px]. */
+  /** Text on a plate of the panel's colour, legible over any hatch. */
+  /** Width of a word with its margins [px]. */
   function wide(text) {
     pen.font = `700 12px ${own.palette.font}`;
     return pen.measureText(text).width + 8;
@@ -129,7 +129,7 @@ export function createStripFrame(canvas, strip) {
     line(x(marks.b), own.palette["mark-b"], [7, 3], 1.5);
   }
 
-  /** What no value that is drawn shows: one as recorded beyond its limit. */
+  /** An exceedance as recorded: the value drawn does not show it. */
   function flags({ flags: given, x, width }) {
     const labels = [];
     pen.font = `700 12px ${own.palette.font}`;

@@ -1,5 +1,5 @@
 /**
- * What the strips of a chart show, from top to bottom.
+ * The strips of a chart, from top to bottom.
  *
  * Exports
  *   stripOf(key, channels, axes) -> {...channel, limit, risk, axis}     key of a channel, or "risk"

@@ -46,7 +46,7 @@ export function createTimeAxis(canvas) {
       const at = frame.x(t);
       const text = formatTime(t, ticks.step);
       const half = pen.measureText(text).width / 2;
-      if (at < Math.max(8, half - 4) || at > frame.width - 8) continue; // at the left stands the unit
+      if (at < Math.max(8, half - 4) || at > frame.width - 8) continue; // the unit is at the left
       pen.fillRect(Math.round(at), 0, 1, 4);
       pen.fillText(text, at, size.height / 2 + 1);
     }

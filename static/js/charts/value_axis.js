@@ -1,13 +1,13 @@
 /**
  * The value axis of one strip: a round range that follows the data without jumping.
  *
- * It widens as soon as a value does not fit, and narrows only after the values have needed much
- * less than it shows for some seconds. Limits are always in view.
+ * It widens as soon as a value does not fit. It narrows only after the values have needed much less
+ * for some seconds. Limits are always in view.
  *
  * Exports
  *   createValueAxis({limit, factor, leastHeight, narrowAfter}) -> {fit(low, high, wall), low, high, step, moving, roomy}
- *     limit: magnitude shown on both sides, or null.   factor 1: that its numbers are shown with.   leastHeight 0.02: least height shown, in the unit.
- *     narrowAfter 4000: [ms] that a wide range must have been too wide.   roomy: it is, and waits.
+ *     limit: magnitude shown on both sides, or null.   factor 1: multiplies the numbers shown.   leastHeight 0.02: least height shown, in the unit.
+ *     narrowAfter 4000: [ms] before a range that is too wide narrows.   roomy: it is too wide.
  *     fit takes the least and greatest visible value (low > high: none) and the wall clock [ms].
  *   createRiskAxis(scale) -> the same for risk, 0..1, "sqrt" (small risks stay legible) or "linear"
  *   axisTicks(axis) -> number[]    roundStep(least) -> number, of 1, 2, 5, 10, ...

@@ -1,15 +1,15 @@
 /**
- * What a monitor forecasts of the rest of a test card, in a strip: the band that holds 90 % of the samples to come.
+ * The forecast for the rest of a test card, in a strip: the band that holds 90 % of the samples to come.
  *
  * Exports
  *   createAheadBand(face, key) -> {draw(frame), extent(ahead) -> [low, high] | null}     face: of the strip's frame
- *   aheadOf(known, frames, newest) -> ahead | null    that of the newest frame that has one, or the known one, while it is of now
+ *   aheadOf(known, frames, newest) -> ahead | null    of the newest frame that has one, or the known one while it is current
  *     newest: the last frame
- *   isOfNow(ahead, t) -> whether it was made by the sample at t [s], or shortly before
+ *   isOfNow(ahead, t) -> whether it was made by the sample at t [s] or shortly before
  *
  * ahead   {made, t: [s], channels: {key: {low, high, predicted, possible}}, peak, why}     made: time of the sample it was made by [s];
- *         peak: {mean, low, high}, shares of the limit, of monitors that forecast the peak alone, with neither t nor channels;
- *         why: nothing is forecast
+ *         peak: {mean, low, high}, shares of the limit, of monitors that forecast only the peak, without t and channels;
+ *         why: reason without a forecast
  */
 
 const WORDS = "90 % forecast to the end of the card";

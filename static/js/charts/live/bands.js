@@ -1,5 +1,5 @@
 /**
- * Where a flight's strips have gaps, alerts, and samples of which the monitor says nothing: bands.
+ * Bands of a flight's strips: gaps, alerts, and samples without an assessment.
  *
  * Exports
  *   bandsOf(frame, {newest, staleFor}) -> [{x0, x1, kind, word}]     in px, for strip_canvas.js

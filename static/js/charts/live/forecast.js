@@ -13,7 +13,7 @@ export function createForecast(face, series) {
   const { pen, y } = face;
   const out = new Float64Array(2);
 
-  /** The forecast made at t stands at t + lead: dashed; bold in the future. */
+  /** The forecast made at t is drawn at t + lead: dashed; bold in the future. */
   function draw(frame) {
     const { visible, step } = frame;
     const shift = frame.lead / step;

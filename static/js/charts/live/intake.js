@@ -11,9 +11,9 @@
  *   push(frames) -> how many were stored
  *   insert(frames, complete)          earlier ones, where they belong; complete: the sample after them follows
  *   status -> {state, alert}          of the newest frame, or as set by setStatus({state, alert})
- *   exceedances -> Map of key -> {t, value, over}     the first exceedance and the peak since; over: it goes on
- *   acknowledge()                     forgets those that are over; one that goes on stays until it is
- *   restore([{channel, t, value, over, acknowledged}], seq)    latched up to sample seq, by who saw them all
+ *   exceedances -> Map of key -> {t, value, over}     the first exceedance and the peak since; over: it is in progress
+ *   acknowledge()                     forgets those that are over; one in progress stays until it is over
+ *   restore([{channel, t, value, over, acknowledged}], seq)    latched up to sample seq, as the server has them
  *   clear()
  */
 
@@ -28,7 +28,7 @@ export function createIntake({ ring, channels, strips, flight, onExceedance }) {
   const exceedances = new Map();
   let status = NO_DATA;
   let seq = null;
-  let told = -1; // newest sample whose exceedances were told
+  let latchedTo = -1; // newest sample whose exceedances were restored
 
   function push(frames) {
     const before = ring.count();
@@ -51,7 +51,7 @@ export function createIntake({ ring, channels, strips, flight, onExceedance }) {
     status = { state: stripState(frame), alert: frame.alert === true && frame.state === "ok" };
     if (!stored) return;
     seq = frame.seq ?? null;
-    if (seq !== null && seq <= told) return;
+    if (seq !== null && seq <= latchedTo) return;
     for (const strip of strips) {
       const value = row[strip.series];
       const limit = limitAt(strip, frame.t);
@@ -80,7 +80,7 @@ export function createIntake({ ring, channels, strips, flight, onExceedance }) {
 
   /** An exceedance that this page had missed, and that was over before the newest sample. */
   function latchEarlier(frame) {
-    if (frame.seq <= told) return;
+    if (frame.seq <= latchedTo) return;
     for (const strip of strips) {
       const [value, limit] = [number(frame.y[strip.series]), limitAt(strip, frame.t)];
       if (strip.risk || limit === null || !(Math.abs(value) >= limit) || exceedances.has(strip.key)) continue;
@@ -129,9 +129,9 @@ export function createIntake({ ring, channels, strips, flight, onExceedance }) {
     }
   }
 
-  /** Those latched up to a sample; frames up to that one latch and release nothing more. */
+  /** Latched up to a sample; frames up to that one latch and release nothing. */
   function restore(given, until) {
-    told = until;
+    latchedTo = until;
     const known = new Set(exceedances.keys());
     exceedances.clear();
     for (const { channel: key, t, value, over, acknowledged } of given) {
@@ -157,7 +157,7 @@ export function createIntake({ ring, channels, strips, flight, onExceedance }) {
       exceedances.clear();
       status = NO_DATA;
       seq = null;
-      told = -1;
+      latchedTo = -1;
     },
   };
 }

@@ -1,5 +1,5 @@
 /**
- * What a flight's strips say in numbers and words: readouts, the tool bar, what a screen reader says.
+ * Numbers and words of a flight's strips: readouts, tool bar, text for screen readers.
  *
  * Exports
  *   createReadings(strips, {rowOf, bar}, {ring, timeline, flight, intake}) -> Readings
@@ -62,7 +62,7 @@ export function createReadings(strips, { rowOf, bar }, { ring, timeline, flight,
     put(bar.values, cursorsText(timeline.marks, cursor));
   }
 
-  /** What the window shows: green only while it follows data that arrive. */
+  /** Mode of the window: green only while it follows arriving data. */
   function modeOf(view, state) {
     if (ring.count() === 0) return "none";
     if (!view.live) return "held";

@@ -52,7 +52,7 @@ export function createTrace({ pen, y }, series) {
       }
       if (!known) continue;
       const [top, bottom] = [y(out[1]) - 0.9, y(out[0]) + 0.9];
-      tops[i] = begin >= 0 && below < top ? below - 1.8 : top; // reach the neighbour: a step stays thick
+      tops[i] = begin >= 0 && below < top ? below - 1.8 : top; // reach the neighbour, so that a step stays thick
       bottoms[i] = begin >= 0 && above > bottom ? above + 1.8 : bottom;
       [above, below] = [top, bottom];
       if (begin < 0) begin = i;

@@ -1,5 +1,5 @@
 /**
- * What of the ring buffer falls into the window, cell by cell, once a frame for all strips.
+ * The samples of the ring buffer in the window, cell by cell, once a frame for all strips.
  *
  * A cell is one sample while there is room for every sample, else one pixel column with all of its
  * samples. Columns are counted from time zero, so that a trace moves without shimmering.
@@ -10,8 +10,8 @@
  *       [s] a pixel; `before` columns left of the edge are scanned too (for forecasts)
  *     n; x, from, to, flags (typed arrays, n used): place [px], samples from..to-1, flags or-ed
  *     sparse   whether cells are single samples
- *     runs(flag, samplePx, now) -> [{x0, x1}]    runs of cells that bear the flag
- *     gaps(samplePx, flag GAP) -> [{x0, x1}]     before the cells that bear it: where samples are missing
+ *     runs(flag, samplePx, now) -> [{x0, x1}]    runs of cells with the flag
+ *     gaps(samplePx, flag GAP) -> [{x0, x1}]     before the cells with it: where samples are missing
  */
 
 import { BROKEN, GAP } from "./ring_buffer.js";

@@ -4,7 +4,7 @@
  * Exports
  *   createEventLane(element, {chosen}) -> {show(items), place(view)}
  *     items: [{id, row, start, end | null, text, short, mark, level, title, quiet}] times in [s]; row: 0
- *       is the top one; short: where there is no room for the text; mark: the sign that says the level without colour; quiet: no button, only a bar
+ *       is the top one; short: used where the text does not fit; mark: sign of the level, besides its colour; quiet: only a bar, no button
  *     chosen(item)   one was pressed
  */
 

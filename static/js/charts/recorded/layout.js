@@ -1,10 +1,10 @@
 /**
- * The elements of a recording's chart: lane, strips, time axis, overview, tool bar, what went wrong.
+ * The elements of a recording's chart: lane, strips, time axis, overview, tool bar, error.
  *
  * Exports
  *   layOutRecording(host, strips, label) -> {rows, rowOf, axis, bar, lane, overview, fail(words, again)}
- *     rows, rowOf, axis, bar: as the layout of every chart has them.   lane: element.   overview: canvas
- *     fail(words, again): shown until again() is asked for
+ *     rows, rowOf, axis, bar: as in ../layout.js.   lane: element.   overview: canvas
+ *     fail(words, again): shown until again() is called
  */
 
 import { h } from "../../lib/dom.js";

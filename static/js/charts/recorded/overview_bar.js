@@ -1,12 +1,12 @@
 /**
- * The whole recording in one low bar: its risk, its manoeuvres, and the interval that is shown.
+ * The whole recording in one low bar: risk, manoeuvres, and the interval shown.
  *
  * Exports
  *   createOverviewBar(canvas, {timeWindow, start, end, key}) -> {draw(frame), resize(...), setPalette(p)}
  *     key: the series drawn, "risk" or a channel's
  *     frame: {set: TileSet | null, manoeuvres, alertAbove, view, marks}
  *
- * Press or drag to move the window there. It is for the pointer: keys on the strips do the same.
+ * Press or drag to move the window. The keys of the strips do the same.
  */
 
 import { GUTTER } from "../strip_frame.js";

@@ -1,5 +1,5 @@
 /**
- * A preview's channels as tiles on one time grid, for a chart of what is not scored yet.
+ * A preview's channels as tiles on one time grid, for a recording that is not scored yet.
  *
  * Exports
  *   previewTiles(channels) -> {start, end, step, t, channels: {key: {low, high}}} | null

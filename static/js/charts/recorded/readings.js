@@ -1,5 +1,5 @@
 /**
- * What a recording's chart says in numbers and words: readouts, the tool bar, what a screen reader says.
+ * Numbers and words of a recording's chart: readouts, tool bar, text for screen readers.
  *
  * Exports
  *   createReadings(strips, {rowOf, bar}, {timeWindow, alertAbove, manoeuvres}) -> {show(sets), describe(sets)}
@@ -75,11 +75,11 @@ export function createReadings(strips, { rowOf, bar }, { timeWindow, alertAbove,
 }
 
 /**
- * The column at the right of a strip: what it reads under the cursor, else its range.
+ * The column at the right of a strip: the reading under the cursor, else the range.
  *
  * show({values: [{low, high}], at: "cursor" | "view", a, b, words})
  *   values: one for each recording laid over; a, b: {low, high} under the marks or null;
- *   words: stands in the value's place where there is none ("INVALID")
+ *   words: in place of a missing value ("INVALID")
  */
 function createTileReadout(element, strip) {
   const { symbol, label } = strip;

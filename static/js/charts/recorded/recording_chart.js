@@ -9,12 +9,12 @@
  *   sources     one or two: [{load(start, end, bins) -> Promise<tiles>, start, end, dt, offset, manoeuvres}]
  *               start, end: in the chart's time, which is the recording's own less `offset` [s];
  *               manoeuvres: [{start, end, withdrawn}] of its manoeuvres in the chart's time, or null
- *   held        [{start, end, limits}]    limits by key that were in force from start to end, null for none known;
- *               where it is not given, those of the channels hold all along
+ *   held        [{start, end, limits}]    limits by key in force from start to end, null if unknown;
+ *               by default the channels' own
  *   alertAbove     of the risk strip, which is there where it is in `order`
- *   label       what a screen reader calls it
+ *   label       for screen readers
  *   flags       [{key, t, word}]    moments that are marked in a channel's strip
- *   key         of what is shown: drawn anew, as in other units, its window and cursors are as they were
+ *   key         of the recording: a redraw, as in other units, keeps its window and cursors
  *   chosen(item)      a manoeuvre or marker of the lane was pressed
  *   went(event)       the reader asked for an event; by default its time is brought into view
  *
@@ -22,7 +22,7 @@
  *   setLane(items), setEvents([{t, ...}])    for the lane, see event_lane.js
  *   go(direction)               to the next (1) or the last (-1) event, from the cursor
  *   show(start, end), showAll(), setCursor(t), setMarking(bool)   marking: a drag sets A and B
- *   reload()                    forgets the tiles: the sources have others now
+ *   reload()                    forgets the tiles: the sources have new ones
  *   window, update(wall), destroy()
  */
 
@@ -44,7 +44,7 @@ import { createTimeWindow } from "./time_window.js";
 
 const DESCRIBED_EVERY = 1000; // ms
 const NARROW_AFTER = 400; // ms until an axis that is too wide narrows
-const EDGE = 0.03; // of the window: what lies nearer to its edge is brought inside
+const EDGE = 0.03; // share of the window; an event nearer to its edge is moved inside
 
 export function createRecordingChart(host, options) {
   const { sources, alertAbove = NaN } = options;
@@ -108,7 +108,7 @@ export function createRecordingChart(host, options) {
     fit(overview, layout.overview);
     plot = Math.max(16, Math.floor(widths[0]) - GUTTER);
     measured = widths[0] > 0;
-    if (measured) setPalette(); // only what is on the page has colours
+    if (measured) setPalette(); // colours exist only on the page
   }
 
   function setPalette() {
@@ -196,7 +196,7 @@ export function createRecordingChart(host, options) {
   resizing.observe(host);
   const unwatch = watchTheme(host, () => {
     setPalette();
-    update(); // paper does not wait for a frame
+    update(); // printing does not wait for a frame
   });
   const stop = addDrawer(update);
 
@@ -242,7 +242,7 @@ function bindSteps(host, bar, go) {
   });
 }
 
-/** A strip with the limits that were in force when, where these were not always the channel's own. */
+/** A strip with its limits by time, where these were not always the channel's own. */
 function withHeld(strip, held) {
   if (strip.risk || !held) return strip;
   const each = held.map(({ start, end, limits }) => ({ from: start, to: end, limit: limits?.[strip.key] ?? null }));

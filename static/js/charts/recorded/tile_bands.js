@@ -1,11 +1,11 @@
 /**
- * Where a recording has gaps, alerts, and intervals that are not assessed: bands of its strips.
+ * Bands of a recording's strips: gaps, alerts, and intervals without an assessment.
  *
  * Exports
  *   bandsOf(piece, manoeuvres, x, all) -> [{x0, x1, kind, word}]     in px, for tile_strip.js
  *     piece: as pieceOf gives it.   manoeuvres: [{start, end, withdrawn, silent}] manoeuvres, or null for none known;
  *     silent: [{start, end, word}] where the limits in force are not the monitor's
- *     all: those of every recording laid over each other, for nothing is assessed outside of them
+ *     all: manoeuvres of every recording overlaid; nothing is assessed outside of them
  */
 
 const [WARMING_UP, INVALID] = [1, 3]; // codes of a tile's state
@@ -44,7 +44,7 @@ export function bandsOf(piece, manoeuvres, x, all = manoeuvres) {
   ];
 }
 
-/** What lies before, between and after the manoeuvres. */
+/** Intervals before, between and after the manoeuvres. */
 function between(manoeuvres, x) {
   if (manoeuvres === null) return [];
   const edges = [
@@ -61,7 +61,7 @@ function between(manoeuvres, x) {
   return intervals;
 }
 
-/** Those that overlap as one. */
+/** Merges overlapping intervals. */
 function joined(manoeuvres) {
   const intervals = [];
   for (const { start, end } of [...manoeuvres].sort((a, b) => a.start - b.start)) {

@@ -1,15 +1,15 @@
 /**
- * Draws one strip of a recording from its tiles: what was measured, or the risk.
+ * Draws one strip of a recording from its tiles: a measured channel, or the risk.
  *
- * Between manoeuvres a trace is faint, as nothing is assessed there. Withdrawn risk is grey, on grey, with
- * the word INVALID; a second recording laid over the first is dashed and of another colour.
+ * Between manoeuvres a trace is faint, since nothing is assessed there. Withdrawn risk is grey with the word
+ * INVALID; a second recording laid over the first is dashed, in another colour.
  *
  * Exports
  *   createTileStrip(canvas, strip) -> {draw(frame), resize(width, height, ratio), setPalette(p)}
- *     strip: {key, axis, limit, risk, held}    held: [{from, to, limit}] what was in force, instead of `limit`
+ *     strip: {key, axis, limit, risk, held}    held: [{from, to, limit}] limits in force, instead of `limit`
  *     frame: {traces: [Piece | null], x, width, bands, ticks, alertAbove, cursor, marks, flags, wall}
  *   pieceOf({set, manoeuvres}, {view, x, step}) -> Piece | null    the bins of a set in the window, once
- *     for all strips; manoeuvres: [{start, end}] of its manoeuvres, or null where all counts
+ *     for all strips; manoeuvres: [{start, end}] of its manoeuvres, or null for all bins
  */
 
 import { createStripFrame } from "../strip_frame.js";
@@ -140,7 +140,7 @@ export function createTileStrip(canvas, strip) {
   return { draw, resize: face.resize, setPalette: face.setPalette };
 }
 
-/** With one more at either side, where the trace comes from and goes to. */
+/** With one more bin on either side, so that the trace reaches the edges. */
 export function pieceOf({ set, manoeuvres }, { view, x, step }) {
   if (set === null || set.n === 0) return null;
   const first = Math.floor((view.start - set.x0[0]) / set.step) - 1;
@@ -152,7 +152,7 @@ export function pieceOf({ set, manoeuvres }, { view, x, step }) {
   return { set, manoeuvres, x: set.at.map(x), from, to, wide, cut, dense: set.step / step < DENSE };
 }
 
-/** The bins of a piece that begin from one time on and before another. */
+/** The bins of a piece that begin in an interval. */
 function during(piece, start, end) {
   let [from, to] = [piece.from, piece.to];
   while (from < to && piece.set.x0[from] < start) from += 1;
@@ -160,7 +160,7 @@ function during(piece, start, end) {
   return { ...piece, from, to };
 }
 
-/** Whether the trace breaks before a bin: each manoeuvre is drawn from a trim of its own. */
+/** Whether the trace breaks before a bin: each manoeuvre has its own trim. */
 function cutsOf(set, manoeuvres, from, to) {
   const cut = new Uint8Array(set.n);
   for (const { start, end } of manoeuvres ?? []) {

@@ -4,9 +4,9 @@
  * Exports
  *   drawTiles(pen, y, {x, low, high, from, to, cut, dense, dashed})
  *     y(value) -> px; x: (n,) px of each bin; from, to: bins to draw; cut: (n,) whether the trace breaks
- *     before a bin; dense: bins are about a pixel wide; dashed: leaves out every third piece, to be told apart without colour
+ *     before a bin; dense: bins are about a pixel wide; dashed: leaves out every third piece, as a sign besides colour
  *   drawBeyond(pen, y, {x, low, high, from, to, wide}, limit, mark)
- *     fills what lies beyond +-limit; mark(x, up) is called where a run of it begins
+ *     fills the area beyond +-limit; mark(x, up) is called where an exceedance begins
  */
 
 import { SPARSE } from "../strip_frame.js";
@@ -76,7 +76,7 @@ function fillPiece(pen, x, begin, edges) {
 export function drawBeyond(pen, y, { x, low, high, from, to, wide }, limit, mark) {
   const seen = [false, false];
   const marked = [-Infinity, -Infinity];
-  const edge = Math.fround(limit); // as the tiles hold it: the limit itself counts
+  const edge = Math.fround(limit); // in the tiles' precision: the limit itself counts
   for (let i = from; i < to; i++) {
     const over = [high[i] >= edge, low[i] <= -edge];
     for (const side of [0, 1]) {

@@ -11,15 +11,15 @@
  *     after failed(error) nothing is fetched until retry()
  *
  * TileSet
- *   start, end, fine [s]                 as was asked for: a step of `fine` or a little more
- *   step [s], n, x0 (start of each bin [s]), at (where its values stand [s])
- *   keys(), series(key) -> {low, high}   channels; typed arrays, NaN where nothing is known; "risk" and
+ *   start, end, fine [s]                 as requested: a step of `fine` or a little more
+ *   step [s], n, x0 (start of each bin [s]), at (time of its values [s])
+ *   keys(), series(key) -> {low, high}   channels; typed arrays, NaN where unknown; "risk" and
  *                                        "withdrawn" are series too
  *   state, alert                         a bin's worst state (code) and whether it alerts
  *   valueAt(key, t), rangeOf(key, {start, end}) -> {low, high}     NaN where nothing is known
  */
 
-const REST = 70; // ms that a window must rest before it is fetched
+const REST = 70; // ms without a change of the window before a request
 const KEPT = 24; // sets
 const NONE = { low: new Float32Array(0), high: new Float32Array(0) };
 
@@ -30,7 +30,7 @@ function tileSet(answer, { offset = 0, dt = 0 } = {}) {
   for (const [key, given] of Object.entries(answer.channels)) known.set(key, pair(given));
   for (const key of ["risk", "withdrawn"]) if (answer[key]) known.set(key, pair(answer[key]));
   const step = answer.step;
-  const single = step <= 1.01 * dt; // a bin is one sample, which stands at the bin's start
+  const single = step <= 1.01 * dt; // a bin is one sample, at the bin's start
   return {
     step,
     n,
@@ -80,7 +80,7 @@ function binOf(x0, step, t) {
 
 export function createTileCache({ load, start, end, dt, offset = 0, arrived, failed }) {
   let sets = [];
-  let asked = null; // the window last asked for
+  let asked = null; // the window last requested
   let timer = 0;
   let broken = false;
   let closed = false;
@@ -101,10 +101,10 @@ export function createTileCache({ load, start, end, dt, offset = 0, arrived, fai
     const set = best(view, pixels);
     const [from, to] = clipped(view);
     const enough = set && covers(set, from, to) && set.fine <= 1.05 * finest(view, pixels);
-    clearTimeout(timer); // for a window that is shown no longer
+    clearTimeout(timer); // for an earlier window
     if (enough || broken || to <= from) return;
     if (sets.length === 0)
-      fetchFor({ start, end }, pixels); // what the overview shows for good
+      fetchFor({ start, end }, pixels); // for the overview
     else timer = setTimeout(() => fetchFor(view, pixels), REST);
   }
 

@@ -1,24 +1,24 @@
 /**
  * The interval of a recording that its chart shows, and the cursors in it.
  *
- * All of a recording is there from the start, so nothing runs by the clock: the window stays within
- * the recording, and the calls are those of a flight's timeline, as far as input needs them.
+ * Nothing runs by the clock: the window stays within the recording. It has those calls of a flight's
+ * timeline that the input needs.
  *
  * Exports
  *   createTimeWindow({start, end, least, key}) -> TimeWindow    all [s]; least: narrowest window
- *     key: of what is shown: drawn anew at the same address, a window of this key begins where it was left
+ *     key: of the recording: a redraw at the same address restores the window of this key
  *
  * TimeWindow
  *   view() -> {start, end}, setWindow(start, end), showAll()
  *   pan(seconds), zoom(factor, t)         t keeps its place
  *   and all of Cursors, see ../cursors.js; its revision counts changes of the window too
- *   hold(), goLive()                      as input calls them: nothing to hold; all is shown
+ *   hold(), goLive()                      for the input: nothing to hold; shows all
  */
 
 import { createCursors } from "../cursors.js";
 
 const left = new Map(); // key -> {shown, marks, pinned}
-addEventListener("hashchange", () => left.clear()); // another view begins afresh
+addEventListener("hashchange", () => left.clear()); // another view starts new
 
 export function createTimeWindow({ start, end, least = 0.25, key = null }) {
   const cursors = createCursors();
