@@ -124,7 +124,7 @@ function flightLists(all, names) {
   const running = all.filter(({ progress }) => progress === "running");
   const over = all.filter(({ progress }) => progress !== "running").slice(0, 30);
   const rows = [h("h2", {}, "In progress")];
-  if (running.length === 0) rows.push(h("p", { class: "dim" }, "No flight in progress. Start one here."));
+  if (running.length === 0) rows.push(h("p", { class: "dim" }, "No flight in progress. Flights that you start appear here."));
   rows.push(h("ul", { class: "flight-list under-way" }, ...running.map((flight) => flightRow(flight, names, "Watch"))));
   rows.push(h("h2", {}, "Ended"));
   if (over.length === 0) rows.push(h("p", { class: "dim" }, "Ended flights and their records appear here."));
