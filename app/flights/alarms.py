@@ -171,6 +171,19 @@ class Alarms:
         self._may_be_active = any(onsets.is_active for onsets in self._onsets.values())
         return raised
 
+    def exceed(
+        self, seq: int, t: float, exceedance: MeasuredExceedance, reason: str, clock: Clock
+    ) -> list[Alarm]:
+        """A received sample, at t [s], exceeds a limit: return the alarm that this raises, if any.
+
+        seq: of the newest grid sample.   reason: why t is by arrival; empty if it is the source's.
+        """
+        self._may_be_active = True
+        if not self._onsets["limit"].begins(seq, t, True):
+            return []
+        about = {"seq": seq, "t": t, "p_value": None, "exceedance": exceedance}
+        return [self._raise("limit", seq, **about, reason=reason or None, raised=clock.utc())]
+
     def note_late(self, seq: int, t: float, reason: str, clock: Clock) -> list[Alarm]:
         """No sample followed seq, at t [s]: return the caution that this raises, if any."""
         self._may_be_active = True

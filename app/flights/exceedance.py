@@ -29,9 +29,13 @@ def exceedance(limits: Array | None, y: Array, recorded: Array) -> MeasuredExcee
 
 
 class Exceedances:
-    """The measured exceedances of a flight per channel, and those that the strips latch."""
+    """The measured exceedances of a flight per channel, and those that the strips latch.
 
-    def __init__(self) -> None:
+    near: [s] a received sample and a grid sample so close together are one exceedance.
+    """
+
+    def __init__(self, near: float = 0.0) -> None:
+        self._near = near
         self._of: dict[str, ChannelExceedances] = {}
         self._begun: dict[str, set[float]] = {}
         self._over: set[str] = set()
@@ -75,6 +79,10 @@ class Exceedances:
             latched.over for latched in self._latched.values()
         )
 
+    def add(self, t: float, named: MeasuredExceedance) -> None:
+        """Add the exceedance of a received sample that may not reach the grid."""
+        self._note(named.channel, t, named.value, named.limit)
+
     def pass_by(self, t: float, named: MeasuredExceedance, goes_on: bool = False) -> None:
         """Add an exceedance that a seek passes; no strip shows it.
 
@@ -97,9 +105,10 @@ class Exceedances:
 
     def _note(self, key: str, t: float, value: float, limit: float) -> None:
         known = self._of.get(key)
-        begins = key not in self._over and t not in self._begun.setdefault(key, set())
+        begun = self._begun.setdefault(key, set())
+        begins = key not in self._over and not any(abs(t - each) <= self._near for each in begun)
         if begins:
-            self._begun[key].add(t)
+            begun.add(t)
         if known is None:
             about = {"first_t": t, "last_t": t, "worst": value, "worst_t": t, "limit": limit}
             self._of[key] = ChannelExceedances(channel=key, n=1, **about)

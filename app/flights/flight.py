@@ -132,6 +132,7 @@ class Flight(ABC):
     theta: dict[str, float] | None = None
     duration: float | None = None
     fail_t: float | None = None
+    _near: float = 0.0
     manoeuvres: Sequence[Mapping[str, Any]] | None = None
     _is_waiting = False
 
@@ -156,7 +157,7 @@ class Flight(ABC):
         self._assessment: Assessment | None = None
         self._exceeds = False
         self.exceeded_t: float | None = None
-        self.exceedances = Exceedances()
+        self.exceedances = Exceedances(self._near)
         self._limits_held: deque[LimitsFrom] = deque(maxlen=MOST_HELD)
         self._limits_of_record: deque[LimitsFrom] = deque(maxlen=MOST_HELD)
         self._alert_above = plan.monitor.alert_above(plan.epsilon)
@@ -511,6 +512,18 @@ class Flight(ABC):
 
     def _note_exceedance(self, t: float) -> None:
         self.exceeded_t = t if self.exceeded_t is None else min(t, self.exceeded_t)
+
+    def _exceed(self, t: float, named: MeasuredExceedance, reason: str) -> None:
+        """Raise the alarm of a received sample, at t [s], that may not reach the grid."""
+        seq = max(self.head, 0)
+        self.exceedances.add(t, named)
+        self._note_exceedance(t)
+        if raised := self.alarms.exceed(seq, t, named, reason, self.clock):
+            self._raise_alarms(raised)
+        if self._has_new_evidence and self._assessment is not None:
+            self._judge(seq, self._assessment)
+        elif self._has_new_evidence:
+            self.judge((False, False))
 
     def _judge(self, seq: int, assessment: Assessment) -> None:
         """Decide the verdict by the alarms raised so far, the newest with sample seq."""

@@ -126,6 +126,17 @@ class CausalResampler:
                 break
         return settled
 
+    def flight_time(self, arrived: float, t: float) -> tuple[float, bool]:
+        """Flight time of a source's time t [s], and whether that is plausible; if not, by arrival.
+
+        Call it before the sample is pushed.
+        """
+        t += self._offset
+        expected = self._newest + arrived - self._newest_arrived
+        if self._grid is None or t <= expected + STEP_S:
+            return t, True
+        return expected, False
+
     # --- the source's clock -------------------------------------------------------------------
 
     def _in_time(self, arrived: float, sample: Sample) -> list[tuple[float, Sample]]:

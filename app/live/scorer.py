@@ -27,9 +27,8 @@ class LiveAssessed(NamedTuple):
     """A sample on the monitor's grid, with its assessment.
 
     y: (6,) from trim.   recorded: (6,) including trim.   manoeuvre: 1, 2 ...; 0 for none.
-    exceeding: y and recorded of a received sample off the grid that exceeds a limit, since the last
-    grid sample: between two grid times, or late; None for none.   display: assessments by the
-    monitors for display.   ruling: limits in force; None for the monitor's own.
+    display: assessments by the monitors for display.   ruling: limits in force; None for the
+    monitor's own.
     """
 
     y: Array
@@ -37,9 +36,22 @@ class LiveAssessed(NamedTuple):
     assessment: Assessment
     attitude: Angles | None
     manoeuvre: int
-    exceeding: tuple[Array, Array] | None = None
     display: tuple[Assessment, ...] = ()
     ruling: Ruling | None = None
+
+
+class ReceivedExceedance(NamedTuple):
+    """A received sample beyond a limit, whatever the grid makes of it.
+
+    t: flight time [s].   is_dated: False if the source's time is implausible; t is by arrival.
+    y: (6,) from trim.   recorded: (6,) including trim.   limits: (6,) in force.
+    """
+
+    t: float
+    is_dated: bool
+    y: Array
+    recorded: Array
+    limits: Array
 
 
 class GridMonitor:
@@ -133,7 +145,7 @@ class CausalScorer:
         self.ruling: Ruling | None = None
         """of the newest sample; None for the monitor's own limits"""
         self._conditions = ConditionHold()
-        self._exceeding: tuple[Array, Array] | None = None
+        self._exceedances: list[ReceivedExceedance] = []
         self._authority = GridMonitor(monitor, epsilon)
         self._display = [GridMonitor(*shown) for shown in display]
 
@@ -184,12 +196,17 @@ class CausalScorer:
         """Add a received sample; return the samples that it settles."""
         if sample.condition is not None:
             self._conditions.note(sample.t, sample.condition)
-        settled = self._resampler.push(arrived, sample)
         if self._limits is not None:
             y = sample.y if self._trim is None else sample.y - self._trim.level
             if exceeds(self._limits, y) or (y is not sample.y and exceeds(self._limits, sample.y)):
-                self._exceeding = y, sample.y
-        return [*map(self._assess, settled)]
+                dated = self._resampler.flight_time(arrived, sample.t)
+                self._exceedances.append(ReceivedExceedance(*dated, y, sample.y, self._limits))
+        return [*map(self._assess, self._resampler.push(arrived, sample))]
+
+    def pop_exceedances(self) -> list[ReceivedExceedance]:
+        """Samples beyond a limit that were received since the last call, in order of arrival."""
+        exceedances, self._exceedances = self._exceedances, []
+        return exceedances
 
     def advance(self, now: float) -> list[LiveAssessed]:
         """Return the samples settled at time `now` of the clock of arrivals."""
@@ -222,8 +239,7 @@ class CausalScorer:
             ruling = self.ruling = self._rule.at(self._conditions.at(sample.t))
             self._limits = ruling.limits
             assessment, display = ruling.apply(assessment, display)
-        exceeding, self._exceeding = self._exceeding, None
-        about = assessment, sample.attitude, self.manoeuvre, exceeding, display, ruling
+        about = assessment, sample.attitude, self.manoeuvre, display, ruling
         return LiveAssessed(y, sample.y, *about)
 
     def _restart(self, trim: Array) -> None:

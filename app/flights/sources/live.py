@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from app.flights.alarms import REJOIN_S
 from app.flights.display_monitors import DisplayMonitor
 from app.flights.exceedance import exceedance
 from app.flights.flight import Angles, Flight, FlightPlan, stale_after
@@ -27,7 +28,7 @@ from app.live.journal import Journal, JournalFull, Journals
 from app.live.known_batches import KnownBatches
 from app.live.lag import Lag
 from app.live.rescoring import replay_line
-from app.live.scorer import CausalScorer, LiveAssessed, TrimRule
+from app.live.scorer import CausalScorer, LiveAssessed, ReceivedExceedance, TrimRule
 from app.messages import (
     Alarm,
     FlightMarker,
@@ -51,6 +52,7 @@ BEGUN_KEPT = 50
 UNREAD_KEPT, LONGEST_NAME, LONGEST_REASON = 20, 60, 300
 """Unread names that are shown, letters of each, and letters of a refusal."""
 FORMAT = 1
+TIME_UNKNOWN = "time unknown: the source's clock jumped; dated by arrival"
 
 
 class SequenceConflict(ValueError):
@@ -105,6 +107,7 @@ class LiveFlight(Flight):
 
     def __init__(self, plan: FlightPlan, setup: LiveSetup, *about: Any, **more: Any) -> None:
         self.scorer = setup.scorer()
+        self._near = 2.0 * setup.dt
         super().__init__(plan, *about, **more)
         self.recorder.interval, self.recorder.is_spread = JOURNALLED_S, True
         self.dt, self.is_checked = setup.dt, plan.monitor.support is not None
@@ -125,6 +128,7 @@ class LiveFlight(Flight):
         self._begun: deque[ManoeuvreBegun] = deque(maxlen=BEGUN_KEPT)
         self._newest_manoeuvre = 0
         self._unread: dict[str, None] = {}
+        self._replayed: list[tuple[float, MeasuredExceedance, str]] = []
         self._has_begun = False
         self._sent_status: LiveStatus | None = None
 
@@ -221,6 +225,15 @@ class LiveFlight(Flight):
                 unrecorded.append(assessed)
         self.alarms.restore(alarms)
         self.markers.restore(markers)
+        for t, named, _ in self._replayed:
+            self.exceedances.add(t, named)
+            self._note_exceedance(t)
+        stored_t = [alarm.t for alarm in alarms if alarm.kind == "limit"]
+        self._replayed = [
+            exceeding
+            for exceeding in self._replayed
+            if all(abs(exceeding[0] - t) >= REJOIN_S for t in stored_t)
+        ]
         return unrecorded
 
     def resume(self, unrecorded: list[LiveAssessed]) -> None:
@@ -230,6 +243,8 @@ class LiveFlight(Flight):
         self._n_resumed += 1
         for assessed in unrecorded:
             self._fly_one(assessed, self.clock.now())
+        for exceeding in self._replayed:
+            self._exceed(*exceeding)
         self._hold(self.scorer.ruling)
         for in_force in self.limits_at_hand:
             self.recorder.add_limits(to_store(in_force))
@@ -263,8 +278,16 @@ class LiveFlight(Flight):
         if counts.accepted > n_before:
             self._last_arrival = now
         self._show_all(assessed, now)
+        self._judge_received()
         self._settle_later()
         return AcceptedBatch(batch.sequence, len(samples), False, written, self._note_unread(batch))
+
+    def _judge_received(self) -> None:
+        """Raise alarms of received samples beyond a limit at once, before the grid uses them."""
+        if exceeding := self.scorer.pop_exceedances():
+            for sample in exceeding:
+                self._exceed(*_exceedance_of(sample))
+            self._show()
 
     def begin_manoeuvre(self, by: str) -> asyncio.Future[None]:
         """Begin a manoeuvre by hand. NotPossible while one is in progress."""
@@ -346,6 +369,7 @@ class LiveFlight(Flight):
         self._port = line.get("port", self._port)
         self._n_resumed += line.get("e") == "resumed"
         settled = replay_line(line, self.scorer, self._setup.reader)
+        self._replayed += map(_exceedance_of, self.scorer.pop_exceedances())
         if settled:
             self._lag.note(line["a"], settled[-1].assessment.t)
         return settled
@@ -448,8 +472,6 @@ class LiveFlight(Flight):
         self._hold(ruling)
         limits = self.plan.monitor.limits if ruling is None else ruling.limits
         exceeded = exceedance(limits, y, recorded)
-        if exceeded is None and assessed.exceeding is not None:
-            exceeded = exceedance(limits, *assessed.exceeding)
         return y, assessed.assessment, exceeded, self._attitude(assessed)
 
     def _attitude(self, assessed: LiveAssessed) -> Angles:
@@ -490,6 +512,13 @@ class LiveFlight(Flight):
             if self._has_begun:
                 self._miss(self._stale_after)
         self._call_at("watch out", when, self._watch_out)
+
+
+def _exceedance_of(sample: ReceivedExceedance) -> tuple[float, MeasuredExceedance, str]:
+    """Time [s], exceedance and the reason of its alarm."""
+    named = exceedance(sample.limits, sample.y, sample.recorded)
+    assert named is not None
+    return sample.t, named, "" if sample.is_dated else TIME_UNKNOWN
 
 
 def _digest(values: bytes) -> int:
