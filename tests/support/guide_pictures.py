@@ -51,6 +51,8 @@ BUILD_UP = DatasetRecipe(
     n_unsafe=60,
 )
 DT = DATASET.dt
+CLEARLY_BEYOND = 0.55
+"""[g] N_y of the recording shown."""
 WELL_BEFORE = 8
 """Samples between the alert and the limit of the recording shown."""
 SETTLE = 900
@@ -181,8 +183,7 @@ def gauges(studio: Studio, monitor: str, opposite: str) -> None:
     page.wait_for_timeout(SETTLE)
     take("live-waiting", page)
     with Source(studio, flight):
-        studio.step_until(flight, lambda state: state["head"] >= 10, steps=False)
-        take("gauge-warming-up", gauge)
+        page.wait_for_timeout(SETTLE)
     page.wait_for_timeout(2000)
     take("gauge-stale", gauge)
     studio.end(flight)
@@ -226,7 +227,9 @@ def recordings(studio: Studio, monitor: str, trained: Monitor) -> None:
     failing = next(
         y
         for y, fails in zip(flights.y, flights.fail_index, strict=True)
-        if fails >= 0 and trained.p_values(y)[: fails - WELL_BEFORE].max() > trained.alert_above()
+        if fails >= 0
+        and np.abs(y[:, KEYS.index("Ny")]).max() > CLEARLY_BEYOND
+        and trained.p_values(y)[: fails - WELL_BEFORE].max() > trained.alert_above()
     )
     text = table(failing, DT)
     recording = studio.ask(
