@@ -123,7 +123,7 @@ class Demonstration:
     async def _run(self) -> str:
         """Find or train the monitor and start a flight through it. ValueError."""
         sessions = self._app.state.sessions
-        session = sessions.begin(self._app.state.people.server)
+        session = sessions.start(self._app.state.people.server)
         headers = {"Cookie": f"{COOKIE}={session}"}
         transport = ASGITransport(self._app)
         base = "http://127.0.0.1/api/v1"

@@ -42,7 +42,7 @@ def login_link(app: FastAPI, address: str) -> str | None:
     """An address that logs in once; None where the server asks for no token."""
     people: People = app.state.people
     sessions: Sessions = app.state.sessions
-    return f"{address}/login?link={sessions.make_link()}" if people.asks else None
+    return f"{address}/login?link={sessions.make_link()}" if people.needs_token else None
 
 
 def say_link(app: FastAPI, address: str) -> None:

@@ -1,1 +1,1 @@
-"""What every HTTP request passes: bounds, security, sessions, idempotency, errors."""
+"""Layers around every HTTP request: limits, security, sessions, idempotency, errors."""

@@ -1,6 +1,6 @@
-"""The audit log as it is written: noted at the answer, stored a moment later.
+"""The audit log: entries are noted with the answer and stored a moment later.
 
-No request waits for it. What cannot be stored waits in memory, so much of it, and is tried again.
+No request waits for the store. Entries that it refuses wait in memory, up to MOST_WAITING.
 """
 
 import asyncio
@@ -23,34 +23,34 @@ SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 MOST_WAITING = 10_000
 MOST_AT_ONCE = 500
 MOST_REMEMBERED = 10_000
-"""Persons and flights of which the first push is known."""
-AGAIN_AFTER_S = 1.0
+"""Pairs of person and flight whose first push is logged."""
+RETRY_AFTER_S = 1.0
 
 
 class Audit:
-    """What is to be logged."""
+    """Entries that wait for the store."""
 
     def __init__(self) -> None:
         self._waiting: deque[AuditEntry] = deque()
-        self._some, self._turn = asyncio.Event(), asyncio.Lock()
+        self._has_entries, self._lock = asyncio.Event(), asyncio.Lock()
         self._closing = False
         self._pushed: OrderedDict[tuple[str, str], None] = OrderedDict()
         self._n_lost = 0
 
     @asynccontextmanager
     async def open(self, store: Store) -> AsyncIterator[None]:
-        """Store what is noted meanwhile; in the end all that waits."""
-        self._some, self._turn, self._closing = asyncio.Event(), asyncio.Lock(), False
-        keeping = asyncio.create_task(self._keep(store))
+        """Store entries while open, and at the end those that still wait."""
+        self._has_entries, self._lock, self._closing = asyncio.Event(), asyncio.Lock(), False
+        storing = asyncio.create_task(self._store_entries(store))
         try:
             yield
         finally:
             self._closing = True
-            self._some.set()
-            await keeping
+            self._has_entries.set()
+            await storing
 
     def note_answer(self, connection: HTTPConnection, person: Person, status: int) -> None:
-        """Log what was answered, where it is a change and was not refused."""
+        """Log the answer to a change, unless it was refused (4xx)."""
         method, path = method_of(connection), connection.scope["path"]
         if method in SAFE_METHODS or 400 <= status < 500:
             return
@@ -62,7 +62,6 @@ class Audit:
         self.note(connection, person, status)
 
     def note(self, connection: HTTPConnection, person: Person, status: int) -> None:
-        """Log a request and what it was answered with."""
         if len(self._waiting) >= MOST_WAITING:
             self._n_lost += 1
             return
@@ -70,7 +69,7 @@ class Audit:
         method, path = method_of(connection), connection.scope["path"]
         entry = AuditEntry(now(), person.name, person.role, address, method, path, status)
         self._waiting.append(entry)
-        self._some.set()
+        self._has_entries.set()
 
     def _is_first(self, name: str, path: str) -> bool:
         is_first = (name, path) not in self._pushed
@@ -80,37 +79,36 @@ class Audit:
             self._pushed.popitem(last=False)
         return is_first
 
-    async def _keep(self, store: Store) -> None:
-        is_well = True
+    async def _store_entries(self, store: Store) -> None:
+        is_failing = False
         while not self._closing or self._waiting:
-            await self._some.wait()
+            await self._has_entries.wait()
             try:
                 await self.flush(store)
-                is_well = True
+                is_failing = False
             except StoreError as error:
                 if self._closing:
-                    LOG.error("the audit log lacks %d entries: %s", len(self._waiting), error)
+                    LOG.error("%d audit entries lost: %s", len(self._waiting), error)
                     return
-                if is_well:
-                    LOG.warning("the audit log waits for the store: %s", error)
-                is_well = False
-                await asyncio.sleep(AGAIN_AFTER_S)
+                if not is_failing:
+                    LOG.warning("audit entries wait for the store: %s", error)
+                is_failing = True
+                await asyncio.sleep(RETRY_AFTER_S)
 
     async def flush(self, store: Store) -> None:
-        """Store all that waits. StoreError: what is not stored goes on waiting."""
-        async with self._turn:
+        """Store the waiting entries. StoreError: the rest keeps waiting."""
+        async with self._lock:
             while self._waiting:
                 entries = [*islice(self._waiting, MOST_AT_ONCE)]
                 await asyncio.to_thread(store.audit.add, entries)
                 for _ in entries:
                     self._waiting.popleft()
             if not self._closing:
-                self._some.clear()
+                self._has_entries.clear()
         if self._n_lost:
-            LOG.error("the audit log lacks %d entries: the store took none", self._n_lost)
+            LOG.error("%d audit entries lost: too many waited for the store", self._n_lost)
             self._n_lost = 0
 
 
 def method_of(connection: HTTPConnection) -> str:
-    """Method of a request; WEBSOCKET for one."""
     return WEBSOCKET if connection.scope["type"] == "websocket" else connection.scope["method"]

@@ -1,9 +1,8 @@
-"""A WebSocket of the server whose messages need no task: handed over as they are read.
+"""A WebSocket of the server that delivers messages by plain calls, without tasks.
 
 Through ASGI each message wakes two tasks on its way in and one on its way out, which costs many
-times what is done with it. An application that finds EXTENSION in its scope may `reserve` it before
-it accepts, and then gives and takes messages by plain calls. Whatever is no whole message of its
-own, control frames and the handshake among it, goes the usual way.
+times what its handler does. An application that finds EXTENSION in its scope may `reserve` it
+before it accepts. Handshake, control frames and fragmented messages still go through ASGI's parser.
 """
 
 import asyncio
@@ -16,130 +15,126 @@ from websockets.frames import Opcode, apply_mask  # pyright: ignore[reportPrivat
 
 EXTENSION = "forewarn.direct"
 SEND_BUFFER = 32_768
-"""Bytes that the kernel holds for a watcher who does not read; more would be minutes old."""
+"""Bytes that the kernel holds for a viewer that does not read; more would be minutes old."""
 TURN = 16
-"""Messages of one connection that are taken before others have their turn."""
+"""Messages read from one connection before the others have their turn."""
 FIN, OPCODE, MASKED, LENGTH = 0x80, 0x0F, 0x80, 0x7F
 WHOLE_TEXT, WHOLE_BYTES = FIN | Opcode.TEXT, FIN | Opcode.BINARY
 
-Take = Callable[[bytes], object]
+OnMessage = Callable[[bytes], object]
 
 
 class DirectWebSocket(WebSocketsSansIOProtocol):
-    """A WebSocket; its kernel buffer is small, that of an answer, a file maybe, is not.
+    """A WebSocket with a small kernel buffer; answers, which may be files, keep a large one.
 
-    has_room: whether what is sent leaves soon.
+    is_writable: whether a message leaves soon.
     """
 
     _encoded: ClassVar[tuple[str, bytes]] = ("", b"\x81\0")
-    """What was sent last, as text and as its frame: the next watcher mostly gets the same."""
+    """The last text and its frame: the next viewer mostly gets the same."""
 
-    def __init__(self, *parts: Any, **more: Any) -> None:
-        super().__init__(*parts, **more)
-        self.is_reserved, self.has_room = False, True
-        self._take: Take | None = None
-        self._on_room: Callable[[], object] | None = None
+    def __init__(self, *parts: Any, **options: Any) -> None:
+        super().__init__(*parts, **options)
+        self.is_reserved, self.is_writable = False, True
+        self._on_message: OnMessage | None = None
+        self._on_writable: Callable[[], object] | None = None
         self._unread = b""
-        self._is_held = self._is_fragmented = False
+        self._is_paused = self._is_fragmented = False
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Take a connection over, once it has asked for a WebSocket."""
         connection = transport.get_extra_info("socket")
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
         super().connection_made(transport)
 
-    # --- what an application uses -------------------------------------------------------------
+    # --- used by the application --------------------------------------------------------------
 
     def reserve(self) -> None:
-        """Keep what comes for `begin`, instead of the application's `receive`."""
+        """Keep messages for `start` instead of the application's `receive`."""
         self.is_reserved = True
 
-    def begin(self, take: Take, on_room: Callable[[], object]) -> None:
-        """Hand over each message, and say when there is room again after there was none."""
-        self._take, self._on_room = take, on_room
+    def start(self, on_message: OnMessage, on_writable: Callable[[], object]) -> None:
+        """Call on_message with each message, on_writable when `is_writable` turns true again."""
+        self._on_message, self._on_writable = on_message, on_writable
         self.resume()
 
     def send_text(self, text: str) -> None:
-        """Send; nothing where the connection is closing."""
+        """Send a message; does nothing on a closing connection."""
         if self.close_sent or self.transport.is_closing():
             return
-        known, frame = DirectWebSocket._encoded
-        if known is not text:
+        last_text, frame = DirectWebSocket._encoded
+        if last_text is not text:
             frame = text_frame(text.encode())
             DirectWebSocket._encoded = text, frame
         self.transport.write(frame)
 
     def pause(self) -> None:
-        """Hand nothing over until `resume`."""
-        self._is_held = True
+        """Deliver no message until `resume`."""
+        self._is_paused = True
         if not self.transport.is_closing():
             self.transport.pause_reading()
 
     def resume(self) -> None:
-        """Hand over what came and comes, from the loop's next turn on."""
+        """Deliver messages again, from the loop's next turn on."""
         self.loop.call_soon(self._read)
 
-    # --- what the server calls ----------------------------------------------------------------
+    # --- called by the server -----------------------------------------------------------------
 
     def pause_writing(self) -> None:
-        """Note that there is no room."""
         super().pause_writing()
-        self.has_room = False
+        self.is_writable = False
 
     def resume_writing(self) -> None:
-        """Say that there is room again."""
         super().resume_writing()
-        self.has_room = True
-        if self._on_room is not None:
-            self._on_room()
+        self.is_writable = True
+        if self._on_writable is not None:
+            self._on_writable()
 
     def data_received(self, data: bytes) -> None:
-        """Take what came."""
         if not self.is_reserved:
             super().data_received(data)
             return
         self._unread += data
-        if self._take is None:
+        if self._on_message is None:
             self.pause()
-        elif not self._is_held:
-            self._parse(self._take)
+        elif not self._is_paused:
+            self._parse(self._on_message)
 
     def handle_connect(self, event: Any) -> None:
-        """Offer the application the direct way."""
+        """Offer EXTENSION to the application."""
         super().handle_connect(event)
         if not self.close_sent:
             scope: Any = self.scope
             scope["extensions"][EXTENSION] = self
 
     def send_receive_event_to_app(self) -> None:
-        """Pass a whole message on; a text that is none ends the connection, without a traceback."""
+        """Deliver a whole message. Invalid UTF-8 closes the connection, without a traceback."""
         content = b"".join(self.frames)
         if self.curr_msg_data_type == "text" and not _is_utf8(content):
             self.conn.send_close(1007)
             self.handle_parser_exception()
-        elif self._take is None:
+        elif self._on_message is None:
             super().send_receive_event_to_app()
         elif not self.close_sent:
             self.frames = []
-            self._take(content)
+            self._on_message(content)
 
     def _read(self) -> None:
-        """Go on after a pause, or another connection's turn."""
-        self._is_held = False
-        if self._take is None or self.transport.is_closing():
+        """Continue after a pause, or after another connection's turn."""
+        self._is_paused = False
+        if self._on_message is None or self.transport.is_closing():
             return
-        self._parse(self._take)
-        if not (self._is_held or self.transport.is_closing()):
+        self._parse(self._on_message)
+        if not (self._is_paused or self.transport.is_closing()):
             self.transport.resume_reading()
 
-    def _parse(self, take: Take) -> None:
-        """Take every whole frame that came; a connection that sent many waits for its turn."""
-        data, at, n_taken = self._unread, 0, 0
+    def _parse(self, on_message: OnMessage) -> None:
+        """Deliver all whole frames received; after TURN of them, other connections come first."""
+        data, at, n_messages = self._unread, 0, 0
         self._unread = b""
-        while len(data) - at >= 2 and not (self._is_held or self.transport.is_closing()):
+        while len(data) - at >= 2 and not (self._is_paused or self.transport.is_closing()):
             start, end = _payload(data, at)
-            is_odd = not data[at + 1] & MASKED or end - start > self.config.ws_max_size
-            if is_odd or self.close_sent:
+            is_irregular = not data[at + 1] & MASKED or end - start > self.config.ws_max_size
+            if is_irregular or self.close_sent:
                 super().data_received(data[at:])
                 return
             if end > len(data):
@@ -147,20 +142,20 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
             kind, content = data[at], apply_mask(data[start:end], data[start - 4 : start])
             is_message = kind == WHOLE_BYTES or (kind == WHOLE_TEXT and _is_utf8(content))
             if is_message and not self._is_fragmented:
-                take(content)
+                on_message(content)
             else:
                 super().data_received(data[at:end])
                 if kind & OPCODE <= Opcode.BINARY:
                     self._is_fragmented = not kind & FIN
-            at, n_taken = end, n_taken + 1
-            if n_taken == TURN and at < len(data) and not self._is_held:
+            at, n_messages = end, n_messages + 1
+            if n_messages == TURN and at < len(data) and not self._is_paused:
                 self.pause()
                 self.resume()
         self._unread = data[at:]
 
 
 def text_frame(content: bytes) -> bytes:
-    """A server's frame of a whole text."""
+    """A server's unfragmented, unmasked text frame."""
     n = len(content)
     if n < 126:
         return bytes((WHOLE_TEXT, n)) + content
@@ -170,7 +165,7 @@ def text_frame(content: bytes) -> bytes:
 
 
 def _payload(data: bytes, at: int) -> tuple[int, int]:
-    """Where a client's frame at `at` has its content, mask before it; beyond data if not there."""
+    """Start and end of a client frame's content, after its mask; past the data if incomplete."""
     length = data[at + 1] & LENGTH
     if length < 126:
         return at + 6, at + 6 + length

@@ -1,4 +1,4 @@
-"""The OpenAPI document: tags, examples of every body, links from an answer to what it made."""
+"""The OpenAPI document: tags, names, an example of every body, links to created resources."""
 
 import re
 from collections.abc import Iterator
@@ -6,18 +6,18 @@ from typing import Any
 
 TAGS = {
     "catalog": "Families, recipes, channels and formats; the WebSocket streams.",
-    "datasets": "Simulated flights with labels, that monitors are trained on.",
-    "monitors": "Trained and calibrated monitors; scoring of telemetry at once.",
-    "limit sets": "Limits with versions, that are put in force in flight.",
+    "datasets": "Labelled simulated flights for training monitors.",
+    "monitors": "Trained and calibrated monitors; immediate scoring of telemetry.",
+    "limit sets": "Versioned limits that a flight puts in force.",
     "recordings": "Telemetry files: upload, mapping, scorings, markers, exports.",
     "flights": "Flights in progress and ended: source, samples, alarms, markers.",
-    "campaigns": "Build-ups: points that are cleared, flown and identified one by one.",
-    "jobs": "Long work: progress, result, cancelling.",
+    "campaigns": "Build-ups: clear, fly and identify one point after another.",
+    "jobs": "Long work: progress, results, cancelling.",
     "studies": "Comparisons of methods and of warning lead times.",
-    "storage": "Disk space, and what is kept.",
+    "storage": "Disk space and retention.",
     "people": "Roles, tokens, sessions, and the log of changes.",
     "demonstration": "A small monitor, trained here, and a flight that exceeds its limit.",
-    "health": "Whether the server runs, is ready, and what it counts.",
+    "health": "Liveness, readiness and metrics.",
 }
 """Resources, in the order of the documentation."""
 
@@ -28,7 +28,7 @@ ALREADY_THERE = "200"
 
 
 def describe_links(document: dict[str, Any]) -> None:
-    """Add to each POST that creates the operations on what it made, by the `id` of its answer."""
+    """Link each POST that creates to the operations on the new resource, by the answer's `id`."""
     paths = document["paths"]
     for path, item in paths.items():
         answers = item.get("post", {}).get("responses", {})
@@ -40,19 +40,19 @@ def describe_links(document: dict[str, Any]) -> None:
 
 
 def _links(paths: dict[str, Any], collection: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Each operation on a member of a collection that needs no other id."""
-    asked = {name: f"$request.path.{name}" for name in re.findall(r"{(\w+)}", collection)}
+    """Operations on a member of a collection that need no further id."""
+    inherited = {name: f"$request.path.{name}" for name in re.findall(r"{(\w+)}", collection)}
     member = re.compile(re.escape(collection) + r"/{(\w+)}[^{}]*")
     for path, item in paths.items():
-        if found := member.fullmatch(path):
-            parameters = asked | {found[1]: "$response.body#/id"}
+        if match := member.fullmatch(path):
+            parameters = inherited | {match[1]: "$response.body#/id"}
             for operation in item.values():
-                called = operation["operationId"]
-                yield called, {"operationId": called, "parameters": parameters}
+                name = operation["operationId"]
+                yield name, {"operationId": name, "parameters": parameters}
 
 
 def describe_names(document: dict[str, Any]) -> None:
-    """Short names for generated clients: an operation is its route's function, a body its title."""
+    """Name operations after functions and bodies after titles: short names in generated clients."""
     schemas = document["components"]["schemas"]
     for path, item in document["paths"].items():
         for method, operation in item.items():
@@ -62,12 +62,12 @@ def describe_names(document: dict[str, Any]) -> None:
                 if title := content["schema"].get("title", ""):
                     name = re.sub(r"\W", "", title.title())
                     if schemas.setdefault(name, content["schema"]) != content["schema"]:
-                        raise AssertionError(f"two schemas are called {name}: name one otherwise")
+                        raise AssertionError(f"two schemas are named {name}: rename one")
                     content["schema"] = {"$ref": f"#/components/schemas/{name}"}
 
 
 def describe_examples(document: dict[str, Any]) -> None:
-    """Give every request body an example: its own, or the first one of its schema."""
+    """Give every request body an example: its own, or the first of its schema."""
     schemas = document["components"]["schemas"]
     for item in document["paths"].values():
         for operation in item.values():
@@ -85,7 +85,7 @@ def _example(schema: dict[str, Any], schemas: dict[str, Any]) -> Any:
 
 
 def describe_arrays(part: Any) -> None:
-    """Give arrays of a fixed length the `items` that generators of clients ask for."""
+    """Give arrays of fixed length the `items` that client generators require."""
     if isinstance(part, dict):
         prefix = part.get("prefixItems")
         if isinstance(prefix, list) and "items" not in part:

@@ -1,13 +1,14 @@
-"""Requests that come twice: `Idempotency-Key` on what creates (draft-ietf-httpapi-idempotency-key).
+"""`Idempotency-Key` (draft-ietf-httpapi-idempotency-key): a repeated request creates nothing twice.
 
-The first request of a key is noted before it is carried out, and its answer is kept for a day. The
-same request again gets that answer, with `Idempotent-Replayed` as it is of then; another one of the
-same key is 422; one that comes while the first is carried out is 409, as is one whose first was cut
-off by the server's end: whether that was carried out is not known, and it is not done twice. A
-request that was refused may come again. A key is its sender's own: another person's is another key.
+The first request with a key is noted before it runs, and its answer is stored for a day. Each
+person has their own keys. A repeated request gets:
 
-Where what was created is deleted by then, it is 410. The draft says that the answer SHOULD be
-repeated; but a client takes 201 for word that the thing is there.
+- the stored answer with `Idempotent-Replayed`, unless the requests differ: then 422;
+- 409 while the first one runs, or if the server stopped during it: its outcome is unknown;
+- 410 if what it created has been deleted. The draft says that the answer SHOULD be repeated, but a
+  client takes 201 as proof that the resource exists.
+
+A request that was refused may be sent again.
 """
 
 import asyncio
@@ -35,47 +36,46 @@ CREATES = re.compile(
     r"/api/v1/(datasets|monitors|recordings|flights|studies|sweeps|recordings/[^/]+/(scorings|markers))"
 )
 KEY = re.compile(r"[!-~]{1,200}")
-"""Printable ASCII without blanks; the quotes of a structured string may stand around it."""
-KEPT_HEADERS = ("content-type", "location")
+"""Printable ASCII without blanks; quotes of a structured string are removed first."""
+STORED_HEADERS = ("content-type", "location")
 PARAMETER: dict[str, Any] = {
     "name": NAME,
     "in": "header",
     "required": False,
     "schema": {"type": "string", "minLength": 1, "maxLength": 200, "pattern": "^[!-~]+$"},
-    "description": "the same key with the same request gives the same answer, for a day; 410 where "
-    "what it created was deleted since",
+    "description": "the same key with the same request gives the same answer for a day; 410 if "
+    "what it created has been deleted",
 }
 
 
 class Idempotent:
-    """ASGI layer that carries a request with a key out once."""
+    """ASGI layer that carries out a request with a key once."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
-        self._under_way: set[tuple[str, str]] = set()
+        self._in_progress: set[tuple[str, str]] = set()
 
     async def __call__(self, scope: MutableMapping[str, Any], receive: Receive, send: Send) -> None:
-        """Pass on, or answer as before."""
         key = _key(scope)
         if key is None:
             return await self.app(scope, receive, send)
         request = scope["path"], f"{scope['person'].name} {key}"
         if not KEY.fullmatch(key):
-            return await _refuse(422, "a key is 1 to 200 characters without blanks", scope, send)
-        if request in self._under_way:
-            text = "the first request of this key is being carried out: wait for its answer"
+            return await _refuse(422, "give 1 to 200 ASCII characters without blanks", scope, send)
+        if request in self._in_progress:
+            text = "the first request with this key is in progress: wait for its answer"
             return await _refuse(409, text, scope, send)
-        self._under_way.add(request)
+        self._in_progress.add(request)
         try:
-            return await self._once(request, scope, receive, send)
+            return await self._run_once(request, scope, receive, send)
         except Problem as problem:
-            return await problem_response(problem)(scope, _nothing, send)
+            return await problem_response(problem)(scope, _disconnected, send)
         except StoreError as error:
             return await _refuse(503, str(error), scope, send)
         finally:
-            self._under_way.discard(request)
+            self._in_progress.discard(request)
 
-    async def _once(
+    async def _run_once(
         self,
         request: tuple[str, str],
         scope: MutableMapping[str, Any],
@@ -83,35 +83,38 @@ class Idempotent:
         send: Send,
     ) -> None:
         answers = scope["app"].state.store.answers
-        body, heard = _Body(scope, receive), _Heard(send)
+        body, response = _Body(scope, receive), _BufferedResponse(send)
         earlier = await asyncio.to_thread(answers.find, *request)
         if earlier is not None:
             await body.drain()
             is_gone = await asyncio.to_thread(answers.is_gone, request[0], earlier)
-            return await _again(earlier, body.fingerprint, is_gone, scope, send)
+            return await _replay(earlier, body.fingerprint, is_gone, scope, send)
         await asyncio.to_thread(answers.start, *request, "")
         try:
-            await self.app(scope, body.receive, heard.send)
+            await self.app(scope, body.receive, response.send)
         finally:
-            await asyncio.shield(asyncio.to_thread(_keep, answers, request, heard, body))
-        return await heard.pass_on()
+            await asyncio.shield(asyncio.to_thread(_store, answers, request, response, body))
+        return await response.forward()
 
 
-def _keep(
-    answers: AnswerRepository, request: tuple[str, str], heard: "_Heard", body: "_Body"
+def _store(
+    answers: AnswerRepository,
+    request: tuple[str, str],
+    response: "_BufferedResponse",
+    body: "_Body",
 ) -> None:
-    """Keep the answer to what was carried out; forget a request that was refused."""
+    """Store the answer to a request that was carried out; forget one that was refused."""
     try:
-        if 200 <= heard.status < 300:
-            answers.finish(*request, heard.answer(body.fingerprint))
+        if 200 <= response.status < 300:
+            answers.finish(*request, response.answer(body.fingerprint))
         else:
             answers.forget(*request)
     except StoreError as error:
-        LOG.warning("an answer is not kept, its request will not be carried out again: %s", error)
+        LOG.warning("an answer was not stored, so a repeat of its request gets 409: %s", error)
 
 
 class _Body:
-    """The body of a request, hashed as it comes."""
+    """The body of a request, hashed while it is read."""
 
     def __init__(self, scope: MutableMapping[str, Any], receive: Receive) -> None:
         self._receive, self._ended = receive, False
@@ -119,7 +122,6 @@ class _Body:
         self._sha = hashlib.sha256(b"\0".join([scope["query_string"], kind.encode()]) + b"\0")
 
     async def receive(self) -> Message:
-        """The next message."""
         message = await self._receive()
         if message["type"] == "http.request":
             self._sha.update(message.get("body", b""))
@@ -129,7 +131,6 @@ class _Body:
         return message
 
     async def drain(self) -> None:
-        """Take what was not read."""
         while not self._ended:
             await self.receive()
 
@@ -139,8 +140,8 @@ class _Body:
         return self._sha.hexdigest()
 
 
-class _Heard:
-    """An answer, held back until it is kept."""
+class _BufferedResponse:
+    """An answer that is sent only after it is stored."""
 
     def __init__(self, send: Send) -> None:
         self._send = send
@@ -148,75 +149,72 @@ class _Heard:
         self.status = 500
 
     async def send(self, message: Message) -> None:
-        """Take a message of the answer."""
         if message["type"] == "http.response.start":
             self.status = message["status"]
         self._messages.append(message)
 
     def answer(self, fingerprint: str) -> Answer:
-        """The whole answer."""
         headers = Headers(raw=self._messages[0]["headers"])
-        kept = {name: headers[name] for name in KEPT_HEADERS if name in headers}
+        stored = {name: headers[name] for name in STORED_HEADERS if name in headers}
         body = b"".join(message.get("body", b"") for message in self._messages[1:])
-        return Answer(fingerprint, self.status, kept, body)
+        return Answer(fingerprint, self.status, stored, body)
 
-    async def pass_on(self) -> None:
-        """Send it."""
+    async def forward(self) -> None:
         for message in self._messages:
             await self._send(message)
 
 
-async def _again(
+async def _replay(
     earlier: Answer,
     fingerprint: str,
     is_gone: bool,
     scope: MutableMapping[str, Any],
     send: Send,
 ) -> None:
-    """Answer a request of a key that was used before.   is_gone: what it created is deleted."""
+    """Answer a repeated key.   is_gone: what the first request created has been deleted."""
     if earlier.status is None:
         text = (
-            "the server ended while the first request of this key was carried out: see whether it "
-            "was, and send it with another key if not"
+            "the server stopped during the first request with this key: check whether it was "
+            "carried out, and if not, send it with a new key"
         )
         return await _refuse(409, text, scope, send)
     if earlier.fingerprint != fingerprint:
-        text = "this key came with another request: a new request needs a new key"
+        text = "this key belongs to another request: use a new key"
         return await _refuse(422, text, scope, send)
     if is_gone:
         text = (
-            "this request was carried out, and what it created was deleted since: send it with "
-            "another key to create it anew"
+            "this request was carried out, and what it created has been deleted: use a new key to "
+            "create it again"
         )
         return await _refuse(410, text, scope, send)
     headers = {**(earlier.headers or {}), REPLAYED: "true"}
     response = Response(earlier.body, earlier.status, headers)
-    return await response(scope, _nothing, send)
+    return await response(scope, _disconnected, send)
 
 
 async def _refuse(status: int, text: str, scope: MutableMapping[str, Any], send: Send) -> None:
     problem = Problem(status, f"{NAME}: {text}", "urn:forewarn:idempotency-key")
-    await problem_response(problem)(scope, _nothing, send)
+    await problem_response(problem)(scope, _disconnected, send)
 
 
-async def _nothing() -> Message:
+async def _disconnected() -> Message:
     return {"type": "http.disconnect"}
 
 
 def _key(scope: MutableMapping[str, Any]) -> str | None:
-    """The key of a request that creates; None where there is none."""
+    """The key of a request that creates; None without one."""
     if scope["type"] != "http" or scope["method"] != "POST":
         return None
     if not CREATES.fullmatch(scope["path"]):
         return None
-    given = Headers(scope=scope).get(NAME)
-    if given is not None and len(given) > 2 and given[0] == given[-1] == '"':
-        return given[1:-1]
-    return given
+    key = Headers(scope=scope).get(NAME)
+    if key is not None and len(key) > 2 and key[0] == key[-1] == '"':
+        return key[1:-1]
+    return key
 
 
 def describe_keys(document: dict[str, Any]) -> None:
-    """Say in an OpenAPI document where a key is honoured."""
+    """Document the key at the operations that honour it."""
     for path, item in document["paths"].items():
         if "post" in item and CREATES.fullmatch(path):
             post = item["post"]

@@ -1,4 +1,4 @@
-"""Logging in and out: a page that asks for a token, links for one use, the session's cookies."""
+"""Login and logout: the page that asks for a token, one-time links, the session's cookies."""
 
 import asyncio
 import logging
@@ -17,8 +17,8 @@ from app.store.store import Store, StoreError
 
 LOG = logging.getLogger("forewarn")
 COOKIE = "forewarn"
-COOKIE_OF_PAGE = "forewarn-page"
-"""Tells the page that there is a session to end; it lets nobody in."""
+PAGE_COOKIE = "forewarn-page"
+"""Tells the page that a session can be ended; it gives no access."""
 PATHS = ("/login", "/logout")
 LARGEST_LOGIN = 4096
 LOGGED_EVERY_S = 1.0
@@ -33,7 +33,7 @@ min-height:90vh}}input,button{{font:inherit;padding:.4em .6em}}</style>
 
 
 class Login:
-    """What is answered at /login and /logout."""
+    """Answers /login and /logout."""
 
     def __init__(self, people: People, sessions: Sessions, audit: Audit) -> None:
         self._people = people
@@ -42,27 +42,26 @@ class Login:
         self._logged = -math.inf
 
     async def answer(self, request: Request) -> Response:
-        """Answer a request for one of PATHS."""
         if request.scope["path"] == "/logout":
             return self._log_out(request)
         if request.method == "POST":
-            return await self._take_token(request)
+            return await self._log_in_by_token(request)
         if request.method not in ("GET", "HEAD"):
-            return problem_response(Problem(405, "GET or POST a token"), {"Allow": "GET, POST"})
+            return problem_response(Problem(405, "use GET or POST"), {"Allow": "GET, POST"})
         if "token" in request.query_params:
-            return _asking("A token is not taken from an address: enter it here.", 400)
+            return _login_page("Enter the token here: links cannot carry it.", 400)
         link = request.query_params.get("link")
         if link is None or request.method == "HEAD":
-            return _asking()
-        return await self._take_link(request, link)
+            return _login_page()
+        return await self._log_in_by_link(request, link)
 
-    async def _take_token(self, request: Request) -> Response:
-        given = await _posted_token(request)
-        if admission := self._people.find(given):
-            return self._entered(request, admission)
-        if given:
+    async def _log_in_by_token(self, request: Request) -> Response:
+        token = await _posted_token(request)
+        if admission := self._people.find(token):
+            return self._start_session(request, admission)
+        if token:
             self.log_wrong_token(request)
-        return _asking("That is not a token of this server.", 401)
+        return _login_page("This is not a token of this server.", 401)
 
     def log_wrong_token(self, connection: HTTPConnection) -> None:
         """Log the address of a wrong token, never the token; one line in LOGGED_EVERY_S."""
@@ -72,42 +71,40 @@ class Login:
             address = connection.client.host if connection.client else "an unknown address"
             LOG.warning("wrong token from %s", address)
 
-    async def _take_link(self, request: Request, link: str) -> Response:
+    async def _log_in_by_link(self, request: Request, link: str) -> Response:
         if self._sessions.use_link(link):
-            return self._entered(request, self._people.server)
+            return self._start_session(request, self._people.server)
         store: Store = request.app.state.store
         try:
             digest = await asyncio.to_thread(store.tokens.use_link, link)
-            await self._people.refresh()  # the token may have been made a moment ago
+            await self._people.refresh()  # the token may be brand new
         except StoreError as error:
             return problem_response(Problem(503, str(error), "urn:forewarn:store"))
-        if digest is not None and (admission := self._people.of_digest(digest)):
-            return self._entered(request, admission)
-        return _asking("That link was used, or is too old: enter the token.", 401)
+        if digest is not None and (admission := self._people.find_digest(digest)):
+            return self._start_session(request, admission)
+        return _login_page("This link has been used or has expired: enter the token.", 401)
 
-    def _entered(self, request: Request, admission: Admission) -> Response:
-        """Begin a session; its cookies end with the browser."""
+    def _start_session(self, request: Request, admission: Admission) -> Response:
+        """Start a session; its cookies end with the browser."""
         response, secure = RedirectResponse("/", 303), request.url.scheme == "https"
-        key = self._sessions.begin(admission)
+        key = self._sessions.start(admission)
         response.set_cookie(COOKIE, key, httponly=True, samesite="strict", secure=secure)
-        response.set_cookie(COOKIE_OF_PAGE, "1", samesite="strict", secure=secure)
+        response.set_cookie(PAGE_COOKIE, "1", samesite="strict", secure=secure)
         self._audit.note(request, admission.person, response.status_code)
         return response
 
     def _log_out(self, request: Request) -> Response:
-        """End the session and ask for the token again."""
         if request.method != "POST":
-            return problem_response(Problem(405, "POST to log out"), {"Allow": "POST"})
+            return problem_response(Problem(405, "use POST"), {"Allow": "POST"})
         response = RedirectResponse("/login", 303)
         if admission := self._sessions.end(request.cookies.get(COOKIE, "")):
             self._audit.note(request, admission.person, response.status_code)
-        for cookie in (COOKIE, COOKIE_OF_PAGE):
+        for cookie in (COOKIE, PAGE_COOKIE):
             response.delete_cookie(cookie)
         return response
 
 
-def _asking(message: str = "", status: int = 200) -> Response:
-    """The page that asks for the token."""
+def _login_page(message: str = "", status: int = 200) -> Response:
     return HTMLResponse(LOGIN_PAGE.format(message=message), status)
 
 

@@ -1,4 +1,4 @@
-"""The page's first file, with links to the modules that its browser is about to ask for."""
+"""Serves the page. Its index.html gets preload links to the modules of the first views."""
 
 import re
 from collections.abc import Iterator
@@ -8,20 +8,20 @@ from fastapi import FastAPI
 from fastapi.responses import HTMLResponse, Response
 
 ROOTS = ("js/main.js", "js/start/index.js", "js/start/demonstration.js", "js/fly/index.js")
-"""Modules of the first views: the browser loads what they import at once, not level by level."""
+"""Modules of the first views. Preloading saves the browser from finding imports level by level."""
 IMPORTED = re.compile(r'^(?:import|export)\b[^"]*?\bfrom "(\.[^"]+)";', re.MULTILINE)
 
 
 def modules(static: Path) -> list[str]:
-    """Paths of ROOTS and of all that they import, as the page addresses them."""
-    found: dict[Path, None] = {}
-    waiting = [static / root for root in ROOTS]
-    while waiting:
-        module = waiting.pop(0).resolve()
-        if module not in found:
-            found[module] = None
-            waiting += _imports(module)
-    return [f"/{module.relative_to(static.resolve()).as_posix()}" for module in found]
+    """URL paths of ROOTS and their imports, direct and indirect."""
+    reached: dict[Path, None] = {}
+    queue = [static / root for root in ROOTS]
+    while queue:
+        module = queue.pop(0).resolve()
+        if module not in reached:
+            reached[module] = None
+            queue += _imports(module)
+    return [f"/{module.relative_to(static.resolve()).as_posix()}" for module in reached]
 
 
 def _imports(module: Path) -> Iterator[Path]:
@@ -30,7 +30,7 @@ def _imports(module: Path) -> Iterator[Path]:
 
 
 def serve_page(app: FastAPI, static: Path) -> None:
-    """Serve the files of a folder, and its index.html with the links."""
+    """Serve the files of a folder, and its index.html with preload links."""
     links = "".join(f'<link rel="modulepreload" href="{path}">\n' for path in modules(static))
     text = (static / "index.html").read_text(encoding="utf-8")
     page = text.replace("</head>", f"{links}</head>", 1)

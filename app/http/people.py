@@ -1,7 +1,7 @@
-"""Who is let in by a token: the settings' own, and those that are stored with name and role.
+"""People and their tokens: the token of the settings, and stored ones with a name and a role.
 
-What is stored is looked at every second, so that a token that another process makes or revokes
-counts at once, and is kept in memory, so that no request waits for the database.
+Stored tokens are read into memory every second. A token that another process makes or revokes
+counts within a second, and no request waits for the database.
 """
 
 import asyncio
@@ -18,18 +18,18 @@ from app.store.tables import now
 from app.store.tokens import LOCAL, SERVER, Role, StoredToken, digest_of
 
 LOG = logging.getLogger("forewarn")
-LOOK_EVERY_S = 1.0
+REFRESH_EVERY_S = 1.0
 NOTED_EVERY_S = 60.0
-"""[s] So often at most it is stored that a token was used."""
+"""[s] The last use of a token is stored no more often."""
 LONGEST_SLEEP_S = 60.0
-"""[s] After which the clock is asked again: it may have been set."""
+"""[s] Then the clock is read again: it may have been set."""
 
 Clock = Callable[[], float]
 
 
 @dataclass(frozen=True)
 class Person:
-    """Who asks."""
+    """A client by name and role."""
 
     name: str
     role: Role
@@ -37,110 +37,108 @@ class Person:
 
 @dataclass(eq=False)
 class Admission:
-    """What lets a person in. expires: when, by the clock [s].   over: set once it is revoked."""
+    """Access of a person. expires: [s] by the clock.   ended: set if revoked earlier."""
 
     person: Person
     expires: float = math.inf
     clock: Clock = time.time
-    over: asyncio.Event = field(default_factory=asyncio.Event)
+    ended: asyncio.Event = field(default_factory=asyncio.Event)
 
     @property
-    def is_over(self) -> bool:
-        """Whether it lets in no more."""
-        return self.over.is_set() or self.clock() >= self.expires
+    def has_ended(self) -> bool:
+        return self.ended.is_set() or self.clock() >= self.expires
 
     async def wait_for_end(self) -> None:
-        """Return once it lets in no more."""
-        while not self.is_over:
+        while not self.has_ended:
             left = min(self.expires - self.clock(), LONGEST_SLEEP_S)
             with suppress(TimeoutError):
-                await asyncio.wait_for(self.over.wait(), max(left, 0.0))
+                await asyncio.wait_for(self.ended.wait(), max(left, 0.0))
 
 
 class People:
     """The tokens of one server.
 
-    token: of the settings; None: none.   asks: whether a token is asked for. It is from the first
-    stored one on, also where that is revoked: who could come in without one shall not come back.
+    token: that of the settings.   needs_token: without a token, access is refused. True from the
+    first stored token on, and stays true when that token is revoked.
     """
 
     def __init__(self, token: str | None, clock: Clock = time.time) -> None:
         self._clock = clock
-        self.asks = token is not None
+        self.needs_token = token is not None
         self.local = Admission(Person(LOCAL, "admin"))
         self.server = Admission(Person(SERVER, "admin"))
-        self._own = {} if token is None else {digest_of(token): self.server}
+        self._of_settings = {} if token is None else {digest_of(token): self.server}
         self._stored: dict[str, tuple[str, Admission]] = {}
         self._used: dict[str, str] = {}
         self._noted: dict[str, float] = {}
         self._store: Store | None = None
-        self._turn = asyncio.Lock()
+        self._lock = asyncio.Lock()
 
     def find(self, token: str) -> Admission | None:
-        """Whom a token lets in; None for a wrong one, or one that is over."""
-        return self.of_digest(digest_of(token))
+        """The access that a token gives; None if it is wrong, revoked or expired."""
+        return self.find_digest(digest_of(token))
 
-    def of_digest(self, digest: str) -> Admission | None:
-        """Whom the token of a digest lets in."""
-        if digest in self._own:
-            return self._own[digest]
+    def find_digest(self, digest: str) -> Admission | None:
+        if digest in self._of_settings:
+            return self._of_settings[digest]
         token_id, admission = self._stored.get(digest, ("", None))
-        if admission is None or admission.is_over:
+        if admission is None or admission.has_ended:
             return None
         self._used[token_id] = now()
         return admission
 
     @asynccontextmanager
     async def open(self, store: Store) -> AsyncIterator[None]:
-        """Keep up with the tokens of a store; where they cannot be read, they let nobody in."""
-        self._store, self._turn = store, asyncio.Lock()
+        """Follow the tokens of a store. While they cannot be read, none of them is accepted."""
+        self._store, self._lock = store, asyncio.Lock()
         try:
             await self.refresh()
         except StoreError as error:
-            self._ask()
-            LOG.error("the tokens cannot be read, the server asks for one: %s", error)
-        keeping = asyncio.create_task(self._keep_up())
+            self._require_token()
+            LOG.error("stored tokens cannot be read, so none is accepted: %s", error)
+        refreshing = asyncio.create_task(self._refresh_regularly())
         try:
             yield
         finally:
-            keeping.cancel()
-            await asyncio.wait((keeping,))
+            refreshing.cancel()
+            await asyncio.wait((refreshing,))
 
     async def refresh(self) -> None:
-        """Take what is stored now. StoreError."""
+        """Read the stored tokens now. StoreError."""
         assert self._store is not None
-        async with self._turn:  # an older look must not undo a newer one
-            self._take(await asyncio.to_thread(self._store.tokens.known))
+        async with self._lock:  # an older read must not undo a newer one
+            self._update(await asyncio.to_thread(self._store.tokens.known))
 
-    def _take(self, known: Mapping[str, StoredToken]) -> None:
+    def _update(self, known: Mapping[str, StoredToken]) -> None:
         if known:
-            self._ask()
+            self._require_token()
         for digest, token in known.items():
             if digest not in self._stored:
                 self._stored[digest] = token.id, self._admission(token)
         for digest, (_, admission) in [*self._stored.items()]:
             token = known.get(digest)
             if token is None or token.revoked is not None:
-                admission.over.set()
+                admission.ended.set()
             if token is None:
                 del self._stored[digest]
 
-    async def _keep_up(self) -> None:
-        """Look at what is stored until cancelled, and store when tokens were used."""
-        is_well = True
+    async def _refresh_regularly(self) -> None:
+        is_failing = False
         while True:
-            await asyncio.sleep(LOOK_EVERY_S)
+            await asyncio.sleep(REFRESH_EVERY_S)
             try:
                 await self.refresh()
                 await self._note_used()
-                is_well = True
+                is_failing = False
             except StoreError as error:
-                if is_well:
-                    LOG.warning("tokens and their last use are not up to date: %s", error)
-                is_well = False
+                if not is_failing:
+                    LOG.warning(
+                        "tokens were not refreshed, or their last use not stored: %s", error
+                    )
+                is_failing = True
 
     async def _note_used(self) -> None:
-        """Store when tokens were used, of each once in a while. StoreError."""
+        """Store the last use of tokens, each at most every NOTED_EVERY_S. StoreError."""
         assert self._store is not None
         tick = time.monotonic()
         due = {
@@ -155,12 +153,12 @@ class People:
             if self._used[token_id] == used:
                 del self._used[token_id]
 
-    def _ask(self) -> None:
-        if not self.asks:
-            self.asks = True
-            self.local.over.set()
+    def _require_token(self) -> None:
+        if not self.needs_token:
+            self.needs_token = True
+            self.local.ended.set()
 
     def _admission(self, token: StoredToken) -> Admission:
-        ends = token.expires
-        expires = math.inf if ends is None else datetime.fromisoformat(ends).timestamp()
+        expiry = token.expires
+        expires = math.inf if expiry is None else datetime.fromisoformat(expiry).timestamp()
         return Admission(Person(token.name, token.role), expires, self._clock)

@@ -1,4 +1,4 @@
-"""Errors as problem+json (RFC 9457): what was given, what is needed; never a stack trace."""
+"""Errors as problem+json (RFC 9457): given, needed, what to do; never a stack trace."""
 
 import logging
 import secrets
@@ -27,7 +27,7 @@ LOG = logging.getLogger("forewarn")
 
 SCHEMA: dict[str, Any] = {
     "title": "Problem",
-    "description": "An error after RFC 9457.",
+    "description": "An error as in RFC 9457.",
     "type": "object",
     "properties": {
         "type": {"type": "string", "description": "kind of problem", "default": "about:blank"},
@@ -43,16 +43,16 @@ SCHEMA: dict[str, Any] = {
 }
 REFERENCE = {"$ref": "#/components/schemas/Problem"}
 
-WORDS = {
+DESCRIPTIONS = {
     401: "the token is missing or wrong",
     403: "the request comes from another site, or your role does not allow it",
-    404: "no such id",
+    404: "no such resource",
     408: "the body stopped arriving",
-    409: "in use, or not in a state that allows this",
-    410: "created under this key and deleted since",
+    409: "the resource is in use, or its state does not allow this",
+    410: "created with this key and deleted since",
     413: "the body is too large",
-    415: "the body has an unsupported type",
-    422: "the request is invalid; `detail` names what is needed",
+    415: "unsupported media type",
+    422: "invalid input; `detail` names what is needed",
     429: "too many in progress; try again later",
     503: "the server is not ready",
     507: "no disk space left",
@@ -60,7 +60,7 @@ WORDS = {
 
 
 class Problem(Exception):
-    """An error to answer with; `extra` members are added to the document."""
+    """An error answer; `extra` members are added to the document."""
 
     def __init__(self, status: int, detail: str, kind: str = "about:blank", **extra: Any) -> None:
         super().__init__(detail)
@@ -71,13 +71,15 @@ class Problem(Exception):
 
 
 def problem_responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    """OpenAPI's description of the problems that a route may answer with."""
+    """OpenAPI responses for the problems of a route."""
     content = {MEDIA_TYPE: {"schema": REFERENCE}}
-    return {status: {"description": WORDS[status], "content": content} for status in statuses}
+    return {
+        status: {"description": DESCRIPTIONS[status], "content": content} for status in statuses
+    }
 
 
 def describe_problems(document: dict[str, Any]) -> None:
-    """Put the problem schema into an OpenAPI document, in place of FastAPI's own of a 422."""
+    """Add the problem schema to the OpenAPI document, in place of FastAPI's own for 422."""
     schemas = document.setdefault("components", {}).setdefault("schemas", {})
     schemas["Problem"] = SCHEMA
     for name in ("HTTPValidationError", "ValidationError"):
@@ -89,7 +91,7 @@ def describe_problems(document: dict[str, Any]) -> None:
 
 
 def problem_response(problem: Problem, headers: dict[str, str] | None = None) -> Response:
-    """Return the document as a response; what did not come in time ends the connection."""
+    """The document as a response; a 408 also closes the connection."""
     if problem.status == HTTPStatus.REQUEST_TIMEOUT:
         headers = {"Connection": "close"} | (headers or {})
     document = {
@@ -125,7 +127,7 @@ def install_problems(app: FastAPI) -> None:
         Busy: (429, "busy"),
         NoSpace: (507, "space"),
         Stalled: (408, "stalled"),
-        ClientDisconnect: (408, "stalled"),  # which nobody hears any more
+        ClientDisconnect: (408, "stalled"),  # the client has left
     }
     for error, (status, kind) in handlers.items():
         app.add_exception_handler(error, answer(status, kind))
@@ -143,7 +145,9 @@ async def _problem(request: Request, error: Exception) -> Response:
 async def _http(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     detail = error.detail
-    if error.status_code == 400 and "parsing the body" in detail:  # FastAPI's word for no UTF-8
+    if (
+        error.status_code == 400 and "parsing the body" in detail
+    ):  # FastAPI's message for invalid UTF-8
         return problem_response(Problem(422, "the body is not JSON", "urn:forewarn:request"))
     if detail == HTTPStatus(error.status_code).phrase:
         detail = f"{detail}: {request.method} {request.url.path}"
@@ -154,33 +158,35 @@ async def _http(request: Request, error: Exception) -> Response:
 
 
 def _allowed(request: Request) -> list[str]:
-    """Methods of every route at this path; the router's own answer names those of one of them."""
-    here = [
+    """Methods of all routes at this path; the router names those of one route only."""
+    routes = [
         context.methods or ()
         for context in iter_route_contexts(request.app.routes)
         if context.path and compile_path(context.path)[0].match(request.url.path)
     ]
-    allowed = {method for methods in here for method in methods}
+    allowed = {method for methods in routes for method in methods}
     return sorted(allowed | {"HEAD"} if "GET" in allowed else allowed)
 
 
 async def _validation(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
-    whole = {
+    inputs = {
         "body": error.body,
         "query": dict(request.query_params),
         "path": request.path_params,
         "header": dict(request.headers),
     }
-    wrong = input_errors(error.errors(), whole)[:20]
-    errors = [{"where": place, "reason": reason} for place, reason in wrong]
-    named = (InputError(place.partition(".")[2] or place, reason) for place, reason in wrong[:3])
-    detail = "; ".join(map(str, named))
+    faults = input_errors(error.errors(), inputs)[:20]
+    errors = [{"where": place, "reason": reason} for place, reason in faults]
+    sentences = (
+        InputError(place.partition(".")[2] or place, reason) for place, reason in faults[:3]
+    )
+    detail = "; ".join(map(str, sentences))
     return problem_response(Problem(422, detail, "urn:forewarn:request", errors=errors))
 
 
 async def _internal(request: Request, error: Exception) -> Response:
     reference = secrets.token_hex(4)
     LOG.error("reference %s: %s %s", reference, request.method, request.url.path, exc_info=error)
-    text = f"the program failed; its log says more under reference {reference}"
+    text = f"internal error: see reference {reference} in the server's log"
     return problem_response(Problem(500, text, "urn:forewarn:internal", reference=reference))

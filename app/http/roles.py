@@ -1,6 +1,6 @@
-"""What each role may do: one table, by method and route.
+"""Permissions: one table of methods and routes by role.
 
-A route that the table does not name is for admins alone, and a test fails until it is named.
+A route that is missing in the table is for admins only, and a test fails until it is added.
 """
 
 import re
@@ -14,7 +14,7 @@ FLIGHT, RECORDING = f"{API}/flights/{{id}}", f"{API}/recordings/{{id}}"
 CAMPAIGN = f"{API}/campaigns/{{id}}"
 SCORING = f"{RECORDING}/scorings/{{id}}"
 WEBSOCKET = "WEBSOCKET"
-"""Stands for the method of one."""
+"""The method in the table for a WebSocket."""
 UPLINK = f"{WEBSOCKET} {FLIGHT}/uplink"
 SAMPLES = f"POST {FLIGHT}/samples"
 
@@ -147,49 +147,47 @@ ALLOWED: dict[Role, tuple[str, ...]] = {
         f"GET {API}/audit",
     ),
 }
-"""By the least role that may; the names in braces are free, `:path` goes across slashes."""
+"""By the least role needed. `{name}` matches one part of a path, `{name:path}` any number."""
 CHANGES_NOTHING = (
     f"POST {RECORDING}/preview",
     f"POST {API}/monitors/{{id}}/score",
     f"POST {FLIGHT}/score",
 )
-"""Not safe by their method, and yet they only compute."""
+"""POST requests that only compute."""
 LOGGED_ONCE = (SAMPLES, UPLINK)
-"""Of these the audit log has the first of each person and flight."""
+"""The audit log has only the first of each person and flight."""
 
 
 @dataclass(frozen=True)
 class Rule:
-    """Who may use a route. route: as in ALLOWED; empty where the table does not name it."""
+    """The least role for a route. route: as in ALLOWED; empty if the table lacks it."""
 
     role: Role
     route: str = ""
 
 
 def rule_of(method: str, path: str) -> Rule:
-    """The rule for a request; HEAD and OPTIONS are as GET."""
-    return _found("GET" if method in ("HEAD", "OPTIONS") else method, path)
+    """The rule for a request; HEAD and OPTIONS count as GET."""
+    return _match("GET" if method in ("HEAD", "OPTIONS") else method, path)
 
 
 @lru_cache(maxsize=4096)
-def _found(method: str, path: str) -> Rule:
+def _match(method: str, path: str) -> Rule:
     request = f"{method} {path}"
     matching = (rule for pattern, rule in _rules() if pattern.fullmatch(request))
     return next(matching, Rule("admin"))
 
 
 def may(role: Role, needed: Role) -> bool:
-    """Whether a role is enough."""
     return ROLES.index(role) >= ROLES.index(needed)
 
 
 def allowed_to(role: Role) -> list[str]:
-    """All that the table allows a role, parameters as `{}`."""
-    of_all = (_plain(rule.route) for _, rule in _rules() if may(role, rule.role))
-    return sorted(of_all)
+    """Routes of the table that a role may use, parameters as `{}`."""
+    return sorted(_nameless(rule.route) for _, rule in _rules() if may(role, rule.role))
 
 
-def _plain(route: str) -> str:
+def _nameless(route: str) -> str:
     return re.sub(r"{[^}]*}", "{}", route)
 
 
@@ -201,10 +199,9 @@ def _rules() -> list[tuple[re.Pattern[str], Rule]]:
 
 
 def _pattern(route: str) -> re.Pattern[str]:
-    """What a route matches, as the router has it."""
     pieces = re.split(r"({[^}]*})", route)
-    free = [
+    patterns = [
         re.escape(piece) if not piece.startswith("{") else ".*" if ":path" in piece else "[^/]+"
         for piece in pieces
     ]
-    return re.compile("".join(free), re.DOTALL)
+    return re.compile("".join(patterns), re.DOTALL)

@@ -1,6 +1,6 @@
-"""What the server lets in: its own host and origin, bodies of a size, people by token and role.
+"""Access control by host, origin, token and role, and the size limit of bodies.
 
-One ASGI layer around everything, HTTP and WebSocket alike, so that no route can forget it.
+One ASGI layer surrounds everything, HTTP and WebSocket alike, so that no route can bypass it.
 """
 
 import asyncio
@@ -35,14 +35,14 @@ Application = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 HOST = re.compile(r"(?:\[([0-9A-Fa-f:.]+)\]|([0-9A-Za-z._-]+))(?::[0-9]{0,5})?")
 HEALTH_PATH = "/healthz"
-"""Answered without a token: a probe learns nothing from it."""
-EVENTS = "/events"
-"""How the path of a stream of events ends."""
+"""Answered without a token: it reveals nothing."""
+EVENTS_SUFFIX = "/events"
+"""The path of every event stream ends with it."""
 REFUSED, SESSION_OVER = 4403, 4401
-OVER = "the session or its token is over: log in again"
-MOST_READ_AHEAD = 16
-"""Messages of a WebSocket."""
 """WebSocket close codes; before the handshake they become HTTP 403."""
+SESSION_OVER_REASON = "the session or its token has ended: log in again"
+MOST_READ_AHEAD = 16
+"""Messages of a WebSocket that wait for the application."""
 
 PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
@@ -52,10 +52,10 @@ PAGE_POLICY = (
 )
 API_POLICY = "default-src 'none'; frame-ancestors 'none'"
 SCENE_POLICY = "default-src 'none'; frame-ancestors 'self'"
-"""Of a scene that is not shown: the page whose frame it is in must be able to tell why."""
+"""For an unavailable scene: its frame must show the page the reason."""
 POLICIES = (("/api/", API_POLICY), ("/scene/", SCENE_POLICY), ("/", PAGE_POLICY))
-"""Content security policy by the start of the path, the first that fits; what a route says itself
-(the scene's client, which needs inline code) stays."""
+"""Content security policy by the start of the path; the first match counts. A route's own policy
+(that of the scene's client, which needs inline code) has precedence."""
 
 HEADERS = {
     "X-Content-Type-Options": "nosniff",
@@ -68,7 +68,7 @@ HEADERS = {
 
 @dataclass(frozen=True)
 class Refusal(Exception):
-    """Why a connection is not let in."""
+    """The reason why a connection is refused."""
 
     status: int
     reason: str
@@ -80,7 +80,7 @@ class Refusal(Exception):
 class Guard:
     """ASGI layer that checks Host, Origin, token and role, and adds the security headers.
 
-    Who is let in is the `person` of the scope from there on.
+    It sets the scope's `person`.
     """
 
     def __init__(
@@ -93,8 +93,8 @@ class Guard:
     ) -> None:
         self.app = app
         self.settings = settings
-        own = () if settings.is_local else (socket.gethostname(),)
-        names = ("localhost", settings.host, *own, *settings.allowed_hosts)
+        machine = () if settings.is_local else (socket.gethostname(),)
+        names = ("localhost", settings.host, *machine, *settings.allowed_hosts)
         self.hosts = {name.lower() for name in names}
         self.people = people
         self.sessions = sessions
@@ -102,7 +102,6 @@ class Guard:
         self.login = Login(people, sessions, audit)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Let a connection through, or answer it here."""
         if scope["type"] not in ("http", "websocket"):
             return await self.app(scope, receive, send)
         connection = HTTPConnection(scope)
@@ -110,7 +109,7 @@ class Guard:
         try:
             self.check_host(connection.headers)
             self.check_origin(scope, connection.headers)
-            if self.people.asks and scope["type"] == "http" and scope["path"] in login.PATHS:
+            if self.people.needs_token and scope["type"] == "http" and scope["path"] in login.PATHS:
                 answer = await self.login.answer(Request(scope, receive))
                 return await answer(scope, receive, send)
             if scope["type"] == "http" and scope["path"] == HEALTH_PATH:
@@ -122,36 +121,36 @@ class Guard:
             return await self._refuse(refusal, scope, receive, send)
         send = _noted(send, partial(self.audit.note_answer, connection, person))
         if scope["type"] == "http":
-            if not scope["path"].endswith(EVENTS):
+            if not scope["path"].endswith(EVENTS_SUFFIX):
                 return await self.app(scope, receive, send)
             return await self._stream(self._wait_for_end(admission, session), scope, receive, send)
-        over = asyncio.ensure_future(self._wait_for_end(admission, session))
-        watched = _Watched(over, receive, send)
+        ended = asyncio.ensure_future(self._wait_for_end(admission, session))
+        websocket = _SessionWebSocket(ended, receive, send)
         try:
-            return await self.app(scope, watched.receive, watched.send)
+            return await self.app(scope, websocket.receive, websocket.send)
         finally:
-            watched.close()
+            websocket.close()
 
     def check_host(self, headers: Headers) -> None:
-        """Refuse a Host that is not this server's: a name that was rebound to this address.
+        """Refuse a foreign Host, against DNS rebinding.
 
-        Addresses written as numbers cannot be rebound; they pass where others may connect.
+        Numeric addresses cannot be rebound; they pass if other machines may connect.
         """
-        given = headers.getlist("host")
-        name = _host_name(given[0]) if len(given) == 1 else None
+        hosts = headers.getlist("host")
+        name = _host_name(hosts[0]) if len(hosts) == 1 else None
         if name is None:
-            raise Refusal(400, "the request names no host, or more than one", "host")
+            raise Refusal(400, "the request needs exactly one valid host in `Host`", "host")
         if name in self.hosts or _is_address(name, self.settings):
             return
         raise Refusal(
             400,
-            f"this server is not called {name}: use its address, or add the name to "
+            f"{name} is not a host name of this server: use its address, or add the name to "
             "FOREWARN_ALLOWED_HOSTS",
             "host",
         )
 
     def check_origin(self, scope: Scope, headers: Headers) -> None:
-        """Refuse what another site's page asks of this server in a visitor's browser."""
+        """Refuse requests that another site's page makes in a visitor's browser."""
         origin = headers.get("origin")
         if origin is not None:
             parts = urlsplit(origin)
@@ -163,64 +162,64 @@ class Guard:
             raise Refusal(403, "the request comes from another site", "origin")
 
     def check_token(self, scope: Scope, connection: HTTPConnection) -> tuple[Admission, str]:
-        """Refuse a connection without a token; by header, by cookie, by query on a WebSocket.
+        """Refuse a connection without a valid token in header, cookie or (WebSocket) query.
 
-        Returns what lets it in, and the key of the session that does, if any. Where no token is
-        asked for, everybody is `local`.
+        Returns the access, and the key of its session, if any. If the server needs no token, every
+        client is `local`.
         """
-        if not self.people.asks:
+        if not self.people.needs_token:
             return self.people.local, ""
         scheme, _, bearer = connection.headers.get("authorization", "").partition(" ")
-        given = bearer.strip() if scheme.lower() == "bearer" else ""
+        token = bearer.strip() if scheme.lower() == "bearer" else ""
         if scope["type"] == "websocket":
-            given = given or connection.query_params.get("token", "")
-        if given and (admission := self.people.find(given)):
+            token = token or connection.query_params.get("token", "")
+        if token and (admission := self.people.find(token)):
             return admission, ""
         session = connection.cookies.get(login.COOKIE, "")
         if admission := self.sessions.use(session):
             return admission, session
-        if given:
+        if token:
             self.login.log_wrong_token(connection)
-        text = "the token is missing, wrong or over: send `Authorization: Bearer TOKEN`"
+        text = "the token is missing, wrong or expired: send `Authorization: Bearer TOKEN`"
         raise Refusal(401, text, "token")
 
     def check_role(self, connection: HTTPConnection, person: Person) -> None:
-        """Refuse what a person's role does not allow, and log that it was tried."""
+        """Refuse and log a request that the person's role does not allow."""
         method, path = method_of(connection), connection.scope["path"]
         needed = rule_of(method, path).role
         if may(person.role, needed):
             return
         self.audit.note(connection, person, 403)
         has = f"{person.name} has the role {person.role}"
-        text = f"the role {needed} is needed, {has}: {method} {path}"
+        text = f"{method} {path} needs the role {needed}; {has}"
         raise Refusal(403, text, "role", {"needed": needed, "role": person.role})
 
     async def _stream(
         self, end: Coroutine[Any, Any, None], scope: Scope, receive: Receive, send: Send
     ) -> None:
-        """Pass on a stream of events, which ends when what let it in does."""
+        """Serve a stream of events until its token or session ends."""
         is_open = False
 
-        async def sending(message: Message) -> None:
+        async def send_on(message: Message) -> None:
             nonlocal is_open
             is_open = message["type"] == "http.response.start" or message.get("more_body", False)
             await send(message)
 
-        over = asyncio.ensure_future(end)
-        work = asyncio.ensure_future(self.app(scope, receive, sending))
+        ended = asyncio.ensure_future(end)
+        work = asyncio.ensure_future(self.app(scope, receive, send_on))
         try:
-            await asyncio.wait((over, work), return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait((ended, work), return_when=asyncio.FIRST_COMPLETED)
         finally:
-            for task in (over, work):
+            for task in (ended, work):
                 task.cancel()
-            await asyncio.wait((over, work))
+            await asyncio.wait((ended, work))
         if not work.cancelled():
             work.result()
         elif is_open:
             await send({"type": "http.response.body", "body": b""})
 
     async def _wait_for_end(self, admission: Admission, session: str) -> None:
-        """Return once a token lets in no more, or the session that it began is over."""
+        """Return once the token or the session has ended."""
         ends = [admission.wait_for_end()]
         if session:
             ends.append(self.sessions.wait_for_end(session))
@@ -249,8 +248,8 @@ class Guard:
 class BodyLimit:
     """ASGI layer that refuses a body above a size, declared or sent.
 
-    FastAPI's `max_body_size` would answer a declared length in plain text, after the route ran.
-    uploads: where a body may be larger, by method and path.
+    FastAPI's `max_body_size` would answer a declared length in plain text, after the route has run.
+    uploads: larger limits by method and path.
     """
 
     def __init__(
@@ -261,16 +260,16 @@ class BodyLimit:
         self.uploads = uploads
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass on, counting what comes; 413 before reading where the length is said."""
+        """Count the bytes of the body; 413 before reading if the declared length is too large."""
         if scope["type"] != "http":
             return await self.app(scope, receive, send)
         most = self.uploads.get((scope["method"], scope["path"]), self.max_bytes)
-        length = Headers(scope=scope).get("content-length", "")
-        if length.isdigit() and int(length) > most:
+        declared = Headers(scope=scope).get("content-length", "")
+        if declared.isdigit() and int(declared) > most:
             return await problem_response(_too_large(most))(scope, receive, send)
         read = 0
 
-        async def counting() -> Message:
+        async def receive_counted() -> Message:
             nonlocal read
             message = await receive()
             read += len(message.get("body", b""))
@@ -278,22 +277,20 @@ class BodyLimit:
                 raise _too_large(most)
             return message
 
-        return await self.app(scope, counting, send)
+        return await self.app(scope, receive_counted, send)
 
 
 def _too_large(most: int) -> Problem:
-    """What is answered: how much is allowed."""
-    text = f"the body is too large: this server takes {most} bytes at most"
+    text = f"the body is too large: send at most {most} bytes"
     return Problem(413, text, "urn:forewarn:body", max_bytes=most)
 
 
 def policy_of(path: str) -> str:
-    """Content security policy of a path."""
     return next(policy for start, policy in POLICIES if path.startswith(start))
 
 
 def _host_name(host: str) -> str | None:
-    """Name or address in a Host header, without port and brackets; None if it is not one."""
+    """Name or address in a Host header, without port and brackets; None if invalid."""
     match = HOST.fullmatch(host)
     return match and (match[1] or match[2]).lower()
 
@@ -306,43 +303,42 @@ def _is_address(name: str, settings: Settings) -> bool:
     return address.is_loopback or not settings.is_local
 
 
-class _Watched:
-    """Receive and send of a WebSocket that is closed once its session is over.
+class _SessionWebSocket:
+    """Receive and send of a WebSocket that closes when its session ends.
 
-    The application is told as if the client had left; what either side sends then goes nowhere.
-    One task reads for the whole connection: a task a message would cost more than the message.
+    To the application the client seems to have left; later messages of either side are dropped.
+    One task reads for the whole connection: a task per message would cost more than the message.
     """
 
-    def __init__(self, over: asyncio.Future[None], receive: Receive, send: Send) -> None:
-        self._over, self._receive, self._send = over, receive, send
+    def __init__(self, ended: asyncio.Future[None], receive: Receive, send: Send) -> None:
+        self._ended, self._receive, self._send = ended, receive, send
         self._messages: deque[Message] = deque()
-        self._come, self._room = asyncio.Event(), asyncio.Event()
+        self._has_news, self._has_space = asyncio.Event(), asyncio.Event()
         self._reading: asyncio.Future[None] | None = None
-        over.add_done_callback(lambda _: self._come.set())
+        ended.add_done_callback(lambda _: self._has_news.set())
 
     async def receive(self) -> Message:
-        """The next message of the client, or that it is gone."""
         if self._reading is None:
             self._reading = asyncio.ensure_future(self._read())
-        while not (self._messages or self._over.done()):
-            self._come.clear()
-            await self._come.wait()
+        while not (self._messages or self._ended.done()):
+            self._has_news.clear()
+            await self._has_news.wait()
         if self._messages:
             message = self._messages.popleft()
-            self._room.set()
-            if not self._over.done() or message["type"] == "websocket.disconnect":
+            self._has_space.set()
+            if not self._ended.done() or message["type"] == "websocket.disconnect":
                 return message
-        await self._send({"type": "websocket.close", "code": SESSION_OVER, "reason": OVER})
-        return {"type": "websocket.disconnect", "code": SESSION_OVER, "reason": OVER}
+        await self._send(
+            {"type": "websocket.close", "code": SESSION_OVER, "reason": SESSION_OVER_REASON}
+        )
+        return {"type": "websocket.disconnect", "code": SESSION_OVER, "reason": SESSION_OVER_REASON}
 
     async def send(self, message: Message) -> None:
-        """Send, as long as the session lasts."""
-        if not self._over.done():
+        if not self._ended.done():
             await self._send(message)
 
     def close(self) -> None:
-        """Read no more."""
-        self._over.cancel()
+        self._ended.cancel()
         if self._reading is not None:
             self._reading.cancel()
 
@@ -350,32 +346,32 @@ class _Watched:
         while True:
             message = await self._receive()
             self._messages.append(message)
-            self._come.set()
+            self._has_news.set()
             if message["type"] == "websocket.disconnect":
                 return
             while len(self._messages) >= MOST_READ_AHEAD:
-                self._room.clear()
-                await self._room.wait()
+                self._has_space.clear()
+                await self._has_space.wait()
 
 
 def _noted(send: Send, note: Callable[[int], None]) -> Send:
-    """Note the status of an answer; an accepted WebSocket has 101."""
+    """Note the status of the answer; an accepted WebSocket counts as 101."""
 
-    async def sending(message: Message) -> None:
+    async def send_on(message: Message) -> None:
         if message["type"] == "http.response.start":
             note(message["status"])
         elif message["type"] == "websocket.accept":
             note(101)
         await send(message)
 
-    return sending
+    return send_on
 
 
 def _with_headers(send: Send, scope: Scope) -> Send:
-    """Add the security headers to a response; a route's own ones stay."""
+    """Add the security headers that the route has not set."""
     path = scope["path"]
 
-    async def sending(message: Message) -> None:
+    async def send_on(message: Message) -> None:
         if message["type"] in ("http.response.start", "websocket.http.response.start"):
             headers = MutableHeaders(scope=message)
             for name, value in HEADERS.items():
@@ -384,4 +380,4 @@ def _with_headers(send: Send, scope: Scope) -> Send:
             headers.setdefault("Cache-Control", "no-store" if "/api/" in path else "no-cache")
         await send(message)
 
-    return sending
+    return send_on

@@ -12,7 +12,7 @@ from starlette.status import (
 from app.flights.flights import Flights
 from app.flights.frame_ticks import FrameTicks
 from app.flights.watcher import Watcher
-from app.http.connection import Connection, accepted
+from app.http.connection import Connection, accept
 from app.http.head_requests import Router
 from app.messages import Credit, End, MessageError, decode
 
@@ -25,7 +25,7 @@ NO_SUCH_FLIGHT = 4404
 async def stream(websocket: WebSocket, flight_id: str) -> None:
     """Watch a flight: messages as in app.messages."""
     flights: Flights = websocket.app.state.flights
-    connection = await accepted(websocket)
+    connection = await accept(websocket)
     flight = flights.get(flight_id)
     if flight is None:
         await refuse(connection, NO_SUCH_FLIGHT, f"no flight {flight_id} is under way")
@@ -53,10 +53,10 @@ class _Screen:
         connection, watcher = self._connection, self._watcher
         if connection.is_closing:
             return
-        if connection.has_room and (text := watcher.newest_message()) is not None:
+        if connection.is_writable and (text := watcher.newest_message()) is not None:
             connection.send(text)
             return
-        while connection.has_room and (text := watcher.next_message()) is not None:
+        while connection.is_writable and (text := watcher.next_message()) is not None:
             connection.send(text)
         if not (watcher.ended and watcher.is_done):
             return

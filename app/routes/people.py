@@ -90,7 +90,7 @@ async def make_token(
     409 where the server asks for no token yet: the first one is made by `forewarn token create`,
     since from then on everybody needs one.
     """
-    if not people.asks:
+    if not people.needs_token:
         text = "the server asks for no token yet: make the first one by `forewarn token create`"
         raise Problem(409, text, "urn:forewarn:token")
     try:

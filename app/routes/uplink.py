@@ -10,7 +10,7 @@ from starlette.status import WS_1008_POLICY_VIOLATION
 from app.flights.flights import Flights, TooManyFlights
 from app.flights.sources.live import AcceptedBatch, LiveFlight, SequenceConflict
 from app.flights.transport import NotPossible
-from app.http.connection import Connection, accepted
+from app.http.connection import Connection, accept
 from app.http.head_requests import Router
 from app.live.batches import sequence_of
 from app.live.journal import JournalFull
@@ -34,7 +34,7 @@ MOST_UNACKNOWLEDGED = 10_000
 async def uplink(websocket: WebSocket, flight_id: str) -> None:
     """Push batches into a live flight: each message as the body of `samples`."""
     flights: Flights = websocket.app.state.flights
-    connection = await accepted(websocket)
+    connection = await accept(websocket)
     try:
         flight = await flights.live(flight_id)
     except (NotFound, NotPossible, TooManyFlights) as error:

@@ -1,5 +1,4 @@
-"""What strangers may take of the server: real sockets, a real server, limits of a fraction of a
-second."""
+"""Limits of a connection: a real server and real sockets, with times of a fraction of a second."""
 
 import asyncio
 import json
@@ -23,7 +22,7 @@ from tests.support.patience import PATIENCE
 from tests.support.recorded import OCTETS, RECORDINGS, csv_of
 
 SOON = 0.2
-"""[s] The limit that a test is about; the others are too long to be met."""
+"""[s] The limit under test; the others are too long to matter."""
 HOST = b"Host: 127.0.0.1\r\n"
 GET = b"GET /healthz HTTP/1.1\r\n" + HOST
 
@@ -36,7 +35,7 @@ def connected(address):
 
 
 def rest(connection):
-    """All that comes until the server closes; TimeoutError if it never does."""
+    """All bytes until the server closes; TimeoutError if it never does."""
     content = b""
     try:
         while some := connection.recv(65536):
@@ -47,7 +46,7 @@ def rest(connection):
 
 
 def read_ok(connection, n):
-    """So many whole answers of /healthz; their parts come when they come."""
+    """Read n whole answers of /healthz, in pieces of any size."""
     answers = b""
     while answers.count(b'{"status":"ok"}') < n:
         answers += connection.recv(65536)
@@ -72,13 +71,13 @@ def bounded(tmp_path_factory):
 
 
 def header_of(size):
-    """A request whose header has so many bytes."""
+    """A request whose header has `size` bytes."""
     start = GET + b"Filler: "
     return start + b"x" * (size - len(start) - 4) + b"\r\n\r\n"
 
 
 @pytest.mark.parametrize("step", [1, 100, 10_000])
-def test_a_header_of_the_most_bytes_is_read_and_no_larger_one(bounded, step):
+def test_a_header_is_read_up_to_the_limit(bounded, step):
     for size in (2048, 2049, 100_000):
         content = header_of(size)[:4096]
         with connected(bounded) as connection:
@@ -88,17 +87,17 @@ def test_a_header_of_the_most_bytes_is_read_and_no_larger_one(bounded, step):
             if size == 2048:
                 assert connection.recv(65536).startswith(b"HTTP/1.1 200 ")
             else:
-                assert "2048 bytes at most are read" in refusal(connection, 431)
+                assert "2048 bytes" in refusal(connection, 431)
 
 
-def test_header_lines_and_an_address_are_of_the_header(bounded):
+def test_header_lines_and_the_address_count_as_header(bounded):
     for content in (GET + b"A: b\r\n" * 1000, b"GET /" + b"x" * 4000, b"\r\n" * 3000):
         with connected(bounded) as connection:
             connection.sendall(content[:2049])
             refusal(connection, 431)
 
 
-def test_a_trailer_is_bounded_as_a_header_is(bounded):
+def test_a_trailer_has_the_limit_of_a_header(bounded):
     post = b"POST /api/v1/datasets HTTP/1.1\r\n" + HOST + b"Transfer-Encoding: chunked\r\n\r\n"
     for tail in (b"1\r\nx\r\n0\r\nFiller: ", b"1;"):
         with connected(bounded) as connection:
@@ -106,7 +105,7 @@ def test_a_trailer_is_bounded_as_a_header_is(bounded):
             refusal(connection, 431)
 
 
-def test_the_next_request_of_a_connection_has_a_header_of_its_own(bounded):
+def test_each_request_of_a_connection_has_its_own_header_limit(bounded):
     with connected(bounded) as connection:
         for _ in range(5):
             connection.sendall(header_of(2000))
@@ -117,7 +116,7 @@ def test_the_next_request_of_a_connection_has_a_header_of_its_own(bounded):
         refusal(connection, 431)
 
 
-def test_a_body_of_any_size_is_no_header(bounded):
+def test_a_large_body_does_not_count_as_header(bounded):
     body = {"name": "x" * 1_000_000}
     answer = httpx2.post(f"{bounded}/api/v1/datasets", json=body)
     assert answer.status_code == 422
@@ -178,7 +177,7 @@ POSTS = {
 
 @pytest.mark.parametrize("drop", [b"", b"x"])
 @pytest.mark.parametrize("post", POSTS)
-def test_a_body_that_stalls_or_trickles_is_given_up(tmp_path, caplog, post, drop):
+def test_a_body_that_stalls_or_trickles_is_refused(tmp_path, caplog, post, drop):
     start = POSTS[post].encode() + b"\r\n" + HOST + b"Content-Length: 1000000\r\n\r\n"
     with served(tmp_path, body_seconds=SOON) as (address, server):
         with connected(address) as connection:
@@ -189,22 +188,22 @@ def test_a_body_that_stalls_or_trickles_is_given_up(tmp_path, caplog, post, drop
     assert not [record for record in caplog.records if record.levelname == "ERROR"]
 
 
-def test_a_body_that_is_given_up_is_told_why(tmp_path):
+def test_the_refusal_of_a_slow_body_names_the_rate_and_the_time(tmp_path):
     start = POSTS["json"].encode() + b"\r\n" + HOST + b"Content-Length: 9\r\n\r\nx"
     with served(tmp_path, body_seconds=SOON) as (address, _), connected(address) as connection:
         connection.sendall(start)
         assert f"{SLOWEST_BODY} bytes/s for {SOON} s" in refusal(connection, 408)
 
 
-def test_a_server_that_is_slow_itself_gives_nobody_up(tmp_path, monkeypatch, flights):
-    """A disk that takes longer than a body may stall does not end the upload that waits for it."""
+def test_a_slow_server_refuses_no_upload(tmp_path, monkeypatch, flights):
+    """The disk may take longer than a body may stall."""
     content, real = csv_of(flights[0]) * 300, upload_module.run_to_end
     assert len(content) > 2 * upload_module.BLOCK_BYTES
-    waited = []
+    delays = []
 
     async def slow(*arguments):
-        if len(arguments) > 1 and not waited:
-            waited.append(await asyncio.sleep(4 * SOON))
+        if len(arguments) > 1 and not delays:
+            delays.append(await asyncio.sleep(4 * SOON))
         return await real(*arguments)
 
     monkeypatch.setattr(upload_module, "run_to_end", slow)
@@ -213,12 +212,11 @@ def test_a_server_that_is_slow_itself_gives_nobody_up(tmp_path, monkeypatch, fli
             f"{address}{RECORDINGS}", params={"name": "a.csv"}, content=content, headers=OCTETS,
             timeout=PATIENCE,
         )  # fmt: skip
-    assert waited
+    assert delays
     assert answer.status_code != 408
 
 
 def test_a_slow_answer_and_a_silent_websocket_are_not_bounded(tmp_path):
-    """Only what a stranger owes has a time: who is let in may wait, and be kept waiting."""
     limits = {"header_seconds": SOON, "body_seconds": SOON, "idle_seconds": SOON}
 
     async def slow():
@@ -238,7 +236,7 @@ def test_a_slow_answer_and_a_silent_websocket_are_not_bounded(tmp_path):
             assert watcher.recv(PATIENCE) == "still here"
 
 
-def test_a_websockets_text_that_is_none_ends_it_without_a_traceback(tmp_path, caplog):
+def test_invalid_utf8_closes_a_websocket_without_a_traceback(tmp_path, caplog):
     async def silent(websocket: WebSocket):
         await websocket.accept()
         await websocket.receive()
@@ -253,21 +251,21 @@ def test_a_websockets_text_that_is_none_ends_it_without_a_traceback(tmp_path, ca
     assert caplog.records == []
 
 
-def test_an_answer_ends_with_its_client_whatever_that_asked_ahead(tmp_path, caplog):
-    begun, heard = threading.Event(), threading.Event()
+def test_an_answer_ends_when_its_client_leaves_with_requests_pipelined(tmp_path, caplog):
+    started, disconnected = threading.Event(), threading.Event()
 
     async def slow(request: Request) -> str:
         while (await request.receive())["type"] != "http.disconnect":
-            begun.set()
-        heard.set()
-        return "nobody reads this"
+            started.set()
+        disconnected.set()
+        return ""
 
     with served(tmp_path) as (address, server):
         server.app.router.routes[:0] = [APIRoute("/slow", slow)]
         with connected(address) as connection:
             connection.sendall(3 * (b"GET /slow HTTP/1.1\r\n" + HOST + b"\r\n"))
-            assert begun.wait(PATIENCE)
+            assert started.wait(PATIENCE)
             reset = struct.pack("ii", 1, 0)
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, reset)
-        assert heard.wait(PATIENCE)
+        assert disconnected.wait(PATIENCE)
     assert caplog.records == []

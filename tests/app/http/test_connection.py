@@ -1,4 +1,4 @@
-"""A WebSocket's connection ends in order."""
+"""The end of a WebSocket's connection."""
 
 import asyncio
 from typing import Any
@@ -13,7 +13,7 @@ class Waiting(Connection):
     """Two pumps, one of which takes a moment to end."""
 
     @property
-    def has_room(self) -> bool:
+    def is_writable(self) -> bool:
         return True
 
     def send(self, text: str) -> None: ...
@@ -22,7 +22,7 @@ class Waiting(Connection):
 
     def resume(self) -> None: ...
 
-    def _pumps(self, take: Any, on_room: Any) -> list[Any]:
+    def _pumps(self, on_message: Any, on_writable: Any) -> list[Any]:
         return [self._slow_to_end(), asyncio.Event().wait()]
 
     async def _slow_to_end(self) -> None:
@@ -33,8 +33,8 @@ class Waiting(Connection):
             await asyncio.sleep(0)
 
 
-def test_a_connection_that_is_cancelled_while_it_ends_says_who_cancelled_it() -> None:
-    """As anyio does again and again, which takes another's cancellation for an error."""
+def test_a_connection_cancelled_twice_raises_the_last_cancellation() -> None:
+    """anyio cancels repeatedly and treats a foreign cancellation as an error."""
 
     async def cancel_twice() -> None:
         running = asyncio.ensure_future(Waiting(Mock()).run(print))

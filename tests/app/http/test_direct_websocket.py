@@ -1,4 +1,4 @@
-"""The direct way through a WebSocket: the same messages as by ASGI, however they are cut."""
+"""Direct WebSockets deliver the same messages as ASGI, however they are cut."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -23,7 +23,7 @@ TEXTS = st.text(max_size=20) | st.sampled_from(["x" * 126, "é" * 40_000])
 
 
 class Wire(asyncio.Transport):
-    """A transport that keeps what is written, and whether it is read."""
+    """A transport that keeps written bytes and whether it is being read."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -33,7 +33,7 @@ class Wire(asyncio.Transport):
         return self if name == "socket" else default
 
     def setsockopt(self, *_: int) -> None:
-        """As of the socket."""
+        """Accept any option, as a socket does."""
 
     def getsockname(self) -> tuple[str, int]:
         return "127.0.0.1", 1
@@ -57,12 +57,12 @@ class Wire(asyncio.Transport):
 
 
 class Peer:
-    """An application that takes messages directly, behind one connection."""
+    """An application that reads messages directly from one connection."""
 
     def __init__(self) -> None:
-        self.taken: list[bytes] = []
+        self.messages: list[bytes] = []
         self.gone: dict[str, Any] = {}
-        self.n_rooms = 0
+        self.n_writable = 0
         config = uvicorn.Config(
             self._app,
             interface="asgi3",
@@ -81,11 +81,11 @@ class Peer:
         direct.reserve()
         assert (await receive())["type"] == "websocket.connect"
         await send({"type": "websocket.accept"})
-        direct.begin(self.taken.append, self._note_room)
+        direct.start(self.messages.append, self._count_writable)
         self.gone = await receive()
 
-    def _note_room(self) -> None:
-        self.n_rooms += 1
+    def _count_writable(self) -> None:
+        self.n_writable += 1
 
     async def open(self) -> None:
         self.socket.data_received(HANDSHAKE)
@@ -103,7 +103,7 @@ def frame(opcode: Opcode, content: bytes, fin: bool = True) -> bytes:
 
 
 def sent(content: bytes, cuts: int, ping: bool) -> bytes:
-    """A message in one frame or several, a ping in the midst of it."""
+    """A message in one or several frames, optionally with a ping in between."""
     if not cuts:
         return frame(Opcode.TEXT, content)
     parts = [*(content[i : i + 1] for i in range(cuts)), content[cuts:]]
@@ -116,7 +116,7 @@ def sent(content: bytes, cuts: int, ping: bool) -> bytes:
 
 @settings(max_examples=examples(200))
 @given(st.lists(st.tuples(TEXTS, st.integers(0, 2), st.booleans()), max_size=6), st.data())
-def test_messages_are_the_same_however_they_are_cut(
+def test_messages_do_not_depend_on_how_they_are_cut(
     messages: list[tuple[str, int, bool]], data: st.DataObject
 ) -> None:
     stream = b"".join(sent(text.encode(), cuts, ping) for text, cuts, ping in messages)
@@ -132,7 +132,7 @@ def test_messages_are_the_same_however_they_are_cut(
         return peer
 
     peer = asyncio.run(run())
-    assert peer.taken == [text.encode() for text, _, _ in messages]
+    assert peer.messages == [text.encode() for text, _, _ in messages]
     n_pings = sum(ping for _, cuts, ping in messages if cuts)
     assert peer.wire.written == n_pings * Frame(Opcode.PONG, b"here?").serialize(mask=False)
 
@@ -147,9 +147,9 @@ def test_messages_are_the_same_however_they_are_cut(
         (frame(Opcode.TEXT, b"\xff", fin=False) + frame(Opcode.CONT, b"b"), 1007),
         (frame(Opcode.CLOSE, (1001).to_bytes(2)), 1001),
     ],
-    ids=["no text", "unmasked", "too long", "in another", "no text in parts", "close"],
+    ids=["invalid UTF-8", "unmasked", "too long", "nested", "invalid UTF-8 in parts", "close"],
 )
-def test_what_is_no_message_closes_the_connection(wrong: bytes, code: int) -> None:
+def test_an_invalid_message_closes_the_connection(wrong: bytes, code: int) -> None:
     async def run() -> Peer:
         peer = Peer()
         await peer.open()
@@ -158,57 +158,57 @@ def test_what_is_no_message_closes_the_connection(wrong: bytes, code: int) -> No
         return peer
 
     peer = asyncio.run(run())
-    assert peer.taken == [b"before"]
+    assert peer.messages == [b"before"]
     assert peer.gone["type"] == "websocket.disconnect"
     assert peer.wire.written[:1] == bytes((0x80 | Opcode.CLOSE,))
     assert int.from_bytes(peer.wire.written[2:4]) == code
 
 
-def test_a_connection_that_sends_much_leaves_others_their_turn() -> None:
+def test_a_busy_connection_leaves_others_their_turn() -> None:
     async def run() -> None:
         peer = Peer()
         await peer.open()
         peer.socket.data_received(3 * TURN * frame(Opcode.BINARY, b"again"))
-        assert len(peer.taken) == TURN
+        assert len(peer.messages) == TURN
         assert not peer.wire.is_read
         await settle()
-        assert len(peer.taken) == 3 * TURN
+        assert len(peer.messages) == 3 * TURN
         assert peer.wire.is_read
 
     asyncio.run(run())
 
 
-def test_nothing_is_taken_during_a_pause_and_all_of_it_after() -> None:
+def test_a_pause_delays_messages_and_loses_none() -> None:
     async def run() -> None:
         peer = Peer()
         await peer.open()
         peer.socket.pause()
         peer.socket.data_received(frame(Opcode.TEXT, b"later"))
         await settle()
-        assert peer.taken == []
+        assert peer.messages == []
         assert not peer.wire.is_read
         peer.socket.resume()
         await settle()
-        assert peer.taken == [b"later"]
+        assert peer.messages == [b"later"]
 
     asyncio.run(run())
 
 
-def test_the_application_is_told_when_there_is_room_again() -> None:
+def test_the_application_learns_when_it_may_write_again() -> None:
     async def run() -> None:
         peer = Peer()
         await peer.open()
-        assert peer.socket.has_room
+        assert peer.socket.is_writable
         peer.socket.pause_writing()
-        assert not peer.socket.has_room
+        assert not peer.socket.is_writable
         peer.socket.resume_writing()
-        assert peer.socket.has_room
-        assert peer.n_rooms == 1
+        assert peer.socket.is_writable
+        assert peer.n_writable == 1
 
     asyncio.run(run())
 
 
 @pytest.mark.parametrize("n", [0, 1, 125, 126, 65_535, 65_536])
-def test_the_frame_of_a_text_is_that_of_the_library(n: int) -> None:
+def test_a_text_frame_equals_the_librarys(n: int) -> None:
     content = b"x" * n
     assert text_frame(content) == Frame(Opcode.TEXT, content).serialize(mask=False)

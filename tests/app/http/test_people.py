@@ -1,4 +1,4 @@
-"""Who is let in by what is stored, as it changes while a server runs."""
+"""Stored tokens, as they change while a server runs."""
 
 import asyncio
 import logging
@@ -29,30 +29,30 @@ def person_of(people: People, token: str) -> Person | None:
     return admission and admission.person
 
 
-def test_the_settings_token_is_an_admins() -> None:
+def test_the_token_of_the_settings_is_an_admins() -> None:
     assert person_of(People(TOKEN), TOKEN) == Person("server", "admin")
     assert People(TOKEN).find(TOKEN[:-1]) is People(None).find("") is None
 
 
-def test_a_token_that_another_process_makes_or_revokes_counts_without_a_restart(
+def test_tokens_made_or_revoked_by_another_process_count_without_a_restart(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "LOOK_EVERY_S", 0.001)
+    monkeypatch.setattr(module, "REFRESH_EVERY_S", 0.001)
 
     async def run() -> None:
         people = People(None)
         async with people.open(store):
-            assert not people.asks
+            assert not people.needs_token
             ann, token = await asyncio.to_thread(store.tokens.add, "Ann", "operator")
             await asyncio.wait_for(people.local.wait_for_end(), 30)
-            assert people.asks
+            assert people.needs_token
             admission = people.find(token)
             assert admission is not None
             assert admission.person == Person("Ann", "operator")
             await asyncio.to_thread(store.tokens.revoke, ann.id)
             await asyncio.wait_for(admission.wait_for_end(), 30)
             assert people.find(token) is None
-            assert people.asks  # and the page is not open to everybody again
+            assert people.needs_token  # access without a token does not come back
             async with asyncio.timeout(30):
                 while (await asyncio.to_thread(store.tokens.all))[0].last_used is None:
                     await asyncio.sleep(0.001)
@@ -60,7 +60,7 @@ def test_a_token_that_another_process_makes_or_revokes_counts_without_a_restart(
     asyncio.run(run())
 
 
-def test_a_token_ends_at_its_time(store: Store, clock: ToldClock) -> None:
+def test_a_token_expires(store: Store, clock: ToldClock) -> None:
     made, token = store.tokens.add("Ann", "viewer", days=1)
     assert made.expires is not None
     ends = datetime.fromisoformat(made.expires).timestamp()
@@ -78,7 +78,7 @@ def test_a_token_ends_at_its_time(store: Store, clock: ToldClock) -> None:
     asyncio.run(run())
 
 
-def test_where_tokens_cannot_be_read_none_of_them_lets_in_and_one_is_asked_for(
+def test_unreadable_tokens_are_refused_and_a_token_is_needed(
     store: Store, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     _, token = store.tokens.add("Ann", "viewer")
@@ -91,7 +91,7 @@ def test_where_tokens_cannot_be_read_none_of_them_lets_in_and_one_is_asked_for(
     async def run() -> None:
         people = People(None)
         async with people.open(store):
-            assert people.asks
+            assert people.needs_token
             assert people.find(token) is None
 
     asyncio.run(run())
@@ -108,7 +108,7 @@ def test_neither_token_nor_link_is_stored(store: Store, tmp_path: Path) -> None:
     assert code.encode() not in content
 
 
-def test_a_link_works_once_in_place_of_the_one_before(store: Store) -> None:
+def test_a_link_works_once_and_replaces_the_earlier_one(store: Store) -> None:
     made, token = store.tokens.add("Ann", "viewer")
     first, second = store.tokens.make_link(made.id), store.tokens.make_link(made.id)
     assert [store.tokens.use_link(code) for code in (first, second, second)] == [
@@ -124,7 +124,7 @@ def test_a_link_works_once_in_place_of_the_one_before(store: Store) -> None:
 
 
 @pytest.mark.parametrize("name", ["", "local", "Server", " Ann", "=1+1", "a\nb", "x" * 65])
-def test_what_is_no_name_is_refused(store: Store, name: str) -> None:
+def test_an_invalid_name_is_refused(store: Store, name: str) -> None:
     with pytest.raises(TokenError, match="name"):
         store.tokens.add(name, "viewer")
 

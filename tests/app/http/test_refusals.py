@@ -1,4 +1,4 @@
-"""A peer that is refused all the time: it is read slowly, and others as before."""
+"""A flooding address is read slowly, and others as before."""
 
 import asyncio
 import socket
@@ -11,7 +11,7 @@ from fastapi.routing import APIWebSocketRoute
 from websockets.sync.client import connect
 
 from app.http import bounded_protocol, refusals
-from app.http.bounded_protocol import PART, BoundedHttp
+from app.http.bounded_protocol import CHUNK_BYTES, BoundedHttp
 from app.http.refusals import MOST, MOST_ADDRESSES, WITHIN_S, Refusals
 from tests.app.http.test_bounded_protocol import GET, HOST, SOON, connected, read_ok, rest
 from tests.support.api import served
@@ -29,24 +29,26 @@ def refuse_few(connection: socket.socket) -> None:
         answers += connection.recv(65536)
 
 
-def test_many_refusals_within_a_second_are_too_many(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_address_floods_with_many_refusals_within_a_second(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     now = [0.0]
     monkeypatch.setattr(refusals.time, "monotonic", lambda: now[0])
-    noted = Refusals()
+    refused = Refusals()
     for _ in range(MOST - 1):
-        noted.note("a")
-    assert not noted.are_many("a")
-    noted.note("a")
-    assert noted.are_many("a")
-    assert not noted.are_many("b")
+        refused.note("a")
+    assert not refused.is_flooding("a")
+    refused.note("a")
+    assert refused.is_flooding("a")
+    assert not refused.is_flooding("b")
     now[0] = WITHIN_S
-    assert not noted.are_many("a")
+    assert not refused.is_flooding("a")
     for k in range(MOST_ADDRESSES):
-        noted.note(str(k))
-    assert len(noted._times) == MOST_ADDRESSES
+        refused.note(str(k))
+    assert len(refused._times) == MOST_ADDRESSES
 
 
-def test_a_flood_of_refused_requests_waits_and_a_connection_that_asks_well_does_not(
+def test_a_flooding_connection_waits_and_a_valid_one_does_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(bounded_protocol, "HELD_S", 3600.0)
@@ -78,7 +80,9 @@ def test_a_flood_of_refused_requests_waits_and_a_connection_that_asks_well_does_
             flooding.recv(65536)
 
 
-def test_who_was_held_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_connection_on_hold_is_read_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(bounded_protocol, "HELD_S", 0.01)
     monkeypatch.setattr(refusals, "MOST", FEW)
     with served(tmp_path) as (address, _), connected(address) as flooding:
@@ -88,10 +92,9 @@ def test_who_was_held_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert answers.count(b"HTTP/1.1 200 ") == 1
 
 
-def test_a_websocket_whose_connection_was_held_is_not_given_up(
+def test_a_websocket_after_a_hold_outlives_the_header_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The time that a header may take ends with it, whenever it was read."""
     monkeypatch.setattr(bounded_protocol, "HELD_S", 0.05)
     monkeypatch.setattr(refusals, "WITHIN_S", 3600.0)
     monkeypatch.setattr(refusals, "MOST", FEW)
@@ -110,8 +113,8 @@ def test_a_websocket_whose_connection_was_held_is_not_given_up(
             assert watcher.recv(PATIENCE) == "still here"
 
 
-def test_requests_far_ahead_of_their_answers_are_not_parsed_yet(tmp_path: Path) -> None:
-    n = 3 * PART // len(GET)
+def test_pipelined_requests_are_parsed_only_a_little_ahead(tmp_path: Path) -> None:
+    n = 3 * CHUNK_BYTES // len(GET)
     most = 0
     with served(tmp_path) as (address, server), connected(address) as eager:
         eager.sendall(n * (GET + b"\r\n") + GET + b"Connection: close\r\n\r\n")
@@ -119,7 +122,7 @@ def test_requests_far_ahead_of_their_answers_are_not_parsed_yet(tmp_path: Path) 
         while some := eager.recv(4096):
             answers += some
             connections: list[Any] = [*server.server_state.connections]
-            ahead = [len(one.pipeline) for one in connections]
+            ahead = [len(connection.pipeline) for connection in connections]
             most = max(most, *ahead, 0)
     assert answers.count(b"HTTP/1.1 200 ") == n + 1
-    assert most <= PART // len(GET) + 1
+    assert most <= CHUNK_BYTES // len(GET) + 1

@@ -15,8 +15,8 @@ def sessions(clock: ToldClock) -> Sessions:
     return Sessions(60.0, clock)
 
 
-def test_a_session_ends_so_long_after_its_last_use(sessions: Sessions, clock: ToldClock) -> None:
-    key = sessions.begin(ANN)
+def test_a_session_ends_a_set_time_after_its_last_use(sessions: Sessions, clock: ToldClock) -> None:
+    key = sessions.start(ANN)
     for _ in range(5):
         clock.now += 59.0
         assert sessions.use(key) is ANN
@@ -26,14 +26,14 @@ def test_a_session_ends_so_long_after_its_last_use(sessions: Sessions, clock: To
     assert sessions.use(key) is None
 
 
-def test_the_session_that_was_used_least_lately_makes_room(sessions: Sessions) -> None:
-    keys = [sessions.begin(ANN) for _ in range(MOST_SESSIONS)]
+def test_the_least_recently_used_session_is_dropped(sessions: Sessions) -> None:
+    keys = [sessions.start(ANN) for _ in range(MOST_SESSIONS)]
     assert sessions.use(keys[0])
-    sessions.begin(ANN)
+    sessions.start(ANN)
     assert [sessions.use(key) for key in keys[:3]] == [ANN, None, ANN]
 
 
-def test_a_link_works_once_and_not_for_long(sessions: Sessions, clock: ToldClock) -> None:
+def test_a_link_works_once_and_expires(sessions: Sessions, clock: ToldClock) -> None:
     first, second = sessions.make_link(), sessions.make_link()
     assert sessions.use_link(first)
     assert not sessions.use_link(first)
@@ -41,10 +41,10 @@ def test_a_link_works_once_and_not_for_long(sessions: Sessions, clock: ToldClock
     assert not sessions.use_link(second)
 
 
-def test_a_session_ends_with_what_let_its_person_in(sessions: Sessions) -> None:
-    revoked, other = Admission(Person("Bo", "viewer")), sessions.begin(ANN)
-    key = sessions.begin(revoked)
+def test_a_session_ends_with_its_token(sessions: Sessions) -> None:
+    revoked, other = Admission(Person("Bo", "viewer")), sessions.start(ANN)
+    key = sessions.start(revoked)
     assert sessions.use(key) is revoked
-    revoked.over.set()
+    revoked.ended.set()
     assert sessions.use(key) is None
     assert sessions.use(other) is ANN

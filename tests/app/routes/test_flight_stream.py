@@ -104,7 +104,7 @@ def test_a_flight_is_started_listed_read_and_ended(server: Server) -> None:
     assert [one["id"] for one in server.client.get(URL).json()] == [flight["id"]]
     server.advance(1.0)
     assert server.client.get(f"{URL}/{flight['id']}").json()["head"] == 20
-    assert "under way" in problem(server.client.delete(f"{URL}/{flight['id']}"), 409)
+    assert "in progress" in problem(server.client.delete(f"{URL}/{flight['id']}"), 409)
     assert server.client.get(f"{URL}/{flight['id']}").json()["progress"] == "running"
     ended, again = (server.client.post(f"{URL}/{flight['id']}/end").json() for _ in range(2))
     assert (ended["progress"], ended["head"], ended["transport"]) == ("ended", 20, None)

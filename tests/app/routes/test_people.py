@@ -103,10 +103,10 @@ def test_a_websocket_closes_when_its_token_is_revoked(client: TestClient) -> Non
 
         ended = is_done = False
 
-        def take(self) -> None:
+        def next_message(self) -> None:
             pass
 
-        newest_message = take
+        newest_message = next_message
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(flights, "get", lambda _: Silent())
@@ -124,7 +124,7 @@ def test_a_link_logs_its_person_in_once(client: TestClient) -> None:
     assert client.get(link, follow_redirects=False).status_code == 303
     assert client.get(ME).json()["name"] == "Ann"
     client.cookies.clear()
-    assert "was used" in client.get(link).text
+    assert "has expired" in client.get(link).text
 
 
 def test_an_acknowledgement_is_in_the_name_of_who_is_logged_in(
@@ -136,7 +136,7 @@ def test_an_acknowledgement_is_in_the_name_of_who_is_logged_in(
     assert told.json()["by"] == "Ann"
     _, bo = hired(client, "Bo", "viewer")
     refused = client.post(f"{flight}/alarms/2/acknowledge", headers=bo)
-    assert "the role operator is needed, Bo has the role viewer" in problem(refused, 403)
+    assert "needs the role operator; Bo has the role viewer" in problem(refused, 403)
     assert [alarm["by"] for alarm in client.get(f"{flight}/alarms", headers=bo).json()] == [
         "Ann",
         None,
@@ -199,7 +199,7 @@ def test_what_the_store_does_not_take_is_logged_once_it_does(
     client: TestClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store = store_of(client)
-    monkeypatch.setattr(audit_module, "AGAIN_AFTER_S", 0.01)
+    monkeypatch.setattr(audit_module, "RETRY_AFTER_S", 0.01)
 
     def fail(entries: Any) -> None:
         raise StoreError("the disk is full")
