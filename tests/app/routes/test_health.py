@@ -22,7 +22,7 @@ def test_the_server_is_alive_and_ready(client):
     assert client.get("/readyz").json() == ready
 
 
-def test_a_probe_may_ask_for_the_head_alone(client):
+def test_head_answers_with_the_headers_of_get(client):
     for path in ("/healthz", "/readyz", "/", "/api/v1/catalog", "/api/v1/datasets/none"):
         plain = {"accept-encoding": "identity"}
         whole, head = client.get(path, headers=plain), client.head(path, headers=plain)
@@ -30,7 +30,7 @@ def test_a_probe_may_ask_for_the_head_alone(client):
         assert head.status_code == whole.status_code
         assert head.headers == whole.headers
     job = store_of(client).jobs.add("study", {})
-    assert client.head(f"/api/v1/jobs/{job}/events").status_code == 200  # GET would wait
+    assert client.head(f"/api/v1/jobs/{job}/events").status_code == 200  # GET waits for events
     refused = client.head("/api/v1/flights/none/end")
     assert (refused.status_code, refused.headers["allow"]) == (405, "POST")
     assert client.post("/healthz").headers["allow"] == "GET, HEAD"
