@@ -1,4 +1,4 @@
-"""The audit log of a server, printed as CSV or as JSON lines."""
+"""`forewarn audit`: the audit log of a server, oldest first, as CSV or as JSON lines."""
 
 import argparse
 import sys
@@ -8,17 +8,15 @@ from app.commands.output.results import add_json
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Add the options."""
-    for name, text in (("since", "from then on"), ("until", "before then")):
-        help_ = f"{text}: day or time in ISO 8601, of UTC where it names no zone"
+    for name, text in (("since", "first"), ("until", "end")):
+        help_ = f"{text} day or time in ISO 8601; UTC unless it names a zone"
         parser.add_argument(f"--{name}", metavar="TIME", help=help_)
-    parser.add_argument("--who", metavar="NAME", help="of this person alone")
+    parser.add_argument("--who", metavar="NAME", help="only changes by this person")
     add_place(parser)
     add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print it, oldest first; `--json`: an object a line."""
     from app.routes.audit import as_csv, as_json_lines, utc  # slow to import, not needed for help
     from app.store.store import open_store
 

@@ -1,4 +1,4 @@
-"""The command that writes a backup of what is stored."""
+"""`forewarn backup`: the database and the recordings in one verified file."""
 
 import argparse
 from dataclasses import asdict
@@ -11,16 +11,17 @@ MIB = 2**20
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Add the options."""
     parser.add_argument(
-        "place", type=Path, metavar="FILE|DIR", help="a new file, or a directory for one by time"
+        "place",
+        type=Path,
+        metavar="FILE|DIR",
+        help="a new file, or a directory for a file named after the time",
     )
     add_place(parser)
     add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Back up; the server may run."""
     from app.upkeep.backup import back_up  # slow to import, not needed for help
 
     settings = place_of(options)
@@ -28,7 +29,7 @@ def run(options: argparse.Namespace) -> int:
     counts = ", ".join(f"{n} {name}" for name, n in backup.manifest.counts.items())
     lines = [
         f"wrote and verified {backup.path}: {backup.size / MIB:,.1f} MiB; {counts}",
-        *(f"◆ damaged before it was backed up: {line}" for line in backup.damaged),
+        *(f"◆ damaged before the backup: {line}" for line in backup.damaged),
     ]
     plain = {"path": str(backup.path), "size": backup.size, "damaged": backup.damaged}
     print_result(options, "\n".join(lines), plain | {"manifest": asdict(backup.manifest)})

@@ -1,4 +1,4 @@
-"""The command of a build-up campaign: plan its points, clear, fly and identify them one by one."""
+"""`forewarn campaign`: plan a build-up, then clear, fly and identify its points one by one."""
 
 import argparse
 from collections.abc import Callable
@@ -40,42 +40,56 @@ USUAL = ClearanceRecipe()
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Add what can be done with a campaign."""
     actions = parser.add_subparsers(required=True, metavar="ACTION", dest="action")
     new = actions.add_parser("new", help="plan a campaign; write its file")
-    add = actions.add_parser(
-        "add", help="plan points at another flight condition, after the others"
-    )
-    show = actions.add_parser("show", help="points, what each is predicted to reach and reached")
+    add = actions.add_parser("add", help="plan more points, at another flight condition")
+    show = actions.add_parser("show", help="list the points with predicted and flown results")
     clear = actions.add_parser("clear", help="compute whether the next point may be flown")
-    confirm = actions.add_parser("confirm", help="confirm the checklist: the next point is cleared")
-    hold = actions.add_parser("hold", help="do not fly the next point for now")
-    abort = actions.add_parser("abort", help="the next point is not flown, or was broken off")
-    fly = actions.add_parser("fly", help="give the recording of the next point: it is complete")
-    identify = actions.add_parser("identify", help="what the complete points say of the aircraft")
-    recipe = actions.add_parser("recipe", help="recipe that trains a monitor for the next point")
-    report = actions.add_parser("report", help="card of the next point and results, to print")
+    confirm = actions.add_parser("confirm", help="confirm the checklist and clear the next point")
+    hold = actions.add_parser("hold", help="hold the next point")
+    abort = actions.add_parser("abort", help="cancel the next point, or record its aborted flight")
+    fly = actions.add_parser("fly", help="attach the recording of the next point and complete it")
+    identify = actions.add_parser("identify", help="identify the aircraft from complete points")
+    recipe = actions.add_parser("recipe", help="write a recipe to train the next point's monitor")
+    report = actions.add_parser(
+        "report", help="write the next point's card and all results as HTML"
+    )
     everything = (new, add, show, clear, confirm, hold, abort, fly, identify, recipe, report)
-    for each in everything:
-        each.add_argument("file", type=Path, metavar="CAMPAIGN.json", help="the campaign")
-    for each in (clear, confirm, hold, abort, fly):
-        each.add_argument("--by", required=True, metavar="NAME", help="who decides")
-    for each in (confirm, hold, abort):
-        each.add_argument("--why", default="", metavar="TEXT", help="reason")
-    fly.add_argument("recording", type=Path, metavar="RECORDING", help="of any known format")
-    abort.add_argument("--recording", type=Path, help="how far the point came that was broken off")
-    for each in (fly, abort):
-        each.add_argument("--start", type=float, help="of the manoeuvre with its trim [s]")
-        each.add_argument("--end", type=float, help="of the manoeuvre [s]")
-        each.add_argument("--mapping", type=Path, metavar="FILE", help="as written by `score`")
-    report.add_argument("-o", "--out", type=Path, help="HTML file, the campaign's name if absent")
-    recipe.add_argument("-o", "--out", type=Path, required=True, help="file written")
+    for action in everything:
+        action.add_argument("file", type=Path, metavar="CAMPAIGN.json", help="the campaign")
+    for action in (clear, confirm, hold, abort, fly):
+        action.add_argument("--by", required=True, metavar="NAME", help="who decides")
+    for action in (confirm, hold, abort):
+        action.add_argument("--why", default="", metavar="TEXT", help="reason")
+    fly.add_argument(
+        "recording", type=Path, metavar="RECORDING", help="telemetry in any known format"
+    )
+    abort.add_argument(
+        "--recording", type=Path, metavar="FILE", help="recording of a point aborted in flight"
+    )
+    for action in (fly, abort):
+        action.add_argument("--start", type=float, help="start of the manoeuvre with its trim [s]")
+        action.add_argument("--end", type=float, help="end of the manoeuvre [s]")
+        action.add_argument(
+            "--mapping", type=Path, metavar="FILE", help="mapping, as `score` writes it"
+        )
+    report.add_argument(
+        "-o",
+        "--out",
+        type=Path,
+        metavar="HTML",
+        help="file to write; named after the campaign if absent",
+    )
+    recipe.add_argument(
+        "-o", "--out", type=Path, metavar="FILE", required=True, help="file to write"
+    )
     _add_plan(new)
     _add_points(add)
-    new.add_argument("--condition", default="", metavar="NAME", help="flight condition, in words")
-    add.add_argument("--condition", required=True, metavar="NAME", help="flight condition")
-    for each in everything:
-        add_json(each)
+    condition = "name of the flight condition"
+    new.add_argument("--condition", default="", metavar="NAME", help=condition)
+    add.add_argument("--condition", required=True, metavar="NAME", help=condition)
+    for action in everything:
+        add_json(action)
 
 
 def _add_points(parser: argparse.ArgumentParser) -> None:
@@ -86,30 +100,32 @@ def _add_points(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         default=USUAL_STEPS,
         metavar="SHARE",
-        help="of the planned amplitude, growing (default: "
-        f"{' '.join(f'{step:g}' for step in USUAL_STEPS)})",
+        help="shares of the planned amplitude, increasing; "
+        f"{' '.join(f'{step:g}' for step in USUAL_STEPS)} if absent",
     )
-    passes = ("--passes-below", float, 1.0, "pass criterion: part of a limit to stay below")
+    passes = ("--passes-below", float, 1.0, "pass criterion: share of a limit to stay below")
     add_numbers(parser, (passes,))
-    parser.add_argument("--criteria", default="", metavar="TEXT", help="what else each must show")
+    parser.add_argument(
+        "--criteria", default="", metavar="TEXT", help="other pass criteria of each point"
+    )
 
 
 def _add_plan(new: argparse.ArgumentParser) -> None:
     _add_points(new)
-    new.add_argument("--name", required=True, help="of the campaign")
+    new.add_argument("--name", required=True, help="name of the campaign")
     numbers = (
         ("--clearance-epsilon", float, USUAL.epsilon, "accepted share of wrong clearances"),
         (
             "--n-exceeding",
             int,
             USUAL.n_exceeding,
-            "simulated exceeding aircraft that calibrate it, 20 or more",
+            "simulated aircraft beyond a limit that calibrate clearances, at least 20",
         ),
         (
             "--n-aircraft",
             int,
             USUAL.n_aircraft,
-            "simulated aircraft that calibrate its checks, 100 or more",
+            "simulated aircraft that calibrate the checks, at least 100",
         ),
     )
     add_numbers(new, numbers)
@@ -117,19 +133,18 @@ def _add_plan(new: argparse.ArgumentParser) -> None:
         "--clearance-guarantee",
         choices=get_args(Guarantee),
         default=USUAL.guarantee,
-        help="its promise",
+        help="promise on the share of wrong clearances",
     )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Do it; write the campaign, and print what came of it."""
     return ACTIONS[options.action](options)
 
 
 def _new(options: argparse.Namespace) -> int:
     check_file(options.file)
     if options.file.exists():
-        raise CampaignError(f"{options.file} exists: a campaign is not written over, give another")
+        raise CampaignError(f"{options.file} exists: give another file for a new campaign")
     test: DatasetRecipe = plain_recipe(options)["dataset"]
     recipe = ClearanceRecipe(
         epsilon=options.clearance_epsilon,
@@ -147,7 +162,7 @@ def _add(options: argparse.Namespace) -> int:
     before = load(options.file)
     if options.aircraft is None and options.recipe is None:
         raise CampaignError(
-            "no aircraft was given: say --aircraft, as it is at that flight condition, or --recipe"
+            "no aircraft was given: give --aircraft for that flight condition, or --recipe"
         )
     test: DatasetRecipe = plain_recipe(options)["dataset"]
     condition = Condition(options.condition, test)
@@ -166,15 +181,15 @@ def _clear(options: argparse.Namespace) -> int:
     with progress_bar("aircraft identified") as progress:
         campaign = clear_next(before, options.by, progress)
     point = campaign.next.point
-    told = [f"{point.name}: {point.state}: {point.events[-1].words}"]
+    text = [f"{point.name}: {point.state}: {point.events[-1].words}"]
     if point.state == "on condition":
-        told += [
-            "to confirm before it is flown:",
+        text += [
+            "confirm before the flight:",
             *(f"  - {item}" for item in checklist(campaign, point)),
         ]
     if point.clearing and point.clearing.amplitude_deg is not None:
-        told.append(_recommended(point))
-    return _done(options, before, campaign, told, ok=point.state == "on condition")
+        text.append(_recommended(point))
+    return _done(options, before, campaign, text, ok=point.state == "on condition")
 
 
 def _recommended(point: Point) -> str:
@@ -182,8 +197,8 @@ def _recommended(point: Point) -> str:
     assert clearing is not None
     return (
         f"largest recommended amplitude {clearing.amplitude_deg:.3g} deg (this point: "
-        f"{point.peak_deg:.3g}): flown at it, at most a share {clearing.recipe.epsilon:g} exceeds "
-        "a limit; that is a promise of its own"
+        f"{point.peak_deg:.3g}): at this amplitude, at most a share {clearing.recipe.epsilon:g} of "
+        "flights exceeds a limit; this is a separate promise"
     )
 
 
@@ -201,8 +216,8 @@ def _confirm(options: argparse.Namespace) -> int:
 def _hold(options: argparse.Namespace) -> int:
     campaign = load(options.file)
     point = campaign.next.point
-    told = [f"{point.name}: hold, by {options.by}"]
-    return _done(options, campaign, campaign.on_hold(options.by, options.why), told)
+    text = [f"{point.name}: hold, by {options.by}"]
+    return _done(options, campaign, campaign.on_hold(options.by, options.why), text)
 
 
 def _abort(options: argparse.Namespace) -> int:
@@ -210,44 +225,44 @@ def _abort(options: argparse.Namespace) -> int:
     number, point = campaign.next
     if options.recording is None and (options.start, options.end) != (None, None):
         raise CampaignError(
-            "--start and --end are of a recording: give it with --recording, or leave them out"
+            "--start and --end need a recording: give it with --recording, or leave them out"
         )
     flown = _cut(aborted_flight, options, campaign) if options.recording else None
     after = campaign.aborted(options.by, options.why, flown)
-    told = f"{point.name}: aborted by {options.by}: {after.points[number].events[-1].words}"
-    return _done(options, campaign, after, [told])
+    text = f"{point.name}: aborted by {options.by}: {after.points[number].events[-1].words}"
+    return _done(options, campaign, after, [text])
 
 
 def _fly(options: argparse.Namespace) -> int:
     campaign = load(options.file)
     number, point = campaign.next
     after = campaign.completed(_cut(flown_point, options, campaign), options.by)
-    told = f"{point.name}: complete: {after.points[number].events[-1].words}"
-    return _done(options, campaign, after, [told])
+    text = f"{point.name}: complete: {after.points[number].events[-1].words}"
+    return _done(options, campaign, after, [text])
 
 
 def _cut(
     cut: Callable[..., FlownPoint], options: argparse.Namespace, campaign: Campaign
 ) -> FlownPoint:
-    """The next point, cut out of the recording that was given."""
+    """The next point, cut from the given recording."""
     point = campaign.next.point
     if (options.start is None) != (options.end is None):
-        raise CampaignError("one of --start and --end was given: give both, or none")
-    marked = None if options.start is None else Interval(options.start, options.end, point.name)
+        raise CampaignError("one of --start and --end was given: give both, or neither")
+    interval = None if options.start is None else Interval(options.start, options.end, point.name)
     mapping = None if options.mapping is None else read_mapping(options.mapping)
     with columns_of(options.recording) as columns:
         recorded = MappedRecording.of(columns, mapping or propose(columns).mapping).scorable()
-        return cut(options.recording.name, recorded, campaign.test_of(point), marked)
+        return cut(options.recording.name, recorded, campaign.test_of(point), interval)
 
 
 def _identify(options: argparse.Namespace) -> int:
     campaign = load(options.file)
     flown = [condition for condition in campaign.conditions if campaign.flown(condition.name)]
     if not flown:
-        raise CampaignError("no point is complete: fly one before the aircraft is identified")
-    found = [identified(campaign, condition.name) for condition in flown]
-    lines = [line for one in found for line in identification_lines(one)]
-    print_result(options, "\n".join(lines), [identification_plain(one) for one in found])
+        raise CampaignError("no point is complete: fly one first, then identify the aircraft")
+    results = [identified(campaign, condition.name) for condition in flown]
+    text = "\n".join(line for result in results for line in identification_lines(result))
+    print_result(options, text, [identification_plain(result) for result in results])
     return 0
 
 
@@ -267,7 +282,7 @@ def _recipe(options: argparse.Namespace) -> int:
 
 
 def _report(options: argparse.Namespace) -> int:
-    from app.report.campaign import campaign_page  # its templates: a tenth of a second
+    from app.report.campaign import campaign_page  # slow to import, only needed here
 
     out = check_file(options.out or options.file.with_suffix(".html"))
     write_whole(out, campaign_page(load(options.file)).encode())
@@ -294,27 +309,29 @@ def _done(
     options: argparse.Namespace,
     before: Campaign | None,
     campaign: Campaign,
-    told: list[str],
+    text: list[str],
     *,
     ok: bool = True,
 ) -> int:
-    """Save the campaign, then print; 1 where the point may not be flown.
+    """Save the campaign, then print. Returns 1 where the point may not be flown.
 
-    CampaignError where somebody changed the file since it was read: what was decided stays.
+    CampaignError if the file was changed after it was read; the changed file stays.
     """
     if before is not None and load(options.file) != before:
         raise CampaignError(
-            f"somebody else changed {options.file} meanwhile: nothing was written, look at it "
-            "again, then decide"
+            f"{options.file} was changed during this command, so nothing was written: show the "
+            "campaign, then decide"
         )
     campaign.save(options.file)
-    print_result(options, "\n".join([*told, f"written: {options.file}"]), to_plain(campaign))
+    print_result(options, "\n".join([*text, f"written: {options.file}"]), to_plain(campaign))
     return 0 if ok else 1
 
 
 def lines(campaign: Campaign) -> list[str]:
-    """Return a campaign as a table, a point a line, and the next one's last words."""
-    aircraft = [one.test.aircraft.description.split(";")[0] for one in campaign.conditions]
+    """A campaign as a table with one line for each point, and the next point's last event."""
+    aircraft = [
+        condition.test.aircraft.description.split(";")[0] for condition in campaign.conditions
+    ]
     width = max(10, *(len(point.name) for point in campaign.points))
     rows = [
         f"{campaign.name}: {'; '.join(dict.fromkeys(aircraft))}",
@@ -323,7 +340,7 @@ def lines(campaign: Campaign) -> list[str]:
     ]
     if any(point.clearing for point in campaign.points):
         rows.append(
-            "probability that any point exceeds that was cleared by computation: at most "
+            "probability that any point cleared by computation exceeds a limit: at most "
             + percent_at_most(campaign.exceeding_at_most)
         )
     if not campaign.is_over:
@@ -348,26 +365,26 @@ def _row(point: Point, width: int) -> str:
     )
 
 
-def identification_lines(found: Identification) -> list[str]:
-    """Return each parameter before and after, and how well the segments are explained."""
+def identification_lines(result: Identification) -> list[str]:
+    """Each parameter before and after, and R2 of each segment's channels."""
     rows = [
-        f"identified from {', '.join(found.sources)}",
-        f"  {'':8} {'before':>20} {'after':>20}   sigma left",
+        f"identified from {', '.join(result.sources)}",
+        f"  {'':8} {'before':>20} {'after':>20}   remaining sigma",
     ]
-    for k, name in enumerate(found.names):
-        before, after = found.prior_sigma[k], found.sigma[k]
+    for k, name in enumerate(result.names):
+        before, after = result.prior_sigma[k], result.sigma[k]
         left = f"{after / before:.0%}" if before else "certain"
-        mark = ", not determined" if name in found.undetermined else ""
+        mark = ", not determined" if name in result.undetermined else ""
         rows.append(
-            f"  {name:8} {found.prior_mean[k]:>10.4g} ± {before:<7.2g} "
-            f"{found.mean[k]:>10.4g} ± {after:<7.2g}   {left}{mark}"
+            f"  {name:8} {result.prior_mean[k]:>10.4g} ± {before:<7.2g} "
+            f"{result.mean[k]:>10.4g} ± {after:<7.2g}   {left}{mark}"
         )
-    for source, r2 in zip(found.sources, found.r2, strict=True):
+    for source, r2 in zip(result.sources, result.r2, strict=True):
         explained = ", ".join(
             f"{key} {share:.3f}" for key, share in zip(("beta", "p", "r", "N_y"), r2, strict=True)
         )
-        rows.append(f"explained of {source} (R2): {explained}")
+        rows.append(f"R2 of {source}: {explained}")
     rows.append(
-        f"mean squared distance from what was expected: {found.distance:.2f}, about 1 at most"
+        f"mean squared distance from the prior: {result.distance:.2f}; about 1 or less is expected"
     )
     return rows

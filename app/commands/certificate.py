@@ -1,4 +1,4 @@
-"""The command that writes a monitor's certificate as a page to print."""
+"""`forewarn certificate`: a monitor's certificate as a page to print."""
 
 import argparse
 import hashlib
@@ -10,14 +10,18 @@ from core.whole_file import write_whole
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Add the command's options."""
     parser.add_argument("monitor", type=Path, metavar="MONITOR.fwm", help="a trained monitor")
-    parser.add_argument("-o", "--out", type=Path, help="HTML file, the monitor's name if absent")
+    parser.add_argument(
+        "-o",
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="HTML file to write; named after the monitor if absent",
+    )
     add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Write the page; `--json` prints what fresh flights said."""
     from app.report.certificate import certificate_page  # slow to import, not needed for help
     from core.evaluation.certificate import with_power_of_quiet
     from core.monitor import load
@@ -27,8 +31,7 @@ def run(options: argparse.Namespace) -> int:
     monitor = load(options.monitor)
     digest = hashlib.sha256(read(options.monitor)).hexdigest()
     write_whole(out, certificate_page(monitor, options.monitor.stem, digest).encode())
-    found = monitor.evaluation and with_power_of_quiet(monitor.evaluation)
-    print_result(
-        options, f"written: {out}", {"file": str(out), "digest": digest, "evaluation": found}
-    )
+    evaluation = monitor.evaluation and with_power_of_quiet(monitor.evaluation)
+    plain = {"file": str(out), "digest": digest, "evaluation": evaluation}
+    print_result(options, f"written: {out}", plain)
     return 0

@@ -1,4 +1,4 @@
-"""The command that makes one monitor of several, calibrated as a whole."""
+"""`forewarn combine`: several monitors of one planned test as one, calibrated as a whole."""
 
 import argparse
 from pathlib import Path
@@ -20,28 +20,38 @@ USUAL = CombinationRecipe()
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Add the command's options."""
     parser.add_argument(
-        "members", nargs="+", type=Path, metavar="MONITOR.fwm", help="trained monitors of one test"
+        "members",
+        nargs="+",
+        type=Path,
+        metavar="MONITOR.fwm",
+        help="trained monitors of one planned test",
     )
     numbers = (
-        ("--lead", float, USUAL.lead, "warning lead time [s], that of a member"),
-        ("--n-unsafe", int, USUAL.n_unsafe, "fresh failing flights that calibrate it"),
+        ("--lead", float, USUAL.lead, "warning lead time [s], equal to that of a member"),
+        ("--n-unsafe", int, USUAL.n_unsafe, "fresh failing flights for the calibration"),
         ("--epsilon", float, USUAL.epsilon, "accepted miss rate"),
         ("--n-test", int, USUAL.n_test, "fresh test flights"),
     )
     add_numbers(parser, numbers)
     parser.add_argument(
-        "--guarantee", choices=get_args(Guarantee), default=USUAL.guarantee, help="its promise"
+        "--guarantee",
+        choices=get_args(Guarantee),
+        default=USUAL.guarantee,
+        help="promise on the miss rate",
     )
     parser.add_argument(
-        "-o", "--out", type=Path, default=Path("combination.fwm"), help="file written"
+        "-o",
+        "--out",
+        type=Path,
+        metavar="FILE",
+        default=Path("combination.fwm"),
+        help="file to write",
     )
     add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Calibrate the members' common rule on fresh failures, test it, write its file."""
     recipe = CombinationRecipe(
         lead=options.lead,
         n_unsafe=options.n_unsafe,
@@ -58,8 +68,8 @@ def run(options: argparse.Namespace) -> int:
     combination.save(options.out)
     above, warnings = combination.alert_above(), warnings_of(combination.evaluation, recipe.epsilon)
     lines = [
-        f"{len(members)} monitors, calibrated as one on {combination.n_unsafe} fresh failures, "
-        f"{combination.n_early} of them earlier than the warning lead time of "
+        f"{len(members)} monitors calibrated as one on {combination.n_unsafe} fresh failures; "
+        f"{combination.n_early} failed earlier than the warning lead time of "
         f"{combination.lead:g} s",
         f"alerts above a risk of {above:.3g}, for a miss rate of at most {recipe.epsilon:g} "
         f"{PROMISED[recipe.guarantee]}",

@@ -1,4 +1,4 @@
-"""The doctor: whether this installation can serve, and what to do where it cannot."""
+"""`forewarn doctor`: check that this installation can serve; say what to do if not."""
 
 import argparse
 import asyncio
@@ -68,7 +68,7 @@ TESTED = {
     "viser": "1.1",
     "websockets": "16.1",
 }
-"""The newest release of each dependency that the tests have run with."""
+"""Newest release of each dependency that the tests have run with."""
 NEEDED = ("index.html", "style.css", "js/main.js")
 OUTSIDE = re.compile(
     r"""(?:\b(?:src|href)\s*=\s*["']|\burl\(\s*["']?|\bimport\b[^;'"]*["']|\bfrom\s*["'])"""
@@ -79,12 +79,12 @@ PATIENCE = 20.0
 
 
 class Failed(Exception):
-    """Why a check failed, and what to do."""
+    """A check failed. The message gives the cause and what to do."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What a check found."""
+    """The result of a check."""
 
     what: str
     is_well: bool
@@ -95,13 +95,12 @@ class Finding:
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Add the command's options: those of the server that it examines."""
     serve.add(parser)
     add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print each check as it ends, or all as JSON; 0 where all is well."""
+    """Returns 0 only if all checks pass."""
     findings: list[Finding] = []
     for finding in examine(serve.settings_of(options)):
         findings.append(finding)
@@ -113,7 +112,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def examine(settings: Settings) -> Iterator[Finding]:
-    """Run every check in turn; one that fails does not stop the others."""
+    """Run every check in turn; a failed check does not stop the others."""
     checks: tuple[tuple[str, Callable[[Settings], str]], ...] = (
         ("versions", versions),
         ("dependencies", dependencies),
@@ -134,18 +133,18 @@ def examine(settings: Settings) -> Iterator[Finding]:
 
 
 def versions(settings: Settings) -> str:
-    """The program's and its main packages' versions."""
-    found = [f"forewarn {__version__}", f"Python {platform.python_version()}"]
+    """Versions of the program and its main packages."""
+    installed = [f"forewarn {__version__}", f"Python {platform.python_version()}"]
     for package in PACKAGES:
         try:
-            found.append(f"{package} {version(package)}")
+            installed.append(f"{package} {version(package)}")
         except PackageNotFoundError:
             raise Failed(f"{package} is not installed: install forewarn again") from None
-    return ", ".join(found)
+    return ", ".join(installed)
 
 
 def dependencies(settings: Settings) -> str:
-    """Which dependencies are newer than any that the tests have run with; nothing is wrong yet."""
+    """Dependencies newer than tested: a warning, not a failure."""
     newer = [
         f"{package} {installed} (tested up to {tested})"
         for package, tested in TESTED.items()
@@ -153,7 +152,7 @@ def dependencies(settings: Settings) -> str:
     ]
     if not newer:
         return f"none of {len(TESTED)} is newer than tested"
-    return f"newer than tested: {', '.join(newer)}; where something fails, install the tested one"
+    return f"newer than tested: {', '.join(newer)}; if something fails, install the tested version"
 
 
 def release(text: str) -> tuple[int, ...]:
@@ -164,39 +163,38 @@ def release(text: str) -> tuple[int, ...]:
 def _installed(package: str) -> str | None:
     try:
         return version(package)
-    except PackageNotFoundError:  # uvloop is none of Windows'
+    except PackageNotFoundError:  # Windows has no uvloop
         return None
 
 
 def data_directory(settings: Settings) -> str:
-    """Whether files can be made in the data directory."""
+    """Whether files can be created in the data directory."""
     try:
         settings.data_dir.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=settings.data_dir, prefix=".doctor") as file:
             file.write(b"forewarn")
     except OSError as error:
         raise Failed(
-            f"{settings.data_dir} cannot be written ({error.strerror}): choose another with "
-            "--data-dir"
+            f"{settings.data_dir} is not writable ({error.strerror}): give another --data-dir"
         ) from error
-    return f"{settings.data_dir} can be written"
+    return f"{settings.data_dir} is writable"
 
 
 def schema(settings: Settings) -> str:
-    """The database's schema against the program's, and whether the database is whole."""
+    """The database's schema against the program's, and the database's integrity."""
     url = make_url(settings.url)
     if url.get_backend_name() == "sqlite" and not Path(url.database or "").exists():
-        return "no database yet: the first start makes it"
-    here = current_revision(url)
+        return "no database yet: the first start creates it"
+    revision = current_revision(url)
     if needs_upgrade(url):
-        return f"{here or 'empty'}, brought up to {newest_revision()} at the next start"
+        return f"{revision or 'empty'}; the next start upgrades it to {newest_revision()}"
     store = open_store(settings.url, recover=False)
     try:
         if damage := store.damage():
-            raise Failed(f"the database is damaged ({damage[0]}): restore a backup of it")
+            raise Failed(f"the database is damaged ({damage[0]}): restore a backup")
     finally:
         store.close()
-    return f"{here}, the newest; the database is whole"
+    return f"{revision}, the newest; the database is undamaged"
 
 
 def contents(settings: Settings) -> str:
@@ -205,7 +203,7 @@ def contents(settings: Settings) -> str:
     if url.get_backend_name() == "sqlite" and not Path(url.database or "").exists():
         return "none yet"
     if needs_upgrade(url):
-        return "checked once the schema is the newest"
+        return "not checked before the schema is upgraded"
     store, files = (
         open_store(settings.url, recover=False),
         RecordingFiles(settings.data_dir / "recordings"),
@@ -219,11 +217,11 @@ def contents(settings: Settings) -> str:
     finally:
         store.close()
     kinds = ("monitor", "dataset", "recording", "scoring")
-    return ", ".join(f"{numbers[kind]} {kind}s" for kind in kinds) + " are whole"
+    return ", ".join(f"{numbers[kind]} {kind}s" for kind in kinds) + ", undamaged"
 
 
 def port(settings: Settings) -> str:
-    """Whether the port is free, or served by forewarn already."""
+    """Whether the port is free, or already served by forewarn."""
     try:
         listen(settings).close()
     except SettingsError:
@@ -233,7 +231,7 @@ def port(settings: Settings) -> str:
                 f"http://{host}:{settings.port}/healthz", timeout=5, trust_env=False
             )
             if answer.json() == {"status": "ok"}:
-                return f"{settings.port} is served by forewarn already"
+                return f"{settings.port} is already served by forewarn"
         except (httpx2.HTTPError, ValueError):
             pass
         raise
@@ -241,14 +239,15 @@ def port(settings: Settings) -> str:
 
 
 def offline_assets(settings: Settings) -> str:
-    """Whether page, documentation and scene come whole from this machine."""
+    """Whether page, documentation and scene need no file from the internet."""
     if missing := [name for name in NEEDED if not (STATIC / name).is_file()]:
         raise Failed(f"{missing[0]} is missing in {STATIC}: install forewarn again")
     files = [file for file in STATIC.rglob("*") if file.suffix in (".html", ".js", ".css", ".svg")]
     for file in files:
-        if found := outside_request(file.read_text(encoding="utf-8")):
+        if request := outside_request(file.read_text(encoding="utf-8")):
             raise Failed(
-                f"{file.relative_to(STATIC)} would load {found}: the range has no internet"
+                f"{file.relative_to(STATIC)} loads {request} from the internet: install forewarn "
+                "again"
             )
     for package, path in {
         "fastapi_offline": "static/swagger-ui-bundle.js",
@@ -257,17 +256,17 @@ def offline_assets(settings: Settings) -> str:
         spec = find_spec(package)
         if spec is None or spec.origin is None or not (Path(spec.origin).parent / path).is_file():
             raise Failed(f"{package} lacks {path}: install forewarn again")
-    return f"{len(files)} files of the page, documentation and scene are here, none from outside"
+    return f"{len(files)} files of the page, documentation and scene are installed here"
 
 
 def outside_request(text: str) -> str | None:
-    """The first thing that a file would load from elsewhere; None where it loads nothing."""
+    """The first reference to another server; None without one."""
     match = OUTSIDE.search(text)
     return None if match is None else text[match.start() : match.start() + 80].split("\n")[0]
 
 
 def round_trip(settings: Settings) -> str:
-    """Serve an empty store on a free port, fly a flight, watch its stream and its scene."""
+    """Serve an empty store on a free port, fly a flight, and read its stream and its scene."""
     with tempfile.TemporaryDirectory() as directory:
         trial = replace(
             settings, data_dir=Path(directory), database_url=None, host="127.0.0.1", port=0
@@ -290,7 +289,7 @@ def _trial_monitor(settings: Settings) -> str:
 
 @contextmanager
 def _running(settings: Settings) -> Iterator[tuple[str, dict[str, str]]]:
-    """A server in a thread; its address and the headers that let in."""
+    """A server in a thread; yields its address and the headers of authorized requests."""
     listening = listen(settings)
     started = threading.Event()
 
@@ -302,7 +301,7 @@ def _running(settings: Settings) -> Iterator[tuple[str, dict[str, str]]]:
     thread.start()
     try:
         if not started.wait(PATIENCE):
-            raise Failed("the server did not start; its log above says why")
+            raise Failed("the server did not start: see its log above")
         token = {"Authorization": f"Bearer {settings.token}"} if settings.token else {}
         yield address_of(listening, settings), token
     finally:
@@ -334,7 +333,7 @@ async def _watch(address: str, headers: dict[str, str], monitor_id: str) -> str:
 
 
 async def _stream(url: str, origin: Any, headers: dict[str, str]) -> None:
-    """See the greeting and a frame of a flight."""
+    """Wait for the first message and a frame of a flight."""
     async with connect(
         url,
         origin=origin,
@@ -348,7 +347,7 @@ async def _stream(url: str, origin: Any, headers: dict[str, str]) -> None:
 
 
 async def _scene(url: str, origin: Any, headers: dict[str, str]) -> None:
-    """See the first message of a scene."""
+    """Wait for the first message of a scene."""
     subprotocols: Any = [SUBPROTOCOL]
     async with connect(
         url,
@@ -358,4 +357,4 @@ async def _scene(url: str, origin: Any, headers: dict[str, str]) -> None:
         proxy=None,
     ) as scene:
         if not await scene.recv():
-            raise Failed("the scene sends nothing: install viser again")
+            raise Failed("the scene sends no message: install viser again")

@@ -89,7 +89,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Push the file. Returns 0 only if every sample is durable."""
     from app.client import LiveClient, PushFailed  # slow to import, not needed for help
-    from app.commands.recorded_rows import own_rows, si_rows
+    from app.commands.recorded_rows import raw_rows, si_rows
 
     rate = _rate(options.rate)
     if options.monitor and options.as_is and not options.recording:
@@ -104,7 +104,7 @@ def run(options: argparse.Namespace) -> int:
     else:
         client.start(options.monitor, name=options.name, recording=options.recording)
     if rows is None:
-        rows = own_rows(options.file, options.mapping, client.status()["names"])
+        rows = raw_rows(options.file, options.mapping, client.status()["names"])
     for note in rows.notes:
         print(note, file=sys.stderr)
     print(f"pushing into {client.address}", file=sys.stderr if options.json else sys.stdout)

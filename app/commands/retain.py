@@ -1,4 +1,4 @@
-"""The command that deletes flights and recordings by age and by size."""
+"""`forewarn retain`: delete flights and recordings by age and size. The server may run."""
 
 from __future__ import annotations
 
@@ -15,18 +15,23 @@ if TYPE_CHECKING:  # slow to import, and not needed for help
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Add the options."""
-    parser.add_argument("--older-than", type=float, metavar="DAYS", help="what is older goes")
     parser.add_argument(
-        "--above", type=float, metavar="GB", help="the oldest go until so much is left"
+        "--older-than", type=float, metavar="DAYS", help="delete everything older than this"
     )
-    parser.add_argument("--dry-run", action="store_true", help="say what would go, delete nothing")
+    parser.add_argument(
+        "--above",
+        type=float,
+        metavar="GB",
+        help="delete the oldest until no more than this is left",
+    )
+    parser.add_argument(
+        "--dry-run", action="store_true", help="list what would be deleted; delete nothing"
+    )
     add_place(parser)
     add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Delete, or say what would go; the server may run."""
     from app.live.journal import Journals  # slow to import, not needed for help
     from app.recordings.recordings import Recordings
     from app.store.database import StoreError, address
@@ -39,9 +44,9 @@ def run(options: argparse.Namespace) -> int:
     size = settings.retain_gb if options.above is None else options.above
     rule = retention_rule(days, size)
     if not rule:
-        raise ValueError("nothing says what goes: give --older-than DAYS, --above GB, or both")
+        raise ValueError("no age or size given: give --older-than DAYS, --above GB, or both")
     if current_revision(address(settings.url)) is None:
-        raise StoreError(f"{settings.data_dir} holds no database yet: give --data-dir")
+        raise StoreError(f"{settings.data_dir} has no database: give another --data-dir")
     store = open_store(settings.url, recover=False)
     recordings = Recordings(store, settings.data_dir / "recordings")
     journals = Journals(settings.data_dir / "live")
@@ -51,19 +56,19 @@ def run(options: argparse.Namespace) -> int:
         chosen = retain(recordings, journals, rule)
     store.close()
     verb = "would delete" if options.dry_run else "deleted"
-    n_kept = sum(one.keep for one in chosen.stays)
-    left = sum(one.size for one in chosen.stays)
+    n_permanent = sum(item.keep for item in chosen.stays)
+    left = sum(item.size for item in chosen.stays)
     lines = [
-        *(f"{verb} {_words(one)}" for one in chosen.goes),
-        f"{verb} {len(chosen.goes)} ({chosen.freed / GB:.3f} GB); {len(chosen.stays)} stay "
-        f"({left / GB:.3f} GB), {n_kept} of them for ever",
+        *(f"{verb} {_line(item)}" for item in chosen.goes),
+        f"{verb} {len(chosen.goes)} ({chosen.freed / GB:.3f} GB); {len(chosen.stays)} left "
+        f"({left / GB:.3f} GB), {n_permanent} kept permanently",
     ]
     plain = {"dry_run": options.dry_run, **asdict(chosen), "freed": chosen.freed}
     print_result(options, "\n".join(lines), plain)
     return 0
 
 
-def _words(one: Retained) -> str:
+def _line(item: Retained) -> str:
     from app.upkeep.retention import GB
 
-    return f"{one.kind} {one.id} {one.name}, of {one.since[:10]}, {one.size / GB:.3f} GB"
+    return f"{item.kind} {item.id} {item.name}, {item.since[:10]}, {item.size / GB:.3f} GB"

@@ -1,4 +1,4 @@
-"""The command that scores a recorded flight, and writes its tables and figures."""
+"""`forewarn score`: score a recorded flight; write its tables and figures."""
 
 import argparse
 from pathlib import Path
@@ -9,20 +9,25 @@ from app.commands.output.results import add_json, print_result
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Add the command's options."""
     add_scoring_options(parser)
-    parser.add_argument("-o", "--out", type=Path, help="directory written, FILE's name if absent")
-    parser.add_argument("--png", action="store_true", help="write the figure as PNG too")
+    parser.add_argument(
+        "-o",
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="directory to write to; named after FILE if absent",
+    )
+    parser.add_argument("--png", action="store_true", help="also write the figure as PNG")
     add_json(parser)
     parser.epilog = SETTINGS
 
 
 def run(options: argparse.Namespace) -> int:
-    """Score the file; 1 where nothing could be assessed."""
+    """Returns 1 where no sample could be assessed."""
     from app.commands.output.scores import write_scores  # slow to import, not needed for help
 
     out = check_directory(options.out or Path(f"{options.file.stem}-scored"))
     request, memory = request_of(options)
-    report = write_scores(request, out, memory, options.png)
-    print_result(options, report.text, report.plain)
-    return 0 if report.assessed else 1
+    outcome = write_scores(request, out, memory, options.png)
+    print_result(options, outcome.text, outcome.plain)
+    return 0 if outcome.is_assessed else 1

@@ -1,4 +1,4 @@
-"""The command that repeats the paper's experiment."""
+"""`forewarn study`: the paper's experiment; writes a table, data and figures."""
 
 import argparse
 from pathlib import Path
@@ -13,16 +13,21 @@ from core.evaluation.study import StudyRecipe, study
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Add the command's options."""
     add_recipe_options(parser, method=False, imperfections="none")
-    add_number(parser, "--n-monitors", "monitors a method")
-    add_number(parser, "--n-test", "fresh test flights a monitor")
-    parser.add_argument("-o", "--out", type=Path, default=Path("study"), help="directory written")
+    add_number(parser, "--n-monitors", "monitors for each method")
+    add_number(parser, "--n-test", "fresh test flights for each monitor")
+    parser.add_argument(
+        "-o",
+        "--out",
+        type=Path,
+        metavar="DIR",
+        default=Path("study"),
+        help="directory to write to; study if absent",
+    )
     add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Train and test every method's monitors; write table, data and figures."""
     recipe = from_plain(StudyRecipe(), plain_recipe(options))
     if options.print_recipe:
         return print_recipe(recipe)

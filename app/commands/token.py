@@ -1,4 +1,4 @@
-"""The tokens of people: made, listed and revoked in the database, also while a server runs."""
+"""`forewarn token`: create, list and revoke tokens in the database. The server may run."""
 
 import argparse
 import getpass
@@ -16,25 +16,22 @@ TOKENS = "/api/v1/tokens"
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Add what can be done with tokens."""
     actions = parser.add_subparsers(required=True, metavar="ACTION", dest="action")
-    create = actions.add_parser("create", help="make a token; it is printed once")
-    create.add_argument("name", help="of the person")
+    create = actions.add_parser("create", help="create a token; it is printed only once")
     create.add_argument("--role", choices=ROLES, required=True, help="what the person may do")
-    create.add_argument("--days", type=float, help="until it expires; never if absent")
-    listing = actions.add_parser("list", help="who has a token, with which role")
-    revoke = actions.add_parser("revoke", help="revoke a person's token; its sessions close")
-    link = actions.add_parser("link", help="make an address that logs the person in once")
-    link.add_argument("--address", help="of the server as the person's browser reaches it")
-    for each in (revoke, link):
-        each.add_argument("name", help="of the person")
-    for each in (create, listing, revoke, link):
-        add_place(each)
-        add_json(each)
+    create.add_argument("--days", type=float, help="days until it expires; never if absent")
+    listing = actions.add_parser("list", help="list the tokens with names and roles")
+    revoke = actions.add_parser("revoke", help="revoke a person's token and close the sessions")
+    link = actions.add_parser("link", help="create an address that logs the person in once")
+    link.add_argument("--address", help="address of the server for the person's browser")
+    for action in (create, revoke, link):
+        action.add_argument("name", help="name of the person")
+    for action in (create, listing, revoke, link):
+        add_place(action)
+        add_json(action)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Do it and print what came of it."""
     settings = place_of(options)
     store = open_store(settings.url, recover=False)
     try:
@@ -55,7 +52,7 @@ def _create(options: argparse.Namespace, store: Store, settings: Settings) -> No
 
 def _list(options: argparse.Namespace, store: Store, settings: Settings) -> None:
     listed = store.tokens.all()
-    text = "\n".join(map(_line, listed)) or "nobody has a token"
+    text = "\n".join(map(_line, listed)) or "no tokens"
     print_result(options, text, [asdict(token) for token in listed])
 
 
@@ -76,13 +73,13 @@ def _link(options: argparse.Namespace, store: Store, settings: Settings) -> None
 
 
 def _log(store: Store, method: str, path: str, status: int) -> None:
-    """Log a change as the request that it stands for; the address names the user of the system."""
+    """Log a change as the equivalent request; the address names the operating system's user."""
     address = f"command line of {getpass.getuser()}"
     store.audit.add([AuditEntry(now(), LOCAL, "admin", address, method, path, status)])
 
 
 def _line(token: StoredToken) -> str:
-    """A token in one line: name, role, whether it lets in, when it was last used."""
+    """A token in one line: name, role, validity, last use."""
     if token.revoked is not None:
         state = f"revoked {_minute(token.revoked)}"
     elif token.expires is None:

@@ -1,4 +1,4 @@
-"""The command that simulates, trains and tests a monitor, and what it prints of it."""
+"""`forewarn train`: simulate, train and test a monitor; print a summary and write its file."""
 
 import argparse
 from dataclasses import dataclass, replace
@@ -35,21 +35,25 @@ class TrainingRecipe:
     n_test: int = N_TEST
 
     def __post_init__(self) -> None:
-        """Refuse less than no test flight."""
         if self.n_test < 0:
             raise ValueError(f"n_test={self.n_test} was given: it must be 0 or more")
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Add the command's options."""
     add_recipe_options(parser, method=True, imperfections="usual")
-    add_number(parser, "--n-test", "fresh test flights")
-    parser.add_argument("-o", "--out", type=Path, default=Path("monitor.fwm"), help="file written")
+    add_number(parser, "--n-test", f"fresh test flights; {N_TEST} if absent")
+    parser.add_argument(
+        "-o",
+        "--out",
+        type=Path,
+        metavar="FILE",
+        default=Path("monitor.fwm"),
+        help="file to write; monitor.fwm if absent",
+    )
     add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Simulate, train, fly fresh flights through the monitor; write its file."""
     recipe = from_plain(TrainingRecipe(), plain_recipe(options))
     recipe = replace(recipe, dataset=dataset_for(recipe.monitor, recipe.dataset))
     if options.print_recipe:
@@ -67,7 +71,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def summary(training: Training) -> dict[str, Any]:
-    """Return what `report` says as plain data; times [s]."""
+    """The facts of `report` as plain data; times [s]."""
     monitor, dataset = training.monitor, training.dataset
     return {
         "dataset": {
@@ -89,12 +93,12 @@ def summary(training: Training) -> dict[str, Any]:
 
 
 def report(training: Training) -> str:
-    """Return the lines that a person reads after a training."""
+    """The result of a training for a person."""
     monitor, test = training.monitor, training.test
     lines = [
         _dataset_line(training.dataset),
-        f"calibrated on {len(monitor.alphas)} failures{_of_groups(monitor)}, {monitor.n_early} of "
-        f"them earlier than the warning lead time of {monitor.lead:g} s; smallest epsilon "
+        f"calibrated on {len(monitor.alphas)} failures{_group_sizes(monitor)}; {monitor.n_early} "
+        f"failed earlier than the warning lead time of {monitor.lead:g} s; smallest epsilon "
         f"{monitor.smallest_epsilon:.3g}",
         _validity_line(training),
         f"alerts above a risk of {monitor.alert_above():.3g}, for a miss rate of at most "
@@ -120,18 +124,18 @@ def _validity_line(training: Training) -> str:
         return training.not_calibrated
     return (
         f"validity calibrated on {len(support.safe)} safe and {len(support.unsafe)} failing fresh "
-        f"flights: at most {100 * support.level:.2g} % of either are called invalid"
+        f"flights: at most {100 * support.level:.2g} % of each are called invalid"
     )
 
 
-def _of_groups(monitor: Monitor) -> str:
-    """How many of them each group has; empty where all are pooled."""
+def _group_sizes(monitor: Monitor) -> str:
+    """Failures of each group; empty without groups."""
     groups = monitor.groups
     return "" if groups is None else f" ({groups.n_unsafe} in each of {len(groups.alphas)} groups)"
 
 
 def test_lines(test: FlownTest, lead: float) -> list[str]:
-    """Return the lines that a person reads of test flights.   lead: the promised one [s]."""
+    """The results on fresh flights for a person.   lead: the required warning lead time [s]."""
     counts = test.at_epsilon
     caught = int(counts.caught[0])
     return [
@@ -139,7 +143,9 @@ def test_lines(test: FlownTest, lead: float) -> list[str]:
         f"{test.epsilon:g}:",
         _share("missed", counts.misses[0], counts.n_unsafe, "of failing flights"),
         *_withdrawn_line(int(counts.withdrawn[0]), counts.n_unsafe),
-        _share("quiet", counts.quiet[0], counts.n_safe, "of safe flights, valid and no alert"),
+        _share(
+            "no false alarm", counts.quiet[0], counts.n_safe, "of safe flights, valid throughout"
+        ),
         _share("false alarm", counts.false_alerts[0], counts.n_safe, "of safe flights"),
         *_safe_withdrawn_line(int(counts.safe_withdrawn[0]), counts.n_safe),
         _share("P(fail | alert)", caught, caught + counts.false_alerts[0], "of alerts"),
@@ -157,48 +163,48 @@ def test_lines(test: FlownTest, lead: float) -> list[str]:
     ]
 
 
-def _prevention_lines(found: Prevention) -> list[str]:
-    if not found.n_unsafe:
+def _prevention_lines(result: Prevention) -> list[str]:
+    if not result.n_unsafe:
         return []
     shares = ", ".join(
-        f"{prevented / found.n_unsafe:.0%} ({reaction_s:g} s)"
-        for reaction_s, prevented in zip(found.reactions_s, found.prevented, strict=True)
+        f"{prevented / result.n_unsafe:.0%} ({reaction_s:g} s)"
+        for reaction_s, prevented in zip(result.reactions_s, result.prevented, strict=True)
     )
     return [
-        f"  prevented          {shares} of failing flights, by mean reaction to an alert",
-        _share("stopped", found.stopped, found.n_safe, "of safe flights, to no purpose"),
+        f"  prevented          {shares} of failing flights, by mean reaction time to an alert",
+        _share("stopped", result.stopped, result.n_safe, "of safe flights, unnecessarily"),
     ]
 
 
-def _robustness_line(words: str, counts: Evaluation) -> str:
+def _robustness_line(difference: str, counts: Evaluation) -> str:
     failing, safe = "none failed", "none was safe"
     if n := counts.n_unsafe:
-        missed, invalid = (int(of[0]) / n for of in (counts.misses, counts.withdrawn))
-        failing = f"missed {missed:.1%}, invalid before an alert {invalid:.1%} of {n} failing"
+        missed, invalid = int(counts.misses[0]) / n, int(counts.withdrawn[0]) / n
+        failing = f"{n} failing: {missed:.1%} missed, {invalid:.1%} invalid before an alert"
     if n := counts.n_safe:
-        vain, invalid = (int(of[0]) / n for of in (counts.false_alerts, counts.safe_withdrawn))
-        safe = f"false alarm on {vain:.1%}, invalid without an alert {invalid:.1%} of {n} safe"
-    return f"  {words}: {failing}; {safe}"
+        false, invalid = int(counts.false_alerts[0]) / n, int(counts.safe_withdrawn[0]) / n
+        safe = f"{n} safe: {false:.1%} false alarms, {invalid:.1%} invalid without an alert"
+    return f"  {difference}: {failing}; {safe}"
 
 
 def _withdrawn_line(withdrawn: int, n_unsafe: int) -> list[str]:
     if not withdrawn:
         return []
-    where = "of failing flights, before an alert: neither missed nor caught"
-    return [_share("withdrawn", withdrawn, n_unsafe, where)]
+    where = "of failing flights, before an alert: counted neither as missed nor as caught"
+    return [_share("invalid", withdrawn, n_unsafe, where)]
 
 
 def _safe_withdrawn_line(withdrawn: int, n_safe: int) -> list[str]:
     if not withdrawn:
         return []
-    return [_share("invalid", withdrawn, n_safe, "of safe flights, no alert: not quiet")]
+    return [_share("invalid", withdrawn, n_safe, "of safe flights, without an alert")]
 
 
-def _share(what: str, count: int, total: int, of: str) -> str:
+def _share(label: str, count: int, total: int, whole: str) -> str:
     if total == 0:
-        return f"  {what:18} none to count"
+        return f"  {label:18} none to count"
     low, high = clopper_pearson(count, total)
-    return f"  {what:18} {count / total:6.1%} [{low:.1%}, {high:.1%}] {of}"
+    return f"  {label:18} {count / total:6.1%} [{low:.1%}, {high:.1%}] {whole}"
 
 
 def _lead_line(lead: np.ndarray, required: float) -> str:
@@ -208,5 +214,5 @@ def _lead_line(lead: np.ndarray, required: float) -> str:
     low, middle, high = np.quantile(warned, [0.05, 0.5, 0.95])
     return (
         f"  warning lead time  median {middle:.2f} s, 5-95 % {low:.2f} to {high:.2f} s; "
-        f"{np.mean(lead >= required - 1e-9):.0%} at least {required:g} s"
+        f"at least {required:g} s on {np.mean(lead >= required - 1e-9):.0%} of failing flights"
     )

@@ -1,1 +1,1 @@
-"""Long work off the event loop: what may be asked for, and how it is done."""
+"""Long work in worker threads: its requests, its kinds, and the queue."""

@@ -1,4 +1,4 @@
-"""Long work of a campaign, and its request: clear the next point, train a monitor for it."""
+"""Requests and long work of campaigns: clear the next point, train a monitor for it."""
 
 from dataclasses import replace
 from typing import Any
@@ -24,18 +24,18 @@ from core.quoted import quoted
 
 
 def campaign_request(plain: dict[str, Any], max_bytes: int) -> Campaign:
-    """Read the body that asks for a campaign; RecipeError says what would be right."""
+    """Read the body of a request for a campaign. RecipeError."""
     plain = dict(plain)
-    name, given = plain.pop("name", None), plain.pop("conditions", None)
+    name, conditions = plain.pop("name", None), plain.pop("conditions", None)
     recipe = from_plain(ClearanceRecipe(), plain.pop("clearance", {}), "clearance")
     if plain:
         raise RecipeError(f"{next(iter(plain))!r} is unknown: give name, conditions, clearance")
     if not isinstance(name, str) or not 0 < len(name.strip()) <= LONGEST_NAME:
         raise RecipeError(f"name is {quoted(name)}: give 1 to {LONGEST_NAME} characters")
-    if not isinstance(given, list) or not given or not all(isinstance(one, dict) for one in given):
-        raise RecipeError(f"conditions is {quoted(given)}: give a list of flight conditions")
+    if not (isinstance(conditions, list) and conditions and all(_is_object(c) for c in conditions)):
+        raise RecipeError(f"conditions is {quoted(conditions)}: give a list of flight conditions")
     (condition, steps, passes_below, criteria), *others = [
-        condition_request(one, max_bytes, f"conditions.{n}") for n, one in enumerate(given)
+        condition_request(each, max_bytes, f"conditions.{n}") for n, each in enumerate(conditions)
     ]
     try:
         campaign = Campaign.planned(name, condition, steps, recipe, passes_below, criteria)
@@ -49,7 +49,7 @@ def campaign_request(plain: dict[str, Any], max_bytes: int) -> Campaign:
 def condition_request(
     plain: dict[str, Any], max_bytes: int, where: str = "condition"
 ) -> tuple[Condition, list[float], float, str]:
-    """Read a flight condition, the steps there and their pass criteria; RecipeError."""
+    """Read a flight condition, its steps and their pass criteria. RecipeError."""
     plain = dict(plain)
     name = plain.pop("name", "")
     test = dataset_request(plain.pop("dataset", {}), max_bytes).recipe
@@ -65,7 +65,9 @@ def condition_request(
     if not isinstance(steps, list) or not all(_is_number(step) for step in steps):
         raise RecipeError(f"{where}.steps is {quoted(steps)}: give shares of the planned amplitude")
     if not _is_number(passes_below):
-        raise RecipeError(f"{where}.passes_below is {quoted(passes_below)}: give a part of a limit")
+        raise RecipeError(
+            f"{where}.passes_below is {quoted(passes_below)}: give a share of the limit"
+        )
     if not isinstance(criteria, str) or len(criteria) > LONGEST_CRITERIA:
         raise RecipeError(
             f"{where}.criteria is {quoted(criteria)}: give up to {LONGEST_CRITERIA} characters"
@@ -73,12 +75,16 @@ def condition_request(
     return Condition(name.strip(), test), steps, float(passes_below), criteria
 
 
+def _is_object(value: Any) -> bool:
+    return isinstance(value, dict)
+
+
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def clearance_work(campaigns: Campaigns, campaign_id: str, point: str, by: str) -> Work:
-    """Compute whether the next point may be flown, and store that; the result says its state."""
+    """Compute and store whether the next point may be flown; the result has its state."""
 
     def work(task: Task) -> dict[str, Any]:
         stored, campaign = campaigns.get(campaign_id)
@@ -98,36 +104,36 @@ def clearance_work(campaigns: Campaigns, campaign_id: str, point: str, by: str) 
 def next_monitor_request(
     campaign: Campaign, point: str, plain: dict[str, Any], store: Store, max_bytes: int
 ) -> MonitorRequest:
-    """A monitor for the next point, of the aircraft as the complete ones have shown it.
+    """A monitor for the next point, for the aircraft identified from the complete points.
 
-    plain: what is asked of the monitor.   CampaignError; RecipeError.
+    plain: the monitor's request without its dataset.   CampaignError, RecipeError.
     """
     check_next(campaign, point)
     following = campaign.next.point
     is_first = not campaign.flown(following.condition)
     planned = campaign.test_of(following) if is_first else updated(campaign, following)
-    named = {"name": f"{campaign.name}, {following.name}"} | plain
-    return monitor_request(named | {"dataset": to_plain(planned)}, store, max_bytes)
+    request = {"name": f"{campaign.name}, {following.name}"} | plain
+    return monitor_request(request | {"dataset": to_plain(planned)}, store, max_bytes)
 
 
 def next_monitor_work(
     campaigns: Campaigns, campaign_id: str, point: str, request: MonitorRequest
 ) -> Work:
-    """Train that monitor and note it with its point; the result names both."""
+    """Train that monitor and store its id with the point; the result has both."""
     train = monitor_work(request, campaigns.store)
 
     def work(task: Task) -> dict[str, Any]:
         try:
-            made = train(task)
+            result = train(task)
         except CollectionError as error:
             raise CampaignError(
-                f"no monitor can be calibrated for {point!r}, as hardly any flight of the aircraft "
-                f"as it was identified exceeds a limit there, or nearly all do: {error}"
+                f"no monitor can be calibrated for {point!r}: nearly none or nearly all flights of "
+                f"the identified aircraft exceed a limit there: {error}"
             ) from None
         stored, campaign = campaigns.get(campaign_id)
-        number = [one.name for one in campaign.points].index(point)
-        trained = replace(campaign.points[number], monitor=made["monitor"])
+        number = [each.name for each in campaign.points].index(point)
+        trained = replace(campaign.points[number], monitor=result["monitor"])
         campaigns.put(stored, campaign.with_point(number, trained))
-        return made | {"campaign": campaign_id, "point": point}
+        return result | {"campaign": campaign_id, "point": point}
 
     return work

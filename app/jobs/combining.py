@@ -1,4 +1,4 @@
-"""Combining trained monitors into one, and what fresh flights say of it."""
+"""Combine trained monitors into one and test it on fresh flights."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,18 +12,17 @@ from core.monitor import Monitor, combine
 def combine_and_test(
     members: Sequence[Monitor], recipe: CombinationRecipe, progress: Progress
 ) -> tuple[Monitor, FlownTest | None]:
-    """Calibrate the members' rule on fresh failures of their planned test, and fly fresh flights.
+    """Calibrate the members' common rule on fresh failures of their planned test, then test it.
 
-    No flight is flown where n_test is 0; the second is None then.   ValueError where members do
-    not go together.
+    The test is None if n_test is 0.   ValueError if the members do not fit together.
     """
-    own, dataset = planned_test(members, recipe.lead)
+    member, dataset = planned_test(members, recipe.lead)
 
-    def found(n_unsafe: int, n_made: int) -> None:
-        words = f"calibrating: {n_unsafe} unsafe of {n_made} fresh flights"
-        progress(words, n_unsafe, recipe.n_unsafe)
+    def report(n_unsafe: int, n_made: int) -> None:
+        message = f"calibrating: {n_unsafe} unsafe of {n_made} fresh flights"
+        progress(message, n_unsafe, recipe.n_unsafe)
 
-    flights, n_made = combination_failures(dataset, recipe.n_unsafe, found)
+    flights, n_made = combination_failures(dataset, recipe.n_unsafe, report)
     combination = combine(
         members,
         flights,
@@ -37,8 +36,8 @@ def combine_and_test(
     test = fly_test(combination, dataset, recipe.n_test)
     evaluation = test.as_plain(recipe.n_test, combination.lead, combination.dt) | {
         "unsafe_rate": recipe.n_unsafe / n_made,
-        "seed": own.seed,
-        "dataset_digest": own.dataset_digest,
+        "seed": member.seed,
+        "dataset_digest": member.dataset_digest,
         "version": combination.version,
     }
     return replace(combination, evaluation=evaluation), test

@@ -1,4 +1,4 @@
-"""Long work off the event loop: a queue, a few worker threads, progress, cancel, clear failure."""
+"""The queue of long work: worker threads, progress, cancellation and failures."""
 
 import asyncio
 import logging
@@ -15,29 +15,29 @@ from core.kernels.compiled import announce_compilation
 
 LOG = logging.getLogger("forewarn")
 SAVE_INTERVAL = 0.5
-"""[s] Progress is told at once, and stored no more often than this."""
-STOPPED = "the server stopped while this was under way: ask for it again"
+"""[s] Progress reaches watchers at once; it is stored at most this often."""
+STOPPED = "the server stopped before this job ended: submit it again"
 
 
 class Cancelled(Exception):
-    """PendingEvent inside the work of a job whose end was asked for."""
+    """Raised inside the work of a cancelled job."""
 
 
 class QueueFull(Exception):
-    """As many jobs wait as may."""
+    """The queue of waiting jobs is full."""
 
 
 class NotRunning(Exception):
-    """A job that has ended cannot be cancelled."""
+    """The job has ended and cannot be cancelled."""
 
 
 @dataclass(eq=False)
 class Task:
-    """One job under way, as its work sees it."""
+    """A waiting or running job, as its work sees it."""
 
     id: str
     work: "Work"
-    tell: Callable[["Task"], None]
+    notify: Callable[["Task"], None]
     done: int = 0
     total: int = 0
     message: str = "waiting"
@@ -47,39 +47,38 @@ class Task:
     next_save: float = 0.0
 
     def progress(self, message: str, done: int, total: int) -> None:
-        """Say how far the work is; Cancelled where its end was asked for."""
+        """Publish the progress. Cancelled if the job was cancelled."""
         if self.stop.is_set():
             raise Cancelled
         self.message, self.done, self.total = message, done, total
-        self.tell(self)
+        self.notify(self)
 
-    def say(self, message: str) -> None:
-        """Say what holds the work up."""
+    def show(self, message: str) -> None:
+        """Publish a message without progress."""
         self.message = message
-        self.tell(self)
+        self.notify(self)
 
 
 Work = Callable[[Task], dict[str, Any]]
-"""What a job does, in a worker thread; what it returns is the job's result."""
+"""Runs in a worker thread and returns the job's result."""
 
 
 class JobWatcher:
-    """Wakes one watcher on its own event loop; calls of `wake` between two waits count as one."""
+    """Wakes a coroutine from any thread; several calls of `wake` between two waits count as one."""
 
     def __init__(self) -> None:
         self.loop = asyncio.get_running_loop()
         self.event = asyncio.Event()
 
     def wake(self) -> None:
-        """Wake it, from any thread; one whose loop has closed sleeps on."""
         try:
             self.loop.call_soon_threadsafe(self.event.set)
-        except RuntimeError:
+        except RuntimeError:  # the loop is closed
             return
 
 
 class Jobs:
-    """The server's long work.   workers: how many at once.   queue: how many may wait."""
+    """The server's long work.   workers: most running jobs.   queue: most waiting jobs."""
 
     def __init__(self, store: Store, workers: int = 1, queue: int = 20) -> None:
         self.store = store
@@ -97,33 +96,32 @@ class Jobs:
 
     @property
     def n_waiting(self) -> int:
-        """Jobs that wait for a worker."""
         return len(self._waiting)
 
     @property
     def n_running(self) -> int:
-        """Jobs that a worker is at."""
         return len(self._live) - len(self._waiting)
 
     def submit(self, kind: str, request: dict[str, Any], work: Work) -> str:
-        """Queue a job and return its id; QueueFull where too many wait."""
+        """Queue a job and return its id. QueueFull."""
         with self._changed:
             if self._closing or len(self._waiting) >= self.limit:
                 raise QueueFull(
-                    f"{len(self._waiting)} jobs wait already: wait for one to end, or cancel one"
+                    f"{len(self._waiting)} jobs are waiting, the maximum: wait until one ends, or "
+                    "cancel one"
                 )
-            task = Task(self.store.jobs.add(kind, request), work, self._tell)
+            task = Task(self.store.jobs.add(kind, request), work, self._on_progress)
             self._live[task.id] = task
             self._waiting.append(task)
             self._changed.notify()
         return task.id
 
     def info(self, job_id: str) -> JobInfo:
-        """The job as it is now, progress included; NotFound for an unknown id."""
+        """The job with its current progress. NotFound for an unknown id."""
         return self.fresh(self.store.jobs.info(job_id))
 
     def fresh(self, info: JobInfo) -> JobInfo:
-        """A stored job with its progress of this moment."""
+        """A stored job with its current progress."""
         task = self._live.get(info.id)
         if task is None or info.status != "running":
             return info
@@ -131,19 +129,19 @@ class Jobs:
         return replace(info, progress=task.done, total=task.total, message=message)
 
     def cancel(self, job_id: str) -> None:
-        """Ask a job to end; it does at its next step. NotRunning where it has ended."""
+        """Cancel a job; it ends at its next step. NotRunning if it has ended."""
         with self._changed:
             task = self._live.get(job_id)
             if task is None:
                 status = self.store.jobs.info(job_id).status
-                raise NotRunning(f"the job is {status} already: there is nothing to cancel")
+                raise NotRunning(f"the job is already {status}: nothing to cancel")
             task.stop.set()
             if task in self._waiting:
                 self._waiting.remove(task)
-                self._end(task, status="cancelled", message="cancelled before it began")
+                self._end(task, status="cancelled", message="cancelled before it started")
 
-    async def watch(self, job_id: str, patience: float) -> AsyncIterator[JobInfo | None]:
-        """Yield the job as it is, then at each change, to its end; None after `patience` [s]."""
+    async def watch(self, job_id: str, interval: float) -> AsyncIterator[JobInfo | None]:
+        """Yield the job now and at each change to its end; None after a silent `interval` [s]."""
         watcher = JobWatcher()
         task = self._live.get(job_id)
         if task is not None:
@@ -156,14 +154,14 @@ class Jobs:
                 yield info
                 if ended or info.status in ENDED:
                     return
-                while not await _within(watcher.event.wait(), patience):
+                while not await _within(watcher.event.wait(), interval):
                     yield None
         finally:
             if task is not None:
                 task.watchers.discard(watcher)
 
     def close(self) -> None:
-        """End everything: jobs under way and waiting ones become `interrupted`."""
+        """Stop the workers; waiting and running jobs become `interrupted`."""
         with self._changed:
             self._closing = True
             for task in self._live.values():
@@ -187,7 +185,7 @@ class Jobs:
         try:
             self.store.jobs.update(task.id, status="running", message="starting")
             task.progress("starting", 0, 0)
-            with announce_compilation(task.say):
+            with announce_compilation(task.show):
                 result = task.work(task)
             self._end(
                 task,
@@ -203,12 +201,12 @@ class Jobs:
             else:
                 self._end(task, status="cancelled", message=f"cancelled while {task.message}")
         except (ValueError, NotFound) as error:
-            # what core and the store say of a request that cannot be met
+            # the messages of core and the store are for people
             self._fail(task, str(error.args[0]) if error.args else type(error).__name__, error)
         except MemoryError as error:
-            self._fail(task, "there is not enough memory: ask for fewer rollouts", error)
+            self._fail(task, "out of memory: ask for fewer rollouts", error)
         except Exception as error:
-            self._fail(task, f"the program failed; its log says more under job {task.id}", error)
+            self._fail(task, f"internal error: see the server's log, job {task.id}", error)
 
     def _fail(self, task: Task, text: str, error: Exception) -> None:
         LOG.warning("job %s failed: %s", task.id, error, exc_info=not isinstance(error, ValueError))
@@ -218,13 +216,12 @@ class Jobs:
         try:
             self.store.jobs.update(task.id, **fields)
         except Exception:
-            LOG.exception("job %s ended as %s, which could not be stored", task.id, fields)
+            LOG.exception("the end of job %s could not be stored: %s", task.id, fields)
         task.ended = True
         self._live.pop(task.id, None)
         self._wake(task)
 
-    def _tell(self, task: Task) -> None:
-        """Store progress now and then; wake who watches at once."""
+    def _on_progress(self, task: Task) -> None:
         now = time.monotonic()
         if now >= task.next_save:
             task.next_save = now + SAVE_INTERVAL

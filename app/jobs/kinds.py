@@ -1,4 +1,4 @@
-"""The kinds of long work: what runs in a worker thread for a request, and what it leaves behind."""
+"""The kinds of long work, one function for each kind of request."""
 
 from dataclasses import asdict
 from typing import Any
@@ -22,7 +22,7 @@ from core.monitor import Monitor
 
 
 def dataset_work(request: DatasetRequest, store: Store) -> Work:
-    """Simulate and store a dataset; the result names it."""
+    """Simulate and store a dataset; the result has its id."""
 
     def work(task: Task) -> dict[str, Any]:
         dataset = simulate(request.recipe, task.progress)
@@ -33,7 +33,7 @@ def dataset_work(request: DatasetRequest, store: Store) -> Work:
 
 
 def monitor_work(request: MonitorRequest, store: Store) -> Work:
-    """Simulate where asked, train, fly fresh flights, store; the result names what was made."""
+    """Simulate if needed, train, test and store; the result has the ids of monitor and dataset."""
 
     def work(task: Task) -> dict[str, Any]:
         dataset_id, dataset = request.dataset.id, request.dataset.load(store)
@@ -50,33 +50,33 @@ def monitor_work(request: MonitorRequest, store: Store) -> Work:
 
 
 def combination_work(request: CombinationRequest, store: Store) -> Work:
-    """Calibrate stored monitors as one rule, fly fresh flights, store; the result names it."""
+    """Calibrate stored monitors as one, test and store; the result has the monitor's id."""
 
     def work(task: Task) -> dict[str, Any]:
-        members = [store.monitors.get(one) for one in request.monitors]
+        members = [store.monitors.get(monitor_id) for monitor_id in request.monitors]
         combination, _ = combine_and_test(members, request.recipe, task.progress)
         task.progress("storing", task.done, task.total)
         digest = combination.dataset_digest
-        datasets = [store.monitors.info(one).dataset_id for one in request.monitors]
-        same = [one for one in datasets if one and store.datasets.info(one).digest == digest]
-        info = store.monitors.add(combination, request.name, same[0] if same else None)
+        datasets = [store.monitors.info(monitor_id).dataset_id for monitor_id in request.monitors]
+        same = (id_ for id_ in datasets if id_ and store.datasets.info(id_).digest == digest)
+        info = store.monitors.add(combination, request.name, next(same, None))
         return {"monitor": info.id, "dataset": info.dataset_id}
 
     return work
 
 
 def epsilon_work(monitor: Monitor, recipe: ChoiceRecipe) -> Work:
-    """Choose an epsilon by fresh flights; the result says it, and what it costs."""
+    """Choose an epsilon with fresh flights; the result has it with both measured shares."""
 
     def work(task: Task) -> dict[str, Any]:
-        found = fly_and_choose(monitor, recipe, task.progress)
-        return asdict(found) | {"words": in_words(found)}
+        choice = fly_and_choose(monitor, recipe, task.progress)
+        return asdict(choice) | {"words": in_words(choice)}
 
     return work
 
 
 def sweep_work(request: SweepRequest) -> Work:
-    """Train every method at every lead; the result holds each cell, the table, a figure as SVG."""
+    """Train every method at every lead; the result has each cell, a table and a figure as SVG."""
 
     def work(task: Task) -> dict[str, Any]:
         from app.report.studies import study_figures as figures
@@ -87,40 +87,40 @@ def sweep_work(request: SweepRequest) -> Work:
         def trained(done: int, total: int) -> None:
             task.progress(f"{done} of {total} monitors", done, total)
 
-        found = sweep(request.recipe, request.tests, progress=trained)
+        tests = sweep(request.recipe, request.tests, progress=trained)
         task.progress("drawing", task.done, task.total)
-        drawn = figures.render(power_against_lead(found, request.recipe), "power_by_lead", ["svg"])
+        drawn = figures.render(power_against_lead(tests, request.recipe), "power_by_lead", ["svg"])
         svg = {name: text.decode() for name, text in drawn.items()}
-        words = table(found, request.recipe)
-        return summary(found, request.recipe) | {"table": words, "figures": svg}
+        text = table(tests, request.recipe)
+        return summary(tests, request.recipe) | {"table": text, "figures": svg}
 
     return work
 
 
 def study_work(recipe: StudyRecipe) -> Work:
-    """Compare the five methods; the result holds the curves, the table and figures as SVG."""
+    """Compare the five methods; the result has the curves, a table and figures as SVG."""
 
     def work(task: Task) -> dict[str, Any]:
         from app.report.studies import study_figures as figures
         from app.report.studies.study import summary, table
 
         def trained(done: int, total: int) -> None:
-            task.progress(f"{done} of {total} monitors of every method", done, total)
+            task.progress(f"{done} of {total} monitors of each method", done, total)
 
         trained(0, recipe.n_monitors)
-        found = study(recipe, progress=trained)
+        result = study(recipe, progress=trained)
         task.progress("drawing", task.done, task.total)
         limits = recipe.dataset.specification.magnitudes
-        drawn = figures.render(figures.study_curves(found), "miss_and_power", ["svg"])
-        drawn |= figures.render(figures.study_rollouts(found, limits), "rollouts", ["svg"])
+        drawn = figures.render(figures.study_curves(result), "miss_and_power", ["svg"])
+        drawn |= figures.render(figures.study_rollouts(result, limits), "rollouts", ["svg"])
         svg = {name: text.decode() for name, text in drawn.items()}
-        return summary(found) | {"table": table(found), "figures": svg}
+        return summary(result) | {"table": table(result), "figures": svg}
 
     return work
 
 
 def without_figures(result: dict[str, Any] | None, job_id: str) -> dict[str, Any] | None:
-    """Return a result with links in place of its figures."""
+    """The result with links in place of its figures."""
     if not result or "figures" not in result:
         return result
     links = {name: f"/api/v1/jobs/{job_id}/figures/{name}" for name in result["figures"]}

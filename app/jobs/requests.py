@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Annotated, Any, get_args
 
-from app.jobs.choosing import flown_for
+from app.jobs.choosing import test_to_fly
 from app.jobs.training import recipe_of, simulated_test
 from app.labels import kind_label
 from app.recipes import (
@@ -317,7 +317,7 @@ def choice_request(plain: dict[str, Any], store: Store, monitor_id: str) -> Choi
     if wrong:
         raise RecipeError(f"{wrong[0]} is {quoted(plain[wrong[0]])}: give a number")
     try:
-        flown_for(monitor)
+        test_to_fly(monitor)
         recipe = ChoiceRecipe(**(plain | {"n_test": n_test}))
     except ValueError as error:
         raise RecipeError(str(error)) from None

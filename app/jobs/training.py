@@ -1,4 +1,4 @@
-"""Training a monitor from a dataset, and what fresh flights say of it, as data."""
+"""Train a monitor from a dataset and test it on fresh flights."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -36,21 +36,21 @@ from core.seeds import Branch, stream
 from core.types import Array
 
 Progress = Callable[[str, int, int], object]
-"""Called with (what is being done, done, in all); what it raises cancels."""
+"""Called with (message, done, total); an exception that it raises cancels the work."""
 
 LEAD_BINS = 20
-NO_RECIPE = "validity is not calibrated: the dataset has no recipe to fly fresh flights of"
+NO_RECIPE = "validity is not calibrated: the dataset has no recipe to simulate fresh flights"
 
 
 @dataclass(frozen=True, eq=False)
 class FlownTest:
-    """What fresh flights said of a monitor.
+    """The results of a monitor on fresh flights.
 
     at_epsilon: counts at the monitor's own epsilon.   curves: counts over the grid of epsilons.
-    leads: (n_unsafe,) [s] from the first alert to the failure, -inf where there was none.
-    prevention: which failures its alerts prevent.
-    robustness: counts at its own epsilon over flights that differ from the planned test.
-    groups: counts at its own epsilon over failing flights, by grouping and by a group's name.
+    leads: (n_unsafe,) time from the first alert to the failure [s], -inf without an alert.
+    prevention: the failures that its alerts prevent.
+    robustness: counts at its own epsilon on flights that differ from the planned test.
+    groups: counts at its own epsilon on failing flights, by grouping and group name.
     """
 
     epsilon: float
@@ -62,9 +62,9 @@ class FlownTest:
     groups: dict[str, dict[str, Evaluation]] = field(default_factory=dict)
 
     def as_plain(self, n_test: int, lead: float, dt: float) -> dict[str, Any]:
-        """Return JSON's types, None for what could not be counted.
+        """As JSON types; None where nothing could be counted.
 
-        lead: the promised one [s].   dt: sample interval [s].
+        lead: required warning lead time [s].   dt: sample interval [s].
         """
         return {
             "n_test": n_test,
@@ -100,10 +100,10 @@ class FlownTest:
 
 @dataclass(frozen=True, eq=False)
 class Training:
-    """A trained monitor, evaluated if it was flown, and what it learned from.
+    """A trained monitor, its dataset and its test.
 
-    test: what fresh flights said; None: not flown.
-    not_calibrated: why its validity is not calibrated; empty where it is.
+    test: results on fresh flights, or None.
+    not_calibrated: why validity is not calibrated; empty if it is.
     """
 
     dataset: Dataset
@@ -113,22 +113,20 @@ class Training:
 
 
 def simulate(recipe: DatasetRecipe, progress: Progress) -> Dataset:
-    """Collect a dataset that knows its recipe as plain data."""
+    def report(n_unsafe: int, n_made: int) -> None:
+        message = f"simulating: {n_unsafe} unsafe of {n_made} rollouts"
+        progress(message, n_unsafe, recipe.n_unsafe)
 
-    def found(n_unsafe: int, n_made: int) -> None:
-        words = f"simulating: {n_unsafe} unsafe of {n_made} rollouts"
-        progress(words, n_unsafe, recipe.n_unsafe)
-
-    return collect(recipe, progress=found)
+    return collect(recipe, progress=report)
 
 
 def recipe_of(dataset: Dataset) -> DatasetRecipe | None:
-    """The recipe a dataset was simulated from; None where it was not simulated here."""
+    """The recipe of a simulated dataset; None for other datasets."""
     return simulated_test(dataset.recipe)
 
 
 def simulated_test(plain: dict[str, Any]) -> DatasetRecipe | None:
-    """The recipe that a dataset or a monitor keeps as plain data; None for what is none."""
+    """The recipe that a dataset or a monitor stores as plain data; None if it has none."""
     if not plain:
         return None
     try:
@@ -140,9 +138,9 @@ def simulated_test(plain: dict[str, Any]) -> DatasetRecipe | None:
 def train_and_test(
     dataset: Dataset, recipe: MonitorRecipe, n_test: int, progress: Progress
 ) -> Training:
-    """Train a monitor, calibrate its validity, fly n_test fresh flights of the dataset's recipe.
+    """Train a monitor, calibrate its validity, and test it on n_test fresh flights.
 
-    Neither of both without a recipe; no flight is flown where n_test is 0.
+    Without a dataset recipe there is no validity and no test.
     """
     progress("training", 0, 3)
     simulated = recipe_of(dataset)
@@ -169,28 +167,26 @@ def train_and_test(
 def _with_validity(
     monitor: Monitor, dataset: Dataset, recipe: DatasetRecipe, progress: Progress
 ) -> tuple[Monitor, str]:
-    """Return the monitor with its validity calibrated; or without, and why."""
+    """The monitor with calibrated validity and "", or without and the reason."""
     most = max(MOST_FRESH, len(dataset.unsafe) + dataset.n_safe_met)
     try:
-        return with_validity(monitor, dataset, _told(fresh(recipe, most), progress)), ""
+        return with_validity(monitor, dataset, _counted(fresh(recipe, most), progress)), ""
     except SupportError as error:
         return monitor, str(error)
 
 
-def _told(batches: Iterator[Rollouts], progress: Progress) -> Iterator[Rollouts]:
-    made = 0
-    progress(f"calibrating validity on fresh flights: {made} so far", 1, 3)
+def _counted(batches: Iterator[Rollouts], progress: Progress) -> Iterator[Rollouts]:
+    """The same batches, with progress after each."""
+    n_flown = 0
+    progress(f"calibrating validity on fresh flights: {n_flown} so far", 1, 3)
     for flights in batches:
         yield flights
-        made += len(flights.y)
-        progress(f"calibrating validity on fresh flights: {made} so far", 1, 3)
+        n_flown += len(flights.y)
+        progress(f"calibrating validity on fresh flights: {n_flown} so far", 1, 3)
 
 
 def fly_test(monitor: Monitor, recipe: DatasetRecipe, n: int) -> FlownTest:
-    """Fly n fresh flights of a planned test, and as many of each difference from it.
-
-    Counts are of the monitor's own epsilon and of the grid it can serve.
-    """
+    """Test a monitor on n fresh flights of a planned test and n of each difference from it."""
     epsilon, flights = monitor.check_epsilon(), evaluation_flights(recipe, n)
     grid = EPSILONS[monitor.smallest_epsilon - 1e-9 <= EPSILONS]
     both = evaluate(monitor, flights.y, flights.fail_index, np.append(grid, epsilon))
@@ -213,15 +209,15 @@ def fly_test(monitor: Monitor, recipe: DatasetRecipe, n: int) -> FlownTest:
     )
 
 
-def _prevention(found: Prevention) -> dict[str, Any]:
+def _prevention(result: Prevention) -> dict[str, Any]:
     return {
-        "reactions_s": found.reactions_s.tolist(),
-        "n_unsafe": found.n_unsafe,
-        "n_safe": found.n_safe,
-        "stopped": found.stopped,
-        "prevented": found.prevented.tolist(),
-        "prevented_interval": clopper_pearson(found.prevented, found.n_unsafe).tolist(),
-        "caused": found.caused.tolist(),
+        "reactions_s": result.reactions_s.tolist(),
+        "n_unsafe": result.n_unsafe,
+        "n_safe": result.n_safe,
+        "stopped": result.stopped,
+        "prevented": result.prevented.tolist(),
+        "prevented_interval": clopper_pearson(result.prevented, result.n_unsafe).tolist(),
+        "caused": result.caused.tolist(),
     }
 
 
@@ -238,29 +234,29 @@ def _part(whole: Evaluation, at: slice) -> Evaluation:
     )
 
 
-def _curves(found: Evaluation) -> dict[str, list[Any]]:
-    no_unsafe, no_safe = found.n_unsafe == 0, found.n_safe == 0
-    unknown = [None] * len(found.epsilons)
+def _curves(counts: Evaluation) -> dict[str, list[Any]]:
+    no_unsafe, no_safe = counts.n_unsafe == 0, counts.n_safe == 0
+    unknown = [None] * len(counts.epsilons)
     return {
-        "epsilon": found.epsilons.tolist(),
-        "misses": found.misses.tolist(),
-        "false_alerts": found.false_alerts.tolist(),
-        "withdrawn": found.withdrawn.tolist(),
-        "safe_withdrawn": found.safe_withdrawn.tolist(),
-        "miss_rate": unknown if no_unsafe else found.miss_rate.tolist(),
-        "miss_interval": found.miss_interval.tolist(),
-        "power": unknown if no_safe else found.power.tolist(),
-        "power_interval": found.power_interval.tolist(),
-        "fail_given_alert": [_or_none(share) for share in found.fail_given_alert.tolist()],
-        "fail_given_alert_interval": found.fail_given_alert_interval.tolist(),
+        "epsilon": counts.epsilons.tolist(),
+        "misses": counts.misses.tolist(),
+        "false_alerts": counts.false_alerts.tolist(),
+        "withdrawn": counts.withdrawn.tolist(),
+        "safe_withdrawn": counts.safe_withdrawn.tolist(),
+        "miss_rate": unknown if no_unsafe else counts.miss_rate.tolist(),
+        "miss_interval": counts.miss_interval.tolist(),
+        "power": unknown if no_safe else counts.power.tolist(),
+        "power_interval": counts.power_interval.tolist(),
+        "fail_given_alert": [_or_none(share) for share in counts.fail_given_alert.tolist()],
+        "fail_given_alert_interval": counts.fail_given_alert_interval.tolist(),
     }
 
 
-def _histogram(lead: Array, promised: float, dt: float) -> dict[str, Any]:
+def _histogram(lead: Array, required: float, dt: float) -> dict[str, Any]:
     warned = lead[np.isfinite(lead)]
     quantiles = np.quantile(warned, [0.05, 0.5, 0.95]).tolist() if len(warned) else [None] * 3
-    # Whole samples a bin, and an edge just below the promised lead: no bin mixes late and timely.
-    samples, h = np.rint(warned / dt).astype(int), round(promised / dt)
+    # Bins of whole samples, with an edge just below the required lead: none mixes late and timely.
+    samples, h = np.rint(warned / dt).astype(int), round(required / dt)
     width = max(1, -(-int(samples.max(initial=h)) // LEAD_BINS))
     edges = np.arange(
         h % width - width * (h % width > 0), samples.max(initial=h) + width + 1, width
@@ -270,7 +266,7 @@ def _histogram(lead: Array, promised: float, dt: float) -> dict[str, Any]:
         "edges": (edges * dt).tolist(),
         "counts": counts.tolist(),
         "n_without": int(len(lead) - len(warned)),
-        "n_timely": int((lead >= promised - 1e-9).sum()),
+        "n_timely": int((lead >= required - 1e-9).sum()),
         "p05": quantiles[0],
         "median": quantiles[1],
         "p95": quantiles[2],

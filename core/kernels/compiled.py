@@ -172,7 +172,7 @@ class _Compilation(event.Listener):
     def on_start(self, event: event.Event) -> None:
         if not self.announced:
             self.announced = True
-            self.say("compiling the numerical kernels, once on this machine: one to two minutes")
+            self.say("compiling the numerical kernels (only at the first start)")
 
     def on_end(self, event: event.Event) -> None:
         pass

@@ -1,1 +1,1 @@
-"""Options that commands share, and what is checked of them before any work."""
+"""Options that commands share, and their checks before any work."""

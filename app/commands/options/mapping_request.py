@@ -1,4 +1,4 @@
-"""What a command does with a file whose signals it cannot tell: it asks for a mapping."""
+"""Ask for a mapping where the program cannot map a file's signals to channels."""
 
 import json
 import sys
@@ -12,14 +12,14 @@ from app.telemetry.recording import TelemetryError
 from core.whole_file import write_whole
 
 MOST_SIGNALS = 400
-"""Signals that are printed one by one."""
+"""Most signals to list."""
 
 
 @contextmanager
 def asking_for_mapping(path: Path) -> Iterator[None]:
-    """Where a file cannot be mapped, list its signals and write a mapping to fill in.
+    """If the block cannot map a file, list its signals and write a mapping to complete.
 
-    path: of the mapping; what is there already is kept, and the next free name taken.
+    path: of the mapping to write. If it exists, the next free name is used.   TelemetryError.
     """
     try:
         yield
@@ -30,12 +30,11 @@ def asking_for_mapping(path: Path) -> Iterator[None]:
         text = json.dumps(error.template, indent=2, ensure_ascii=False)
         write_whole(path, f"{text}\n".encode())
         raise TelemetryError(
-            f"{error}; the signals are listed above: fill in {path} and give it with --mapping"
+            f"{error}; the signals are listed above: complete {path} and give it with --mapping"
         ) from None
 
 
 def signal_lines(contents: Contents) -> Iterator[str]:
-    """The signals of a file, a line each, with unit and description, by their groups."""
     yield f"signals of the file: {len(contents.signals)}"
     n_shown = 0
     for number, group in enumerate(contents.groups):
@@ -44,15 +43,15 @@ def signal_lines(contents: Contents) -> Iterator[str]:
         members = [signal for signal in contents.signals if signal.group == number]
         for signal in members[: max(0, MOST_SIGNALS - n_shown)]:
             unit = f" [{signal.unit}]" if signal.unit else ""
-            about = f"  {signal.description}" if signal.description else ""
-            yield f"    {signal.name}{unit}{about}"
+            description = f"  {signal.description}" if signal.description else ""
+            yield f"    {signal.name}{unit}{description}"
         n_shown += len(members)
     if n_shown > MOST_SIGNALS:
         yield f"  and {n_shown - MOST_SIGNALS} more"
 
 
 def _free(path: Path) -> Path:
-    """The path, or the first with a number behind its stem that nothing has."""
+    """The path, or the first free one with a number after its stem."""
     number, free = 1, path
     while free.exists():
         number += 1

@@ -1,4 +1,4 @@
-"""Options of the command line that put a recipe together, over defaults and a recipe file."""
+"""Options that make a recipe, over the defaults and a recipe file."""
 
 import argparse
 import csv
@@ -46,7 +46,6 @@ ANGULAR = tuple(key for key in KEYS if key != "Ny")
 
 
 def number_or_auto(text: str) -> float | str:
-    """Return a number, or the word that asks for a suggestion."""
     return text if text == AUTO else float(text)
 
 
@@ -58,64 +57,93 @@ SHARED: tuple[tuple[str, str, Any, Any, str], ...] = (
         "dataset.maneuver.amplitude_deg",
         number_or_auto,
         None,
-        "manoeuvre's amplitude [deg]; auto: by a pilot run, so that a quarter exceeds a limit",
+        "manoeuvre's amplitude [deg]; auto: set by a pilot run so that a quarter of flights exceed "
+        "a limit",
     ),
     ("--duration", "dataset.maneuver.duration_s", float, None, "length of a rollout [s]"),
-    ("--dt", "dataset.dt", float, None, "sample interval [s]; what depends on it is adjusted"),
-    ("--substeps", "dataset.substeps", int, None, "limit checks in each interval"),
+    (
+        "--dt",
+        "dataset.dt",
+        float,
+        None,
+        "sample interval [s]; adjusts the parameters that depend on it",
+    ),
+    ("--substeps", "dataset.substeps", int, None, "limit checks in each sample interval"),
     (
         "--n-unsafe",
         "dataset.n_unsafe",
         int,
         None,
-        f"unsafe rollouts of a dataset; to train, {USUAL_DATASET.n_unsafe}",
+        f"unsafe rollouts to collect; {USUAL_DATASET.n_unsafe} if absent in train",
     ),
     ("--n-obs", "dataset.n_obs", int, None, "observations kept of each safe rollout"),
-    ("--max-rollouts", "dataset.max_rollouts", int, None, "budget of a collection"),
+    ("--max-rollouts", "dataset.max_rollouts", int, None, "most rollouts to simulate"),
     ("--seed", "dataset.seed", int, None, "seed of every random draw"),
     ("--t-early", "monitor.t_early", float, None, "required warning lead time [s]"),
     ("--n-delay", "monitor.n_delay", int, None, "past outputs in an observation"),
-    ("--calibration", "monitor.calibration", str, ("trajectory", "pointwise"), "calibrated rule"),
-    ("--p-value", "monitor.p_value", str, ("simple", "exact"), "conformal p-value"),
-    ("--scaling", "monitor.scaling", str, ("safe_std", "raw"), "units of distances"),
+    (
+        "--calibration",
+        "monitor.calibration",
+        str,
+        ("trajectory", "pointwise"),
+        "calibrate whole trajectories or single samples",
+    ),
+    ("--p-value", "monitor.p_value", str, ("simple", "exact"), "formula of the p-value"),
+    (
+        "--scaling",
+        "monitor.scaling",
+        str,
+        ("safe_std", "raw"),
+        "scale distances by the spread of safe rollouts, or not",
+    ),
     ("--epsilon", "monitor.epsilon", float, None, "accepted miss rate"),
     (
         "--guarantee",
         "monitor.guarantee",
         str,
         get_args(Guarantee),
-        f"promise on the miss rate; to train, {USUAL_MONITOR.guarantee.replace('%', '%%')}",
+        f"promise on the miss rate; {USUAL_MONITOR.guarantee.replace('%', '%%')} if absent in "
+        "train",
     ),
-    ("--groups", "monitor.groups.kind", str, tuple(GROUPINGS), "a promise for each group"),
+    (
+        "--groups",
+        "monitor.groups.kind",
+        str,
+        tuple(GROUPINGS),
+        "give the promise for each of these groups of failures",
+    ),
 )
 VALUE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z°/]*)")
-"""A number and the unit that may stand behind it."""
-# part of a dataset's recipe: kind whose defaults are an example, field that fills it, what to do
+"""A number and an optional unit."""
+# part of a dataset's recipe: kind whose defaults are an example, required field, what to do
 EXAMPLES: dict[str, tuple[str, str, str]] = {
     "aircraft": ("matrices", "a", "give --aircraft FILE.json with your matrices"),
     "maneuver": ("table", "t_s", "give --maneuver FILE.csv with your commands"),
     "control_law": ("state_space", "d", "give its inputs, outputs, a, b, c, d in a --recipe file"),
 }
 METHOD: tuple[tuple[str, str, Any, Any, str], ...] = (
-    ("--predictor", "monitor.predictor.kind", str, tuple(PREDICTORS), "predictor"),
-    ("--score", "monitor.score.kind", str, tuple(SCORES), "score"),
+    ("--predictor", "monitor.predictor.kind", str, tuple(PREDICTORS), "predictor of the outputs"),
+    ("--score", "monitor.score.kind", str, tuple(SCORES), "score of a prediction"),
 )
 
 
 def add_recipe_options(
     parser: argparse.ArgumentParser, *, method: bool, imperfections: Imperfect
 ) -> None:
-    """Add the options; `method` adds the choice of predictor and score.
+    """method: add the choice of predictor and score.
 
-    imperfections: what rollouts have of them where neither an option nor a recipe file says; where
-    it is usual, so are the number of failures and the guarantee.
+    imperfections: the default. With "usual", the number of failures and the guarantee have their
+    usual defaults too.
     """
     group = parser.add_argument_group("recipe")
-    group.add_argument("--recipe", type=Path, metavar="FILE", help="recipe as JSON, over defaults")
+    group.add_argument(
+        "--recipe", type=Path, metavar="FILE", help="recipe as JSON; other options change it"
+    )
     group.add_argument(
         "--aircraft",
         metavar="NAME|FILE",
-        help=f"{', '.join(AIRCRAFT)}, or a JSON file of matrices; with its law, doublet, limit",
+        help=f"{', '.join(AIRCRAFT)}, or a JSON file of matrices; also sets the aircraft's control "
+        "law, doublet and limit",
     )
     group.add_argument("--control-law", metavar="NAME", help=", ".join(CONTROL_LAWS))
     group.add_argument(
@@ -128,7 +156,7 @@ def add_recipe_options(
         "--limit",
         action="append",
         metavar="CHANNEL=VALUE",
-        help="limit of a channel, such as Ny=0.5g or beta=7deg; replaces the default limit",
+        help="limit of a channel, such as Ny=0.5g or beta=7deg; replaces the default limits",
     )
     group.add_argument(
         "--noise",
@@ -139,9 +167,9 @@ def add_recipe_options(
     group.add_argument(
         "--imperfections",
         choices=get_args(Imperfect),
-        help="whether rollouts have gust, instrument errors, noise and pilot's scatter as they are "
-        f"usual in flight; {imperfections}, or none if a whole --recipe has none; single ones by "
-        f"--set {IMPERFECTIONS}.NAME=VALUE, NAME being {', '.join(NAMES)}",
+        help="gusts, instrument errors, noise and pilot scatter: as usual in flight, or none; "
+        f"{imperfections} if absent, none if a complete --recipe has none. Set single ones with "
+        f"--set {IMPERFECTIONS}.NAME=VALUE; names: {', '.join(NAMES)}",
     )
     parser.set_defaults(usual_imperfections=imperfections)
     for option, path, kind, choices, text in SHARED + (METHOD if method else ()):
@@ -154,21 +182,21 @@ def add_recipe_options(
         help="any other parameter, such as dataset.maneuver.timing_jitter_s=0.1",
     )
     group.add_argument(
-        "--print-recipe", action="store_true", help="print the whole recipe as JSON and stop"
+        "--print-recipe", action="store_true", help="print the complete recipe as JSON and stop"
     )
 
 
 def add_number(parser: argparse.ArgumentParser, option: str, text: str) -> None:
-    """Add a number of the recipe's own, beside its dataset and monitor: --n-test sets n_test."""
+    """Add a number outside the recipe's dataset and monitor: --n-test sets n_test."""
     name = option.removeprefix("--").replace("-", "_")
     parser.add_argument(option, type=int, dest=f".{name}", metavar="NUMBER", help=text)
 
 
 def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
-    """Return what the options and the recipe file say: a dataset's recipe, the rest plain data."""
+    """The recipe from the options and the recipe file: "dataset" is read, the rest plain data."""
     plain = read_plain(options.recipe) if options.recipe else {}
     if not isinstance(plain, dict):
-        raise RecipeError(f"{options.recipe} holds no JSON object: begin it with {{")
+        raise RecipeError(f"{options.recipe} is not a JSON object: begin it with {{")
     unsaid: Imperfect = options.usual_imperfections
     plain["dataset"] = as_ordered(plain.get("dataset", {}), unsaid, options.imperfections)
     for path, value in vars(options).items():
@@ -201,10 +229,10 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
         plain["monitor"] = monitor_as_ordered(plain.get("monitor", {}))
     if isinstance(plain.get("dataset"), dict):
         plain["dataset"] = matrices_renamed(plain["dataset"], "recipe.dataset")
-    for part, (kind, field, instead) in EXAMPLES.items():
-        said = plain.get("dataset", {}).get(part, {})
-        if isinstance(said, dict) and said.get("kind") == kind and field not in said:
-            raise RecipeError(f"{part} {kind!r} is only an example of the form: {instead}")
+    for part, (kind, field, remedy) in EXAMPLES.items():
+        given = plain.get("dataset", {}).get(part, {})
+        if isinstance(given, dict) and given.get("kind") == kind and field not in given:
+            raise RecipeError(f"{part} {kind!r} is only an example: {remedy}")
     interval = getattr(options, "dataset.dt")
     adjusted = adjust_to_interval(plain, interval) if interval is not None else []
     plain["dataset"], suggestion = dataset_recipe(plain.get("dataset", {}), "recipe.dataset")
@@ -216,58 +244,56 @@ def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def print_recipe(recipe: Any) -> int:
-    """Print a recipe as JSON: what `--print-recipe` does in place of the work."""
     print(json.dumps(limits_named(to_plain(recipe)), indent=2))
     return 0
 
 
 def maneuver_table(path: Path) -> dict[str, Any]:
-    """Read a manoeuvre of columns t_s, delta_a_deg, delta_r_deg (a missing surface stays at 0)."""
+    """Read a manoeuvre with columns t_s, delta_a_deg, delta_r_deg; a missing surface stays at 0."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = list(csv.DictReader(file, skipinitialspace=True))
     except (OSError, UnicodeDecodeError) as error:
         raise RecipeError(f"{path} cannot be read ({error}): give a CSV table") from error
     surfaces = ("delta_a_deg", "delta_r_deg")
-    found = set(rows[0]) if rows else set()
-    if "t_s" not in found or not found.intersection(surfaces) or found - {"t_s", *surfaces}:
+    columns = set(rows[0]) if rows else set()
+    if "t_s" not in columns or not columns.intersection(surfaces) or columns - {"t_s", *surfaces}:
         raise RecipeError(
-            f"{path} has the columns {', '.join(map(str, found)) or 'none'}: a manoeuvre needs "
-            "t_s and delta_a_deg or delta_r_deg, and rows"
+            f"{path} has the columns {', '.join(map(str, columns)) or 'none'}: a manoeuvre needs "
+            "rows with t_s and delta_a_deg or delta_r_deg"
         )
     try:
         table = {
-            key: [float(row.get(key) or ("x" if key in found else 0)) for row in rows]
+            key: [float(row.get(key) or ("x" if key in columns else 0)) for row in rows]
             for key in ("t_s", *surfaces)
         }
     except ValueError:
-        raise RecipeError(f"{path} holds a cell that is no number: give numbers only") from None
+        raise RecipeError(f"{path} has a cell without a number: give only numbers") from None
     return {"kind": "table", **table}
 
 
 def channel_value(assignment: str) -> tuple[str, float]:
-    """Return (channel key, value in SI) of `Ny=0.5`, `beta=7deg`, `p=20deg/s` or `beta_deg=8`."""
+    """(channel key, value in SI) of `Ny=0.5`, `beta=7deg`, `p=20deg/s` or `beta_deg=8`."""
     name, _, text = assignment.partition("=")
     key = name.removesuffix("_deg")
     if key not in KEYS or (name != key and key not in ANGULAR):
-        raise RecipeError(f"{assignment!r}: there is no channel {name!r}: {instead_of(name, KEYS)}")
-    written = VALUE.fullmatch(text.strip())
-    if written is None:
+        raise RecipeError(f"{assignment!r}: unknown channel {name!r}: {instead_of(name, KEYS)}")
+    match = VALUE.fullmatch(text.strip())
+    if match is None:
         raise RecipeError(
             f"{assignment!r}: write it as CHANNEL=NUMBER, such as Ny=0.5 or beta=7deg"
         )
-    number, unit = float(written[1]), written[2]
+    number, unit = float(match[1]), match[2]
     if name != key and not unit:
         return key, float(np.radians(number))
-    own = BY_KEY[key]
-    factors = {"": 1.0, own.unit: 1.0, own.display_unit: 1.0 / own.display_factor}
-    factors[own.display_unit.replace("deg", "°")] = 1.0 / own.display_factor
+    channel = BY_KEY[key]
+    factors = {"": 1.0, channel.unit: 1.0, channel.display_unit: 1.0 / channel.display_factor}
+    factors[channel.display_unit.replace("deg", "°")] = 1.0 / channel.display_factor
     if unit not in factors or (name != key and unit):
-        meant = f"{key}={written[1]}{own.display_unit}"
-        units = " or ".join(dict.fromkeys((own.display_unit, own.unit)))
+        units = " or ".join(dict.fromkeys((channel.display_unit, channel.unit)))
         raise RecipeError(
-            f"{assignment!r}: {name} was given in {unit!r}, and {own.label} is in {units}: write "
-            f"{meant} if that is meant"
+            f"{assignment!r}: {name} was given in {unit!r}, but {channel.label} is in {units}: "
+            f"write {key}={match[1]}{channel.display_unit} if that is meant"
         )
     return key, number * factors[unit]
 

@@ -1,4 +1,4 @@
-"""What of a recipe depends on its sample interval, where `--dt` is given and that is not."""
+"""Recipe parameters that depend on the sample interval, adjusted to `--dt` unless given."""
 
 from math import ceil, inf
 from typing import Any
@@ -9,20 +9,20 @@ from core.planned_test import DatasetRecipe
 from core.simulation.maneuver import MANEUVERS
 
 MOST_DELAY = 10
-"""Past outputs in an observation, however short the interval."""
+"""Most past outputs in an observation, however short the interval."""
 
 
 def adjust_to_interval(plain: dict[str, Any], dt: float) -> list[str]:
-    """Fill in what the recipe does not say and its defaults say for another interval.
+    """Adjust the parameters that the recipe does not give, in place; list the adjustments.
 
-    Whole steps in the duration, limits checked no more seldom, as many observations as there are
-    samples, past outputs over the same time. Returns what was adjusted, in words.
+    Afterwards the duration is a whole number of steps, limits are checked at least as often, there
+    are no more observations than samples, and past outputs cover the same time.
     """
     usual, past = DatasetRecipe(), MonitorRecipe().n_delay
     dataset, monitor = plain.setdefault("dataset", {}), plain.setdefault("monitor", {})
     maneuver = dataset.get("maneuver", {}) if isinstance(dataset, dict) else {}
     if not (isinstance(maneuver, dict) and isinstance(monitor, dict) and 0.0 < dt < inf):
-        return []  # what is wrong with it is told where it is read
+        return []  # reading the recipe reports the error
     kind = MANEUVERS.get(maneuver.get("kind", ""), usual.maneuver)
     duration = maneuver.get("duration_s", kind.duration_s)
     steps = ceil(duration / dt - 1e-6) if isinstance(duration, int | float) else 0
@@ -36,15 +36,15 @@ def adjust_to_interval(plain: dict[str, Any], dt: float) -> list[str]:
         ("dataset.n_obs", usual.n_obs, n_obs, f"{n_obs} observations of each safe rollout"),
         ("monitor.n_delay", past, n_delay, f"{n_delay} past outputs in an observation"),
     )
-    words = []
+    adjustments = []
     for path, before, value, text in adjusted:
-        if value != before and not _is_said(plain, path):
+        if value != before and not _is_given(plain, path):
             set_path(plain, path, value)
-            words.append(text)
-    return words
+            adjustments.append(text)
+    return adjustments
 
 
-def _is_said(plain: dict[str, Any], path: str) -> bool:
+def _is_given(plain: dict[str, Any], path: str) -> bool:
     *parents, last = path.split(".")
     for parent in parents:
         plain = plain.get(parent, {})

@@ -1,4 +1,4 @@
-"""Options of the command line that say which file is scored by what, and how."""
+"""Options of the commands that score a file."""
 
 from __future__ import annotations
 
@@ -12,55 +12,56 @@ if TYPE_CHECKING:  # slow to import, and not needed for help
     from app.scoring.recipe import Interval, ScoringRecipe
 
 TRIM_SEGMENT, NO_TRIM = "trim-segment", "none"
-SETTINGS = "Settings of the data directory, for --aircraft, come from FOREWARN_*."
+SETTINGS = "With --aircraft, FOREWARN_* variables set the data directory."
 
 
 def add_scoring_options(parser: argparse.ArgumentParser) -> None:
-    """Add what says which file is scored by what, and how."""
     parser.add_argument("monitors", type=Path, nargs="+", metavar="MONITOR", help="monitor files")
-    parser.add_argument("file", type=Path, metavar="FILE", help="telemetry in any format read")
+    parser.add_argument("file", type=Path, metavar="FILE", help="telemetry in any known format")
     parser.add_argument(
         "--epsilon",
         action="append",
         default=[],
         metavar="E[,E...]",
-        help="accepted miss rates, side by side; each monitor's own if absent",
+        help="accepted miss rates to compare; each monitor's own if absent",
     )
     parser.add_argument(
         "--mapping",
         type=Path,
         metavar="FILE.json",
-        help="which signal is which channel",
+        help="mapping of signals to channels; proposed by the program if absent",
     )
     parser.add_argument(
         "--rate",
         metavar="'50 Hz[ from 12:31:05]'",
-        help="of the rows, where the file has no times",
+        help="sample rate of a file without times",
     )
     parser.add_argument(
-        "--aircraft", metavar="NAME", help="use the mapping kept for it, and keep the one given"
+        "--aircraft",
+        metavar="NAME",
+        help="use the mapping stored for this aircraft; a given mapping is stored for it",
     )
     parser.add_argument(
         "--trim",
         default=TRIM_SEGMENT,
         metavar="SECONDS|trim-segment|none",
-        help="what each manoeuvre is measured from: the mean of so much before its first input",
+        help="trim of each manoeuvre: the mean over this time before its first input",
     )
     parser.add_argument(
         "--accept-useless",
         action="store_true",
-        help="score by a monitor alone that alerts on nearly every safe flight",
+        help="score even with a monitor that alerts on nearly every safe flight",
     )
     parser.add_argument(
         "--manoeuvres",
         default="detected",
         metavar="detected|entire|START:END,...",
-        help="detected by control activity, the recording as one, or between times [s]",
+        help="found by control activity, the entire recording, or given times [s]",
     )
 
 
 def request_of(options: argparse.Namespace) -> tuple[ScoreRequest, MappingMemory | None]:
-    """What the options ask for, and the memory of the aircraft where one is named."""
+    """The request, and the memory of the aircraft's mapping if one is named."""
     from app.commands.output.mapping_lines import read_mapping
     from app.recordings.scored_file import ScoreRequest
     from app.telemetry.mapping.typed_rate import read_rate
@@ -95,12 +96,12 @@ def _epsilon(text: str) -> float:
 def _recipe(options: argparse.Namespace) -> ScoringRecipe:
     from app.scoring.recipe import ScoringRecipe
 
-    words = {TRIM_SEGMENT: "trim_segment", NO_TRIM: None}
-    trim = words[options.trim] if options.trim in words else _seconds("--trim", options.trim)
-    marked = options.manoeuvres
-    if marked not in ("detected", "entire"):
-        marked = tuple(map(_interval, marked.split(",")))
-    return ScoringRecipe(trim=trim, manoeuvres=marked)
+    named = {TRIM_SEGMENT: "trim_segment", NO_TRIM: None}
+    trim = named[options.trim] if options.trim in named else _seconds("--trim", options.trim)
+    manoeuvres = options.manoeuvres
+    if manoeuvres not in ("detected", "entire"):
+        manoeuvres = tuple(map(_interval, manoeuvres.split(",")))
+    return ScoringRecipe(trim=trim, manoeuvres=manoeuvres)
 
 
 def _interval(text: str) -> Interval:
@@ -109,8 +110,8 @@ def _interval(text: str) -> Interval:
     start, colon, end = text.partition(":")
     if not colon:
         raise ValueError(
-            f"--manoeuvres {text!r}: write detected, entire, or START:END in seconds, several with "
-            "commas between"
+            f"--manoeuvres {text!r}: write detected, entire, or START:END in seconds, separated by "
+            "commas"
         )
     return Interval(_seconds("--manoeuvres", start), _seconds("--manoeuvres", end))
 
@@ -119,5 +120,5 @@ def _seconds(option: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        words = {"--trim": f", {TRIM_SEGMENT} or {NO_TRIM}"}.get(option, "")
-        raise ValueError(f"{option} {text!r}: write a number of seconds{words}") from None
+        or_named = f", {TRIM_SEGMENT} or {NO_TRIM}" if option == "--trim" else ""
+        raise ValueError(f"{option} {text!r}: write a number of seconds{or_named}") from None

@@ -1,4 +1,4 @@
-"""Options of commands that work on what a server keeps."""
+"""Options of commands that work on a server's stored data."""
 
 import argparse
 from pathlib import Path
@@ -7,15 +7,14 @@ from app.settings import Settings, read_settings
 
 
 def add_place(parser: argparse.ArgumentParser) -> None:
-    """Add where it is kept."""
-    parser.add_argument("--data-dir", type=Path, metavar="DIR", help="where everything is kept")
-    parser.add_argument("--database-url", metavar="URL", help="database in place of SQLite's")
+    parser.add_argument("--data-dir", type=Path, metavar="DIR", help="directory of all data")
+    parser.add_argument("--database-url", metavar="URL", help="database, instead of SQLite's")
 
 
 def place_of(options: argparse.Namespace) -> Settings:
-    """The settings by these options and the environment; SettingsError.
+    """Settings from these options and the environment, after an interrupted restore is completed.
 
-    A restore that died half-way is completed first. StoreError.
+    SettingsError, StoreError.
     """
     from app.upkeep.restore import finish  # slow to import, not needed for help
 

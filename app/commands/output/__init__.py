@@ -1,1 +1,1 @@
-"""What commands share that print: progress, results, tables, lines."""
+"""Output that commands share: progress, results, scores."""

@@ -1,4 +1,4 @@
-"""What a file holds and which signals are mapped to which channels, as lines to print."""
+"""The reader's notes on a file and its mapping of signals to channels, as lines to print."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,31 +11,30 @@ from app.telemetry.targets import TARGETS
 from core.channels import Channel
 
 MOST_BAD_ROWS = 10
-"""Bad rows that are printed one by one."""
+"""Most bad rows to list."""
 EVIDENT = 0.9
-"""Confidence from which a proposal is printed without its reasons."""
+"""A proposal with at least this confidence is printed without reasons."""
 
 
 def read_mapping(path: Path) -> Mapping:
-    """A mapping from a JSON file; RecipeError or TelemetryError says what is wrong with it."""
+    """A mapping from a JSON file. RecipeError, TelemetryError."""
     return Mapping.from_plain(read_plain(path))
 
 
 def contents_lines(contents: Contents) -> Iterator[str]:
-    """Notes of the reader and the rows it left out."""
     yield from contents.notes
-    yield from (f"left out: {what}" for what in contents.ignored)
-    shown = contents.bad_rows[:MOST_BAD_ROWS]
+    yield from (f"ignored: {item}" for item in contents.ignored)
+    listed = contents.bad_rows[:MOST_BAD_ROWS]
     if contents.n_bad_rows:
-        yield f"bad rows, left out: {contents.n_bad_rows}"
-    yield from (f"  line {row.line}: {row.reason}: {row.text}" for row in shown)
-    if contents.n_bad_rows > len(shown):
-        yield f"  and {contents.n_bad_rows - len(shown)} more"
+        yield f"bad rows skipped: {contents.n_bad_rows}"
+    yield from (f"  line {row.line}: {row.reason}: {row.text}" for row in listed)
+    if contents.n_bad_rows > len(listed):
+        yield f"  and {contents.n_bad_rows - len(listed)} more"
 
 
 def mapping_lines(mapping: Mapping, proposal: Proposal | None) -> Iterator[str]:
-    """One line a channel, with the confidence where the program proposed it."""
-    yield "mapping, proposed:" if proposal else "mapping, as given:"
+    """One line for each channel, with the confidence of a proposal."""
+    yield "proposed mapping:" if proposal else "given mapping:"
     for key in (key for key in TARGETS if key in mapping.channels):
         source = mapping.channels[key]
         rationale = proposal.rationales.get(key) if proposal else None

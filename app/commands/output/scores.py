@@ -1,4 +1,4 @@
-"""A scored file: what is told of it, and the tables and figures written of it."""
+"""The result of scoring a file, printed and written as tables and figures."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -25,18 +25,18 @@ MAPPING = "mapping.json"
 Write = Callable[[BinaryIO], object]
 
 
-class Report(NamedTuple):
-    """What came of it. assessed: whether anything could be.   plain: `text` as plain data."""
+class Outcome(NamedTuple):
+    """is_assessed: whether any sample could be assessed.   plain: `text` as plain data."""
 
     text: str
-    assessed: bool
+    is_assessed: bool
     plain: dict[str, Any]
 
 
 def write_scores(
     request: ScoreRequest, out: Path, memory: MappingMemory | None = None, with_png: bool = False
-) -> Report:
-    """Score a file; write tables, figures and the mapping into a directory.
+) -> Outcome:
+    """Score a file; write tables, figures and the mapping to a directory.
 
     memory: as for `score_file`.   Nothing is written before everything is scored and drawn.
     """
@@ -47,11 +47,11 @@ def write_scores(
     for scoring in scored_file.scored:
         files |= _files(request.file.name, scoring, with_png)
     write_files({out / name: write for name, write in files.items()})
-    return report_of(scored_file, [out / name for name in files])
+    return outcome_of(scored_file, [out / name for name in files])
 
 
 def write_files(files: Mapping[Path, Write]) -> None:
-    """Write each file, whole or not at all."""
+    """Write each file, completely or not at all."""
     for path, write in files.items():
         path.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(path) as file:
@@ -59,14 +59,13 @@ def write_files(files: Mapping[Path, Write]) -> None:
 
 
 def just(content: bytes) -> Write:
-    """What writes nothing but this."""
+    """A writer of this content."""
     return lambda file: file.write(content)
 
 
-def report_of(scored_file: ScoredFile, written: Sequence[Path]) -> Report:
-    """What is told of a scored file and of the files written of it."""
+def outcome_of(scored_file: ScoredFile, written: Sequence[Path]) -> Outcome:
     names = [str(path) for path in written]
-    return Report(
+    return Outcome(
         "\n".join([*lines(scored_file), f"written: {', '.join(names)}"]),
         any(map(is_assessed, scored_file.scored)),
         {
@@ -88,7 +87,7 @@ def _plain(scoring: Scored) -> dict[str, Any]:
         "alert_above": recording.alert_above,
         "assessed": is_assessed(scoring),
         "manoeuvres": [manoeuvre.to_plain() for manoeuvre in recording.manoeuvres],
-        "outside_exceedances": [asdict(found) for found in recording.outside_exceedances],
+        "outside_exceedances": [asdict(each) for each in recording.outside_exceedances],
         "notes": [*recording.quality.sentences(), *recording.notes],
         "compatibility": [check.to_plain() for check in recording.compatibility],
         "warnings": list(warnings_of(monitor.evaluation, recording.epsilon)),
@@ -96,7 +95,7 @@ def _plain(scoring: Scored) -> dict[str, Any]:
 
 
 def lines(scored_file: ScoredFile) -> Iterator[str]:
-    """Everything that is known of a scored file, for a person to read."""
+    """The result of scoring a file for a person."""
     yield from contents_lines(scored_file.contents)
     yield from mapping_lines(scored_file.mapping, scored_file.proposal)
     for scoring in scored_file.scored:
@@ -108,13 +107,12 @@ def lines(scored_file: ScoredFile) -> Iterator[str]:
 
 
 def is_assessed(scoring: Scored) -> bool:
-    """Whether any sample of a scoring could be assessed."""
     samples = scoring.recording.samples
     return bool((np.isfinite(samples["p_value"]) | np.isfinite(samples["withdrawn"])).any())
 
 
 def _files(file: str, scoring: Scored, with_png: bool) -> dict[str, Write]:
-    """What writes table and figure, by their place in the directory of results."""
+    """Writers of the table and the figure, by their path in the output directory."""
     from app.report.score_figure import FlownManeuver, png, score_figure
 
     scored, monitor = scoring.recording, scoring.monitor
@@ -129,8 +127,8 @@ def _files(file: str, scoring: Scored, with_png: bool) -> dict[str, Write]:
         monitor.lead,
         " ".join(["scored:", file, scoring.label]).strip(),
     )
-    about = {"limits_in_force": scored.limits_in_force}
-    table = partial(export, scored.samples, about, "csv")
+    notes = {"limits_in_force": scored.limits_in_force}
+    table = partial(export, scored.samples, notes, "csv")
     files: dict[str, Write] = {"assessments.csv": table, "scored.svg": just(drawing.svg)}
     if with_png:
         files["scored.png"] = just(png(drawing))

@@ -103,10 +103,10 @@ def test_a_build_up_is_planned_cleared_flown_and_identified(
     )
 
 
-def test_a_flight_that_is_not_the_aircrafts_holds_the_next_point(
+def test_a_flight_of_another_aircraft_holds_the_next_point(
     campaign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A rudder transducer that reads half: far from what is expected, exit 1."""
+    """A rudder transducer reads half, so the identified aircraft is far from the prior."""
     flight = Path(recorded(campaign))
     rows = [line.split(",") for line in flight.read_text().splitlines()]
     for row in rows[1:]:
@@ -121,8 +121,7 @@ def test_a_flight_that_is_not_the_aircrafts_holds_the_next_point(
     assert "'80%' is hold" in capsys.readouterr().err
 
 
-def test_an_exceedance_is_said(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """With channel and time."""
+def test_an_exceedance_is_printed(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(campaign, "fly", recorded(campaign, 3.0), "--by", "Bob") == 0
     assert "EXCEEDED Ny at" in capsys.readouterr().out
 
@@ -134,18 +133,17 @@ def test_an_exceedance_is_said(campaign: Path, capsys: pytest.CaptureFixture[str
         ("identify", (), "no point is complete"),
         ("abort", ("--by", "Ann"), "no reason was given"),
         ("fly", ("none.csv", "--by", "Ann"), "none.csv"),
-        ("fly", ("FLIGHT", "--by", "Ann", "--start", "1"), "give both, or none"),
+        ("fly", ("FLIGHT", "--by", "Ann", "--start", "1"), "one of --start and --end"),
         ("fly", ("FLIGHT", "--by", "Ann", "--start", "0", "--end", "99"), "not inside"),
     ],
 )
-def test_what_cannot_be_done_changes_nothing(
+def test_a_refused_action_changes_nothing(
     campaign: Path,
     capsys: pytest.CaptureFixture[str],
     action: str,
     options: tuple[str, ...],
     words: str,
 ) -> None:
-    """One line says why."""
     before = campaign.read_bytes()
     given = [recorded(campaign) if option == "FLIGHT" else option for option in options]
     assert run(campaign, action, *given) == 1
@@ -153,8 +151,7 @@ def test_what_cannot_be_done_changes_nothing(
     assert campaign.read_bytes() == before
 
 
-def test_hold_and_abort_are_kept(campaign: Path) -> None:
-    """With their reasons; the next point is then another."""
+def test_hold_and_abort_are_stored_with_their_reasons(campaign: Path) -> None:
     assert run(campaign, "hold", "--by", "Ann", "--why", "cloud") == 0
     assert load(campaign).next.point.events[-1].words == "cloud"
     assert run(campaign, "abort", "--by", "Ann", "--why", "bird strike") == 0
@@ -162,7 +159,6 @@ def test_hold_and_abort_are_kept(campaign: Path) -> None:
 
 
 def test_a_point_is_aborted_in_flight(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """With its recording, or refused: start and end are of one."""
     why = ("--by", "Ann", "--why", "flutter")
     assert run(campaign, "abort", *why, "--start", "0", "--end", "9") == 1
     assert "give it with --recording" in capsys.readouterr().err
@@ -176,7 +172,6 @@ def test_a_point_is_aborted_in_flight(campaign: Path, capsys: pytest.CaptureFixt
 
 
 def test_a_page_is_written_before_and_after_all_flights(campaign: Path) -> None:
-    """Before the first: a person decides; after the last: all are over. Names stay text."""
     assert run(campaign, "report") == 0
     page = campaign.with_suffix(".html").read_text(encoding="utf-8")
     assert "engineering decision required" in page
@@ -188,16 +183,16 @@ def test_a_page_is_written_before_and_after_all_flights(campaign: Path) -> None:
     assert "<b>Ann" not in page
 
 
-def test_a_campaign_is_not_written_over(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """`new` needs a new file."""
+def test_a_campaign_is_never_overwritten(
+    campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["campaign", "new", str(campaign), "--name", "x"]) == 1
-    assert "is not written over" in capsys.readouterr().err
+    assert f"{campaign} exists" in capsys.readouterr().err
 
 
 def test_a_recording_with_gaps_or_several_manoeuvres_is_refused(
     campaign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Each says what to do."""
     flight = Path(recorded(campaign))
     head, *rows = flight.read_text().splitlines()
     step = float(rows[1].split(",")[0])
@@ -219,7 +214,6 @@ def test_a_recording_with_gaps_or_several_manoeuvres_is_refused(
 def test_points_at_another_flight_condition_are_added(
     campaign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """After the others, each with its condition in its name; its page has a plot of each."""
     plan = ("--condition", "M 0.6", "--steps", "0.5", "0.9", "--passes-below", "0.8")
     assert run(campaign, "add", *plan, *TEST, *NOISE, "--imperfections", "none") == 0
     told = capsys.readouterr().out
@@ -232,7 +226,7 @@ def test_points_at_another_flight_condition_are_added(
     assert "two flight conditions have the same name" in capsys.readouterr().err
 
 
-def test_what_somebody_decided_meanwhile_is_not_written_over(
+def test_a_decision_made_during_the_command_is_not_overwritten(
     campaign: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = recorded(campaign)
@@ -252,7 +246,7 @@ def test_a_flight_condition_needs_its_aircraft(
     campaign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(campaign, "add", "--condition", "Mach 0.6") == 1
-    assert "say --aircraft" in capsys.readouterr().err
+    assert "give --aircraft" in capsys.readouterr().err
 
 
 def test_a_build_up_is_flown_with_sample_flights(tmp_path: Path) -> None:

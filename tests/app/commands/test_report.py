@@ -81,7 +81,7 @@ def test_exports_lie_beside_it_and_are_what_score_writes(given: Path):
     assert about["samples_sha256"] in html
 
 
-def test_each_monitor_at_each_epsilon_has_a_report_of_its_own(given: Path, attas: Monitor):
+def test_each_monitor_at_each_epsilon_gets_its_own_report(given: Path, attas: Monitor):
     attas.save(given / "other.fwm")
     arguments = ["report", "attas.fwm", "other.fwm", "flight.csv", "--epsilon", "0.1,0.4"]
     assert main([*arguments, "--n-test", "0", "--export", "csv", "-o", "kept.html"]) == 0
@@ -91,21 +91,18 @@ def test_each_monitor_at_each_epsilon_has_a_report_of_its_own(given: Path, attas
     assert "ε = 0.4" in Path("kept-other-epsilon-0.4.html").read_text()
 
 
-def test_a_recording_is_never_written_over(given: Path, capsys: pytest.CaptureFixture):
+def test_an_input_is_never_overwritten(given: Path, capsys: pytest.CaptureFixture):
     line = refused(capsys, "-o", "flight.html", "--export", "csv")
-    assert line == (
-        "forewarn: flight.csv is to be read, and would be written over: name another file with "
-        "--out"
-    )
-    assert "attas.fwm is to be read" in refused(capsys, "-o", "attas.fwm")
+    assert line.startswith("forewarn: flight.csv is an input")
+    assert "attas.fwm is an input" in refused(capsys, "-o", "attas.fwm")
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--export", "csv,xlsx"], "--export 'xlsx': write csv, parquet, mat"),
+        (["--export", "csv,xlsx"], "--export 'xlsx': choose from csv, parquet, mat"),
         (["--n-test", "-1"], "--n-test -1: it must be 0 or more"),
-        (["-o", "nowhere/kept.html"], "nowhere is no directory: make it first"),
+        (["-o", "nowhere/kept.html"], "nowhere is not a directory"),
         (["-o", "."], "is a directory: give the path of the file to write"),
         (["--epsilon", "many"], "--epsilon 'many': write a miss rate"),
         (["--epsilon", "0.0001"], "epsilon=0.0001 needs at least"),
@@ -113,7 +110,7 @@ def test_a_recording_is_never_written_over(given: Path, capsys: pytest.CaptureFi
         (["--mapping", "none.json"], "none.json"),
     ],
 )
-def test_what_cannot_be_done_is_said_in_one_line(
+def test_a_bad_argument_gets_one_line(
     given: Path, capsys: pytest.CaptureFixture, arguments: list[str], words: str
 ):
     assert words in refused(capsys, *arguments)

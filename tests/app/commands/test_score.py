@@ -26,7 +26,7 @@ def attas_monitor(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_units_taken_for_others_are_called_outside_training(attas_monitor: Path, tmp_path, capsys):
+def test_wrong_units_are_reported_as_outside_training(attas_monitor: Path, tmp_path, capsys):
     rows = [f"{0.05 * k:.2f},{0.01 * k:.3f},{rest(k)},0,0" for k in range(100)]
     (tmp_path / "units.csv").write_text("\n".join([HEAD, *rows]))
     arguments = ["score", str(attas_monitor), str(tmp_path / "units.csv")]
@@ -37,9 +37,7 @@ def test_units_taken_for_others_are_called_outside_training(attas_monitor: Path,
     assert "Guarantee withdrawn" in report
 
 
-def test_an_exceedance_is_not_known_where_the_limited_channel_is_missing(
-    attas_monitor, tmp_path, capsys
-):
+def test_the_outcome_is_unknown_where_a_limited_channel_is_missing(attas_monitor, tmp_path, capsys):
     text = record_file("attas_rud1").read_text().splitlines()
     names = text[0].split(",")
     rows = [line.split(",") for line in text[1:]]
@@ -51,14 +49,14 @@ def test_an_exceedance_is_not_known_where_the_limited_channel_is_missing(
     assert "1.24 s missing in the limited channels" in capsys.readouterr().out
 
 
-def test_cut_off_monitor_is_refused_by_score(attas_monitor: Path, tmp_path: Path, capsys):
+def test_a_truncated_monitor_file_is_refused(attas_monitor: Path, tmp_path: Path, capsys):
     broken = tmp_path / "broken.fwm"
     broken.write_bytes(attas_monitor.read_bytes()[:-100])
     assert main(["score", str(broken), "any.csv", "-o", str(tmp_path / "out")]) == 1
     assert "cut off or altered" in capsys.readouterr().err
 
 
-def test_real_doublet_that_crosses_the_limit_is_warned_of(attas_monitor: Path, tmp_path, capsys):
+def test_a_real_doublet_that_exceeds_the_limit_is_warned_of(attas_monitor: Path, tmp_path, capsys):
     out = tmp_path / "out"
     arguments = [str(attas_monitor), str(record_file("attas_rud1")), "-o", str(out)]
     assert main(["score", *arguments]) == 0
@@ -78,7 +76,7 @@ def test_real_doublet_that_crosses_the_limit_is_warned_of(attas_monitor: Path, t
     assert f"first alert        at {first:.2f} s" in report
 
 
-def test_real_record_of_another_manoeuvre_is_no_verdict(attas_monitor: Path, tmp_path, capsys):
+def test_a_real_record_of_another_manoeuvre_gets_no_verdict(attas_monitor: Path, tmp_path, capsys):
     arguments = [str(attas_monitor), str(record_file("attas_ail1")), "-o", str(tmp_path / "out")]
     assert main(["score", *arguments]) == 0
     report = capsys.readouterr().out
@@ -90,7 +88,7 @@ def test_real_record_of_another_manoeuvre_is_no_verdict(attas_monitor: Path, tmp
     assert sum(row["withdrawn_p_value"] != "" for row in rows) == 121
 
 
-def test_scoring_again_repeats_to_the_byte(attas_monitor: Path, tmp_path: Path):
+def test_a_second_scoring_writes_the_same_bytes(attas_monitor: Path, tmp_path: Path):
     for name in ("one", "two"):
         arguments = [str(attas_monitor), str(record_file("attas_rud1")), "-o", str(tmp_path / name)]
         assert main(["score", *arguments]) == 0
@@ -107,7 +105,7 @@ def test_assessments_of_a_scored_file_can_be_scored_again(attas_monitor: Path, t
     assert (first / "assessments.csv").read_bytes() == (second / "assessments.csv").read_bytes()
 
 
-def test_written_mapping_can_be_corrected_and_given_back(attas_monitor: Path, tmp_path, capsys):
+def test_a_written_mapping_can_be_corrected_and_used(attas_monitor: Path, tmp_path, capsys):
     base = ["score", str(attas_monitor), str(record_file("attas_rud1"))]
     assert main([*base, "-o", str(tmp_path / "out")]) == 0
     mapping = json.loads((tmp_path / "out" / "mapping.json").read_text())
@@ -118,13 +116,13 @@ def test_written_mapping_can_be_corrected_and_given_back(attas_monitor: Path, tm
     capsys.readouterr()
     assert main([*base, *given]) == 0
     report = capsys.readouterr().out
-    assert "mapping, as given:" in report
+    assert "given mapping:" in report
     assert "-dr_rad [rad]" in report
     assert "moved the other way first, or its sign is reversed" in report
     assert json.loads((tmp_path / "reversed" / "mapping.json").read_text()) == mapping
 
 
-def test_mapping_given_for_an_aircraft_is_used_for_its_next_file(
+def test_an_aircrafts_mapping_is_used_for_its_next_file(
     attas_monitor: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
 ):
     monkeypatch.setenv("FOREWARN_DATA_DIR", str(tmp_path / "data"))
@@ -144,7 +142,7 @@ def test_mapping_given_for_an_aircraft_is_used_for_its_next_file(
     assert json.loads((tmp_path / "next" / "mapping.json").read_text()) == mapping
 
 
-def test_monitors_and_epsilons_side_by_side(attas_monitor: Path, tmp_path: Path, capsys):
+def test_each_monitor_and_epsilon_gets_its_own_files(attas_monitor: Path, tmp_path: Path, capsys):
     copy = tmp_path / attas_monitor.name
     copy.write_bytes(attas_monitor.read_bytes())
     arguments = [str(attas_monitor), str(copy), str(record_file("attas_rud1"))]
@@ -160,7 +158,7 @@ def test_monitors_and_epsilons_side_by_side(attas_monitor: Path, tmp_path: Path,
     assert (tmp_path / "out" / "mapping.json").exists()
 
 
-def test_a_monitor_of_no_use_scores_alone_only_where_that_is_accepted(
+def test_a_useless_monitor_scores_alone_only_with_accept_useless(
     attas_monitor: Path, tmp_path: Path, capsys
 ):
     tested = load(attas_monitor)
@@ -182,7 +180,7 @@ def test_a_monitor_of_no_use_scores_alone_only_where_that_is_accepted(
     assert main(["score", *beside, "-o", str(tmp_path / "both")]) == 0
 
 
-def test_manoeuvres_are_scored_between_the_times_given(attas_monitor: Path, tmp_path, capsys):
+def test_manoeuvres_are_scored_between_given_times(attas_monitor: Path, tmp_path, capsys):
     arguments = [str(attas_monitor), str(record_file("attas_rud1")), "-o", str(tmp_path / "out")]
     assert main(["score", *arguments, "--manoeuvres", "5:11,20:26"]) == 0
     report = capsys.readouterr().out
@@ -194,7 +192,7 @@ def test_manoeuvres_are_scored_between_the_times_given(attas_monitor: Path, tmp_
     assert not (tmp_path / "no").exists()
 
 
-def test_file_without_a_needed_channel_names_it(attas_monitor: Path, tmp_path: Path, capsys):
+def test_an_error_names_the_missing_channel(attas_monitor: Path, tmp_path: Path, capsys):
     text = record_file("attas_rud1").read_text().replace("beta_rad", "alpha2_rad")
     (tmp_path / "flight.csv").write_text(text)
     arguments = ["score", str(attas_monitor), str(tmp_path / "flight.csv")]
@@ -207,18 +205,18 @@ def test_file_without_a_needed_channel_names_it(attas_monitor: Path, tmp_path: P
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["mapping.json"]
 
 
-def test_bad_rows_are_left_out_and_said(attas_monitor: Path, tmp_path: Path, capsys):
+def test_bad_rows_are_skipped_and_listed(attas_monitor: Path, tmp_path: Path, capsys):
     lines = record_file("attas_rud1").read_text().splitlines()
     lines[300] = lines[300].replace(",", ",x", 1)
     (tmp_path / "bad.csv").write_text("\n".join(lines))
     arguments = ["score", str(attas_monitor), str(tmp_path / "bad.csv")]
     assert main([*arguments, "-o", str(tmp_path / "out")]) == 0
     report = capsys.readouterr().out
-    assert "bad rows, left out: 1" in report
+    assert "bad rows skipped: 1" in report
     assert "line 301:" in report
 
 
-def test_file_with_gaps_says_which_samples_were_not_assessed(attas_monitor: Path, tmp_path, capsys):
+def test_the_samples_not_assessed_in_gaps_are_counted(attas_monitor: Path, tmp_path, capsys):
     lines = [f"{0.05 * k:.2f},{1e-4 * (k % 3)},{rest(k)},0,0" for k in range(40)]
     lines[10] = "0.5,nan,nan,nan,nan,nan,nan"
     (tmp_path / "gap.csv").write_text("\n".join([HEAD, *lines]))
@@ -230,7 +228,7 @@ def test_file_with_gaps_says_which_samples_were_not_assessed(attas_monitor: Path
     assert withdrawn == [k in (10, 11, 12) for k in range(40)]
 
 
-def test_file_that_cannot_be_assessed_at_all_is_no_success(attas_monitor: Path, tmp_path, capsys):
+def test_a_file_without_an_assessed_sample_exits_with_1(attas_monitor: Path, tmp_path, capsys):
     lines = [HEAD]
     for k in range(40):
         beta, others = (1e-4 * (k % 3), ",,") if k < 20 else ("", rest(k))

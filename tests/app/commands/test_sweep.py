@@ -1,4 +1,4 @@
-"""`forewarn sweep`: its table, its rows, and what it refuses."""
+"""`forewarn sweep`: its table, rows and figure, and bad arguments."""
 
 import csv
 import json
@@ -24,7 +24,7 @@ SMALL = [
 ]
 
 
-def test_a_table_says_what_each_method_costs_and_where_nothing_helps(capsys, tmp_path) -> None:
+def test_the_table_has_each_method_and_the_leads_that_none_reaches(capsys, tmp_path) -> None:
     out, figure = tmp_path / "sweep.csv", tmp_path / "sweep.svg"
     options = ["--reactions", "0.25,2", "-o", str(out), "--figure", str(figure)]
     assert main([*SMALL, *options]) == 0
@@ -42,7 +42,7 @@ def test_a_table_says_what_each_method_costs_and_where_nothing_helps(capsys, tmp
     assert "'fortune' was given: choose linear + nearest neighbor" in capsys.readouterr().err
 
 
-def test_json_has_the_same_rows(capsys) -> None:
+def test_json_has_a_row_for_each_lead_and_reaction_time(capsys) -> None:
     assert main([*SMALL, "--methods", "predicted magnitude", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert [row["lead"] for row in rows] == pytest.approx([0.25] * 5 + [1.6] * 5)
@@ -50,6 +50,5 @@ def test_json_has_the_same_rows(capsys) -> None:
 
 
 def texts(figure: Path) -> set[str]:
-    """What stands in a figure."""
     words = ElementTree.parse(figure).iter("{http://www.w3.org/2000/svg}text")
     return {"".join(word.itertext()) for word in words}

@@ -104,7 +104,7 @@ def test_a_quiet_job_is_said_to_be_alive(jobs):
 
     async def watch():
         quiet = 0
-        async for info in jobs.watch(job_id, patience=0.001):
+        async for info in jobs.watch(job_id, interval=0.001):
             quiet += info is None
             if quiet == 3:
                 gate.go_on.set()
@@ -168,7 +168,7 @@ def test_a_waiting_job_is_cancelled_without_running(jobs):
 
 def test_an_ended_job_cannot_be_cancelled(jobs):
     job = run(jobs, lambda task: {})
-    with pytest.raises(NotRunning, match="done already"):
+    with pytest.raises(NotRunning, match="already done"):
         jobs.cancel(job.id)
     with pytest.raises(NotFound):
         jobs.cancel("nothing")
@@ -179,7 +179,7 @@ def test_a_full_queue_refuses(jobs):
     jobs.submit("test", {}, gate)
     assert gate.begun.wait(PATIENCE)
     waiting = [jobs.submit("test", {}, lambda task: {}) for _ in range(2)]
-    with pytest.raises(QueueFull, match="2 jobs wait already"):
+    with pytest.raises(QueueFull, match="2 jobs are waiting"):
         jobs.submit("test", {}, lambda task: {})
     assert (jobs.n_running, jobs.n_waiting) == (1, 2)
     gate.go_on.set()
@@ -214,7 +214,7 @@ def test_stopping_interrupts_what_runs_and_what_waits(store):
     closing.join(PATIENCE)
     assert not closing.is_alive()
     assert store.jobs.info(running).status == "interrupted"
-    assert "ask for it again" in store.jobs.info(running).error
+    assert "submit it again" in store.jobs.info(running).error
     with pytest.raises(QueueFull):
         jobs.submit("test", {}, lambda task: {})
 

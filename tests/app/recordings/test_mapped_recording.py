@@ -119,7 +119,7 @@ def test_a_file_that_cannot_be_mapped_gives_a_mapping_template(monitor, flights,
     assert main(command) == 1
     message = capsys.readouterr().err
     written = tmp_path / "out" / "mapping.json"
-    assert f"fill in {written} and give it with --mapping" in message.splitlines()[-1]
+    assert f"{written} and give it with --mapping" in message.splitlines()[-1]
     assert "    rudder_rad" in message
     template = json.loads(written.read_text())
     assert template["channels"]["delta_r"]["signal"] == "rudder_rad"

@@ -172,7 +172,7 @@ def test_the_next_points_monitor_is_of_the_aircraft_as_it_was_flown(client: Test
         ({"conditions": [{"steps": "all"}]}, "shares of the planned amplitude"),
         ({"conditions": [{"amplitudes": [1]}]}, "amplitudes is unknown"),
         ({"conditions": [{"passes_below": 2.0}]}, "at most 1"),
-        ({"conditions": [{"passes_below": True}]}, "a part of a limit"),
+        ({"conditions": [{"passes_below": True}]}, "passes_below"),
         ({"conditions": [{"criteria": 3}]}, "up to 1000 characters"),
         ({"conditions": [{"dataset": TEST, "steps": [1e300, 1e308]}]}, "at most"),
         ({"conditions": [{"name": 7}]}, "up to 200 characters"),

@@ -85,7 +85,7 @@ def test_a_job_is_cancelled_once(client, held):
 
 def test_an_ended_job_is_not_cancelled(client):
     job = finished(client, client.post("/api/v1/datasets", json={"n_unsafe": 3}))
-    assert "done already" in problem(client.post(f"/api/v1/jobs/{job['id']}/cancel"), 409)
+    assert "already done" in problem(client.post(f"/api/v1/jobs/{job['id']}/cancel"), 409)
 
 
 def test_a_full_queue_says_so(client, held):
@@ -109,5 +109,5 @@ def test_a_job_of_a_server_that_died_is_interrupted_and_says_what_to_do(tmp_path
     with api(tmp_path) as client:
         job = client.get(f"/api/v1/jobs/{job_id}").json()
         assert job["status"] == "interrupted"
-        assert "ask for it again" in job["error"]
+        assert "submit it again" in job["error"]
         assert events(client, f"/api/v1/jobs/{job_id}") == [job]
