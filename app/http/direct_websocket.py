@@ -2,7 +2,7 @@
 
 Through ASGI each message wakes two tasks on its way in and one on its way out, which costs many
 times what its handler does. An application that finds EXTENSION in its scope may `reserve` it
-before it accepts. Handshake, control frames and fragmented messages still go through ASGI's parser.
+before it accepts. Handshake, control frames and fragments still pass the library's parser.
 """
 
 import asyncio
@@ -25,7 +25,7 @@ OnMessage = Callable[[bytes], object]
 
 
 class DirectWebSocket(WebSocketsSansIOProtocol):
-    """A WebSocket with a small kernel buffer; answers, which may be files, keep a large one.
+    """A WebSocket with a small kernel buffer; HTTP answers, which may be files, keep a large one.
 
     is_writable: whether a message leaves soon.
     """
