@@ -64,7 +64,6 @@ class Onsets:
         return rings
 
     def latch(self, alarm_id: str, index: int) -> None:
-        """Remember the alarm that an onset raised."""
         self._latest, self._indices[alarm_id] = alarm_id, index
 
     def release(self, alarm_id: str) -> None:
@@ -101,7 +100,6 @@ class Alarms:
         return sorted([*self._closed, *self._open.values()], key=lambda alarm: alarm.number)
 
     def n_open(self, level: Level) -> int:
-        """Unacknowledged alarms of a level."""
         return self._n_open[level]
 
     def note_stored(self, alarm_id: str) -> None:

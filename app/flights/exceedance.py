@@ -44,7 +44,6 @@ class Exceedances:
 
     @property
     def of_channels(self) -> list[ChannelExceedances]:
-        """Exceedances per channel, in order of the first one."""
         return sorted(self._of.values(), key=attrgetter("first_t"))
 
     @property

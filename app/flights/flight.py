@@ -221,12 +221,10 @@ class Flight(ABC):
 
     @property
     def limits(self) -> LimitsStatus | None:
-        """Limits in force; None for the monitor's own."""
         return None if self._ruling is None else status_of(self._ruling, self._held_since)
 
     @property
     def limits_held(self) -> list[LimitsFrom]:
-        """Limits in force since which sample; empty for the monitor's own."""
         return list(self._limits_of_record)
 
     @property
@@ -261,12 +259,10 @@ class Flight(ABC):
 
     @property
     def headline(self) -> Headline:
-        """The worst current status."""
         return headline(self.facts)
 
     @property
     def n_watchers(self) -> int:
-        """Number of connected watchers."""
         return len(self._watchers)
 
     # --- watching -----------------------------------------------------------------------------
@@ -363,7 +359,6 @@ class Flight(ABC):
 
     @property
     def _specification(self) -> Specification:
-        """Limits in force."""
         ruling = self._ruling
         return self.plan.monitor.specification if ruling is None else ruling.specification
 
@@ -372,7 +367,6 @@ class Flight(ABC):
             self._broadcast(MarkerSet(marker=self.markers.note_stored(number)).encode())
 
     async def stop(self, reason: str) -> None:
-        """End the flight and tell the watchers."""
         self._halt(reason)
 
     def _hello(self) -> str:
@@ -650,7 +644,6 @@ class Flight(ABC):
         self._call_at("beat", self.clock.now() + HEARTBEAT_S, self._send_heartbeat)
 
     def _call_at(self, name: str, when: float, call: Callable[[], object]) -> None:
-        """Call later; replaces an earlier plan of this name."""
         self._stop_timer(name)
         if not self.is_over:
             self._timers[name] = self.clock.call_at(when, call)
@@ -672,7 +665,6 @@ class Flight(ABC):
             watcher.end(End(reason=reason).encode())
 
     def _end(self, status: str, reason: str) -> None:
-        """The flight ends by itself."""
         self._halt(reason)
         self._on_over(status, reason)
 

@@ -21,14 +21,12 @@ class FlightMarkers:
         return list(self._markers.values())
 
     def restore(self, markers: list[FlightMarker]) -> None:
-        """Continue with the markers of a resumed flight."""
         self._markers |= {marker.number: marker for marker in markers[-KEPT:]}
         self._number = max(self._markers, default=0)
 
     def add(
         self, kind: FlightMarkerKey, seq: int, t: float, created: str, by: str, text: str | None
     ) -> FlightMarker:
-        """Set a marker after sample seq, at t [s]."""
         self._number += 1
         about = {"seq": seq, "t": t, "created": created, "by": by, "text": text}
         marker = self._markers[self._number] = sent(kind, number=self._number, **about)
@@ -44,7 +42,6 @@ class FlightMarkers:
 
 
 def sent(kind: FlightMarkerKey, **about: object) -> FlightMarker:
-    """A marker with the words of its kind."""
     known = FLIGHT_MARKERS[kind]
     words = {"word": known.word, "meaning": known.meaning, "level": known.level}
     return FlightMarker.model_validate({"kind": kind, **words, **about})

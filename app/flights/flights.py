@@ -135,12 +135,10 @@ class Flights:
 
     @property
     def unwritten(self) -> int:
-        """Samples of flights in progress that wait for the store."""
         return sum(flight.recorder.unwritten for flight in self._flights.values())
 
     @property
     def lost(self) -> int:
-        """Samples that could not be recorded since the server started."""
         under_way = sum(flight.recorder.lost for flight in self._flights.values())
         return self._lost_before + under_way
 

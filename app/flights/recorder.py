@@ -117,13 +117,11 @@ class Recorder:
 
     @property
     def _first_interval(self) -> float:
-        """Time until the first batch [s]."""
         part = 1 + crc32(self._flight_id.encode()) % PARTS if self.is_spread else PARTS
         return self.interval * part / PARTS
 
     @property
     def unwritten(self) -> int:
-        """Number of samples that wait for the store."""
         return len(self._samples)
 
     @property
@@ -163,7 +161,6 @@ class Recorder:
         self._queue(raised)
 
     def add_limits(self, put: FlightLimits) -> None:
-        """Store a change of limits that all watchers have."""
         raised = PendingEvent(put, lambda _: None)
         raised.is_announced = True
         self._queue(raised)

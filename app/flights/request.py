@@ -67,7 +67,6 @@ class FlightRequest(BaseModel):
 
     @property
     def declared(self) -> dict[ConditionKey, float]:
-        """Declared values of the flight condition."""
         return {key: v for key, v in self.condition.items() if not isinstance(v, str)}
 
     @property

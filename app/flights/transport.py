@@ -61,7 +61,6 @@ class Transport:
 
     @property
     def at_end(self) -> bool:
-        """Whether no sample follows the last one flown."""
         return self._next >= len(self._t)
 
     def play(self, now: float) -> None:

@@ -64,13 +64,11 @@ class RecentFrames:
         return self.reset()
 
     def reset(self) -> str:
-        """The message that tells where the kept frames start."""
         about = {"seq": self.first, "t": self.first_t, "since": self.since}
         return Reset(**about, held=self._held()).encode()
 
     @property
     def newest(self) -> str:
-        """The newest frame as a message; nearly every watcher gets this one."""
         if not self._newest:
             self._newest = self.message(self.head, self.head, 0)
         return self._newest
@@ -172,7 +170,6 @@ class Watcher:
 
     @property
     def is_done(self) -> bool:
-        """Whether the last message was sent."""
         return self.ended and not self._waiting
 
     def newest_message(self) -> str | None:

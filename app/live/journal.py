@@ -82,7 +82,6 @@ class Journals:
         return status.st_size if status.st_nlink == 1 else 0
 
     def delete(self, flight_id: str) -> None:
-        """Delete a journal, if there is one."""
         self._opened.pop(flight_id, None)
         self.path(flight_id).unlink(missing_ok=True)
 

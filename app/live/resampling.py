@@ -68,7 +68,6 @@ class Counts:
     """samples with an implausible time, dropped"""
 
     def to_plain(self) -> dict[str, int]:
-        """Return JSON's types."""
         return asdict(self)
 
 
@@ -101,7 +100,6 @@ class CausalResampler:
 
     @property
     def interval(self) -> float:
-        """Sample interval of the source so far [s]; at first the monitor's."""
         return self._interval
 
     @property
@@ -112,7 +110,6 @@ class CausalResampler:
         return self._deadline(self._grid, self._following(self._grid))
 
     def push(self, arrived: float, sample: Sample) -> list[Sample]:
-        """Add a sample; return the grid samples settled by now, in order."""
         settled = self.advance(arrived)
         for when, accepted in self._in_time(arrived, sample):
             settled += self._accept(when, accepted)

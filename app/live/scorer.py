@@ -65,18 +65,15 @@ class GridMonitor:
         self._history: deque[Sample] = deque(maxlen=monitor.recipe.n_delay + 1)
 
     def restart(self, trim: Array) -> None:
-        """Start a new manoeuvre, with the history so far."""
         self._stream = self._new_stream()
         for sample in self._history:
             self._stream.update(sample.t, self._read(sample.y - trim))
 
     def assess(self, sample: Sample, y: Array) -> Assessment:
-        """Assess a sample. y: (6,) from trim."""
         self._history.append(sample)
         return self._explained(self._stream.update(sample.t, self._read(y)), sample)
 
     def forecast_ahead(self) -> Ahead | None:
-        """Forecast of the rest of the card by the last assessed sample."""
         return self._stream.forecast_ahead()
 
     def wait(self, sample: Sample, reason: str) -> Assessment:
@@ -162,12 +159,10 @@ class CausalScorer:
 
     @property
     def counts(self) -> Counts:
-        """Received samples by kind."""
         return self._resampler.counts
 
     @property
     def interval(self) -> float:
-        """Sample interval of the source so far [s]."""
         return self._resampler.interval
 
     @property
@@ -177,11 +172,9 @@ class CausalScorer:
 
     @property
     def manoeuvre(self) -> int:
-        """Number of the current manoeuvre; 0 for none."""
         return self._trim.manoeuvre if self._trim else 0
 
     def forecast_ahead(self) -> Ahead | None:
-        """Forecast of the rest of the card by the alarm authority."""
         return self._authority.forecast_ahead()
 
     def put_in_force(self, in_force: LimitsInForce) -> Ruling:

@@ -75,7 +75,6 @@ def join(*skins: Skin) -> Skin:
 
 
 def mirror(skin: Skin) -> Skin:
-    """The same on the left side."""
     vertices, faces = skin
     return vertices * (1.0, -1.0, 1.0), faces[:, ::-1]
 

@@ -93,11 +93,9 @@ class LiveSetup(NamedTuple):
 
     @property
     def dt(self) -> float:
-        """Interval of the monitor [s]."""
         return self.monitor.dt
 
     def scorer(self) -> CausalScorer:
-        """A new scorer."""
         display = [(shown.monitor, shown.epsilon) for shown in self.display]
         return CausalScorer(self.monitor, self.epsilon, self.delay, self.trim, display)
 
@@ -337,7 +335,6 @@ class LiveFlight(Flight):
     # --- the journal --------------------------------------------------------------------------
 
     def _arrival(self) -> float:
-        """Time since the flight began [s], which settles waiting samples."""
         return max(self.clock.now() - self._began, self._settled)
 
     def _record(self, line: dict[str, Any], arrived: float | None = None) -> asyncio.Future[None]:

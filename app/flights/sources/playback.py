@@ -164,31 +164,25 @@ class AssessedTrack(Script):
         self.is_checked = monitor.support is not None
 
     def y(self, k: int) -> Array:
-        """Sample k, (6,)."""
         return self._track.y[k]
 
     def attitude(self, k: int) -> Angles:
-        """Bank, pitch and heading at sample k [rad]."""
         phi, theta, psi = self._track.attitude[k].tolist()
         return phi, theta, psi
 
     def assessment(self, k: int) -> Assessment:
-        """What the batch says of sample k."""
         return self._assessments[k]
 
     def forecast_ahead(self, k: int) -> Ahead | None:
-        """Forecast of the rest of the card."""
         return self._followed.ahead(k)
 
     def _followed_sample(self, k: int) -> tuple[float, Array, int]:
         return float(self.t[k]), self._track.y[k], int(self._assessments.state[k])
 
     def display(self, k: int) -> tuple[Assessment, ...]:
-        """What each batch says of sample k."""
         return tuple(assessments[k] for assessments in self._display)
 
     def exceeding(self, limits: Array | None) -> Indices:
-        """Samples at which an exceedance begins, of the whole track at once."""
         if limits is None:
             return np.empty(0, np.int64)
         return onsets(exceeds(limits, self._track.y))

@@ -178,7 +178,6 @@ class RecordedScript(Script):
         return Assessment(t, float(sample["p_value"]), bool(sample["alert"]), state, y_hat=y_hat)
 
     def display(self, k: int) -> tuple[Assessment, ...]:
-        """What was said of sample k when each scored the recording."""
         return tuple(script.assessment(k) for script in self._display_scripts)
 
     def _integrated(self, k: int) -> Angles:

@@ -294,7 +294,6 @@ class FlownLive(Source):
     flight_id: str = Field(description="id of the live flight")
 
     def open(self, opening: Opening) -> tuple[Script, str]:
-        """Rescore its journal by what had been received at each moment."""
         setup = journal_setup(opening, self.flight_id)
         source = opening.store.flights.info(self.flight_id).source
         return ShownFlight(setup, self.flight_id), f"{source.get('name', 'live')}, as shown"

@@ -43,7 +43,6 @@ class Track:
 
     @property
     def duration(self) -> float:
-        """From the first sample to the last [s]."""
         return float(self.t[-1] - self.t[0])
 
 
