@@ -1,7 +1,7 @@
-"""How migrations reach the database: in the program's transaction, or by hand.
+"""Run migrations in the program's transaction, or from the command line.
 
-By hand, from the repository's root: `alembic -x url=forewarn.db upgrade head`; the database of the
-settings without `-x`.
+From the repository's root: `alembic -x url=forewarn.db upgrade head`. Without `-x`, this uses the
+database of the settings.
 """
 
 from alembic import context
@@ -14,16 +14,16 @@ from app.store.tables import metadata
 
 
 def migrate(connection: Connection) -> None:
-    """Run what was asked for, in the transaction that the connection is in."""
+    """Run the requested migrations in the connection's transaction."""
     context.configure(connection=connection, target_metadata=metadata, render_as_batch=True)
     with context.begin_transaction():
         context.run_migrations()
 
 
-given = context.config.attributes.get("connection")
-if given is not None:
-    migrate(given)
+current = context.config.attributes.get("connection")
+if current is not None:
+    migrate(current)
 else:
-    named = context.get_x_argument(as_dictionary=True).get("url")
-    with migrating(address(str(named or read_settings().url))) as opened:
-        migrate(opened)
+    url = context.get_x_argument(as_dictionary=True).get("url")
+    with migrating(address(str(url or read_settings().url))) as connection:
+        migrate(connection)

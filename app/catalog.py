@@ -1,6 +1,6 @@
 """The catalog: every family with its members, the JSON schema of their parameters, and defaults.
 
-The page draws its forms from it, and the OpenAPI document takes the recipes' schemas from it.
+The page's forms and the OpenAPI document's recipe schemas come from it.
 """
 
 import ast
@@ -76,7 +76,7 @@ SUFFIXES = {
 
 @cache
 def catalog() -> dict[str, Any]:
-    """Return the whole catalog as plain data."""
+    """The complete catalog as plain data."""
     known = FAMILIES | {LIMITS: Family(LIMITS, Limits, SPECIFICATIONS)}
     families = {
         name: {
@@ -116,24 +116,24 @@ def catalog() -> dict[str, Any]:
 
 
 def to_plain(recipe: Any) -> Any:
-    """A recipe as it is sent."""
+    """A recipe with the names of the API."""
     return limits_named(stored_plain(recipe))
 
 
 def _method_words(predictor: Any, score: Any) -> str:
-    """What the form calls a method of the sweep; its parts, where it has no name there."""
+    """The label of a sweep's method; the labels of its parts if it has none."""
     named = (labels.METHODS[kind] for kind, pair in METHODS.items() if pair == (predictor, score))
     parts = (to_plain(part)["kind"] for part in (predictor, score))
     return next(named, "") or ", ".join(map(kind_label, parts))
 
 
 def _as_flown(recipe: Any) -> dict[str, Any] | None:
-    """A dataset's recipe with what a real flight has besides its model."""
+    """A dataset's recipe with the imperfections of a real flight."""
     return to_plain(recipe.as_flown()) if isinstance(recipe, DatasetRecipe) else None
 
 
 def _usual(recipe: Any) -> dict[str, Any] | None:
-    """What an order means that says nothing, where that is not the default."""
+    """The recipe of an empty request, if it differs from the default."""
     usual: dict[type, Any] = {DatasetRecipe: USUAL_DATASET, MonitorRecipe: USUAL_MONITOR}
     return to_plain(usual[type(recipe)]) if type(recipe) in usual else None
 
@@ -151,7 +151,7 @@ def _entry(kind: str, member: Any) -> dict[str, Any]:
 
 
 def _usual_test(aircraft: Aircraft) -> dict[str, Any]:
-    """The test to begin with on an aircraft, as parts of a dataset's recipe."""
+    """The usual test of an aircraft, as parts of a dataset's recipe."""
     recipe = to_plain(DatasetRecipe.usual(aircraft))
     return {part: recipe[part] for part in ("control_law", "maneuver", LIMITS)}
 
@@ -182,7 +182,7 @@ def _telemetry() -> dict[str, Any]:
 
 
 def is_installed(extra: str) -> bool:
-    """Whether the packages of an extra of this program are there; those of "" always are."""
+    """Whether the packages of an extra of this program are installed; "" needs none."""
     names = re.compile(rf"([\w.-]+).*\bextra == ['\"]{extra}['\"]")
     try:
         for requirement in requires("forewarn") or () if extra else ():
@@ -194,11 +194,11 @@ def is_installed(extra: str) -> bool:
 
 
 def schema_of(member: Any) -> dict[str, Any]:
-    """JSON schema of a recipe's or a family member's parameters, `member` giving the defaults.
+    """JSON schema of the parameters of a recipe or a family member; `member` has the defaults.
 
-    Every property has title (in the field's words), description, `x-unit` and default; no `$ref`. A
-    property that is of a family has `x-family` and takes a `kind` with that kind's parameters; one
-    with an `enum` has `x-labels`, what people call each of its values.
+    Every property has a title, a description, `x-unit` and a default; there is no `$ref`. A family
+    property has `x-family` and takes a `kind` with its parameters; an `enum` has the labels of its
+    values in `x-labels`.
     """
     kind, properties = type(member), {}
     known = _definitions()[kind.__name__].get("properties", {})
@@ -226,7 +226,7 @@ def schema_of(member: Any) -> dict[str, Any]:
 
 @cache
 def _definitions() -> dict[str, Any]:
-    """JSON schema of every class that recipes are made of, and of their bases, all at once."""
+    """JSON schema of every class in recipes, and of their bases."""
     members = [m for family in FAMILIES.values() for m in family.members.values()]
     classes = [c for m in (*members, *RECIPES.values()) for c in type(m).__mro__ if is_dataclass(c)]
     every: Any = GenericAlias(tuple, tuple(dict.fromkeys(classes)))
@@ -261,18 +261,18 @@ def _docstrings(module: str) -> dict[str, dict[str, str]]:
 
 
 def title_of(name: str, description: str) -> str:
-    """What a form calls a parameter: its description up to the first colon, semicolon or point.
+    """The label of a parameter: its description up to the first colon, semicolon or point.
 
-    A part of a family has that family's label.
+    A family's parameter has the family's label.
     """
     head = re.split(r"[:;.](?:\s|$)", description, maxsplit=1)[0]
     return labels.FAMILIES.get(name) or UNIT.sub("", head).strip() or name
 
 
 def unit_of(name: str, description: str) -> str:
-    """Unit of a parameter: what its name ends in, its description has in brackets, its channel's.
+    """Unit of a parameter by its name's ending, the brackets in its description, or its channel.
 
-    Empty for a count or a word.
+    Empty without a unit.
     """
     for suffix, unit in SUFFIXES.items():
         if name.endswith(suffix):
@@ -283,12 +283,12 @@ def unit_of(name: str, description: str) -> str:
 
 
 def first_line(kind: type) -> str:
-    """What a class is, in its docstring's first paragraph."""
+    """First paragraph of a class's docstring, on one line."""
     return " ".join(cleandoc(kind.__doc__ or "").partition("\n\n")[0].split())
 
 
 def _bounds(kind: type, name: str) -> dict[str, float]:
-    """What a parameter may be, as its recipe checks it."""
+    """The bounds that a recipe checks for a parameter."""
     bounds = bounds_of(kind).get(name)
     return {} if bounds is None else bounds.as_schema
 
@@ -308,21 +308,21 @@ def _property(schema: dict[str, Any], value: Any) -> dict[str, Any]:
 
 
 def dataset_request_schema() -> dict[str, Any]:
-    """JSON schema of the body that asks for a dataset."""
+    """JSON schema of the request body for a dataset."""
     schema = _ordered(USUAL_DATASET)
     schema["properties"] |= {"name": _NAME}
     return schema | {"title": "Dataset to simulate"}
 
 
 def amplitude_request_schema() -> dict[str, Any]:
-    """JSON schema of the body that asks for an amplitude."""
+    """JSON schema of the request body for an amplitude."""
     schema = dataset_request_schema()
     schema["properties"] |= {"share": _SHARE}
-    return schema | {"title": "Test whose amplitude is wanted"}
+    return schema | {"title": "Test to find an amplitude for"}
 
 
 def monitor_request_schema() -> dict[str, Any]:
-    """JSON schema of the body that asks for a monitor."""
+    """JSON schema of the request body for a monitor."""
     schema = schema_of(USUAL_MONITOR)
     schema["properties"] |= {"name": _NAME, "dataset": _dataset_choice(USUAL_DATASET)}
     schema["properties"] |= {"n_test": _n_test(N_TEST)}
@@ -330,7 +330,7 @@ def monitor_request_schema() -> dict[str, Any]:
 
 
 def combination_request_schema() -> dict[str, Any]:
-    """JSON schema of the body that asks for a combination of monitors."""
+    """JSON schema of the request body for a combination of monitors."""
     schema = schema_of(RECIPES["combination"])
     members = {"type": "array", "items": {"type": "string"}, "uniqueItems": True}
     members |= {"minItems": 2, "maxItems": MOST_MEMBERS}
@@ -340,7 +340,7 @@ def combination_request_schema() -> dict[str, Any]:
 
 
 def study_request_schema() -> dict[str, Any]:
-    """JSON schema of the body that asks for the paper's study."""
+    """JSON schema of the request body for the paper's study."""
     schema = schema_of(RECIPES["study"])
     schema["properties"] |= {"dataset": _dataset_choice(DatasetRecipe())}
     schema["properties"]["n_test"] |= {"minimum": 1, "maximum": LARGEST_N_TEST}
@@ -349,14 +349,14 @@ def study_request_schema() -> dict[str, Any]:
 
 
 def sweep_request_schema() -> dict[str, Any]:
-    """JSON schema of the body that asks for a sweep over leads."""
+    """JSON schema of the request body for a sweep over leads."""
     schema = schema_of(RECIPES["sweep"])
     schema["properties"] |= {"dataset": _dataset_choice(USUAL_DATASET)}
     return schema | {"title": "Leads to try"}
 
 
 def campaign_request_schema() -> dict[str, Any]:
-    """JSON schema of the body that asks for a campaign."""
+    """JSON schema of the request body for a campaign."""
     return {
         "title": "Campaign to plan",
         "type": "object",
@@ -381,43 +381,43 @@ def condition_request_schema() -> dict[str, Any]:
         "type": "object",
         "additionalProperties": False,
         "properties": {
-            "name": {"type": "string", "maxLength": 200, "description": "of the flight condition"},
+            "name": {"type": "string", "maxLength": 200, "description": "name of the condition"},
             "dataset": {"type": "object", "description": "recipe of its last point"},
             "steps": {
                 "type": "array",
                 "items": {"type": "number", "exclusiveMinimum": 0},
-                "description": "shares of the planned amplitude, growing",
+                "description": "shares of the planned amplitude, increasing",
             },
             "passes_below": {
                 "type": "number",
                 "exclusiveMinimum": 0,
                 "maximum": 1,
-                "description": "part of a limit that every point must stay below",
+                "description": "share of the limit that every point must stay below",
             },
             "criteria": {
                 "type": "string",
                 "maxLength": LONGEST_CRITERIA,
-                "description": "what else every point must show, judged by a person",
+                "description": "other pass criteria of every point, judged by a person",
             },
         },
     }
 
 
 def choice_request_schema() -> dict[str, Any]:
-    """JSON schema of the body that asks for an epsilon."""
+    """JSON schema of the request body for an epsilon."""
     return schema_of(RECIPES["epsilon"]) | {"title": "Epsilon to choose"}
 
 
 _NAME = {
     "title": "name",
-    "description": "what people call it; made from the recipe if absent",
+    "description": "name for people; made from the recipe if absent",
     "anyOf": [{"type": "string", "minLength": 1, "maxLength": 200}, {"type": "null"}],
 }
 
 
 _SHARE = {
     "title": "wanted share",
-    "description": "share of the rollouts that is to exceed a limit",
+    "description": "wanted share of rollouts that exceed a limit",
     "type": "number",
     "exclusiveMinimum": 0,
     "exclusiveMaximum": 1,
@@ -426,7 +426,7 @@ _SHARE = {
 
 
 def _ordered(recipe: DatasetRecipe) -> dict[str, Any]:
-    """JSON schema of a dataset's recipe in a request; `recipe` gives what is left unsaid."""
+    """JSON schema of a dataset's recipe in a request; `recipe` has the defaults."""
     schema = schema_of(recipe)
     whole = schema["properties"]["imperfections"]
     words = {"enum": list(get_args(Imperfect)), "description": _IMPERFECT}
@@ -436,8 +436,8 @@ def _ordered(recipe: DatasetRecipe) -> dict[str, Any]:
 
 
 _IMPERFECT = (
-    "`usual`: noise, jitter and imperfections as usual in flight, but for those that are said; "
-    "`none`: none but those"
+    "`usual`: noise, jitter and imperfections as usual in flight, except those given; `none`: only "
+    "those given"
 )
 
 

@@ -1,4 +1,4 @@
-"""The web application: `create_app(settings)`; nothing opens before its lifespan begins."""
+"""The web application: `create_app(settings)`; its lifespan opens everything."""
 
 import asyncio
 from collections.abc import AsyncIterator, Iterator
@@ -70,8 +70,8 @@ from app.upkeep.restore import finish
 from app.upkeep.retention import retain_daily, retention_rule
 from core import __version__
 
-GOING_ON_S = 5.0
-"""[s] That the server waits for live flights to go on before it answers; long ones take longer."""
+RESUME_TIMEOUT_S = 5.0
+"""[s] The server answers after this, though a long live flight may not have resumed yet."""
 HERE = Path(__file__).parent
 STATIC = next(path for path in (HERE / "static", HERE.parent / "static") if path.is_dir())
 """The page: inside the installed package, or at the repository's root."""
@@ -80,7 +80,7 @@ COMPRESSION: dict[str, Any] = {
     "compresslevel": 5,
     "thread_minimum_size": 32_768,
 }
-"""Of answers: larger pieces are compressed in a thread, so that no sample waits for it."""
+"""Compression of answers, of large ones in a thread so that no sample waits."""
 DESCRIPTION = """Trains, flies and replays safety monitors for flight test.
 
 A monitor turns each telemetry sample into a risk p-value and alerts where it exceeds `epsilon`: on
@@ -92,7 +92,7 @@ and the `Location` of a job."""
 
 
 class Application(FastAPI):
-    """The FastAPI application with the guard outside everything, error pages included."""
+    """FastAPI with the guard as outermost layer, outside the error pages too."""
 
     settings: Settings
     metrics: Metrics
@@ -101,7 +101,6 @@ class Application(FastAPI):
     audit: Audit
 
     def build_middleware_stack(self) -> Any:
-        """FastAPI's layers, then what counts, then what lets in."""
         limited = BodyLimit(
             GZipMiddleware(Idempotent(super().build_middleware_stack()), **COMPRESSION),
             self.settings.max_body_bytes,
@@ -111,7 +110,6 @@ class Application(FastAPI):
         return Guard(measured, self.settings, self.people, self.sessions, self.audit)
 
     def openapi(self) -> dict[str, Any]:
-        """The OpenAPI document, with the problem schema that the routes refer to."""
         if self.openapi_schema is None:
             document = super().openapi()
             describe_problems(document)
@@ -124,7 +122,7 @@ class Application(FastAPI):
 
 
 def create_app(settings: Settings | None = None) -> FastAPI:
-    """Return the application; what it keeps and what is under way opens with its lifespan."""
+    """The application; store, jobs and flights open with its lifespan."""
     settings = settings or Settings()
     app = Application(
         title="Forewarn",
@@ -154,28 +152,28 @@ def create_app(settings: Settings | None = None) -> FastAPI:
 
 
 def _routes() -> Iterator[BaseRoute]:
-    """Routes of the API, built as their modules are imported: before any request, and once.
+    """Routes of the API, built once, when their modules are imported.
 
-    Those of a router that is included FastAPI would build again, at the first request, when other
-    threads are at work. It hides pydantic's warnings meanwhile, and that holds for all threads.
+    FastAPI would build the routes of an included router again at the first request, while other
+    threads run. During this it hides pydantic's warnings, in all threads.
     """
-    kept = (datasets, monitors, limit_sets, recordings, scorings, scored_files, markers, storage)
-    flown = (flights, flight_stream, live_samples, live_scores, uplink)
-    for part in (catalog, *kept, jobs, campaigns, *flown, demonstration, people, audit, health):
-        yield from part.router.routes
+    stored = (datasets, monitors, limit_sets, recordings, scorings, scored_files, markers, storage)
+    live = (flights, flight_stream, live_samples, live_scores, uplink)
+    for module in (catalog, *stored, jobs, campaigns, *live, demonstration, people, audit, health):
+        yield from module.router.routes
     yield from scene_router().routes
     yield from guide_router(STATIC / "guide").routes
 
 
-async def _go_on(aloft: Flights) -> None:
-    """Go on with the live flights that a killed server flew; others become recordings."""
-    await aloft.resume_all()
-    await aloft.make_recordings()
+async def _resume(live_flights: Flights) -> None:
+    """Resume the live flights of a killed server; ended flights become recordings."""
+    await live_flights.resume_all()
+    await live_flights.make_recordings()
 
 
 @asynccontextmanager
 async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
-    """The parts while the server runs. A failed start is kept: uvicorn would only log it."""
+    """The parts while the server runs. A failed start is stored: uvicorn would only log it."""
     async with AsyncExitStack() as stack:
         try:
             await stack.enter_async_context(_parts(app))
@@ -187,7 +185,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
 
 @asynccontextmanager
 async def _parts(app: FastAPI) -> AsyncIterator[None]:
-    """Open the parts of the application; close them in the opposite order."""
+    """Open the parts of the application; close them in reverse order."""
     settings, metrics = app.state.settings, app.state.metrics
     async with AsyncExitStack() as parts:
         await asyncio.to_thread(settings.data_dir.mkdir, parents=True, exist_ok=True)
@@ -198,16 +196,18 @@ async def _parts(app: FastAPI) -> AsyncIterator[None]:
         await parts.enter_async_context(app.state.people.open(store))
         await parts.enter_async_context(app.state.audit.open(store))
         store_health = app.state.store_health = StoreHealth(store)
-        kept = app.state.recordings = Recordings(store, settings.data_dir / "recordings")
-        await parts.enter_async_context(kept)
-        app.state.scored = ScoredRecordings(kept)
+        stored_recordings = app.state.recordings = Recordings(
+            store, settings.data_dir / "recordings"
+        )
+        await parts.enter_async_context(stored_recordings)
+        app.state.scored = ScoredRecordings(stored_recordings)
         work = app.state.jobs = Jobs(store, settings.max_jobs, settings.max_queued_jobs)
         parts.push_async_callback(asyncio.to_thread, work.close)
         scenes = app.state.scenes = Scenes(settings.max_flights)
         await parts.enter_async_context(scenes.lifespan())
         journals = app.state.journals = Journals(settings.data_dir / "live")
         parts.push_async_callback(asyncio.to_thread, journals.close)
-        aloft = app.state.flights = Flights(
+        live_flights = app.state.flights = Flights(
             store,
             scenes,
             settings.max_flights,
@@ -217,35 +217,41 @@ async def _parts(app: FastAPI) -> AsyncIterator[None]:
             host=settings.host,
         )
         app.state.frame_ticks = FrameTicks(MonotonicClock())
-        await parts.enter_async_context(aloft)
-        going_on = asyncio.create_task(_go_on(aloft))
-        parts.callback(going_on.cancel)
-        await asyncio.wait([going_on], timeout=GOING_ON_S)
-        checking_store = asyncio.create_task(store_health.repeat(lambda: bool(aloft.under_way())))
+        await parts.enter_async_context(live_flights)
+        resuming = asyncio.create_task(_resume(live_flights))
+        parts.callback(resuming.cancel)
+        await asyncio.wait([resuming], timeout=RESUME_TIMEOUT_S)
+        checking_store = asyncio.create_task(
+            store_health.repeat(lambda: bool(live_flights.under_way()))
+        )
         parts.callback(checking_store.cancel)
         if rule := retention_rule(settings.retain_days, settings.retain_gb):
-            parts.callback(asyncio.create_task(retain_daily(kept, journals, rule)).cancel)
-        integrity = app.state.integrity = Integrity(store, kept.files)
+            parts.callback(
+                asyncio.create_task(retain_daily(stored_recordings, journals, rule)).cancel
+            )
+        integrity = app.state.integrity = Integrity(store, stored_recordings.files)
         await asyncio.to_thread(integrity.look)
         integrity.start()
         parts.push_async_callback(asyncio.to_thread, integrity.stop)
-        metrics.gauge("damaged", "stored things found damaged", lambda: integrity.n_damaged)
-        metrics.gauge("flights", "flights under way", lambda: len(aloft.under_way()))
-        metrics.gauge("samples_unwritten", "samples that wait", lambda: aloft.unwritten)
-        metrics.gauge("samples_lost", "samples that were not recorded", lambda: aloft.lost)
-        metrics.gauge("uploads", "recordings on their way in", lambda: kept.under_way)
-        scoring = kept.workers
+        metrics.gauge("damaged", "damaged stored items", lambda: integrity.n_damaged)
+        metrics.gauge("flights", "flights in progress", lambda: len(live_flights.under_way()))
+        metrics.gauge(
+            "samples_unwritten", "samples not yet written", lambda: live_flights.unwritten
+        )
+        metrics.gauge("samples_lost", "samples not recorded", lambda: live_flights.lost)
+        metrics.gauge("uploads", "uploads in progress", lambda: stored_recordings.under_way)
+        scoring = stored_recordings.workers
         metrics.gauge("scorings", "recordings being scored", lambda: scoring.n_under_way)
-        metrics.gauge("jobs_running", "jobs that a worker is at", lambda: work.n_running)
-        metrics.gauge("jobs_waiting", "jobs that wait for a worker", lambda: work.n_waiting)
-        demonstrated = app.state.demonstration = Demonstration(app)
-        parts.callback(demonstrated.stop)
+        metrics.gauge("jobs_running", "running jobs", lambda: work.n_running)
+        metrics.gauge("jobs_waiting", "waiting jobs", lambda: work.n_waiting)
+        demonstrator = app.state.demonstration = Demonstration(app)
+        parts.callback(demonstrator.stop)
         await asyncio.to_thread(store.forget_copies)
         yield
 
 
 def _serve_docs(app: FastAPI) -> None:
-    """Interactive documentation from files of an installed package: nothing comes from outside."""
+    """Interactive documentation from an installed package, without the internet."""
     package = find_spec("fastapi_offline")
     assert package is not None
     assert package.origin is not None

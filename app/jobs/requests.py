@@ -1,4 +1,4 @@
-"""What a request for long work says: checked at once, so that only what can be met is queued."""
+"""Requests for long work, checked in full before they are queued."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -40,7 +40,7 @@ from core.simulation.maneuver import Maneuver
 LONGEST_NAME = 200
 LARGEST_N_MONITORS = 100
 N_TEST = 2000
-"""Fresh flights that a monitor is evaluated on unless another number is asked for."""
+"""Fresh flights of a monitor's evaluation, by default."""
 LARGEST_N_TEST = 100_000
 MOST_MEMBERS, MOST_LEADS = 16, 20
 N_CHANNELS_BYTES = 6 * 8
@@ -48,19 +48,19 @@ N_CHANNELS_BYTES = 6 * 8
 
 @dataclass(frozen=True)
 class RequestedDataset:
-    """A stored dataset by id, or the recipe of one to simulate; one of them."""
+    """Either the id of a stored dataset, or a recipe to simulate."""
 
     id: str | None
     recipe: DatasetRecipe | None
 
     def load(self, store: Store) -> Dataset | None:
-        """The stored dataset; None where it is yet to be simulated."""
+        """The stored dataset; None if it is to be simulated."""
         return None if self.id is None else store.datasets.get(self.id)
 
 
 @dataclass(frozen=True)
 class DatasetRequest:
-    """A dataset to simulate and what to call it."""
+    """A dataset to simulate, with its name."""
 
     name: str
     recipe: DatasetRecipe
@@ -68,7 +68,7 @@ class DatasetRequest:
 
 @dataclass(frozen=True)
 class MonitorRequest:
-    """A monitor to train, on what, and the fresh flights of its evaluation."""
+    """A monitor to train, its dataset, and the number of fresh test flights."""
 
     name: str
     dataset: RequestedDataset
@@ -78,22 +78,21 @@ class MonitorRequest:
 
 @dataclass(frozen=True)
 class CombinationRecipe:
-    """How to make one monitor of several of one planned test."""
+    """How to combine several monitors of one planned test."""
 
     lead: Annotated[float, Bounds(above=0, words="the lead must be positive")] = 0.5
-    """warning lead time [s]: an alert of any member counts up to then; that of a member."""
+    """warning lead time [s]: equal to that of a member; an alert of any member in time counts."""
     n_unsafe: Annotated[int, Bounds(least=2, below=LARGEST_N_TEST + 1)] = USUAL_DATASET.n_unsafe
-    """fresh failures: failing flights that the common rule is calibrated on."""
+    """fresh failures: failing flights that calibrate the common rule."""
     epsilon: Annotated[float, MISS_RATE] = USUAL_MONITOR.epsilon
-    """accepted miss rate epsilon: share of failing flights on which silence is accepted."""
+    """accepted miss rate epsilon: accepted share of missed failures."""
     guarantee: Guarantee = USUAL_MONITOR.guarantee
-    """promise on the miss rate: on `average` over many combinations made alike, or of this very one
-    with `95%` confidence, exactly so, as these flights chose nothing."""
+    """promise on the miss rate: on `average` over many such combinations, or for this one with
+    `95%` confidence, which is exact because these flights chose nothing else."""
     n_test: Annotated[int, Bounds(least=0, below=LARGEST_N_TEST + 1)] = N_TEST
     """fresh test flights."""
 
     def __post_init__(self) -> None:
-        """Refuse what no members could make right."""
         check_bounds(self)
         if self.guarantee not in get_args(Guarantee):
             known = " or ".join(get_args(Guarantee))
@@ -103,7 +102,7 @@ class CombinationRecipe:
 
 @dataclass(frozen=True)
 class CombinationRequest:
-    """A combination to make, of which stored monitors, and what to call it."""
+    """A combination of stored monitors, with its name."""
 
     name: str
     monitors: tuple[str, ...]
@@ -112,7 +111,7 @@ class CombinationRequest:
 
 @dataclass(frozen=True)
 class SweepRequest:
-    """A sweep over leads, and the planned tests by name: its own, or that of a dataset."""
+    """A sweep over leads, with the planned tests by name."""
 
     recipe: SweepRecipe
     tests: dict[str, DatasetRecipe]
@@ -120,16 +119,16 @@ class SweepRequest:
 
 @dataclass(frozen=True)
 class ChoiceRequest:
-    """A monitor, and what its epsilon is chosen by."""
+    """A monitor, and the recipe to choose its epsilon."""
 
     monitor: Monitor
     recipe: ChoiceRecipe
 
 
 def dataset_request(plain: Any, max_bytes: int) -> DatasetRequest:
-    """Read the body that asks for a dataset; RecipeError says what would be right."""
+    """Read the body of a request for a dataset. RecipeError."""
     if not isinstance(plain, dict):
-        raise RecipeError(f"dataset is {quoted(plain)}: give an object, its recipe")
+        raise RecipeError(f"dataset is {quoted(plain)}: give its recipe, an object")
     plain = dict(plain)
     name = _name(plain)
     recipe = _dataset_recipe(plain, max_bytes)
@@ -137,9 +136,9 @@ def dataset_request(plain: Any, max_bytes: int) -> DatasetRequest:
 
 
 def amplitude_suggestion(plain: dict[str, Any], max_bytes: int) -> tuple[Suggestion, Maneuver]:
-    """Read a dataset's recipe with the `share` that is to fail; the suggestion, and it flown.
+    """The suggested amplitude for a dataset's recipe and the wanted `share` of failing flights.
 
-    RecipeError says what would be right, also where no amplitude is.
+    Also returns the manoeuvre at this amplitude.   RecipeError, also if no amplitude gives it.
     """
     plain = dict(plain)
     share = plain.pop("share", WANTED_SHARE)
@@ -155,7 +154,7 @@ def amplitude_suggestion(plain: dict[str, Any], max_bytes: int) -> tuple[Suggest
 
 
 def monitor_request(plain: dict[str, Any], store: Store, max_bytes: int) -> MonitorRequest:
-    """Read the body that asks for a monitor; RecipeError says what would be right."""
+    """Read the body of a request for a monitor. RecipeError."""
     plain = dict(plain)
     name = _name(plain)
     requested = _requested_dataset(plain, store, max_bytes)
@@ -186,47 +185,47 @@ def monitor_request(plain: dict[str, Any], store: Store, max_bytes: int) -> Moni
 
 
 def combination_request(plain: dict[str, Any], store: Store, max_bytes: int) -> CombinationRequest:
-    """Read the body that asks for a combination; RecipeError says what would be right."""
+    """Read the body of a request for a combination. RecipeError."""
     plain = dict(plain)
-    name, given = _name(plain), plain.pop("monitors", None)
+    name, ids = _name(plain), plain.pop("monitors", None)
     if not (
-        isinstance(given, list)
-        and all(isinstance(one, str) for one in given)
-        and 2 <= len(set(given)) == len(given) <= MOST_MEMBERS
+        isinstance(ids, list)
+        and all(isinstance(monitor_id, str) for monitor_id in ids)
+        and 2 <= len(set(ids)) == len(ids) <= MOST_MEMBERS
     ):
         raise RecipeError(
-            f"monitors is {quoted(given)}: give the ids of 2 to {MOST_MEMBERS} stored monitors of "
+            f"monitors is {quoted(ids)}: give the ids of 2 to {MOST_MEMBERS} stored monitors of "
             "one planned test, each once"
         )
     recipe = _recipe(CombinationRecipe(), plain, "combination")
     try:
-        _, dataset = planned_test([store.monitors.get(one) for one in given], recipe.lead)
+        _, dataset = planned_test([store.monitors.get(each) for each in ids], recipe.lead)
     except RecipeError:
         raise
     except ValueError as error:
         raise RecipeError(str(error)) from None
     _check_test_size(dataset, max(recipe.n_test, recipe.n_unsafe), max_bytes)
-    name = name or f"{len(given)} monitors as one, {recipe.lead:g} s ahead"
-    return CombinationRequest(name, tuple(given), recipe)
+    name = name or f"{len(ids)} monitors as one, {recipe.lead:g} s ahead"
+    return CombinationRequest(name, tuple(ids), recipe)
 
 
 def planned_test(members: Sequence[Monitor], lead: float) -> tuple[Monitor, DatasetRecipe]:
-    """The member of this lead [s], and the planned test of all, to fly afresh.
+    """The member with this lead [s], and the planned test of all members.
 
-    ValueError where they make no combination, or were not trained on simulated flights.
+    ValueError if they do not fit together or were not trained on simulated flights.
     """
-    own = check_members(members, lead)
-    recipe = simulated_test(own.dataset_recipe)
+    member = check_members(members, lead)
+    recipe = simulated_test(member.dataset_recipe)
     if recipe is None:
         raise ValueError(
-            "the members have no recipe to fly fresh failures of: combine them in Python, "
+            "the members have no recipe to simulate fresh failures: combine them in Python, "
             "core.monitor.combine(members, flights, lead=...), on failing flights of your own"
         )
-    return own, recipe
+    return member, recipe
 
 
 def _check_card(requested: RequestedDataset, store: Store) -> None:
-    """RecipeError where the planned manoeuvre has no test card."""
+    """RecipeError if the planned manoeuvre has no test card."""
     recipe = requested.recipe or recipe_of(store.datasets.get(requested.id or ""))
     if recipe is None:
         raise RecipeError(
@@ -240,7 +239,7 @@ def _check_card(requested: RequestedDataset, store: Store) -> None:
 
 
 def study_request(plain: dict[str, Any], store: Store, max_bytes: int) -> StudyRecipe:
-    """Read the body that asks for the study; a stored dataset lends its recipe."""
+    """Read the body of a request for the study; a stored dataset gives its recipe."""
     plain = dict(plain)
     requested = _requested_dataset(plain, store, max_bytes, unsaid="none")
     dataset = requested.recipe or _recipe_of_stored(requested, store)
@@ -256,15 +255,12 @@ def study_request(plain: dict[str, Any], store: Store, max_bytes: int) -> StudyR
 
 
 def sweep_request(plain: dict[str, Any], store: Store, max_bytes: int) -> SweepRequest:
-    """Read the body that asks for a sweep; a `dataset` lends its planned test in place of `tests`.
-
-    RecipeError says what would be right.
-    """
+    """Read the body of a request for a sweep; a `dataset` replaces `tests`. RecipeError."""
     plain = dict(plain)
     requested = _requested_dataset(plain, store, max_bytes) if "dataset" in plain else None
     if requested and not {"tests", "imperfections"}.isdisjoint(plain):
         raise RecipeError(
-            "dataset was given with tests or imperfections: its recipe says both, leave them out"
+            "dataset was given with tests or imperfections: its recipe has both; leave them out"
         )
     recipe: SweepRecipe = _recipe(SweepRecipe(), plain, "sweep")
     numbers = {
@@ -275,7 +271,7 @@ def sweep_request(plain: dict[str, Any], store: Store, max_bytes: int) -> SweepR
     }
     for name, (value, most) in numbers.items():
         if value > most:
-            raise RecipeError(f"sweep.{name} asks for {value}: this server makes {most} at most")
+            raise RecipeError(f"sweep.{name} is {value}: this server allows at most {most}")
     if requested is None:
         tests = planned_tests(recipe.tests, recipe.imperfections)
     else:
@@ -283,8 +279,8 @@ def sweep_request(plain: dict[str, Any], store: Store, max_bytes: int) -> SweepR
         tests = {dataset_name(dataset): dataset}
         if recipe.ceiling and not dataset.imperfections.are_none:
             raise RecipeError(
-                "sweep.ceiling: it is known without imperfections only, leave it out, or give a "
-                "dataset whose recipe has none"
+                "sweep.ceiling works only without imperfections: leave it out, or give a dataset "
+                "whose recipe has none"
             )
     for test in tests.values():
         _check_test_size(test, max(recipe.n_test, recipe.n_unsafe), max_bytes)
@@ -296,7 +292,7 @@ def sweep_request(plain: dict[str, Any], store: Store, max_bytes: int) -> SweepR
 
 
 def _recipe_of_stored(requested: RequestedDataset, store: Store) -> DatasetRecipe:
-    """The recipe of a stored dataset; RecipeError where it was not simulated."""
+    """The recipe of a stored dataset. RecipeError if it was not simulated."""
     stored = requested.load(store)
     assert stored
     if (recipe := recipe_of(stored)) is None:
@@ -305,7 +301,7 @@ def _recipe_of_stored(requested: RequestedDataset, store: Store) -> DatasetRecip
 
 
 def choice_request(plain: dict[str, Any], store: Store, monitor_id: str) -> ChoiceRequest:
-    """Read the body that asks for an epsilon of a stored monitor; RecipeError."""
+    """Read the body of a request to choose a stored monitor's epsilon. RecipeError."""
     monitor = store.monitors.get(monitor_id)
     known = [field.name for field in fields(ChoiceRecipe)]
     if unknown := [key for key in plain if key not in known]:
@@ -325,12 +321,11 @@ def choice_request(plain: dict[str, Any], store: Store, monitor_id: str) -> Choi
 
 
 def _is_number_or_none(value: Any) -> bool:
-    """Whether it is a number or nothing, as JSON says them."""
     return value is None or (isinstance(value, int | float) and not isinstance(value, bool))
 
 
 def check_size(recipe: DatasetRecipe, max_bytes: int) -> None:
-    """Refuse a recipe whose arrays could fill this machine's memory."""
+    """RecipeError if the recipe's arrays may need more memory than the server allows."""
     samples = recipe.maneuver.duration_s / recipe.dt + 1
     kept = (min(recipe.max_safe, recipe.max_rollouts) + recipe.n_unsafe) * samples
     run_up = recipe.imperfections.run_up(recipe.dt)
@@ -362,7 +357,7 @@ def _dataset_recipe(plain: Any, max_bytes: int, unsaid: Imperfect = "usual") -> 
 
 
 def _recipe(default: Any, plain: Any, where: str) -> Any:
-    """`from_plain`, with numbers too large to count with said as a RecipeError too."""
+    """`from_plain`, with an OverflowError as a RecipeError."""
     try:
         return from_plain(default, plain, where)
     except OverflowError as error:
@@ -379,7 +374,7 @@ def _requested_dataset(
     if isinstance(given, dict):
         return RequestedDataset(None, _dataset_recipe(given, max_bytes, unsaid))
     raise RecipeError(
-        f"dataset is {given!r}: give the id of a stored dataset, or an object, its recipe"
+        f"dataset is {given!r}: give the id of a stored dataset, or its recipe, an object"
     )
 
 
@@ -411,7 +406,7 @@ def _check_test_size(recipe: DatasetRecipe, n_test: int, max_bytes: int) -> None
 
 
 def dataset_name(recipe: DatasetRecipe) -> str:
-    """What a dataset is called unless its request says."""
+    """The default name of a dataset."""
     plain = to_plain(recipe)
     kinds = (kind_label(plain[part]["kind"]) for part in ("aircraft", "maneuver"))
     return f"{', '.join(kinds)}, seed {recipe.seed}"

@@ -73,7 +73,7 @@ def test_a_sweep_of_a_dataset_is_of_its_planned_test(client):
         ({"tests": ["Concorde"]}, "planned test 'Concorde' was given: choose F-16"),
         ({"leads_s": []}, "give at least one time above 0 s"),
         ({"leads_s": [9.0]}, "choose shorter leads"),
-        ({"n_monitors": 1000}, "n_monitors asks for 1000: this server makes 100 at most"),
+        ({"n_monitors": 1000}, "n_monitors is 1000: this server allows at most 100"),
         ({"speed": 1}, "sweep has no 'speed'"),
         ({"n_test": "many"}, "sweep.n_test is 'many': give a number"),
         ({"dataset": {}, "tests": ["F-16"]}, "leave them out"),
