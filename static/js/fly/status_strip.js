@@ -75,7 +75,7 @@ export function createStatusStrip(element) {
     show("test", warningWords({ warnings }), "caution");
     if (result) show("state", result.words, result.level);
     else if (headline === null) show("state", "–", "off");
-    else show("state", textOf(headline, cause), LEVEL_OF[headline.level]);
+    else show("state", textOf(briefly(headline), cause), LEVEL_OF[headline.level]);
     items.state.box.toggleAttribute("data-long", items.state.value.textContent.length > LONG);
     show("link", ...linkOf(live, link));
     show("utc", figures.utc === null ? "–" : figures.utc.toISOString().slice(11, 19));
@@ -107,4 +107,9 @@ function linkOf(live, link) {
   if (link === "silent") return [`${CAUTION}NO HEARTBEAT`, "caution"];
   if (link === "lost") return [`${CAUTION}LOST`, "caution"];
   return ["connecting", "caution"];
+}
+
+/** The strip keeps two lines: how early the warning came replaces when the limit was exceeded. */
+function briefly(headline) {
+  return headline.verdict?.warning ? { ...headline, exceeded_t: null } : headline;
 }
