@@ -77,7 +77,7 @@ def test_a_sweep_of_a_dataset_is_of_its_planned_test(client):
         ({"speed": 1}, "sweep has no 'speed'"),
         ({"n_test": "many"}, "sweep.n_test is 'many': give a number"),
         ({"dataset": {}, "tests": ["F-16"]}, "leave them out"),
-        ({"dataset": {}, "ceiling": True}, "without imperfections only"),
+        ({"dataset": {}, "ceiling": True}, "works only without imperfections"),
         ({"dataset": 5}, "give the id of a stored dataset"),
     ],
 )
