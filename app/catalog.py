@@ -1,4 +1,4 @@
-"""The catalog: every family with its members, the JSON schema of their parameters, and defaults.
+"""The catalog: all families with their members, JSON schemas of parameters, and defaults.
 
 The page's forms and the OpenAPI document's recipe schemas come from it.
 """
@@ -186,8 +186,8 @@ def is_installed(extra: str) -> bool:
     names = re.compile(rf"([\w.-]+).*\bextra == ['\"]{extra}['\"]")
     try:
         for requirement in requires("forewarn") or () if extra else ():
-            if found := names.match(requirement):
-                version(found[1])
+            if match := names.match(requirement):
+                version(match[1])
     except PackageNotFoundError:
         return False
     return True
@@ -234,7 +234,7 @@ def _definitions() -> dict[str, Any]:
 
 
 def descriptions(kind: type) -> dict[str, str]:
-    """Attribute docstring of each parameter, inherited ones too; a channel's is its name."""
+    """Attribute docstring of each parameter, inherited ones too; of a channel its label."""
     described = {channel.key: f"{channel.label} {channel.symbol}" for channel in CHANNELS}
     for base in reversed(kind.__mro__):
         if is_dataclass(base):
@@ -244,7 +244,7 @@ def descriptions(kind: type) -> dict[str, str]:
 
 @cache
 def _docstrings(module: str) -> dict[str, dict[str, str]]:
-    """Attribute docstrings of a module's classes; pydantic reads all source for each class anew."""
+    """Attribute docstrings of a module's classes. Pydantic would read the source per class."""
     tree = ast.parse(getsource(import_module(module)))
     return {
         each.name: {
@@ -277,8 +277,8 @@ def unit_of(name: str, description: str) -> str:
     for suffix, unit in SUFFIXES.items():
         if name.endswith(suffix):
             return unit
-    if written := UNIT.search(description):
-        return written[1]
+    if match := UNIT.search(description):
+        return match[1]
     return next((channel.unit for channel in CHANNELS if channel.key == name), "")
 
 
@@ -452,7 +452,7 @@ def _dataset_choice(recipe: DatasetRecipe) -> dict[str, Any]:
 def _n_test(default: int) -> dict[str, Any]:
     return {
         "title": "fresh flights of the evaluation",
-        "description": "fresh flights of the evaluation; 0 for none",
+        "description": "number of fresh flights for the evaluation; 0 for none",
         "type": "integer",
         "default": default,
         "minimum": 0,

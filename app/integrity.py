@@ -1,8 +1,8 @@
 """Integrity of the stored data.
 
-At the start of the server a quick check, limited in time: database pages, monitors, contents of
-recordings. Then everything in the background: every page, digest and sample, slowly enough not to
-disturb flights. Damage is reported; readers check by themselves and never serve damaged data.
+A quick check at the start of the server reads database pages, monitors and contents of recordings
+for a limited time. A background check then reads every page, digest and sample, slowly enough not
+to disturb flights. Damage is reported; readers check again and never serve damaged data.
 """
 
 import logging
@@ -55,7 +55,7 @@ class Item:
     check: Callable[[], object]
 
     def damage(self) -> Damage | None:
-        """Its damage; None if it is intact or was deleted meanwhile."""
+        """None if the item is intact or was deleted meanwhile."""
         try:
             self.check()
         except NotFound:
@@ -139,11 +139,10 @@ class Integrity:
 
     @property
     def n_damaged(self) -> int:
-        """Number of damaged items."""
         return len(self._known_damage)
 
     def damaged(self) -> list[Damage]:
-        """Damaged items that were not deleted since."""
+        """Damaged items, without those deleted since."""
         for key, damage in list(self._known_damage.items()):
             if not self._is_there(damage):
                 self._known_damage.pop(key, None)

@@ -1,4 +1,4 @@
-"""Recipes as written in files, options and requests, checked value by value."""
+"""Recipes from files, options and requests, with every value checked."""
 
 import json
 from collections.abc import Mapping
@@ -80,7 +80,7 @@ LIMITS, STORED_LIMITS = "limits", "specification"
 
 
 def limits_named(plain: Any) -> Any:
-    """A recipe as it is sent: its limits, and those of its parts, are called `limits`."""
+    """A recipe with the names of requests and responses: `limits`, also in its parts."""
     if isinstance(plain, list):
         return [limits_named(value) for value in plain]
     if not isinstance(plain, dict):
@@ -95,15 +95,15 @@ SentRecipe = Annotated[dict[str, Any], PlainSerializer(limits_named, dict[str, A
 
 
 def stored_names(plain: Any, where: str = "dataset") -> Any:
-    """A recipe by the names that are stored: `limits` is an alias of `specification`.
+    """A recipe with the stored names: `limits` becomes `specification`.
 
-    RecipeError where a part has both.
+    RecipeError if a part has both.
     """
     if not isinstance(plain, dict):
         return plain
     if plain.keys() >= {LIMITS, STORED_LIMITS}:
         raise RecipeError(
-            f"{where} gives {LIMITS} and {STORED_LIMITS}, two names of the same: leave one out"
+            f"{where} gives {LIMITS} and {STORED_LIMITS}, two names of one parameter: omit one"
         )
     return {
         STORED_LIMITS if key == LIMITS else key: stored_names(value, f"{where}.{key}")
@@ -121,7 +121,7 @@ def from_plain(default: Any, plain: Any, where: str = "recipe") -> Any:
 
 @cache
 def _adapter(kind: type[Any]) -> TypeAdapter[Any]:
-    """Cached, since it takes milliseconds."""
+    """Cached: making one takes milliseconds."""
     return TypeAdapter(kind)
 
 
@@ -133,7 +133,7 @@ def _checked(default: Any, values: Mapping[str, Any], where: str) -> Any:
         return _adapter(type(default)).validate_python(values)
     except ValidationError as error:
         place, reason = input_errors(error.errors(), values)[0]
-        if not place:  # the parameters do not go together
+        if not place:  # parameters that contradict each other
             raise RecipeError(f"{where}: {reason.partition(': ')[2]}") from error
         raise RecipeError(f"{where}.{place} {reason}") from error
 
@@ -148,16 +148,16 @@ def dataset_recipe(plain: Any, where: str = "dataset") -> tuple[DatasetRecipe, S
         return from_plain(DatasetRecipe(), plain, where), None
     plain = matrices_renamed(stored_names(plain, where), where)
     maneuver = plain.get("maneuver", {})
-    is_said = isinstance(maneuver, dict) and not maneuver.keys().isdisjoint(
+    has_amplitude = isinstance(maneuver, dict) and not maneuver.keys().isdisjoint(
         {"amplitude_deg", "t_s"}
     )
-    is_auto = is_said and maneuver.get("amplitude_deg") == AUTO
+    is_auto = has_amplitude and maneuver.get("amplitude_deg") == AUTO
     if is_auto:
         rest = {key: value for key, value in maneuver.items() if key != "amplitude_deg"}
         plain = plain | {"maneuver": rest}
     read = from_plain(DatasetRecipe(), _with_usual_test(plain), where)
     _check_limits(read.specification, f"{where}.{LIMITS}")
-    if not is_auto and (is_said or not _is_own_model(plain)):
+    if not is_auto and (has_amplitude or not _is_own_model(plain)):
         return read, None
     suggestion = suggest_amplitude(read)
     return replace(read, maneuver=read.maneuver.with_peak(suggestion.amplitude_deg)), suggestion
@@ -223,7 +223,7 @@ def matrices_renamed(plain: dict[str, Any], where: str = "dataset") -> dict[str,
         if not isinstance(given, dict):
             continue
         if twice := [name for name, key in MATRICES.items() if {name, key} <= given.keys()]:
-            raise RecipeError(f"{where}.{part} has the matrix {twice[0]} twice: leave one out")
+            raise RecipeError(f"{where}.{part} has the matrix {twice[0]} twice: omit one")
         named[part] = {MATRICES.get(key, key): value for key, value in given.items()}
         if part == "aircraft" and "a" in named[part]:
             named[part] = {"kind": "matrices", "states": []} | named[part]

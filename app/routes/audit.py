@@ -1,4 +1,4 @@
-"""The audit log, exported."""
+"""Export of the audit log."""
 
 import csv
 import io
@@ -25,19 +25,18 @@ JSON_LINES, CSV = "application/x-ndjson", "text/csv"
 
 
 def utc(text: str) -> str:
-    """A day or a time, of UTC where it names no zone, as it is stored. ValueError."""
+    """A day or time as stored; without a zone it is UTC. ValueError."""
     try:
         time = datetime.fromisoformat(text)
         time = time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
     except (ValueError, OverflowError):
         raise ValueError(
-            f"{text!r} is no time: give 2026-05-04 or 2026-05-04T12:31:05 (UTC)"
+            f"{text!r} is not a time: give 2026-05-04 or 2026-05-04T12:31:05 (UTC)"
         ) from None
     return time_text(time)
 
 
 def as_csv(entries: Iterable[AuditEntry]) -> Iterator[str]:
-    """A line of names, then one an entry."""
     file = io.StringIO()
     writer = csv.DictWriter(file, [each.name for each in fields(AuditEntry)], lineterminator="\n")
     writer.writeheader()
@@ -50,7 +49,6 @@ def as_csv(entries: Iterable[AuditEntry]) -> Iterator[str]:
 
 
 def as_json_lines(entries: Iterable[AuditEntry]) -> Iterator[str]:
-    """An object a line."""
     for entry in entries:
         yield json_codec.encode(asdict(entry)).decode() + "\n"
 
@@ -71,23 +69,23 @@ def as_json_lines(entries: Iterable[AuditEntry]) -> Iterator[str]:
 async def export_audit(
     request: Request,
     store: StoreDep,
-    since: Annotated[str | None, Query(description="day or time in ISO 8601, UTC")] = None,
-    until: Annotated[str | None, Query(description="day or time before which")] = None,
+    since: Annotated[str | None, Query(description="first day or time in ISO 8601, UTC")] = None,
+    until: Annotated[str | None, Query(description="entries before this day or time")] = None,
     who: Annotated[str | None, Query(description="name of a person")] = None,
     kind: Annotated[
         Literal["jsonl", "csv"], Query(alias="format", description="JSON lines or CSV")
     ] = "jsonl",
 ) -> Response:
-    """The audit log, oldest first: every change and login, and what a role did not allow.
+    """The audit log, oldest first: changes, logins, and requests that a role did not allow.
 
-    Of a live flight's samples it has the first push of each person.
+    For samples of a live flight it holds only the first push of each person.
     """
     try:
         first, last = (None if text is None else utc(text) for text in (since, until))
     except ValueError as error:
         raise Problem(422, str(error), "urn:forewarn:request") from error
     log: Audit = request.app.state.audit
-    with suppress(StoreError):  # what is stored can be read all the same
+    with suppress(StoreError):  # the stored entries can still be read
         await log.flush(store)
     entries = store.audit.read(first, last, who)
     if kind == "csv":

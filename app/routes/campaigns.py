@@ -70,20 +70,20 @@ class Decision(BaseModel):
 
 
 class _Recorded(Decision):
-    """A decision on the next point, with its part of a recording."""
+    """A decision on the next point, with its interval of a recording."""
 
     start: Finite | None = Field(
         default=None,
-        description="of the manoeuvre with its trim [s], in the recording; if absent the only one "
-        "that is detected, of an aborted point the whole recording",
+        description="start of the manoeuvre with its trim [s] in the recording; if absent, the "
+        "only detected manoeuvre is used, or the whole recording for an aborted point",
     )
-    end: Finite | None = Field(default=None, description="of the manoeuvre [s]")
+    end: Finite | None = Field(default=None, description="end of the manoeuvre [s]")
 
     @property
     def marked(self) -> Interval | None:
-        """The part; Problem 422 for half of it."""
+        """The given interval; Problem 422 if only one end is given."""
         if (self.start is None) != (self.end is None):
-            raise Problem(422, "one of start and end was given: give both, or none")
+            raise Problem(422, "only one of start and end was given: give both or neither")
         if self.start is None or self.end is None:
             return None
         return Interval(self.start, self.end, self.point)
@@ -106,7 +106,9 @@ class AbortRequest(_Recorded):
         json_schema_extra={"examples": [{"point": "60%", "by": "Bob", "why": "flutter at 0.4 g"}]}
     )
 
-    recording: str | None = Field(default=None, description="id, of one that was broken off")
+    recording: str | None = Field(
+        default=None, description="id, if the point was broken off in flight"
+    )
 
 
 def _campaigns(store: StoreDep) -> Campaigns:
@@ -121,7 +123,7 @@ _FILE: dict[str, Any] = {"type": "object", "title": "Campaign's file"}
 
 @router.get("")
 async def list_campaigns(campaigns: CampaignsDep) -> list[CampaignSummary]:
-    """All campaigns, the one changed last first."""
+    """All campaigns, latest change first."""
     return await asyncio.to_thread(campaigns.all)
 
 
@@ -133,9 +135,9 @@ async def list_campaigns(campaigns: CampaignsDep) -> list[CampaignSummary]:
     openapi_extra=body_of(campaign_request_schema(), _PLAN),
 )
 async def plan_campaign(plain: PlainBody, campaigns: CampaignsDep, settings: SettingsDep):
-    """Plan a campaign: a build-up at one flight condition or several.
+    """Plan a campaign: a build-up at one or more flight conditions.
 
-    The aircraft's usual test where a condition's `dataset` does not say otherwise.
+    Parts missing from a condition's `dataset` come from the aircraft's usual test.
     """
 
     def plan() -> CampaignDetails:
@@ -152,14 +154,14 @@ async def plan_campaign(plain: PlainBody, campaigns: CampaignsDep, settings: Set
     openapi_extra=body_of(_FILE, {"format": "forewarn campaign", "version": 2}),
 )
 async def add_campaign_file(plain: PlainBody, campaigns: CampaignsDep):
-    """Store a campaign's file, as `forewarn campaign` or `GET /campaigns/{id}/file` gives it.
+    """Store a campaign file from `forewarn campaign` or `GET /campaigns/{id}/file`.
 
-    Its names are marked as unverified.
+    The names of people in it are marked as unverified.
     """
 
     def add() -> CampaignDetails:
         try:
-            return campaigns.add(from_file(plain, "what was sent").imported)
+            return campaigns.add(from_file(plain, "the file").imported)
         except CampaignError as error:
             raise Problem(422, str(error), "urn:forewarn:campaign") from None
 
@@ -180,7 +182,7 @@ async def read_campaign(campaign_id: str, campaigns: CampaignsDep) -> CampaignDe
 
 @router.delete("/{campaign_id}", status_code=204, responses=problem_responses(404))
 async def delete_campaign(campaign_id: str, store: StoreDep) -> None:
-    """Delete a campaign; its recordings and monitors stay."""
+    """Delete a campaign. Its recordings and monitors are kept."""
     await asyncio.to_thread(store.campaigns.delete, campaign_id)
 
 
@@ -189,10 +191,10 @@ async def delete_campaign(campaign_id: str, store: StoreDep) -> None:
     responses=problem_responses(404) | {200: {"content": {"application/json": {"schema": _FILE}}}},
 )
 async def read_campaign_file(campaign_id: str, campaigns: CampaignsDep) -> Response:
-    """The whole campaign as one file, flown samples included, for another server."""
+    """The whole campaign with its flown samples as one file, for another server."""
     _, campaign = await asyncio.to_thread(campaigns.get, campaign_id)
-    named = f'attachment; filename="campaign-{campaign_id}.json"'
-    return json_response(campaign.as_plain(), 200, {"Content-Disposition": named})
+    disposition = f'attachment; filename="campaign-{campaign_id}.json"'
+    return json_response(campaign.as_plain(), 200, {"Content-Disposition": disposition})
 
 
 @router.get(
@@ -207,9 +209,10 @@ async def read_campaign_file(campaign_id: str, campaigns: CampaignsDep) -> Respo
     },
 )
 async def read_derivatives(campaign_id: str, campaigns: CampaignsDep) -> Response:
-    """The aircraft at each flight condition, as known after each complete point.
+    """Identified parameters of the aircraft at each flight condition after each completed point.
 
-    Each parameter as [mean, standard deviation] before and after, and whether it was determined.
+    Each parameter is [mean, standard deviation] before and after the point, with a flag whether the
+    point determined it.
     """
     _, campaign = await asyncio.to_thread(campaigns.get, campaign_id)
     return await json_from(derivatives, campaign)
@@ -217,7 +220,7 @@ async def read_derivatives(campaign_id: str, campaigns: CampaignsDep) -> Respons
 
 @router.get("/{campaign_id}/report", response_class=HTMLResponse, responses=problem_responses(404))
 async def read_campaign_report(campaign_id: str, campaigns: CampaignsDep) -> HTMLResponse:
-    """The card of the next point and the results, as a page that prints."""
+    """A page to print: the card of the next point and the results so far."""
     _, campaign = await asyncio.to_thread(campaigns.get, campaign_id)
     return HTMLResponse(await asyncio.to_thread(campaign_page, campaign), headers=PAGE_TO_PRINT)
 
@@ -231,19 +234,19 @@ async def read_campaign_report(campaign_id: str, campaigns: CampaignsDep) -> HTM
 async def add_condition(
     campaign_id: str, plain: PlainBody, campaigns: CampaignsDep, settings: SettingsDep
 ):
-    """Plan points at another flight condition, after the others.
+    """Add points at another flight condition after the planned ones.
 
-    Where its `dataset` names no aircraft, it says what differs from the last condition's.
+    A `dataset` without an aircraft needs only the differences from the last condition.
     """
 
     def add() -> Response:
         stored, campaign = campaigns.get(campaign_id)
-        wanted, dataset = plain, plain.get("dataset", {})
+        requested, dataset = plain, plain.get("dataset", {})
         if isinstance(dataset, dict) and "aircraft" not in dataset:
             last = to_plain(campaign.conditions[-1].test)
-            wanted = plain | {"dataset": last | stored_names(dataset)}
+            requested = plain | {"dataset": last | stored_names(dataset)}
         try:
-            extended = campaign.extended(*condition_request(wanted, settings.max_array_bytes))
+            extended = campaign.extended(*condition_request(requested, settings.max_array_bytes))
             return json_response(limits_named(to_plain(campaigns.put(stored, extended))))
         except CampaignError as error:
             raise Problem(422, str(error), "urn:forewarn:campaign") from None
@@ -260,7 +263,7 @@ _DECIDED = problem_responses(404, 409, 422)
 async def confirm_point(
     campaign_id: str, decision: Decision, campaigns: CampaignsDep, person: PersonDep
 ) -> CampaignDetails:
-    """Confirm the checklist of a point that is on condition, or a first one: it is cleared."""
+    """Confirm the checklist: clears a point that is on condition, or a first point."""
     return await _decided(campaigns, campaign_id, decision, person, Campaign.confirmed)
 
 
@@ -268,7 +271,7 @@ async def confirm_point(
 async def hold_point(
     campaign_id: str, decision: Decision, campaigns: CampaignsDep, person: PersonDep
 ) -> CampaignDetails:
-    """Hold the next point: do not fly it for now."""
+    """Put the next point on hold."""
     return await _decided(campaigns, campaign_id, decision, person, Campaign.on_hold)
 
 
@@ -280,14 +283,14 @@ async def abort_point(
     recordings: RecordingsDep,
     person: PersonDep,
 ) -> CampaignDetails:
-    """Abort the next point: it is given up, or was broken off. Give the reason in `why`.
+    """Abort the next point, before or during the flight. Give the reason in `why`.
 
-    `recording` shows a point that was broken off: it counts against the limits, and nothing is
-    identified from it.
+    Give the `recording` of a point that was broken off in flight: it is checked against the limits
+    but not used for identification.
     """
     marked, recording, by = asked.marked, asked.recording, signature(person, asked.by)
     if marked is not None and recording is None:
-        raise Problem(422, "start and end are of a recording: give its id, or leave them out")
+        raise Problem(422, "start and end need a recording: give its id, or omit them")
 
     def decide(campaign: Campaign) -> Campaign:
         flown = None
@@ -323,7 +326,7 @@ def _cut(
     campaign: Campaign,
     marked: Interval | None,
 ) -> FlownPoint:
-    """The next point, cut out of a stored recording."""
+    """The next point's interval of a stored recording."""
     name = recordings.store.recordings.info(recording_id).name
     recorded = recordings.mapped(recording_id).scorable()
     return cut(name, recorded, campaign.test_of(campaign.next.point), marked, recording_id)
@@ -338,7 +341,7 @@ async def _decided(
 ) -> CampaignDetails:
     by = signature(person, decision.by)
     return await _changed(
-        campaigns, campaign_id, decision.point, lambda one: state(one, by, decision.why)
+        campaigns, campaign_id, decision.point, lambda campaign: state(campaign, by, decision.why)
     )
 
 
@@ -364,14 +367,14 @@ async def clear_point(
     jobs: JobsDep,
     person: PersonDep,
 ):
-    """Compute whether the next point may be flown, from the points flown before; a job.
+    """Compute the clearance of the next point from the points flown so far; starts a job.
 
-    The point is then on condition, until a person confirms the checklist, or on hold.
+    The point is then on hold, or on condition until a person confirms the checklist.
     """
     by = signature(person, decision.by)
     await _check_next(campaigns, campaign_id, decision.point)
     if await asyncio.to_thread(_is_clearing, campaigns, campaign_id):
-        text = f"the clearance of {decision.point!r} is being computed: wait for it, or cancel it"
+        text = f"the clearance of {decision.point!r} is being computed: wait for it or cancel it"
         raise Problem(409, text, "urn:forewarn:campaign")
     work = clearance_work(campaigns, campaign_id, decision.point, by)
     request = {"campaign": campaign_id, "point": decision.point, "by": by}
@@ -391,7 +394,7 @@ async def clear_point(
             "properties": {
                 "point": {"type": "string", "description": "name of the next point"},
             },
-            "description": "and what `POST /monitors` takes, but for `dataset`",
+            "description": "also takes the fields of `POST /monitors` except `dataset`",
         },
         {"point": "80%", "t_early": 0.25},
     ),
@@ -403,16 +406,16 @@ async def train_next_monitor(
     jobs: JobsDep,
     settings: SettingsDep,
 ):
-    """Train a monitor for the next point, answered by a job.
+    """Train a monitor for the next point; starts a job.
 
-    On simulated flights of the aircraft as the complete points have shown it, which its certificate
-    names.
+    It is trained on simulated flights of the aircraft as identified from the completed points. Its
+    certificate names these points.
     """
     asked = dict(plain)
     if not isinstance(point := asked.pop("point", None), str):
         raise Problem(422, f"point is {quoted(point)}: give the name of the next point")
     if "dataset" in asked:
-        raise Problem(422, "dataset was given: the campaign determines it, leave it out")
+        raise Problem(422, "dataset is determined by the campaign: omit it")
     _, campaign = await asyncio.to_thread(campaigns.get, campaign_id)
 
     def request() -> Any:
@@ -439,7 +442,7 @@ def _is_clearing(campaigns: Campaigns, campaign_id: str) -> bool:
 
 
 async def _check_next(campaigns: Campaigns, campaign_id: str, point: str) -> None:
-    """Problem 409 where another point is next, or nothing can be computed of it."""
+    """Problem 409 if another point is next, or its clearance cannot be computed."""
 
     def check() -> None:
         _, campaign = campaigns.get(campaign_id)

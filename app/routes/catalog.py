@@ -1,4 +1,4 @@
-"""What the program knows: families of parts with the schema of their parameters."""
+"""The catalog of recipe parts with their schemas, and the description of the streams."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -28,14 +28,14 @@ router = Router(prefix="/api/v1", tags=["catalog"])
 class Member(BaseModel):
     """A member of a family."""
 
-    kind: str = Field(description="what `kind` says in a recipe", examples=["rudder_doublet"])
+    kind: str = Field(description="value of `kind` in a recipe", examples=["rudder_doublet"])
     label: str
-    description: str = Field(description="what it is and where its numbers come from")
+    description: str = Field(description="what it is, and the source of its numbers")
     schema_: dict[str, Any] = Field(alias="schema", description="JSON schema of its parameters")
-    default: dict[str, Any] = Field(description="the parameters as they are unless said otherwise")
+    default: dict[str, Any] = Field(description="default parameters")
     usual_test: dict[str, Any] | None = Field(
         default=None,
-        description="of an aircraft: law, manoeuvre and limits that a dataset's recipe begins with",
+        description="for an aircraft: default control law, manoeuvre and limits of its datasets",
     )
 
 
@@ -50,15 +50,17 @@ class ListedFamily(BaseModel):
 class RecipeForm(BaseModel):
     """A recipe's schema; a property with `x-family` takes an entry of that family."""
 
-    schema_: dict[str, Any] = Field(alias="schema", description="JSON schema; `x-unit` says units")
+    schema_: dict[str, Any] = Field(
+        alias="schema", description="JSON schema with units in `x-unit`"
+    )
     default: dict[str, Any]
     as_flown: dict[str, Any] | None = Field(
         default=None,
-        description="of a dataset: the default with noise, jitter and imperfections of a flight",
+        description="for a dataset: the default with the noise, jitter and imperfections of flight",
     )
     usual: dict[str, Any] | None = Field(
         default=None,
-        description="of a dataset and a monitor: what an order means that says nothing",
+        description="for a dataset or a monitor: the values used where a request gives none",
     )
 
 
@@ -67,68 +69,70 @@ class ListedFormat(BaseModel):
 
     key: str
     title: str
-    endings: list[str] = Field(description="of names, the usual one first", examples=[[".csv"]])
-    extra: str | None = Field(description="to install with the program to read it, if any")
-    installed: bool = Field(description="whether that is there")
-    experimental: bool = Field(description="not proven on files of many recorders")
+    endings: list[str] = Field(
+        description="file name endings, the usual one first", examples=[[".csv"]]
+    )
+    extra: str | None = Field(description="optional dependency that reads it, if any")
+    installed: bool = Field(description="whether its reader is installed")
+    experimental: bool = Field(description="not yet tested on files of many recorders")
 
 
 @dataclass(frozen=True)
 class Target(Channel):
-    """What a signal of a recording can be: a channel, or what one is made of."""
+    """A quantity that a signal can be mapped to: a channel, or an input of a derivation."""
 
-    units: Annotated[list[str], Field(description="common ones, its own first")]
+    units: Annotated[list[str], Field(description="common units, its own first")]
 
 
 class ListedDerivation(Derivable):
-    """A way to make a channel, the target, out of others."""
+    """A derivation of a channel, the target, from others."""
 
     target: str
 
 
 class Telemetry(BaseModel):
-    """What recordings can be read from, and what their signals can be."""
+    """Formats of recordings, and targets and units for their signals."""
 
     formats: list[ListedFormat]
     targets: list[Target]
-    time_units: list[str] = Field(description="common ones, seconds first")
+    time_units: list[str] = Field(description="common units of time, seconds first")
     derivations: list[ListedDerivation]
 
 
 class Catalog(BaseModel):
-    """Channels in the order of y, families, the recipes made of them, and recorded telemetry."""
+    """Channels in the order of y, families, recipes made of them, and telemetry formats."""
 
     version: str
     channels: list[Channel]
     conditions: list[ConditionChannel] = Field(
-        description="what the conditions of a limit set are told by"
+        description="channels that define the flight conditions of a limit set"
     )
     families: dict[str, ListedFamily]
     recipes: dict[str, RecipeForm]
     flight_markers: list[FlightMarkerKind] = Field(
-        description="what may be called in a flight under way"
+        description="markers that can be set during a flight"
     )
     telemetry: Telemetry
 
 
 @router.get("/catalog", response_model=Catalog)
 async def read_catalog():
-    """Every family with the JSON schema of its parameters, and the recipes made of them.
+    """All families with the JSON schemas of their parameters, and the recipes made of them.
 
-    A parameter's unit is its schema's `x-unit`; angles inside are radians, a name that ends in
-    `_deg` says degrees.
+    `x-unit` of a schema is the unit of the parameter. Angles are in radians unless the name ends in
+    `_deg`.
     """
     return json_response(catalog(), headers={"Cache-Control": "no-cache"})
 
 
 @router.get("/asyncapi.json", response_class=Response, responses=STREAMS)
 async def describe_streams():
-    """The WebSocket streams as an AsyncAPI document: which messages are sent and taken."""
+    """The messages of the WebSocket streams as an AsyncAPI document."""
     return json_response(_streams())
 
 
 class _Socket(NamedTuple):
-    """A WebSocket of a flight. send: what the server sends.   receive: what it takes."""
+    """A WebSocket of a flight. send, receive: messages as seen from the server."""
 
     name: str
     description: str
@@ -139,13 +143,13 @@ class _Socket(NamedTuple):
 SOCKETS = (
     _Socket(
         "stream",
-        "Text frames of JSON. A message of frames costs one credit: give it back.",
+        "Text frames of JSON. A message of frames costs one credit; grant it again.",
         DOWN,
         UP,
     ),
     _Socket(
         "uplink",
-        "The source of a live flight: a batch a message, acknowledged once it is durable.",
+        "The source of a live flight: one batch per message, acknowledged once durable.",
         UPLINK_DOWN,
         UPLINK_UP,
     ),
@@ -154,7 +158,7 @@ SOCKETS = (
 
 @cache
 def _streams() -> dict[str, Any]:
-    """AsyncAPI 3.0 of what each WebSocket of a flight sends (down) and takes (up)."""
+    """AsyncAPI 3.0 document of the messages of each WebSocket of a flight."""
     kinds = dict.fromkeys(kind for each in SOCKETS for kind in (*each.send, *each.receive))
     _, schemas = models_json_schema(
         [(kind, "validation") for kind in kinds], ref_template="#/components/schemas/{model}"
@@ -189,7 +193,7 @@ def _described(channel: _Socket) -> dict[str, Any]:
     return {
         "address": f"/api/v1/flights/{{flight_id}}/{channel.name}",
         "description": channel.description,
-        "parameters": {"flight_id": {"description": "a flight that is under way"}},
+        "parameters": {"flight_id": {"description": "id of a flight in progress"}},
         "messages": {
             kind.__name__: {"$ref": f"#/components/messages/{kind.__name__}"}
             for kind in (*channel.send, *channel.receive)

@@ -37,9 +37,9 @@ MOST_ROLLOUTS = 500
 
 
 class Rollout(BaseModel):
-    """One simulated flight; telemetry as arrays, SI units, cut at the failure."""
+    """One simulated flight up to its failure; telemetry as arrays in SI units."""
 
-    n: int = Field(description="number in the dataset: unsafe ones first, then safe ones")
+    n: int = Field(description="number in the dataset; unsafe rollouts are numbered first")
     outcome: Outcome
     fail_index: int | None = Field(description="first sample that exceeds a limit; null if none")
     theta: dict[str, float] = Field(description="parameters of the aircraft, by name")
@@ -49,12 +49,14 @@ class Rollout(BaseModel):
 
 
 class SuggestedAmplitude(BaseModel):
-    """An amplitude and what a pilot run found at it."""
+    """An amplitude, and the result of a pilot run at it."""
 
-    amplitude_deg: float = Field(description="amplitude, of a table its peak [deg]")
+    amplitude_deg: float = Field(description="amplitude, or the peak of a table [deg]")
     share: float = Field(description="share of the pilot rollouts that exceeded a limit")
     n_rollouts: int
-    maneuver: dict[str, Any] = Field(description="the manoeuvre with this amplitude, for a recipe")
+    maneuver: dict[str, Any] = Field(
+        description="the manoeuvre with this amplitude, for use in a recipe"
+    )
 
 
 @router.post(
@@ -76,11 +78,11 @@ class SuggestedAmplitude(BaseModel):
     ),
 )
 async def simulate_dataset(plain: PlainBody, store: StoreDep, jobs: JobsDep, settings: SettingsDep):
-    """Simulate a planned test until `n_unsafe` rollouts turned unsafe; a job.
+    """Simulate a planned test until `n_unsafe` rollouts are unsafe; starts a job.
 
-    What is not said is as `forewarn train` has it: the catalog's default with noise, jitter and
-    imperfections of a flight; `"imperfections": "none"` leaves these out. Angles in radians, N_y in
-    g, names ending in `_deg` in degrees.
+    The defaults are those of `forewarn train`: the catalog's default with the noise, jitter and
+    imperfections of flight; `"imperfections": "none"` omits these. Angles are in radians, N_y is in
+    g, and names ending in `_deg` are in degrees.
     """
     request = await asyncio.to_thread(dataset_request, plain, settings.max_array_bytes)
     asked = {"name": request.name} | to_plain(request.recipe)
@@ -97,11 +99,12 @@ async def simulate_dataset(plain: PlainBody, store: StoreDep, jobs: JobsDep, set
     ),
 )
 async def read_suggested_amplitude(plain: PlainBody, settings: SettingsDep):
-    """Find by a short pilot run the amplitude at which a share of the rollouts exceeds a limit.
+    """Suggest the amplitude at which a given share of the rollouts exceeds a limit.
 
-    The body is that of a dataset; its own amplitude only lends the sign, and a table is scaled as
-    a whole. The same seed suggests the same amplitude. 422 says why where none does. In the recipe
-    of a dataset an `amplitude_deg` of `"auto"` stands for what this suggests.
+    A short pilot run finds it. The body is that of a dataset; only the sign of its amplitude is
+    used, and a table is scaled as a whole. The same seed suggests the same amplitude. 422 with the
+    reason if no amplitude fits. `"auto"` as `amplitude_deg` in a dataset recipe requests this
+    amplitude.
     """
     suggestion, maneuver = await asyncio.to_thread(
         amplitude_suggestion, plain, settings.max_array_bytes
@@ -123,7 +126,7 @@ async def read_dataset(dataset_id: str, store: StoreDep) -> DatasetInfo:
 
 @router.delete("/{dataset_id}", status_code=204, responses=problem_responses(404, 409))
 async def delete_dataset(dataset_id: str, store: StoreDep) -> None:
-    """Delete a dataset; 409 names the monitors that were trained on it."""
+    """Delete a dataset; 409 with their names if monitors were trained on it."""
     await asyncio.to_thread(store.datasets.delete, dataset_id)
 
 
@@ -131,10 +134,10 @@ async def delete_dataset(dataset_id: str, store: StoreDep) -> None:
     "/{dataset_id}/arrays",
     response_class=Response,
     responses=problem_responses(404)
-    | file_of("application/octet-stream", "npz archive of the dataset's fields"),
+    | file_of("application/octet-stream", "npz archive of the dataset"),
 )
 async def read_arrays(dataset_id: str, store: StoreDep) -> Response:
-    """The dataset's arrays as npz: unsafe, fail_index, safe, safe_times, theta_unsafe, ....
+    """The dataset's arrays as npz: unsafe, fail_index, safe, safe_times, theta_unsafe and others.
 
     `channels` and `units` name the columns of `unsafe` and `safe`; dt is in seconds.
     """
@@ -170,10 +173,14 @@ async def list_rollouts(
     dataset_id: str,
     store: StoreDep,
     outcome: Annotated[Outcome, Query(description="which rollouts")] = "unsafe",
-    first: Annotated[int, Query(ge=0, le=2**31, description="index among them")] = 0,
-    count: Annotated[int, Query(ge=1, le=MOST_ROLLOUTS, description="how many at most")] = 20,
+    first: Annotated[
+        int, Query(ge=0, le=2**31, description="index of the first one, among those of the outcome")
+    ] = 0,
+    count: Annotated[
+        int, Query(ge=1, le=MOST_ROLLOUTS, description="maximum number of rollouts")
+    ] = 20,
 ):
-    """Several rollouts of one outcome, from index `first` on."""
+    """Rollouts of one outcome, starting at index `first`."""
 
     def read() -> list[dict[str, Any]]:
         info = store.datasets.info(dataset_id)
@@ -190,7 +197,7 @@ async def list_rollouts(
     "/{dataset_id}/rollouts/{n}", response_model=Rollout, responses=problem_responses(404, 422)
 )
 async def read_rollout(dataset_id: str, n: int, store: StoreDep):
-    """One rollout by its number: unsafe ones first, then safe ones; telemetry as JSON."""
+    """One rollout by number; unsafe rollouts are numbered first, then safe ones."""
 
     def read() -> dict[str, Any]:
         info = store.datasets.info(dataset_id)

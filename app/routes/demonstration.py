@@ -42,6 +42,6 @@ async def read_demonstration(demonstration: DemonstrationDep) -> DemonstrationPr
 
 @router.post("", status_code=202)
 async def start_demonstration(demonstration: DemonstrationDep) -> DemonstrationProgress | None:
-    """Train the small monitor of the demonstration if it is missing, then fly a failing flight."""
+    """Start the demonstration: train its small monitor if missing, then fly a failing flight."""
     demonstration.start()
     return await read_demonstration(demonstration)

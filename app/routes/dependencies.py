@@ -1,4 +1,4 @@
-"""What routes are given: the parts of the running application, and bodies read off the loop."""
+"""Dependencies of the routes: parts of the running application, and request bodies."""
 
 import asyncio
 from collections.abc import Callable
@@ -23,7 +23,7 @@ PAGE_TO_PRINT = {
     "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; img-src data:; "
     "frame-ancestors 'self'"
 }
-"""Headers of a page that needs no other file: its style stands in it."""
+"""Headers of a page that needs no other file; its styles are inline."""
 
 
 def _store(request: Request) -> Store:
@@ -64,7 +64,7 @@ PersonDep = Annotated[Person, Depends(_person)]
 
 
 class SignedRequest(BaseModel):
-    """Who does this. Ignored where a person is logged in: then it is that person."""
+    """Name of the person who does this; ignored where a person is logged in."""
 
     model_config = ConfigDict(
         extra="forbid", strict=True, json_schema_extra={"examples": [{"by": "Ann"}]}
@@ -74,7 +74,7 @@ class SignedRequest(BaseModel):
 
 
 def signature(person: Person, given: str) -> str:
-    """The name to sign with: one's own; the given one where nobody is logged in."""
+    """The name of the person who is logged in, else the given one."""
     return given if person.name == LOCAL else person.name
 
 
@@ -82,7 +82,7 @@ async def plain_body(request: Request) -> dict[str, Any]:
     """The body as a JSON object, parsed in a thread; 422 for anything else."""
     kind = content_type(request)
     if kind != "application/json":
-        raise Problem(415, f"the body is {kind or 'of no type'}: send application/json")
+        raise Problem(415, f"the body has content type {kind or 'none'}: send application/json")
     body = await request.body()
     return await asyncio.to_thread(parse_object, body)
 
@@ -93,7 +93,7 @@ def content_type(request: Request) -> str:
 
 
 def parse_object(body: bytes) -> dict[str, Any]:
-    """Parse a JSON object; Problem 422 says where it is none."""
+    """Parse a JSON object; Problem 422 with the place of an error."""
     try:
         plain = json_codec.decode(body)
     except json_codec.NotJson as error:
@@ -101,7 +101,7 @@ def parse_object(body: bytes) -> dict[str, Any]:
     if not isinstance(plain, dict):
         raise Problem(
             422,
-            f"the body is {type(plain).__name__}: send an object of parameters",
+            f"the body is of type {type(plain).__name__}: send an object of parameters",
             "urn:forewarn:request",
         )
     return plain

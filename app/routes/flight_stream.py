@@ -1,4 +1,4 @@
-"""A flight as it is watched: frames, alarms and states over a WebSocket."""
+"""The WebSocket to watch a flight: frames, alarms and states."""
 
 from functools import partial
 
@@ -18,7 +18,7 @@ from app.messages import Credit, End, MessageError, decode
 
 router = Router(prefix="/api/v1/flights", tags=["flights"])
 NO_SUCH_FLIGHT = 4404
-"""Close code of a WebSocket to a flight that is not under way."""
+"""Close code of a WebSocket to a flight that is not in progress."""
 
 
 @router.websocket("/{flight_id}/stream")
@@ -28,12 +28,12 @@ async def stream(websocket: WebSocket, flight_id: str) -> None:
     connection = await accept(websocket)
     flight = flights.get(flight_id)
     if flight is None:
-        await refuse(connection, NO_SUCH_FLIGHT, f"no flight {flight_id} is under way")
+        await refuse(connection, NO_SUCH_FLIGHT, f"no flight {flight_id} is in progress")
         return
     watcher = flight.watch()
     screen = _Screen(connection, watcher, websocket.app.state.frame_ticks)
     try:
-        await connection.run(screen.take, screen.show)
+        await connection.run(screen.on_message, screen.show)
     finally:
         watcher.on_news = watcher.on_frames = None
         flight.leave(watcher)
@@ -49,7 +49,7 @@ class _Screen:
         self.show()
 
     def show(self) -> None:
-        """Send what there is, as long as it leaves soon."""
+        """Send waiting messages while the connection is writable."""
         connection, watcher = self._connection, self._watcher
         if connection.is_closing:
             return
@@ -65,13 +65,14 @@ class _Screen:
         else:
             connection.close(WS_1000_NORMAL_CLOSURE, "")
 
-    def take(self, content: bytes | str) -> None:
-        """Take what the client says."""
+    def on_message(self, content: bytes | str) -> None:
         try:
             message = decode(content)
         except MessageError:
             dismiss(
-                self._connection, WS_1008_POLICY_VIOLATION, "what was sent is no credit or resume"
+                self._connection,
+                WS_1008_POLICY_VIOLATION,
+                "the message is neither credit nor resume",
             )
             return
         if isinstance(message, Credit):
@@ -81,13 +82,13 @@ class _Screen:
 
 
 def dismiss(connection: Connection, code: int, reason: str) -> None:
-    """Say why and close."""
+    """Send the reason and close."""
     if not connection.is_closing:
         connection.send(End(reason=reason).encode())
         connection.close(code, reason)
 
 
 async def refuse(connection: Connection, code: int, reason: str) -> None:
-    """Say why and close a connection that nothing is done for."""
+    """Send the reason and close a connection that serves no flight."""
     dismiss(connection, code, reason)
     await connection.run(lambda _: None)

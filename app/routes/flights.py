@@ -1,4 +1,4 @@
-"""Flights: one run of a source through a monitor, started, steered and read over REST."""
+"""Flights over REST: start, steer, end and read."""
 
 import asyncio
 from typing import Annotated, Any, Literal
@@ -52,53 +52,52 @@ FlightsDep = Annotated[Flights, Depends(_flights)]
 First = Annotated[int, Query(ge=0, le=2**53, description="sample number of the first frame")]
 Last = Annotated[
     int | None,
-    Query(ge=0, le=2**53, description=f"of the last one; at most {MOST_FRAMES} frames come"),
+    Query(
+        ge=0, le=2**53, description=f"sample number of the last frame; at most {MOST_FRAMES} frames"
+    ),
 ]
 
 
 class FlightStatus(BaseModel):
-    """A flight, under way or ended; what only a flight under way has is null afterwards."""
+    """A flight in progress or ended. Fields of a flight in progress are null afterwards."""
 
     id: str
     name: str
     progress: str = Field(
-        description="`running`, `ended`, `failed` or `interrupted`; `ending`: it is over, and its "
-        "record waits for the store"
+        description="`running`, `ended`, `failed` or `interrupted`; `ending`: the flight is over "
+        "and its record is not stored yet"
     )
     status: Status = Field(
-        description="headline, the worst that is true of it: exceeding now, alarm unacknowledged, "
+        description="headline, the worst of: exceeding now, alarm unacknowledged, "
         "risk above the alert level, stale, invalid, caution unacknowledged, warming up, validity "
         "not calibrated, limit exceeded earlier, ok"
     )
-    level: Level = Field(description="of the headline, as in 14 CFR 25.1322")
-    beside: list[Status] = Field(
-        description="`stale` and `invalid` where they are true and not the headline"
-    )
+    level: Level = Field(description="level of the headline as in 14 CFR 25.1322")
+    beside: list[Status] = Field(description="`stale` and `invalid` if true and not the headline")
     exceeded_t: float | None = Field(
         default=None,
-        description="[s] of the first exceedance that it has come to, sought back since or not",
+        description="time of the first exceedance [s], also after seeking back before it",
     )
     reason: str = Field(
-        default="", description="why its newest sample was not assessed; empty where it was"
+        default="", description="why its newest sample was not assessed; empty if it was"
     )
-    cause: Cause | None = Field(default=None, description="of that reason, as of a frame")
+    cause: Cause | None = Field(default=None, description="cause of that reason, as in a frame")
     age: float | None = Field(
         default=None,
-        description="[s] since the newest sample of a live flight was taken; null for any other",
+        description="age of the newest sample of a live flight [s]; null for other flights",
     )
     verdict: Verdict | None = Field(
         default=None,
-        description="how it was warned of the limit that it exceeded, in flight or over; null "
-        "where it exceeded none",
+        description="how the first exceedance was warned of; null if no limit was exceeded",
     )
     exceedances: list[ChannelExceedances] = Field(
         default_factory=list,
-        description="how many it has come to, the newest and the worst, of each channel with any",
+        description="count, newest and worst exceedance of each channel that exceeded its limit",
     )
     limits_held: list[LimitsFrom] | None = Field(
         default=None,
-        description="which limits did, of a flight that is over: empty where the monitor's own; "
-        "null where nobody knows, as it was cut short",
+        description="limits in force during an ended flight; empty for the monitor's own limits; "
+        "null if unknown because the flight was cut short",
     )
     source: dict[str, Any]
     mode: Mode = Field(description="whether its samples are measured, replayed or simulated")
@@ -107,13 +106,13 @@ class FlightStatus(BaseModel):
         description="the alarm authority, then those flown for display"
     )
     warnings: list[str] = Field(
-        description="what the monitor's test flights say against relying on it at this epsilon, "
-        "or that it was not tested"
+        description="reasons not to rely on the monitor at this epsilon, from its test flights or "
+        "because it was not tested"
     )
     epsilon: float
-    keep: bool = Field(description="whether it is kept for ever")
+    keep: bool = Field(description="whether it is kept permanently")
     accept_useless: bool = Field(
-        description="whether it was accepted that its monitor alerts on nearly every safe flight"
+        description="whether the request accepted a monitor that alerts on nearly every safe flight"
     )
     created: str = Field(description="UTC, ISO 8601")
     ended: str | None = Field(description="UTC, ISO 8601")
@@ -122,38 +121,35 @@ class FlightStatus(BaseModel):
         default=None, description="parameters of a simulated aircraft"
     )
     fail_t: float | None = Field(
-        default=None, description="[s] where the source exceeds a limit, if known"
+        default=None, description="time at which the source exceeds a limit [s], if known"
     )
     state: State | None = None
     transport: TransportState | None = None
     watchers: int | None = None
-    open_alarms: int | None = Field(
-        default=None, description="warnings that wait for their acknowledgement"
-    )
-    open_cautions: int | None = Field(default=None, description="cautions that wait for theirs")
+    open_alarms: int | None = Field(default=None, description="unacknowledged warnings")
+    open_cautions: int | None = Field(default=None, description="unacknowledged cautions")
     lost: int | None = Field(
         default=0,
-        description="samples that could not be recorded; null where nobody knows how many: the "
-        "server was killed during the flight, and what it had not stored by then, the last "
-        f"{INTERVAL_S:g} s as a rule, is missing",
+        description="samples that could not be recorded; null if the server was killed during the "
+        f"flight: samples not yet stored, usually the last {INTERVAL_S:g} s, are missing",
     )
-    unwritten: int | None = Field(default=None, description="samples that wait for the store")
+    unwritten: int | None = Field(default=None, description="samples not stored yet")
     end_reason: str = Field(
         default="",
-        description="of one live flight that is over: why, and by whom; empty in the list of all, "
-        "and where its journal does not say",
+        description="why an ended live flight ended, and who ended it; empty in lists and "
+        "where its journal has no reason",
     )
     recording: str | None = Field(
-        default=None, description="id of the recording that a live flight became when it was over"
+        default=None, description="id of the recording made of an ended live flight"
     )
     limits: LimitsStatus | None = Field(
         default=None,
-        description="which limits hold now, where a limit set is in force; null for the monitor's",
+        description="limits in force now from a limit set; null for the monitor's own limits",
     )
     live: LiveStatus | None = Field(
         default=None,
-        description="of one live flight: how its source does, or did at its end; null in the list "
-        "of all, and where the server was killed during it",
+        description="state of the source of a live flight, now or at its end; null in lists and if "
+        "the server was killed during the flight",
     )
 
 
@@ -169,12 +165,12 @@ class TransportRequest(BaseModel):
     action: Literal["play", "pause", "seek", "step", "speed", "loop", "next_alert"]
     value: StrictBool | Annotated[float, Field(allow_inf_nan=False)] | None = Field(
         default=None,
-        description="of seek [s], step [samples, 1 if absent], speed [factor], loop [bool]",
+        description="seek [s], step [samples, 1 if absent], speed [factor] or loop [bool]",
     )
 
 
 class FramesPart(BaseModel):
-    """Frames in order; `next` is the number to ask for when there may be more, else null."""
+    """Frames in order. next: number of the next frame to request; null at the end."""
 
     first: int
     next: int | None
@@ -182,7 +178,7 @@ class FramesPart(BaseModel):
 
 
 class MarkerRequest(BaseModel):
-    """What is called in a flight under way, and by whom, where nobody is logged in."""
+    """A marker to set in a flight. by: ignored where a person is logged in."""
 
     model_config = ConfigDict(
         extra="forbid",
@@ -201,10 +197,10 @@ class MarkerRequest(BaseModel):
 async def start_flight(
     request: FlightRequest, flights: FlightsDep, response: Response, person: PersonDep
 ) -> FlightStatus:
-    """Start a flight; it plays at once, at its source's own rate.
+    """Start a flight. It plays at once at the rate of its source.
 
-    At the end of a source that is known from start to end it pauses, and ends where nobody steers
-    it for 10 minutes, nor watches an alarm that waits.
+    A simulated or replayed flight pauses at the end of its source. It ends after 10 minutes without
+    steering, unless a watcher is connected while an alarm is unacknowledged.
     """
     try:
         flight = await flights.start(request, signature(person, LOCAL))
@@ -222,7 +218,7 @@ async def start_flight(
 
 @router.get("")
 async def list_flights(flights: FlightsDep) -> list[FlightStatus]:
-    """All flights, newest first, under way or ended."""
+    """All flights, in progress or ended, newest first."""
     return await _statuses(flights, await asyncio.to_thread(flights.store.flights.all))
 
 
@@ -239,11 +235,11 @@ async def read_flight(flight_id: str, flights: FlightsDep) -> FlightStatus:
 async def end_flight(
     flight_id: str, flights: FlightsDep, person: PersonDep, who: SignedRequest | None = None
 ) -> FlightStatus:
-    """End a flight under way and keep its record; one that is over stays as it ended.
+    """End a flight in progress and keep its record. An ended flight does not change.
 
-    A live flight that was interrupted is completed by its journal first. A live flight then becomes
-    a recording, in the background. 503 where the record could not be completed: the flight is over,
-    and what waits is written as soon as the store takes it.
+    An interrupted live flight is first completed from its journal. A live flight then becomes a
+    recording in the background. 503 if the record could not be completed: the flight is over, and
+    the rest of its record is written once the store accepts writes.
     """
     try:
         await flights.end(flight_id, signature(person, (who or SignedRequest()).by))
@@ -256,7 +252,7 @@ async def end_flight(
 
 @router.delete("/{flight_id}", status_code=204, responses=problem_responses(404, 409, 422, 503))
 async def delete_flight(flight_id: str, flights: FlightsDep) -> None:
-    """Delete the record of a flight that is over; 409 while it is under way or kept for ever."""
+    """Delete the record of an ended flight; 409 if it is in progress or kept permanently."""
     try:
         await flights.delete(flight_id)
     except FlightInProgress as error:
@@ -265,7 +261,7 @@ async def delete_flight(flight_id: str, flights: FlightsDep) -> None:
 
 @router.post("/{flight_id}/transport", responses=problem_responses(404, 409, 422))
 async def steer(flight_id: str, request: TransportRequest, flights: FlightsDep) -> TransportState:
-    """Steer a flight: play, pause, seek, step, speed, loop, next_alert. Returns where it is."""
+    """Steer a flight: play, pause, seek, step, speed, loop or next_alert."""
     flight = flights.flying(flight_id)
     try:
         flight.act(request.action, request.value)
@@ -282,9 +278,9 @@ async def steer(flight_id: str, request: TransportRequest, flights: FlightsDep) 
 async def read_assessments(
     flight_id: str, flights: FlightsDep, first: First = 0, last: Last = None
 ) -> Response:
-    """Samples and assessments as `frames` of the stream; of a flight under way up to now.
+    """Samples and assessments as `frames` of the stream, up to now for a flight in progress.
 
-    `next` is the first number to ask for when there may be more, else null.
+    `next` is the number of the next frame to request, null at the end.
     """
     stop = _last(first, last)
     frames = await flights.records.frames(flight_id, first, stop)
@@ -297,7 +293,7 @@ async def read_assessments(
 async def read_source(
     flight_id: str, flights: FlightsDep, first: First = 0, last: Last = None
 ) -> Response:
-    """Samples of the source itself, flown yet or not: the strips before a point that was sought.
+    """Samples of the source, flown or not: the strips before a point that the flight jumped to.
 
     As `assessments`, but `seq` is the number in the source. 409 for a live source.
     """
@@ -325,9 +321,10 @@ async def acknowledge(
     person: PersonDep,
     who: SignedRequest | None = None,
 ) -> Alarm:
-    """Acknowledge an alarm in one's own name; of several acknowledgements the first one stays.
+    """Acknowledge an alarm. Of several acknowledgements the first one counts.
 
-    It is stored before it is answered; 503 says that it is not, and the alarm stays open.
+    The response is sent once the acknowledgement is stored; on 503 it is not, and the alarm stays
+    unacknowledged.
     """
     by = signature(person, (who or SignedRequest()).by)
     return await flights.records.acknowledge(flight_id, alarm_id, by)
@@ -335,7 +332,7 @@ async def acknowledge(
 
 @router.get("/{flight_id}/markers", responses=problem_responses(404, 422))
 async def list_flight_markers(flight_id: str, flights: FlightsDep) -> list[FlightMarker]:
-    """All markers that were set in a flight, in the order set."""
+    """All markers of a flight, in the order set."""
     return await flights.records.markers(flight_id)
 
 
@@ -343,10 +340,10 @@ async def list_flight_markers(flight_id: str, flights: FlightsDep) -> list[Fligh
 async def set_flight_marker(
     flight_id: str, marker: MarkerRequest, flights: FlightsDep, person: PersonDep
 ) -> FlightMarker:
-    """Set ABORT or KNOCK IT OFF at the newest sample of a flight under way.
+    """Set ABORT or KNOCK IT OFF at the newest sample of a flight in progress.
 
-    Everyone who watches is shown it at once, and it is stored before it is answered; 503 says that
-    it is shown and not stored yet. The flight neither ends nor pauses. 404 for one that is over.
+    All watchers see it at once. The response is sent once it is stored; on 503 it is shown but not
+    stored yet. The flight neither ends nor pauses. 404 for an ended flight.
     """
     by = signature(person, marker.by)
     return await flights.mark(flight_id, marker.kind, by, marker.text)
@@ -360,7 +357,6 @@ def _last(first: int, last: int | None) -> int:
 async def _frames_response(
     frames: list[dict[str, Any]], first: int, stop: int, last: int | None
 ) -> Response:
-    """Frames with the number to go on from, encoded in a thread."""
     more = bool(frames) and frames[-1]["seq"] == stop and stop != last
     content = {"first": first, "next": stop + 1 if more else None, "frames": frames}
     return await json_from(lambda: content)
@@ -434,9 +430,9 @@ def _status(
 
 
 def _plain(flight: Flight | None, record: Record | None) -> dict[str, Any]:
-    """The headline; of a flight that is neither under way nor over yet, that it is stale."""
+    """The headline; stale for a flight that is neither in progress nor over yet."""
     if flight is not None:
-        decided = flight.headline
+        status = flight.headline
     else:
-        decided = record.headline if record else headline(Facts(stale=True))
-    return decided._asdict() | {"beside": list(decided.beside)}
+        status = record.headline if record else headline(Facts(stale=True))
+    return status._asdict() | {"beside": list(status.beside)}

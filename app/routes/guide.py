@@ -1,6 +1,6 @@
 """The guide: Markdown pages of `static/guide` as HTML, with contents, search and anchors.
 
-The files are readable on GitHub as they are, so headings get the anchors that GitHub gives them.
+The files are readable on GitHub as they are, so headings have the same anchors as there.
 """
 
 import re
@@ -34,9 +34,9 @@ SLUGS = (
     "method",
     "glossary",
 )
-"""The pages in the order of reading; the file README.md is the first page, at /guide."""
+"""The pages in reading order after the first page, README.md at /guide."""
 EXCERPT = 160
-"""Characters shown of a section that a search finds."""
+"""Longest excerpt of a section in search results [characters]."""
 MARKDOWN = MarkdownIt("commonmark", {"html": False}).enable("table")
 TEMPLATE = Environment(
     loader=FileSystemLoader(Path(__file__).parent),
@@ -70,7 +70,7 @@ class GuidePage:
 
 
 def guide_router(directory: Path) -> Router:
-    """The pages of a directory at /guide, read when one is first asked for."""
+    """Serve the pages of a directory at /guide; the first request reads them."""
     router = Router(include_in_schema=False)
 
     @cache
@@ -80,7 +80,7 @@ def guide_router(directory: Path) -> Router:
     @router.get("/guide")
     def contents(q: Annotated[str, Query(max_length=200)] = "") -> HTMLResponse:
         words = q.strip()
-        return _answer(pages(), "", words=words, found=[*find(pages(), words)] if words else [])
+        return _answer(pages(), "", words=words, matches=[*find(pages(), words)] if words else [])
 
     @router.get("/guide/{slug}")
     def page(slug: str) -> HTMLResponse:
@@ -95,7 +95,7 @@ def guide_router(directory: Path) -> Router:
 
 
 def _answer(pages: dict[str, GuidePage], slug: str, **search: Any) -> HTMLResponse:
-    """A page; with `words` and what was `found` it shows these instead of its text."""
+    """A page, or with `words` and `matches` the results of a search in its place."""
     order = ["", *SLUGS]
     place = order.index(slug)
     context = {
@@ -110,7 +110,7 @@ def _answer(pages: dict[str, GuidePage], slug: str, **search: Any) -> HTMLRespon
 
 
 def find(pages: dict[str, GuidePage], query: str) -> Iterator[tuple[GuidePage, GuideSection, str]]:
-    """Sections that have all words of a query, those with a word in their title first."""
+    """Sections with all words of a query, those with a word in the title first."""
     words = query.lower().split()
     matches = [
         (page, section)
@@ -124,7 +124,7 @@ def find(pages: dict[str, GuidePage], query: str) -> Iterator[tuple[GuidePage, G
 
 
 def _excerpt(text: str, words: list[str]) -> str:
-    """The text about the first word that occurs in it."""
+    """The text around the first of the words in it."""
     places = [place for word in words if (place := text.lower().find(word)) >= 0]
     start = max(0, min(places, default=0) - EXCERPT // 3)
     start = text.rfind(" ", 0, start) + 1 if start else 0
@@ -175,7 +175,7 @@ def _plain(token: Token) -> str:
 
 
 def anchor_of(title: str, taken: set[str]) -> str:
-    """The anchor that GitHub gives a heading. taken: those of the page so far."""
+    """The anchor of a heading as on GitHub. taken: anchors of the page so far."""
     plain = re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-")
     numbered = (f"{plain}-{number}" for number in range(1, len(taken) + 1))
     return plain if plain not in taken else next(a for a in numbered if a not in taken)

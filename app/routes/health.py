@@ -1,4 +1,4 @@
-"""Whether the server is alive and ready, and what it measures of itself."""
+"""Health, readiness, integrity of the stored data, and metrics."""
 
 import asyncio
 from dataclasses import asdict
@@ -17,7 +17,7 @@ from core import __version__
 
 router = Router(tags=["health"])
 MOST_DAMAGED = 20
-"""Damaged things that readiness names."""
+"""Largest number of damaged items in a readiness response."""
 
 
 class Health(BaseModel):
@@ -27,32 +27,32 @@ class Health(BaseModel):
 
 
 class Readiness(BaseModel):
-    """The server can work: its store answers and takes what is to be kept."""
+    """The store can be read and written, and every flight is recorded."""
 
     status: str = Field("ready", examples=["ready"])
     version: str = Field(examples=[__version__])
-    unwritten: int = Field(description="samples of flights that wait for the store; a few do")
+    unwritten: int = Field(description="samples of flights not stored yet; a few are normal")
     lost: int = Field(description="samples that could not be recorded since the server started")
     damaged: list[str] = Field(
-        description="what is stored and was found damaged: it is not served; all else is"
+        description="damaged items, which are not served; everything else is"
     )
 
 
 class DamagedItem(BaseModel):
-    """Something stored that is not as it was stored; it is not served."""
+    """A damaged item of the store; it is not served."""
 
     kind: Kind
-    id: str = Field(description="empty of the database itself")
+    id: str = Field(description="empty for the database itself")
     name: str
     detail: str = Field(description="what is wrong and what to do")
 
 
 class IntegrityReport(BaseModel):
-    """What is known of the integrity of what is stored."""
+    """Result so far of the integrity check of the stored data."""
 
     state: State = Field(
-        description="`begun`: looked at, for a moment; `checking` all of it in the background; "
-        "`checked`; `stopped` before its end"
+        description="`begun`: quick check at the start; `checking` everything in the background; "
+        "`checked`; `stopped` before the end"
     )
     checked: int = Field(description="monitors, datasets, recordings and scorings checked so far")
     damaged: list[DamagedItem]
@@ -60,30 +60,30 @@ class IntegrityReport(BaseModel):
 
 @router.get("/healthz")
 async def health() -> Health:
-    """Whether the process answers; open without a token."""
+    """Whether the process answers. Needs no token."""
     return Health(status="ok")
 
 
 @router.get("/readyz", responses=problem_responses(503))
 async def readiness(request: Request) -> Readiness:
-    """Whether the store can be read, can be written, and every flight is recorded."""
+    """Whether the store can be read and written, and every flight is recorded."""
     state = request.app.state
     flights: Flights = state.flights
-    told: dict[str, Any] = {"unwritten": flights.unwritten, "lost": flights.lost}
+    details: dict[str, Any] = {"unwritten": flights.unwritten, "lost": flights.lost}
     detail = await state.store_health.check()
     if not detail and flights.problem:
-        detail = f"{flights.unwritten} samples of flights wait for the store"
+        detail = f"{flights.unwritten} samples of flights are not stored yet"
     damaged = await _damaged(state)
-    told["damaged"] = [str(damage) for damage in damaged[:MOST_DAMAGED]]
+    details["damaged"] = [str(damage) for damage in damaged[:MOST_DAMAGED]]
     detail = next((str(damage) for damage in damaged if damage.kind == "database"), detail)
     if detail:
-        raise Problem(503, detail, "urn:forewarn:store", **told)
-    return Readiness(status="ready", version=__version__, **told)
+        raise Problem(503, detail, "urn:forewarn:store", **details)
+    return Readiness(status="ready", version=__version__, **details)
 
 
 @router.get("/api/v1/integrity")
 async def integrity(request: Request) -> IntegrityReport:
-    """What of the data was found damaged: looked at when the server started, then checked whole."""
+    """Damaged data, from the quick check at the start and the complete check after it."""
     state = request.app.state
     known: Integrity = state.integrity
     items = [DamagedItem(**asdict(damage)) for damage in await _damaged(state)]
@@ -91,7 +91,6 @@ async def integrity(request: Request) -> IntegrityReport:
 
 
 async def _damaged(state: AppState) -> list[Damage]:
-    """What was found damaged and is still there."""
     return await asyncio.to_thread(state.integrity.damaged) if state.integrity.n_damaged else []
 
 
@@ -101,6 +100,6 @@ async def _damaged(state: AppState) -> list[Damage]:
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
 )
 async def measures(request: Request) -> Response:
-    """Counters in Prometheus's text format."""
+    """Metrics in the text format of Prometheus."""
     body = await asyncio.to_thread(request.app.state.metrics.text)
     return Response(body, media_type=CONTENT_TYPE)

@@ -1,4 +1,4 @@
-"""How jobs are sent; the answer to a request for long work: 202, and where its job is."""
+"""Responses about jobs: a job as sent, and 202 with its address for a new one."""
 
 import asyncio
 from dataclasses import replace
@@ -27,14 +27,14 @@ ACCEPTED: dict[int | str, dict[str, Any]] = problem_responses(404, 413, 415, 422
 
 
 def as_sent(info: JobInfo) -> JobInfo:
-    """The job with links in place of its figures, and why it was interrupted."""
+    """The job with links instead of figures, and the reason of an interruption."""
     error = info.error or (STOPPED if info.status == "interrupted" else None)
     result = without_figures(info.result, info.id)
     return replace(info, request=limits_named(info.request), result=result, error=error)
 
 
 async def accepted(jobs: Jobs, kind: str, request: dict[str, Any], work: Work) -> Response:
-    """Queue the work; 429 where too much waits already."""
+    """Queue the work; 429 if the queue is full."""
     try:
         job_id = await asyncio.to_thread(jobs.submit, kind, request, work)
     except QueueFull as error:

@@ -1,4 +1,4 @@
-"""Long work: progress, result, cancelling."""
+"""Jobs: progress, results, cancelling; studies and sweeps."""
 
 import asyncio
 from collections.abc import AsyncIterator
@@ -30,7 +30,7 @@ from app.store.jobs import ENDED, JobInfo
 
 router = Router(prefix="/api/v1", tags=["jobs"])
 KEEP_ALIVE = 15.0
-"""[s] A quiet event stream says so this often, so that no proxy takes it for dead."""
+"""[s] between comments on a quiet event stream, so that no proxy closes it."""
 LAST_EVENT = "end"
 
 
@@ -51,7 +51,7 @@ def _short(info: JobInfo) -> JobInfo:
 
 @router.get("/jobs/{job_id}", responses=problem_responses(404))
 async def read_job(job_id: str, jobs: JobsDep) -> JobInfo:
-    """One job, with its result once it is done."""
+    """One job, with its result when done."""
     return as_sent(await asyncio.to_thread(jobs.info, job_id))
 
 
@@ -61,7 +61,7 @@ async def read_job(job_id: str, jobs: JobsDep) -> JobInfo:
     response_class=Response,
 )
 async def read_figure(job_id: str, name: str, jobs: JobsDep) -> Response:
-    """A figure of a study or a sweep, as SVG; `result.figures` of the job links to each."""
+    """A figure of a study or sweep as SVG; `result.figures` of the job has the links."""
     info = await asyncio.to_thread(jobs.info, job_id)
     figures = (info.result or {}).get("figures", {})
     if name not in figures:
@@ -84,16 +84,16 @@ EVENT = {
     "description": "a server-sent event",
     "properties": {
         "data": {"type": "string", "contentMediaType": "application/json"},
-        "id": {"type": "string", "description": "`end` with the last one"},
+        "id": {"type": "string", "description": "`end` for the last event"},
     },
     "required": ["data"],
 }
 EVENTS: dict[int | str, dict[str, Any]] = {
     200: {
-        "description": "events, the data of each a Job",
+        "description": "events; the data of each is a Job",
         "content": {"text/event-stream": {"schema": EVENT}},
     },
-    204: {"description": "the stream had ended: do not reconnect"},
+    204: {"description": "the stream has ended: do not reconnect"},
 }
 
 
@@ -108,10 +108,10 @@ async def stream_job(
     jobs: JobsDep,
     last_event_id: Annotated[str | None, Header()] = None,
 ) -> Response:
-    """Server-sent events: the job as it is now, then at each change; the last one has `id: end`.
+    """Server-sent events: the job now, then at each change. The last one has `id: end`.
 
-    The data of each is a Job. A browser's EventSource that reconnects after the last one is told
-    to stop, by 204.
+    The data of each event is a Job. An EventSource that reconnects after the last event gets 204
+    and stops.
     """
     if last_event_id == LAST_EVENT:
         return Response(status_code=204)
@@ -145,9 +145,9 @@ async def _events(job_id: str, jobs: JobsDep) -> AsyncIterator[bytes]:
 async def compare_methods(
     plain: PlainBody, request: Request, store: StoreDep, jobs: JobsDep, settings: SettingsDep
 ):
-    """Compare the paper's five methods on one dataset's recipe; a job.
+    """Compare the paper's five methods on one dataset recipe; starts a job.
 
-    Its result holds miss rate and share of safe flights without a false alarm (power) over
+    The result holds the miss rate and the share of safe flights without a false alarm (power) over
     epsilon with 95 % intervals, a table, and links to the figures.
     """
     recipe = await asyncio.to_thread(study_request, plain, store, settings.max_array_bytes)
@@ -168,11 +168,11 @@ async def compare_methods(
 async def sweep_leads(
     plain: PlainBody, request: Request, store: StoreDep, jobs: JobsDep, settings: SettingsDep
 ):
-    """How early a planned test can be warned of, by which method, at what cost; a job.
+    """Lead-time study of planned tests: what each method achieves at each lead; starts a job.
 
-    Of the planned tests that `tests` names, or of that of a `dataset`. Its result holds of each
-    method and lead the miss rate, the share of safe flights without a false alarm (power) and the
-    share of failures that an alert prevents, a table, and a link to the figure.
+    It covers the planned tests in `tests`, or the test of a `dataset`. For each method and lead the
+    result holds the miss rate, the share of safe flights without a false alarm (power) and the
+    share of failures that an alert prevents; also a table and a link to the figure.
     """
     asked = await asyncio.to_thread(sweep_request, plain, store, settings.max_array_bytes)
     tests = {"dataset": plain["dataset"], "tests": list(asked.tests)} if "dataset" in plain else {}

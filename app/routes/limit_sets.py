@@ -1,4 +1,4 @@
-"""Limit sets: versions that never change, and which of them a flight is held against."""
+"""Limit sets, their versions, and the version in force in a flight."""
 
 import asyncio
 from typing import Annotated
@@ -35,33 +35,36 @@ class ConditionLimits(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
-    name: str = Field(min_length=1, max_length=200, description="how people call the condition")
+    name: str = Field(min_length=1, max_length=200, description="name of the condition")
     ranges: dict[ConditionKey, Ends] = Field(
         default_factory=dict,
-        description="from the first number on, below the second, in SI units; null for no end. A "
-        "channel without one does not matter",
+        description="from the first number to below the second, in SI units; null for no bound. "
+        "Channels without a range do not matter",
     )
     limits: dict[str, Finite | None] = Field(
-        description="unsafe from this magnitude on, by channel, in SI units, Ny in g"
+        description="smallest unsafe magnitude by channel, in SI units, Ny in g"
     )
 
 
 class LimitsText(BaseModel):
-    """A version of a limit set: at most one of its conditions may hold at a time."""
+    """A version of a limit set. Its conditions must not overlap."""
 
     model_config = ConfigDict(
         extra="forbid", strict=True, json_schema_extra={"examples": [{"cases": CASES}]}
     )
 
     cases: list[ConditionLimits] = Field(min_length=1, max_length=MOST_CASES)
-    text: str | None = Field(default=None, min_length=1, max_length=2000, description="why")
+    text: str | None = Field(default=None, min_length=1, max_length=2000, description="reason")
     by: str = Field(
-        default=LOCAL, min_length=1, max_length=200, description="where nobody is logged in"
+        default=LOCAL,
+        min_length=1,
+        max_length=200,
+        description="ignored where a person is logged in",
     )
 
     @property
     def limits(self) -> LimitSet:
-        """What it says; Problem 422."""
+        """The limits; Problem 422 if they contradict each other."""
         try:
             return limit_set_from_plain([case.model_dump() for case in self.cases])
         except ValueError as error:
@@ -79,7 +82,7 @@ class NewLimitSet(LimitsText):
 
 
 class LimitsRequest(BaseModel):
-    """Which limits a flight under way is to be held against from its next sample on."""
+    """A version of a limit set to put in force in a flight."""
 
     model_config = ConfigDict(
         extra="forbid",
@@ -88,14 +91,16 @@ class LimitsRequest(BaseModel):
     )
 
     limit_set: str = Field(description="id")
-    version: Whole | None = Field(default=None, ge=1, description="the newest if absent")
+    version: Whole | None = Field(default=None, ge=1, description="newest version if absent")
     fixed: dict[ConditionKey, Finite] = Field(
         default_factory=dict,
-        description="flight conditions that are declared, in SI units; those that were declared "
-        "before stay",
+        description="declared flight conditions in SI units; earlier declarations stay in force",
     )
     by: str = Field(
-        default=LOCAL, min_length=1, max_length=200, description="where nobody is logged in"
+        default=LOCAL,
+        min_length=1,
+        max_length=200,
+        description="ignored where a person is logged in",
     )
 
 
@@ -124,7 +129,7 @@ async def read_limit_set(set_id: str, store: StoreDep) -> list[StoredLimits]:
 async def add_version(
     set_id: str, new: LimitsText, store: StoreDep, person: PersonDep
 ) -> StoredLimits:
-    """Store the next version of a limit set; those of before stay as they are."""
+    """Store the next version of a limit set. Earlier versions do not change."""
     about = new.limits, signature(person, new.by), new.text
     return await asyncio.to_thread(store.limit_sets.add_version, set_id, *about)
 
@@ -137,23 +142,23 @@ async def read_version(set_id: str, version: Version, store: StoreDep) -> Stored
 
 @router.get("/flights/{flight_id}/limits", responses=problem_responses(404, 422))
 async def list_flight_limits(flight_id: str, flights: FlightsDep) -> list[FlightLimits]:
-    """All versions of limit sets that were put in force during a flight, in order."""
+    """All versions of limit sets put in force during a flight, in order."""
     await asyncio.to_thread(flights.store.flights.info, flight_id)
     stored = await asyncio.to_thread(flights.store.limit_sets.of_flights, [flight_id])
-    found = {put.number: put for put in stored.get(flight_id, [])}
+    in_store = {put.number: put for put in stored.get(flight_id, [])}
     flight = flights.get(flight_id)
-    at_hand = [to_store(put) for put in flight.limits_at_hand] if flight else []
-    return list((found | {put.number: put for put in at_hand}).values())
+    in_flight = [to_store(put) for put in flight.limits_at_hand] if flight else []
+    return list((in_store | {put.number: put for put in in_flight}).values())
 
 
 @router.put("/flights/{flight_id}/limits", responses=problem_responses(404, 409, 422, 503))
 async def put_in_force(
     flight_id: str, asked: LimitsRequest, flights: FlightsDep, person: PersonDep
 ) -> LimitsStatus:
-    """Hold a flight under way against a limit set, from its next sample on.
+    """Put a limit set in force in a flight in progress, from its next sample on.
 
-    Everyone who watches is told. Monitors with other limits are not applicable from there on. 503
-    says that it is in force and not stored yet; 409 that this flight cannot be held against others.
+    All watchers see the change. From then on, monitors with other limits are not applicable. 503:
+    the limits are in force but not stored yet; 409: this flight cannot take other limits.
     """
     by = signature(person, asked.by)
     about = asked.limit_set, asked.version, asked.fixed, by

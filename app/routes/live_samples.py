@@ -1,4 +1,4 @@
-"""Live samples: batches over REST, acknowledged once they are durable, and manoeuvres marked."""
+"""Live samples over REST: batches, acknowledged once durable, and manual manoeuvre starts."""
 
 import asyncio
 from typing import Annotated
@@ -32,13 +32,13 @@ EXAMPLE = {
 
 
 class SamplesTaken(BaseModel):
-    """A batch that is durable: it is not lost, whatever happens to the server."""
+    """A durable batch; it survives a crash of the server."""
 
     sequence: int | None
-    accepted: int = Field(description="samples; 0 of a batch that had come before")
-    repeated: bool = Field(description="whether it had come before")
+    accepted: int = Field(description="number of accepted samples; 0 for a repeated batch")
+    repeated: bool = Field(description="whether the server had this batch already")
     unread: list[str] = Field(
-        default_factory=list, description="names in it that nothing reads, the first 20"
+        default_factory=list, description="names in it that are not read, at most 20"
     )
 
 
@@ -52,8 +52,8 @@ class SamplesTaken(BaseModel):
                 "application/json": {
                     "schema": {
                         "type": "object",
-                        "description": "`sequence` numbers the batch; a number, null or a list of "
-                        "them for the time and each channel",
+                        "description": "`sequence` numbers the batch; time and channels are each a "
+                        "number, null or a list of them",
                         "properties": {"sequence": {"type": "integer", "minimum": 0}},
                         "additionalProperties": True,
                     },
@@ -64,10 +64,10 @@ class SamplesTaken(BaseModel):
     },
 )
 async def push_samples(flight_id: str, request: Request, flights: FlightsDep) -> SamplesTaken:
-    """Push a batch into a live flight; it is shown at once and answered when it is durable.
+    """Push a batch into a live flight. It is shown at once; the response confirms it is durable.
 
-    A batch that is repeated under its number is taken once; 409 for another batch of that number.
-    503: it is shown, but not durable yet: repeat it until it is answered with 200.
+    A repeated batch with the same number is used once; 409 for a different batch with that number.
+    503: the batch is shown but not durable yet; repeat it until the answer is 200.
     """
     flight = await _live(flight_id, flights)
     try:
@@ -96,7 +96,7 @@ async def push_samples(flight_id: str, request: Request, flights: FlightsDep) ->
 
 @router.get("/{flight_id}/samples", responses=problem_responses(404, 409, 422, 429))
 async def read_live(flight_id: str, flights: FlightsDep) -> LiveStatus:
-    """How the source of a live flight does, and which batch came last: go on after that one."""
+    """State of the source of a live flight, and the last batch received; continue after it."""
     return (await _live(flight_id, flights)).live
 
 
@@ -107,7 +107,7 @@ async def begin_manoeuvre(
     person: PersonDep,
     who: Annotated[SignedRequest | None, Body()] = None,
 ) -> Response:
-    """Say that a manoeuvre begins now, where the surfaces have not shown it."""
+    """Mark the start of a manoeuvre that the control surfaces do not show."""
     flight = await _live(flight_id, flights)
     try:
         written = flight.begin_manoeuvre(signature(person, (who or SignedRequest()).by))

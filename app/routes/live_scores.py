@@ -1,4 +1,4 @@
-"""Live flights that are over, scored again by what had come at each moment."""
+"""Rescoring of ended live flights from their journals."""
 
 from typing import Annotated, Any
 
@@ -17,7 +17,7 @@ router = Router(prefix="/api/v1/flights", tags=["flights"])
 
 
 class LiveScoreRequest(BaseModel):
-    """By which monitor, at which accepted miss rate: those of the flight if absent."""
+    """Monitor and accepted miss rate; those of the flight if absent."""
 
     model_config = ConfigDict(
         extra="forbid", strict=True, json_schema_extra={"examples": [{"epsilon": 0.1}]}
@@ -25,12 +25,15 @@ class LiveScoreRequest(BaseModel):
 
     monitor: str | None = Field(default=None, description="id")
     epsilon: float | None = Field(
-        default=None, gt=0, lt=1, description="of another monitor: its own if absent"
+        default=None,
+        gt=0,
+        lt=1,
+        description="if absent, that of the flight, or of another monitor its own",
     )
 
 
 class ShownFrame(Frame):
-    """A frame of the flight and when it was shown, or would have been."""
+    """A frame of the flight with the time at which it was, or would have been, shown."""
 
     shown: float = Field(description="[s] since the flight began")
     manoeuvre: int = Field(description="1, 2 ...; 0 between manoeuvres")
@@ -44,22 +47,22 @@ class AlertInterval(BaseModel):
 
 
 class LiveScore(BaseModel):
-    """What a monitor says of a live flight by what had come at each moment; nothing is kept."""
+    """Assessments of a live flight by a monitor, each from the samples received by then."""
 
     flight: str = Field(description="id")
     monitor: str = Field(description="id")
     epsilon: float
-    delay: float = Field(description="[s] that a sample waits for others at most")
-    lead: float = Field(description="how far ahead an alert is shown [s]: less the delay")
+    delay: float = Field(description="longest wait of a sample for others [s]")
+    lead: float = Field(description="lead time of a shown alert [s]: the monitor's less the delay")
     as_shown: bool | None = Field(
-        description="whether all that is recorded of the flight is this, bit for bit; null for "
-        "another monitor or epsilon than its own"
+        description="whether the record of the flight is bit for bit the same; null for another "
+        "monitor or epsilon than the flight's own"
     )
     n_samples: int
     alerts: list[AlertInterval]
-    exceeded_t: float | None = Field(description="[s] of the first measured exceedance")
+    exceeded_t: float | None = Field(description="time of the first measured exceedance [s]")
     first: int
-    next: int | None = Field(description="number to ask for when there may be more, else null")
+    next: int | None = Field(description="number of the next frame to request; null at the end")
     frames: list[ShownFrame]
 
 
@@ -74,10 +77,10 @@ async def score_live(
     first: First = 0,
     last: Last = None,
 ) -> Response:
-    """Score a live flight that is over from its journal, as in flight: nothing of the future.
+    """Rescore an ended live flight from its journal as in flight, without later samples.
 
-    By its own monitor these are the bits that were shown; another one says what it would have. The
-    journal holds each batch as it came with its time of arrival. Nothing is stored.
+    The journal holds each batch with its time of arrival. The flight's own monitor gives the same
+    bits as in flight; another monitor gives what it would have shown. The result is not stored.
     """
     asked = request or LiveScoreRequest()
     work = recordings.workers.run

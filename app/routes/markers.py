@@ -1,4 +1,4 @@
-"""Markers: remarks at a moment or a manoeuvre of a recording."""
+"""Markers and notes at a time or an interval of a recording."""
 
 import asyncio
 
@@ -24,27 +24,30 @@ class MarkerText(BaseModel):
     )
 
     t: Number = Field(description="[s]")
-    end: Number | None = Field(default=None, description="[s] of a manoeuvre; null: a moment")
+    end: Number | None = Field(
+        default=None, description="end of an interval [s]; null for a moment"
+    )
     text: str = Field(min_length=1, max_length=2000)
     kind: MarkerKind = "marker"
 
     @model_validator(mode="after")
     def check_order(self) -> "MarkerText":
-        """Refuse a manoeuvre that ends before it begins."""
         if self.end is not None and self.end < self.t:
-            raise ValueError(f"the end {self.end:g} s lies before {self.t:g} s: give a later one")
+            raise ValueError(
+                f"the end {self.end:g} s is before the start {self.t:g} s: give a later end"
+            )
         return self
 
 
 @router.get("", responses=problem_responses(404))
 async def list_markers(recording_id: str, store: StoreDep) -> list[Marker]:
-    """All markers and notes of a recording, in the order of their times."""
+    """All markers and notes of a recording, in order of time."""
     return await asyncio.to_thread(store.markers.of, recording_id)
 
 
 @router.post("", status_code=201, responses=problem_responses(404, 422))
 async def add_marker(recording_id: str, text: MarkerText, store: StoreDep) -> Marker:
-    """Set a marker or a note."""
+    """Add a marker or a note."""
     marker = Marker(id=new_id(), created=now(), **text.model_dump())
     return await asyncio.to_thread(store.markers.add, recording_id, marker)
 

@@ -1,4 +1,4 @@
-"""Monitors: trained and calibrated; scoring telemetry at once."""
+"""Monitors: train, combine, upload, evaluate, and score telemetry."""
 
 import asyncio
 from dataclasses import asdict
@@ -53,12 +53,12 @@ router = Router(prefix="/api/v1/monitors", tags=["monitors"])
 
 
 class GroupCalibration(BaseModel):
-    """What the failures of one group said of the score."""
+    """Calibration on the failures of one group."""
 
     name: str
-    rule: str = Field(description="how failing flights are grouped")
+    rule: str = Field(description="rule that groups failing flights")
     alphas: list[float | None]
-    n_unsafe: int = Field(description="as many in each group")
+    n_unsafe: int = Field(description="failures in this group; the same in each group")
     n_early: int
     alert_above: float
 
@@ -67,32 +67,32 @@ class CombinationMember(BaseModel):
     """A member of a combination, as it was trained."""
 
     lead: float = Field(description="[s]")
-    n_unsafe: int = Field(description="failures that it was calibrated on by itself")
+    n_unsafe: int = Field(description="failures of its own calibration")
     recipe: dict[str, Any]
 
 
 class Calibration(BaseModel):
-    """What the failures said of the score."""
+    """Calibration of a monitor on its failing flights."""
 
     alphas: list[float | None] = Field(
-        description="sorted calibration scores of all failures, of every group; null: too early to "
-        "be warned of"
+        description="sorted calibration scores of the failures of all groups; null: the "
+        "failure comes too early for a warning"
     )
-    n_unsafe: int = Field(description="failures that the promise rests on; of each group")
+    n_unsafe: int = Field(description="failures behind the promise, per group")
     n_early: int
     smallest_epsilon: float
     epsilon: float
     guarantee: str
     alert_above: float
     lead: float = Field(description="[s]")
-    groups: list[GroupCalibration] = Field(description="empty where all failures are pooled")
+    groups: list[GroupCalibration] = Field(description="empty if all failures are pooled")
     members: list[CombinationMember] = Field(
-        description="of a combination; empty for any other monitor"
+        description="members of a combination; empty for other monitors"
     )
 
 
 class ForecastByChannel(BaseModel):
-    """Outputs that are expected t_early ahead."""
+    """Forecast of each channel t_early ahead."""
 
     beta: float = Field(description="[rad]")
     p: float = Field(description="[rad/s]")
@@ -103,7 +103,7 @@ class ForecastByChannel(BaseModel):
 
 
 class AssessedSample(BaseModel):
-    """What the monitor says of one sample."""
+    """Assessment of one sample."""
 
     t: float = Field(description="[s]")
     p_value: float | None = Field(description="risk, higher is worse; null unless state is `ok`")
@@ -114,22 +114,22 @@ class AssessedSample(BaseModel):
     y_hat: ForecastByChannel | None = Field(description="forecast t_early ahead")
     score: float | None
     group: str | None = Field(
-        description="the flight's group of failing flights, by whose threshold p_value is; null "
-        "while it is not known, and for monitors without groups"
+        description="group of failing flights whose calibration gives p_value; null while "
+        "unknown and for monitors without groups"
     )
     nearest_unsafe: Exemplar | None
     nearest_safe: Exemplar | None
 
 
 class AssessedTelemetry(BaseModel):
-    """Assessments of a telemetry, one a sample."""
+    """Assessments of telemetry, one per sample."""
 
-    epsilon: float = Field(description="miss rate that alerts were decided at")
-    lead: float = Field(description="promised warning lead time [s]")
+    epsilon: float = Field(description="miss rate of the alerts")
+    lead: float = Field(description="promised lead time [s]")
     assessments: list[AssessedSample]
 
 
-_ORDER = body_of(
+_TRAINING_BODY = body_of(
     monitor_request_schema(),
     {
         "name": "0.25 s ahead",
@@ -141,7 +141,7 @@ _ORDER = body_of(
         "epsilon": 0.1,
     },
 )
-_ORDER["requestBody"]["content"] |= CONTENT
+_TRAINING_BODY["requestBody"]["content"] |= CONTENT
 
 
 @router.post(
@@ -149,7 +149,7 @@ _ORDER["requestBody"]["content"] |= CONTENT
     status_code=202,
     response_model=JobInfo,
     responses=ACCEPTED | {201: {"model": MonitorInfo, "description": "the uploaded monitor"}},
-    openapi_extra=_ORDER,
+    openapi_extra=_TRAINING_BODY,
 )
 async def train_monitor(
     request: Request,
@@ -161,20 +161,20 @@ async def train_monitor(
         str | None, Query(min_length=1, max_length=200, description="name of an uploaded monitor")
     ] = None,
 ):
-    """Train a monitor on a stored dataset, or on one simulated first: JSON, answered by a job.
+    """Train a monitor on a stored dataset or one simulated first, or upload a monitor.
 
-    It is then flown on `n_test` fresh flights: see its evaluation. `t_early` in seconds.
-    A body of another type, or a form (`curl -F file=@monitor.fwm`), is a portable monitor as
-    `forewarn train` or `GET /monitors/{id}/file` gives it: stored at once and answered by the
-    monitor.
+    A JSON body starts a job that trains the monitor and evaluates it on `n_test` fresh flights;
+    `t_early` is in seconds. A body of another type, or a form (`curl -F file=@monitor.fwm`), is a
+    portable monitor from `forewarn train` or `GET /monitors/{id}/file`: it is stored at once and
+    returned.
     """
     if content_type(request) != "application/json":
         sent = await sent_file(request)
         body = b"".join([chunk async for chunk in sent.content])
         if body.lstrip()[:1] == b"{":
             raise Problem(415, "the body looks like JSON: send it as application/json")
-        called = name or PurePath(sent.name).stem or "uploaded monitor"
-        return await _add_file(body, called[:200], recordings)
+        title = name or PurePath(sent.name).stem or "uploaded monitor"
+        return await _add_file(body, title[:200], recordings)
     plain = await plain_body(request)
     training = await asyncio.to_thread(monitor_request, plain, store, settings.max_array_bytes)
     asked = {
@@ -196,11 +196,11 @@ async def train_monitor(
     ),
 )
 async def combine_monitors(plain: PlainBody, store: StoreDep, jobs: JobsDep, settings: SettingsDep):
-    """Make one monitor of several of one planned test, answered by a job.
+    """Combine several monitors of one planned test; starts a job.
 
-    Its risk is the highest of theirs, and that rule as a whole is calibrated, on `n_unsafe` fresh
-    failing flights. A flight may have it as its alarm authority. `lead` in seconds, that of a
-    member, by whose validity it is withdrawn.
+    The risk of the combination is the highest of its members. It is calibrated as a whole on
+    `n_unsafe` fresh failing flights, so it can be the alarm authority of a flight. `lead` in
+    seconds is that of one member, whose validity decides where the combination is withdrawn.
     """
     asked = await asyncio.to_thread(combination_request, plain, store, settings.max_array_bytes)
     request = {"name": asked.name, "monitors": list(asked.monitors)} | to_plain(asked.recipe)
@@ -226,7 +226,7 @@ async def read_monitor(
     store: StoreDep,
     epsilon: Annotated[
         float | None,
-        Query(gt=0, lt=1, description="miss rate of the warnings; the monitor's if absent"),
+        Query(gt=0, lt=1, description="miss rate for `warnings`; the monitor's if absent"),
     ] = None,
 ) -> MonitorInfo:
     """One monitor, without its arrays."""
@@ -235,7 +235,7 @@ async def read_monitor(
 
 @router.delete("/{monitor_id}", status_code=204, responses=problem_responses(404, 409))
 async def delete_monitor(monitor_id: str, store: StoreDep) -> None:
-    """Delete a monitor; 409 where a flight uses it."""
+    """Delete a monitor; 409 if it is in use."""
     await asyncio.to_thread(store.monitors.delete, monitor_id)
 
 
@@ -243,9 +243,9 @@ async def delete_monitor(monitor_id: str, store: StoreDep) -> None:
     "/{monitor_id}/calibration", response_model=Calibration, responses=problem_responses(404)
 )
 async def read_calibration(monitor_id: str, store: StoreDep):
-    """Sorted calibration scores, the smallest epsilon that they can serve, and the own one.
+    """Sorted calibration scores, the smallest epsilon they allow, and the monitor's epsilon.
 
-    `alert_above`: risk above which it alerts, to keep its `guarantee` at its epsilon.
+    `alert_above` is the risk above which the monitor alerts to keep its `guarantee` at its epsilon.
     """
 
     def read() -> dict[str, Any]:
@@ -292,24 +292,24 @@ def _finite(alphas: Array) -> list[float | None]:
 
 @router.get("/{monitor_id}/evaluation", responses=problem_responses(404))
 async def read_evaluation(monitor_id: str, store: StoreDep) -> dict[str, Any]:
-    """What came of fresh flights over epsilon, and the warning lead times.
+    """Results on fresh flights over epsilon, and the lead times.
 
     Miss rate, share of safe flights that stay valid and without a false alarm (power), and
-    P(fail | alert). Flights that were called invalid, failing ones before an alert (`withdrawn`)
-    and safe ones without one (`safe_withdrawn`), are in neither of the first two. `warnings` beside
-    each count say where the monitor is worse than its promise or of no use.
-    404 for a monitor that came as a file and was never flown here.
+    P(fail | alert). The first two exclude flights in which the monitor became invalid: failing
+    flights before an alert (`withdrawn`) and safe flights without one (`safe_withdrawn`). The
+    `warnings` at each epsilon name what is worse than promised.
+    404 for an uploaded monitor without an evaluation.
     """
-    found = await asyncio.to_thread(store.monitors.evaluation, monitor_id)
-    if found is None:
+    evaluation = await asyncio.to_thread(store.monitors.evaluation, monitor_id)
+    if evaluation is None:
         raise Problem(
-            404, "this monitor was not flown on fresh flights: train it here to have it so"
+            404, "this monitor was not evaluated on fresh flights: train it on this server"
         )
-    found = with_power_of_quiet(found)
-    curves = found["curves"]
-    curves["warnings"] = [warnings_of(found, epsilon) for epsilon in curves["epsilon"]]
-    found["at_epsilon"]["warnings"] = warnings_of(found, found["epsilon"])
-    return found
+    evaluation = with_power_of_quiet(evaluation)
+    curves = evaluation["curves"]
+    curves["warnings"] = [warnings_of(evaluation, epsilon) for epsilon in curves["epsilon"]]
+    evaluation["at_epsilon"]["warnings"] = warnings_of(evaluation, evaluation["epsilon"])
+    return evaluation
 
 
 @router.post(
@@ -322,11 +322,11 @@ async def read_evaluation(monitor_id: str, store: StoreDep) -> dict[str, Any]:
     ),
 )
 async def choose_epsilon(monitor_id: str, plain: PlainBody, store: StoreDep, jobs: JobsDep):
-    """Choose an epsilon by costs, or so that two targets are kept; answered by a job.
+    """Choose an epsilon by costs or by two targets; starts a job.
 
-    Half of the fresh flights choose, the others certify: the job's result holds the epsilon, what
-    was counted at it, and what holds with 95 % confidence. The job fails where no epsilon keeps
-    both targets, or says how many flights could certify one.
+    Half of the fresh flights choose, the other half certify. The result holds the epsilon, the
+    counts at it, and 95 % confidence bounds. The job fails if no epsilon meets both targets; its
+    error may name the number of flights that could certify one.
     """
     asked = await asyncio.to_thread(choice_request, plain, store, monitor_id)
     request = {"monitor": monitor_id} | to_plain(asked.recipe)
@@ -339,9 +339,9 @@ async def choose_epsilon(monitor_id: str, plain: PlainBody, store: StoreDep, job
     responses=problem_responses(404),
 )
 async def read_certificate(monitor_id: str, store: StoreDep) -> HTMLResponse:
-    """What fresh flights said of it, as a page that prints; as JSON it is `/evaluation`.
+    """The certificate as a page to print; `/evaluation` has its numbers as JSON.
 
-    404 for a monitor that came as a file and was never flown.
+    404 for an uploaded monitor without an evaluation.
     """
 
     def render() -> str:
@@ -383,12 +383,14 @@ async def score_telemetry(
         float | None,
         Query(ge=1e-6, le=1 - 1e-6, description="miss rate; the monitor's if absent"),
     ] = None,
-    why: Annotated[bool, Query(description="name the simulated rollouts behind each")] = False,
+    why: Annotated[
+        bool, Query(description="add the nearest simulated rollouts to each assessment")
+    ] = False,
 ):
-    """Assess telemetry sample by sample, at once; the monitor's interval is expected.
+    """Assess telemetry sample by sample. Its interval must be that of the monitor.
 
-    One array a channel, SI units, N_y in g; null where a value is missing. A sample whose time does
-    not follow by the monitor's interval is `invalid`, never guessed.
+    One array per channel in SI units, N_y in g; null for a missing value. A sample at any other
+    interval after the last one is `invalid`.
     """
 
     def score() -> Response:
@@ -398,7 +400,7 @@ async def score_telemetry(
             served = monitor.check_epsilon(epsilon)
         except ValueError as error:
             raise Problem(422, str(error), "urn:forewarn:epsilon") from None
-        said = assessed(monitor, recording, served, why=why)
-        return json_response({"epsilon": served, "lead": monitor.lead, "assessments": said})
+        assessments = assessed(monitor, recording, served, why=why)
+        return json_response({"epsilon": served, "lead": monitor.lead, "assessments": assessments})
 
     return await asyncio.to_thread(score)

@@ -1,4 +1,4 @@
-"""People: who asks, and the tokens that let them in."""
+"""People and their tokens."""
 
 import asyncio
 from typing import Annotated
@@ -24,14 +24,14 @@ PeopleDep = Annotated[People, Depends(_people)]
 
 
 class Me(BaseModel):
-    """Who asks."""
+    """The person who sends the request."""
 
     name: str = Field(
-        description="`server` with the token of the settings, `local` where no token is asked for"
+        description="`server` with the token from the settings, `local` if no token is required"
     )
     role: Role
     allowed: list[str] = Field(
-        description="the requests that the role may send, path parameters as `{}`",
+        description="requests allowed for the role, with path parameters as `{}`",
         examples=[["POST /api/v1/flights/{}/end"]],
     )
 
@@ -48,12 +48,12 @@ class TokenRequest(BaseModel):
     name: str = Field(min_length=1, max_length=64)
     role: Role
     days: float | None = Field(
-        default=None, gt=0, le=LONGEST_DAYS, description="until it expires; null: never"
+        default=None, gt=0, le=LONGEST_DAYS, description="days until it expires; null: never"
     )
 
 
 class NewToken(BaseModel):
-    """A token that was made; it is not shown again."""
+    """A new token; it is not shown again."""
 
     id: str
     name: str
@@ -63,21 +63,21 @@ class NewToken(BaseModel):
 
 
 class LoginLink(BaseModel):
-    """An address that logs in once."""
+    """An address for one login."""
 
     path: str = Field(examples=["/login?link=..."])
-    seconds: float = Field(description="that it may be used within [s]")
+    seconds: float = Field(description="time until it expires [s]")
 
 
 @router.get("/me")
 async def read_me(person: PersonDep) -> Me:
-    """Who asks, with which role, and what that allows."""
+    """Name, role and permissions of the person who sends the request."""
     return Me(name=person.name, role=person.role, allowed=allowed_to(person.role))
 
 
 @router.get("/tokens")
 async def list_tokens(store: StoreDep) -> list[StoredToken]:
-    """Every token that was made, the newest first; never the tokens themselves."""
+    """All tokens, newest first, without the secrets."""
     return await asyncio.to_thread(store.tokens.all)
 
 
@@ -85,13 +85,13 @@ async def list_tokens(store: StoreDep) -> list[StoredToken]:
 async def make_token(
     wanted: TokenRequest, store: StoreDep, people: PeopleDep, response: Response
 ) -> NewToken:
-    """Make a token for a person; a name has one that is valid at most.
+    """Make a token for a person. A name has at most one valid token.
 
-    409 where the server asks for no token yet: the first one is made by `forewarn token create`,
-    since from then on everybody needs one.
+    409 while the server requires no token: make the first one with `forewarn token create`, since
+    from then on every request needs one.
     """
     if not people.needs_token:
-        text = "the server asks for no token yet: make the first one by `forewarn token create`"
+        text = "the server requires no token yet: make the first with `forewarn token create`"
         raise Problem(409, text, "urn:forewarn:token")
     try:
         made, secret = await asyncio.to_thread(
@@ -106,7 +106,7 @@ async def make_token(
 
 @router.delete("/tokens/{token_id}", responses=problem_responses(404, 422))
 async def revoke_token(token_id: str, store: StoreDep, people: PeopleDep) -> StoredToken:
-    """Revoke a token for good; its sessions and WebSockets close. It stays in the list."""
+    """Revoke a token permanently. Its sessions and WebSockets close; it stays in the list."""
     revoked = await asyncio.to_thread(store.tokens.revoke, token_id)
     await people.refresh()
     return revoked
@@ -114,7 +114,7 @@ async def revoke_token(token_id: str, store: StoreDep, people: PeopleDep) -> Sto
 
 @router.post("/tokens/{token_id}/link", responses=problem_responses(404, 409, 422))
 async def make_link(token_id: str, store: StoreDep) -> LoginLink:
-    """Make an address at which the person logs in once, without the token."""
+    """Make an address where the person can log in once without the token."""
     try:
         code = await asyncio.to_thread(store.tokens.make_link, token_id)
     except TokenError as error:

@@ -1,4 +1,4 @@
-"""What is said of a recording: what it holds, what that is taken for, how good it is."""
+"""Models of a recording: contents, mapping, quality, previews, training proposal."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -15,19 +15,19 @@ Number = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class SignalGroup(BaseModel):
-    """Signals that were sampled together."""
+    """Signals with common times."""
 
     name: str
     n_rows: int
-    rate: float | None = Field(description="[Hz]; null where its time is not mapped")
+    rate: float | None = Field(description="[Hz]; null if its time is not mapped")
 
 
 class SignalSummary(BaseModel):
-    """One recorded quantity as the file names it; numbers in the file's own unit."""
+    """A recorded quantity under its name and in its unit in the file."""
 
     name: str
     unit: str
-    group: int = Field(description="number in `groups`")
+    group: int = Field(description="index in `groups`")
     description: str
     n: int
     missing: int
@@ -37,15 +37,15 @@ class SignalSummary(BaseModel):
 
 
 class FileContents(BaseModel):
-    """What the file holds."""
+    """Contents of the file."""
 
     groups: list[SignalGroup]
     signals: list[SignalSummary]
-    ignored: list[str] = Field(description="what was left out, with the reason")
+    ignored: list[str] = Field(description="ignored parts of the file with the reasons")
     notes: list[str]
     start: str = Field(
-        description="time zero in ISO 8601, empty where the file does not say; 234:15:35:50.7 of a "
-        "clock without a year, 15:35:50.7 of one without a date, 35:50.7 of one without an hour"
+        description="time zero in ISO 8601, empty if not in the file; 234:15:35:50.7 from a clock "
+        "without a year, 15:35:50.7 without a date, 35:50.7 without an hour"
     )
 
 
@@ -58,7 +58,7 @@ class BadRowSummary(BaseModel):
 
 
 class Derivable(BaseModel):
-    """A way to make a channel out of others."""
+    """A derivation of a channel from others."""
 
     key: str
     title: str
@@ -73,15 +73,15 @@ class RecordingDetails(RecordingInfo):
     bad_rows: BadRowSummary
     mapping: Mapping
     rationales: dict[str, Rationale]
-    """by channel, and `t:` with a group's name"""
+    """by channel, and by `t:` and the name of a group"""
     alternatives: dict[str, list[str]]
-    """other signals that a channel may be"""
+    """other possible signals, by channel"""
     derivable: dict[str, list[Derivable]]
-    """by channel"""
+    """possible derivations, by channel"""
     missing: list[str]
-    """channels that nothing is mapped to"""
+    """channels without a signal"""
     quality: dict[str, Any] | None
-    """of the times and channels as mapped"""
+    """quality of the times and channels as mapped"""
     problem: str | None
     """why the mapping cannot be applied"""
 
@@ -95,7 +95,7 @@ MAPPING_EXAMPLE: dict[str, Any] = {
 
 
 class OfMapping(BaseModel):
-    """A request with a mapping, or a mapping file as it is: what the command line writes."""
+    """A request with a mapping, or a mapping file of the command line as the whole body."""
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [MAPPING_EXAMPLE]})
 
@@ -104,7 +104,7 @@ class OfMapping(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _file(cls, body: Any) -> Any:
-        """Take a body of `channels` and `times` for the mapping itself."""
+        """Accept a body of `channels` and `times` as the mapping."""
         if isinstance(body, dict) and "mapping" not in body and {"channels", "times"} & set(body):
             return {"mapping": body}
         return body
@@ -116,19 +116,18 @@ class MappingRequest(OfMapping):
     aircraft: str | None = Field(default=None, min_length=1, max_length=200)
     remember: StrictBool = Field(
         default=True,
-        description="propose it for the next recording of this aircraft; without one named, "
-        "nothing is remembered",
+        description="propose it for the next recording of `aircraft`; ignored without one",
     )
 
 
 class PreviewRequest(OfMapping):
     """A mapping to try."""
 
-    bins: Whole = Field(default=120, ge=2, le=4000, description="of each channel, at most")
+    bins: Whole = Field(default=120, ge=2, le=4000, description="most bins per channel")
 
 
 class Bands(BaseModel):
-    """A channel in a few bins: the least and the most of each."""
+    """A channel in bins, with the extremes of each."""
 
     t: list[float] = Field(description="[s] of each bin")
     low: list[float | None]
@@ -139,23 +138,23 @@ class Bands(BaseModel):
 
 
 class Preview(BaseModel):
-    """What comes of a mapping; nothing is kept."""
+    """Channels by a mapping; not stored."""
 
     channels: dict[str, Bands]
     quality: dict[str, Any] | None
     problem: str | None
     warnings: dict[str, list[str]] = Field(
-        description="by channel: what speaks against it; it can be confirmed all the same"
+        description="by channel: reasons against the mapping; it can still be confirmed"
     )
 
 
 class SignalPreview(BaseModel):
-    """A signal as the file holds it, in equal numbers of rows."""
+    """A signal of the file in bins of equal numbers of rows."""
 
     name: str
     unit: str
     n: int
-    rows: int = Field(description="of each bin but the last")
+    rows: int = Field(description="rows of each bin except the last")
     low: list[float | None]
     high: list[float | None]
 
@@ -171,7 +170,7 @@ class ManoeuvreInterval(BaseModel):
 
 
 class InputInterval(BaseModel):
-    """The control input that a proposal is made from."""
+    """The control input behind a proposal."""
 
     start: float = Field(description="[s]")
     end: float = Field(description="[s]")
@@ -183,11 +182,11 @@ class TrainingProposal(BaseModel):
     recipe: dict[str, Any] = Field(
         description="part of a body of `POST /monitors`: `dataset` with `maneuver`, `limits` and "
         "`dt`, `t_early`, and the `predictor` and `score` of a method that works without the "
-        "missing channels, each where it is known"
+        "missing channels; unknown parts are absent"
     )
     aircraft: None = Field(description="always null: a recording does not name its aircraft")
     reasons: list[str] = Field(description="where each proposal comes from, and what to check")
-    channels: list[str] = Field(description="keys of the channels that are recorded")
+    channels: list[str] = Field(description="keys of the recorded channels")
     missing_channels: list[str]
     can_train: bool = Field(description="whether a monitor trained by this recipe can score it")
     manoeuvre: InputInterval | None

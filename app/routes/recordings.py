@@ -1,4 +1,4 @@
-"""Recordings: telemetry files that are uploaded, read, mapped and kept."""
+"""Recordings: upload, map, preview, propose a training, delete."""
 
 import asyncio
 from typing import Annotated, Any
@@ -32,7 +32,7 @@ from app.telemetry.mapping.mapping import Mapping
 router = Router(prefix="/api/v1/recordings", tags=["recordings"])
 LONGEST_NAME = 255
 UNNAMED = "upload"
-"""What a file is called whose sender does not say."""
+"""Name of a file sent without one."""
 
 
 @router.post(
@@ -42,7 +42,7 @@ UNNAMED = "upload"
     responses=problem_responses(408, 413, 415, 422, 429, 507)
     | {
         201: {
-            "description": "read and kept",
+            "description": "read and stored",
             "headers": {"Location": {"description": "the recording", "schema": {"type": "string"}}},
         }
     },
@@ -53,23 +53,33 @@ async def upload_recording(
     recordings: RecordingsDep,
     name: Annotated[
         str | None,
-        Query(min_length=1, max_length=LONGEST_NAME, description="of the file; else the form's"),
+        Query(
+            min_length=1,
+            max_length=LONGEST_NAME,
+            description="name of the file; if absent, that of the form",
+        ),
     ] = None,
     aircraft: Annotated[
         str | None,
-        Query(min_length=1, max_length=200, description="its mapping is proposed, if one is kept"),
+        Query(
+            min_length=1, max_length=200, description="propose the stored mapping of this aircraft"
+        ),
     ] = None,
 ):
-    """Upload a file of telemetry in a form or as the body itself, of any format in the catalog.
+    """Upload a telemetry file in any format of the catalog, in a form or as the body.
 
     `curl -F file=@flight.csv URL`, or `curl --data-binary @flight.csv 'URL?name=flight.csv'` with
-    any content type. It is read at once and a mapping of its signals is proposed: check it before
-    you score.
+    any content type. The server reads it at once and proposes a mapping of its signals: check it
+    before scoring.
     """
     sent = await sent_file(request)
     given = name or sent.name[-LONGEST_NAME:] or UNNAMED
     if not (shown := plain_name(given)):
-        raise Problem(422, f"the name {given!r} names no file", "urn:forewarn:request")
+        raise Problem(
+            422,
+            f"{given!r} is not a file name: give a name with letters or digits",
+            "urn:forewarn:request",
+        )
     length = request.headers.get("content-length", "")
     upload = Upload(
         shown,
@@ -81,7 +91,9 @@ async def upload_recording(
     try:
         recording_id = await recordings.receive(upload)
     except (ClientDisconnect, Abandoned):
-        raise Problem(408, "the upload was interrupted: nothing of it is kept") from None
+        raise Problem(
+            408, "the upload was interrupted and not stored: send the file again"
+        ) from None
     location = {"Location": f"/api/v1/recordings/{recording_id}"}
     answer = await asyncio.to_thread(recording_answer, recordings, recording_id)
     return json_response(answer, 201, location)
@@ -95,13 +107,13 @@ async def list_recordings(recordings: RecordingsDep) -> list[RecordingInfo]:
 
 @router.get("/{recording_id}", response_model=RecordingDetails, responses=problem_responses(404))
 async def read_recording(recording_id: str, recordings: RecordingsDep):
-    """One recording: what it holds, and what its signals are taken for."""
+    """One recording with its contents and mapping."""
     return await json_from(recording_answer, recordings, recording_id)
 
 
 @router.delete("/{recording_id}", status_code=204, responses=problem_responses(404, 409))
 async def delete_recording(recording_id: str, recordings: RecordingsDep) -> None:
-    """Delete a recording with its scorings and markers; 409 while it is flown or kept for ever."""
+    """Delete a recording, its scorings and markers; 409 if it is flown or kept permanently."""
     await asyncio.to_thread(recordings.delete, recording_id)
 
 
@@ -111,9 +123,10 @@ async def delete_recording(recording_id: str, recordings: RecordingsDep) -> None
     responses=problem_responses(404, 422),
 )
 async def confirm_mapping(recording_id: str, request: MappingRequest, recordings: RecordingsDep):
-    """Say which signal is which channel; it is proposed for the next recording of the aircraft.
+    """Confirm the mapping of signals to channels.
 
-    Scorings made before keep the mapping that they were made with. 422 where it cannot be applied.
+    It is proposed for the next recording of the aircraft. Earlier scorings keep their mapping. 422
+    if the mapping cannot be applied.
     """
 
     def confirm() -> dict[str, Any]:
@@ -130,9 +143,9 @@ async def confirm_mapping(recording_id: str, request: MappingRequest, recordings
     "/{recording_id}/preview", response_model=Preview, responses=problem_responses(404, 422)
 )
 async def preview_mapping(recording_id: str, request: PreviewRequest, recordings: RecordingsDep):
-    """What comes of a mapping: each channel in a few bins, and its quality; nothing is kept.
+    """Try a mapping without storing it: each channel in bins, and the quality.
 
-    `problem` says why it cannot be applied; there are no channels then.
+    If the mapping cannot be applied, `problem` has the reason and there are no channels.
     """
 
     def answer() -> dict[str, Any]:
@@ -148,7 +161,7 @@ async def preview_mapping(recording_id: str, request: PreviewRequest, recordings
     responses=problem_responses(404, 422),
 )
 async def preview_signal(recording_id: str, index: int, recordings: RecordingsDep):
-    """A signal as the file holds it, in a few bins; `index` counts the signals of the contents."""
+    """A signal of the file in bins. index: its place in the signals of the contents."""
     return await json_from(signal_bands, recordings, recording_id, index)
 
 

@@ -1,7 +1,7 @@
-"""The scene of a flight: viser's own client page, and its WebSocket through this server's port.
+"""The scene of a flight: viser's client page, and its WebSocket through this server's port.
 
 The page derives its WebSocket from its own address: served at /scene/{flight}/, it connects to
-/scene/{flight}. Everything goes down; upstream goes nothing but where a watcher looks from.
+/scene/{flight}. All messages pass down to the page; only a watcher's camera passes up.
 """
 
 import asyncio
@@ -31,15 +31,15 @@ CONTENT_SECURITY_POLICY = (
     "style-src 'unsafe-inline'; img-src 'self' data: blob:; font-src data:; "
     "connect-src 'self' data: blob:; frame-ancestors 'self'; base-uri 'none'; form-action 'none'"
 )
-"""What viser's client needs and no more; it talks to this origin only."""
+"""Only what viser's client needs; it connects to this origin alone."""
 
 STYLE = b"<style>#webgl-software-rendering{display:none}</style>"
-"""A notice that the browser draws without a GPU would hide the risk for good."""
+"""Hides the client's notice of software rendering, which would cover the risk."""
 
 SCRIPT = b"""<script>globalThis.Function = new Proxy(Function, {
   apply: () => () => () => {}, construct: () => () => {} })</script>"""
-"""Nothing is made of text in a frame that may evaluate none: the client's sorter of splats,
-which no scene has, would ask for that while it loads, and its refusal stands in the console."""
+"""Replaces Function, which the policy forbids. The client's sorter of splats calls it while it
+loads, and would log an error, although no scene has splats."""
 
 CheckOrigin = Callable[[WebSocket], Any]
 
@@ -54,7 +54,7 @@ class ClientPage:
 
 @cache
 def client_page() -> ClientPage:
-    """Read the page from the installed viser package, once; STYLE and SCRIPT are added."""
+    """Read the page from the installed viser package once; add STYLE and SCRIPT."""
     html = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_bytes()
     html = html.replace(b"<head>", b"<head>" + SCRIPT, 1)
     html = html.replace(b"</head>", STYLE + b"</head>", 1)
@@ -62,7 +62,7 @@ def client_page() -> ClientPage:
 
 
 async def same_origin(websocket: WebSocket) -> None:
-    """Refuse a WebSocket that another site's page opens; every browser sends an Origin."""
+    """Refuse a WebSocket from a page of another site; every browser sends an Origin."""
     origin = urlsplit(websocket.headers.get("origin", ""))
     if origin.scheme not in ("http", "https") or origin.netloc != websocket.headers.get("host"):
         raise WebSocketException(WS_1008_POLICY_VIOLATION, "the request comes from another site")
@@ -85,7 +85,7 @@ def scene_router(check_origin: CheckOrigin = same_origin) -> Router:
         request: Request, flight: str, if_none_match: Annotated[str, Header()] = ""
     ) -> Response:
         if _scene(request, flight) is None:
-            raise HTTPException(404, f"flight {flight} shows no scene: it ended, or never had one")
+            raise HTTPException(404, f"flight {flight} has no scene: it ended, or never had one")
         client = client_page()
         headers = {
             "ETag": client.etag,
@@ -101,18 +101,18 @@ def scene_router(check_origin: CheckOrigin = same_origin) -> Router:
     async def stream(websocket: WebSocket, flight: str) -> None:
         if SUBPROTOCOL not in websocket.scope["subprotocols"]:
             raise WebSocketException(
-                WS_1008_POLICY_VIOLATION, f"the scene speaks {SUBPROTOCOL}; reload the page"
+                WS_1008_POLICY_VIOLATION, f"the scene needs {SUBPROTOCOL}: reload the page"
             )
         scene = _scene(websocket, flight)
         if scene is None:
-            raise WebSocketException(WS_1008_POLICY_VIOLATION, "this flight shows no scene")
+            raise WebSocketException(WS_1008_POLICY_VIOLATION, "this flight has no scene")
         await _proxy(websocket, scene)
 
     return router
 
 
 async def _proxy(websocket: WebSocket, scene: Scene) -> None:
-    """Pump both ways until either side, or the scene, ends; then drop the upstream connection."""
+    """Pass messages both ways until either side or the scene ends, then drop the upstream."""
     loop = asyncio.get_running_loop()
     ended = asyncio.Event()
     with scene.watching(partial(loop.call_soon_threadsafe, ended.set)):
@@ -129,13 +129,13 @@ async def _proxy(websocket: WebSocket, scene: Scene) -> None:
         try:
             await websocket.accept(SUBPROTOCOL)
             await _first_of(_down(upstream, websocket), _up(websocket, upstream), ended.wait())
-            await _say_goodbye(websocket)
+            await _close(websocket)
         finally:
             upstream.transport.abort()
 
 
 async def _first_of(*pumps: Coroutine[Any, Any, Any]) -> None:
-    """Run all until one ends, then stop the others, however blocked they are."""
+    """Run all until one ends, then cancel the others, even if they are blocked."""
     tasks = [asyncio.ensure_future(pump) for pump in pumps]
     try:
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -166,8 +166,8 @@ async def _up(websocket: WebSocket, upstream: ClientConnection) -> None:
         pass
 
 
-async def _say_goodbye(websocket: WebSocket) -> None:
-    """Close towards the watcher; one who does not listen must not hold this up."""
+async def _close(websocket: WebSocket) -> None:
+    """Close the watcher's connection; do not wait long for a watcher that does not respond."""
     try:
         async with asyncio.timeout(1.0):
             await websocket.close(WS_1001_GOING_AWAY)

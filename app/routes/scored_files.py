@@ -1,4 +1,4 @@
-"""What leaves the house: the report of a scored recording, and its samples for other programs."""
+"""The report of a scored recording, and its samples as files for other programs."""
 
 import asyncio
 from collections.abc import Iterator
@@ -45,9 +45,9 @@ async def read_report(
     recording_id: str,
     scoring_id: str,
     scored: ScoredDep,
-    download: Annotated[bool, Query(description="as a file to keep")] = False,
+    download: Annotated[bool, Query(description="send as a download")] = False,
 ) -> Response:
-    """The report: one HTML file that needs no other and prints to a clean PDF."""
+    """The report as one self-contained HTML file to print."""
 
     def make() -> Response:
         subject = stored_subject(scored, recording_id, scoring_id)
@@ -70,7 +70,7 @@ async def export_samples(
     scored: ScoredDep,
     form: Annotated[Literal["csv", "parquet", "mat"], Query(alias="format")] = "csv",
 ) -> Response:
-    """Every sample with what was said of it, units included."""
+    """All samples with their assessments and units."""
 
     def make() -> Response:
         info = scored.store.scorings.info(recording_id, scoring_id)
@@ -89,7 +89,7 @@ async def export_samples(
 
 
 def _blocks(file: BinaryIO) -> Iterator[bytes]:
-    """Of a file from its begin; it is closed afterwards."""
+    """The file in blocks; it is closed afterwards."""
     with file:
         file.seek(0)
         while block := file.read(SENT_BYTES):
@@ -97,5 +97,5 @@ def _blocks(file: BinaryIO) -> Iterator[bytes]:
 
 
 def _as_file(name: str) -> dict[str, str]:
-    """The header that lets a browser keep a file under a name of any letters."""
+    """The header for a download under a name in any alphabet."""
     return {"Content-Disposition": f"attachment; filename*=UTF-8''{quote(name)}"}

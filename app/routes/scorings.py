@@ -1,4 +1,4 @@
-"""Scorings: a recording as a monitor sees it, stored with all that decided it."""
+"""Scorings: recordings assessed by a monitor, stored with the request and mapping."""
 
 import asyncio
 from typing import Annotated, Any, Literal
@@ -24,7 +24,7 @@ MOST_MARKED = 1000
 
 
 class ScoringRequest(BaseModel):
-    """What a recording is to be scored by, and how."""
+    """Monitor and parameters to score a recording with."""
 
     model_config = ConfigDict(
         extra="forbid",
@@ -47,28 +47,28 @@ class ScoringRequest(BaseModel):
     )
     trim: Seconds | Literal["trim_segment"] | None = Field(
         default="trim_segment",
-        description="what is subtracted from each manoeuvre: the mean of its trim segment, or of "
-        "so many seconds before its first input; null subtracts nothing",
+        description="subtract from each manoeuvre the mean of its trim segment, or of this many "
+        "seconds before its first input; null subtracts nothing",
     )
     manoeuvres: (
         Literal["detected", "entire"]
         | Annotated[list[ManoeuvreInterval], Field(min_length=1, max_length=MOST_MARKED)]
     ) = Field(
         default="detected",
-        description="those detected by control activity, the entire recording as one, or these",
+        description="manoeuvres detected by control activity, the entire recording, or a list",
     )
 
 
 class Scoring(BaseModel):
-    """A recording as a monitor scored it; samples by `assessments` and `tiles`."""
+    """A scoring of a recording; `assessments` and `tiles` have its samples."""
 
     id: str
     recording: str = Field(description="id")
     monitor: str = Field(description="id")
     monitor_name: str
     warnings: list[str] = Field(
-        description="what the monitor's test flights say against relying on it at this epsilon, "
-        "or that it was not tested"
+        description="reasons not to rely on the monitor at this epsilon, from its test flights or "
+        "because it was not tested"
     )
     monitor_digest: str = Field(description="SHA-256 of the portable monitor")
     epsilon: float
@@ -76,53 +76,54 @@ class Scoring(BaseModel):
     lead: float = Field(description="promised by the monitor [s]")
     dt: float = Field(description="[s]")
     created: str = Field(description="UTC, ISO 8601")
-    version: str = Field(description="program that scored it")
-    digest: str = Field(description="SHA-256 of the samples: the same request gives the same")
+    version: str = Field(description="version of the program that scored it")
+    digest: str = Field(
+        description="SHA-256 of the samples; the same request gives the same digest"
+    )
     verified: bool = Field(
-        description="whether the samples are known to match that digest: just made, or read and "
-        "compared since the server started; one scoring is answered only so, a list says false of "
-        "those not read yet"
+        description="whether the samples were compared with the digest since the server started; "
+        "always true for a single scoring, false in lists for scorings not read yet"
     )
     damage: str = Field(
-        description="empty; in a list: why this is not what was stored, without its verdicts. One "
-        "scoring is never answered so"
+        description="in lists: how the stored scoring is damaged, without its verdicts; empty if "
+        "intact. A damaged single scoring is refused"
     )
     request: dict[str, Any] = Field(
-        title="Parameters", description="epsilon, trim and manoeuvres as asked for"
+        title="Parameters", description="requested epsilon, trim and manoeuvres"
     )
-    mapping: Mapping = Field(description="that was used")
+    mapping: Mapping = Field(description="mapping used")
     channels: list[ChannelLimit]
     n_samples: int
     start: float = Field(description="[s]")
     end: float = Field(description="[s]")
-    notes: list[str] = Field(description="what was assumed and done, oldest first")
+    notes: list[str] = Field(description="assumptions and processing steps, in order")
     quality: dict[str, Any] | None = Field(
-        description="of the recorded times and channels; `compatibility`: what kinematics says of "
-        "each sensor against the others, scale, bias and delay with 95 % intervals"
+        description="quality of the recorded times and channels; `compatibility`: scale, bias and "
+        "delay of each sensor by kinematics from the others, with 95 % intervals"
     )
     manoeuvres: list[dict[str, Any]] = Field(
-        description="one manoeuvre each, with its trim, validity, alerts, exceedance and outcome"
+        description="manoeuvres with trim, validity, alerts, exceedance and outcome"
     )
     outside_exceedances: list[dict[str, Any]] = Field(
-        description="exceedances outside every manoeuvre: t [s], channel and value of the first "
-        "recorded sample of each time, from the trim of the manoeuvre before"
+        description="exceedances outside manoeuvres: t [s], channel and value of the first sample "
+        "of each, relative to the trim of the manoeuvre before"
     )
     limits_in_force: list[dict[str, Any]] | None = Field(
-        description="of a live flight with a limit set: limits by channel from start to end [s], "
-        "by which exceedances are judged; null limits where nobody can tell which held; reason: "
-        "why the monitor is not applicable under them, empty where it is. Null without a limit set"
+        description="for a live flight with a limit set: limits in force by channel from start to "
+        "end [s], null if unknown; `reason`: why the monitor is not applicable under them, empty "
+        "if it is. Null without a limit set"
     )
 
 
 class ScoredFrame(Frame):
-    """A frame of a scoring. withdrawn: risk of a sample where the monitor was not applicable."""
+    """A frame of a scoring. withdrawn: risk where the monitor was not applicable."""
 
     withdrawn: float | None
-    manoeuvre: int = Field(description="number of its manoeuvre; -1: between manoeuvres")
+    manoeuvre: int = Field(description="number of the manoeuvre; -1 between manoeuvres")
 
 
 class ScoredFrames(BaseModel):
-    """Frames in order; `next` is the number to ask for when there is more, else null."""
+    """Frames in order. next: number of the next frame to request; null at the end."""
 
     first: int
     next: int | None
@@ -130,34 +131,34 @@ class ScoredFrames(BaseModel):
 
 
 class Extremes(BaseModel):
-    """The least and the most of each bin; null where nothing is known."""
+    """Extremes of each bin; null without values."""
 
     low: list[float | None]
     high: list[float | None]
 
 
 class Highs(BaseModel):
-    """The most of each bin."""
+    """Largest value of each bin; null without values."""
 
     high: list[float | None]
 
 
 class Tiles(BaseModel):
-    """A manoeuvre of a scoring in bins of equal length, exact in their extremes.
+    """An interval of a scoring in bins of equal length with exact extremes.
 
-    The bins begin where tiles do: a little before what was asked for, and end a little after it.
+    The bins start shortly before the requested interval and end shortly after it.
     """
 
-    start: float | None = Field(description="[s] of the first bin; null where there is none")
-    end: float | None = Field(description="[s] of the last sample in the last bin")
+    start: float | None = Field(description="start of the first bin [s]; null without bins")
+    end: float | None = Field(description="time of the last sample in the last bin [s]")
     step: float = Field(description="length of a bin [s]")
-    samples: int = Field(description="of a bin")
-    t: list[float] = Field(description="[s] of the first sample of each bin")
+    samples: int = Field(description="samples per bin")
+    t: list[float] = Field(description="time of the first sample of each bin [s]")
     channels: dict[str, Extremes]
     risk: Extremes
     withdrawn: Highs
     state: list[int] = Field(
-        description="worst of each bin: 0 ok, 1 warming_up, 2 stale, 3 invalid"
+        description="worst state in each bin: 0 ok, 1 warming_up, 2 stale, 3 invalid"
     )
     alert: list[bool]
 
@@ -169,12 +170,12 @@ class Tiles(BaseModel):
 )
 async def find_manoeuvres(
     recording_id: str,
-    monitor: Annotated[str, Query(description="id: its planned input says what to look for")],
+    monitor: Annotated[str, Query(description="id; its planned input is what to look for")],
     recordings: RecordingsDep,
 ):
-    """Manoeuvres that control activity shows, as a scoring by this monitor would find them."""
-    found = await recordings.workers.run(detected_manoeuvres, recordings, recording_id, monitor)
-    return json_response(found)
+    """Manoeuvres that a scoring by this monitor would detect by control activity."""
+    run = recordings.workers.run
+    return json_response(await run(detected_manoeuvres, recordings, recording_id, monitor))
 
 
 @router.post(
@@ -182,15 +183,15 @@ async def find_manoeuvres(
     status_code=201,
     response_model=Scoring,
     responses=problem_responses(404, 422, 429, 507)
-    | {200: {"model": Scoring, "description": "the same request was carried out before"}},
+    | {200: {"model": Scoring, "description": "the stored scoring of an identical request"}},
 )
 async def score_recording(
     recording_id: str, request: ScoringRequest, scored: ScoredDep
 ) -> Response:
-    """Score a recording by a monitor, at once; stored with the monitor's digest and the mapping.
+    """Score a recording by a monitor; stored with the monitor's digest and the mapping.
 
-    The same request of the same file, mapping and monitor gives the same samples bit for bit: it is
-    answered by what is stored, with 200.
+    An identical request for the same file, mapping and monitor returns the stored scoring with 200,
+    since it would give the same samples bit for bit.
     """
     marked = request.manoeuvres
     intervals = (
@@ -225,7 +226,7 @@ async def list_scorings(recording_id: str, scored: ScoredDep):
 
 @router.get("/scorings/{scoring_id}", response_model=Scoring, responses=problem_responses(404))
 async def read_scoring(recording_id: str, scoring_id: str, scored: ScoredDep):
-    """One scoring with a verdict on each manoeuvre; 500 where the samples behind it are damaged."""
+    """One scoring with a verdict on each manoeuvre; 500 if its samples are damaged."""
 
     def read() -> dict[str, Any]:
         info = scored.store.scorings.info(recording_id, scoring_id)
@@ -253,12 +254,14 @@ async def read_scored_samples(
     first: Annotated[int, Query(ge=0, le=2**53, description="number of the first sample")] = 0,
     last: Annotated[
         int | None,
-        Query(ge=0, le=2**53, description=f"of the last one; at most {MOST_FRAMES} frames come"),
+        Query(
+            ge=0, le=2**53, description=f"number of the last sample; at most {MOST_FRAMES} frames"
+        ),
     ] = None,
 ):
-    """Samples and what the monitor says of each, as frames of a flight.
+    """Samples and assessments of a scoring as frames of a flight.
 
-    `next` is the first number to ask for when there is more, else null.
+    `next` is the number of the next frame to request, null at the end.
     """
 
     def read() -> dict[str, Any]:
@@ -281,11 +284,11 @@ async def read_tiles(
     recording_id: str,
     scoring_id: str,
     scored: ScoredDep,
-    start: Annotated[Number | None, Query(description="[s]; the scoring's if absent")] = None,
-    end: Annotated[Number | None, Query(description="[s]; the scoring's if absent")] = None,
-    bins: Annotated[int, Query(ge=1, le=MOST_BINS, description="at most so many")] = 1000,
+    start: Annotated[Number | None, Query(description="[s]; that of the scoring if absent")] = None,
+    end: Annotated[Number | None, Query(description="[s]; that of the scoring if absent")] = None,
+    bins: Annotated[int, Query(ge=1, le=MOST_BINS, description="most bins")] = 1000,
 ):
-    """Any manoeuvre of a scoring in bins, from tiles that were made once: quick at any length."""
+    """An interval of a scoring in bins, computed from stored tiles."""
 
     def read() -> dict[str, Any]:
         info: ScoringInfo = scored.store.scorings.info(recording_id, scoring_id)

@@ -1,4 +1,4 @@
-"""Storage: the disk that what is stored takes, and what is kept for ever."""
+"""Storage: disk usage, and flights and recordings kept permanently."""
 
 import asyncio
 
@@ -13,7 +13,7 @@ router = Router(prefix="/api/v1", tags=["storage"])
 
 
 class Keeping(BaseModel):
-    """Whether something is kept for ever: neither retention nor anybody deletes it then."""
+    """Whether an item is kept permanently; it can then not be deleted."""
 
     model_config = ConfigDict(
         extra="forbid", strict=True, json_schema_extra={"examples": [{"keep": True}]}
@@ -26,28 +26,28 @@ class Keeping(BaseModel):
 async def read_storage(
     recordings: RecordingsDep, journals: JournalsDep, settings: SettingsDep
 ) -> StorageUsage:
-    """What database, files and each kind take, what is largest and oldest, and what is left.
+    """Disk usage of the database, the files and each kind; largest and oldest items; free space.
 
-    Sizes are in bytes. A warning is said where the disk is short.
+    Sizes are in bytes. `warning` is not empty if the disk is nearly full.
     """
     return await asyncio.to_thread(usage_of, recordings, journals, settings.data_dir)
 
 
 @router.get("/storage/space")
 async def read_space(settings: SettingsDep) -> DiskSpace:
-    """How much the disk of the data has left [bytes], with a warning where it is short."""
+    """Free space on the disk of the data [bytes], with a warning if it is nearly full."""
     return await asyncio.to_thread(space_of, settings.data_dir)
 
 
 @router.put("/flights/{flight_id}/keep", responses=problem_responses(404, 422))
 async def keep_flight(flight_id: str, keeping: Keeping, store: StoreDep) -> Keeping:
-    """Keep a flight for ever, or release it."""
+    """Keep a flight permanently, or release it."""
     await asyncio.to_thread(store.retention_flags.set_flight, flight_id, keeping.keep)
     return keeping
 
 
 @router.put("/recordings/{recording_id}/keep", responses=problem_responses(404, 422))
 async def keep_recording(recording_id: str, keeping: Keeping, store: StoreDep) -> Keeping:
-    """Keep a recording for ever, or release it."""
+    """Keep a recording permanently, or release it."""
     await asyncio.to_thread(store.retention_flags.set_recording, recording_id, keeping.keep)
     return keeping

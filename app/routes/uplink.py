@@ -1,4 +1,4 @@
-"""A live source over a WebSocket: batches up, what became of them down."""
+"""The WebSocket of a live source: batches up, acknowledgements down."""
 
 import asyncio
 from collections import deque
@@ -21,18 +21,18 @@ from app.telemetry.recording import TelemetryError
 
 router = Router(prefix="/api/v1/flights", tags=["flights"])
 MOST_MALFORMED = 100
-"""Messages that are no batch, within MALFORMED_S, after which the source is closed."""
+"""Malformed messages within MALFORMED_S at which the source is disconnected."""
 MALFORMED_S = 1.0
 Refusal = TelemetryError | SequenceConflict | JournalFull
 MOST_REASON = 120
-"""Characters of a close reason, of which a WebSocket takes 123 bytes."""
+"""Longest close reason [characters]; a WebSocket allows 123 bytes."""
 MOST_UNACKNOWLEDGED = 10_000
-"""Batches of one source that may wait for the disk; it is not read further meanwhile."""
+"""Batches of one source that may wait for the disk; beyond it reading pauses."""
 
 
 @router.websocket("/{flight_id}/uplink")
 async def uplink(websocket: WebSocket, flight_id: str) -> None:
-    """Push batches into a live flight: each message as the body of `samples`."""
+    """Push batches into a live flight; each message is a body of `samples`."""
     flights: Flights = websocket.app.state.flights
     connection = await accept(websocket)
     try:
@@ -43,7 +43,7 @@ async def uplink(websocket: WebSocket, flight_id: str) -> None:
     now = flight.live
     welcome = Welcome(flight=flight_id, last_sequence=now.last_sequence, names=now.names)
     connection.send(welcome.encode())
-    await connection.run(_Source(connection, flight).take)
+    await connection.run(_Source(connection, flight).on_message)
 
 
 class _Source:
@@ -55,26 +55,24 @@ class _Source:
         self._newest: asyncio.Future[None] | None = None
         self._malformed: deque[float] = deque(maxlen=MOST_MALFORMED)
 
-    def take(self, content: bytes | str) -> None:
-        """Take a batch, unless the source is being closed."""
+    def on_message(self, content: bytes | str) -> None:
         if self._connection.is_closing:
             return
         try:
-            taken = self._flight.receive(content, "websocket")
+            batch = self._flight.receive(content, "websocket")
         except (TelemetryError, SequenceConflict, JournalFull) as error:
             self._refuse(error, sequence_of(content))
         except NotPossible as error:
             dismiss(self._connection, NO_SUCH_FLIGHT, str(error)[:MOST_REASON])
         else:
-            self._waiting.append(taken)
-            if taken.stored is not self._newest:
-                self._newest = taken.stored
+            self._waiting.append(batch)
+            if batch.stored is not self._newest:
+                self._newest = batch.stored
                 self._newest.add_done_callback(self._acknowledge)
             if len(self._waiting) > MOST_UNACKNOWLEDGED:
                 self._connection.pause()
 
     def _acknowledge(self, _: asyncio.Future[None]) -> None:
-        """Say what is durable, as soon as it is."""
         was_full = len(self._waiting) > MOST_UNACKNOWLEDGED
         stored = self._durable()
         if stored.count:
@@ -83,30 +81,32 @@ class _Source:
             self._connection.resume()
 
     def _durable(self) -> Stored:
-        """Take what is durable from the front of what waits."""
+        """Remove the durable batches from the front of the queue."""
         done: list[AcceptedBatch] = []
         while self._waiting and self._waiting[0].stored.done():
             done.append(self._waiting.popleft())
-        numbered = [(one.sequence, one.repeated) for one in done if one.sequence is not None]
+        numbered = [
+            (batch.sequence, batch.repeated) for batch in done if batch.sequence is not None
+        ]
         return Stored(
             sequences=[sequence for sequence, _ in numbered],
             repeated=[sequence for sequence, is_repeated in numbered if is_repeated],
             count=len(done),
-            unread=list(dict.fromkeys(name for one in done for name in one.unread)),
+            unread=list(dict.fromkeys(name for batch in done for name in batch.unread)),
         )
 
     def _refuse(self, error: Refusal, sequence: int | None) -> None:
-        """Say why; a source that floods with what is no batch is closed."""
+        """Send the reason; disconnect a source that floods with malformed messages."""
         reason = str(error)
         if not isinstance(error, JournalFull) and self._floods():
-            text = f"{MOST_MALFORMED} messages within {MALFORMED_S:g} s were no batch: {reason}"
+            text = f"{MOST_MALFORMED} malformed messages within {MALFORMED_S:g} s: {reason}"
             dismiss(self._connection, WS_1008_POLICY_VIOLATION, text[:MOST_REASON])
             return
         refused = Refused(sequence=sequence, status=_status(error), reason=reason)
         self._connection.send(refused.encode())
 
     def _floods(self) -> bool:
-        """Note one more that is no batch; whether they are too many."""
+        """Count a malformed message. Returns whether there are too many."""
         now = asyncio.get_running_loop().time()
         self._malformed.append(now)
         is_full = len(self._malformed) == MOST_MALFORMED
@@ -114,7 +114,6 @@ class _Source:
 
 
 def _status(error: Refusal) -> Literal[409, 422, 503]:
-    """As over REST."""
     if isinstance(error, JournalFull):
         return 503
     return 409 if isinstance(error, SequenceConflict) else 422

@@ -1,4 +1,4 @@
-"""Try many more damaged files than the tests do, or one of them again.
+"""Read many damaged files, more than the tests do, or repeat one of them.
 
 python -m tests.fuzzing --seed 1 --count 20000 [--kinds csv,hdf5]
 python -m tests.fuzzing --seed 1 --kinds csv --number 826 --keep damaged.csv

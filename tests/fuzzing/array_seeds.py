@@ -1,4 +1,4 @@
-"""Small files of arrays: MATLAB, HDF5 and NetCDF, with most of what each can hold."""
+"""Small files of arrays: MATLAB, HDF5 and NetCDF, with most features of each format."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,6 @@
-"""Reading many damaged files in one isolated process, as if they were one file with one reader.
+"""Read many damaged files in one isolated process, as if they were one file with one reader.
 
-What each of them came to is a line of a log, so that the line that is missing tells which one
-ended the process.
+Each result is one line of a log; the first missing line is the file that ended the process.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""Small recordings of instruments: ULog, MDF and Chapter 10, with most of what each can hold."""
+"""Small recordings of instruments: ULog, MDF and Chapter 10, with most features of each format."""
 
 import struct
 import warnings

@@ -1,7 +1,7 @@
-"""What happens to the bytes of a file on its way: cut, flipped, doubled, lost, mixed up.
+"""Damage to the bytes of a file: cut, flipped, doubled, lost, mixed up.
 
-Each takes the bytes and returns what became of them; the first MAGIC bytes mostly stay, since a
-file that is not even recognised proves little.
+Each function returns the damaged bytes. The first MAGIC bytes are mostly kept, since a file of an
+unrecognised format tests little.
 """
 
 import struct

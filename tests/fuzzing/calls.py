@@ -1,6 +1,6 @@
-"""Many calls of every operation, its edge cases among them: every answer is as described.
+"""Many calls of every operation with edge cases; every response must match the document.
 
-Not named as a test, since only collecting it takes 20 s: `make fuzz` names the file.
+The file is not named test_*, since collecting it takes 20 s; `make fuzz` runs it by name.
 """
 
 import pytest
@@ -15,5 +15,5 @@ schema = described()
 @pytest.mark.fuzz
 @schema.parametrize()
 @settings(CALLS, max_examples=12)
-def test_every_answer_to_many_calls_is_one_that_the_document_names(case, session, known):
+def test_every_response_to_many_calls_is_documented(case, session, known):
     answered(case, session, known[1])

@@ -1,4 +1,4 @@
-"""A campaign: damaged files of every kind, in batches, each batch in an isolated process."""
+"""A fuzzing campaign: damaged files of every kind, each batch in an isolated process."""
 
 import json
 import shutil

@@ -1,6 +1,6 @@
-"""Calls that follow from each other's answers, create to delete: every answer is as described.
+"""Chains of calls, from create to delete; every response must match the document.
 
-Not named as a test, since only collecting it takes seconds: `make fuzz` names the file.
+The file is not named test_*, since collecting it takes seconds; `make fuzz` runs it by name.
 """
 
 from typing import Any
@@ -69,9 +69,7 @@ def files(session, known, flights) -> dict[str, bytes]:
 
 @pytest.mark.fuzz
 @pytest.mark.parametrize("group", GROUPS)
-def test_every_answer_in_a_chain_of_calls_is_one_that_the_document_names(
-    group, session, known, files
-):
+def test_every_response_in_a_chain_of_calls_is_documented(group, session, known, files):
     ids = known[1]
     schema = described().include(tag_regex=f"^({group})$").exclude(path_regex="/events$")
     created = []

@@ -1,4 +1,4 @@
-"""From a whole file to a damaged one: the same for the same seed, kind and number, anywhere."""
+"""Damaged files, reproducible from seed, kind and number on any machine."""
 
 import codecs
 from collections.abc import Sequence

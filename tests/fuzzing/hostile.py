@@ -1,4 +1,4 @@
-"""Files that are made to hurt, each by a writer of its own name."""
+"""Hostile files, each made by the writer of its name."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Files of arrays that are made to hurt: without bottom, in circles, of declarations only."""
+"""Hostile array files: endless nesting, cycles, declarations without data."""
 
 import struct
 import zlib

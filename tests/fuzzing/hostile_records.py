@@ -1,4 +1,4 @@
-"""Parquet, ULog, MDF and Chapter 10 that are made to hurt, and what is packed."""
+"""Hostile Parquet, ULog, MDF, Chapter 10 and compressed files."""
 
 import gzip
 import io

@@ -1,4 +1,4 @@
-"""Tables of text that are made to hurt: without end, without shape, of all signs there are."""
+"""Hostile text tables: endless, irregular, with unusual characters."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""Damage behind what would tell of it at once: packings and checksums are made anew."""
+"""Damage below compression and checksums, which are then made valid again."""
 
 import struct
 import zlib

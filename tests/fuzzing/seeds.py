@@ -1,4 +1,4 @@
-"""Small whole files of every format, ours and other programs', which are then damaged."""
+"""Small intact files of every format, from this and other programs, to be damaged."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

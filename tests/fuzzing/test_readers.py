@@ -1,8 +1,8 @@
-"""Damaged files: each is read or refused in a sentence, and none leaves a trace.
+"""Damaged files: each is read or refused with a reason, and none leaves files behind.
 
-A few hundred of them are tried with the other tests, ten thousand by `make fuzz`. A file that fails
-is named by its kind and number: `python -m tests.fuzzing --seed SEED --kinds KIND --number NUMBER
---keep FILE` makes it again.
+The ordinary tests try a few hundred files, `make fuzz` ten thousand. A failure names the kind and
+number of the file: `python -m tests.fuzzing --seed SEED --kinds KIND --number NUMBER --keep FILE`
+makes it again.
 """
 
 from collections import Counter
@@ -115,7 +115,7 @@ def test_files_of_all_formats_are_tried(extent, outcomes):
         assert ends["refused"] > 0.05 * count, f"hardly a file of {kind} is damaged"
 
 
-def test_the_campaign_is_of_ten_thousand_files():
+def test_the_campaign_has_ten_thousand_files():
     assert sum(CAMPAIGN.together.values()) >= 10_000
 
 
@@ -130,7 +130,7 @@ def test_no_damaged_file_takes_long_or_much_memory(outcomes):
     assert max(outcome.memory for outcome in ended) < MOST_MEMORY
 
 
-def test_the_few_files_that_take_down_their_library_are_refused(outcomes, seeds, tmp_path):
+def test_files_that_crash_their_library_are_refused(outcomes, seeds, tmp_path):
     contained = [outcome for outcome in outcomes if outcome.contained]
     assert len(contained) <= MOST_CONTAINED * len(outcomes), contained
     for outcome in contained:
@@ -138,7 +138,7 @@ def test_the_few_files_that_take_down_their_library_are_refused(outcomes, seeds,
         replayed(file, tmp_path, seconds=2.0)
 
 
-def test_what_is_read_alone_is_refused_by_its_name_and_leaves_nothing(extent, seeds, tmp_path):
+def test_a_refused_file_is_named_and_leaves_nothing(extent, seeds, tmp_path):
     def replay(each):
         kind, number, file = each
         folder = tmp_path / f"{kind} {number}"
@@ -157,7 +157,7 @@ def test_what_is_read_alone_is_refused_by_its_name_and_leaves_nothing(extent, se
     "name",
     [pytest.param(name, marks=() if name in FEW_HOSTILE else pytest.mark.fuzz) for name in HOSTILE],
 )
-def test_what_is_made_to_hurt_does_not(name, tmp_path):
+def test_hostile_files_do_no_harm(name, tmp_path):
     HOSTILE[name](tmp_path / "made")
     file = Damaged("flight", (tmp_path / "made").read_bytes(), name)
     answer = replayed(file, tmp_path, seconds=5.0 if name in ENDLESS else 20.0)
@@ -165,7 +165,7 @@ def test_what_is_made_to_hurt_does_not(name, tmp_path):
     assert ("took more than" in answer) == (name in ENDLESS)
 
 
-def test_an_upload_of_a_damaged_file_is_stored_entirely_or_not_at_all(extent, seeds, tmp_path):
+def test_a_damaged_upload_is_stored_entirely_or_not_at_all(extent, seeds, tmp_path):
     first = {kind: extent.together[kind] + extent.alone[kind] for kind in FORMATS}
     n_stored = 0
     with api(tmp_path, max_upload_bytes=200_000) as client:

@@ -1,4 +1,4 @@
-"""What people, spreadsheets and other programs do to a table of text."""
+"""Damage to text tables by people, spreadsheets and other programs."""
 
 from collections.abc import Callable
 from random import Random

@@ -1,4 +1,4 @@
-"""A campaign over REST: planned, cleared, flown, identified; its monitor; what is refused."""
+"""Campaigns over REST: planning, clearance, flown points, identification, monitors, refusals."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -39,7 +39,7 @@ def client(tmp_path: Path) -> Iterator[TestClient]:
 
 
 @pytest.mark.parametrize("dataset", ["an F-16", ["Ny"], 5, None, True])
-def test_a_dataset_that_is_no_object_is_refused(client, dataset):
+def test_a_dataset_must_be_an_object(client, dataset):
     answer = client.post(URL, json={"name": "Rudder", "conditions": [{"dataset": dataset}]})
     assert "dataset is" in problem(answer, 422)
     answer = client.post(f"{planned(client)}/conditions", json={"dataset": dataset})
@@ -139,7 +139,7 @@ def test_a_campaign_is_planned_cleared_flown_and_reported(client: TestClient) ->
     assert len(client.get(URL).json()) == 2
 
 
-def test_the_next_points_monitor_is_of_the_aircraft_as_it_was_flown(client: TestClient) -> None:
+def test_the_next_points_monitor_is_trained_on_the_identified_aircraft(client: TestClient) -> None:
     """Its certificate names the flights; it is noted with the point."""
     wider = TEST | {"limits": {"Ny": 0.305}}
     path = planned(client, conditions=[{"dataset": wider, "steps": [0.6, 0.8, 1.0]}])
@@ -148,7 +148,7 @@ def test_the_next_points_monitor_is_of_the_aircraft_as_it_was_flown(client: Test
     )
     asked = {"point": "80%", "n_test": 200, "epsilon": 0.1, "guarantee": "average"}
     problem(client.post(f"{path}/monitor", json=asked | {"point": "100%"}), 409)
-    assert "leave it out" in problem(
+    assert "dataset is determined" in problem(
         client.post(f"{path}/monitor", json=asked | {"dataset": {}}), 422
     )
     client.post(f"{path}/abort", json={"point": "80%", "by": "Ann", "why": "to the last at once"})
@@ -186,13 +186,13 @@ def test_the_next_points_monitor_is_of_the_aircraft_as_it_was_flown(client: Test
         ({"pilot": "Ann"}, "'pilot' is unknown"),
     ],
 )
-def test_what_is_no_plan_is_refused(client: TestClient, change: dict[str, Any], words: str) -> None:
+def test_invalid_plans_are_refused(client: TestClient, change: dict[str, Any], words: str) -> None:
     """With what is needed; nothing is stored."""
     assert words in problem(client.post(URL, json=PLAN | change), 422)
     assert client.get(URL).json() == []
 
 
-def test_what_cannot_be_decided_changes_nothing(client: TestClient) -> None:
+def test_invalid_decisions_change_nothing(client: TestClient) -> None:
     """Of another point than the next, without a reason, twice, or by a recording that is none."""
     path = planned(client)
     before = client.get(path).json()
@@ -222,7 +222,7 @@ def test_what_cannot_be_decided_changes_nothing(client: TestClient) -> None:
     assert "is not a campaign file" in problem(client.post(f"{URL}/file", json={"a": 1}), 422)
 
 
-def test_of_two_who_decide_at_once_one_is_told_to_look_again(client: TestClient) -> None:
+def test_the_second_of_two_simultaneous_decisions_is_refused(client: TestClient) -> None:
     """What was stored meanwhile stays."""
     path = planned(client)
     campaigns = Campaigns(store_of(client))
@@ -261,7 +261,7 @@ def test_a_point_aborted_in_flight_keeps_its_recording(client: TestClient) -> No
     assert copied.json()["points"][1]["flown"]["exceeded"] == told["flown"]["exceeded"]
 
 
-def test_a_point_that_exceeded_leaves_the_next_one_on_hold(client: TestClient) -> None:
+def test_an_exceedance_puts_the_next_point_on_hold(client: TestClient) -> None:
     """It did not pass: no prediction clears what follows."""
     path = planned(client)
     flown = {"point": "60%", "recording": recording(client, path, 1.62), "by": "Bob"}

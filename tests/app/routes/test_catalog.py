@@ -43,7 +43,7 @@ def test_defaults_fit_their_schema(published, family, kind):
 
 
 @pytest.mark.parametrize(("family", "kind"), ENTRIES)
-def test_defaults_are_what_the_family_holds(published, family, kind):
+def test_defaults_are_those_of_the_family(published, family, kind):
     default = published["families"][family]["entries"][kind]["default"]
     members = FAMILIES[family].members if family in FAMILIES else SPECIFICATIONS
     assert from_plain(members[kind], default) == members[kind]
@@ -55,7 +55,7 @@ def test_a_misspelt_parameter_does_not_fit(published, family, kind):
     assert not jsonschema_rs.is_valid(schema, {"misspelt": 1})
 
 
-def test_recipes_come_with_their_defaults(published):
+def test_recipes_have_their_defaults(published):
     recipes = published["recipes"]
     assert from_plain(DatasetRecipe(n_unsafe=7), recipes["dataset"]["default"]) == DatasetRecipe()
     assert from_plain(MonitorRecipe(epsilon=0.3), recipes["monitor"]["default"]) == MonitorRecipe()
@@ -77,16 +77,16 @@ def test_a_part_of_a_family_names_it(published):
         assert properties[name]["properties"]["kind"]["enum"] == list(family["entries"])
 
 
-def test_requests_have_the_recipe_in_them():
+def test_request_schemas_contain_the_recipe():
     assert dataset_request_schema()["properties"].keys() > {"aircraft", "dt", "n_unsafe", "name"}
     assert monitor_request_schema()["properties"].keys() > {"dataset", "t_early", "score"}
 
 
-def test_a_published_schema_holds_no_reference(published):
+def test_published_schemas_have_no_references(published):
     assert "$ref" not in str(published["families"]) + str(published["recipes"])
 
 
-def test_the_stream_is_described_message_by_message(tmp_path):
+def test_every_stream_message_is_described(tmp_path):
     with api(tmp_path) as client:
         described = client.get("/api/v1/asyncapi.json").json()
     schemas = described["components"]["schemas"]

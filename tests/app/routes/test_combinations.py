@@ -1,4 +1,4 @@
-"""Combinations of monitors over REST and the command line: made by a job, flown as an authority."""
+"""Combinations of monitors over REST and on the command line."""
 
 import asyncio
 import json
@@ -60,7 +60,7 @@ def test_a_job_makes_a_combination_as_python_does(client, members, made):
     assert "both" in client.get(f"/api/v1/monitors/{made}/certificate").text
 
 
-def test_a_combination_says_of_which_members_it_is(client, ids, members, made):
+def test_a_combination_names_its_members(client, ids, members, made):
     told = client.get(f"/api/v1/monitors/{made}/calibration").json()["members"]
     assert [(one["lead"], one["n_unsafe"]) for one in told] == [(0.25, 20), (0.5, 20)]
     assert [one["recipe"] for one in told] == [to_plain(member.recipe) for member in members]
@@ -85,7 +85,7 @@ def test_a_combination_is_the_alarm_authority_of_a_flight(client, ids, made):
     assert "POST /api/v1/monitors/combinations" in problem(told, 422)
 
 
-def test_a_flight_shows_and_alarms_what_the_combination_says(tmp_path, members):
+def test_a_flight_shows_the_combinations_risk_and_alarms(tmp_path, members):
     flights, _ = combination_failures(RECIPE, 30)
     rule = combine(members, flights, lead=0.5, epsilon=0.2)
 
@@ -121,12 +121,12 @@ def test_a_flight_shows_and_alarms_what_the_combination_says(tmp_path, members):
         ({"n_test": -1}, 422, "n_test"),
     ],
 )
-def test_a_wrong_order_is_refused_at_once(client, ids, change, status, words):
+def test_an_invalid_request_is_refused_at_once(client, ids, change, status, words):
     order = ORDER | {"monitors": ids} | change
     assert words in problem(client.post("/api/v1/monitors/combinations", json=order), status)
 
 
-def test_a_combination_is_not_combined_again_nor_trained(client, ids, made):
+def test_a_combination_cannot_be_combined_or_trained_again(client, ids, made):
     order = ORDER | {"monitors": [made, *ids]}
     assert "is a combination" in problem(
         client.post("/api/v1/monitors/combinations", json=order), 422

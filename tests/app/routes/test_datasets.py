@@ -28,7 +28,7 @@ def stored(client, dataset):
     return store_of(client).datasets.add(dataset, "oscillator").id
 
 
-def test_a_recipe_becomes_a_job_and_then_a_dataset(client):
+def test_a_job_makes_a_dataset_of_a_recipe(client):
     job = finished(client, client.post("/api/v1/datasets", json=RECIPE | {"name": "small"}))
     assert job["status"] == "done"
     info = client.get(f"/api/v1/datasets/{job['result']['dataset']}").json()
@@ -47,7 +47,7 @@ def test_a_collection_that_cannot_end_fails_with_the_reason(client):
     assert "raise the amplitude" in job["error"]
 
 
-def test_an_amplitude_is_suggested_and_is_what_auto_stands_for(client):
+def test_auto_uses_the_suggested_amplitude(client):
     test = {"aircraft": {"kind": "attas_id_16kft"}, "limits": {"Ny": 0.3}}
     answer = client.post("/api/v1/datasets/amplitude", json=test | {"share": 0.25})
     assert answer.status_code == 200
@@ -71,11 +71,11 @@ def test_an_amplitude_is_suggested_and_is_what_auto_stands_for(client):
         ({"maneuver": {"kind": "loop"}}, "'loop' is unknown"),
     ],
 )
-def test_where_no_amplitude_is_suggested_the_reason_is_said(client, test, words):
+def test_the_reason_is_given_if_no_amplitude_fits(client, test, words):
     assert words in problem(client.post("/api/v1/datasets/amplitude", json=test), 422)
 
 
-def test_an_own_model_is_sent_as_its_file_is_written(client):
+def test_a_users_model_is_sent_in_the_format_of_its_file(client):
     spread = {"A[1,0]": 0.15, "A[2,0]": 0.1}
     model = to_plain(AIRCRAFT["matrices"]) | {"uncertainty": {"spread": spread}}
     printed = {key.upper() if key in "abcd" else key: value for key, value in model.items()}
@@ -119,7 +119,7 @@ def test_limits_are_read_by_both_names_and_sent_as_limits(client, name):
         ({"limits": {"beta": 7}}, "beta is 7 rad, which is 401 deg and no flight comes"),
     ],
 )
-def test_a_wrong_recipe_is_refused_naming_what_is_right(client, recipe, words):
+def test_an_invalid_recipe_is_refused_with_the_valid_values(client, recipe, words):
     assert words in problem(client.post("/api/v1/datasets", json=recipe), 422)
 
 
@@ -132,12 +132,12 @@ def test_a_wrong_recipe_is_refused_naming_what_is_right(client, recipe, words):
         (b"{}", "text/plain", 415),
     ],
 )
-def test_a_body_that_is_no_object_is_refused(client, body, kind, status):
+def test_a_body_must_be_an_object(client, body, kind, status):
     answer = client.post("/api/v1/datasets", content=body, headers={"content-type": kind})
     assert problem(answer, status)
 
 
-def test_arrays_come_back_as_they_were_stored(client, stored, dataset):
+def test_arrays_are_returned_as_stored(client, stored, dataset):
     answer = client.get(f"/api/v1/datasets/{stored}/arrays")
     with np.load(io.BytesIO(answer.content), allow_pickle=False) as arrays:
         for name in ("unsafe", "fail_index", "safe", "safe_times", "theta_unsafe", "theta_safe"):
@@ -175,7 +175,7 @@ def test_rollouts_are_listed_by_outcome(client, stored, dataset):
     assert problem(client.get(path, params={"count": 0}), 422)
 
 
-def test_a_dataset_in_use_is_kept_and_says_whose(client, dataset):
+def test_a_dataset_in_use_is_kept_and_names_its_monitors(client, dataset):
     store = store_of(client)
     used = store.datasets.add(dataset, "used").id
     monitor = store.monitors.add(train(dataset), "its monitor", used)

@@ -116,7 +116,7 @@ def test_a_flight_is_started_listed_read_and_ended(server: Server) -> None:
     problem(server.client.delete(f"{URL}/0123456789ab"), 404)
 
 
-def test_a_flight_started_for_a_viewer_waits_and_a_live_one_never(server: Server) -> None:
+def test_a_flight_started_for_a_viewer_waits_but_a_live_flight_does_not(server: Server) -> None:
     flight = server.start(wait_for_viewer=True)
     assert (flight["transport"]["waiting"], flight["reason"]) == (True, "waiting for a viewer")
     server.advance(5.0)
@@ -178,7 +178,7 @@ def test_the_record_is_read_in_parts(server: Server, monkeypatch: pytest.MonkeyP
     assert ([f["seq"] for f in part["frames"]], part["next"]) == ([7, 8, 9], None)
 
 
-def test_frames_that_come_before_the_next_round_of_sending_are_one_message(server: Server) -> None:
+def test_frames_waiting_for_one_send_are_one_message(server: Server) -> None:
     flight = server.start()
     portal = server.client.portal
     assert portal is not None
@@ -192,7 +192,7 @@ def test_frames_that_come_before_the_next_round_of_sending_are_one_message(serve
     assert [frame["seq"] - hello["head"] for frame in message["frames"]] == [1, 2, 3, 4]
 
 
-def test_a_watcher_that_gives_no_credit_is_told_what_it_missed(
+def test_a_watcher_without_credit_gets_a_count_of_missed_frames(
     server: Server, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(watcher, "LARGEST", NEWEST)
@@ -229,7 +229,7 @@ def test_a_watcher_that_reconnects_resumes_without_a_gap_or_repeat(server: Serve
     assert not [m for m in backfill + after if m["type"] == "reset"]
 
 
-def test_of_two_who_acknowledge_at_once_all_are_told_the_same_one(server: Server) -> None:
+def test_all_watchers_see_the_same_of_two_simultaneous_acknowledgements(server: Server) -> None:
     flight = server.start()
     alarms = f"{URL}/{flight['id']}/alarms"
     with server.watch(flight["id"]) as one, server.watch(flight["id"]) as other:
@@ -253,7 +253,7 @@ def test_of_two_who_acknowledge_at_once_all_are_told_the_same_one(server: Server
     assert [message["alarm"] for message in shown] == told
 
 
-def test_an_alarm_is_acknowledged_over_rest_and_told_to_all(server: Server) -> None:
+def test_all_watchers_see_an_acknowledgement_over_rest(server: Server) -> None:
     flight = server.start()
     alarms = f"{URL}/{flight['id']}/alarms"
     with server.watch(flight["id"]) as socket:
@@ -274,17 +274,17 @@ def test_an_alarm_is_acknowledged_over_rest_and_told_to_all(server: Server) -> N
     problem(server.client.post(f"{alarms}/99/acknowledge"), 404)
 
 
-def test_the_verdict_of_a_flight_that_was_sought_to_its_exceedance(server: Server) -> None:
+def test_the_verdict_after_a_seek_to_the_exceedance(server: Server) -> None:
     flight = server.start()
     server.steer(flight["id"], "pause")
     server.steer(flight["id"], "seek", flight["fail_t"])
     server.client.post(f"{URL}/{flight['id']}/end")
     said = server.client.get(f"{URL}/{flight['id']}").json()
-    assert said["verdict"]["text"] == "LIMIT EXCEEDED, what came before it was not flown"
+    assert said["verdict"]["text"] == "LIMIT EXCEEDED, samples before it not flown"
     assert said["verdict"]["exceeded_t"] == said["exceeded_t"]
 
 
-def test_a_seek_past_an_exceedance_raises_its_alarm_and_is_told_in_the_verdict(
+def test_a_seek_past_an_exceedance_raises_its_alarm_and_is_in_the_verdict(
     server: Server,
 ) -> None:
     flight = server.start()
@@ -295,11 +295,11 @@ def test_a_seek_past_an_exceedance_raises_its_alarm_and_is_told_in_the_verdict(
     assert [alarm["t"] for alarm in limit] == [pytest.approx(flight["fail_t"], abs=0.1)]
     server.client.post(f"{path}/end")
     said = server.client.get(path).json()
-    assert said["verdict"]["text"] == "LIMIT EXCEEDED, what came before it was not flown"
+    assert said["verdict"]["text"] == "LIMIT EXCEEDED, samples before it not flown"
     assert said["exceeded_t"] == said["verdict"]["exceeded_t"] == limit[0]["t"]
 
 
-def test_the_headline_is_told_by_list_flight_and_stream_and_the_verdict_at_the_end(
+def test_list_flight_and_stream_have_the_headline_and_the_final_verdict(
     server: Server,
 ) -> None:
     flight = server.start()["id"]
@@ -326,7 +326,7 @@ def test_the_headline_is_told_by_list_flight_and_stream_and_the_verdict_at_the_e
     assert stored[1]["exceedance"]["channel"] == "Ny"
 
 
-def test_transport_is_steered_and_told_to_all(server: Server) -> None:
+def test_all_watchers_see_transport_changes(server: Server) -> None:
     flight = server.start()
     with server.watch(flight["id"]) as socket:
         socket.receive_text()
@@ -349,11 +349,13 @@ def test_transport_is_steered_and_told_to_all(server: Server) -> None:
         ("loop", 1, 422),
     ],
 )
-def test_a_wrong_action_is_a_problem(action: str, value: Any, status: int, server: Server) -> None:
+def test_an_invalid_action_is_a_problem(
+    action: str, value: Any, status: int, server: Server
+) -> None:
     problem(server.steer(server.start()["id"], action, value), status)
 
 
-def test_an_action_that_cannot_be_now_is_a_conflict(server: Server) -> None:
+def test_an_action_that_is_impossible_now_is_a_conflict(server: Server) -> None:
     flight = server.start()["id"]
     server.steer(flight, "seek", 5.9)
     assert "no alert after" in problem(server.steer(flight, "next_alert"), 409)
@@ -376,7 +378,7 @@ def test_an_action_that_cannot_be_now_is_a_conflict(server: Server) -> None:
         ({"speed": 2}, 422, "speed"),
     ],
 )  # fmt: skip
-def test_a_flight_that_cannot_be_is_a_problem_that_says_why(
+def test_an_impossible_flight_is_a_problem_with_the_reason(
     change: dict, status: int, text: str, server: Server
 ) -> None:
     body = {"source": {"kind": "simulated"}, "monitor": server.monitor_id} | change
@@ -384,7 +386,7 @@ def test_a_flight_that_cannot_be_is_a_problem_that_says_why(
     assert server.client.get(URL).json() == []
 
 
-def test_a_monitor_of_no_use_is_flown_only_where_that_is_accepted(server: Server) -> None:
+def test_a_useless_monitor_needs_acceptance_to_fly(server: Server) -> None:
     counts = EVALUATION["at_epsilon"] | {"false_alerts": 195}
     useless = replace(monitor(), evaluation=EVALUATION | {"epsilon": 0.3, "at_epsilon": counts})
     monitor_id = store_of(server.client).monitors.add(useless, "cries wolf").id
@@ -435,7 +437,7 @@ def test_a_replay_flies_a_stored_rollout(server: Server) -> None:
 @pytest.mark.parametrize(
     "text", ["", "{}", "[1]", '{"type":"credit","n":0}', '{"type":"resume","seq":-2}', "\x00"]
 )
-def test_a_client_that_sends_nonsense_is_closed(text: str, server: Server) -> None:
+def test_a_client_that_sends_nonsense_is_disconnected(text: str, server: Server) -> None:
     flight = server.start()
     with server.watch(flight["id"]) as socket:
         socket.receive_text()
@@ -448,7 +450,7 @@ def test_a_client_that_sends_nonsense_is_closed(text: str, server: Server) -> No
     assert server.flights.flying(flight["id"]).n_watchers == 0
 
 
-def test_a_client_that_sends_bytes_is_closed(server: Server) -> None:
+def test_a_client_that_sends_bytes_is_disconnected(server: Server) -> None:
     with server.watch(server.start()["id"]) as socket:
         socket.receive_text()
         socket.send_bytes(b"\x00")
@@ -457,7 +459,7 @@ def test_a_client_that_sends_bytes_is_closed(server: Server) -> None:
             socket.receive_text()
 
 
-def test_a_stream_of_no_flight_says_so_and_closes(server: Server) -> None:
+def test_a_stream_of_an_unknown_flight_gives_the_reason_and_closes(server: Server) -> None:
     with server.watch("none") as socket:
         end = msgspec.json.decode(socket.receive_text())
         assert end["type"] == "end"
@@ -479,7 +481,7 @@ def test_the_end_of_a_flight_ends_its_streams(server: Server) -> None:
         assert closed.value.code == 1000
 
 
-def test_a_heartbeat_comes_each_second(server: Server) -> None:
+def test_a_heartbeat_is_sent_each_second(server: Server) -> None:
     flight = server.start()
     server.steer(flight["id"], "pause")
     with server.watch(flight["id"]) as socket:

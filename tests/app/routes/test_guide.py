@@ -75,7 +75,7 @@ def test_the_search_finds_sections_that_have_all_words(client: TestClient):
     assert re.findall(r'<a href="([^"]+)"', title_first)[0] == "/guide/keeping-data#restore"
 
 
-def test_the_search_says_that_nothing_was_found_and_escapes_the_words(client: TestClient):
+def test_an_empty_search_result_is_reported_with_the_words_escaped(client: TestClient):
     answer = client.get("/guide", params={"q": "<b>zebra</b>"}).text
     assert "No section" in answer
     assert "<b>zebra" not in answer

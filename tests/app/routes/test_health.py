@@ -53,7 +53,7 @@ def test_a_server_without_its_store_is_alive_but_not_ready(client, monkeypatch):
     assert client.get("/healthz").status_code == 200
 
 
-def test_a_store_that_takes_no_writes_is_not_ready(client, monkeypatch):
+def test_a_read_only_store_is_not_ready(client, monkeypatch):
     def full():
         raise StoreError("the disk is full")
 
@@ -63,7 +63,7 @@ def test_a_store_that_takes_no_writes_is_not_ready(client, monkeypatch):
     assert client.get("/readyz").status_code == 200
 
 
-def test_a_store_that_hangs_is_not_ready_and_is_asked_once(client, monkeypatch):
+def test_a_hanging_store_is_not_ready_and_checked_once(client, monkeypatch):
     free, asked = threading.Event(), []
 
     def hang():
@@ -93,13 +93,13 @@ def test_requests_are_counted_by_route(client):
     assert "process_resident_memory_bytes" in text
 
 
-def test_two_applications_count_apart(client, tmp_path):
+def test_applications_count_separately(client, tmp_path):
     client.get("/healthz")
     with api(tmp_path / "other") as other:
         assert 'route="/healthz"' not in other.get("/metrics").text
 
 
-def test_documentation_asks_nothing_of_the_internet(client):
+def test_documentation_needs_no_internet(client):
     page = client.get("/docs").text
     files = re.findall(r'(?:src|href)="([^"]+)"', page)
     assert len(files) == 4
@@ -112,7 +112,7 @@ def test_documentation_asks_nothing_of_the_internet(client):
 
 
 @pytest.mark.parametrize("path", ["/nothing", "/api/v1/nothing", "/docs/assets/nothing.js"])
-def test_what_is_not_there_is_a_problem(client, path):
+def test_an_unknown_path_is_a_problem(client, path):
     problem(client.get(path), 404)
 
 
@@ -122,7 +122,7 @@ def test_a_wrong_method_is_a_problem(client):
     assert "GET" in answer.headers["allow"]
 
 
-def test_a_fault_of_the_program_shows_no_detail(client, monkeypatch):
+def test_an_internal_error_shows_no_details(client, monkeypatch):
     def broken():
         raise RuntimeError("secret")
 

@@ -61,11 +61,11 @@ def test_the_study_compares_the_five_methods(client):
         ({"monitor": {"lead": 1}}, "choose t_early"),
     ],
 )
-def test_a_wrong_study_is_refused(client, change, words):
+def test_an_invalid_study_is_refused(client, change, words):
     assert words in problem(client.post("/api/v1/studies", json=STUDY | change), 422)
 
 
-def test_events_end_with_the_job_and_are_not_begun_again(client):
+def test_events_end_with_the_job_and_do_not_restart(client):
     job = finished(client, client.post("/api/v1/datasets", json={"n_unsafe": 3}))
     location = f"/api/v1/jobs/{job['id']}"
     with client.stream("GET", f"{location}/events") as stream:
@@ -88,7 +88,7 @@ def test_an_ended_job_is_not_cancelled(client):
     assert "already done" in problem(client.post(f"/api/v1/jobs/{job['id']}/cancel"), 409)
 
 
-def test_a_full_queue_says_so(client, held):
+def test_a_request_is_refused_if_the_queue_is_full(client, held):
     first = client.post("/api/v1/datasets", json={"n_unsafe": 3})
     assert first.status_code == 202
     assert "wait" in problem(client.post("/api/v1/datasets", json={"n_unsafe": 3}), 429)
@@ -101,7 +101,7 @@ def test_an_unknown_job_is_not_found(client, path):
     assert "nothing" in problem(client.post("/api/v1/jobs/nothing/cancel"), 404)
 
 
-def test_a_job_of_a_server_that_died_is_interrupted_and_says_what_to_do(tmp_path):
+def test_a_job_of_a_killed_server_is_interrupted_with_advice(tmp_path):
     dying = open_store(f"sqlite:///{tmp_path / 'forewarn.db'}")
     job_id = dying.jobs.add("monitor", {"asked": 1})
     dying.jobs.update(job_id, status="running", message="training")

@@ -1,4 +1,4 @@
-"""Limit sets over REST: versions by number and name, and put in force with a record of who did."""
+"""Limit sets over REST: versions, and the record of putting one in force."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -27,7 +27,7 @@ def add(client: TestClient, path: str = URL, **more: Any) -> Any:
     return client.post(path, json={"cases": [SLOW, FAST]} | more)
 
 
-def test_a_set_has_versions_that_stay_as_they_were(client: TestClient) -> None:
+def test_versions_of_a_set_do_not_change(client: TestClient) -> None:
     first = add(client, name="envelope", by="Ann").json()
     path = f"{URL}/{first['limit_set']}"
     second = add(client, f"{path}/versions", cases=[SLOW], text="no faster", by="Ben").json()
@@ -41,7 +41,7 @@ def test_a_set_has_versions_that_stay_as_they_were(client: TestClient) -> None:
     assert client.put(f"{path}/versions/1", json={}).status_code == 405
 
 
-def test_what_is_no_set_is_refused_with_words(client: TestClient) -> None:
+def test_invalid_sets_are_refused_with_the_reason(client: TestClient) -> None:
     overlapping = [SLOW, {**FAST, "ranges": {"mach": [0.7, 0.9]}}]
     assert "overlap" in problem(add(client, name="envelope", cases=overlapping), 422)
     nothing = [{**SLOW, "limits": {}}]
@@ -49,7 +49,7 @@ def test_what_is_no_set_is_refused_with_words(client: TestClient) -> None:
     assert client.get(URL).json() == []
 
 
-def test_who_put_which_version_in_force_is_kept(client: TestClient) -> None:
+def test_the_person_and_version_in_force_are_stored(client: TestClient) -> None:
     set_id = add(client, name="envelope").json()["limit_set"]
     dataset = oscillator.collect(np.random.default_rng(11), n_unsafe=12)
     monitor = store_of(client).monitors.add(train(dataset, MonitorRecipe()), "oscillator").id

@@ -1,4 +1,4 @@
-"""Live samples over REST and WebSocket: taken once, durable when answered, or refused."""
+"""Live samples over REST and WebSocket: accepted once, durable when answered, or refused."""
 
 import json
 import sqlite3
@@ -60,7 +60,7 @@ def range_(tmp_path: Path) -> Iterator[Range]:
         yield Range(client, tmp_path)
 
 
-def test_a_batch_is_durable_when_it_is_answered_and_taken_once(range_: Range) -> None:
+def test_an_answered_batch_is_durable_and_used_once(range_: Range) -> None:
     taken = {"sequence": 1, "accepted": 5, "repeated": False, "unread": []}
     assert range_.push(batch(1, n=5)).json() == taken
     assert [line["s"] for line in range_.lines() if "b" in line] == [1]
@@ -72,7 +72,7 @@ def test_a_batch_is_durable_when_it_is_answered_and_taken_once(range_: Range) ->
     assert (now["last_sequence"], now["counts"]["accepted"]) == (1, 5)
 
 
-def test_names_that_nothing_reads_are_told_in_the_answer_and_of_the_flight(range_: Range) -> None:
+def test_unread_names_are_in_the_answer_and_the_flights_status(range_: Range) -> None:
     odd: dict[str, Any] = {"aoa": [0.1], "Nz": [1.0], "mach": [0.5], "phi": [0.0]}
     assert range_.push(batch(1, n=1, **odd)).json()["unread"] == ["aoa", "Nz"]
     assert range_.push(batch(2, n=1, first=1)).json()["unread"] == []
@@ -84,13 +84,13 @@ def test_names_that_nothing_reads_are_told_in_the_answer_and_of_the_flight(range
     assert live["unread"] == ["aoa", "Nz", "G"]
 
 
-def test_what_is_no_batch_is_refused_and_the_flight_goes_on(range_: Range) -> None:
+def test_a_malformed_batch_is_refused_and_the_flight_continues(range_: Range) -> None:
     assert "missing channels: Ny" in problem(range_.push(batch(1, Ny=None)), 422)
     assert "not a JSON object" in problem(range_.push([1, 2]), 422)
     assert range_.push(batch(1)).status_code == 200
 
 
-def test_only_a_live_flight_that_is_under_way_takes_samples(range_: Range) -> None:
+def test_only_a_live_flight_in_progress_accepts_samples(range_: Range) -> None:
     body = {"source": {"kind": "simulated"}, "monitor": range_.monitor_id}
     other = range_.client.post(URL, json=body).json()["id"]
     refused = range_.client.post(f"{URL}/{other}/samples", json=batch(1))
@@ -104,7 +104,7 @@ def test_only_a_live_flight_that_is_under_way_takes_samples(range_: Range) -> No
     assert range_.client.get(f"{URL}/{other}").json()["live"] is None
 
 
-def test_a_source_that_cannot_be_is_refused_before_the_flight(range_: Range) -> None:
+def test_an_impossible_source_is_refused_before_the_flight(range_: Range) -> None:
     assert "UDP port 80" in problem(range_.start(udp=80), 422)
     flight = range_.start(udp=0).json()["id"]
     port = range_.client.get(f"{URL}/{flight}/samples").json()["udp"].split(":")[1]
@@ -123,7 +123,7 @@ def test_a_database_that_another_program_locks_delays_no_acknowledgement(range_:
     assert len(range_.client.get(f"{URL}/{range_.id}/assessments").json()["frames"]) == 5
 
 
-def test_a_live_flight_goes_on_when_its_server_was_stopped_and_is_up_again(tmp_path: Path) -> None:
+def test_a_live_flight_continues_after_a_restart_of_the_server(tmp_path: Path) -> None:
     with api(tmp_path) as client:
         before = Range(client, tmp_path)
         before.push(batch(0, n=5))
@@ -145,7 +145,7 @@ def test_an_interrupted_flight_without_its_journal_is_over(tmp_path: Path) -> No
         assert client.post(f"{URL}/{before.id}/end").json()["progress"] == "interrupted"
 
 
-def test_a_manoeuvre_is_begun_by_hand_once(range_: Range) -> None:
+def test_a_manoeuvre_is_started_manually_once(range_: Range) -> None:
     range_.id = range_.start(trim="detected").json()["id"]
     range_.push(batch(0, n=20))
     begin = f"{URL}/{range_.id}/manoeuvre"
@@ -164,7 +164,7 @@ def test_a_deleted_flight_leaves_no_journal(range_: Range) -> None:
     assert not [*(range_.root / "live").iterdir()]
 
 
-def test_an_uplink_is_told_what_is_durable_and_where_to_go_on(range_: Range) -> None:
+def test_an_uplink_gets_acknowledgements_and_its_last_sequence(range_: Range) -> None:
     range_.push(batch(7))
     with range_.uplink() as socket:
         hello = msgspec.json.decode(socket.receive_text())
@@ -200,20 +200,20 @@ def closed_with(socket: WebSocketTestSession) -> int:
         return closed.code
 
 
-def test_a_source_that_floods_with_nonsense_is_closed(range_: Range) -> None:
+def test_a_source_that_floods_with_nonsense_is_disconnected(range_: Range) -> None:
     with range_.uplink() as socket:
         for _ in range(MOST_MALFORMED):
             socket.send_text("nonsense")
         assert closed_with(socket) == 1008
 
 
-def test_an_uplink_to_no_live_flight_is_closed_with_a_reason(range_: Range) -> None:
+def test_an_uplink_without_a_live_flight_is_closed_with_a_reason(range_: Range) -> None:
     with range_.uplink("nowhere") as socket:
         assert msgspec.json.decode(socket.receive_text())["type"] == "end"
         assert closed_with(socket) == 4404
 
 
-def test_watchers_of_a_live_flight_are_told_how_its_source_does(range_: Range) -> None:
+def test_watchers_see_the_state_of_a_live_source(range_: Range) -> None:
     range_.push(batch(1, n=3))
     path = f"{URL}/{range_.id}/stream"
     with range_.client.websocket_connect(path, headers=HEADERS) as socket:

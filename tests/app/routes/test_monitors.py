@@ -41,7 +41,7 @@ def telemetry(y, dt):
     return {"t": t} | dict(zip(KEYS, y.T.tolist(), strict=True))
 
 
-def test_warnings_are_those_at_the_epsilon_that_is_asked_for(client, monitor):
+def test_warnings_are_those_at_the_requested_epsilon(client, monitor):
     curves = {"epsilon": [0.2, 0.5], "misses": [4, 4], "false_alerts": [195, 0]}
     at_epsilon = {"misses": 4, "false_alerts": 195}
     counts = {"epsilon": 0.2, "n_unsafe": 100, "n_safe": 200}
@@ -53,7 +53,7 @@ def test_warnings_are_those_at_the_epsilon_that_is_asked_for(client, monitor):
     problem(client.get(path, params={"epsilon": "nan"}), 422)
 
 
-def test_a_recipe_becomes_a_trained_and_tested_monitor(client):
+def test_a_job_trains_and_tests_a_monitor(client):
     order = {"dataset": DATASET, "t_early": 0.2, "n_test": 60, "name": "trained"} | AVERAGE
     job = finished(client, client.post("/api/v1/monitors", json=order))
     assert job["status"] == "done", job
@@ -114,7 +114,7 @@ def test_a_monitor_is_trained_on_a_stored_dataset(client, dataset):
         ({"dataset": DATASET, "score": {"kind": "negative_magnitude", "key": "q"}}, 422, "key"),
     ],
 )
-def test_a_wrong_order_is_refused_at_once(client, order, status, words):
+def test_an_invalid_request_is_refused_at_once(client, order, status, words):
     assert words in problem(client.post("/api/v1/monitors", json=order), status)
 
 
@@ -128,7 +128,7 @@ def test_a_lead_longer_than_a_stored_datasets_manoeuvre_is_refused_at_once(clien
     assert store_of(client).jobs.all() == before
 
 
-def test_scores_are_the_streams_own(client, stored, monitor, flights):
+def test_scores_equal_those_of_the_stream(client, stored, monitor, flights):
     for y in flights[:3]:
         answer = client.post(f"/api/v1/monitors/{stored}/score", json=telemetry(y, monitor.dt))
         said = answer.json()["assessments"]
@@ -139,7 +139,7 @@ def test_scores_are_the_streams_own(client, stored, monitor, flights):
             assert said[sample] == expected
 
 
-def test_scores_name_their_exemplars_where_asked(client, stored, monitor, flights):
+def test_scores_name_their_exemplars_on_request(client, stored, monitor, flights):
     body = telemetry(flights[0], monitor.dt)
     said = client.post(f"/api/v1/monitors/{stored}/score?why=true", json=body).json()
     stream = monitor.stream()
@@ -181,12 +181,12 @@ def test_a_missing_value_is_never_assessed(client, stored, monitor, flights):
         ({"beta": [[0.0], 1.0, 2.0]}, "beta is not an array"),
     ],
 )
-def test_wrong_telemetry_is_refused(client, stored, change, words):
+def test_invalid_telemetry_is_refused(client, stored, change, words):
     body = telemetry(np.zeros((3, 6)), 0.05) | change
     assert words in problem(client.post(f"/api/v1/monitors/{stored}/score", json=body), 422)
 
 
-def test_a_channel_left_out_is_missed(client, stored):
+def test_a_missing_channel_is_named(client, stored):
     body = telemetry(np.zeros((3, 6)), 0.05)
     del body["r"]
     assert "channel r is missing" in problem(
@@ -194,7 +194,7 @@ def test_a_channel_left_out_is_missed(client, stored):
     )
 
 
-def test_a_promise_with_confidence_is_told_with_the_risk_it_alerts_above(client, monitor):
+def test_a_promise_with_confidence_has_its_alert_level(client, monitor):
     sure = replace(monitor, recipe=replace(monitor.recipe, epsilon=0.3, guarantee="95%"))
     stored = store_of(client).monitors.add(sure, "sure").id
     above = confident_rank(0.3, monitor.n_unsafe) / (monitor.n_unsafe + 1)
@@ -234,7 +234,7 @@ def test_a_test_card_needs_a_manoeuvre_of_steps(client):
     assert "go with the score rest_of_card or card_window" in told
 
 
-def test_a_monitor_with_groups_says_of_each_how_it_is_calibrated_and_missed(client):
+def test_a_monitor_with_groups_has_calibration_and_misses_of_each(client):
     grouping = {"kind": "largest_deflection"}
     _, result, trained = trained_by(client, {"groups": grouping, "epsilon": 0.3})
     where = f"/api/v1/monitors/{result['monitor']}"
@@ -268,14 +268,14 @@ def test_a_forecast_of_the_peak_is_learned_from_the_dataset_alone(client):
     assert [sample["p_value"] for sample in told if sample["state"] == "ok"]
 
 
-def test_calibration_is_the_monitors_own(client, stored, monitor):
+def test_calibration_is_that_of_the_monitor(client, stored, monitor):
     found = client.get(f"/api/v1/monitors/{stored}/calibration").json()
     alphas = [np.inf if alpha is None else alpha for alpha in found["alphas"]]
     np.testing.assert_array_equal(alphas, monitor.alphas)
     assert found["smallest_epsilon"] == monitor.smallest_epsilon == pytest.approx(1 / 13)
 
 
-def test_a_portable_monitor_goes_round(client, stored, monitor):
+def test_a_portable_monitor_round_trips(client, stored, monitor):
     file = client.get(f"/api/v1/monitors/{stored}/file").content
     kind = {"content-type": "application/octet-stream"}
     answer = client.post("/api/v1/monitors", content=file, headers=kind, params={"name": "copy"})
@@ -287,7 +287,7 @@ def test_a_portable_monitor_goes_round(client, stored, monitor):
     assert from_bytes(file).alphas.tolist() == monitor.alphas.tolist()
 
 
-def test_a_portable_monitor_comes_in_a_form_or_under_any_type(client, monitor):
+def test_a_portable_monitor_is_accepted_in_a_form_or_with_any_type(client, monitor):
     content = monitor.to_bytes()
     sent = [
         client.post("/api/v1/monitors", files={"file": ("my.fwm", content)}),
@@ -300,7 +300,7 @@ def test_a_portable_monitor_comes_in_a_form_or_under_any_type(client, monitor):
 
 
 @pytest.mark.parametrize("cut", [0, 10, 1000, -1])
-def test_a_file_that_is_no_whole_monitor_is_refused(client, monitor, cut):
+def test_a_truncated_monitor_file_is_refused(client, monitor, cut):
     kind = {"content-type": "application/octet-stream"}
     file = monitor.to_bytes()[:cut]
     before = client.get("/api/v1/monitors").json()
@@ -333,13 +333,13 @@ def with_header(content: bytes, **changes: object) -> bytes:
     ],
     ids=lambda changes: str(changes)[:40],
 )
-def test_a_file_of_no_sense_is_refused(client, monitor, changes):
+def test_an_inconsistent_monitor_file_is_refused(client, monitor, changes):
     content = with_header(monitor.to_bytes(), **changes)
     assert len(problem(upload(client, content), 422)) < 500
 
 
 @pytest.mark.parametrize("number", [2**63, 2**64, 10**400, -(10**400)])
-def test_a_number_of_any_size_is_said_again_or_refused(client, monitor, number):
+def test_a_number_of_any_size_is_quoted_or_refused(client, monitor, number):
     content = with_header(monitor.to_bytes(), dataset_recipe={"seed": number})
     answer = upload(client, content)
     if answer.status_code != 201:

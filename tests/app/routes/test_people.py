@@ -1,4 +1,4 @@
-"""Several people on one server: what each may, in whose name, and what the audit log says of it."""
+"""Several people on one server: roles, names and the audit log."""
 
 import csv
 import io
@@ -61,7 +61,7 @@ def flight_with_alarms(client: TestClient, dataset: Any, n: int) -> str:
     return f"{FLIGHTS}/{flight}"
 
 
-def test_who_comes_without_a_token_where_none_is_asked_is_local_and_admin(tmp_path: Path) -> None:
+def test_requests_are_local_and_admin_if_no_token_is_required(tmp_path: Path) -> None:
     with api(tmp_path) as client:
         me = client.get(ME).json()
         assert (me["name"], me["role"]) == ("local", "admin")
@@ -71,7 +71,7 @@ def test_who_comes_without_a_token_where_none_is_asked_is_local_and_admin(tmp_pa
         assert client.get(TOKENS).json() == []
 
 
-def test_a_person_is_known_by_name_and_role_until_the_token_is_revoked(client: TestClient) -> None:
+def test_a_person_has_name_and_role_until_the_token_is_revoked(client: TestClient) -> None:
     token_id, ann = hired(client, "Ann", "operator")
     me = client.get(ME, headers=ann).json()
     assert (me["name"], me["role"]) == ("Ann", "operator")
@@ -127,7 +127,7 @@ def test_a_link_logs_its_person_in_once(client: TestClient) -> None:
     assert "has expired" in client.get(link).text
 
 
-def test_an_acknowledgement_is_in_the_name_of_who_is_logged_in(
+def test_an_acknowledgement_has_the_name_of_the_person_logged_in(
     client: TestClient, dataset: Any
 ) -> None:
     flight = flight_with_alarms(client, dataset, 2)
@@ -143,7 +143,7 @@ def test_an_acknowledgement_is_in_the_name_of_who_is_logged_in(
     ]
 
 
-def test_a_key_is_its_senders_own(client: TestClient) -> None:
+def test_an_idempotency_key_belongs_to_its_sender(client: TestClient) -> None:
     made: list[str] = []
     for name in ("Ann", "Bo"):
         headers = hired(client, name, "engineer")[1] | {"Idempotency-Key": "k1"}
@@ -152,7 +152,7 @@ def test_a_key_is_its_senders_own(client: TestClient) -> None:
     assert made[0] == made[1] != made[2] == made[3]
 
 
-def test_the_audit_log_has_changes_logins_and_what_a_role_did_not_allow(client: TestClient) -> None:
+def test_the_audit_log_has_changes_logins_and_refusals_of_roles(client: TestClient) -> None:
     _, ann = hired(client, "Ann", "viewer")
     client.get("/api/v1/flights", headers=ann)
     client.post(FLIGHTS, headers=ann, json={})
@@ -180,7 +180,7 @@ def test_the_audit_log_has_changes_logins_and_what_a_role_did_not_allow(client: 
     )
 
 
-def test_of_the_samples_of_a_flight_each_persons_first_push_is_logged() -> None:
+def test_each_persons_first_push_to_a_flight_is_logged() -> None:
     audit = Audit()
     for name in ("Ann", "Ann", "Bo", "Ann"):
         for flight in ("f1", "f2"):
@@ -195,7 +195,7 @@ def test_of_the_samples_of_a_flight_each_persons_first_push_is_logged() -> None:
     ]
 
 
-def test_what_the_store_does_not_take_is_logged_once_it_does(
+def test_entries_are_logged_once_the_store_accepts_writes(
     client: TestClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store = store_of(client)

@@ -1,4 +1,4 @@
-"""Recordings over the API: uploaded, mapped, looked at, deleted; whole or not there at all."""
+"""Recordings over REST: upload, mapping, preview and deletion, each complete or without effect."""
 
 import hashlib
 import re
@@ -77,7 +77,7 @@ def test_a_file_becomes_a_recording(client, data_dir, file, flights):
     assert listed == {key: recording[key] for key in listed}
 
 
-def test_the_same_bytes_again_are_said_to_be_the_same(client, kept, file):
+def test_identical_files_are_reported(client, kept, file):
     again = uploaded(client, file, name="again.csv")
     assert again["same_as"] is not None
     assert again["same_as"] != again["id"]
@@ -99,7 +99,7 @@ def test_the_same_bytes_again_are_said_to_be_the_same(client, kept, file):
         ("e\u0301" + "x" * 240 + ".csv", "é" + "x" * 240 + ".csv"),
     ],
 )
-def test_a_name_is_a_name_and_no_path(client, data_dir, file, given, kept_as):
+def test_a_name_is_stored_without_its_path(client, data_dir, file, given, kept_as):
     recording = uploaded(client, file, name=given)
     assert recording["name"] == kept_as
     assert (data_dir / "recordings" / recording["id"] / "file").is_file()
@@ -107,12 +107,12 @@ def test_a_name_is_a_name_and_no_path(client, data_dir, file, given, kept_as):
 
 
 @pytest.mark.parametrize("name", ["", "x" * 256, "/", "..\\", "\u200b\x07"])
-def test_what_names_no_file_is_refused(client, file, name, untouched):
+def test_an_invalid_file_name_is_refused(client, file, name, untouched):
     assert "name" in problem(upload(client, file, name=name), 422)
 
 
 @pytest.mark.parametrize("kind", ["text/csv", "application/x-www-form-urlencoded", None])
-def test_the_file_itself_is_taken_under_any_content_type(client, file, kind):
+def test_a_file_is_accepted_with_any_content_type(client, file, kind):
     headers = {} if kind is None else {"content-type": kind}
     answer = client.post(RECORDINGS, content=file, headers=headers)
     assert answer.status_code == 201
@@ -134,7 +134,7 @@ IN_FORM = {"content-type": 'multipart/form-data; boundary="xx"'}
 
 @pytest.mark.parametrize("step", [1, 7, 1000, 10**9])
 @pytest.mark.parametrize("before", [b"", NOTE, b"preamble\r\n"])
-def test_a_file_in_a_form_is_taken_however_it_is_cut(client, file, step, before):
+def test_a_file_in_a_form_is_read_from_chunks_of_any_size(client, file, step, before):
     file = file[:3000].rpartition(b"\n")[0] if step == 1 else file
     body = form(file, 'my "flight".csv', before)
     pieces = (body[k : k + step] for k in range(0, len(body), step))
@@ -148,24 +148,24 @@ def test_a_file_in_a_form_is_taken_however_it_is_cut(client, file, step, before)
 @pytest.mark.parametrize(
     ("body", "headers", "words"),
     [
-        (form(b"t,p\n")[:-12], IN_FORM, "the form ends before its file does"),
+        (form(b"t,p\n")[:-12], IN_FORM, "the form ends before the file"),
         (NOTE + b"--xx--\r\n", IN_FORM, "the form holds no file"),
         (b"", IN_FORM, "the form ends"),
         (b"--xx\r\n" + b"a" * 20_000, IN_FORM, "headers are too long"),
-        (form(b"t,p\n"), {"content-type": "multipart/form-data"}, "names no boundary"),
+        (form(b"t,p\n"), {"content-type": "multipart/form-data"}, "boundary"),
     ],
 )
-def test_a_form_without_a_whole_file_is_refused(client, body, headers, words, untouched):
+def test_a_form_without_a_complete_file_is_refused(client, body, headers, words, untouched):
     assert words in problem(client.post(RECORDINGS, content=body, headers=headers), 422)
 
 
-def test_a_packed_body_is_refused(client, file, untouched):
+def test_a_compressed_body_is_refused(client, file, untouched):
     headers = OCTETS | {"content-encoding": "gzip"}
     answer = client.post(RECORDINGS, content=file, params={"name": "a.csv"}, headers=headers)
     assert "gzip" in problem(answer, 415)
 
 
-def test_an_upload_has_its_own_limit_whether_its_length_is_said_or_not(client, file, untouched):
+def test_an_upload_has_its_own_limit_with_or_without_a_length(client, file, untouched):
     def endless():
         yield HEAD.encode()
         for _ in range(1000):
@@ -188,16 +188,16 @@ def test_an_upload_may_be_larger_than_other_bodies(client, flights):
     "body",
     [b"", b"\0\1\2" * 1000, b"nothing in it\n", b"PK\3\4" + b"x" * 100, b"t,beta\n" * 50],
 )
-def test_what_cannot_be_read_leaves_nothing(client, body, untouched):
+def test_an_unreadable_file_leaves_nothing(client, body, untouched):
     assert problem(upload(client, body, name="bad.csv"), 422)
 
 
-def test_an_empty_file_is_called_empty_by_its_name(client, untouched):
+def test_an_empty_file_is_refused_by_name(client, untouched):
     said = problem(upload(client, b"", name="rud1.csv"), 422)
     assert said == "rud1.csv is empty: choose a file with telemetry"
 
 
-def test_no_upload_begins_on_a_full_disk(client, file, untouched, monkeypatch):
+def test_no_upload_starts_on_a_full_disk(client, file, untouched, monkeypatch):
     monkeypatch.setattr(recording_files, "SPARE_BYTES", 2**62)
     said = problem(upload(client, file), 507)
     assert re.search(r"needs [1-9][\d,]* KiB, .* has 0 KiB available", said)
@@ -232,7 +232,7 @@ def test_a_store_that_fails_at_the_last_moment_leaves_nothing(client, file, unto
     assert store_of(client).recordings.incomplete() == []
 
 
-def test_uploads_at_once_are_each_whole(client, flights):
+def test_simultaneous_uploads_are_each_complete(client, flights):
     files = [csv_of(y) for y in flights[:6]]
 
     def send(number):
@@ -260,7 +260,7 @@ def test_bad_rows_are_listed(client, flights):
     assert client.delete(f"{RECORDINGS}/{recording['id']}").status_code == 204
 
 
-def test_a_mapping_is_tried_without_being_kept(client, kept, flights):
+def test_a_mapping_can_be_tried_without_being_stored(client, kept, flights):
     path = f"{RECORDINGS}/{kept['id']}"
     mapping = kept["mapping"] | {"channels": dict(kept["mapping"]["channels"])}
     mapping["channels"]["Ny"] = mapping["channels"]["Ny"] | {"sign": -1}
@@ -286,7 +286,7 @@ def test_a_mapping_is_tried_without_being_kept(client, kept, flights):
     ]
 
 
-def test_a_signal_is_shown_as_the_file_holds_it(client, kept, flights):
+def test_a_signal_preview_has_the_values_of_the_file(client, kept, flights):
     path = f"{RECORDINGS}/{kept['id']}/signals"
     names = [signal["name"] for signal in kept["contents"]["signals"]]
     seen = client.get(f"{path}/{names.index(signal_of(kept, 'p'))}/preview").json()
@@ -313,7 +313,7 @@ def test_a_recording_without_times_is_mapped_by_a_rate(client, file):
     assert "either a signal or a rate" in problem(refused, 422)
 
 
-def test_a_mapping_file_is_taken_as_it_is(client, kept):
+def test_a_mapping_file_is_accepted_as_the_body(client, kept):
     path = f"{RECORDINGS}/{kept['id']}"
     mapping = {**kept["mapping"]}
     wrapped = client.post(f"{path}/preview", json={"mapping": mapping})
@@ -408,7 +408,7 @@ def test_a_deleted_recording_leaves_nothing(client, data_dir, file):
     assert identity in problem(client.delete(f"{RECORDINGS}/{identity}"), 404)
 
 
-def test_lost_files_are_said_and_the_recording_can_still_be_deleted(client, data_dir, file):
+def test_lost_files_are_reported_and_the_recording_can_be_deleted(client, data_dir, file):
     identity = uploaded(client, file)["id"]
     (data_dir / "recordings" / identity).rename(data_dir / "lost")
     assert "is missing" in problem(client.get(f"{RECORDINGS}/{identity}"), 503)
@@ -416,7 +416,7 @@ def test_lost_files_are_said_and_the_recording_can_still_be_deleted(client, data
     assert client.delete(f"{RECORDINGS}/{identity}").status_code == 204
 
 
-def test_markers_are_set_changed_and_taken_away(client, kept):
+def test_markers_are_added_changed_and_deleted(client, kept):
     path = f"{RECORDINGS}/{kept['id']}/markers"
     answer = client.post(path, json={"t": 1.5, "text": "gust"})
     assert answer.status_code == 201
@@ -427,14 +427,14 @@ def test_markers_are_set_changed_and_taken_away(client, kept):
     assert client.get(path).json() == [other, marker]
     changed = client.put(f"{path}/{marker['id']}", json=note).json()
     assert changed == marker | note
-    assert "lies before" in problem(client.post(path, json=note | {"end": 0.1}), 422)
+    assert "before the start" in problem(client.post(path, json=note | {"end": 0.1}), 422)
     for one in (marker, other):
         assert client.delete(f"{path}/{one['id']}").status_code == 204
     assert client.get(path).json() == []
     assert problem(client.delete(f"{path}/{marker['id']}"), 404)
 
 
-def test_the_catalog_says_what_is_read_and_what_it_can_be(client):
+def test_the_catalog_has_formats_and_targets(client):
     telemetry = client.get("/api/v1/catalog").json()["telemetry"]
     formats = {one["key"]: one for one in telemetry["formats"]}
     assert formats["csv"]["installed"] is True

@@ -1,4 +1,4 @@
-"""Report and exports over REST: files that stand alone, under names of any letters."""
+"""Report and exports over REST: self-contained files under names in any alphabet."""
 
 import io
 import os
@@ -78,7 +78,7 @@ def scored(tmp_path_factory: pytest.TempPathFactory, attas: Monitor) -> Iterator
         yield Scored(client, attas)
 
 
-def test_the_report_stands_alone_under_a_policy_that_lets_nothing_in(scored: Scored):
+def test_the_report_is_self_contained_under_a_strict_policy(scored: Scored):
     answer = scored.client.get(f"{scored.path}/report")
     assert answer.status_code == 200
     assert answer.headers["content-type"] == "text/html; charset=utf-8"
@@ -98,13 +98,13 @@ def test_the_report_stands_alone_under_a_policy_that_lets_nothing_in(scored: Sco
         assert manoeuvre["guarantee"].replace("'", "&#39;") in html
 
 
-def test_the_report_is_kept_under_the_recordings_name(scored: Scored):
+def test_the_report_downloads_under_the_recordings_name(scored: Scored):
     answer = scored.client.get(f"{scored.path}/report", params={"download": True})
     assert kept_name(answer) == f"{STEM} report.html"
     assert quote("✈") in answer.headers["content-disposition"]
 
 
-def test_the_report_says_who_chose_the_mapping_and_what_was_noted(scored: Scored):
+def test_the_report_has_the_source_of_the_mapping_and_the_notes(scored: Scored):
     path = f"{RECORDINGS}/{scored.recording['id']}"
 
     def html() -> str:
@@ -139,7 +139,7 @@ def test_csv_is_the_samples_with_units_in_their_names(scored: Scored):
 
 
 @pytest.mark.parametrize("form", ["parquet", "mat"])
-def test_the_others_keep_units_and_where_they_come_from(scored: Scored, form: str):
+def test_other_formats_keep_units_and_provenance(scored: Scored, form: str):
     y = np.array([frame["y"] for frame in scored.frames])
     if form == "parquet":
         table = pq.read_table(scored.export(form))
@@ -158,15 +158,13 @@ def test_the_others_keep_units_and_where_they_come_from(scored: Scored, form: st
     assert scored.recording["digest"] in about
 
 
-def test_csv_is_the_default_and_others_are_refused(scored: Scored):
+def test_csv_is_the_default_and_unknown_formats_are_refused(scored: Scored):
     path = f"{scored.path}/export"
     assert scored.client.get(path).content == scored.export("csv").getvalue()
     assert "format" in problem(scored.client.get(path, params={"format": "xlsx"}), 422)
 
 
-def test_an_export_is_sent_from_the_disk_and_leaves_nothing_there(
-    scored: Scored, monkeypatch: pytest.MonkeyPatch
-):
+def test_an_export_leaves_no_file_on_the_disk(scored: Scored, monkeypatch: pytest.MonkeyPatch):
     whole = scored.export("csv").getvalue()
     made: list[int] = []
     given = RecordingFiles.unnamed
@@ -185,7 +183,7 @@ def test_an_export_is_sent_from_the_disk_and_leaves_nothing_there(
 
 
 @pytest.mark.parametrize("end", ["report", "export"])
-def test_what_is_not_there_is_not_found(scored: Scored, end: str):
+def test_unknown_scorings_are_not_found(scored: Scored, end: str):
     recording, lost = scored.recording["id"], scored.score(epsilon=0.4)
     path = f"{RECORDINGS}/{recording}/scorings"
     assert scored.client.delete(f"{path}/{lost['id']}").status_code == 204

@@ -1,4 +1,4 @@
-"""Scorings over the API: the same order gives the same bits; all that decided them is kept."""
+"""Scorings over REST: identical requests give identical bits; the inputs are stored."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -58,7 +58,7 @@ def scored(client, recording, monitor, status=201, **order):
     return answer.json()
 
 
-def test_a_recording_is_scored_and_the_scoring_kept(client, recording, monitor, flight):
+def test_a_recording_is_scored_and_the_scoring_stored(client, recording, monitor, flight):
     path = f"{RECORDINGS}/{recording['id']}/scorings"
     answer = client.post(path, json={"monitor": monitor} | WHOLE)
     assert answer.status_code == 201, answer.text
@@ -83,7 +83,7 @@ def test_a_recording_is_scored_and_the_scoring_kept(client, recording, monitor, 
     assert words["p"] == "without bank angle"
 
 
-def test_limits_reached_outside_the_marked_manoeuvres_are_kept(client, monitor, flight):
+def test_exceedances_outside_the_marked_manoeuvres_are_stored(client, monitor, flight):
     loud = flight.copy()
     loud[-50:-45, 3] = 5.0
     kept = uploaded(client, csv_of(loud))
@@ -100,7 +100,7 @@ def test_limits_reached_outside_the_marked_manoeuvres_are_kept(client, monitor, 
     client.delete(f"{RECORDINGS}/{kept['id']}")
 
 
-def test_the_same_order_is_answered_by_what_is_kept(client, data_dir, recording, monitor):
+def test_an_identical_request_returns_the_stored_scoring(client, data_dir, recording, monitor):
     first = scored(client, recording, monitor)
     files = kept_files(data_dir)
     assert scored(client, recording, monitor, 200) == first
@@ -124,7 +124,7 @@ def test_the_same_file_uploaded_again_gives_the_same_bits(client, recording, mon
     client.delete(f"{RECORDINGS}/{twin['id']}")
 
 
-def test_orders_at_once_make_one_scoring(client, data_dir, recording, monitor):
+def test_simultaneous_identical_requests_make_one_scoring(client, data_dir, recording, monitor):
     with ThreadPoolExecutor(4) as pool:
         answers = pool.map(
             lambda _: client.post(
@@ -137,7 +137,7 @@ def test_orders_at_once_make_one_scoring(client, data_dir, recording, monitor):
     assert len([name for name in files if name.startswith(f"{recording['id']}/scorings/")]) == 2
 
 
-def test_a_scoring_keeps_the_mapping_that_it_was_made_with(client, recording, monitor):
+def test_a_scoring_keeps_its_mapping(client, recording, monitor):
     before = scored(client, recording, monitor)
     mapping = {**recording["mapping"], "channels": dict(recording["mapping"]["channels"])}
     sign = -mapping["channels"]["Ny"]["sign"]
@@ -151,7 +151,7 @@ def test_a_scoring_keeps_the_mapping_that_it_was_made_with(client, recording, mo
     assert client.get(f"{path}/scorings/{before['id']}").json() == before
 
 
-def test_frames_are_the_samples_that_were_kept(client, data_dir, recording, monitor, flight):
+def test_frames_are_the_stored_samples(client, data_dir, recording, monitor, flight):
     scoring = scored(client, recording, monitor, manoeuvres=[{"start": 3.05, "end": 6.0}])
     path = f"{RECORDINGS}/{recording['id']}/scorings/{scoring['id']}/assessments"
     got = client.get(path).json()
@@ -174,7 +174,7 @@ def test_frames_are_the_samples_that_were_kept(client, data_dir, recording, moni
     assert client.get(f"{path}?first=99999").json() == {"first": 99999, "next": None, "frames": []}
 
 
-def test_long_scorings_come_in_pages(client, recording, monitor, monkeypatch):
+def test_long_scorings_are_paged(client, recording, monitor, monkeypatch):
     from app.routes import scorings
 
     monkeypatch.setattr(scorings, "MOST_FRAMES", 500)
@@ -243,9 +243,7 @@ def test_a_window_without_samples_has_no_tiles(client, recording, monitor):
         ({"monitors": "x"}, "monitors"),
     ],
 )
-def test_an_order_that_cannot_be_carried_out_leaves_nothing(
-    client, data_dir, recording, monitor, order, words
-):
+def test_an_impossible_request_leaves_nothing(client, data_dir, recording, monitor, order, words):
     files = kept_files(data_dir)
     path = f"{RECORDINGS}/{recording['id']}/scorings"
     answer = client.post(path, json={"monitor": monitor} | WHOLE | order)
@@ -308,7 +306,7 @@ def test_a_recording_deleted_while_it_is_scored_leaves_nothing(
     assert kept_files(data_dir) == files
 
 
-def test_a_full_disk_keeps_no_part_of_a_scoring(client, data_dir, recording, monitor, monkeypatch):
+def test_a_full_disk_leaves_no_part_of_a_scoring(client, data_dir, recording, monitor, monkeypatch):
     files = kept_files(data_dir)
     monkeypatch.setattr(recording_files, "SPARE_BYTES", 2**62)
     path = f"{RECORDINGS}/{recording['id']}/scorings"

@@ -1,4 +1,4 @@
-"""Sweeps over leads and choices of epsilon over REST: their jobs, and what is refused."""
+"""Sweeps over leads and choices of epsilon over REST: jobs and refusals."""
 
 import pytest
 
@@ -24,7 +24,7 @@ def monitor(client) -> str:
     )
 
 
-def test_a_sweep_of_named_tests_says_what_python_does(client):
+def test_a_sweep_of_named_tests_gives_the_librarys_result(client):
     order = SMALL | {"tests": ["ATTAS"], "methods": [RIDGE]}
     job = finished(client, client.post("/api/v1/sweeps", json=order))
     assert job["status"] == "done", job
@@ -53,7 +53,7 @@ def test_a_sweep_of_named_tests_says_what_python_does(client):
     assert listed["result"] is None
 
 
-def test_a_sweep_of_a_dataset_is_of_its_planned_test(client):
+def test_a_sweep_of_a_dataset_uses_its_planned_test(client):
     maneuver = {"kind": "frequency_sweep", "amplitude_deg": 11.1}
     dataset = {"n_unsafe": 12, "n_obs": 20, "maneuver": maneuver, "imperfections": "none"}
     order = SMALL | {"leads_s": [0.25], "dataset": dataset}
@@ -81,7 +81,7 @@ def test_a_sweep_of_a_dataset_is_of_its_planned_test(client):
         ({"dataset": 5}, "give the id of a stored dataset"),
     ],
 )
-def test_a_wrong_sweep_is_refused(client, change, words):
+def test_an_invalid_sweep_is_refused(client, change, words):
     assert words in problem(client.post("/api/v1/sweeps", json=SMALL | change), 422)
 
 
@@ -109,9 +109,9 @@ def test_an_epsilon_is_chosen_by_a_job(client, monitor):
         ({"cost": 1}, "has no 'cost': "),
     ],
 )
-def test_a_wrong_choice_is_refused(client, monitor, order, words):
+def test_an_invalid_choice_is_refused(client, monitor, order, words):
     assert words in problem(client.post(f"/api/v1/monitors/{monitor}/epsilon", json=order), 422)
 
 
-def test_a_choice_of_no_monitor_is_not_found(client):
+def test_a_choice_for_an_unknown_monitor_is_not_found(client):
     problem(client.post("/api/v1/monitors/none/epsilon", json={"cost_of_miss": 1}), 404)

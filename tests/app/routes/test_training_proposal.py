@@ -1,4 +1,4 @@
-"""A training recipe proposed from a recording: manoeuvre, limits, channels, and what is missing."""
+"""Training recipes proposed from recordings: manoeuvre, limits and channels."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ def flown(maneuver, law="none"):
         (Multistep3211(amplitude_deg=3.0, unit_s=0.6, duration_s=8.0), "multistep_3211", "unit_s"),
     ],
 )
-def test_the_card_that_was_flown_is_proposed(client, maneuver, kind, unit):
+def test_the_flown_card_is_proposed(client, maneuver, kind, unit):
     found = proposal(client, flown(maneuver))["recipe"]["dataset"]["maneuver"]
     assert (found["kind"], found["surface"]) == (kind, "rudder")
     assert found["amplitude_deg"] == pytest.approx(maneuver.amplitude_deg, rel=0.1)
@@ -93,7 +93,7 @@ def test_without_a_limited_channel_no_method_works(client):
     assert "score" not in made["recipe"]
 
 
-def test_limits_and_lead_are_those_of_the_monitor_that_scored(client, dataset):
+def test_limits_and_lead_come_from_the_given_monitor(client, dataset):
     monitor = train(dataset, MonitorRecipe())
     stored = store_of(client).monitors.add(monitor, "oscillator").id
     made = proposal(client, flown(Doublet(amplitude_deg=6.0)), monitor=stored)
