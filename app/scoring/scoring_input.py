@@ -33,7 +33,8 @@ class MissingChannels(TelemetryError):
         derive = f"derive {', '.join(ways)}, " if ways else ""
         super().__init__(
             f"the monitor needs {', '.join(keys)}, which the recording does not have: map signals "
-            f"to the missing channels, {derive}or choose a monitor that does not need them"
+            f"to the missing channels, {derive}or choose a monitor that does not need them or "
+            "train one for these channels (see the recording's training proposal)"
         )
 
 
