@@ -77,7 +77,7 @@ class Demonstration:
         return self._task
 
     def stop(self) -> None:
-        """End it; a flight that it started goes on."""
+        """Stop it. A flight that it started continues."""
         if self._task is not None:
             self._task.cancel()
 

@@ -148,7 +148,7 @@ class Campaigns:
     ) -> CampaignDetails:
         """Apply a decision to the next point, which must have this name.
 
-        Raises NotFound, CampaignError, or CampaignChanged if somebody else changed it meanwhile.
+        Raises NotFound, CampaignError, or CampaignChanged after a change by another person.
         """
         stored, campaign = self.get(campaign_id)
         check_next(campaign, point)

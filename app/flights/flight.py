@@ -609,7 +609,7 @@ class Flight(ABC):
         try:
             act(self.scene)
         except Exception:
-            LOG.exception("flight %s goes on without its scene", self.id)
+            LOG.exception("flight %s continues without its scene", self.id)
             self.scene = None
 
     def _set_state(self, state: State, reason: str, cause: Cause | None = None) -> None:

@@ -24,7 +24,7 @@ BEFORE, JUMP = 20, 5.0
 """Samples before an exceedance that must have been flown; longer steps, in intervals, are jumps."""
 WORST: tuple[Outcome, ...] = ("missed", "late_alert", "unseen", "invalid", "timely_alert")
 """Outcomes of the exceedances of a recording, of which the first here is the flight's."""
-NOT_FLOWN = f"{EXCEEDED}, what came before it was not flown"
+NOT_FLOWN = f"{EXCEEDED}, samples before it not flown"
 OUTSIDE = f"{EXCEEDED} outside every manoeuvre, where nothing was assessed"
 
 

@@ -1,1 +1,1 @@
-"""Live telemetry: from samples as they arrive to what is said of them, by what had come so far."""
+"""Live telemetry: assessments of samples as they arrive, from the samples received so far."""

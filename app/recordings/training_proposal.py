@@ -37,15 +37,15 @@ from core.simulation.maneuver import (
 from core.types import Array
 
 UNITS_S = np.arange(0.2, 5.01, 0.05)
-"""[s] Lengths of a card's shortest segment that are compared with the recorded input."""
+"""Lengths of a card's shortest segment to compare with the recorded input [s]."""
 RISE_S = 0.2
-"""[s] in which a surface follows a step of the command."""
+"""Time for a surface to follow a step of the command [s]."""
 AFTER_S = 1.0
-"""[s] after the input that are compared too: there the surface is back at trim."""
+"""Compared time after the input, with the surface back at trim [s]."""
 REST_S = 3.0
-"""[s] that the rollout goes on after the last input."""
+"""Duration of the rollout after the last input [s]."""
 GOOD_FIT = 0.7
-"""Share of the recorded motion that a card explains, from which on it is proposed."""
+"""Smallest explained share of the recorded motion of a proposed card."""
 USUALLY_LIMITED = "Ny"
 """The channel that the aircraft's usual test limits."""
 BETTER = 0.01

@@ -101,7 +101,7 @@ class LiveSetup(NamedTuple):
 
 
 class LiveFlight(Flight):
-    """A flight that follows its source. Batches come through `receive`, until somebody ends it."""
+    """A flight of a live source. `receive` accepts batches until a person ends the flight."""
 
     def __init__(self, plan: FlightPlan, setup: LiveSetup, *about: Any, **more: Any) -> None:
         self.scorer = setup.scorer()

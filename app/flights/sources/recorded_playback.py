@@ -181,7 +181,7 @@ class RecordedScript(Script):
         return tuple(script.assessment(k) for script in self._display_scripts)
 
     def _integrated(self, k: int) -> Angles:
-        """Go on from the sample shown before, or come from a while ahead of a jump."""
+        """Integrate from the sample shown before, or after a jump from some time before it."""
         if k != self._displayed + 1:
             self._display.restart()
             self._displayed = max(k - round(RUN_UP_S / self.dt), 0) - 1

@@ -432,13 +432,13 @@ def test_what_a_seek_had_passed_is_said_of_a_flight_that_is_over(tmp_path: Path)
     record = records(store, [store.flights.end(flight, exceeded_t=8.76)])[flight]
     assert record.headline.exceeded_t == 8.76
     assert record.verdict is not None
-    assert record.verdict.text == "LIMIT EXCEEDED, what came before it was not flown"
+    assert record.verdict.text == "LIMIT EXCEEDED, samples before it not flown"
 
 
 def test_a_flight_that_was_sought_to_its_exceedance_is_not_said_to_have_had_no_warning() -> None:
     found = verdict([stored("limit", 1.31)], Circumstances(jumped=True))
     assert found is not None
-    assert found.text == "LIMIT EXCEEDED, what came before it was not flown"
+    assert found.text == "LIMIT EXCEEDED, samples before it not flown"
 
 
 def test_what_a_flight_that_is_over_showed_last_is_not_now() -> None:

@@ -8,14 +8,14 @@ from tests.browser.strips import Open
 
 SAID = """async ({ noRest, frames, stale }) => {
   const { createRestOfCard } = await import("/static/js/fly/assessment/rest_of_card.js");
-  const { aheadOf, isOfNow } = await import("/static/js/charts/live/ahead.js");
+  const { aheadOf, isCurrent } = await import("/static/js/charts/live/ahead.js");
   const element = document.createElement("section");
   const rest = createRestOfCard(element, noRest);
   const channels = [{ key: "Ny", symbol: "N_y", unit: "g", label: "", limit: 0.5 }];
   let known = null;
   for (const frame of frames) known = aheadOf(known, [frame], frame);
   const newest = frames.at(-1);
-  const shown = newest && isOfNow(known, newest.t) ? known : null;
+  const shown = newest && isCurrent(known, newest.t) ? known : null;
   rest.show(shown, { t: newest?.t ?? 0, channels, state: newest?.state ?? null });
   rest.draw(stale ?? false);
   return [element.hidden, element.dataset.level, element.querySelector("p").textContent];

@@ -5,7 +5,7 @@
  *   createAheadBand(face, key) -> {draw(frame), extent(ahead) -> [low, high] | null}     face: of the strip's frame
  *   aheadOf(known, frames, newest) -> ahead | null    of the newest frame that has one, or the known one while it is current
  *     newest: the last frame
- *   isOfNow(ahead, t) -> whether it was made by the sample at t [s] or shortly before
+ *   isCurrent(ahead, t) -> whether it was made by the sample at t [s] or shortly before
  *
  * ahead   {made, t: [s], channels: {key: {low, high, predicted, possible}}, peak, why}     made: time of the sample it was made by [s];
  *         peak: {mean, low, high}, shares of the limit, of monitors that forecast only the peak, without t and channels;
@@ -19,10 +19,10 @@ export function aheadOf(known, frames, newest) {
   const frame = frames.findLast(({ ahead }) => ahead);
   const ahead = frame ? { made: frame.t, ...frame.ahead } : known;
   if (newest === undefined || newest.state !== "ok") return null;
-  return isOfNow(ahead, newest.t) ? ahead : null;
+  return isCurrent(ahead, newest.t) ? ahead : null;
 }
 
-export function isOfNow(ahead, t) {
+export function isCurrent(ahead, t) {
   const age = ahead === null ? NaN : t - ahead.made;
   return age >= -1e-6 && age <= OLDEST + 1e-6;
 }

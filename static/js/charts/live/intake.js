@@ -1,6 +1,6 @@
 /**
- * A flight's frames on their way into the ring buffer: their flags, the newest state, and the
- * exceedances, each latched until it is acknowledged and over.
+ * Puts a flight's frames into the ring buffer: their flags, the newest state, and the exceedances,
+ * each latched until it is acknowledged and over.
  *
  * Exports
  *   createIntake({ring, channels, strips, flight, onExceedance}) -> Intake

@@ -37,7 +37,7 @@ export const THINNED = 16; // samples before this one were left out for display
 export const BROKEN = GAP | THINNED; // nothing is known between this sample and the one before
 export const UNASSESSED = 32; // between the manoeuvres of a recording
 export const NOT_APPLICABLE = 64; // other limits are in force than the monitor's
-export const LIMITS_UNKNOWN = 128; // nobody can tell which are
+export const LIMITS_UNKNOWN = 128; // the limits in force are not known
 
 const SHIFTS = [12, 9, 6, 3]; // coarsest first
 const COARSEST = 1 << SHIFTS[0];

@@ -23,7 +23,7 @@
  *   setFlight({alertAbove, lead, dt, staleAfter}), setTransport({playing, speed})
  *   setHeld([{t, limits}])          which limits by key held for samples after t [s], null for all, since the flight began
  *   latch([{channel, t, value, over, acknowledged}], seq)    exceedances up to sample seq, which came before it did
- *   setLimits(channels, t)          others hold for samples after t [s]: null where none do, or nobody can tell
+ *   setLimits(channels, t)          new limits for samples after t [s]: null for none or unknown
  *   clear()                         after a seek, a loop, or for another flight
  *   setCursor(t), setWindow(a, b), goLive(), setMark("a" | "b", t)
  *   values(t) -> {key: number}      of the nearest sample; NaN where missing or in a gap
@@ -48,7 +48,7 @@ import { stripState } from "../readout.js";
 import { GUTTER } from "../strip_frame.js";
 import { limitedFirst, stripOf } from "../strips.js";
 import { createTimeAxis, timeTicks } from "../time_axis.js";
-import { aheadOf, isOfNow } from "./ahead.js";
+import { aheadOf, isCurrent } from "./ahead.js";
 import { bandsOf } from "./bands.js";
 import { createIntake } from "./intake.js";
 import { createReadings } from "./readings.js";
@@ -84,7 +84,7 @@ export function createStripChart(host, options) {
   let plot = 1;
   let wall = performance.now();
   let measured = false;
-  let ahead = null; // what is forecast of the rest of the card, and is of now
+  let ahead = null; // current forecast of the rest of the card
 
   function push(given, at = performance.now()) {
     const frames = Array.isArray(given) ? given : [given];
@@ -110,7 +110,7 @@ export function createStripChart(host, options) {
     return isStale() ? "stale" : intake.status.state;
   }
 
-  const aheadNow = () => (stateNow() === "ok" && isOfNow(ahead, newest()) ? ahead : null);
+  const aheadNow = () => (stateNow() === "ok" && isCurrent(ahead, newest()) ? ahead : null);
 
   function measure() {
     const ratio = devicePixelRatio || 1;

@@ -38,7 +38,7 @@ const LONGEST = 3600;
 const SHORTEST = 0.25;
 const INTERVALS = 3; // as played, that slow play is waited for
 const SETTLED = 1000; // ms in which a page that opens, strips and scene, may be late itself
-const ROOM = 0.3; // of a live window, at most, right of now
+const ROOM = 0.3; // largest share of a live window after the newest time
 const SILENT = 0.4; // of a live window, at most, that shows no samples: the last good ones stay in sight
 
 export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter = 0.25, start = -Infinity } = {}) {

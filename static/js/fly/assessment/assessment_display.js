@@ -18,7 +18,7 @@
  *   withdrawal, staleAfter         cause of the newest invalid sample; age that counts as stale [s]
  *   cause                          why it is stale; empty where the server gave no reason
  *   seq                            of the newest sample; -1 for none
- *   t                          of the newest sample, or where the flight goes on from [s]
+ *   t                          of the newest sample, or the time at which the flight continues [s]
  *   timeline, chart, close()
  */
 
