@@ -1,8 +1,8 @@
 """One watcher of a flight, and the newest frames that all watchers share.
 
 A frame is encoded once, when it is flown. A watcher holds no frames, only the number of its next
-one, so a slow or frozen watcher costs a few hundred bytes and delays nobody. It receives frames
-while it has credit, which the client returns as it draws. Frames that came without credit are sent
+one, so a slow or frozen watcher costs a few hundred bytes and delays no one. It receives frames
+while it has credit, which the client returns as it draws. Frames without credit are sent
 later, or skipped and counted if there are too many. Alarms and changes of state and transport need
 no credit and are never skipped: a watcher that does not read them is closed, and gets them when it
 reconnects.

@@ -88,7 +88,7 @@ class FlightStatus(BaseModel):
     )
     verdict: Verdict | None = Field(
         default=None,
-        description="how the first exceedance was warned of; null if no limit was exceeded",
+        description="verdict on the warning of the exceedance; null if no limit was exceeded",
     )
     exceedances: list[ChannelExceedances] = Field(
         default_factory=list,

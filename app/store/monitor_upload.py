@@ -18,7 +18,7 @@ SECONDS, MEMORY = 60.0, 2**30
 
 
 def check(content: bytes, name: str) -> None:
-    """Read a file in a separate process. MonitorFileError if it is no monitor or costs too much.
+    """Read a file in a separate process. MonitorFileError if it is not a monitor or costs too much.
 
     name: of the file, for error messages.
     """
