@@ -124,7 +124,7 @@ def _method_words(predictor: Any, score: Any) -> str:
     """The label of a sweep's method; the labels of its parts if it has none."""
     named = (labels.METHODS[kind] for kind, pair in METHODS.items() if pair == (predictor, score))
     parts = (to_plain(part)["kind"] for part in (predictor, score))
-    return next(named, "") or ", ".join(map(kind_label, parts))
+    return next(titles, "") or ", ".join(map(kind_label, parts))
 
 
 def _as_flown(recipe: Any) -> dict[str, Any] | None:
@@ -161,14 +161,14 @@ def _telemetry() -> dict[str, Any]:
     return {
         "formats": [
             {
-                "key": known.key,
-                "title": known.title,
-                "endings": list(known.endings),
-                "extra": known.extra or None,
-                "installed": is_installed(known.extra),
-                "experimental": known.experimental,
+                "key": file_format.key,
+                "title": file_format.title,
+                "endings": list(file_format.endings),
+                "extra": file_format.extra or None,
+                "installed": is_installed(file_format.extra),
+                "experimental": file_format.experimental,
             }
-            for known in FORMATS.values()
+            for file_format in FORMATS.values()
         ],
         "targets": [
             asdict(target) | {"units": choices(target.unit)} for target in TARGETS.values()

@@ -217,17 +217,17 @@ def matrices_renamed(plain: dict[str, Any], where: str = "dataset") -> dict[str,
     An aircraft given as matrices needs neither its kind nor names of states, as in a model's file.
     RecipeError if a matrix is given twice, in capitals and in small letters.
     """
-    named = {}
+    renamed = {}
     for part in {"aircraft", "control_law"} & plain.keys():
         given = plain[part]
         if not isinstance(given, dict):
             continue
         if twice := [name for name, key in MATRICES.items() if {name, key} <= given.keys()]:
             raise RecipeError(f"{where}.{part} has the matrix {twice[0]} twice: omit one")
-        named[part] = {MATRICES.get(key, key): value for key, value in given.items()}
-        if part == "aircraft" and "a" in named[part]:
-            named[part] = {"kind": "matrices", "states": []} | named[part]
-    return plain | named
+        renamed[part] = {MATRICES.get(key, key): value for key, value in given.items()}
+        if part == "aircraft" and "a" in renamed[part]:
+            renamed[part] = {"kind": "matrices", "states": []} | renamed[part]
+    return plain | renamed
 
 
 def _check_limits(limits: Limits, where: str) -> None:

@@ -278,7 +278,7 @@ async def hold_point(
 @router.post("/{campaign_id}/abort", responses=_DECIDED)
 async def abort_point(
     campaign_id: str,
-    asked: AbortRequest,
+    request: AbortRequest,
     campaigns: CampaignsDep,
     recordings: RecordingsDep,
     person: PersonDep,
@@ -288,7 +288,7 @@ async def abort_point(
     Give the `recording` of a point that was broken off in flight: it is checked against the limits
     but not used for identification.
     """
-    marked, recording, by = asked.marked, asked.recording, signature(person, asked.by)
+    marked, recording, by = request.marked, request.recording, signature(person, request.by)
     if marked is not None and recording is None:
         raise Problem(422, "start and end need a recording: give its id, or omit them")
 
@@ -296,27 +296,27 @@ async def abort_point(
         flown = None
         if recording is not None:
             flown = _cut(aborted_flight, recordings, recording, campaign, marked)
-        return campaign.aborted(by, asked.why, flown)
+        return campaign.aborted(by, request.why, flown)
 
-    return await _changed(campaigns, campaign_id, asked.point, decide)
+    return await _changed(campaigns, campaign_id, request.point, decide)
 
 
 @router.post("/{campaign_id}/flown", responses=_DECIDED)
 async def complete_point(
     campaign_id: str,
-    asked: FlownRequest,
+    request: FlownRequest,
     campaigns: CampaignsDep,
     recordings: RecordingsDep,
     person: PersonDep,
 ) -> CampaignDetails:
     """Complete the next point with its manoeuvre from a stored recording."""
-    marked, by = asked.marked, signature(person, asked.by)
+    marked, by = request.marked, signature(person, request.by)
 
     def decide(campaign: Campaign) -> Campaign:
-        flown = _cut(flown_point, recordings, asked.recording, campaign, marked)
+        flown = _cut(flown_point, recordings, request.recording, campaign, marked)
         return campaign.completed(flown, by)
 
-    return await _changed(campaigns, campaign_id, asked.point, decide)
+    return await _changed(campaigns, campaign_id, request.point, decide)
 
 
 def _cut(
@@ -411,17 +411,17 @@ async def train_next_monitor(
     It is trained on simulated flights of the aircraft as identified from the completed points. Its
     certificate names these points.
     """
-    asked = dict(plain)
-    if not isinstance(point := asked.pop("point", None), str):
+    recipe = dict(plain)
+    if not isinstance(point := recipe.pop("point", None), str):
         raise Problem(422, f"point is {quoted(point)}: give the name of the next point")
-    if "dataset" in asked:
+    if "dataset" in recipe:
         raise Problem(422, "dataset is determined by the campaign: omit it")
     _, campaign = await asyncio.to_thread(campaigns.get, campaign_id)
 
     def request() -> Any:
         try:
             return next_monitor_request(
-                campaign, point, asked, campaigns.store, settings.max_array_bytes
+                campaign, point, recipe, campaigns.store, settings.max_array_bytes
             )
         except CampaignError as error:
             raise Problem(409, str(error), "urn:forewarn:campaign") from None

@@ -85,8 +85,8 @@ async def simulate_dataset(plain: PlainBody, store: StoreDep, jobs: JobsDep, set
     g, and names ending in `_deg` are in degrees.
     """
     request = await asyncio.to_thread(dataset_request, plain, settings.max_array_bytes)
-    asked = {"name": request.name} | to_plain(request.recipe)
-    return await accepted(jobs, "dataset", asked, dataset_work(request, store))
+    details = {"name": request.name} | to_plain(request.recipe)
+    return await accepted(jobs, "dataset", details, dataset_work(request, store))
 
 
 @router.post(

@@ -174,6 +174,6 @@ async def sweep_leads(
     result holds the miss rate, the share of safe flights without a false alarm (power) and the
     share of failures that an alert prevents; also a table and a link to the figure.
     """
-    asked = await asyncio.to_thread(sweep_request, plain, store, settings.max_array_bytes)
-    tests = {"dataset": plain["dataset"], "tests": list(asked.tests)} if "dataset" in plain else {}
-    return await accepted(jobs, "sweep", to_plain(asked.recipe) | tests, sweep_work(asked))
+    sweep = await asyncio.to_thread(sweep_request, plain, store, settings.max_array_bytes)
+    tests = {"dataset": plain["dataset"], "tests": list(sweep.tests)} if "dataset" in plain else {}
+    return await accepted(jobs, "sweep", to_plain(sweep.recipe) | tests, sweep_work(sweep))

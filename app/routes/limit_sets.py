@@ -145,23 +145,23 @@ async def list_flight_limits(flight_id: str, flights: FlightsDep) -> list[Flight
     """All versions of limit sets put in force during a flight, in order."""
     await asyncio.to_thread(flights.store.flights.info, flight_id)
     stored = await asyncio.to_thread(flights.store.limit_sets.of_flights, [flight_id])
-    in_store = {put.number: put for put in stored.get(flight_id, [])}
+    in_store = {change.number: change for change in stored.get(flight_id, [])}
     flight = flights.get(flight_id)
-    in_flight = [to_store(put) for put in flight.limits_at_hand] if flight else []
-    return list((in_store | {put.number: put for put in in_flight}).values())
+    in_flight = [to_store(change) for change in flight.limits_at_hand] if flight else []
+    return list((in_store | {change.number: change for change in in_flight}).values())
 
 
 @router.put("/flights/{flight_id}/limits", responses=problem_responses(404, 409, 422, 503))
 async def put_in_force(
-    flight_id: str, asked: LimitsRequest, flights: FlightsDep, person: PersonDep
+    flight_id: str, request: LimitsRequest, flights: FlightsDep, person: PersonDep
 ) -> LimitsStatus:
     """Put a limit set in force in a flight in progress, from its next sample on.
 
     All watchers see the change. From then on, monitors with other limits are not applicable. 503:
     the limits are in force but not stored yet; 409: this flight cannot take other limits.
     """
-    by = signature(person, asked.by)
-    about = asked.limit_set, asked.version, asked.fixed, by
+    by = signature(person, request.by)
+    about = request.limit_set, request.version, request.fixed, by
     try:
         await flights.put_in_force(flight_id, *about)
     except NotPossible as error:

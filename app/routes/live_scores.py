@@ -82,10 +82,10 @@ async def score_live(
     The journal holds each batch with its time of arrival. The flight's own monitor gives the same
     bits as in flight; another monitor gives what it would have shown. The result is not stored.
     """
-    asked = request or LiveScoreRequest()
+    request = request or LiveScoreRequest()
     work = recordings.workers.run
     try:
-        answer = await work(_answer, flights, flight_id, asked, first, last)
+        answer = await work(_answer, flights, flight_id, request, first, last)
     except ValueError as error:
         raise Problem(422, str(error), "urn:forewarn:source") from error
     return json_response(answer)
@@ -98,8 +98,8 @@ def _answer(
     info = flights.store.flights.info(flight_id)
     is_own = (opening.monitor_id, opening.epsilon) == (info.monitor_id, info.epsilon)
     samples, n = shown.samples, len(shown.samples)
-    asked = n if last is None else min(last + 1, n)
-    stop = max(first, min(first + MOST_FRAMES, asked))
+    requested_end = n if last is None else min(last + 1, n)
+    stop = max(first, min(first + MOST_FRAMES, requested_end))
     alert = samples["alert"]
     ends = np.flatnonzero(alert & ~np.append(alert[1:], False))
     exceeded = shown.exceedances[:1]
@@ -117,7 +117,7 @@ def _answer(
         ],
         "exceeded_t": float(samples["t"][exceeded[0]]) if len(exceeded) else None,
         "first": first,
-        "next": stop if first < stop < asked else None,
+        "next": stop if first < stop < requested_end else None,
         "frames": [
             plain_frame(k, shown.y(k), shown.assessment(k), None)
             | {"shown": float(samples["shown"][k]), "manoeuvre": int(samples["manoeuvre"][k])}

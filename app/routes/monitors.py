@@ -177,12 +177,12 @@ async def train_monitor(
         return await _add_file(body, title[:200], recordings)
     plain = await plain_body(request)
     training = await asyncio.to_thread(monitor_request, plain, store, settings.max_array_bytes)
-    asked = {
+    details = {
         "name": training.name,
         "dataset": training.dataset.id or to_plain(training.dataset.recipe),
         "n_test": training.n_test,
     } | to_plain(training.recipe)
-    return await accepted(jobs, "monitor", asked, monitor_work(training, store))
+    return await accepted(jobs, "monitor", details, monitor_work(training, store))
 
 
 @router.post(
@@ -202,9 +202,9 @@ async def combine_monitors(plain: PlainBody, store: StoreDep, jobs: JobsDep, set
     `n_unsafe` fresh failing flights, so it can be the alarm authority of a flight. `lead` in
     seconds is that of one member, whose validity decides where the combination is withdrawn.
     """
-    asked = await asyncio.to_thread(combination_request, plain, store, settings.max_array_bytes)
-    request = {"name": asked.name, "monitors": list(asked.monitors)} | to_plain(asked.recipe)
-    return await accepted(jobs, "monitor", request, combination_work(asked, store))
+    request = await asyncio.to_thread(combination_request, plain, store, settings.max_array_bytes)
+    details = {"name": request.name, "monitors": list(request.monitors)} | to_plain(request.recipe)
+    return await accepted(jobs, "monitor", details, combination_work(request, store))
 
 
 async def _add_file(body: bytes, name: str, recordings: Recordings) -> Response:
@@ -328,9 +328,9 @@ async def choose_epsilon(monitor_id: str, plain: PlainBody, store: StoreDep, job
     counts at it, and 95 % confidence bounds. The job fails if no epsilon meets both targets; its
     error may name the number of flights that could certify one.
     """
-    asked = await asyncio.to_thread(choice_request, plain, store, monitor_id)
-    request = {"monitor": monitor_id} | to_plain(asked.recipe)
-    return await accepted(jobs, "epsilon", request, epsilon_work(asked.monitor, asked.recipe))
+    choice = await asyncio.to_thread(choice_request, plain, store, monitor_id)
+    details = {"monitor": monitor_id} | to_plain(choice.recipe)
+    return await accepted(jobs, "epsilon", details, epsilon_work(choice.monitor, choice.recipe))
 
 
 @router.get(

@@ -73,16 +73,16 @@ async def upload_recording(
     before scoring.
     """
     sent = await sent_file(request)
-    given = name or sent.name[-LONGEST_NAME:] or UNNAMED
-    if not (shown := plain_name(given)):
+    sent_name = name or sent.name[-LONGEST_NAME:] or UNNAMED
+    if not (file_name := plain_name(sent_name)):
         raise Problem(
             422,
-            f"{given!r} is not a file name: give a name with letters or digits",
+            f"{sent_name!r} is not a file name: give a name with letters or digits",
             "urn:forewarn:request",
         )
     length = request.headers.get("content-length", "")
     upload = Upload(
-        shown,
+        file_name,
         aircraft,
         int(length) if length.isdigit() else None,
         sent.content,

@@ -267,10 +267,10 @@ async def read_scored_samples(
     def read() -> dict[str, Any]:
         info = scored.store.scorings.info(recording_id, scoring_id)
         end = min(first + MOST_FRAMES, info.n_samples, (last if last is not None else 2**53) + 1)
-        asked = info.n_samples if last is None else min(last + 1, info.n_samples)
+        requested_end = info.n_samples if last is None else min(last + 1, info.n_samples)
         return {
             "first": first,
-            "next": end if first < end < asked else None,
+            "next": end if first < end < requested_end else None,
             "frames": frames(info, scored.samples(info)[first:end], first),
         }
 
