@@ -149,7 +149,7 @@ def test_a_file_in_a_form_is_read_from_chunks_of_any_size(client, file, step, be
     ("body", "headers", "words"),
     [
         (form(b"t,p\n")[:-12], IN_FORM, "the form ends before the file"),
-        (NOTE + b"--xx--\r\n", IN_FORM, "the form holds no file"),
+        (NOTE + b"--xx--\r\n", IN_FORM, "the form has no file"),
         (b"", IN_FORM, "the form ends"),
         (b"--xx\r\n" + b"a" * 20_000, IN_FORM, "headers are too long"),
         (form(b"t,p\n"), {"content-type": "multipart/form-data"}, "boundary"),
