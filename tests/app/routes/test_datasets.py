@@ -115,7 +115,7 @@ def test_limits_are_read_by_both_names_and_sent_as_limits(client, name):
         ({"limits": {"Ny": None}}, "no limit was given"),
         ({"limits": {"Nz": 1}}, "dataset.limits has no 'Nz'"),
         ({"specification": {"Nz": 1}}, "dataset.limits has no 'Nz'"),
-        ({"limits": {"Ny": 0.4}, "specification": {"Ny": 0.4}}, "two names of the same"),
+        ({"limits": {"Ny": 0.4}, "specification": {"Ny": 0.4}}, "two names of one parameter"),
         ({"limits": {"beta": 7}}, "beta is 7 rad, which is 401 deg and no flight comes"),
     ],
 )
