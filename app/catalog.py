@@ -122,7 +122,7 @@ def to_plain(recipe: Any) -> Any:
 
 def _method_words(predictor: Any, score: Any) -> str:
     """The label of a sweep's method; the labels of its parts if it has none."""
-    named = (labels.METHODS[kind] for kind, pair in METHODS.items() if pair == (predictor, score))
+    titles = (labels.METHODS[kind] for kind, pair in METHODS.items() if pair == (predictor, score))
     parts = (to_plain(part)["kind"] for part in (predictor, score))
     return next(titles, "") or ", ".join(map(kind_label, parts))
 
