@@ -116,7 +116,7 @@ def test_limits_are_read_by_both_names_and_sent_as_limits(client, name):
         ({"limits": {"Nz": 1}}, "dataset.limits has no 'Nz'"),
         ({"specification": {"Nz": 1}}, "dataset.limits has no 'Nz'"),
         ({"limits": {"Ny": 0.4}, "specification": {"Ny": 0.4}}, "two names of one parameter"),
-        ({"limits": {"beta": 7}}, "beta is 7 rad, which is 401 deg and no flight comes"),
+        ({"limits": {"beta": 7}}, "beta is 7 rad, which is 401 deg"),
     ],
 )
 def test_an_invalid_recipe_is_refused_with_the_valid_values(client, recipe, words):

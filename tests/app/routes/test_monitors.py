@@ -92,7 +92,7 @@ def test_a_monitor_is_trained_on_a_stored_dataset(client, dataset):
     # the oscillator is no recipe that could be flown afresh
     assert info["support"] is None
     path = f"/api/v1/monitors/{info['id']}/evaluation"
-    assert "not flown" in problem(client.get(path), 404)
+    assert "not evaluated" in problem(client.get(path), 404)
 
 
 @pytest.mark.parametrize(
@@ -171,11 +171,11 @@ def test_a_missing_value_is_never_assessed(client, stored, monitor, flights):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"Ny": None}, "the channel Ny is missing"),
+        ({"Ny": None}, "missing channel: Ny"),
         ({"Ny": 0.0}, "Ny is not an array"),
-        ({"Ny": [0.0]}, "Ny has 1 samples and t has 3"),
+        ({"Ny": [0.0]}, "Ny has 1 samples, t has 3"),
         ({"q": [0.0, 0.0, 0.0]}, "no channel 'q': choose t, beta"),
-        ({"t": [0.0, None, 0.1]}, "every sample's time"),
+        ({"t": [0.0, None, 0.1]}, "the time of each sample"),
         ({"t": []}, "t has 0 samples"),
         ({"beta": ["0", "1", "2"]}, "beta is not an array"),
         ({"beta": [[0.0], 1.0, 2.0]}, "beta is not an array"),
@@ -189,7 +189,7 @@ def test_invalid_telemetry_is_refused(client, stored, change, words):
 def test_a_missing_channel_is_named(client, stored):
     body = telemetry(np.zeros((3, 6)), 0.05)
     del body["r"]
-    assert "channel r is missing" in problem(
+    assert "missing channel: r" in problem(
         client.post(f"/api/v1/monitors/{stored}/score", json=body), 422
     )
 
