@@ -10,7 +10,7 @@ from typing import Any
 from fastapi import FastAPI
 from fastapi.responses import HTMLResponse, Response
 from fastapi.staticfiles import StaticFiles
-from starlette.middleware.gzip import GZipMiddleware
+from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
 from starlette.routing import BaseRoute
 
 from app.demonstration import Demonstration
@@ -22,7 +22,6 @@ from app.http.document import (
     TAGS,
     describe_arrays,
     describe_examples,
-    describe_links,
     describe_names,
 )
 from app.http.head_requests import Route
@@ -79,8 +78,9 @@ COMPRESSION: dict[str, Any] = {
     "minimum_size": 1024,
     "compresslevel": 5,
     "thread_minimum_size": 32_768,
+    "exclude_content_types": (*DEFAULT_EXCLUDED_CONTENT_TYPES, "text/csv"),
 }
-"""Compression of answers, of large ones in a thread so that no sample waits."""
+"""Compression of answers, of large ones in a thread so that no sample waits; not of exports."""
 DESCRIPTION = """Trains, flies and replays safety monitors for flight test.
 
 A monitor turns each telemetry sample into a risk p-value and alerts where it exceeds `epsilon`: on
@@ -116,7 +116,6 @@ class Application(FastAPI):
             describe_keys(document)
             describe_examples(document)
             describe_names(document)
-            describe_links(document)
             describe_arrays(document)
         return super().openapi()
 

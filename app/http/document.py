@@ -1,7 +1,6 @@
-"""The OpenAPI document: tags, names, an example of every body, links to created resources."""
+"""The OpenAPI document: tags, names and an example of every body."""
 
 import re
-from collections.abc import Iterator
 from typing import Any
 
 TAGS = {
@@ -20,35 +19,6 @@ TAGS = {
     "health": "Liveness, readiness and metrics.",
 }
 """Resources, in the order of the documentation."""
-
-JOBS = "/api/v1/jobs"
-HAS_JOB = "202"
-HAS_RESOURCE = "201"
-ALREADY_THERE = "200"
-
-
-def describe_links(document: dict[str, Any]) -> None:
-    """Link each POST that creates to the operations on the new resource, by the answer's `id`."""
-    paths = document["paths"]
-    for path, item in paths.items():
-        answers = item.get("post", {}).get("responses", {})
-        if HAS_JOB in answers and not path.startswith(f"{JOBS}/"):
-            answers[HAS_JOB]["links"] = dict(_links(paths, JOBS))
-        if HAS_RESOURCE in answers:
-            for status in {HAS_RESOURCE, ALREADY_THERE} & set(answers):
-                answers[status]["links"] = dict(_links(paths, path))
-
-
-def _links(paths: dict[str, Any], collection: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Operations on a member of a collection that need no further id."""
-    inherited = {name: f"$request.path.{name}" for name in re.findall(r"{(\w+)}", collection)}
-    member = re.compile(re.escape(collection) + r"/{(\w+)}[^{}]*")
-    for path, item in paths.items():
-        if match := member.fullmatch(path):
-            parameters = inherited | {match[1]: "$response.body#/id"}
-            for operation in item.values():
-                name = operation["operationId"]
-                yield name, {"operationId": name, "parameters": parameters}
 
 
 def describe_names(document: dict[str, Any]) -> None:
