@@ -9,7 +9,7 @@ from math import cos, exp, sin
 import numpy as np
 import numpy.typing as npt
 
-from app.scene.aircraft_mesh import SPAN, Colour
+from app.scene.airframes import SPAN, Colour
 from app.scene.quaternion import body_to_earth, matrix
 from core.simulation.attitude import Attitude, wrapped
 from core.types import Array

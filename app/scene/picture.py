@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import viser
 
-from app.scene.aircraft_mesh import Colour, Part
-from app.scene.airframes import AIRFRAMES
+from app.scene.airframes import Colour, Part, airframe
 from app.scene.ground_track import TRAIL_POINTS, GroundTrack
 from app.scene.quaternion import body_to_earth, product, turn
 from app.scene.shapes import arrow, circle, compass, slip_scale, torus, tube
@@ -244,7 +243,7 @@ class Picture:
         scene = self._server.scene
         self._aircraft = scene.add_frame("/chase/aircraft", show_axes=False)
         self._parts: dict[str, tuple[Part, Any]] = {}
-        for part in AIRFRAMES[self._class]():
+        for part in airframe(self._class):
             node = scene.add_mesh_simple(
                 f"/chase/aircraft/{part.name}",
                 part.vertices,

@@ -9,11 +9,12 @@ from math import cos, pi, sin
 import numpy as np
 import numpy.typing as npt
 
-from app.scene.aircraft_mesh import Faces, Vertices, loft
-from core.types import Array
+from app.scene.airframes import Faces, Vertices
+from core.types import Array, Indices
 
 Lines = npt.NDArray[np.float32]
 Mesh = tuple[Vertices, Faces]
+Skin = tuple[Array, Indices]
 
 LETTERS = {
     "N": ((-1, -1, 1, -1), (1, -1, -1, 1), (-1, 1, 1, 1)),
@@ -22,6 +23,17 @@ LETTERS = {
     "W": ((1, -1, -1, -0.5), (-1, -0.5, 0.4, 0), (0.4, 0, -1, 0.5), (-1, 0.5, 1, 1)),
 }
 """Strokes from (outward, clockwise) to (outward, clockwise), in half letter sizes."""
+
+
+def loft(sections: Array, closed: bool = True) -> Skin:
+    """Skin over sections (n_sections, n_points, 3), each a ring if `closed`, else an open line."""
+    n, m = sections.shape[:2]
+    columns = m if closed else m - 1
+    row, column = np.divmod(np.arange((n - 1) * columns), columns)
+    a, b = row * m + column, row * m + (column + 1) % m
+    c, d = a + m, b + m
+    faces = np.stack((np.stack((a, b, c), 1), np.stack((b, d, c), 1)), 1).reshape(-1, 3)
+    return sections.reshape(-1, 3), faces
 
 
 def circle(radius: float, n: int = 96) -> Lines:

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from app.scene.aircraft_mesh import aircraft
+from app.scene.airframes import airframe
 from app.scene.ground_track import TRAIL_POINTS, GroundTrack
 from app.scene.picture import (
     ADVISORY,
@@ -342,7 +342,7 @@ class TestThePicture:
         show(scene, t=1.05)
         scene.draw()
         assert [node.color for _, node in nodes(scene)._parts.values()] == [
-            part.colour for part in aircraft()
+            part.colour for part in airframe("fighter")
         ]
 
     def test_compass_column_and_labels_lie_clear_of_each_other_in_the_smallest_scene(self, scene):

@@ -2,14 +2,14 @@ import numpy as np
 import pytest
 
 from app.catalog import catalog
-from app.scene.aircraft_mesh import SPAN, Part, aircraft
-from app.scene.airframes import AIRFRAMES
+from app.scene.airframes import SPAN, Part, airframe
 from app.scene.quaternion import matrix, turn
 from core.simulation.aircraft import AIRCRAFT
+from tests.support.airframe_shapes import AIRFRAMES
 
-PARTS = aircraft()
+PARTS = airframe("fighter")
 BY_NAME = {part.name: part for part in PARTS}
-EVERY = [(kind, part) for kind, build in AIRFRAMES.items() for part in build()]
+EVERY = [(kind, part) for kind in AIRFRAMES for part in airframe(kind)]
 TWINS = {"right_aileron": "left_aileron", "left_aileron": "right_aileron"}
 MOVING = ("right_aileron", "left_aileron", "rudder")
 
@@ -49,7 +49,7 @@ class TestEveryPart:
         assert (a * np.cross(b, c)).sum() / 6 > 0
 
     def test_its_left_mirrors_its_right(self, kind, part):
-        twin = {p.name: p for p in AIRFRAMES[kind]()}[TWINS.get(part.name) or part.name]
+        twin = {p.name: p for p in airframe(kind)}[TWINS.get(part.name) or part.name]
         right = part.vertices.astype(float) + part.hinge
         left = (twin.vertices.astype(float) + twin.hinge) * (1.0, -1.0, 1.0)
         for a, b in ((right, left), (left, right)):
@@ -71,7 +71,7 @@ def test_the_aircraft_is_of_a_fighters_size_and_few_triangles():
 
 
 def test_it_is_built_once():
-    assert aircraft() is PARTS
+    assert airframe("fighter") is PARTS
 
 
 @pytest.mark.parametrize("name", ["right_aileron", "left_aileron"])
@@ -104,7 +104,7 @@ def test_surfaces_sit_in_their_cut_outs():
 
 @pytest.mark.parametrize("kind", AIRFRAMES)
 def test_surfaces_of_every_class_turn_as_those_of_the_fighter(kind):
-    parts = {part.name: part for part in AIRFRAMES[kind]()}
+    parts = {part.name: part for part in airframe(kind)}
     assert {*MOVING, "fuselage", "wings", "fin", "tailplanes"} <= parts.keys()
     for name, down in (("right_aileron", 2), ("left_aileron", 2), ("rudder", 1)):
         assert mean_move(parts[name], 0.3)[down] > 0.03
@@ -117,3 +117,12 @@ def test_the_classes_of_the_published_aircraft_are_theirs():
     assert set(looks.values()) <= AIRFRAMES.keys()
     entries = catalog()["families"]["aircraft"]["entries"]
     assert {key: entry["aircraft_class"] for key, entry in entries.items()} == looks
+
+
+def test_the_file_holds_what_its_script_makes():
+    for kind, make in AIRFRAMES.items():
+        for stored, made in zip(airframe(kind), make(), strict=True):
+            np.testing.assert_allclose(stored.vertices, made.vertices, atol=1e-5)
+            np.testing.assert_array_equal(stored.faces, made.faces)
+            assert (stored.name, stored.colour) == (made.name, made.colour)
+            assert (*stored.hinge, *stored.axis) == pytest.approx((*made.hinge, *made.axis))

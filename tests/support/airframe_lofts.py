@@ -1,4 +1,4 @@
-"""A fighter-like aircraft made of lofts: skins and hinged control surfaces, from numpy alone.
+"""Lofts, and a fighter-like aircraft made of them: skins and hinged control surfaces.
 
 Body axes, metres: x forward, y right, z down, origin at the centre of gravity. No particular type:
 a single-fin fighter with leading-edge extensions, because its roll and its rudder read well.
@@ -10,51 +10,15 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from core.types import Array, Indices
-
-Vertices = npt.NDArray[np.float32]
-Faces = npt.NDArray[np.uint32]
-Point = tuple[float, float, float]
-Colour = tuple[int, int, int]
+from app.scene.airframes import SPAN, Colour, Part, Point
+from app.scene.shapes import Skin, loft
+from core.types import Array
 
 HULL: Colour = (52, 61, 74)
 HULL_LIGHT: Colour = (84, 97, 115)
 HULL_DARK: Colour = (22, 26, 33)
 GLASS: Colour = (16, 58, 82)
 SURFACE: Colour = (150, 166, 186)
-
-SPAN = 10.4
-"""[m]"""
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """One mesh of one colour; a moving one turns about its hinge.
-
-    vertices: (n, 3) relative to `hinge`.   faces: (m, 3), outward normals.
-    hinge: a point of the hinge line [m].   axis: unit vector; right-handed turns are positive.
-    """
-
-    name: str
-    vertices: Vertices
-    faces: Faces
-    colour: Colour
-    hinge: Point = (0.0, 0.0, 0.0)
-    axis: Point = (0.0, 1.0, 0.0)
-
-
-Skin = tuple[Array, Indices]
-
-
-def loft(sections: Array, closed: bool = True) -> Skin:
-    """Skin over sections (n_sections, n_points, 3), each a ring if `closed`, else an open line."""
-    n, m = sections.shape[:2]
-    columns = m if closed else m - 1
-    row, column = np.divmod(np.arange((n - 1) * columns), columns)
-    a, b = row * m + column, row * m + (column + 1) % m
-    c, d = a + m, b + m
-    faces = np.stack((np.stack((a, b, c), 1), np.stack((b, d, c), 1)), 1).reshape(-1, 3)
-    return sections.reshape(-1, 3), faces
 
 
 def cap(ring: Array, flip: bool = False) -> Skin:
@@ -254,7 +218,7 @@ NOZZLE = [
 
 
 @cache
-def aircraft() -> tuple[Part, ...]:
+def fighter() -> tuple[Part, ...]:
     """Every part, fixed ones first; built once and shared by all scenes."""
     wing = _wing()
     extension = Blade((4.4, 0.45, -0.08), (1.4, 1.5, -0.05), 3.6, 1.2, 0.02).panel((0, 1), (0, 1))
