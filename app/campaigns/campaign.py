@@ -316,8 +316,8 @@ class Campaign:
             )
         if not is_first and point.state != "on condition":
             raise CampaignError(
-                f"{point.name!r} is {point.state}: compute its clearance first; a person can "
-                "confirm it once it is on condition"
+                f"{point.name!r} cannot be confirmed in state {point.state!r}: compute its "
+                "clearance first; a person can confirm it once it is on condition"
             )
         usual = "first point" if is_first else "checklist confirmed"
         return self.changed(number, "cleared", by, why.strip() or usual)
@@ -348,7 +348,7 @@ class Campaign:
                 )
         words = _reached(flown, point)
         if point.state != "cleared":
-            words += f"; flown while {point.state}"
+            words += f"; flown without clearance, while {point.state}"
         if flown.remark:
             words += f"; {flown.remark}"
         return self.changed(number, "complete", by, words, flown=flown)

@@ -113,12 +113,12 @@ def test_a_flight_of_another_aircraft_holds_the_next_point(
         row[-1] = str(0.5 * float(row[-1]))
     flight.write_text("\n".join(map(",".join, rows)))
     assert run(campaign, "fly", str(flight), "--by", "Bob") == 0
-    assert "flown while planned" in capsys.readouterr().out
+    assert "flown without clearance, while planned" in capsys.readouterr().out
     assert run(campaign, "clear", "--by", "Ann") == 1
     told = capsys.readouterr().out
     assert "80%: hold: clearance withdrawn" in told
     assert run(campaign, "confirm", "--by", "Ann") == 1
-    assert "'80%' is hold" in capsys.readouterr().err
+    assert "'80%' cannot be confirmed in state 'hold'" in capsys.readouterr().err
 
 
 def test_an_exceedance_is_printed(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:

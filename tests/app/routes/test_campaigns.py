@@ -274,4 +274,4 @@ def test_an_exceedance_puts_the_next_point_on_hold(client: TestClient) -> None:
     point = client.get(path).json()["points"][1]
     assert "60% did not pass" in point["clearing"]["withdrawn"]
     words = problem(client.post(f"{path}/confirm", json={"point": "80%", "by": "Ann"}), 409)
-    assert "'80%' is hold" in words
+    assert "'80%' cannot be confirmed in state 'hold'" in words
