@@ -177,7 +177,7 @@ class ChannelReader:
             return
         odd = next((sample.reason for sample in samples if sample.reason), "")
         from_ = {key: d.name for key, d in self._direct.items()}
-        named = " and ".join(
+        named = ", ".join(
             key if from_.get(key, key) == key else f"{key} ({from_[key]})" for key in lacking
         )
         sent = ", ".join([*batch.values][:20]) or "nothing"
@@ -185,7 +185,8 @@ class ChannelReader:
             f"{odd}: check its unit"
             if odd
             else f"missing channels: {named}; the batch contains {sent}: "
-            f"the first batch must contain all that the monitor needs, {', '.join(needed)}"
+            "send all channels of the monitor by these names, or start the flight with a recording "
+            "that maps yours"
         )
 
     def samples(self, batch: Batch) -> list[Sample]:
