@@ -55,7 +55,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   panels.transport.remove();
   panels.address.remove();
   panels.scene.classList.add("scene-panel");
-  panels.scene.append(state("empty", "Flight over", "The scene is shown during the flight."));
+  panels.scene.append(state("empty", "Flight ended", "The scene is shown during the flight."));
   panels.notice.hidden = false;
   const failure = h("span", { class: "error", role: "alert", hidden: true });
   const acknowledgeButton = h("button", { type: "button", class: "button button-small", hidden: true, onclick: () => acknowledge().catch(fail), ...needs("POST /flights/{}/alarms/{}/acknowledge") });

@@ -289,6 +289,11 @@ def test_the_record_of_a_flight_that_exceeded_says_how_it_was_warned(fly: Fly) -
     expect(row.locator(".monitor-mark")).to_have_text(UNTESTED)
     chip = row.locator(".chip").nth(1)
     assert chip.get_attribute("data-level") in ("alert", "caution")
+    fly.page.set_viewport_size({"width": 1024, "height": 768})
+    within, around = chip.bounding_box(), row.bounding_box()
+    assert within is not None
+    assert around is not None
+    assert within["x"] + within["width"] <= around["x"] + around["width"]
 
 
 def test_alarms_of_a_flight_that_is_over_are_acknowledged_on_its_record(fly: Fly) -> None:
@@ -632,7 +637,7 @@ def test_after_a_restart_of_the_server_the_record_is_shown_and_flown_again(
     notice = fly.page.locator(".notice")
     expect(notice).to_contain_text("This flight was ended", timeout=20_000)
     expect(fly.page.locator(".strip canvas").first).to_be_visible()
-    fly.gauge_says("OVER")
+    fly.gauge_says("ENDED")
     fly.assert_no_number()
     fly.event("alert, risk").wait_for()
     notice.get_by_role("button", name="Fly it again").click()

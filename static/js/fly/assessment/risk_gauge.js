@@ -26,7 +26,7 @@ const FROM = -205; // degrees, clockwise from three o'clock
 const SWEEP = 230;
 const MARGIN = 30; // of the dial on either side, for alertAbove's label
 
-const WITHOUT = { over: { word: "OVER", shape: "dash" }, none: FACES.no_data };
+const WITHOUT = { over: { word: "ENDED", shape: "dash" }, none: FACES.no_data };
 
 const OVER_LEVELS = { alert: "warning", caution: "caution", advisory: "advisory" }; // of a result
 
