@@ -146,6 +146,7 @@ export function createMonitorChoice({ api, recording, monitors, used, catalog, c
       for (const text of new Set(given)) requests.push({ monitor, epsilon: Number(text) });
     }
     failure.show(wrong);
+    if (wrong) failure.element.scrollIntoView({ block: "center" });
     return wrong ? null : requests;
   }
 
