@@ -73,7 +73,7 @@ export function showTraining(element, { query, api, navigate }) {
           api,
           job,
           title: `Training “${job.request.name}”`,
-          done: ({ monitor }) => navigate(`#/monitors/${monitor}`),
+          done: ({ monitor }) => navigate(recorded ? `#/recordings/${recorded.recording.id}?monitor=${monitor}` : `#/monitors/${monitor}`),
         });
       } catch (error) {
         form.point(error.message);

@@ -1,6 +1,6 @@
 /**
  * The Recordings page: #/recordings lists and uploads; #/recordings/{id} is one recording,
- * with ?scoring={sid} one of its scorings, with ?compare={sid},{rid}:{sid} several side by side.
+ * with ?monitor={mid} chosen to score it, with ?scoring={sid} one of its scorings, with ?compare={sid},{rid}:{sid} several side by side.
  *
  * Exports  show(element, {id, query, api, navigate}) -> {close()}
  */

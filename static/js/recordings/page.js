@@ -21,8 +21,9 @@ import { readScorings } from "./scoring/source.js";
 const ROW_BINS = 120; // of the small plots
 const CHART_BINS = 1600; // of the chart to mark manoeuvres in
 
-export function showRecording(element, { id, api, navigate }) {
-  let next = false; // the mapping was just confirmed: scroll to the score form
+export function showRecording(element, { id, query, api, navigate }) {
+  const trained = query.get("monitor");
+  let next = trained !== null; // or the mapping was just confirmed: scroll to the score form
   return loadingView(element, { title: "Recording", text: "Opening the recording", build });
 
   async function build({ keep, again }) {
@@ -37,7 +38,7 @@ export function showRecording(element, { id, api, navigate }) {
     const known = [...new Set(all.map(({ aircraft }) => aircraft).filter(Boolean))].sort();
     const quality = createQualityStrip();
     quality.show(recording.quality, null);
-    const used = new Set(scorings.map(({ monitor }) => monitor));
+    const used = new Set(trained ? [trained] : scorings.map(({ monitor }) => monitor));
     const form = ready
       ? keep(createScoreForm({ api, catalog, recording, monitors, used, scored }))
       : null;

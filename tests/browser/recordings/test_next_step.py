@@ -1,5 +1,6 @@
 """Where no monitor fits a recording, the page leads on to the training of one."""
 
+import json
 import re
 
 import pytest
@@ -58,6 +59,44 @@ def test_a_real_record_that_no_monitor_fits_leads_to_its_card(
     choose_aircraft(page)
     expect(field(page, "dataset.maneuver.kind")).to_have_value("rudder_doublet")
     assert -5 < float(field(page, "dataset.maneuver.amplitude_deg").input_value()) < -2
+    site.ask("DELETE", f"/recordings/{made}")
+
+
+def test_a_monitor_trained_for_a_recording_is_chosen_to_score_it(
+    page: Page, site: RecordedSite, attas: Monitor
+) -> None:
+    made = site.upload("again.csv")
+    site.confirm(made)
+    trained = site.store.monitors.add(attas, "trained for it").id
+    site.score(made)
+    job = {"id": "none", "request": {"name": "trained for it"}, "status": "queued"}
+    ended = {**job, "status": "done", "message": "", "result": {"monitor": trained}}
+    page.route(
+        "**/api/v1/monitors",
+        lambda route: (
+            route.fulfill(status=202, json=job)
+            if route.request.method == "POST"
+            else route.fallback()
+        ),
+    )
+    page.route(
+        "**/jobs/none/events",
+        lambda route: route.fulfill(
+            body=f"data: {json.dumps(ended)}\n\n", content_type="text/event-stream"
+        ),
+    )
+    page.goto(f"{site.http}/#/monitors/new?recording={made}")
+    choose_aircraft(page)
+    page.get_by_role("button", name="Train", exact=True).click()
+    page.wait_for_url(f"**/recordings/{made}?monitor={trained}")
+    expect(page.get_by_label("trained for it", exact=True)).to_be_checked()
+    expect(page.get_by_label("transport doublet", exact=True)).not_to_be_checked()
+    expect(page.get_by_role("form", name="Score")).to_be_in_viewport()
+    page.get_by_label("trained for it", exact=True).uncheck()
+    page.get_by_role("button", name="Score", exact=True).click()
+    expect(page.get_by_text("Choose at least one monitor")).to_be_in_viewport()
+    page.unroute_all()
+    site.store.monitors.delete(trained)
     site.ask("DELETE", f"/recordings/{made}")
 
 
