@@ -250,6 +250,8 @@ def test_paused_beyond_the_limit_everything_shows_that_it_exceeds(fly: Fly) -> N
     fly.page.goto(f"{fly.site.http}/#/fly")
     row = fly.page.locator(f'.under-way li:has([href="#/fly/{fly.flight}"])')
     expect(row.locator(".chip").last).to_contain_text(earlier)
+    fly.page.set_viewport_size({"width": 1024, "height": 768})
+    assert row.evaluate("row => row.scrollWidth <= row.clientWidth"), "nothing sticks out"
 
 
 def test_a_simulated_flight_says_so_and_has_no_age_or_latency(fly: Fly) -> None:
