@@ -99,7 +99,8 @@ export function createDemonstrationBar(element, { navigate }) {
   function draw(progress) {
     const isOver = progress !== null && ENDED.includes(progress.phase);
     if (progress !== null && !isOver) offered = true;
-    element.hidden = progress === null || !offered || (progress.phase === "ready" && location.hash === address());
+    if (progress?.phase === "ready" && location.hash === address()) offered = false;
+    element.hidden = progress === null || !offered;
     if (element.hidden) return;
     element.dataset.phase = progress.phase;
     bar.hidden = isOver;

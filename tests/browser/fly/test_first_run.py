@@ -132,6 +132,20 @@ def test_a_banner_offers_the_live_demonstration_elsewhere(own_page: Page, fresh:
     expect(page.locator("#preparing")).to_be_hidden()
 
 
+def test_the_banner_is_gone_once_the_demonstration_was_opened(
+    own_page: Page, fresh: Site, allowed_errors: list[str]
+):
+    page = own_page
+    allowed_errors.append("flights/none")
+    answer(page, READY | {"flight": "none"})
+    page.route("**/api/v1/flights/none", lambda route: route.abort())
+    page.goto(f"{fresh.http}/#/fly/none")
+    expect(page.locator("#preparing")).to_be_hidden()
+    page.evaluate("location.hash = '#/datasets'")
+    expect(page.get_by_role("heading", level=1)).to_have_text("Datasets")
+    expect(page.locator("#preparing")).to_be_hidden()
+
+
 def test_the_start_page_offers_five_jobs(page: Page, fresh: Site):
     page.goto(f"{fresh.http}/#/")
     expect(page.get_by_role("listitem").locator("h2")).to_have_count(5)
