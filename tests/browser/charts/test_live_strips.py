@@ -238,7 +238,7 @@ def test_samples_left_out_for_display_are_told_from_missing_ones(strips: Open) -
         return shown;
         """,
     )
-    assert thinned > missing > 0, "the word LEFT OUT is longer than GAP"
+    assert thinned > missing > 0, "the word SKIPPED is longer than GAP"
 
 
 def test_samples_that_come_later_are_drawn_where_they_belong(strips: Open) -> None:

@@ -15,7 +15,7 @@ export function bandsOf(frame, { newest, staleFor }) {
   const named = (runs, kind, word) => runs.map((run) => ({ ...run, kind, word }));
   const bands = [
     ...named(visible.gaps(samplePx), "gap", "GAP"),
-    ...named(visible.gaps(samplePx, THINNED), "thinned", "LEFT OUT"),
+    ...named(visible.gaps(samplePx, THINNED), "thinned", "SKIPPED"),
     ...named(visible.runs(WARMING_UP, samplePx, now), "warming", "WARMING UP"),
     ...named(visible.runs(UNASSESSED, samplePx, now), "unassessed", "NOT ASSESSED"),
     ...named(visible.runs(INVALID, samplePx, now), "invalid", "INVALID"),
