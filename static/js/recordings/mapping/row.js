@@ -57,8 +57,7 @@ export function createMappingRow({
     oninput: () =>
       Number.isFinite(bias.valueAsNumber) && edit({ bias: bias.valueAsNumber / shownIn(target).factor }),
   });
-  const unitWords = () => h("span", { class: "unit" });
-  const inUnit = [unitWords(), unitWords()];
+  const inUnit = h("span", { class: "unit" });
   const verdict = h("div", { class: "map-verdict" });
   const warningList = h("ul", { class: "map-warnings", role: "status" });
   const cell = (part, words, ...content) =>
@@ -75,18 +74,18 @@ export function createMappingRow({
       "div",
       { class: "map-cell map-channel" },
       h("span", { class: "map-symbol" }, formatted(symbol)),
-      h("span", {}, label, inUnit[0]),
+      h("span", {}, label, inUnit),
     ),
     cell("signal", "signal", signal),
     cell("unit", "unit", units),
     cell("sign", "sign", sign),
-    cell("bias", ["bias removed", inUnit[1]], bias),
+    cell("bias", "bias removed", bias),
     cell("confidence", "", verdict, warningList),
     cell("plot", "", plot.element),
   );
   followUnits(element, () => {
     const { unit } = shownIn(target);
-    for (const words of inUnit) put(words, ` [${unit}]`);
+    put(inUnit, ` [${unit}]`);
     bias.setAttribute("aria-label", `bias removed from ${name} in ${unit}`);
     render(true);
   });
