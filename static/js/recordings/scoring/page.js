@@ -238,7 +238,7 @@ function summary(scoring) {
       warningMark(scoring),
     ),
     h("span", {}, formatted(alertRule(scoring))),
-    h("span", {}, h("span", { class: "dim" }, "warning lead time "), `${figure(lead)} s`),
+    h("span", {}, h("span", { class: "dim" }, "promised lead time "), `${figure(lead)} s`),
     h("span", {}, h("span", { class: "dim" }, "channels are "), trimText(request)),
   );
 }
