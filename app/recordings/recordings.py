@@ -101,7 +101,7 @@ class Recordings:
             folder = await run_to_end(self._begin, recording_id, upload.length or 0)
             received = await receive(upload.body, folder / "file", self.files.require)
             if received.size == 0:
-                raise TelemetryError(f"{upload.name} is empty: choose a file with telemetry")
+                raise TelemetryError("the file is empty: choose a file with telemetry")
             stored, mapped = await self.readers.run(self._read, folder, upload)
             if await upload.is_abandoned():
                 raise Abandoned

