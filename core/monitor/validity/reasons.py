@@ -37,7 +37,7 @@ def outside_training(
                 _off_forecast(basis, c, float(residual[c]), float(when[c]), bounds[0], share)
             )
     if deviation.peaks[SIZE, INNOVATION] > bounds[0]:
-        reasons.append(f"{_off_forecasts(basis, deviation)}; {share} {bounds[0]:.1f}")
+        reasons.append(f"{_off_forecasts(basis, deviation)}; {share} {bounds[0]:.2f}")
     if distance > bounds[1]:
         reasons.append(
             f"the nearest safe training sample was {distance:.3g} (scaled units) away at "
@@ -59,7 +59,7 @@ def _off_forecasts(basis: ValidityBasis, deviation: Deviation) -> str:
     c = int((deviation.responses / innovation.sigma).argmax())
     channel, amount = CHANNELS[c], float(deviation.responses[c])
     return (
-        f"the response to the surfaces was {size:.1f} sigma off its forecast over the "
+        f"the response to the surfaces was {size:.2f} sigma off its forecast over the "
         f"{innovation.window * dt:g} s to {when:.2f} s, mostly {channel.key} "
         f"({channel.read(amount)})"
     )

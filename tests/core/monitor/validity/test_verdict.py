@@ -372,9 +372,9 @@ def test_reasons_name_response_size_and_time(monitor: Monitor, flights: Array) -
     assert (verdict.residual_p, verdict.p_value) == (least, 2 * least)
     # 0.6 g off at one of ten samples: a root mean square of 0.19 g
     assert verdict.reasons[0] == (
-        f"the response to the surfaces was {verdict.residual:.1f} sigma off its forecast "
+        f"the response to the surfaces was {verdict.residual:.2f} sigma off its forecast "
         f"over the 0.5 s to 3.00 s, mostly Ny (0.187 g); 99 % of fresh flights stay within "
-        f"{support.bounds()[0]:.1f}"
+        f"{support.bounds()[0]:.2f}"
     )
     y[-1] *= 9
     said = untouched(monitor, TIMES, y)
@@ -399,7 +399,7 @@ def test_the_residual_of_an_older_file_names_its_channel(dataset: Dataset, fligh
     assert (verdict.sample, verdict.valid) == (60, False)
     assert verdict.residual == pytest.approx(off / support.sigma[NY])
     assert verdict.reasons[0] == (
-        f"Ny was {verdict.residual:.1f} sigma ({off:.3g} g) off its forecast at 3.00 s; "
+        f"Ny was {verdict.residual:.2f} sigma ({off:.3g} g) off its forecast at 3.00 s; "
         f"99 % of fresh flights stay within {support.bounds()[0]:.1f}"
     )
 
