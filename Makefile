@@ -7,12 +7,12 @@ RUNS := $(VENV)/.runs
 READY := $(VENV)/.ready
 # a process uses one core; what each imports is compiled once
 TESTING := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=
-# more arguments of pytest, such as ALSO='--last-failed -n 0'
+# more arguments of pytest or of the demo, such as ALSO='--last-failed -n 0' and ALSO='--port 8001'
 ALSO :=
 ENOUGH := $(if $(wildcard $(READY)),$(READY),$(RUNS))
 
 demo: $(ENOUGH) ## train a small monitor, serve the page, and fly a doublet on it
-	$(BIN)/forewarn demo
+	$(BIN)/forewarn demo $(ALSO)
 
 study: $(ENOUGH) ## repeat the paper's experiment at a small size and draw its figures
 	$(BIN)/forewarn study --n-monitors 4 --n-test 300 --out results/study
@@ -46,7 +46,7 @@ pictures: $(READY) ## take the guide's pictures of the pages in Chromium, and dr
 	$(BIN)/python -m tests.support.guide_pictures
 
 $(RUNS): pyproject.toml
-	@echo "Making $(VENV) with what the program needs: about 0.9 GB, under a minute with a fast connection."
+	@echo "Making $(VENV) with what the program needs: about 0.9 GB and 2.5 minutes."
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable .
 	@touch $@
