@@ -18,7 +18,7 @@ const EVERY = 1000; // ms
 const ENDED = ["ready", "failed"];
 const WORDS = {
   preparing: "getting ready",
-  compiling: "compiling the numerical kernels, once on this machine",
+  compiling: "compiling the numerical kernels (only at the first start)",
   training: "training a small monitor",
 };
 const listeners = new Set();
