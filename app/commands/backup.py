@@ -15,7 +15,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         "place",
         type=Path,
         metavar="FILE|DIR",
-        help="a new file, or a directory for a file named after the time",
+        help="a new file like b.fwbackup, or a directory for a file named after the time",
     )
     add_place(parser)
     add_json(parser)

@@ -144,6 +144,8 @@ def open_archive(path: Path) -> Iterator[Archive]:
     Damaged if any byte is lost or changed; StoreError if it is another kind of file or from a newer
     program.
     """
+    if not path.is_file():
+        raise StoreError(f"{path} is not a file: give a backup file")
     with path.open("rb") as file:
         _check_digest(path, file)
         file.seek(0)

@@ -53,8 +53,10 @@ class Backup:
 def destination(path: Path) -> Path:
     """The file to write: `path`, or a file named by the time if `path` is a directory.
 
-    StoreError if it exists.
+    A name without a suffix is a directory, made if it is missing. StoreError if the file exists.
     """
+    if not path.suffix and path.parent.is_dir() and not path.exists():
+        path.mkdir()
     if path.is_dir():
         time = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%fZ")
         path = path / f"forewarn-{time}{ENDING}"

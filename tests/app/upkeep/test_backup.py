@@ -365,9 +365,8 @@ def test_a_damaged_recording_is_backed_up_as_it_is_and_reported(kept: Kept, tmp_
 def test_backup_and_restore_on_the_command_line(
     kept: Kept, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / "backups"
-    out.mkdir()
-    assert main(["backup", str(out), "--data-dir", str(kept.data), "--json"]) == 0
+    out = tmp_path / "backups"  # made by the command
+    assert main(["backup", f"{out}/", "--data-dir", str(kept.data), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     (backup,) = out.iterdir()
     assert (said["path"], said["size"]) == (str(backup), backup.stat().st_size)
@@ -380,6 +379,8 @@ def test_backup_and_restore_on_the_command_line(
     target = str(tmp_path / "target")
     assert main(["restore", str(backup), "--data-dir", target]) == 0
     assert "1 flights, 1 recordings" in capsys.readouterr().out
+    assert main(["restore", str(out / "missing.fwbackup"), "--data-dir", target]) == 1
+    assert "missing.fwbackup is not a file" in capsys.readouterr().err
     assert main(["restore", str(backup), "--data-dir", target]) == 1
     assert "--replace" in capsys.readouterr().err
 
