@@ -87,7 +87,7 @@ async function open() {
     shown = view.show(page, { id: id || null, query, api, navigate });
   } catch (error) {
     console.error(error);
-    page.replaceChildren(failure(error));
+    page.replaceChildren(failure(VIEWS[name].title, error));
   }
 }
 
@@ -97,14 +97,17 @@ function guideOf(name, id) {
   return ["/guide", page].filter(Boolean).join("/");
 }
 
-function failure(error) {
+function failure(view, error) {
+  const heading = document.createElement("h1");
+  heading.className = "visually-hidden";
+  heading.textContent = view;
   const box = document.createElement("section");
   box.className = "state-error";
   const title = document.createElement("h2");
   title.textContent = "This view could not be opened";
   const text = document.createElement("p");
   text.textContent = `${error?.message ?? error}. Reload the page; if that does not help, restart the server.`;
-  box.append(title, text);
+  box.append(heading, title, text);
   return box;
 }
 

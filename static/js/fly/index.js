@@ -23,13 +23,17 @@ export function show(element, context) {
   let timer = 0;
   let looks = 0;
 
+  function show(content) {
+    element.replaceChildren(h("h1", { class: "visually-hidden" }, "Flight"), content);
+  }
+
   function replace(view, more) {
     part.close();
     part = view(element, { ...context, ...more });
   }
 
   async function open(why = "") {
-    if (!why) element.replaceChildren(state("loading", "Opening the flight", "Asking the server."));
+    if (!why) show(state("loading", "Opening the flight", "Asking the server."));
     try {
       const flight = await api.get(`/flights/${encodeURIComponent(id)}`);
       if (closed) return;
@@ -46,12 +50,12 @@ export function show(element, context) {
 
   function fail(error, why) {
     if (error.status === 0) {
-      if (!why) element.replaceChildren(state("error", "No connection", `${reason(error)} The page tries again by itself.`));
+      if (!why) show(state("error", "No connection", `${reason(error)} The page tries again by itself.`));
       timer = setTimeout(open, AGAIN, why);
       return;
     }
     const back = h("a", { class: "button button-primary", href: "#/fly" }, "Flights");
-    element.replaceChildren(h("h1", { class: "visually-hidden" }, "Flight"), state("error", "This flight cannot be shown", reason(error), back));
+    show(state("error", "This flight cannot be shown", reason(error), back));
   }
 
   open();

@@ -29,7 +29,8 @@ const SILENCE = 5000; // ms without an answer, after which the list may be out o
 export function showFlightStart(element, { query, api, navigate }) {
   const page = h("div", { class: "page" });
   element.replaceChildren(page);
-  page.append(state("loading", "Looking for monitors and flights", "Asking the server."));
+  const heading = h("h1", { class: "visually-hidden" }, "Fly");
+  page.append(heading, state("loading", "Looking for monitors and flights", "Asking the server."));
   let closed = false;
   let names = new Map();
   const flights = h("section", { class: "panel stack", "aria-label": "Flights" });
@@ -52,7 +53,7 @@ export function showFlightStart(element, { query, api, navigate }) {
     } catch (error) {
       if (closed) return;
       const again = h("button", { type: "button", class: "button button-primary", onclick: load }, "Try again");
-      page.replaceChildren(state("error", "The server could not be read", reason(error), again));
+      page.replaceChildren(heading, state("error", "The server could not be read", reason(error), again));
     }
   }
 

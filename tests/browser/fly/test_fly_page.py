@@ -664,6 +664,15 @@ def test_without_a_monitor_the_page_leads_to_training(fly: Fly) -> None:
     expect(fly.page.get_by_role("link", name="Train your own")).to_be_visible()
 
 
+@pytest.mark.parametrize(("view", "heading"), [("fly", "Fly"), ("fly/0123456789ab", "Flight")])
+def test_a_view_has_a_heading_while_it_loads(fly: Fly, view: str, heading: str) -> None:
+    fly.page.route("**/api/v1/monitors", lambda route: None)  # never answered
+    fly.page.route("**/api/v1/flights/*", lambda route: None)
+    fly.page.goto(f"{fly.site.http}/#/{view}")
+    expect(fly.page.get_by_role("heading", level=1)).to_have_text(heading)
+    expect(fly.page.locator("main .state-loading").first).to_be_visible()
+
+
 def test_a_refused_flight_says_what_is_needed(fly: Fly, allowed_errors: list[str]) -> None:
     allowed_errors.append("422")
     fly.page.goto(f"{fly.site.http}/#/fly")
