@@ -143,7 +143,7 @@ def test_a_damaged_file_is_refused(tmp_path: Path, damage, words: str) -> None:
 
 
 def test_missing_and_broken_files_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(RecipeError, match="cannot be read"):
+    with pytest.raises(RecipeError, match="is not readable"):
         load(tmp_path / "none.json")
     (tmp_path / "text.json").write_text("{")
     with pytest.raises(RecipeError, match="JSON"):

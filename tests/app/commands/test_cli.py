@@ -147,7 +147,7 @@ def test_train_score_report_and_study_print_json(tmp_path: Path, monkeypatch, ca
         (["train", "--limit", "Ny"], "write it as CHANNEL=NUMBER"),
         (["train", "--limit", "Ny=5deg"], "lateral acceleration is in g: write Ny=5g if"),
         (["train", "--limit", "beta_deg=5deg"], "sideslip is in deg or rad: write beta=5deg if"),
-        (["train", "--limit", "beta=7"], "if 7deg was meant, give 0.1222 rad, or on the command"),
+        (["train", "--limit", "beta=7"], "for 7deg give 0.1222 rad"),
         (["train", "--limit", "p=20"], "--limit p=20deg/s"),
         (["train", "--limit", "Ny=-1"], "a limit is a positive, finite magnitude"),
         (["train", "--t-early", "0"], "the lead must be positive"),
@@ -155,7 +155,7 @@ def test_train_score_report_and_study_print_json(tmp_path: Path, monkeypatch, ca
         (["train", "--set", "dataset.colour=red"], "recipe.dataset has no 'colour'"),
         (["train", "--set", "dataset.dt=fast"], "recipe.dataset.dt is 'fast'"),
         (["train", "--set", "dataset.dt"], "write it as PATH=VALUE"),
-        (["train", "--recipe", "absent.json"], "absent.json cannot be read"),
+        (["train", "--recipe", "absent.json"], "absent.json is not readable"),
         (["train", "-o", "absent/m.fwm"], "absent is not a directory"),
         (["train", "-o", "."], ". is a directory: give the path of the file"),
         (["train", "--n-test", "-1"], "n_test=-1 was given"),
@@ -174,7 +174,7 @@ def test_train_score_report_and_study_print_json(tmp_path: Path, monkeypatch, ca
         ),
         (["score", "m.fwm", "f.csv", "--manoeuvres", "1:a"], "'a': write a number of seconds"),
         (["score", "m.fwm", "f.csv", "--manoeuvres", "3:1"], "3 to 1 s has no length"),
-        (["score", "m.fwm", "f.csv", "--mapping", "absent.json"], "absent.json cannot be read"),
+        (["score", "m.fwm", "f.csv", "--mapping", "absent.json"], "absent.json is not readable"),
     ],
 )
 def test_bad_input_gets_one_line_and_leaves_nothing(
