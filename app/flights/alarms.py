@@ -12,6 +12,7 @@ After an acknowledgement every onset raises a new alarm.
 """
 
 from collections import Counter
+from math import inf
 from operator import attrgetter
 from typing import Any
 
@@ -75,9 +76,10 @@ class Onsets:
 
 
 class Alarms:
-    """The alarms of one flight."""
+    """The alarms of one flight. longest: [s] of a manoeuvre."""
 
-    def __init__(self) -> None:
+    def __init__(self, longest: float = inf) -> None:
+        self._longest = longest
         self._open: dict[str, Alarm] = {}
         self._closed: list[Alarm] = []
         self._number = 0
@@ -85,14 +87,16 @@ class Alarms:
         self._onsets: dict[AlarmKind, Onsets] = {kind: Onsets() for kind in ALARM_LEVELS}
         self._may_be_active = False
         self._evidence: dict[str, Alarm] = {}
+        self._risks: list[Alarm] = []
 
     @property
     def evidence(self) -> list[Alarm]:
         """The alarms that decide whether the flight was warned, however many were acknowledged.
 
-        The earliest risk, the earliest exceedance from trim, the earliest and the latest of all.
+        The risks of the manoeuvre of the earliest exceedance from trim, that exceedance, the
+        earliest and the latest exceedance of all.
         """
-        return [*self._evidence.values()]
+        return [*self._risks, *self._evidence.values()]
 
     @property
     def at_hand(self) -> list[Alarm]:
@@ -202,13 +206,16 @@ class Alarms:
     def _keep_evidence(self, alarm: Alarm) -> None:
         if alarm.level is not Level.WARNING:
             return
-        evidence, names = self._evidence, [alarm.kind]
-        if exceeds_from_trim(alarm):
-            names.append("from trim")
-        for name in names:
-            evidence[name] = min(evidence.get(name, alarm), alarm, key=attrgetter("t"))
-        if alarm.kind == "limit":
-            evidence["latest"] = max(evidence.get("latest", alarm), alarm, key=attrgetter("t"))
+        evidence, t = self._evidence, attrgetter("t")
+        if alarm.kind == "risk":
+            first = evidence.get("from trim")
+            if first is None or alarm.t <= first.t:
+                recent = [risk for risk in self._risks if alarm.t - risk.t <= self._longest]
+                self._risks = [*recent, alarm]
+            return
+        for name in ("limit", "from trim") if exceeds_from_trim(alarm) else ("limit",):
+            evidence[name] = min(evidence.get(name, alarm), alarm, key=t)
+        evidence["latest"] = max(evidence.get("latest", alarm), alarm, key=t)
 
     def _keep_open(self, alarm: Alarm) -> None:
         self._open[alarm.id] = alarm

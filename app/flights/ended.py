@@ -13,6 +13,7 @@ from app.flights.verdict import (
     first_exceedance,
     is_jump,
     is_withdrawn,
+    longest_manoeuvre,
     not_flown,
     verdict,
     verdict_of_recording,
@@ -115,7 +116,8 @@ def _verdict(
     if first is not None:
         before = before_exceedance(store, info.id, first.seq, monitor.dt)
         live = info.source.get("kind") == "live"
-        return verdict(alarms, Circumstances(promised, *before, live))
+        longest = longest_manoeuvre(monitor.dataset_recipe)
+        return verdict(alarms, Circumstances(promised, *before, live, longest))
     if info.exceeded_t is not None and not any(alarm.kind == "limit" for alarm in alarms):
         return not_flown(info.exceeded_t)
     return verdict(alarms)

@@ -27,6 +27,7 @@ from app.flights.verdict import (
     first_exceedance,
     is_jump,
     is_withdrawn,
+    longest_manoeuvre,
     verdict,
     verdict_of_recording,
 )
@@ -145,7 +146,8 @@ class Flight(ABC):
         scene: "Scene | None" = None,
     ) -> None:
         self.plan, self.scene = plan, scene
-        self.recorder, self.alarms, self.clock = recorder, Alarms(), clock
+        self._longest = longest_manoeuvre(plan.monitor.dataset_recipe)
+        self.recorder, self.alarms, self.clock = recorder, Alarms(self._longest), clock
         self.markers = FlightMarkers()
         self.limits_at_hand: list[LimitsInForce] = []
         self._ruling: Ruling | None = None
@@ -534,7 +536,8 @@ class Flight(ABC):
         alarms, live = self.alarms.evidence, self.plan.source.get("kind") == "live"
         reached = [alarm.t for alarm in alarms if alarm.kind == "limit"]
         if self.manoeuvres is None or not reached:
-            self.verdict = verdict(alarms, Circumstances(self.lead, *before_exceedance, live))
+            about = self.lead, *before_exceedance, live, self._longest
+            self.verdict = verdict(alarms, Circumstances(*about))
         else:
             about = alarms, reached, self.plan.monitor.dt, self.lead
             self.verdict = verdict_of_recording(self.manoeuvres, *about)

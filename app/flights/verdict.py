@@ -2,11 +2,14 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
+from math import inf
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from app.messages import MeasuredExceedance, Verdict
+from app.recipes import from_plain
+from app.scoring.checks import LONGER
 from app.scoring.outcome import (
     EXCEEDED,
     Outcome,
@@ -16,6 +19,7 @@ from app.scoring.outcome import (
     verdict_of,
     warning_words,
 )
+from core.collection import DatasetRecipe
 from core.monitor import State
 from core.monitor.assessment import REASONS, Cause
 from core.types import Array
@@ -51,12 +55,14 @@ class Circumstances(NamedTuple):
     could not warn.
     withdrawn: the monitor was not applicable by then; without an alarm it has not missed.
     live: a warning counts from when its alarm was raised, however old its sample was by then.
+    longest: [s] an earlier alert belongs to another manoeuvre.
     """
 
     promised: float = 0.0
     jumped: bool = False
     withdrawn: bool = False
     live: bool = False
+    longest: float = inf
 
 
 AS_FLOWN = Circumstances()
@@ -66,14 +72,16 @@ def verdict(
     alarms: Iterable[RaisedAlarm], circumstances: Circumstances = AS_FLOWN
 ) -> Verdict | None:
     """How the first exceedance from trim was warned of; None without an exceedance."""
-    alarms, (promised, jumped, withdrawn, live) = [*alarms], circumstances
+    alarms, (promised, jumped, withdrawn, live, longest) = [*alarms], circumstances
     first, raw = first_exceedance(alarms), _first(alarms)
     if first is None:
         return None if raw is None else _as_recorded(raw.t)
     alerts = sorted(
         _warned(alarm, first, live)
         for alarm in alarms
-        if alarm.kind == "risk" and alarm.t <= first.t and not (jumped and alarm.seq >= first.seq)
+        if alarm.kind == "risk"
+        and first.t - longest <= alarm.t <= first.t
+        and not (jumped and alarm.seq >= first.seq)
     )
     if jumped and not alerts:
         return not_flown(first.t)
@@ -82,6 +90,12 @@ def verdict(
     result = "invalid" if withdrawn and not alerts else result
     text = exceedance_verdict(result, lead, promised=promised)
     return _verdict(first.t, lead, text, result, promised)
+
+
+def longest_manoeuvre(dataset_recipe: Mapping[str, Any]) -> float:
+    """Longest time that may be one manoeuvre of the planned test [s]; infinite if unknown."""
+    plain = {key: dataset_recipe[key] for key in ("maneuver",) if key in dataset_recipe}
+    return LONGER * from_plain(DatasetRecipe(), plain).maneuver.duration_s if plain else inf
 
 
 def verdict_of_recording(

@@ -9,20 +9,24 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app.flights.alarms import Alarms
 from app.flights.ended import records
 from app.flights.exceedance import exceedance
 from app.flights.sources.recorded_playback import RecordedScript
-from app.flights.verdict import Circumstances, verdict
+from app.flights.verdict import Circumstances, longest_manoeuvre, verdict
 from app.messages import Judged, MeasuredExceedance
+from app.recipes import to_plain
 from app.scoring.outcome import lead_words
 from app.store.alarms import StoredAlarm
-from core.monitor import State
+from core.collection import DatasetRecipe
+from core.monitor import Assessment, State
 from core.monitor.assessment import REASONS, STATES
 from core.monitor.status import ALARM_LEVELS, BETWEEN, Level
 from tests.app.flights.sources.test_live import Live
 from tests.support.flying import (
     EPSILON,
     Flown,
+    ScriptedClock,
     Seen,
     exact_monitor,
     failing_flight,
@@ -228,6 +232,33 @@ def test_a_late_alert_is_shown_with_the_lead_time_that_was_promised() -> None:
     found = verdict([stored("risk", 1.2), stored("limit", 1.3)], Circumstances(promised=0.25))
     assert found is not None
     assert found.warning == "Warned 0.10 s before the limit (0.25 s promised)"
+
+
+def test_an_alert_of_an_earlier_manoeuvre_is_no_warning() -> None:
+    alarms = [stored("risk", 2.0), stored("limit", 47.3)]
+    missed = verdict(alarms, Circumstances(promised=0.25, longest=12.0))
+    assert missed is not None
+    assert missed.warning == "Missed: no alert before the limit"
+    warned = verdict([*alarms, stored("risk", 46.9)], Circumstances(promised=0.25, longest=12.0))
+    assert warned is not None
+    assert warned.lead == pytest.approx(0.4)
+
+
+def test_the_alerts_of_the_manoeuvre_that_exceeds_a_limit_are_kept_as_evidence() -> None:
+    alarms = Alarms(longest=12.0)
+    for number, t in enumerate((2.0, 46.9, 46.95), 1):
+        alert = Assessment(t, 0.9, True, State.OK, "")
+        quiet = Assessment(t + 0.01, 0.1, False, State.OK, "")
+        alarms.update(number, number, alert, None, ScriptedClock())
+        alarms.acknowledge(alarms.at_hand[-1].id, "Ann", "now")
+        alarms.update(number, number, quiet, None, ScriptedClock())
+    assert [alarm.t for alarm in alarms.evidence] == [46.9, 46.95]
+
+
+def test_the_longest_manoeuvre_is_twice_the_planned_one() -> None:
+    assert longest_manoeuvre({}) == np.inf
+    planned = to_plain(DatasetRecipe())
+    assert longest_manoeuvre(planned) == 2.0 * DatasetRecipe().maneuver.duration_s
 
 
 def test_a_flight_that_was_sought_to_its_exceedance_neither_warned_nor_missed() -> None:
