@@ -183,7 +183,7 @@ function flownForm(api, send) {
       const recordings = await api.get("/recordings");
       choice.replaceChildren(
         h("option", { value: "" }, recordings.length ? "choose a recording" : "no recording yet"),
-        ...recordings.map(({ id, name, created }) => h("option", { value: id }, `${name}, ${moment(created)}`)),
+        ...recordings.map(({ id, name, created }) => h("option", { value: id }, name.endsWith(" UTC") ? name : `${name}, ${moment(created)}`)),
       );
     } catch (error) {
       failure.show(reason(error));
