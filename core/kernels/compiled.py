@@ -87,6 +87,11 @@ def _compiled(function: Callable[..., Any], nogil: bool) -> Any:
     settings.CACHE_DIR = given or _own_cache()
     try:
         kernel: Any = numba.njit(cache=True, nogil=nogil)(function)
+    except RuntimeError as error:  # numba found no place that it can write to
+        raise OSError(
+            f"compiled kernels cannot be stored in {settings.CACHE_DIR}: set NUMBA_CACHE_DIR to a "
+            "writable directory"
+        ) from error
     finally:
         settings.CACHE_DIR = given
     kernel._cache.load_overload = partial(_load, kernel._cache)

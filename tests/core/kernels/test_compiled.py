@@ -139,3 +139,14 @@ def test_a_kernel_is_loaded_without_what_compiling_needs_and_others_are_compiled
     spread(np.zeros((2, 3)))  # is in the cache from here on
     told = subprocess.run([sys.executable, "-c", LATER], check=True, capture_output=True, text=True)
     assert told.stdout.split() == ["False", "False", "True"]
+
+
+def test_without_a_writable_cache_the_error_names_the_variable_to_set(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse(**options: bool) -> None:
+        raise RuntimeError("cannot cache function: no locator available")
+
+    monkeypatch.setattr("core.kernels.compiled.numba.njit", refuse)
+    with pytest.raises(OSError, match="NUMBA_CACHE_DIR"):
+        jit(len)
