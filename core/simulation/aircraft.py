@@ -177,14 +177,14 @@ class MatrixAircraft(Aircraft):
     """
 
     a: Rows
-    """state matrix A: inputs delta_a, delta_r [rad], any nx >= 1 with any states."""
+    """state matrix A: angles [rad] and rates [rad/s], one row and one column for each state."""
     b: Rows
-    """input matrix B: inputs delta_a, delta_r [rad], any nx >= 1 with any states."""
+    """input matrix B: one row for each state, columns delta_a and delta_r [rad] in this order."""
     c: Rows
-    """output matrix C: outputs beta [rad], p, r [rad/s], Ny [g]; the surfaces themselves are
+    """output matrix C: rows beta [rad], p, r [rad/s] and Ny [g], in this order; the surfaces are
     appended. With 6 rows, the last two must be the surfaces: zeros in c, identity in d."""
     d: Rows
-    """feedthrough matrix D: outputs beta [rad], p, r [rad/s], Ny [g]; the surfaces themselves are
+    """feedthrough matrix D: rows beta [rad], p, r [rad/s] and Ny [g], as in C; the surfaces are
     appended. With 6 rows, the last two must be the surfaces: zeros in c, identity in d."""
     uncertainty: Uncertainty
     """uncertainty of the entries: by entry, as {"A[0,0]": 0.1, "C[3,0]": 0.1} (row, column, from 0;

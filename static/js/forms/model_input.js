@@ -76,7 +76,7 @@ function parse(text) {
       .filter(([key]) => key !== "kind")
       .map(([key, value]) => [key.toLowerCase(), value]),
   );
-  const missing = NEEDED.filter((key) => !(key in model));
+  const missing = NEEDED.filter((key) => !(key in model)).map((key) => (key.length > 1 ? key : key.toUpperCase()));
   const strange = Object.keys(model).filter((key) => !KNOWN.includes(key));
   if (missing.length)
     throw new Error(`The model lacks ${missing.join(", ")}: it needs A, B, C, D and uncertainty.`);
