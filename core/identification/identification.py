@@ -30,6 +30,8 @@ from core.types import Array, Flags
 
 FIRST_NOISE = 0.02
 """First guess of an output's noise, as a share of its motion."""
+LEAST_SURFACE_NOISE = 0.001
+"""As a share of the surface's motion: with none at all, the fit stops far from the aircraft."""
 ROUNDS, CLOSE = 12, 0.02
 """Largest number of alternations between noise and posterior; relative change that ends them."""
 FIRST_STEPS, STEPS_A_ROUND = 5, 1
@@ -225,6 +227,7 @@ def _first_noise(segments: Sequence[FlownSegment]) -> Array:
     """(6,) share of the motion of outputs, roughness of surfaces; infinite if not recorded."""
     motion = _rms([segment.y - segment.y.mean(axis=0) for segment in segments])
     rough = _rms([roughness(segment.y)[np.newaxis] for segment in segments])
+    rough = np.maximum(rough, LEAST_SURFACE_NOISE * motion)
     noise = np.where(np.arange(N_CHANNELS) < N_OUTPUTS, FIRST_NOISE * motion, rough)
     return np.where(np.isnan(noise), np.inf, noise)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from core.channels import KEYS
-from core.collection import collect
+from core.collection import DatasetRecipe, collect, evaluation_flights
 from core.equation_error import EquationError, Smoothing
 from core.evaluation.lead_sweep import TESTS
 from core.identification.identification import FlownSegment, Identification, identify, swing_s
@@ -14,7 +14,7 @@ from core.identification.posterior import prior_of
 from core.monitor import MonitorRecipe, train
 from core.planned_test import Simulator
 from core.recipe import from_plain, to_plain
-from core.simulation.aircraft import Aircraft, IdentifiedAircraft, PublishedAircraft
+from core.simulation.aircraft import AIRCRAFT, Aircraft, IdentifiedAircraft, PublishedAircraft
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.imperfections import channel_array
 from core.simulation.uncertain_plant import Uncertainty
@@ -44,6 +44,16 @@ def identified(name: str, segments: list[FlownSegment], *, noise_is_known: bool)
     test = TESTS[name]
     noise = channel_array(test.noise) if noise_is_known else None
     return identify(test.aircraft, test.control_law, segments, noise)
+
+
+def test_a_flight_without_any_noise_identifies_its_aircraft() -> None:
+    test = DatasetRecipe.usual(AIRCRAFT["attas_id_16kft"])
+    test = replace(test, maneuver=test.maneuver.with_peak(2.56))
+    flights = evaluation_flights(test, 1)
+    found = identify(test.aircraft, test.control_law, [FlownSegment(flights.y[0], test.dt)])
+    yaw = found.names.index("N_dr")
+    assert found.mean[yaw] == pytest.approx(flights.theta[0, yaw], rel=0.05)
+    assert found.r2.min() > 0.95
 
 
 @pytest.mark.parametrize("noise_is_known", [True, False])
