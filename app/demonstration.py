@@ -8,6 +8,7 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from hashlib import sha1
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,7 +17,7 @@ from httpx2 import ASGITransport, AsyncClient, Response
 
 from app.http.login import COOKIE
 from app.recipes import limits_named, to_plain
-from core import __version__
+from core import __version__, kernels
 from core.collection import DatasetRecipe
 from core.kernels.compiled import cache_directory
 from core.monitor import MonitorRecipe
@@ -151,8 +152,10 @@ class Demonstration:
 
 
 def n_kernels() -> int:
-    """Kernels that this machine has compiled."""
-    return sum(1 for _ in Path(cache_directory()).rglob("*.nbi"))
+    """Kernels that this installation has compiled; numba names their folder after its path."""
+    folder = Path(kernels.__file__).absolute().parent
+    name = f"{folder.name}_{sha1(str(folder).encode()).hexdigest()}"
+    return sum(1 for _ in (Path(cache_directory()) / name).glob("*.nbi"))
 
 
 async def known_monitor(client: AsyncClient) -> dict[str, Any] | None:
