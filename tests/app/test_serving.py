@@ -189,12 +189,12 @@ def test_a_demonstration_without_a_monitor_gives_the_reason():
         asyncio.run(demonstration.fly(Mock(post=AsyncMock(return_value=refused)), "m"))
 
 
-def test_kernels_of_training_are_compiled_by_another_process_where_none_are(tmp_path, monkeypatch):
-    monkeypatch.setattr(demonstration, "cache_directory", lambda: str(tmp_path))
+def test_kernels_of_training_are_compiled_by_another_process_where_none_are(monkeypatch):
+    monkeypatch.setattr(demo, "n_kernels", lambda: 0)
     with demo.compiling_ahead():
         assert len(active_children()) == 1
     assert active_children() == []
-    (tmp_path / "kernel.nbi").touch()
+    monkeypatch.setattr(demo, "n_kernels", lambda: 1)
     with demo.compiling_ahead():
         assert active_children() == []
 

@@ -399,7 +399,7 @@ def test_the_residual_of_an_older_file_names_its_channel(dataset: Dataset, fligh
     assert (verdict.sample, verdict.valid) == (60, False)
     assert verdict.residual == pytest.approx(off / support.sigma[NY])
     assert verdict.reasons[0] == (
-        f"Ny was {verdict.residual:.2f} sigma ({off:.3g} g) off its forecast at 3.00 s; "
+        f"Ny was {verdict.residual:.1f} sigma ({off:.3g} g) off its forecast at 3.00 s; "
         f"99 % of fresh flights stay within {support.bounds()[0]:.1f}"
     )
 
