@@ -5,6 +5,7 @@ import json
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,7 +20,7 @@ NOT_GENERATED = "image/svg+xml"
 
 
 @pytest.fixture(scope="module")
-def generated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, str]:
+def generated(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Any, str]]:
     """The generated package, and what its generator printed."""
     folder = tmp_path_factory.mktemp("generated")
     (folder / "openapi.json").write_text(json.dumps(document()))
@@ -27,15 +28,7 @@ def generated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, str]:
     arguments = ["--path", "openapi.json", "--config", "config.json", "--meta", "none"]
     arguments += ["--output-path", "forewarn_client"]
     made = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "openapi_python_client",
-            "generate",
-            *arguments,
-            "--output-path",
-            "forewarn_client",
-        ],
+        [sys.executable, "-m", "openapi_python_client", "generate", *arguments],
         cwd=folder,
         capture_output=True,
         text=True,

@@ -98,6 +98,7 @@ def test_limits_and_lead_come_from_the_given_monitor(client, dataset):
     stored = store_of(client).monitors.add(monitor, "oscillator").id
     made = proposal(client, flown(Doublet(amplitude_deg=6.0)), monitor=stored)
     limits = made["recipe"]["dataset"]["limits"]
+    assert monitor.limits is not None
     assert [limits[key] for key in KEYS] == [
         limit if np.isfinite(limit) else None for limit in monitor.limits
     ]
