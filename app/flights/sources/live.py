@@ -282,9 +282,9 @@ class LiveFlight(Flight):
 
     def _judge_received(self) -> None:
         """Raise alarms of received samples beyond a limit at once, before the grid uses them."""
-        if exceeding := self.scorer.pop_exceedances():
-            for sample in exceeding:
-                self._exceed(*_exceedance_of(sample))
+        for sample in self.scorer.pop_exceedances():
+            self._exceed(*_exceedance_of(sample))
+        if self.facts != self._facts:
             self._show()
 
     def begin_manoeuvre(self, by: str) -> asyncio.Future[None]:
