@@ -21,6 +21,7 @@ from app.telemetry.recording import Recording
 from app.telemetry.resampling.resampling import RATE_RATIO, on_grid
 from app.telemetry.timing.repair import RepairedTraces
 from core.channels import BY_KEY, KEYS
+from core.monitor import Monitor
 from core.planned_test import DatasetRecipe
 from core.recipe import to_plain
 from core.simulation.maneuver import (
@@ -116,12 +117,13 @@ def training_proposal(
         reasons.append(words)
         if maneuver is not None:
             dataset["maneuver"] = maneuver
-    limits, words = _limits(recordings, recording_id, mapped.mapping, monitor_id, largest)
+    monitor = None if monitor_id is None else recordings.store.monitors.get(monitor_id)
+    limits, words = _limits(recordings, recording_id, mapped.mapping, monitor, largest)
     if limits is not None:
         dataset["limits"] = limits
     reasons.append(words)
-    if monitor_id is not None:
-        recipe["t_early"] = recordings.store.monitors.get(monitor_id).lead
+    if monitor is not None:
+        recipe["t_early"] = monitor.lead
     method, words = _without(missing, recorded, limits or {})
     recipe |= method
     reasons += words
@@ -223,7 +225,7 @@ def _limits(
     recordings: Recordings,
     recording_id: str,
     mapping: Mapping,
-    monitor_id: str | None,
+    monitor: Monitor | None,
     found: Input | None,
 ) -> tuple[dict[str, float | None] | None, str]:
     """Magnitude of each channel, null without a limit; None where not known. And whose they are."""
@@ -232,8 +234,7 @@ def _limits(
         history = LimitsHistory.of(recordings.columns(recording_id), mapping)
     if history is not None and found is not None:
         magnitudes = history.timeline([None]).at(np.array([found.start]))[0]
-    if (magnitudes is None or np.isinf(magnitudes).all()) and monitor_id is not None:
-        monitor = recordings.store.monitors.get(monitor_id)
+    if (magnitudes is None or np.isinf(magnitudes).all()) and monitor is not None:
         magnitudes, source = monitor.limits, "those of the monitor"
     if magnitudes is None or np.isinf(magnitudes).all():
         return None, "No limits are recorded: check the usual ones of the aircraft."
