@@ -32,6 +32,7 @@ lint: $(READY) ## style, formatting and the direction of imports
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/lint-imports
+	$(BIN)/python -m tests.support.rooms
 
 types: $(READY) ## static types
 	$(BIN)/pyright

@@ -17,11 +17,11 @@ from typing import Any, get_args
 
 from pydantic import TypeAdapter
 
-from app import labels
 from app.campaigns.campaign import LONGEST_CRITERIA
 from app.jobs.requests import LARGEST_N_TEST, MOST_MEMBERS, N_TEST, CombinationRecipe
-from app.labels import choice_label, kind_label
-from app.recipes import (
+from app.recipes import labels
+from app.recipes.labels import choice_label, kind_label
+from app.recipes.recipes import (
     LIMITS,
     STORED_LIMITS,
     USUAL_DATASET,
@@ -30,28 +30,28 @@ from app.recipes import (
     family_of,
     limits_named,
 )
-from app.recipes import to_plain as stored_plain
+from app.recipes.recipes import to_plain as stored_plain
 from app.telemetry.formats import FORMATS
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.targets import TARGETS
 from app.telemetry.units import choices
 from core import __version__
-from core.amplitude import WANTED_SHARE
 from core.bounds import bounds_of
 from core.channels import CHANNELS
-from core.clearance import ClearanceRecipe
-from core.collection import DatasetRecipe
+from core.clearance.clearance import ClearanceRecipe
 from core.evaluation.epsilon_choice import ChoiceRecipe
 from core.evaluation.lead_sweep import METHODS as SWEPT
 from core.evaluation.lead_sweep import SweepRecipe
 from core.evaluation.study import StudyRecipe
 from core.flight_markers import FLIGHT_MARKERS
-from core.limit_set import CONDITIONS
+from core.limits.limit_sets import CONDITIONS
+from core.limits.limits import SPECIFICATIONS, Limits
 from core.monitor import MonitorRecipe
 from core.monitor.recipe import METHODS
+from core.planned_test.amplitude import WANTED_SHARE
+from core.planned_test.collection import DatasetRecipe
 from core.recipe import FAMILIES, Family
 from core.simulation.aircraft import Aircraft
-from core.specification import SPECIFICATIONS, Limits
 
 RECIPES: dict[str, Any] = {
     "dataset": DatasetRecipe(),

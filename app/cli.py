@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 from core import __version__
-from core.mistyped import instead_of
+from core.recipe import instead_of
 
 INTERRUPTED, MISTYPED = 130, 2
 

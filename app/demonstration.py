@@ -15,12 +15,12 @@ from typing import Any, Literal
 from fastapi import FastAPI
 from httpx2 import ASGITransport, AsyncClient, Response
 
-from app.http.login import COOKIE
-from app.recipes import limits_named, to_plain
+from app.access.login import COOKIE
+from app.recipes.recipes import limits_named, to_plain
 from core import __version__, kernels
-from core.collection import DatasetRecipe
 from core.kernels.compiled import cache_directory
 from core.monitor import MonitorRecipe
+from core.planned_test.collection import DatasetRecipe
 
 LOG = logging.getLogger("forewarn")
 NAME = "demonstration"

@@ -13,11 +13,14 @@ from fastapi.staticfiles import StaticFiles
 from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
 from starlette.routing import BaseRoute
 
+from app.access.audit import Audit
+from app.access.guard import BodyLimit, Guard
+from app.access.people import People
+from app.access.sessions import Sessions
 from app.demonstration import Demonstration
 from app.flights.clock import MonotonicClock
 from app.flights.flights import Flights
 from app.flights.frame_ticks import FrameTicks
-from app.http.audit import Audit
 from app.http.document import (
     TAGS,
     describe_arrays,
@@ -26,15 +29,10 @@ from app.http.document import (
 )
 from app.http.head_requests import Route
 from app.http.idempotency import Idempotent, describe_keys
+from app.http.metrics import Measured, Metrics
 from app.http.page import serve_page
-from app.http.people import People
 from app.http.problems import describe_problems, install_problems
-from app.http.security import BodyLimit, Guard
-from app.http.sessions import Sessions
-from app.integrity import Integrity
 from app.jobs.jobs import Jobs
-from app.live.journal import Journals
-from app.metrics import Measured, Metrics
 from app.recordings.recordings import Recordings
 from app.recordings.scored import ScoredRecordings
 from app.routes import (
@@ -65,6 +63,8 @@ from app.scene.scene import Scenes
 from app.settings import Settings
 from app.store.health import StoreHealth
 from app.store.store import open_store
+from app.telemetry.journal import Journals
+from app.upkeep.integrity import Integrity
 from app.upkeep.restore import finish
 from app.upkeep.retention import retain_daily, retention_rule
 from core import __version__

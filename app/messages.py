@@ -18,12 +18,12 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from app import json_codec
 from core.channels import CHANNELS, KEYS
 from core.flight_markers import FlightMarkerKey, FlightMarkerKind
+from core.limits.limits import Limits, Specification
 from core.monitor import Assessment
 from core.monitor.assessment import Cause, State
 from core.monitor.calibration import Guarantee
 from core.monitor.peak_forecast import Ahead, NothingAhead, PeakAhead
 from core.monitor.status import AlarmKind, Level, Status
-from core.specification import Limits, Specification
 
 Mode = Literal["live", "replay", "simulated"]
 Judged = Literal["from_trim", "recorded", "both"]

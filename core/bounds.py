@@ -1,9 +1,14 @@
-"""Bounds of parameters, as annotations of their types: checked here, published by the catalog."""
+"""Bounds of parameters as annotations of their types, and how an error quotes a value."""
 
 from dataclasses import dataclass
 from functools import cache
 from math import isfinite
+from reprlib import Repr
 from typing import Any, get_type_hints
+
+MOST_SIGNS = 80
+_short = Repr()
+_short.maxstring = _short.maxother = _short.maxlong = MOST_SIGNS
 
 
 @dataclass(frozen=True)
@@ -65,3 +70,8 @@ def check_bounds(recipe: Any, what: str = "") -> None:
         value = getattr(recipe, name)
         if value is not None and not bounds.hold(value):
             raise ValueError(f"{what}{name}={value} was given: {bounds}")
+
+
+def quoted(value: Any) -> str:
+    """The repr of a value; a long one shortened to its beginning and end."""
+    return _short.repr(value)

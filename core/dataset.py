@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from core.specification import Specification
+from core.limits.limits import Specification
 from core.types import Array, Indices
 
 

@@ -1,11 +1,10 @@
 """Recipes as plain data and back, the same way for files, options and requests."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields, is_dataclass
+from difflib import SequenceMatcher
 from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
-
-from core.mistyped import instead_of
 
 M = TypeVar("M")
 
@@ -25,6 +24,11 @@ class Family(NamedTuple):
     def known(self) -> dict[str, Any]:
         return {**self.members, **self.made}
 
+
+CLOSE = 0.6
+"""Similarity from which a word counts as mistyped."""
+HEAD = 0.95
+"""Weight of a match with only the beginning of a longer word."""
 
 FAMILIES: dict[str, Family] = {}
 """Families by name, of the modules imported so far."""
@@ -113,3 +117,22 @@ def from_plain(
         elif isinstance(known[key], tuple) and isinstance(plain[key], list):
             plain[key] = tuple(plain[key])
     return build(default, known | plain, where)
+
+
+def instead_of(word: str, known: Iterable[str]) -> str:
+    """`did you mean train?`, or a list of all known words."""
+    known = tuple(known)
+    closest = max(known, key=lambda each: _similarity(word, each), default="")
+    if closest and _similarity(word, closest) >= CLOSE:
+        return f"did you mean {closest}?"
+    return f"choose {', '.join(known)}"
+
+
+def _similarity(word: str, known: str) -> float:
+    """Share of letters in common, 0 to 1; with only the beginning if `known` is longer."""
+    given, whole = word.lower(), known.lower()
+    head = whole[: len(given)]
+    return max(
+        SequenceMatcher(None, given, whole).ratio(),
+        HEAD * SequenceMatcher(None, given, head).ratio(),
+    )

@@ -14,8 +14,8 @@ from app.cli import COMMANDS, _parser, main
 from app.client import LiveClient
 from app.main import STATIC
 from app.routes.guide import SLUGS
-from core.collection import DatasetRecipe, collect
 from core.monitor import MonitorRecipe, train
+from core.planned_test.collection import DatasetRecipe, collect
 from tests.faults.test_full_disk import until
 from tests.support.api import served
 from tests.support.command_line_page import PAGE, page

@@ -14,12 +14,12 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from app.recipes import to_plain
+from app.recipes.recipes import to_plain
+from core.bounds import quoted
 from core.channels import N_CHANNELS
-from core.clearance import BuildUp, ClearanceRecipe
+from core.clearance.clearance import BuildUp, ClearanceRecipe
 from core.evaluation.rates import clopper_pearson
-from core.planned_test import DatasetRecipe
-from core.quoted import quoted
+from core.planned_test.planned_test import DatasetRecipe
 from core.types import Array
 from core.whole_file import write_whole
 

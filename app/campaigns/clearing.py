@@ -11,9 +11,9 @@ from app.campaigns.campaign import (
     percent_at_most,
     samples_of,
 )
-from core.clearance import calibrate
-from core.identification.identification import FlownSegment, Identification, identify
-from core.planned_test import DatasetRecipe
+from core.clearance.clearance import calibrate
+from core.clearance.identification import FlownSegment, Identification, identify
+from core.planned_test.planned_test import DatasetRecipe
 from core.simulation.imperfections import channel_array
 
 Progress = Callable[[int, int], object]

@@ -4,7 +4,7 @@ from typing import Any
 
 from app.campaigns.campaign import Campaign
 from app.campaigns.clearing import identified
-from core.identification.identification import Identification
+from core.clearance.identification import Identification
 
 
 def derivatives(campaign: Campaign) -> list[dict[str, Any]]:

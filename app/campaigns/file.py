@@ -6,10 +6,10 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from app.campaigns.campaign import FORMAT, VERSION, Campaign, CampaignError, Condition, Point
-from app.recipes import RecipeError, from_plain, read_plain
-from core.clearance import ClearanceRecipe
-from core.planned_test import DatasetRecipe
-from core.quoted import quoted
+from app.recipes.recipes import RecipeError, from_plain, read_plain
+from core.bounds import quoted
+from core.clearance.clearance import ClearanceRecipe
+from core.planned_test.planned_test import DatasetRecipe
 
 POINTS = TypeAdapter(tuple[Point, ...])
 

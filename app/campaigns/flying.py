@@ -4,17 +4,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from app.assessment.checks import surfaces_flown
+from app.assessment.exceedances_outside import exceedances_outside, notes_on_outside
+from app.assessment.planned_test import SURFACES, PlannedTest
+from app.assessment.recipe import Interval, ScoringRecipe
+from app.assessment.segments import AFTERWARDS, Segment, mean_of_rest, segments
 from app.campaigns.campaign import CampaignError, FlownPoint
-from app.scoring.checks import surfaces_flown
-from app.scoring.exceedances_outside import exceedances_outside, notes_on_outside
-from app.scoring.planned_test import SURFACES, PlannedTest
-from app.scoring.recipe import Interval, ScoringRecipe
-from app.scoring.segments import AFTERWARDS, Segment, mean_of_rest, segments
 from app.telemetry.recording import Recording
 from app.telemetry.resampling.resampling import on_grid
 from app.telemetry.timing.repair import RepairedTraces
 from core.channels import KEYS
-from core.planned_test import DatasetRecipe, Simulator
+from core.planned_test.planned_test import DatasetRecipe, Simulator
 from core.types import Array
 
 ENOUGH = 0.8

@@ -14,7 +14,7 @@ from app.campaigns.campaign import (
 )
 from app.campaigns.clearing import checklist
 from app.campaigns.file import from_file
-from app.recipes import SentRecipe, to_plain
+from app.recipes.recipes import SentRecipe, to_plain
 from app.store.campaigns import StoredCampaign
 from app.store.repository import Entry, NotFound
 from app.store.store import Store

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import get_args
 
 from app import json_codec
+from app.assessment.recipe import Interval
 from app.campaigns.campaign import (
     USUAL_STEPS,
     Campaign,
@@ -25,15 +26,14 @@ from app.commands.options.recipe import add_recipe_options, plain_recipe
 from app.commands.output.mapping_lines import read_mapping
 from app.commands.output.progress import progress_bar
 from app.commands.output.results import add_json, print_result
-from app.recipes import to_plain
+from app.recipes.recipes import to_plain
 from app.recordings.mapped_recording import MappedRecording
-from app.scoring.recipe import Interval
 from app.telemetry.mapping.proposal import propose
 from app.telemetry.reading import columns_of
-from core.clearance import ClearanceRecipe
-from core.identification.identification import Identification
+from core.clearance.clearance import ClearanceRecipe
+from core.clearance.identification import Identification
 from core.monitor.calibration import Guarantee
-from core.planned_test import DatasetRecipe
+from core.planned_test.planned_test import DatasetRecipe
 from core.whole_file import write_whole
 
 USUAL = ClearanceRecipe()

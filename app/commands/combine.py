@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 from typing import get_args
 
+from app.assessment.wording import PROMISED
 from app.commands.options.destinations import check_file
 from app.commands.options.numbers import add_numbers
 from app.commands.output.progress import progress_bar
@@ -11,7 +12,6 @@ from app.commands.output.results import add_json, print_result
 from app.commands.train import test_lines
 from app.jobs.combining import combine_and_test
 from app.jobs.requests import CombinationRecipe
-from app.scoring.wording import PROMISED
 from core.evaluation.certificate import warnings_of
 from core.monitor import load
 from core.monitor.calibration import Guarantee

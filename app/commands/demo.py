@@ -26,11 +26,11 @@ from app.demonstration import (
 from app.serving import listen, serve
 from app.settings import Settings
 from core.channels import KEYS
-from core.collection import Rollouts
 from core.dataset import Dataset
 from core.evaluation.rates import evaluate
 from core.monitor import train
 from core.monitor.training import with_validity
+from core.planned_test.collection import Rollouts
 
 PAGE = "/#/demonstration"
 BAR_STEPS = 100

@@ -22,7 +22,6 @@ from websockets.asyncio.client import connect
 
 from app.commands import serve
 from app.commands.output.results import add_json, print_result
-from app.integrity import all_items
 from app.jobs.training import simulate
 from app.main import STATIC, create_app
 from app.recordings.files import RecordingFiles
@@ -31,9 +30,10 @@ from app.serving import Server, address_of, listen
 from app.settings import Settings, SettingsError
 from app.store.schema import current_revision, needs_upgrade, newest_revision
 from app.store.store import StoreError, open_store
+from app.upkeep.integrity import all_items
 from core import __version__
-from core.collection import DatasetRecipe
 from core.monitor import MonitorRecipe, train
+from core.planned_test.collection import DatasetRecipe
 
 PACKAGES = ("numpy", "scipy", "numba", "fastapi", "uvicorn", "sqlalchemy", "viser", "websockets")
 TESTED = {

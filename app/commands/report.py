@@ -13,15 +13,15 @@ from app.commands.output.results import add_json, print_result
 from app.commands.output.scores import Outcome, Write, just, outcome_of, write_files
 from app.jobs.requests import N_TEST
 from app.jobs.training import fly_test
-from app.recipes import RecipeError, from_plain
+from app.recipes.recipes import RecipeError, from_plain
 from app.recordings.exports import EXPORTS, export
 from app.recordings.mapping_memory import MappingMemory
 from app.recordings.scored_file import ScoredFile, ScoreRequest, labels, score_file
 from app.report.from_file import file_subjects
 from app.report.page import report
 from app.report.subject import about
-from core.collection import DatasetRecipe
 from core.monitor import Monitor
+from core.planned_test.collection import DatasetRecipe
 
 
 def add(parser: argparse.ArgumentParser) -> None:

@@ -32,11 +32,11 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from app.live.journal import Journals  # slow to import, not needed for help
     from app.recordings.recordings import Recordings
     from app.store.database import StoreError, address
     from app.store.schema import current_revision
     from app.store.store import open_store
+    from app.telemetry.journal import Journals  # slow to import, not needed for help
     from app.upkeep.retention import GB, choose, everything, retain, retention_rule
 
     settings = place_of(options)

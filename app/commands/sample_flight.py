@@ -9,7 +9,7 @@ import numpy as np
 from app.commands.options.destinations import check_file
 from app.commands.output.results import add_json, print_result
 from core.channels import KEYS
-from core.collection import DatasetRecipe, evaluation_flights
+from core.planned_test.collection import DatasetRecipe, evaluation_flights
 from core.simulation.aircraft import AIRCRAFT
 from core.simulation.published import MODELS
 from core.types import Array

@@ -11,8 +11,8 @@ from app.settings import Settings, read_settings
 if TYPE_CHECKING:  # slow to import, and not needed for help
     from fastapi import FastAPI
 
-    from app.http.people import People
-    from app.http.sessions import Sessions
+    from app.access.people import People
+    from app.access.sessions import Sessions
 
 
 def add(parser: argparse.ArgumentParser) -> None:

@@ -7,7 +7,7 @@ from app.commands.options.destinations import check_directory
 from app.commands.options.recipe import add_number, add_recipe_options, plain_recipe, print_recipe
 from app.commands.output.progress import progress_bar
 from app.commands.output.results import add_json, print_result
-from app.recipes import from_plain
+from app.recipes.recipes import from_plain
 from app.report.studies.study import summary, write_study
 from core.evaluation.study import StudyRecipe, study
 

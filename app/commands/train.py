@@ -7,15 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from app.assessment.wording import PROMISED
 from app.commands.options.destinations import check_file
 from app.commands.options.recipe import add_number, add_recipe_options, plain_recipe, print_recipe
 from app.commands.output.progress import progress_bar
 from app.commands.output.results import add_json, print_result
 from app.jobs.requests import N_TEST
 from app.jobs.training import FlownTest, Training, simulate, train_and_test
-from app.recipes import dataset_for, from_plain
-from app.scoring.wording import PROMISED
-from core.collection import DatasetRecipe
+from app.recipes.recipes import dataset_for, from_plain
 from core.dataset import Dataset
 from core.evaluation.certificate import warnings_of
 from core.evaluation.prevention import Prevention
@@ -24,6 +23,7 @@ from core.evaluation.robustness import DIFFERENCES
 from core.monitor import Monitor, MonitorRecipe
 from core.monitor.calibration import check_epsilon
 from core.monitor.training import check_lead
+from core.planned_test.collection import DatasetRecipe
 
 
 @dataclass(frozen=True)

@@ -8,16 +8,16 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple
 
+from app.assessment.resampling import DELAY_INTERVALS
 from app.flights.sources.track import SourceError
-from app.labels import kind_label
-from app.live.resampling import DELAY_INTERVALS
 from app.messages import FlownMonitor, validity_word
+from app.recipes.labels import kind_label
 from app.store.flights import FlightInfo
 from app.store.monitors import MonitorInfo
 from app.store.store import NotFound, Store
+from core.limits.limits import specification_to_plain
 from core.monitor import Monitor
 from core.recipe import to_plain
-from core.specification import specification_to_plain
 
 ALIKE = {"aircraft": "another aircraft", "maneuver": "another manoeuvre"}
 """Parts of the dataset recipe in which all monitors of a flight agree."""

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from app.assessment.limits_in_force import InForceFrom, LimitsInForce, RequestedLimits, Ruling
 from app.flights.alarms import Alarms
 from app.flights.clock import Clock, Timer
 from app.flights.display_monitors import DisplayMonitor, flown_monitor, no_rest
@@ -58,15 +59,14 @@ from app.messages import (
     plain_frame,
     validity_word,
 )
-from app.scoring.limits_in_force import InForceFrom, LimitsInForce, RequestedLimits, Ruling
 from core.channels import KEYS
 from core.evaluation.certificate import warnings_of
 from core.flight_markers import FLIGHT_MARKERS, FlightMarkerKey
+from core.limits.limits import Specification, specification_to_plain
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import Cause
 from core.monitor.peak_forecast import Ahead
 from core.monitor.status import Facts, Headline, Level, headline
-from core.specification import Specification, specification_to_plain
 from core.types import Array
 
 if TYPE_CHECKING:

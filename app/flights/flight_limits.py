@@ -3,15 +3,15 @@
 from collections.abc import Mapping
 from typing import Any
 
+from app.assessment.limits_in_force import LimitsInForce, RequestedLimits, Ruling
 from app.flights.display_monitors import ALIKE
 from app.messages import LimitsStatus
-from app.scoring.limits_in_force import LimitsInForce, RequestedLimits, Ruling
 from app.store.limit_sets import FlightLimits
 from app.store.monitors import MonitorInfo
 from app.store.store import Store
-from core.limit_set import ConditionKey
+from core.limits.limit_sets import ConditionKey
+from core.limits.limits import Limits, specification_to_plain
 from core.monitor import Monitor
-from core.specification import Limits, specification_to_plain
 
 MOST_NAMED = 3
 """Most suitable monitors to name."""

@@ -9,9 +9,8 @@ import time
 from datetime import UTC, datetime, timedelta
 from operator import itemgetter
 
-from app.labels import kind_label
-from app.live.journal import Journals, lines_of
-from app.live.rescoring import header_of
+from app.assessment.rescoring import header_of
+from app.recipes.labels import kind_label
 from app.recordings.files import NoSpace
 from app.recordings.flown_journal import FlownJournal
 from app.recordings.recordings import Recordings
@@ -20,6 +19,7 @@ from app.store.flights import INTERRUPTED, FlightInfo
 from app.store.markers import Marker
 from app.store.store import NotFound
 from app.store.tables import new_id, now, time_text
+from app.telemetry.journal import Journals, lines_of
 from app.telemetry.mapping.mapping import Mapping
 from app.telemetry.recording import TelemetryError
 from core.flight_markers import FLIGHT_MARKERS

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import ValidationError
 
+from app.assessment.limits_in_force import LimitsInForce, RequestedLimits
+from app.assessment.rescoring import header_of
 from app.flights.clock import Clock, MonotonicClock, Timer
 from app.flights.display_monitors import DisplayMonitor, check_alike, check_limits
 from app.flights.ended import before_exceedance
@@ -41,18 +43,16 @@ from app.flights.sources.source import (
 from app.flights.sources.track import SourceError
 from app.flights.transport import NotPossible
 from app.flights.verdict import first_exceedance
-from app.live.journal import Journals, lines_of
-from app.live.rescoring import header_of
 from app.messages import FlightMarker, LiveStatus
 from app.recordings.scored import ScoredRecordings
-from app.scoring.limits_in_force import LimitsInForce, RequestedLimits
 from app.store.flights import INTERRUPTED, FlightInProgress
 from app.store.health import StoreHealth
 from app.store.store import NotFound, Store, StoreError
 from app.store.tokens import LOCAL
+from app.telemetry.journal import Journals, lines_of
 from core.evaluation.certificate import check_use
 from core.flight_markers import FlightMarkerKey
-from core.limit_set import ConditionKey
+from core.limits.limit_sets import ConditionKey
 from core.monitor import Monitor
 from core.simulation.attitude import SurfaceSigns, surface_signs
 

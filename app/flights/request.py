@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field, StrictBool, field_validator, 
 
 from app.flights.sources.source import SourceRequest
 from app.json_codec import Whole
-from core.limit_set import ConditionKey
+from core.limits.limit_sets import ConditionKey
 
 MOST_DISPLAYED = 8
 

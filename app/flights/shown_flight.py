@@ -9,17 +9,17 @@ from typing import Any
 
 import numpy as np
 
+from app.assessment.limits_in_force import InForceFrom, Ruling
+from app.assessment.planned_test import limits_of, needed_channels
+from app.assessment.rescoring import ShownSample, rescored
 from app.flights.flight import stale_after
 from app.flights.recorder import CODES
+from app.flights.sources.lag import Lag
 from app.flights.sources.live import LiveSetup
 from app.flights.sources.playback import Angles, FollowedForecast, Script, onsets
 from app.flights.sources.track import SourceError
-from app.live.journal import lines_of
-from app.live.lag import Lag
-from app.live.rescoring import ShownSample, rescored
-from app.scoring.limits_in_force import InForceFrom, Ruling
-from app.scoring.planned_test import limits_of, needed_channels
 from app.store.assessments import StoredAssessments
+from app.telemetry.journal import lines_of
 from core.channels import KEYS, N_CHANNELS
 from core.monitor import Assessment, State
 from core.monitor.assessment import STATES

@@ -7,10 +7,8 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from app.messages import MeasuredExceedance, Verdict
-from app.recipes import from_plain
-from app.scoring.checks import LONGER
-from app.scoring.outcome import (
+from app.assessment.checks import LONGER
+from app.assessment.outcome import (
     EXCEEDED,
     Outcome,
     RecordedExceedance,
@@ -19,9 +17,11 @@ from app.scoring.outcome import (
     verdict_of,
     warning_words,
 )
-from core.collection import DatasetRecipe
+from app.messages import MeasuredExceedance, Verdict
+from app.recipes.recipes import from_plain
 from core.monitor import State
 from core.monitor.assessment import REASONS, Cause
+from core.planned_test.collection import DatasetRecipe
 from core.types import Array
 
 BEFORE, JUMP = 20, 5.0

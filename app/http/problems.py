@@ -13,14 +13,14 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 from starlette.routing import compile_path
 
-from app.input_errors import InputError, input_errors
-from app.recipes import RecipeError
+from app.recipes.input_errors import InputError, input_errors
+from app.recipes.recipes import RecipeError
 from app.recordings.files import NoSpace
 from app.recordings.upload import Stalled
 from app.recordings.workers import Busy
 from app.telemetry.recording import TelemetryError
-from core.collection import CollectionError
 from core.monitor.file.portable import MonitorFileError
+from core.planned_test.collection import CollectionError
 
 MEDIA_TYPE = "application/problem+json"
 LOG = logging.getLogger("forewarn")

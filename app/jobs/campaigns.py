@@ -16,11 +16,11 @@ from app.campaigns.stored import Campaigns, check_next
 from app.jobs.jobs import Task, Work
 from app.jobs.kinds import monitor_work
 from app.jobs.requests import MonitorRequest, dataset_request, monitor_request
-from app.recipes import RecipeError, from_plain, to_plain
+from app.recipes.recipes import RecipeError, from_plain, to_plain
 from app.store.store import Store
-from core.clearance import ClearanceRecipe
-from core.collection import CollectionError
-from core.quoted import quoted
+from core.bounds import quoted
+from core.clearance.clearance import ClearanceRecipe
+from core.planned_test.collection import CollectionError
 
 
 def campaign_request(plain: dict[str, Any], max_bytes: int) -> Campaign:

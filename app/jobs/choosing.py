@@ -1,11 +1,11 @@
 """Choose a trained monitor's epsilon with fresh flights of its planned test."""
 
 from app.jobs.training import Progress, simulated_test
-from core.collection import evaluation_flights
 from core.evaluation.epsilon_choice import Choice, ChoiceRecipe, choose
 from core.evaluation.rates import clopper_pearson
 from core.monitor import Monitor
-from core.planned_test import DatasetRecipe
+from core.planned_test.collection import evaluation_flights
+from core.planned_test.planned_test import DatasetRecipe
 
 
 def test_to_fly(monitor: Monitor) -> DatasetRecipe:

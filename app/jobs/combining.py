@@ -5,8 +5,8 @@ from dataclasses import replace
 
 from app.jobs.requests import CombinationRecipe, planned_test
 from app.jobs.training import FlownTest, Progress, fly_test
-from core.collection import combination_failures
 from core.monitor import Monitor, combine
+from core.planned_test.collection import combination_failures
 
 
 def combine_and_test(

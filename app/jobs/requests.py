@@ -6,8 +6,8 @@ from typing import Annotated, Any, get_args
 
 from app.jobs.choosing import test_to_fly
 from app.jobs.training import recipe_of, simulated_test
-from app.labels import kind_label
-from app.recipes import (
+from app.recipes.labels import kind_label
+from app.recipes.recipes import (
     USUAL_DATASET,
     USUAL_MONITOR,
     Imperfect,
@@ -20,21 +20,20 @@ from app.recipes import (
     to_plain,
 )
 from app.store.store import Store
-from core.amplitude import WANTED_SHARE, Suggestion, suggest_amplitude
-from core.bounds import Bounds, check_bounds
-from core.collection import LARGEST_CHUNK, DatasetRecipe, Simulator, card_of
+from core.bounds import Bounds, check_bounds, quoted
 from core.dataset import Dataset
 from core.evaluation.epsilon_choice import N_FLIGHTS, ChoiceRecipe
 from core.evaluation.lead_sweep import SweepRecipe, check_leads, planned_tests
 from core.evaluation.study import StudyRecipe
-from core.mistyped import instead_of
 from core.monitor import Monitor, MonitorRecipe
 from core.monitor.calibration import Guarantee, check_epsilon
 from core.monitor.combination import check_members
 from core.monitor.predictor import NOT_TRAINED
 from core.monitor.recipe import MISS_RATE
 from core.monitor.training import check_lead
-from core.quoted import quoted
+from core.planned_test.amplitude import WANTED_SHARE, Suggestion, suggest_amplitude
+from core.planned_test.collection import LARGEST_CHUNK, DatasetRecipe, Simulator, card_of
+from core.recipe import instead_of
 from core.simulation.maneuver import Maneuver
 
 LONGEST_NAME = 200

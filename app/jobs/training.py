@@ -6,17 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from app.recipes import RecipeError, from_plain
-from core.collection import (
-    MOST_FRESH,
-    DatasetRecipe,
-    Rollouts,
-    card_of,
-    collect,
-    evaluation_flights,
-    fresh,
-    stopping_flights,
-)
+from app.recipes.recipes import RecipeError, from_plain
 from core.dataset import Dataset
 from core.evaluation.prevention import Prevention, prevention
 from core.evaluation.rates import (
@@ -32,6 +22,16 @@ from core.evaluation.robustness import DIFFERENCES, robustness
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.training import with_validity
 from core.monitor.validity.support import SupportError
+from core.planned_test.collection import (
+    MOST_FRESH,
+    DatasetRecipe,
+    Rollouts,
+    card_of,
+    collect,
+    evaluation_flights,
+    fresh,
+    stopping_flights,
+)
 from core.seeds import Branch, stream
 from core.types import Array
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 import numpy.typing as npt
 
-from app.scoring.limits_history import pieces_of
+from app.assessment.limits_history import pieces_of
 from core.channels import CHANNELS
 from core.monitor.assessment import STATES
 from core.types import Array
@@ -62,7 +62,7 @@ class ExportFormat:
 
 
 def export(samples: npt.NDArray, about: Mapping[str, Any], form: str, file: BinaryIO) -> None:
-    """Write stored samples (see app.scoring) in a format of EXPORTS.
+    """Write stored samples (see app.assessment) in a format of EXPORTS.
 
     about: plain data stored with them if the format allows it: hashes, epsilon, monitor.
     """
@@ -74,7 +74,7 @@ def columns(
 ) -> list[ExportColumn]:
     """The columns of stored samples in order; attitude only if recorded.
 
-    in_force: limits in force, see app.scoring.limits_history; one column per limited channel.
+    in_force: limits in force, see app.assessment.limits_history; one column per limited channel.
     """
     units = {channel.key: channel.unit for channel in CHANNELS}
     states = tuple(state.value for state in STATES)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from app import json_codec
+from app.assessment import ScoredRecording
 from app.recordings.mapped_recording import MappedRecording
-from app.scoring import ScoredRecording
 from app.store.mappings import RememberedMapping
 from app.store.recordings import MappedColumns, MappingState
 from app.telemetry.contents import Columns, Contents
@@ -19,7 +19,7 @@ from app.telemetry.mapping.proposal import propose
 from app.telemetry.recording import TelemetryError
 from app.telemetry.timing.quality import Quality
 from app.telemetry.traces import Traces
-from core.compatibility import TOLERANCES
+from core.clearance.sensors import TOLERANCES
 
 BLOCK = 2**18
 """Values that are read at once."""

@@ -12,8 +12,8 @@ from core.monitor.validity.verdict import in_words
 def reason(code: int, t: float, manoeuvre: int, manoeuvres: Sequence[Mapping[str, Any]]) -> str:
     """The reason of a sample; empty if its state needs none.
 
-    code, t, manoeuvre: as stored, see app.scoring.   manoeuvres: plain, as stored. Earlier versions
-    withdrew them as a whole, or did not store when.
+    code, t, manoeuvre: as stored, see app.assessment.   manoeuvres: plain, as stored. Earlier
+    versions withdrew them as a whole, or did not store when.
     """
     if STATES[code] is not State.INVALID:
         return REASONS[code]

@@ -12,6 +12,8 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
+from app.assessment import ScoredRecording, ScoringRecipe, score
+from app.assessment.limits_history import InForceTimeline, LimitsHistory
 from app.recordings.mapped_columns import plain, quality_of
 from app.recordings.recordings import Recordings
 from app.recordings.samples import (
@@ -24,8 +26,6 @@ from app.recordings.samples import (
     save_samples,
 )
 from app.recordings.tiles import TILE, Window, window
-from app.scoring import ScoredRecording, ScoringRecipe, score
-from app.scoring.limits_history import InForceTimeline, LimitsHistory
 from app.store.monitors import MonitorInfo
 from app.store.recordings import MappedColumns, RecordingInfo
 from app.store.scorings import ScoringInfo

@@ -6,10 +6,10 @@ from itertools import compress
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from app.assessment import MissingChannels, ScoredRecording, ScoringRecipe, score_at_each
+from app.assessment.limits_history import LimitsHistory
+from app.assessment.planned_test import planned_test
 from app.recordings.mapping_memory import MappingMemory
-from app.scoring import MissingChannels, ScoredRecording, ScoringRecipe, score_at_each
-from app.scoring.limits_history import LimitsHistory
-from app.scoring.planned_test import planned_test
 from app.telemetry.contents import Columns, Contents
 from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.mapping import Mapping, TimeSource, mapping_template

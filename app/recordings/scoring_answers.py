@@ -5,19 +5,19 @@ from typing import Any
 
 import numpy as np
 
+from app.assessment import manoeuvres_in
+from app.assessment.outcome import verdict_of
 from app.messages import limited_channels
 from app.recordings.reasons import reason
 from app.recordings.recordings import Recordings
 from app.recordings.samples import Samples
 from app.recordings.scored import ScoredRecordings
 from app.recordings.tiles import Window
-from app.scoring import manoeuvres_in
-from app.scoring.outcome import verdict_of
 from app.store.scorings import ScoringInfo
 from core.channels import KEYS
+from core.limits.limits import specification_from_plain
 from core.monitor.assessment import STATES
 from core.monitor.status import cause_of
-from core.specification import specification_from_plain
 
 OF_ITS_OWN = ("recording_id", "monitor_id", "specification", "request_digest", "row_digest")
 VERDICTS = ("manoeuvres", "outside_exceedances", "notes")

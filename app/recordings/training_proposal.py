@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from app.labels import kind_label
+from app.assessment.limits_history import LimitsHistory
+from app.assessment.manoeuvres import Activity, detect
+from app.assessment.planned_test import SURFACE_NAMES, SURFACES, PlannedTest
+from app.recipes.labels import kind_label
 from app.recordings.recordings import Recordings
-from app.scoring.limits_history import LimitsHistory
-from app.scoring.manoeuvres import Activity, detect
-from app.scoring.planned_test import SURFACE_NAMES, SURFACES, PlannedTest
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.mapping.mapping import Mapping
 from app.telemetry.recording import Recording
@@ -22,7 +22,7 @@ from app.telemetry.resampling.resampling import RATE_RATIO, on_grid
 from app.telemetry.timing.repair import RepairedTraces
 from core.channels import BY_KEY, KEYS
 from core.monitor import Monitor
-from core.planned_test import DatasetRecipe
+from core.planned_test.planned_test import DatasetRecipe
 from core.recipe import to_plain
 from core.simulation.maneuver import (
     MANEUVERS,

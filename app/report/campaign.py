@@ -6,18 +6,18 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup, escape
 
+from app.assessment.planned_test import SURFACE_NAMES, PlannedTest
 from app.campaigns.campaign import Campaign, Condition, Point, percent_at_most
 from app.campaigns.clearing import bound_in_words, checklist
 from app.campaigns.derivatives import history
-from app.labels import kind_label
-from app.recipes import to_plain
+from app.recipes.labels import kind_label
+from app.recipes.recipes import to_plain
 from app.report.page import TEMPLATES
 from app.report.strip_chart import ticks
-from app.scoring.planned_test import SURFACE_NAMES, PlannedTest
 from core import __version__
 from core.channels import CHANNELS
-from core.identification.identification import Identification
-from core.planned_test import DatasetRecipe
+from core.clearance.identification import Identification
+from core.planned_test.planned_test import DatasetRecipe
 from core.types import Array
 
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 680.0, 280.0, 46.0, 14.0, 12.0, 34.0

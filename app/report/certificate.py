@@ -3,9 +3,9 @@
 import json
 from datetime import UTC, datetime
 
-from app.recipes import to_plain
+from app.assessment.wording import PROMISED, alerts_above
+from app.recipes.recipes import to_plain
 from app.report.page import TEMPLATES
-from app.scoring.wording import PROMISED, alerts_above
 from core import __version__
 from core.channels import CHANNELS
 from core.evaluation.certificate import Share, certificate, warnings_of

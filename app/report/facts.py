@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
-from app.scoring.outcome import verdict_of
+from app.assessment.outcome import verdict_of
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.targets import TARGETS
 from core.channels import BY_KEY, KEYS

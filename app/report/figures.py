@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
+from app.assessment.limits_history import LimitPiece
 from app.report.envelope import Array, runs
 from app.report.strip_chart import Strip, StripChart
-from app.scoring.limits_history import LimitPiece
 from core.channels import CHANNELS
 from core.monitor.assessment import STATES, State
 

@@ -7,15 +7,15 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from app.labels import choice_label, kind_label
-from app.recipes import to_plain
+from app.assessment.limits_history import LimitPiece, pieces_of
+from app.assessment.outcome import lead_words
+from app.assessment.planned_test import limits_of
+from app.assessment.verdict import amplitude_of
+from app.assessment.wording import PROMISED, alerts_above
+from app.recipes.labels import choice_label, kind_label
+from app.recipes.recipes import to_plain
 from app.report import facts, figures
 from app.report.subject import PROPOSED, ReportSubject
-from app.scoring.limits_history import LimitPiece, pieces_of
-from app.scoring.outcome import lead_words
-from app.scoring.planned_test import limits_of
-from app.scoring.verdict import amplitude_of
-from app.scoring.wording import PROMISED, alerts_above
 from app.telemetry.mapping.mapping import TimeSource
 from app.telemetry.mapping.typed_rate import counts_the_day, time_of_day
 from core import __version__

@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import escape
 
+from app.assessment.limits_history import LimitPiece
 from app.report.figures import channel_strip, explain_traces, risk_strip
 from app.report.strip_chart import WIDTH, StripChart
-from app.scoring.limits_history import LimitPiece
 from core.channels import CHANNELS
 
 TALL, TOP = 72.0, 34.0

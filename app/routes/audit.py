@@ -12,7 +12,7 @@ from fastapi import Query, Request, Response
 from fastapi.responses import StreamingResponse
 
 from app import json_codec
-from app.http.audit import Audit
+from app.access.audit import Audit
 from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.routes.dependencies import StoreDep

@@ -8,6 +8,8 @@ from fastapi import Depends, Response
 from fastapi.responses import HTMLResponse
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.access.people import Person
+from app.assessment.recipe import Interval
 from app.campaigns.campaign import Campaign, CampaignError, FlownPoint
 from app.campaigns.clearing import check_computable
 from app.campaigns.derivatives import derivatives
@@ -16,7 +18,6 @@ from app.campaigns.flying import aborted_flight, flown_point
 from app.campaigns.stored import CampaignDetails, Campaigns, CampaignSummary, check_next
 from app.catalog import campaign_request_schema, condition_request_schema
 from app.http.head_requests import Router
-from app.http.people import Person
 from app.http.problems import Problem, problem_responses
 from app.jobs.campaigns import (
     campaign_request,
@@ -25,7 +26,7 @@ from app.jobs.campaigns import (
     next_monitor_request,
     next_monitor_work,
 )
-from app.recipes import limits_named, stored_names, to_plain
+from app.recipes.recipes import limits_named, stored_names, to_plain
 from app.recordings.recordings import Recordings
 from app.report.campaign import campaign_page
 from app.routes.dependencies import (
@@ -42,11 +43,10 @@ from app.routes.dependencies import (
     signature,
 )
 from app.routes.job_answers import ACCEPTED, accepted
-from app.scoring.recipe import Interval
 from app.store.campaigns import CampaignChanged
 from app.store.jobs import ENDED, JobInfo
 from app.store.tokens import LOCAL
-from core.quoted import quoted
+from core.bounds import quoted
 
 router = Router(prefix="/api/v1/campaigns", tags=["campaigns"])
 Finite = Annotated[float, Field(allow_inf_nan=False)]

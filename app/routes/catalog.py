@@ -9,15 +9,15 @@ from pydantic import BaseModel, Field
 from pydantic.json_schema import models_json_schema
 
 from app.catalog import catalog
+from app.flights.sources.messages import UPLINK_DOWN, UPLINK_UP
 from app.http.head_requests import Router
-from app.live.messages import UPLINK_DOWN, UPLINK_UP
 from app.messages import DOWN, UP
 from app.routes.dependencies import json_response
 from app.routes.recording_models import Derivable
 from core import __version__
 from core.channels import Channel
 from core.flight_markers import FlightMarkerKind
-from core.limit_set import ConditionChannel
+from core.limits.limit_sets import ConditionChannel
 
 STREAMS: dict[int | str, dict[str, Any]] = {
     200: {"content": {"application/json": {"schema": {"type": "object"}}}}

@@ -14,7 +14,7 @@ from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.jobs.kinds import dataset_work
 from app.jobs.requests import amplitude_suggestion, dataset_request
-from app.recipes import to_plain
+from app.recipes.recipes import to_plain
 from app.routes.dependencies import (
     JobsDep,
     PlainBody,

@@ -8,15 +8,15 @@ from fastapi import Depends, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from app import json_codec
-from app.http.people import Person
+from app.access.people import Person
 from app.http.problems import Problem
 from app.jobs.jobs import Jobs
-from app.live.journal import Journals
 from app.recordings.recordings import Recordings
 from app.recordings.scored import ScoredRecordings
 from app.settings import Settings
 from app.store.store import Store
 from app.store.tokens import LOCAL
+from app.telemetry.journal import Journals
 
 Result = TypeVar("Result")
 PAGE_TO_PRINT = {

@@ -30,7 +30,7 @@ from app.messages import (
     TransportState,
     Verdict,
 )
-from app.recipes import RecipeError
+from app.recipes.recipes import RecipeError
 from app.routes.dependencies import PersonDep, SignedRequest, json_from, signature
 from app.store.flights import FlightInfo, FlightInProgress
 from app.store.tokens import LOCAL

@@ -10,9 +10,9 @@ from starlette.datastructures import State as AppState
 
 from app.flights.flights import Flights
 from app.http.head_requests import Router
+from app.http.metrics import CONTENT_TYPE
 from app.http.problems import Problem, problem_responses
-from app.integrity import Damage, Integrity, Kind, State
-from app.metrics import CONTENT_TYPE
+from app.upkeep.integrity import Damage, Integrity, Kind, State
 from core import __version__
 
 router = Router(tags=["health"])

@@ -9,7 +9,7 @@ from fastapi import Response
 from app.http.problems import Problem, problem_responses
 from app.jobs.jobs import STOPPED, Jobs, QueueFull, Work
 from app.jobs.kinds import without_figures
-from app.recipes import limits_named
+from app.recipes.recipes import limits_named
 from app.routes.dependencies import json_response
 from app.store.jobs import JobInfo
 

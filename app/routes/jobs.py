@@ -16,7 +16,7 @@ from app.http.problems import Problem, problem_responses
 from app.jobs.jobs import NotRunning
 from app.jobs.kinds import study_work, sweep_work
 from app.jobs.requests import study_request, sweep_request
-from app.recipes import to_plain
+from app.recipes.recipes import to_plain
 from app.routes.dependencies import (
     JobsDep,
     PlainBody,

@@ -11,13 +11,13 @@ from app.flights.transport import NotPossible
 from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.json_codec import Whole
-from app.live.journal import JournalFull
 from app.messages import LimitsStatus
 from app.routes.dependencies import PersonDep, StoreDep, signature
 from app.routes.flights import FlightsDep
 from app.store.limit_sets import FlightLimits, LimitSetInfo, StoredLimits
 from app.store.tokens import LOCAL
-from core.limit_set import ConditionKey, LimitSet, limit_set_from_plain
+from app.telemetry.journal import JournalFull
+from core.limits.limit_sets import ConditionKey, LimitSet, limit_set_from_plain
 
 router = Router(prefix="/api/v1", tags=["limit sets"])
 MOST_CASES = 100

@@ -11,10 +11,10 @@ from app.flights.sources.live import LiveFlight, SequenceConflict
 from app.flights.transport import NotPossible
 from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
-from app.live.journal import JournalFull
 from app.messages import LiveStatus
 from app.routes.dependencies import PersonDep, SignedRequest, signature
 from app.routes.flights import FlightsDep
+from app.telemetry.journal import JournalFull
 from app.telemetry.recording import TelemetryError
 
 router = Router(prefix="/api/v1/flights", tags=["flights"])

@@ -20,8 +20,7 @@ from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.jobs.kinds import combination_work, epsilon_work, monitor_work
 from app.jobs.requests import choice_request, combination_request, monitor_request
-from app.json_telemetry import TelemetryBody, assessed, parse_telemetry
-from app.recipes import limits_named, to_plain
+from app.recipes.recipes import limits_named, to_plain
 from app.recordings.recordings import Recordings
 from app.report.certificate import certificate_page
 from app.routes.dependencies import (
@@ -39,6 +38,7 @@ from app.routes.dependencies import (
     plain_body,
 )
 from app.routes.job_answers import ACCEPTED, accepted
+from app.routes.json_telemetry import TelemetryBody, assessed, parse_telemetry
 from app.routes.sent_files import CONTENT, OCTETS, sent_file
 from app.store.jobs import JobInfo
 from app.store.monitors import MonitorInfo

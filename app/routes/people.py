@@ -6,10 +6,10 @@ from typing import Annotated
 from fastapi import Depends, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.access.people import People
+from app.access.roles import allowed_to
 from app.http.head_requests import Router
-from app.http.people import People
 from app.http.problems import Problem, problem_responses
-from app.http.roles import allowed_to
 from app.routes.dependencies import PersonDep, StoreDep
 from app.store.tokens import LINK_SECONDS, LONGEST_DAYS, Role, StoredToken, TokenError
 

@@ -6,13 +6,13 @@ from typing import Annotated, Any, Literal
 from fastapi import Query, Response
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.assessment import Interval, ScoringRecipe
 from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.messages import ChannelLimit, Frame
 from app.recordings.scoring_answers import answers, detected_manoeuvres, frames, tiled
 from app.routes.dependencies import RecordingsDep, ScoredDep, json_from, json_response
 from app.routes.recording_models import ManoeuvreInterval, Number
-from app.scoring import Interval, ScoringRecipe
 from app.store.scorings import ScoringInfo
 from app.telemetry.mapping.mapping import Mapping
 

@@ -7,16 +7,16 @@ from typing import Literal
 from fastapi import WebSocket
 from starlette.status import WS_1008_POLICY_VIOLATION
 
+from app.assessment.batches import sequence_of
 from app.flights.flights import Flights, TooManyFlights
 from app.flights.sources.live import AcceptedBatch, LiveFlight, SequenceConflict
+from app.flights.sources.messages import Refused, Stored, Welcome
 from app.flights.transport import NotPossible
 from app.http.connection import Connection, accept
 from app.http.head_requests import Router
-from app.live.batches import sequence_of
-from app.live.journal import JournalFull
-from app.live.messages import Refused, Stored, Welcome
 from app.routes.flight_stream import NO_SUCH_FLIGHT, dismiss, refuse
 from app.store.store import NotFound
+from app.telemetry.journal import JournalFull
 from app.telemetry.recording import TelemetryError
 
 router = Router(prefix="/api/v1/flights", tags=["flights"])

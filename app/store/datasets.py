@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import Field
 from sqlalchemy import Connection, Row, delete, select
 
-from app.recipes import SentRecipe
+from app.recipes.recipes import SentRecipe
 from app.store.arrays import from_blob, from_blocks, to_blocks
 from app.store.database import Damaged
 from app.store.peaks import PeakHistogram, peak_histograms
@@ -15,7 +15,7 @@ from app.store.repository import Entry, InUse, NotFound, Repository, columns, co
 from app.store.tables import dataset_blocks, datasets, monitors, new_id, now
 from core import __version__
 from core.dataset import Dataset
-from core.specification import (
+from core.limits.limits import (
     PlainSpecification,
     specification_from_plain,
     specification_to_plain,

@@ -9,7 +9,7 @@ from sqlalchemy import Connection, func, insert, select
 from app.store.flights import fetch_flight
 from app.store.repository import Entry, Repository, columns, fetch
 from app.store.tables import flight_limits, limit_set_versions, limit_sets, new_id, now
-from core.limit_set import LimitSet, limit_set_from_plain, limit_set_to_plain
+from core.limits.limit_sets import LimitSet, limit_set_from_plain, limit_set_to_plain
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from pydantic import Field
 from sqlalchemy import Connection, Engine, Row, delete, select
 
-from app.recipes import SentRecipe, to_plain
+from app.recipes.recipes import SentRecipe, to_plain
 from app.store import monitor_upload
 from app.store.database import Damaged
 from app.store.repository import Entry, InUse, Repository, Writer, columns, complete, fetch
@@ -26,11 +26,11 @@ from app.store.tables import (
     scorings,
 )
 from core.evaluation.certificate import warnings_of
+from core.limits.limits import PlainSpecification, specification_to_plain
 from core.monitor import Monitor, MonitorRecipe
 from core.monitor.calibration import Guarantee, alert_above
 from core.monitor.file.loading import from_bytes
 from core.monitor.file.portable import MonitorFileError
-from core.specification import PlainSpecification, specification_to_plain
 
 PART_BYTES = 1024 * 1024
 SUPPORT, EVALUATION = "support", "evaluation"

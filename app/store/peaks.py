@@ -8,7 +8,7 @@ import numpy as np
 from app.store.repository import Entry
 from core.channels import KEYS
 from core.dataset import Dataset
-from core.specification import magnitudes_of
+from core.limits.limits import magnitudes_of
 from core.types import Array
 
 BINS_TO_THE_LIMIT = 20

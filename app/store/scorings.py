@@ -12,7 +12,7 @@ from app.store.flights import replays_of
 from app.store.recordings import fetch_recording
 from app.store.repository import Entry, InUse, Repository, columns, complete, fetch
 from app.store.tables import monitors, scorings
-from core.specification import PlainSpecification
+from core.limits.limits import PlainSpecification
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,7 @@ class Contents:
     start: time zero if the file gives it, else "": in ISO 8601, or "234:15:35:50.7", "15:35:50.7"
         or "35:50.7" if its clock has no year, date or hour.
     bad_rows: the first MOST_LISTED of n_bad_rows.   ignored: omitted content, with reasons.
-    limits: limit sets that came into force during the flight, plain, see app.scoring.
+    limits: limit sets that came into force during the flight, plain, see app.assessment.
     conditions: channel of the flight condition -> name of its signal.
     """
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from app.live.journal import Journals
 from app.recordings.files import RecordingFiles, sync
 from app.store.database import Damaged, StoreError, address, copy_database, file_of
 from app.store.flights import FlightInfo
@@ -20,6 +19,7 @@ from app.store.recordings import RecordingInfo
 from app.store.schema import current_revision, needs_upgrade
 from app.store.store import NotFound, Store, open_store
 from app.store.tables import now
+from app.telemetry.journal import Journals
 from app.upkeep.archive import (
     DATABASE,
     FORMAT,

@@ -15,11 +15,11 @@ from datetime import UTC, datetime, timedelta
 from math import inf
 from typing import Literal
 
-from app.live.journal import Journals
 from app.recordings.recordings import Recordings
 from app.store.flights import FlightInfo, FlightInProgress
 from app.store.store import InUse, KeptPermanently, NotFound, StoreError
 from app.store.tables import time_text
+from app.telemetry.journal import Journals
 
 LOG = logging.getLogger("forewarn")
 DAY_S, FIRST_AFTER_S = 86_400.0, 600.0

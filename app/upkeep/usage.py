@@ -5,10 +5,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.live.journal import Journals
 from app.recordings.files import SPARE_BYTES
 from app.recordings.recordings import Recordings
 from app.store.database import file_of
+from app.telemetry.journal import Journals
 from app.upkeep.retention import Retained, everything
 
 SHORT_BYTES = 8 * SPARE_BYTES

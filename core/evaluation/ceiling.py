@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from core.planned_test import DatasetRecipe, Simulator
+from core.limits.limits import magnitudes_of
+from core.planned_test.planned_test import DatasetRecipe, Simulator
 from core.simulation.imperfections import channel_array
 from core.simulation.maneuver import COLUMN, Steps
 from core.simulation.rollout import roll_out
-from core.specification import magnitudes_of
 from core.types import Array, Indices
 
 N_DRAWN = 64

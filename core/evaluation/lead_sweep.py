@@ -18,11 +18,11 @@ import numpy as np
 
 from core.bounds import Bounds, check_bounds
 from core.card import Card, CardError
-from core.collection import card_of, collect, evaluation_flights, stopping_flights
 from core.evaluation.ceiling import Ceiling
 from core.evaluation.prevention import REACTIONS_S, Stopped, prevention
 from core.evaluation.rates import clustered_interval, first_sample
 from core.kernels.compiled import on_this_thread
+from core.limits.limits import Limits, magnitudes_of
 from core.monitor.calibration import Guarantee, alert_above, check_epsilon, p_values
 from core.monitor.monitor import Monitor
 from core.monitor.observation import lead_steps
@@ -32,11 +32,11 @@ from core.monitor.recipe import MISS_RATE, MonitorRecipe
 from core.monitor.response_filter import fit_card
 from core.monitor.score import SCORES, RestOfCard, Score
 from core.monitor.training import SafeObservations, train
-from core.planned_test import DatasetRecipe, Rollouts, SensorNoise, Simulator
+from core.planned_test.collection import card_of, collect, evaluation_flights, stopping_flights
+from core.planned_test.planned_test import DatasetRecipe, Rollouts, SensorNoise, Simulator
 from core.seeds import Branch, monitor_seeds, stream
 from core.simulation.aircraft import AIRCRAFT
 from core.simulation.control_law import CONTROL_LAWS
-from core.specification import Limits, magnitudes_of
 from core.types import Array, Flags, Indices
 
 METHODS: dict[str, tuple[Predictor, Score]] = {

@@ -13,7 +13,7 @@ VARIATION = 0.3
 """Standard deviation of a reaction time, as a share of its mean; Gamma distributed."""
 
 Stopped = Callable[[Indices, Indices], Indices]
-"""Repeats flights, see core.collection.stopped_flights: from (m,) numbers and (m,) samples of the
+"""Repeats flights, see stopped_flights of the collection: from (m,) numbers and (m,) samples of the
 first neutral command to (m,) first samples that exceed a limit."""
 
 

@@ -7,7 +7,12 @@ import numpy as np
 
 from core.evaluation.rates import Evaluation, evaluate
 from core.monitor.monitor import Monitor
-from core.planned_test import USUAL_TIMING_JITTER_S, DatasetRecipe, SensorNoise, Simulator
+from core.planned_test.planned_test import (
+    USUAL_TIMING_JITTER_S,
+    DatasetRecipe,
+    SensorNoise,
+    Simulator,
+)
 from core.seeds import Branch, stream
 from core.simulation.imperfections import USUAL_IMPERFECTIONS
 from core.simulation.maneuver import Altered

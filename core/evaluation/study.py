@@ -11,18 +11,18 @@ import numpy as np
 
 from core.bounds import Bounds, check_bounds
 from core.channels import KEYS
-from core.collection import DatasetRecipe, Rollouts, Simulator, collect
 from core.dataset import Dataset
 from core.evaluation.rates import EPSILONS, Evaluation, clustered_interval, evaluate
 from core.kernels.compiled import on_this_thread
+from core.limits.limits import Limits
 from core.monitor.calibration import smallest_epsilon
 from core.monitor.monitor import Monitor
 from core.monitor.predictor import PREDICTORS, Predictor
 from core.monitor.recipe import MonitorRecipe
 from core.monitor.score import SCORES, NegativeMagnitude, Score
 from core.monitor.training import SafeObservations, train
+from core.planned_test.collection import DatasetRecipe, Rollouts, Simulator, collect
 from core.seeds import monitor_seeds
-from core.specification import Limits
 from core.types import Array, Indices
 
 METHODS: dict[str, tuple[str, str]] = {

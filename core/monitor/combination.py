@@ -14,6 +14,7 @@ import numpy as np
 from core import __version__
 from core.kernels.assessing import OK, WARMING_UP
 from core.kernels.p_value import SIMPLE
+from core.limits.limits import specification_to_plain
 from core.monitor.calibration import Guarantee, p_values
 from core.monitor.file.portable import Section
 from core.monitor.monitor import Monitor, Stream, assemble
@@ -22,7 +23,6 @@ from core.monitor.peak_forecast import LOST, ForecastScores, PeakForecast, Runni
 from core.monitor.predictor import Members
 from core.monitor.recipe import MonitorRecipe
 from core.monitor.score import HighestRisk
-from core.specification import specification_to_plain
 from core.types import Array, Indices
 
 FEWEST = 2

@@ -17,12 +17,12 @@ import numpy as np
 
 from core.bounds import Bounds, check_bounds
 from core.channels import CHANNELS, N_CHANNELS
+from core.limits.limits import Specification, magnitudes_of
 from core.monitor.calibration import Guarantee, failures_needed, p_values
 from core.monitor.file.portable import Section
 from core.monitor.validity.flown_input import SURFACES
 from core.monitor.validity.input_shape import deflections
 from core.recipe import family
-from core.specification import Specification, magnitudes_of
 from core.types import Array, Flags, Indices
 
 NO_GROUP = -1

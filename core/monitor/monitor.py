@@ -16,6 +16,7 @@ from core.kernels.innovation import NO_INNOVATION, Innovation
 from core.kernels.live_call import live_call, update_at
 from core.kernels.nearest import Tree, build
 from core.kernels.p_value import SIMPLE, Transduction, simple_p
+from core.limits.limits import Specification, magnitudes_of, specification_to_plain
 from core.monitor.assessment import (
     REASONS,
     STATES,
@@ -45,7 +46,6 @@ from core.monitor.validity.verdict import (
     withdrawal,
 )
 from core.recipe import to_plain
-from core.specification import Specification, magnitudes_of, specification_to_plain
 from core.types import Array, Flags, Indices
 from core.whole_file import whole_file
 

@@ -14,6 +14,7 @@ from core.kernels import response_filter as kernels
 from core.kernels.compiled import entry
 from core.kernels.lanes import WIDTH
 from core.kernels.response_filter import CardResponses, begin, look_ahead, squares, update
+from core.limits.limits import Specification, magnitudes_of
 from core.monitor.file.portable import Section
 from core.monitor.peak_forecast import (
     NOT_BEGUN,
@@ -26,7 +27,6 @@ from core.monitor.peak_forecast import (
     RunningForecast,
 )
 from core.monitor.score import Score
-from core.specification import Specification, magnitudes_of
 from core.types import Array, Indices
 
 LIMITED_WEIGHT = 2.0

@@ -14,6 +14,7 @@ from core.kernels.assessing import Fitted, weighted_distances
 from core.kernels.mapping import map_samples
 from core.kernels.p_value import SIMPLE, Transduction
 from core.kernels.peak_risk import lowest_scores
+from core.limits.limits import magnitudes_of
 from core.monitor.group import Groups, Pooled
 from core.monitor.monitor import Monitor, assemble
 from core.monitor.observation import (
@@ -31,7 +32,6 @@ from core.monitor.response_filter import NO_CARD, fit_card
 from core.monitor.validity.flown_input import FreshInputs
 from core.monitor.validity.innovation import fit_innovation
 from core.monitor.validity.support import calibrate
-from core.specification import magnitudes_of
 from core.types import Array, Indices
 
 FreshFlights = Iterable[tuple[Array, Indices, *tuple[Any, ...]]]
@@ -73,11 +73,11 @@ def train(
     Calibration data chooses nothing: scale and predictor use safe observations only.
     fresh: batches of fresh flights to calibrate validity on, see `with_validity`; without them the
     monitor cannot tell whether a flight resembles its training.
-    card: test card, for predictors that need it, see core.collection.card_of.
+    card: test card, for predictors that need it, see core.planned_test.collection.card_of.
     rollouts: y (n, n_samples, 6) and fail_index (n,), n_samples for a safe flight, of flights that
     are not in the dataset. The predictor peak_ridge learns from them and the dataset's safe ones;
     it needs them if the specification is known only by its label, see
-    core.collection.training_rollouts.
+    core.planned_test.collection.training_rollouts.
     safe: shared safe observations of this dataset, for recipes that differ only in predictor and
     score.
     ValueError if the dataset has no unsafe or no safe rollout, if fresh flights are too few, or if

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
+from core.bounds import quoted
 from core.channels import KEYS, N_CHANNELS
-from core.quoted import quoted
 from core.recipe import family
 from core.simulation.published import (
     DERIVATIVES,

@@ -15,14 +15,14 @@ from app.catalog import (
     schema_of,
     unit_of,
 )
-from app.labels import CHOICES, KINDS
+from app.recipes.labels import CHOICES, KINDS
 from core.bounds import bounds_of
-from core.collection import DatasetRecipe
+from core.limits.limits import Limits
+from core.planned_test.collection import DatasetRecipe
 from core.recipe import FAMILIES
 from core.simulation.aircraft import AIRCRAFT
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.maneuver import MANEUVERS, Maneuver, Table
-from core.specification import Limits
 
 
 def unit(schema, name):

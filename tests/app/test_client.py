@@ -7,8 +7,8 @@ from typing import get_args
 import httpx2
 import pytest
 
+from app.assessment.batches import MOST_SAMPLES
 from app.client import LiveClient, PushFailed, Way
-from app.live.batches import MOST_SAMPLES
 from app.serving import LARGEST_MESSAGE
 from app.settings import Settings
 from app.store.store import open_store

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from starlette.testclient import TestClient
 
+from app.assessment import ScoringRecipe
 from app.flights.sources.playback import AssessedTrack
 from app.flights.sources.track import Track
 from app.recordings.scored_file import ScoreRequest, score_file
-from app.scoring import ScoringRecipe
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import STATES
 from tests.app.flights.test_withdrawal import checked, quiet_flight, strange

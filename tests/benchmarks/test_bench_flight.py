@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 from app.store.store import open_store
-from core.collection import DatasetRecipe, collect
 from core.monitor import train
+from core.planned_test.collection import DatasetRecipe, collect
 
 pytestmark = pytest.mark.benchmark
 SECONDS = 12.0

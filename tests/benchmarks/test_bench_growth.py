@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from core.collection import DatasetRecipe, Simulator, collect
 from core.monitor import Monitor, train
+from core.planned_test.collection import DatasetRecipe, Simulator, collect
 from core.types import Array
 
 pytestmark = pytest.mark.benchmark

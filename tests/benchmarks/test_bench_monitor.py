@@ -11,12 +11,12 @@ from time import perf_counter, perf_counter_ns
 import numpy as np
 import pytest
 
-from core.collection import DatasetRecipe, Simulator, collect, fresh
 from core.kernels import assessing as live_path
 from core.kernels.compiled import entry, jit, on_this_thread
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.predictor import Linear
 from core.monitor.training import SafeObservations
+from core.planned_test.collection import DatasetRecipe, Simulator, collect, fresh
 from tests.benchmarks.pairs import in_turns
 from tests.benchmarks.peers import CKDTreeMonitor
 
@@ -145,7 +145,7 @@ def test_training_on_more_than_a_million_observations() -> None:
         "import resource\n"
         "from dataclasses import replace\n"
         "from time import perf_counter\n"
-        "from core.collection import DatasetRecipe, collect\n"
+        "from core.planned_test.collection import DatasetRecipe, collect\n"
         "from core.monitor import train\n"
         "begin = perf_counter()\n"
         "monitor = train(collect(replace(DatasetRecipe(), n_unsafe=5000, n_obs=100)))\n"

@@ -13,8 +13,8 @@ import pytest
 from sklearn.neighbors import NearestNeighbors
 
 from app.jobs.training import train_and_test
-from core.collection import DatasetRecipe, Simulator, collect
 from core.monitor import Monitor, MonitorRecipe
+from core.planned_test.collection import DatasetRecipe, Simulator, collect
 from core.simulation.maneuver import MANEUVERS
 from tests.benchmarks.pairs import ROUNDS
 from tests.support.api import api, store_of

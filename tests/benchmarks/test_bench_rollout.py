@@ -14,13 +14,13 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from core.kernels.compiled import on_this_thread
-from core.planned_test import DatasetRecipe, Simulator
+from core.limits.limits import Limits
+from core.planned_test.planned_test import DatasetRecipe, Simulator
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import Actuator, RateDamper
 from core.simulation.imperfections import Imperfections
 from core.simulation.rollout import roll_out
 from core.simulation.uncertain_plant import Plants
-from core.specification import Limits
 from tests.benchmarks.pairs import in_turns
 
 pytestmark = pytest.mark.benchmark

@@ -4,8 +4,8 @@ from itertools import count
 import numpy as np
 import pytest
 
-from core.collection import DatasetRecipe
 from core.evaluation.study import StudyRecipe, study
+from core.planned_test.collection import DatasetRecipe
 from core.simulation.aircraft import PublishedAircraft, Uncertainty
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.maneuver import Doublet

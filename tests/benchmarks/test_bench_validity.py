@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.lib.stride_tricks import sliding_window_view
 
-from core.collection import DatasetRecipe, Simulator, collect, fresh
 from core.monitor import Monitor, train
+from core.planned_test.collection import DatasetRecipe, Simulator, collect, fresh
 from tests.benchmarks.pairs import in_turns
 
 pytestmark = pytest.mark.benchmark

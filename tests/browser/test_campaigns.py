@@ -10,7 +10,7 @@ from playwright.sync_api import Locator, Page, expect
 
 from app.campaigns.stored import Campaigns
 from core.channels import KEYS
-from core.planned_test import Simulator
+from core.planned_test.planned_test import Simulator
 from tests.browser.fly.test_fly_page import Fly, site, stored
 from tests.browser.site import Site
 

@@ -7,8 +7,8 @@ import pytest
 from playwright.sync_api import Locator, Page, expect
 
 from app.store.tokens import Role
-from core.collection import DatasetRecipe, collect
 from core.monitor import MonitorRecipe, train
+from core.planned_test.collection import DatasetRecipe, collect
 from tests.browser.site import open_site
 
 TOKEN = "a-token-of-the-control-room"

@@ -4,8 +4,8 @@ from pathlib import Path
 
 from playwright.sync_api import Page, expect
 
-from core.collection import DatasetRecipe, collect
 from core.monitor import MonitorRecipe, train
+from core.planned_test.collection import DatasetRecipe, collect
 from tests.browser.site import open_site
 
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.collection import DatasetRecipe, Simulator, collect
 from core.evaluation.rates import evaluate
 from core.evaluation.study import METHODS, StudyRecipe, StudyResult, study
 from core.monitor import MonitorRecipe, train
+from core.planned_test.collection import DatasetRecipe, Simulator, collect
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.imperfections import Imperfections

@@ -10,8 +10,8 @@ import pytest
 
 from app.settings import Settings
 from app.store.store import open_store
-from core.collection import DatasetRecipe, collect
 from core.monitor import Monitor, MonitorRecipe, train
+from core.planned_test.collection import DatasetRecipe, collect
 
 MIB = 2**20
 DISK_BYTES = 24 * MIB

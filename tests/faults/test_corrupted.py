@@ -4,7 +4,7 @@ import signal
 from pathlib import Path
 
 from core.monitor import Monitor
-from tests.app.test_integrity import corrupt_pages
+from tests.app.upkeep.test_integrity import corrupt_pages
 from tests.faults.conftest import keep_monitor
 from tests.faults.server import running
 from tests.faults.test_full_disk import FLIGHTS, fly

@@ -12,11 +12,11 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
+from app.assessment.batches import ChannelReader
 from app.flights.sources.live import LiveSetup
-from app.live.batches import ChannelReader
-from app.live.journal import Journals, lines_of
 from app.settings import Settings
 from app.store.store import open_store
+from app.telemetry.journal import Journals, lines_of
 from core.channels import KEYS
 from core.monitor import Monitor
 from tests.faults.conftest import keep_monitor

@@ -17,14 +17,14 @@ from matplotlib.figure import Figure
 
 from app.report.studies.study_figures import COLOURS, DASHES, STYLE
 from core.bounds import Bounds, check_bounds
-from core.clearance import BATCH, BuildUp, ClearanceRecipe, PointPredictor, calibrate
-from core.collection import CollectionError, card_of, collect
+from core.clearance.clearance import BATCH, BuildUp, ClearanceRecipe, PointPredictor, calibrate
 from core.evaluation.lead_sweep import METHODS, TESTS, planned_tests
 from core.evaluation.prevention import neutral_from, unit_reactions
 from core.evaluation.rates import clopper_pearson, first_alerts
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.calibration import Guarantee, alert_above, failures_needed
-from core.planned_test import DatasetRecipe, Simulator
+from core.planned_test.collection import CollectionError, card_of, collect
+from core.planned_test.planned_test import DatasetRecipe, Simulator
 from core.seeds import Branch, stream
 from core.types import Array, Flags, Indices
 from tests.studies.study_command import Progress, run_study

@@ -8,10 +8,17 @@ import numpy as np
 
 from core.bounds import Bounds, check_bounds
 from core.channels import KEYS
-from core.clearance import BATCH, BuildUp, Clearance, ClearanceRecipe, PointPredictor, calibrate
+from core.clearance.clearance import (
+    BATCH,
+    BuildUp,
+    Clearance,
+    ClearanceRecipe,
+    PointPredictor,
+    calibrate,
+)
+from core.clearance.joint_model import Law, SurfaceMotion, joint_flow
 from core.evaluation.lead_sweep import TESTS
-from core.identification.joint_model import Law, SurfaceMotion, joint_flow
-from core.planned_test import DatasetRecipe, SensorNoise, Simulator
+from core.planned_test.planned_test import DatasetRecipe, SensorNoise, Simulator
 from core.seeds import Branch, stream
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import NoFeedback

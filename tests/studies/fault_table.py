@@ -14,16 +14,16 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from app.scoring.score import score
+from app.assessment.score import score
 from app.telemetry.contents import ColumnWriter, open_columns
 from app.telemetry.mapping.proposal import Proposal, propose
 from app.telemetry.timing.repair import RepairedTraces, repair
 from app.telemetry.traces import Trace, Traces
 from core.channels import KEYS
-from core.collection import DatasetRecipe, collect, fresh
-from core.compatibility import GRAVITY
+from core.clearance.sensors import GRAVITY
 from core.monitor import Monitor, train
-from core.planned_test import Simulator
+from core.planned_test.collection import DatasetRecipe, collect, fresh
+from core.planned_test.planned_test import Simulator
 from core.seeds import Branch, stream
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.attitude import SurfaceSigns, surface_signs

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from core.evaluation.lead_sweep import TESTS
-from core.planned_test import Simulator
+from core.planned_test.planned_test import Simulator
 from core.seeds import Branch, stream
 from tests.studies.campaign_study import (
     WITHOUT,

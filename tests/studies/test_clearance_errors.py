@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from core.evaluation.lead_sweep import TESTS
-from core.planned_test import SensorNoise, Simulator
+from core.planned_test.planned_test import SensorNoise, Simulator
 from tests.studies import clearance_errors
 from tests.studies.clearance_errors import (
     MODEL_ERRORS,

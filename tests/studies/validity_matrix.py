@@ -10,20 +10,20 @@ from typing import Any, Literal
 
 import numpy as np
 
-from core.amplitude import AmplitudeError, suggest_amplitude
 from core.channels import KEYS
-from core.collection import collect, fresh
 from core.evaluation.rates import clopper_pearson
+from core.limits.limits import Limits
 from core.monitor.monitor import Monitor
 from core.monitor.recipe import MonitorRecipe
 from core.monitor.training import train
-from core.planned_test import DatasetRecipe, Simulator
+from core.planned_test.amplitude import AmplitudeError, suggest_amplitude
+from core.planned_test.collection import collect, fresh
+from core.planned_test.planned_test import DatasetRecipe, Simulator
 from core.seeds import Branch, stream
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.maneuver import MANEUVERS
 from core.simulation.published import MODELS, ModelName
-from core.specification import Limits
 from core.types import Array, Indices
 from tests.studies.study_command import Progress, run_study
 

@@ -6,19 +6,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.assessment import ScoredRecording, ScoringRecipe
+from app.assessment import score as score_repaired
 from app.jobs.training import train_and_test
-from app.scoring import ScoredRecording, ScoringRecipe
-from app.scoring import score as score_repaired
 from app.telemetry.timing.repair import repair
 from app.telemetry.traces import Trace, Traces
 from core.channels import KEYS
-from core.collection import DatasetRecipe, Rollouts, Simulator, collect
+from core.limits.limits import Limits
 from core.monitor import Monitor, MonitorRecipe
-from core.planned_test import SensorNoise
+from core.planned_test.collection import DatasetRecipe, Rollouts, Simulator, collect
+from core.planned_test.planned_test import SensorNoise
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.maneuver import Doublet
-from core.specification import Limits
 from tests.support.places import RECORDS
 
 DOUBLET = Doublet(amplitude_deg=-3.7, timing_jitter_s=0.1, amplitude_jitter=0.15)

@@ -19,17 +19,17 @@ from playwright.sync_api import Browser, Locator, Page
 
 from app.commands.sample_flight import table
 from app.main import STATIC
-from app.recipes import to_plain
+from app.recipes.recipes import to_plain
 from core.channels import KEYS
-from core.collection import DatasetRecipe, Simulator
+from core.limits.limits import Limits
 from core.monitor import Monitor, MonitorRecipe, load
 from core.monitor.predictor import ResponseFilter
 from core.monitor.score import CardWindow
-from core.planned_test import Simulator as PlannedTest
+from core.planned_test.collection import DatasetRecipe, Simulator
+from core.planned_test.planned_test import Simulator as PlannedTest
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.maneuver import Doublet
-from core.specification import Limits
 from tests.browser.chromium import open_chromium
 from tests.browser.site import Site, open_site
 

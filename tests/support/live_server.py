@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from app.assessment.batches import ChannelReader
+from app.assessment.rescoring import rescored
+from app.assessment.scorer import LiveAssessed
 from app.flights.sources.live import LiveSetup
-from app.live.batches import ChannelReader
-from app.live.journal import Journals, lines_of
-from app.live.rescoring import rescored
-from app.live.scorer import LiveAssessed
 from app.settings import Settings
 from app.store.store import open_store
+from app.telemetry.journal import Journals, lines_of
 from core.monitor.assessment import STATES
 from tests.app.flights.test_flights import monitor
 from tests.support.api import served

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from core.dataset import Dataset
-from core.specification import Limits
+from core.limits.limits import Limits
 from core.types import Array, Indices
 
 DT, N_SAMPLES, NY = 0.05, 61, 3

@@ -12,7 +12,7 @@ from typing import Any, get_args
 import numpy as np
 
 from app.commands.options.sample_interval import adjust_to_interval
-from app.recipes import (
+from app.recipes.recipes import (
     AUTO,
     LIMITS,
     STORED_LIMITS,
@@ -30,11 +30,11 @@ from app.recipes import (
     to_plain,
 )
 from core.channels import BY_KEY, KEYS
-from core.mistyped import instead_of
 from core.monitor.calibration import Guarantee
 from core.monitor.group import GROUPINGS
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
+from core.recipe import instead_of
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.imperfections import Imperfections

@@ -3,9 +3,9 @@
 from math import ceil, inf
 from typing import Any
 
-from app.recipes import set_path
+from app.recipes.recipes import set_path
 from core.monitor import MonitorRecipe
-from core.planned_test import DatasetRecipe
+from core.planned_test.planned_test import DatasetRecipe
 from core.simulation.maneuver import MANEUVERS
 
 MOST_DELAY = 10

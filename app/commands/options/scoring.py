@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # slow to import, and not needed for help
+    from app.assessment.recipe import Interval, ScoringRecipe
     from app.recordings.mapping_memory import MappingMemory
     from app.recordings.scored_file import ScoreRequest
-    from app.scoring.recipe import Interval, ScoringRecipe
 
 TRIM_SEGMENT, NO_TRIM = "trim-segment", "none"
 SETTINGS = "With --aircraft, FOREWARN_* variables set the data directory."
@@ -94,7 +94,7 @@ def _epsilon(text: str) -> float:
 
 
 def _recipe(options: argparse.Namespace) -> ScoringRecipe:
-    from app.scoring.recipe import ScoringRecipe
+    from app.assessment.recipe import ScoringRecipe
 
     named = {TRIM_SEGMENT: "trim_segment", NO_TRIM: None}
     trim = named[options.trim] if options.trim in named else _seconds("--trim", options.trim)
@@ -105,7 +105,7 @@ def _recipe(options: argparse.Namespace) -> ScoringRecipe:
 
 
 def _interval(text: str) -> Interval:
-    from app.scoring.recipe import Interval
+    from app.assessment.recipe import Interval
 
     start, colon, end = text.partition(":")
     if not colon:

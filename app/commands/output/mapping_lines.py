@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from app.recipes import read_plain
+from app.recipes.recipes import read_plain
 from app.telemetry.contents import Contents
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
 from app.telemetry.mapping.proposal import Proposal

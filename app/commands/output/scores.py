@@ -9,14 +9,14 @@ from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
+from app.assessment.limits_history import pieces_of
+from app.assessment.planned_test import planned_test
+from app.assessment.verdict import sensors, verdict
 from app.commands.options.mapping_request import asking_for_mapping
 from app.commands.output.mapping_lines import contents_lines, mapping_lines
 from app.recordings.exports import export
 from app.recordings.mapping_memory import MappingMemory
 from app.recordings.scored_file import Scored, ScoredFile, ScoreRequest, score_file
-from app.scoring.limits_history import pieces_of
-from app.scoring.planned_test import planned_test
-from app.scoring.verdict import sensors, verdict
 from app.telemetry.mapping.typed_rate import counts_the_day
 from core.evaluation.certificate import warnings_of
 from core.whole_file import whole_file

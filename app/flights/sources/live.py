@@ -14,21 +14,21 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from app.assessment.batches import Batch, ChannelReader, decode_batch
+from app.assessment.limits_in_force import LimitsInForce, Ruling
+from app.assessment.rescoring import replay_line
+from app.assessment.scorer import CausalScorer, LiveAssessed, ReceivedExceedance, TrimRule
 from app.flights.alarms import REJOIN_S
 from app.flights.display_monitors import DisplayMonitor
 from app.flights.exceedance import exceedance
 from app.flights.flight import Angles, Flight, FlightPlan, stale_after
 from app.flights.flight_limits import to_store
 from app.flights.recorder import JOURNALLED_S
+from app.flights.sources.known_batches import KnownBatches
+from app.flights.sources.lag import Lag
 from app.flights.sources.track import SourceError
 from app.flights.sources.udp import UdpReceiver
 from app.flights.transport import NotPossible
-from app.live.batches import Batch, ChannelReader, decode_batch
-from app.live.journal import Journal, JournalFull, Journals
-from app.live.known_batches import KnownBatches
-from app.live.lag import Lag
-from app.live.rescoring import replay_line
-from app.live.scorer import CausalScorer, LiveAssessed, ReceivedExceedance, TrimRule
 from app.messages import (
     Alarm,
     FlightMarker,
@@ -38,7 +38,7 @@ from app.messages import (
     MeasuredExceedance,
     TransportState,
 )
-from app.scoring.limits_in_force import LimitsInForce, Ruling
+from app.telemetry.journal import Journal, JournalFull, Journals
 from app.telemetry.recording import TelemetryError
 from core.channels import KEYS
 from core.monitor import Assessment, Monitor, State

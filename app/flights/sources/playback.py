@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from app.assessment.limits_in_force import InForceFrom, Ruling
 from app.flights.exceedance import exceedance
 from app.flights.sources.track import Track
 from app.messages import MeasuredExceedance
-from app.scoring.limits_in_force import InForceFrom, Ruling
 from core.monitor import Assessment, Monitor
 from core.monitor.peak_forecast import Ahead, RunningForecast
 from core.monitor.validity.verdict import exceeds

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from app.assessment.limits_history import InForceTimeline
+from app.assessment.limits_in_force import InForceFrom, Ruling
+from app.assessment.outcome import SAME_TIME
+from app.assessment.planned_test import limits_of, needed_channels
 from app.flights.sources.playback import Angles, FollowedForecast, Script, onsets
 from app.messages import Judged, MeasuredExceedance
 from app.recordings.reasons import reason
-from app.scoring.limits_history import InForceTimeline
-from app.scoring.limits_in_force import InForceFrom, Ruling
-from app.scoring.outcome import SAME_TIME
-from app.scoring.planned_test import limits_of, needed_channels
 from core.channels import KEYS
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import STATES, code_of
@@ -34,7 +34,7 @@ RUN_UP_S = 2 * WASH_OUT_S
 class RecordedScript(Script):
     """Stored samples and their scored manoeuvres.
 
-    samples: as app.scoring stores them, mapped.   manoeuvres: plain, see app.scoring.
+    samples: as app.assessment stores them, mapped.   manoeuvres: plain, see app.assessment.
     forecasts: whether the monitor makes forecasts.   outside: exceedances outside every manoeuvre,
     plain.   biases: (6,) that the mapping subtracted.   theta0: pitch at trim [rad], for the scene.
     display: the recording as scored by the monitors for display.   held: limits that were in force;

@@ -6,12 +6,12 @@ of these assessed samples is shown when; they cannot change a score.
 
 from typing import Any
 
+from app.assessment.limits_in_force import LimitsInForce, LimitsRule, Ruling
 from app.flights.alarms import gives_alarm
 from app.flights.flight import Flight, FlightPlan, stale_after
 from app.flights.sources.playback import Script
 from app.flights.transport import Due, NotPossible, Transport, TransportError
 from app.messages import MeasuredExceedance, TransportChange, TransportState, plain_frame
-from app.scoring.limits_in_force import LimitsInForce, LimitsRule, Ruling
 from core.monitor import Assessment, State
 from core.monitor.peak_forecast import OVER, Ahead, NothingAhead
 from core.monitor.status import AlarmKind

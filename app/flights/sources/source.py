@@ -12,6 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple,
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.assessment.batches import ChannelReader, Names
+from app.assessment.compiling import make_ready
+from app.assessment.rescoring import header_of
+from app.assessment.scorer import TrimRule
 from app.flights.display_monitors import DisplayMonitor
 from app.flights.flight import Flight
 from app.flights.shown_flight import ShownFlight
@@ -21,20 +25,16 @@ from app.flights.sources.recorded_playback import RecordedScript
 from app.flights.sources.replay import TrackFlight
 from app.flights.sources.track import SourceError, Track, times
 from app.json_codec import Whole
-from app.live.batches import ChannelReader, Names
-from app.live.compiling import make_ready
-from app.live.journal import Journals
-from app.live.rescoring import header_of
-from app.live.scorer import TrimRule
 from app.messages import Mode
-from app.recipes import from_plain
+from app.recipes.recipes import from_plain
 from app.recordings.scored import ScoredRecordings
 from app.store.scorings import ScoringInfo
 from app.store.store import Store
+from app.telemetry.journal import Journals
 from app.telemetry.mapping.mapping import Mapping
 from core.channels import KEYS
-from core.collection import DatasetRecipe, Rollouts, Simulator
 from core.monitor import Monitor
+from core.planned_test.collection import DatasetRecipe, Rollouts, Simulator
 from core.simulation.aircraft import Aircraft, PublishedAircraft
 from core.simulation.attitude import attitude
 from core.types import Array

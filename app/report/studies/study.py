@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from app.recipes import to_plain
+from app.recipes.recipes import to_plain
 from core.evaluation.study import MethodResult, StudyResult
 from core.whole_file import write_whole
 

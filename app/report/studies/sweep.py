@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from app.recipes import to_plain
+from app.recipes.recipes import to_plain
 from core.evaluation.certificate import USELESS
 from core.evaluation.lead_sweep import (
     CEILING,

@@ -21,7 +21,7 @@ from app.telemetry.readers.text_tables.rows import BadRows
 from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import TARGETS
 from app.telemetry.units import convert
-from core.limit_set import CONDITION_KEYS
+from core.limits.limit_sets import CONDITION_KEYS
 
 TIMES = ("t", "timestamp", "time")
 """Possible names of the time [s], if there is no mapping."""

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from core.bounds import quoted
 from core.channels import N_CHANNELS
 from core.kernels.innovation import N_RESPONSES, Innovation
 from core.kernels.p_value import Transduction
@@ -18,7 +19,6 @@ from core.monitor.observation import lead_steps
 from core.monitor.predictor import Affine
 from core.monitor.recipe import MonitorRecipe
 from core.monitor.validity.support import Support
-from core.quoted import quoted
 from core.recipe import RecipeError
 from core.types import Array
 

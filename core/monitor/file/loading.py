@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from core.kernels.p_value import SIMPLE, Transduction
+from core.limits.limits import specification_from_plain
 from core.monitor import peak_ridge, response_filter
 from core.monitor.combination import Combined, combination_of
 from core.monitor.file import portable
@@ -29,7 +30,6 @@ from core.monitor.recipe import MonitorRecipe
 from core.monitor.validity.flown_input import InputSupport
 from core.monitor.validity.support import Support
 from core.recipe import from_plain
-from core.specification import specification_from_plain
 
 
 def load(path: str | Path) -> Monitor:

@@ -19,7 +19,7 @@ from app.campaigns.campaign import (
 )
 from app.campaigns.clearing import clearing_in_words
 from app.campaigns.file import load
-from core.clearance import ClearanceError, ClearanceRecipe
+from core.clearance.clearance import ClearanceError, ClearanceRecipe
 from core.evaluation.lead_sweep import TESTS
 from core.recipe import RecipeError
 

@@ -7,17 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.assessment.recipe import Interval
 from app.campaigns.campaign import Campaign, CampaignError, Condition, FlownPoint
 from app.campaigns.flying import aborted_flight, flown_point
 from app.commands.sample_flight import TRIM_S, table
 from app.recordings.mapped_recording import MappedRecording
-from app.scoring.recipe import Interval
 from app.telemetry.mapping.proposal import propose
 from app.telemetry.reading import columns_of
 from core.channels import KEYS
-from core.clearance import ClearanceRecipe
+from core.clearance.clearance import ClearanceRecipe
 from core.evaluation.lead_sweep import TESTS
-from core.planned_test import Simulator
+from core.planned_test.planned_test import Simulator
 from core.types import Array
 
 TEST = TESTS["ATTAS"]

@@ -12,7 +12,7 @@ from app.campaigns.file import load
 from app.cli import main
 from app.commands import campaign as command
 from app.commands.sample_flight import table
-from core.planned_test import DatasetRecipe, Simulator
+from core.planned_test.planned_test import DatasetRecipe, Simulator
 from core.recipe import from_plain
 
 QUICK = ("--n-exceeding", "20", "--n-aircraft", "100", "--imperfections", "none")

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from app.cli import main
-from core.collection import DatasetRecipe, collect
 from core.monitor import train
+from core.planned_test.collection import DatasetRecipe, collect
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from app.commands import push
 from app.commands.recorded_rows import si_rows
 from app.commands.sample_flight import TRIM_S, table
 from core.channels import KEYS
-from core.collection import DatasetRecipe, evaluation_flights
+from core.planned_test.collection import DatasetRecipe, evaluation_flights
 from core.types import Array
 from tests.support.live_server import LiveServer, journal_samples, live_server
 

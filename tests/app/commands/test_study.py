@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from app.cli import main
-from app.recipes import limits_named, to_plain
-from core.planned_test import DatasetRecipe
+from app.recipes.recipes import limits_named, to_plain
+from core.planned_test.planned_test import DatasetRecipe
 
 FIRST_PNG_BYTES = b"\x89PNG\r\n\x1a\n"
 LEAST = ("--n-monitors", "1", "--n-test", "20")

@@ -11,9 +11,9 @@ import pytest
 
 from app.cli import main
 from app.jobs.requests import dataset_request, monitor_request, study_request
-from app.recipes import from_plain, limits_named
+from app.recipes.recipes import from_plain, limits_named
 from core.monitor import Monitor, MonitorRecipe, load
-from core.planned_test import USUAL_NOISE, DatasetRecipe, SensorNoise
+from core.planned_test.planned_test import USUAL_NOISE, DatasetRecipe, SensorNoise
 from core.recipe import to_plain
 from core.simulation.aircraft import AIRCRAFT
 from core.simulation.imperfections import USUAL_IMPERFECTIONS

@@ -11,18 +11,18 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from app.assessment.resampling import Sample
+from app.assessment.scorer import CausalScorer, TrimRule
 from app.flights.display_monitors import DisplayMonitor, check_alike
 from app.flights.flights import Flights
 from app.flights.request import FlightRequest
 from app.flights.sources.live import LiveFlight
 from app.flights.sources.track import SourceError
-from app.live.journal import Journals
-from app.live.resampling import Sample
-from app.live.scorer import CausalScorer, TrimRule
 from app.store.repository import InUse
 from app.store.store import open_store
-from core.collection import DatasetRecipe, collect
+from app.telemetry.journal import Journals
 from core.monitor import Assessment, Monitor, MonitorRecipe, train
+from core.planned_test.collection import DatasetRecipe, collect
 from tests.support import oscillator
 from tests.support.flying import ScriptedClock, T, exact_monitor, failing_flight
 from tests.support.live_server import assessed_again

@@ -11,25 +11,25 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app.assessment.batches import ChannelReader
+from app.assessment.limits_history import LimitsHistory
 from app.flights.flights import Flights
 from app.flights.request import FlightRequest
 from app.flights.shown_flight import ShownFlight
 from app.flights.sources.live import LiveFlight, LiveSetup
 from app.flights.transport import NotPossible
-from app.live.batches import ChannelReader
-from app.live.journal import Journals
 from app.messages import encode_frame
-from app.scoring.limits_history import LimitsHistory
 from app.store.store import Store, open_store
 from app.telemetry.contents import open_columns
+from app.telemetry.journal import Journals
 from app.telemetry.mapping.mapping import Mapping, TimeSource
 from app.telemetry.reading import read_file
 from core.channels import KEYS
-from core.collection import DatasetRecipe, collect
-from core.limit_set import LimitSet, limit_set_from_plain
+from core.limits.limit_sets import LimitSet, limit_set_from_plain
+from core.limits.limits import Limits
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.status import Facts, headline, in_words
-from core.specification import Limits
+from core.planned_test.collection import DatasetRecipe, collect
 from tests.support.flying import ScriptedClock, Seen, T, exact_monitor, failing_flight
 from tests.support.oscillator import DT, N_SAMPLES
 

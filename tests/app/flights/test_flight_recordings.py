@@ -13,10 +13,10 @@ import pytest
 from starlette.testclient import TestClient
 
 from app.flights.flight_recordings import FlightRecordings
-from app.live.journal import Journals
 from app.recordings import flown_journal
 from app.store.flights import INTERRUPTED
 from app.store.tables import flights as flight_rows
+from app.telemetry.journal import Journals
 from core.channels import KEYS
 from tests.app.flights.test_flights import monitor
 from tests.support.api import api, problem, store_of

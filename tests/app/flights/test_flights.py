@@ -16,9 +16,9 @@ from app.flights.sources.source import Simulated
 from app.flights.sources.track import SourceError
 from app.store.flights import FlightInProgress
 from app.store.store import NotFound, Store, StoreError, open_store
-from core.collection import DatasetRecipe, collect
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.status import Level
+from core.planned_test.collection import DatasetRecipe, collect
 from core.simulation.attitude import SurfaceSigns
 from tests.support.flying import ScriptedClock, Seen
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app.assessment import ScoringRecipe
+from app.assessment.outcome import RecordedExceedance
 from app.recordings.scored_file import ScoreRequest, score_file
-from app.scoring import ScoringRecipe
-from app.scoring.outcome import RecordedExceedance
 from app.telemetry.mapping.mapping import Mapping
 from core.channels import KEYS
 from tests.app.flights.test_flight_recordings import DT, FLIGHTS, RECORDINGS, N, Range

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from starlette.testclient import TestClient
 
-from core.collection import collect
 from core.monitor import Monitor, MonitorRecipe, train
+from core.planned_test.collection import collect
 from core.simulation.aircraft import PublishedAircraft
 from tests.support.api import api, problem, store_of
 from tests.support.attas import TEST, fly

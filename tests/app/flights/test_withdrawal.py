@@ -17,12 +17,12 @@ from app.flights.sources.source import Simulated
 from app.flights.sources.track import Track
 from app.jobs.training import train_and_test
 from app.messages import Frames, Hello, StateChange
-from app.recipes import to_plain
+from app.recipes.recipes import to_plain
 from core.channels import KEYS
-from core.collection import DatasetRecipe, Simulator, collect
 from core.monitor import Assessment, Monitor, MonitorRecipe, State, load
 from core.monitor.status import Level
 from core.monitor.validity.support import LEVEL
+from core.planned_test.collection import DatasetRecipe, Simulator, collect
 from tests.app.flights.test_flights import Hangar
 from tests.core.monitor.validity.test_rates import (
     WRONG_SENSORS,

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 from starlette.testclient import TestClient
 
-from tests.app.http.test_roles import ROUTES
+from tests.app.access.test_roles import ROUTES
 from tests.support.api import api
 
 

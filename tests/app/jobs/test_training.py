@@ -8,9 +8,9 @@ import pytest
 from app.commands.train import report
 from app.jobs import training
 from app.jobs.training import train_and_test
-from core.collection import DatasetRecipe, collect, evaluation_flights, fresh
 from core.dataset import Dataset
 from core.monitor import MonitorRecipe, train
+from core.planned_test.collection import DatasetRecipe, collect, evaluation_flights, fresh
 
 RECIPE = DatasetRecipe(n_unsafe=30, seed=4)
 

@@ -6,11 +6,11 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
+from app.assessment import ScoringRecipe
 from app.cli import main
 from app.recordings import mapped_recording
 from app.recordings.mapped_recording import MappedRecording, RecentMappings
 from app.recordings.scored_file import ScoreRequest, score_file
-from app.scoring import ScoringRecipe
 from app.telemetry.mapping import applying
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource, mapping_template
 from app.telemetry.mapping.typed_rate import read_rate

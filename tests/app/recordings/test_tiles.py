@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from app.assessment import SAMPLE
 from app.recordings.tiles import FACTOR, FINEST, make_tiles, window
-from app.scoring import SAMPLE
 
 
 def samples_of(n: int, seed: int = 0) -> np.ndarray:

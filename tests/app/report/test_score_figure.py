@@ -7,10 +7,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from app.assessment.limits_history import pieces_of
 from app.report.figures import channel_strip
 from app.report.score_figure import Drawing, FlownManeuver, NoPngError, png, score_figure
 from app.report.strip_chart import StripChart
-from app.scoring.limits_history import pieces_of
 from core.channels import CHANNELS
 from tests.support.oscillator import DT
 from tests.support.samples import SAMPLE_LIKE

@@ -11,7 +11,7 @@ from starlette.testclient import TestClient
 from app.campaigns.stored import Campaigns
 from app.commands.sample_flight import table
 from app.store.campaigns import CampaignChanged
-from core.planned_test import Simulator
+from core.planned_test.planned_test import Simulator
 from tests.support.api import api, finished, problem, store_of
 
 URL = "/api/v1/campaigns"

@@ -2,12 +2,12 @@ import jsonschema_rs
 import pytest
 
 from app.catalog import catalog, dataset_request_schema, monitor_request_schema
-from app.recipes import from_plain
+from app.recipes.recipes import from_plain
 from core.channels import KEYS
-from core.collection import DatasetRecipe
+from core.limits.limits import SPECIFICATIONS
 from core.monitor import MonitorRecipe
+from core.planned_test.collection import DatasetRecipe
 from core.recipe import FAMILIES
-from core.specification import SPECIFICATIONS
 from tests.support.api import api
 
 ENTRIES = [

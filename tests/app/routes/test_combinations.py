@@ -10,11 +10,11 @@ import pytest
 from app.cli import main
 from app.flights.flights import Flights
 from app.flights.request import FlightRequest
-from app.recipes import to_plain
+from app.recipes.recipes import to_plain
 from app.store.store import open_store
-from core.collection import DatasetRecipe, collect, combination_failures
 from core.monitor import Monitor, MonitorRecipe, combine, load, train
 from core.monitor.file.loading import from_bytes
+from core.planned_test.collection import DatasetRecipe, collect, combination_failures
 from tests.support.api import api, finished, problem, store_of
 from tests.support.flying import ScriptedClock
 

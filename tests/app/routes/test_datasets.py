@@ -5,11 +5,11 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from app.recipes import as_ordered, dataset_recipe, from_plain, to_plain
-from core.amplitude import suggest_amplitude
+from app.recipes.recipes import as_ordered, dataset_recipe, from_plain, to_plain
 from core.channels import KEYS
-from core.collection import DatasetRecipe, collect
 from core.monitor import train
+from core.planned_test.amplitude import suggest_amplitude
+from core.planned_test.collection import DatasetRecipe, collect
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
 from tests.support.api import api, finished, problem, store_of
 

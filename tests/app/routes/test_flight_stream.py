@@ -422,7 +422,7 @@ def test_one_flight_too_many_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_replay_flies_a_stored_rollout(server: Server) -> None:
-    from core.collection import collect
+    from core.planned_test.collection import collect
 
     store = store_of(server.client)
     dataset = collect(RECIPE)

@@ -13,8 +13,8 @@ import pytest
 from starlette.testclient import TestClient, WebSocketTestSession
 from starlette.websockets import WebSocketDisconnect
 
-from app.live.journal import lines_of
 from app.routes.uplink import MOST_MALFORMED
+from app.telemetry.journal import lines_of
 from core.channels import KEYS
 from tests.app.flights.test_flights import monitor
 from tests.support.api import api, problem, store_of

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from app.jobs.training import fly_test
-from app.recipes import as_ordered, from_plain
+from app.recipes.recipes import as_ordered, from_plain
 from core.channels import KEYS, significant
-from core.collection import DatasetRecipe
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.calibration import confident_rank, threshold
 from core.monitor.file.loading import from_bytes
 from core.monitor.file.portable import pack, unpack
+from core.planned_test.collection import DatasetRecipe
 from tests.support.api import api, finished, problem, store_of
 
 DATASET = {"n_unsafe": 12, "n_obs": 20, "seed": 4}

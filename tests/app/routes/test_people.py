@@ -12,11 +12,11 @@ from starlette.requests import HTTPConnection
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
+from app.access import audit as audit_module
+from app.access.audit import Audit
+from app.access.guard import SESSION_OVER
+from app.access.people import Person
 from app.cli import main
-from app.http import audit as audit_module
-from app.http.audit import Audit
-from app.http.people import Person
-from app.http.security import SESSION_OVER
 from app.store.store import StoreError
 from app.store.tokens import Role
 from core.monitor import MonitorRecipe, train

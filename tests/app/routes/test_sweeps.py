@@ -2,9 +2,9 @@
 
 import pytest
 
-from core.collection import DatasetRecipe, collect
 from core.evaluation.lead_sweep import METHODS, SweepRecipe, sweep
 from core.monitor import train
+from core.planned_test.collection import DatasetRecipe, collect
 from tests.support.api import api, finished, problem, store_of
 
 SMALL = {"leads_s": [0.25, 1.6], "n_unsafe": 25, "n_monitors": 1, "n_test": 60}

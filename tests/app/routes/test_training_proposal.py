@@ -6,7 +6,7 @@ import pytest
 from app.commands.sample_flight import table
 from core.channels import KEYS
 from core.monitor import MonitorRecipe, train
-from core.planned_test import DatasetRecipe, Simulator
+from core.planned_test.planned_test import DatasetRecipe, Simulator
 from core.recipe import from_plain
 from core.simulation.maneuver import Doublet, Multistep3211, Pulse
 from tests.support.api import api, finished, problem, store_of

@@ -20,7 +20,7 @@ from app.store.tables import (
     datasets,
 )
 from core.dataset import Dataset
-from core.specification import Limits
+from core.limits.limits import Limits
 from tests.support.stored import count, make_parts_small
 
 

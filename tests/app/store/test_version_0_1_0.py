@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.recipes import from_plain
+from app.recipes.recipes import from_plain
 from app.recordings.samples import digest, open_samples
 from app.recordings.verified import Verified
 from app.store.mappings import RememberedMapping
 from app.store.store import Store
-from core.collection import DatasetRecipe, collect
 from core.monitor.assessment import STATES
+from core.planned_test.collection import DatasetRecipe, collect
 from tests.support.places import DATA
 from tests.support.stored import opened
 

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from app.cli import main
-from app.live.journal import Journals
 from app.settings import Settings
 from app.store.store import Store, StoreError, open_store
+from app.telemetry.journal import Journals
 from app.upkeep import restore as module
 from app.upkeep.archive import TRAILER_BYTES, WORD, open_archive
 from app.upkeep.backup import back_up

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Page, expect
 
-from core.limit_set import LimitCase, LimitSet
-from core.specification import Limits
+from core.limits.limit_sets import LimitCase, LimitSet
+from core.limits.limits import Limits
 from tests.browser.fly.test_fly_page import SAFE, Fly, site, stored
 from tests.browser.site import Site
 from tests.browser.strips import Open

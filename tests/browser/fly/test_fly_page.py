@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 from playwright.sync_api import Page, Route, WebSocketRoute, expect
 
+from app.access.guard import SESSION_OVER
 from app.flights.watcher import RecentFrames
-from app.http.security import SESSION_OVER
-from core.collection import DatasetRecipe, collect
 from core.monitor import MonitorRecipe, train
+from core.planned_test.collection import DatasetRecipe, collect
 from tests.browser.chromium import wait_until
 from tests.browser.recordings.scored_chart import pixels
 from tests.browser.site import Site, open_site

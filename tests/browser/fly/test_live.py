@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 from playwright.sync_api import Page, WebSocketRoute, expect
 
-from app.live import journal
 from app.store.flights import INTERRUPTED
 from app.store.tables import flights
+from app.telemetry import journal
 from core.channels import KEYS
 from tests.browser.chromium import wait_until
 from tests.browser.fly.test_fly_page import EPSILON, SCROLL_SIZE, Fly, site, stored

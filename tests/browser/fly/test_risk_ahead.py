@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Page, expect
 
-from core.collection import collect
 from core.monitor import MonitorRecipe, train
+from core.planned_test.collection import collect
 from tests.browser.fly.test_fly_page import RECIPE, Fly, site, stored
 from tests.browser.site import Site
 

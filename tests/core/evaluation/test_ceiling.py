@@ -9,7 +9,7 @@ from scipy.stats import truncnorm
 from core.evaluation import ceiling as module
 from core.evaluation.ceiling import Ceiling
 from core.evaluation.lead_sweep import TESTS
-from core.planned_test import Rollouts, Simulator
+from core.planned_test.planned_test import Rollouts, Simulator
 from core.simulation.maneuver import FrequencySweep
 from core.types import Array
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from core.collection import DatasetRecipe, card_of, collect, evaluation_flights
 from core.evaluation.epsilon_choice import (
     ChoiceError,
     ChoiceRecipe,
@@ -18,7 +17,8 @@ from core.evaluation.rates import evaluate
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
-from core.planned_test import Rollouts
+from core.planned_test.collection import DatasetRecipe, card_of, collect, evaluation_flights
+from core.planned_test.planned_test import Rollouts
 
 RECIPE = DatasetRecipe(n_unsafe=100, seed=3)
 AHEAD = MonitorRecipe(

@@ -6,7 +6,6 @@ from functools import partial
 import numpy as np
 import pytest
 
-from core.collection import card_of, collect, evaluation_flights, stopped_flights
 from core.evaluation import lead_sweep
 from core.evaluation.lead_sweep import (
     CEILING,
@@ -19,6 +18,7 @@ from core.evaluation.lead_sweep import (
 from core.evaluation.prevention import prevention
 from core.evaluation.rates import evaluate, first_alerts
 from core.monitor import MonitorRecipe, train
+from core.planned_test.collection import card_of, collect, evaluation_flights, stopped_flights
 from core.seeds import Branch, monitor_seeds, stream
 from core.simulation.maneuver import FrequencySweep
 

@@ -6,8 +6,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from core.collection import DatasetRecipe, evaluation_flights, stopped_flights
 from core.evaluation.prevention import VARIATION, prevention
+from core.planned_test.collection import DatasetRecipe, evaluation_flights, stopped_flights
 from core.types import Indices
 
 RECIPE = DatasetRecipe(n_unsafe=30, seed=4)

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.collection import DatasetRecipe, collect, fresh, training_rollouts
 from core.evaluation.lead_sweep import METHODS, TESTS
 from core.evaluation.robustness import DIFFERENCES, robustness
 from core.monitor import MonitorRecipe, train
-from core.planned_test import SensorNoise, Simulator
+from core.planned_test.collection import DatasetRecipe, collect, fresh, training_rollouts
+from core.planned_test.planned_test import SensorNoise, Simulator
 from core.simulation.imperfections import USUAL_IMPERFECTIONS, Imperfections
 
 RECIPE = DatasetRecipe(n_unsafe=30, noise=SensorNoise(beta=0.001, Ny=0.004), seed=4)

@@ -3,13 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.collection import DatasetRecipe, Rollouts, Simulator, collect
 from core.dataset import Dataset
 from core.evaluation.rates import EPSILONS, evaluate
 from core.evaluation.study import METHODS, StudyRecipe, StudyResult, study
 from core.monitor import MonitorRecipe, train
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
+from core.planned_test.collection import DatasetRecipe, Rollouts, Simulator, collect
 from tests.support import plain_twin as twin
 
 TWINS = dict(zip(METHODS, twin.METHODS, strict=True))

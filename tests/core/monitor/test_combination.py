@@ -10,6 +10,7 @@ import pytest
 
 from core.dataset import Dataset
 from core.evaluation.rates import evaluate, first_alerts
+from core.limits.limits import Limits
 from core.monitor import Monitor, MonitorRecipe, combine, train
 from core.monitor.combination import Combined
 from core.monitor.file import portable
@@ -17,7 +18,6 @@ from core.monitor.file.loading import from_bytes
 from core.monitor.file.portable import MonitorFileError
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
-from core.specification import Limits
 from tests.support import oscillator
 from tests.support.oscillator import DT, N_SAMPLES, TIMES, Array
 

@@ -6,10 +6,10 @@ import pytest
 from core.channels import CHANNELS, KEYS
 from core.dataset import Dataset
 from core.evaluation.rates import evaluate, evaluate_groups
+from core.limits.limits import Limits, Specification
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.file.loading import from_bytes
 from core.monitor.group import GROUPINGS, DeflectionRule, FirstLimit, LargestDeflection
-from core.specification import Limits, Specification
 from core.types import Array, Indices
 from tests.support import oscillator
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from core.collection import collect, evaluation_flights, fresh, training_rollouts
 from core.dataset import Dataset
 from core.evaluation.rates import evaluate
 from core.kernels.peak_ridge import PeakWeights
+from core.limits.limits import Limits, magnitudes_of
 from core.monitor import Monitor, MonitorRecipe, State, train
 from core.monitor.file.loading import from_bytes
 from core.monitor.file.portable import MonitorFileError, pack
@@ -27,8 +27,8 @@ from core.monitor.peak_ridge import (
 )
 from core.monitor.predictor import PREDICTORS, PeakRidge
 from core.monitor.score import SCORES
-from core.planned_test import DatasetRecipe, SensorNoise
-from core.specification import Limits, magnitudes_of
+from core.planned_test.collection import collect, evaluation_flights, fresh, training_rollouts
+from core.planned_test.planned_test import DatasetRecipe, SensorNoise
 from core.types import Array, Indices
 
 USUAL = DatasetRecipe()

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from core.card import CardError
-from core.collection import card_of, collect, evaluation_flights, fresh
 from core.evaluation.rates import evaluate
 from core.kernels.response_filter import SIGN, SWITCHED, CardResponses, begin, update
 from core.monitor import Monitor, MonitorRecipe, State, train
@@ -18,7 +17,8 @@ from core.monitor.peak_forecast import LOST, NOT_BEGUN, OVER, ForecastAhead, Not
 from core.monitor.predictor import PREDICTORS
 from core.monitor.response_filter import CardForecast
 from core.monitor.score import SCORES
-from core.planned_test import DatasetRecipe, SensorNoise, Simulator
+from core.planned_test.collection import card_of, collect, evaluation_flights, fresh
+from core.planned_test.planned_test import DatasetRecipe, SensorNoise, Simulator
 from core.simulation.maneuver import MANEUVERS, BankToBank, Doublet, Multistep3211, Step
 from core.types import Array
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from core.channels import KEYS
-from core.planned_test import USUAL_NOISE, DatasetRecipe, SensorNoise, Simulator
+from core.planned_test.planned_test import USUAL_NOISE, DatasetRecipe, SensorNoise, Simulator
 from core.simulation import imperfections
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft, PublishedAircraft
 from core.simulation.imperfections import (

@@ -15,7 +15,7 @@ import numpy as np
 from app.telemetry.mapping.extent import extent_of
 from app.telemetry.mapping.motion.slopes import values_at
 from app.telemetry.traces import Trace, Traces
-from core.equation_error import smoothing_window
+from core.clearance.equation_error import smoothing_window
 from core.types import Array, Indices
 
 STEP = 0.05

@@ -3,7 +3,7 @@
 import numpy as np
 
 from app.telemetry.mapping.motion.motion import STEP, Motion
-from core.equation_error import EquationError, Estimate, SmoothedSignal
+from core.clearance.equation_error import EquationError, Estimate, SmoothedSignal
 from core.types import Array
 
 CAUSES = ("r", "Ny", "phi", "p")

@@ -7,7 +7,7 @@ import pytest
 from app.cli import main
 from app.commands.options.sample_interval import MOST_DELAY
 from core.monitor import MonitorRecipe
-from core.planned_test import DatasetRecipe
+from core.planned_test.planned_test import DatasetRecipe
 
 
 def printed(capsys: pytest.CaptureFixture, *options: str) -> tuple[dict, str]:

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app.assessment.batches import ChannelReader
 from app.flights.sources.live import LiveFlight, LiveSetup, SequenceConflict
 from app.flights.transport import NotPossible
-from app.live.batches import ChannelReader
-from app.live.journal import Journals, lines_of
+from app.telemetry.journal import Journals, lines_of
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.recording import TelemetryError
 from core.channels import KEYS

@@ -15,11 +15,11 @@ from app.flights.sources.source import (
     trim_angles,
 )
 from app.flights.sources.track import SourceError, Track, times
-from app.recipes import RecipeError, to_plain
+from app.recipes.recipes import RecipeError, to_plain
 from app.store.store import NotFound, Store, open_store
-from core.collection import DatasetRecipe, Simulator, collect
 from core.monitor import Monitor, MonitorRecipe, train
-from core.planned_test import SensorNoise
+from core.planned_test.collection import DatasetRecipe, Simulator, collect
+from core.planned_test.planned_test import SensorNoise
 
 RECIPE = DatasetRecipe(n_unsafe=4, n_obs=10, seed=3)
 NOISY = replace(RECIPE, noise=SensorNoise(p=0.01))

@@ -15,6 +15,7 @@ import pytest
 
 from core import __version__
 from core.dataset import Dataset
+from core.limits.limits import Limits, Specification
 from core.monitor import Monitor, MonitorRecipe, load, train
 from core.monitor.file.portable import MonitorFileError, Section, pack, unpack
 from core.monitor.predictor import PREDICTORS, PrincipalComponents
@@ -23,7 +24,6 @@ from core.monitor.score import SCORES, NegativeMagnitude
 from core.monitor.validity.innovation import fit_innovation
 from core.monitor.validity.support import Support
 from core.recipe import from_plain, to_plain
-from core.specification import Limits, Specification
 from tests.support.oscillator import DT, THETA, Array
 from tests.support.stored import EVALUATION
 

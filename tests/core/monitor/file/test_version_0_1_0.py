@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from core.limits.limits import Limits
 from core.monitor import Monitor, load
 from core.monitor.validity.verdict import deviation_of
-from core.specification import Limits
 from tests.support.places import VERSION_0_1_0
 
 FILES = {"certified": Limits(beta=0.2, Ny=0.5), "unknown_limits": None}

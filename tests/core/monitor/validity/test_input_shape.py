@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from core.channels import KEYS
-from core.collection import DatasetRecipe, collect, fresh
 from core.evaluation.robustness import DIFFERENCES
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.assessment import State
 from core.monitor.file.loading import from_bytes
 from core.monitor.validity.flown_input import InputSupport
 from core.monitor.validity.input_shape import HOLD_LEVEL, FreshShapes, InputShape
-from core.planned_test import Simulator
+from core.planned_test.collection import DatasetRecipe, collect, fresh
+from core.planned_test.planned_test import Simulator
 from core.types import Array
 
 AILERON, RUDDER = KEYS.index("delta_a"), KEYS.index("delta_r")

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from core.channels import KEYS
-from core.collection import DatasetRecipe, Simulator, collect
 from core.kernels.deviation import farthest
 from core.monitor import Monitor, train
 from core.monitor.training import with_validity
 from core.monitor.validity.support import LEVEL
-from core.planned_test import SensorNoise
+from core.planned_test.collection import DatasetRecipe, Simulator, collect
+from core.planned_test.planned_test import SensorNoise
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import CONTROL_LAWS, RateDamper
 from core.simulation.maneuver import Doublet

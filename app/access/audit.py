@@ -1,0 +1,114 @@
+"""The audit log: entries are noted with the answer and stored a moment later.
+
+No request waits for the store. Entries that it refuses wait in memory, up to MOST_WAITING.
+"""
+
+import asyncio
+import logging
+from collections import OrderedDict, deque
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from itertools import islice
+
+from starlette.requests import HTTPConnection
+
+from app.access.people import Person
+from app.access.roles import CHANGES_NOTHING, LOGGED_ONCE, WEBSOCKET, rule_of
+from app.store.audit import AuditEntry
+from app.store.store import Store, StoreError
+from app.store.tables import now
+
+LOG = logging.getLogger("forewarn")
+SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
+MOST_WAITING = 10_000
+MOST_AT_ONCE = 500
+MOST_REMEMBERED = 10_000
+"""Pairs of person and flight whose first push is logged."""
+RETRY_AFTER_S = 1.0
+
+
+class Audit:
+    """Entries that wait for the store."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[AuditEntry] = deque()
+        self._has_entries, self._lock = asyncio.Event(), asyncio.Lock()
+        self._closing = False
+        self._pushed: OrderedDict[tuple[str, str], None] = OrderedDict()
+        self._n_lost = 0
+
+    @asynccontextmanager
+    async def open(self, store: Store) -> AsyncIterator[None]:
+        """Store entries while open, and at the end those that still wait."""
+        self._has_entries, self._lock, self._closing = asyncio.Event(), asyncio.Lock(), False
+        storing = asyncio.create_task(self._store_entries(store))
+        try:
+            yield
+        finally:
+            self._closing = True
+            self._has_entries.set()
+            await storing
+
+    def note_answer(self, connection: HTTPConnection, person: Person, status: int) -> None:
+        """Log the answer to a change, unless it was refused (4xx)."""
+        method, path = method_of(connection), connection.scope["path"]
+        if method in SAFE_METHODS or 400 <= status < 500:
+            return
+        route = rule_of(method, path).route
+        if route in CHANGES_NOTHING or (method == WEBSOCKET and route not in LOGGED_ONCE):
+            return
+        if route in LOGGED_ONCE and not self._is_first(person.name, path):
+            return
+        self.note(connection, person, status)
+
+    def note(self, connection: HTTPConnection, person: Person, status: int) -> None:
+        if len(self._waiting) >= MOST_WAITING:
+            self._n_lost += 1
+            return
+        address = connection.client.host if connection.client else ""
+        method, path = method_of(connection), connection.scope["path"]
+        entry = AuditEntry(now(), person.name, person.role, address, method, path, status)
+        self._waiting.append(entry)
+        self._has_entries.set()
+
+    def _is_first(self, name: str, path: str) -> bool:
+        is_first = (name, path) not in self._pushed
+        self._pushed[name, path] = None
+        self._pushed.move_to_end((name, path))
+        while len(self._pushed) > MOST_REMEMBERED:
+            self._pushed.popitem(last=False)
+        return is_first
+
+    async def _store_entries(self, store: Store) -> None:
+        is_failing = False
+        while not self._closing or self._waiting:
+            await self._has_entries.wait()
+            try:
+                await self.flush(store)
+                is_failing = False
+            except StoreError as error:
+                if self._closing:
+                    LOG.error("%d audit entries lost: %s", len(self._waiting), error)
+                    return
+                if not is_failing:
+                    LOG.warning("audit entries wait for the store: %s", error)
+                is_failing = True
+                await asyncio.sleep(RETRY_AFTER_S)
+
+    async def flush(self, store: Store) -> None:
+        """Store the waiting entries. StoreError: the rest keeps waiting."""
+        async with self._lock:
+            while self._waiting:
+                entries = [*islice(self._waiting, MOST_AT_ONCE)]
+                await asyncio.to_thread(store.audit.add, entries)
+                for _ in entries:
+                    self._waiting.popleft()
+            if not self._closing:
+                self._has_entries.clear()
+        if self._n_lost:
+            LOG.error("%d audit entries lost: too many waited for the store", self._n_lost)
+            self._n_lost = 0
+
+
+def method_of(connection: HTTPConnection) -> str:
+    return WEBSOCKET if connection.scope["type"] == "websocket" else connection.scope["method"]

@@ -1,0 +1,383 @@
+"""Access control by host, origin, token and role, and the size limit of bodies.
+
+One ASGI layer surrounds everything, HTTP and WebSocket alike, so that no route can bypass it.
+"""
+
+import asyncio
+import re
+import socket
+from collections import deque
+from collections.abc import Awaitable, Callable, Coroutine, Mapping, MutableMapping
+from dataclasses import dataclass, field
+from functools import partial
+from ipaddress import ip_address
+from typing import Any
+from urllib.parse import urlsplit
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import RedirectResponse
+
+from app.access import login
+from app.access.audit import SAFE_METHODS, Audit, method_of
+from app.access.login import Login
+from app.access.people import Admission, People, Person
+from app.access.roles import may, rule_of
+from app.access.sessions import Sessions
+from app.http.problems import Problem, problem_response
+from app.settings import Settings
+
+Scope = MutableMapping[str, Any]
+Message = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Message]]
+Send = Callable[[Message], Awaitable[None]]
+Application = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+HOST = re.compile(r"(?:\[([0-9A-Fa-f:.]+)\]|([0-9A-Za-z._-]+))(?::[0-9]{0,5})?")
+HEALTH_PATH = "/healthz"
+"""Answered without a token: it reveals nothing."""
+EVENTS_SUFFIX = "/events"
+"""The path of every event stream ends with it."""
+REFUSED, SESSION_OVER = 4403, 4401
+"""WebSocket close codes; before the handshake they become HTTP 403."""
+SESSION_OVER_REASON = "the session or its token has ended: log in again"
+MOST_READ_AHEAD = 16
+"""Messages of a WebSocket that wait for the application."""
+
+PAGE_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; font-src 'self'; connect-src 'self'; frame-src 'self'; "
+    "media-src 'self' data: blob:; worker-src 'self'; manifest-src 'self'; base-uri 'none'; "
+    "form-action 'self'; frame-ancestors 'none'"
+)
+API_POLICY = "default-src 'none'; frame-ancestors 'none'"
+SCENE_POLICY = "default-src 'none'; frame-ancestors 'self'"
+"""For an unavailable scene: its frame must show the page the reason."""
+POLICIES = (("/api/", API_POLICY), ("/scene/", SCENE_POLICY), ("/", PAGE_POLICY))
+"""Content security policy by the start of the path; the first match counts. A route's own policy
+(that of the scene's client, which needs inline code) has precedence."""
+
+HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Permissions-Policy": "camera=(), geolocation=(), microphone=(), payment=(), usb=()",
+}
+
+
+@dataclass(frozen=True)
+class Refusal(Exception):
+    """The reason why a connection is refused."""
+
+    status: int
+    reason: str
+    kind: str
+    extra: Mapping[str, str] = field(default_factory=dict)
+    """Further members of the problem document."""
+
+
+class Guard:
+    """ASGI layer that checks Host, Origin, token and role, and adds the security headers.
+
+    It sets the scope's `person`.
+    """
+
+    def __init__(
+        self,
+        app: Application,
+        settings: Settings,
+        people: People,
+        sessions: Sessions,
+        audit: Audit,
+    ) -> None:
+        self.app = app
+        self.settings = settings
+        machine = () if settings.is_local else (socket.gethostname(),)
+        names = ("localhost", settings.host, *machine, *settings.allowed_hosts)
+        self.hosts = {name.lower() for name in names}
+        self.people = people
+        self.sessions = sessions
+        self.audit = audit
+        self.login = Login(people, sessions, audit)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            return await self.app(scope, receive, send)
+        connection = HTTPConnection(scope)
+        send = _with_headers(send, scope)
+        try:
+            self.check_host(connection.headers)
+            self.check_origin(scope, connection.headers)
+            if self.people.needs_token and scope["type"] == "http" and scope["path"] in login.PATHS:
+                answer = await self.login.answer(Request(scope, receive))
+                return await answer(scope, receive, send)
+            if scope["type"] == "http" and scope["path"] == HEALTH_PATH:
+                return await self.app(scope, receive, send)
+            admission, session = self.check_token(scope, connection)
+            scope["person"] = person = admission.person
+            self.check_role(connection, person)
+        except Refusal as refusal:
+            return await self._refuse(refusal, scope, receive, send)
+        send = _noted(send, partial(self.audit.note_answer, connection, person))
+        if scope["type"] == "http":
+            if not scope["path"].endswith(EVENTS_SUFFIX):
+                return await self.app(scope, receive, send)
+            return await self._stream(self._wait_for_end(admission, session), scope, receive, send)
+        ended = asyncio.ensure_future(self._wait_for_end(admission, session))
+        websocket = _SessionWebSocket(ended, receive, send)
+        try:
+            return await self.app(scope, websocket.receive, websocket.send)
+        finally:
+            websocket.close()
+
+    def check_host(self, headers: Headers) -> None:
+        """Refuse a foreign Host, against DNS rebinding.
+
+        Numeric addresses cannot be rebound; they pass if other machines may connect.
+        """
+        hosts = headers.getlist("host")
+        name = _host_name(hosts[0]) if len(hosts) == 1 else None
+        if name is None:
+            raise Refusal(400, "the request needs exactly one valid host in `Host`", "host")
+        if name in self.hosts or _is_address(name, self.settings):
+            return
+        raise Refusal(
+            400,
+            f"{name} is not a host name of this server: use its address, or add the name to "
+            "FOREWARN_ALLOWED_HOSTS",
+            "host",
+        )
+
+    def check_origin(self, scope: Scope, headers: Headers) -> None:
+        """Refuse requests that another site's page makes in a visitor's browser."""
+        origin = headers.get("origin")
+        if origin is not None:
+            parts = urlsplit(origin)
+            same = parts.scheme in ("http", "https") and parts.netloc == headers["host"]
+            if len(headers.getlist("origin")) > 1 or not same:
+                raise Refusal(403, f"the request comes from another site, {origin}", "origin")
+        changes = scope["type"] == "websocket" or scope["method"] not in SAFE_METHODS
+        if changes and headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
+            raise Refusal(403, "the request comes from another site", "origin")
+
+    def check_token(self, scope: Scope, connection: HTTPConnection) -> tuple[Admission, str]:
+        """Refuse a connection without a valid token in header, cookie or (WebSocket) query.
+
+        Returns the access, and the key of its session, if any. If the server needs no token, every
+        client is `local`.
+        """
+        if not self.people.needs_token:
+            return self.people.local, ""
+        scheme, _, bearer = connection.headers.get("authorization", "").partition(" ")
+        token = bearer.strip() if scheme.lower() == "bearer" else ""
+        if scope["type"] == "websocket":
+            token = token or connection.query_params.get("token", "")
+        if token and (admission := self.people.find(token)):
+            return admission, ""
+        session = connection.cookies.get(login.COOKIE, "")
+        if admission := self.sessions.use(session):
+            return admission, session
+        if token:
+            self.login.log_wrong_token(connection)
+        text = "the token is missing, wrong or expired: send `Authorization: Bearer TOKEN`"
+        raise Refusal(401, text, "token")
+
+    def check_role(self, connection: HTTPConnection, person: Person) -> None:
+        """Refuse and log a request that the person's role does not allow."""
+        method, path = method_of(connection), connection.scope["path"]
+        needed = rule_of(method, path).role
+        if may(person.role, needed):
+            return
+        self.audit.note(connection, person, 403)
+        has = f"{person.name} has the role {person.role}"
+        text = f"{method} {path} needs the role {needed}; {has}"
+        raise Refusal(403, text, "role", {"needed": needed, "role": person.role})
+
+    async def _stream(
+        self, end: Coroutine[Any, Any, None], scope: Scope, receive: Receive, send: Send
+    ) -> None:
+        """Serve a stream of events until its token or session ends."""
+        is_open = False
+
+        async def send_on(message: Message) -> None:
+            nonlocal is_open
+            is_open = message["type"] == "http.response.start" or message.get("more_body", False)
+            await send(message)
+
+        ended = asyncio.ensure_future(end)
+        work = asyncio.ensure_future(self.app(scope, receive, send_on))
+        try:
+            await asyncio.wait((ended, work), return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in (ended, work):
+                task.cancel()
+            await asyncio.wait((ended, work))
+        if not work.cancelled():
+            work.result()
+        elif is_open:
+            await send({"type": "http.response.body", "body": b""})
+
+    async def _wait_for_end(self, admission: Admission, session: str) -> None:
+        """Return once the token or the session has ended."""
+        ends = [admission.wait_for_end()]
+        if session:
+            ends.append(self.sessions.wait_for_end(session))
+        tasks = [asyncio.ensure_future(end) for end in ends]
+        try:
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in tasks:
+                task.cancel()
+
+    async def _refuse(self, refusal: Refusal, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "websocket":
+            await receive()
+            await send({"type": "websocket.close", "code": REFUSED, "reason": refusal.reason})
+            return
+        kind = f"urn:forewarn:{refusal.kind}"
+        problem = Problem(refusal.status, refusal.reason, kind, **refusal.extra)
+        headers = {"WWW-Authenticate": "Bearer"} if refusal.status == 401 else {}
+        response = problem_response(problem, headers)
+        wants_page = "text/html" in Headers(scope=scope).get("accept", "")
+        if refusal.status == 401 and wants_page and scope["method"] == "GET":
+            response = RedirectResponse("/login", 303)
+        await response(scope, receive, send)
+
+
+class BodyLimit:
+    """ASGI layer that refuses a body above a size, declared or sent.
+
+    FastAPI's `max_body_size` would answer a declared length in plain text, after the route has run.
+    uploads: larger limits by method and path.
+    """
+
+    def __init__(
+        self, app: Application, max_bytes: int, uploads: Mapping[tuple[str, str], int]
+    ) -> None:
+        self.app = app
+        self.max_bytes = max_bytes
+        self.uploads = uploads
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Count the bytes of the body; 413 before reading if the declared length is too large."""
+        if scope["type"] != "http":
+            return await self.app(scope, receive, send)
+        most = self.uploads.get((scope["method"], scope["path"]), self.max_bytes)
+        declared = Headers(scope=scope).get("content-length", "")
+        if declared.isdigit() and int(declared) > most:
+            return await problem_response(_too_large(most))(scope, receive, send)
+        read = 0
+
+        async def receive_counted() -> Message:
+            nonlocal read
+            message = await receive()
+            read += len(message.get("body", b""))
+            if read > most:
+                raise _too_large(most)
+            return message
+
+        return await self.app(scope, receive_counted, send)
+
+
+def _too_large(most: int) -> Problem:
+    text = f"the body is too large: send at most {most} bytes"
+    return Problem(413, text, "urn:forewarn:body", max_bytes=most)
+
+
+def policy_of(path: str) -> str:
+    return next(policy for start, policy in POLICIES if path.startswith(start))
+
+
+def _host_name(host: str) -> str | None:
+    """Name or address in a Host header, without port and brackets; None if invalid."""
+    match = HOST.fullmatch(host)
+    return match and (match[1] or match[2]).lower()
+
+
+def _is_address(name: str, settings: Settings) -> bool:
+    try:
+        address = ip_address(name)
+    except ValueError:
+        return False
+    return address.is_loopback or not settings.is_local
+
+
+class _SessionWebSocket:
+    """Receive and send of a WebSocket that closes when its session ends.
+
+    To the application the client seems to have left; later messages of either side are dropped.
+    One task reads for the whole connection: a task per message would cost more than the message.
+    """
+
+    def __init__(self, ended: asyncio.Future[None], receive: Receive, send: Send) -> None:
+        self._ended, self._receive, self._send = ended, receive, send
+        self._messages: deque[Message] = deque()
+        self._has_news, self._has_space = asyncio.Event(), asyncio.Event()
+        self._reading: asyncio.Future[None] | None = None
+        ended.add_done_callback(lambda _: self._has_news.set())
+
+    async def receive(self) -> Message:
+        if self._reading is None:
+            self._reading = asyncio.ensure_future(self._read())
+        while not (self._messages or self._ended.done()):
+            self._has_news.clear()
+            await self._has_news.wait()
+        if self._messages:
+            message = self._messages.popleft()
+            self._has_space.set()
+            if not self._ended.done() or message["type"] == "websocket.disconnect":
+                return message
+        await self._send(
+            {"type": "websocket.close", "code": SESSION_OVER, "reason": SESSION_OVER_REASON}
+        )
+        return {"type": "websocket.disconnect", "code": SESSION_OVER, "reason": SESSION_OVER_REASON}
+
+    async def send(self, message: Message) -> None:
+        if not self._ended.done():
+            await self._send(message)
+
+    def close(self) -> None:
+        self._ended.cancel()
+        if self._reading is not None:
+            self._reading.cancel()
+
+    async def _read(self) -> None:
+        while True:
+            message = await self._receive()
+            self._messages.append(message)
+            self._has_news.set()
+            if message["type"] == "websocket.disconnect":
+                return
+            while len(self._messages) >= MOST_READ_AHEAD:
+                self._has_space.clear()
+                await self._has_space.wait()
+
+
+def _noted(send: Send, note: Callable[[int], None]) -> Send:
+    """Note the status of the answer; an accepted WebSocket counts as 101."""
+
+    async def send_on(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            note(message["status"])
+        elif message["type"] == "websocket.accept":
+            note(101)
+        await send(message)
+
+    return send_on
+
+
+def _with_headers(send: Send, scope: Scope) -> Send:
+    """Add the security headers that the route has not set."""
+    path = scope["path"]
+
+    async def send_on(message: Message) -> None:
+        if message["type"] in ("http.response.start", "websocket.http.response.start"):
+            headers = MutableHeaders(scope=message)
+            for name, value in HEADERS.items():
+                headers.setdefault(name, value)
+            headers.setdefault("Content-Security-Policy", policy_of(path))
+            headers.setdefault("Cache-Control", "no-store" if "/api/" in path else "no-cache")
+        await send(message)
+
+    return send_on

@@ -1,0 +1,22 @@
+"""Score a recording: detect manoeuvres, assess them, check validity, give a verdict on each.
+
+Start at `score`: it returns one table of samples and one verdict for each manoeuvre.
+"""
+
+from app.assessment.recipe import Interval, ScoringRecipe
+from app.assessment.score import manoeuvres_in, score, score_at_each
+from app.assessment.scored import BETWEEN, SAMPLE, ScoredManoeuvre, ScoredRecording
+from app.assessment.scoring_input import MissingChannels
+
+__all__ = [
+    "BETWEEN",
+    "SAMPLE",
+    "Interval",
+    "MissingChannels",
+    "ScoredManoeuvre",
+    "ScoredRecording",
+    "ScoringRecipe",
+    "manoeuvres_in",
+    "score",
+    "score_at_each",
+]

@@ -1,0 +1,312 @@
+"""Batches of sources: JSON objects, read into channels by the flight's mapping."""
+
+import collections.abc as abc
+from collections.abc import Collection
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from app.assessment.resampling import Angles, Sample
+from app.telemetry.mapping.applying import derivation_order
+from app.telemetry.mapping.derivations import DERIVATIONS
+from app.telemetry.mapping.mapping import ChannelSource, Mapping
+from app.telemetry.plausibility import BOUNDS
+from app.telemetry.readers.journal import TIMES
+from app.telemetry.recording import ATTITUDE, TelemetryError
+from app.telemetry.targets import TARGETS
+from app.telemetry.units import convert
+from core.channels import KEYS
+from core.limits.limit_sets import CONDITION_KEYS, ConditionKey
+
+MOST_SAMPLES = 1_000
+"""Most samples per batch: more would delay other flights."""
+DEEPEST = 4
+WITH_MEMORY = ("p_from_attitude", "r_from_attitude")
+"""Derivations by slopes, which need future samples."""
+
+Values = dict[str, list[Any]]
+Names = abc.Mapping[ConditionKey, str]
+NAN = float("nan")
+_NUMBER = {float: float, int: float}
+_FLOATS = {float}
+_NOTHING = [NAN]
+_BOUNDS = tuple(BOUNDS[key] for key in KEYS)
+_decoder = msgspec.json.Decoder()
+
+
+class Batch(NamedTuple):
+    """A batch of a source. sequence: its number; None if the source gives none."""
+
+    sequence: int | None
+    values: Values
+
+
+def decode_batch(content: bytes | str) -> Batch:
+    """Read a batch: {"sequence": n, name: value or list of values, ...}. TelemetryError.
+
+    Members of nested objects get names like a/b.
+    """
+    try:
+        plain = _decoder.decode(content)
+    except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
+        raise TelemetryError(
+            f"the batch is not JSON ({error}): send an object such as "
+            '{"sequence": 1, "t": 0.02, "beta": 0.01, ...}'
+        ) from None
+    if not isinstance(plain, dict):
+        raise TelemetryError(
+            "the batch is not a JSON object: send names with a list of values each"
+        )
+    sequence = plain.pop("sequence", None)
+    if sequence is not None and (type(sequence) is not int or not 0 <= sequence <= 2**53):
+        raise TelemetryError(f"sequence is {str(sequence)[:40]!r}: number the batches 0, 1, 2 ...")
+    if {*map(type, plain.values())} == _FLOATS:
+        return Batch(sequence, {name: [value] for name, value in plain.items()})
+    values: Values = {}
+    _flatten(plain, "", values, DEEPEST)
+    return Batch(sequence, values)
+
+
+def sequence_of(content: bytes | str) -> int | None:
+    """Sequence number of a message that may not be a batch; None if it has none."""
+    try:
+        plain = _decoder.decode(content)
+    except (msgspec.DecodeError, RecursionError, UnicodeDecodeError):
+        return None
+    sequence = plain.get("sequence") if isinstance(plain, dict) else None
+    return sequence if type(sequence) is int else None
+
+
+def _flatten(plain: dict[str, Any], prefix: str, values: Values, depth: int) -> None:
+    for name, value in plain.items():
+        if isinstance(value, dict):
+            if depth == 0:
+                raise TelemetryError(f"{prefix}{name} is nested too deeply: send flatter objects")
+            _flatten(value, f"{prefix}{name}/", values, depth - 1)
+        elif isinstance(value, list):
+            if len(value) > MOST_SAMPLES:
+                raise TelemetryError(
+                    f"{prefix}{name} has {len(value)} samples: send at most {MOST_SAMPLES}"
+                )
+            values[prefix + name] = value
+        else:
+            values[prefix + name] = [value]
+
+
+@dataclass(frozen=True)
+class _Direct:
+    """A channel taken from one signal: value * scale + shift."""
+
+    name: str
+    scale: float = 1.0
+    shift: float = 0.0
+
+    def __call__(self, values: Values, n: int) -> list[float]:
+        numbers = _numbers(values, self.name, n)
+        if self.is_plain:
+            return numbers
+        return [value * self.scale + self.shift for value in numbers]
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether values need no conversion."""
+        return self.scale == 1.0 and self.shift == 0.0
+
+
+class ChannelReader:
+    """Turns batches into samples by a mapping; without one, names are our keys in SI units.
+
+    conditions: names of the channels of the flight condition in a batch, in SI units; by default
+    their own.   TelemetryError for a mapping that cannot read live samples.
+    """
+
+    def __init__(self, mapping: Mapping | None = None, conditions: Names | None = None) -> None:
+        self.mapping, self.conditions = mapping, conditions or {}
+        self._conditions = [_Direct(self.conditions.get(key, key)) for key in CONDITION_KEYS]
+        self._condition_names = frozenset(read.name for read in self._conditions)
+        if mapping is None:
+            self._time: _Direct | None = None
+            self._direct = {key: _Direct(key) for key in (*KEYS, *ATTITUDE)}
+            self._derived: dict[str, ChannelSource] = {}
+            self._columns: list[_Direct | None] = [*self._direct.values()]
+            self._read = {*TIMES, *self._names}
+            self._plain_names = [*self._direct]
+            return
+        self._time = _time_of(mapping)
+        self._direct = {
+            key: _direct(key, source) for key, source in mapping.channels.items() if source.signal
+        }
+        self._columns = [self._direct.get(key) for key in (*KEYS, *ATTITUDE)]
+        plain = [read.name for read in self._columns if read and read.is_plain]
+        self._plain_names = plain if len(plain) == len(self._columns) else []
+        self._derived = {key: mapping.channels[key] for key in derivation_order(mapping)}
+        for key, source in self._derived.items():
+            if source.derivation in WITH_MEMORY:
+                raise TelemetryError(
+                    f"{key} is derived by slopes, which need future samples: in a live flight the "
+                    "source must send it"
+                )
+        self._read = {self._time.name, *self._names}
+
+    @property
+    def _names(self) -> list[str]:
+        return [read.name for read in (*self._direct.values(), *self._conditions)]
+
+    @property
+    def names(self) -> list[str]:
+        """Names that a batch contains: time, then each signal that is read."""
+        time = self._time.name if self._time else TIMES[0]
+        return [time, *(direct.name for direct in self._direct.values())]
+
+    def unread(self, batch: Batch) -> list[str]:
+        """Names in a batch that are not read, in its order."""
+        if batch.values.keys() <= self._read:
+            return []
+        return [name for name in batch.values if name not in self._read]
+
+    def check(self, batch: Batch, needed: Collection[str]) -> None:
+        """TelemetryError if a flight cannot begin with this batch."""
+        samples = self.samples(batch)
+        lacking = [
+            key for key in needed if all(np.isnan(sample.y[KEYS.index(key)]) for sample in samples)
+        ]
+        if not lacking:
+            return
+        odd = next((sample.reason for sample in samples if sample.reason), "")
+        from_ = {key: d.name for key, d in self._direct.items()}
+        named = ", ".join(
+            key if from_.get(key, key) == key else f"{key} ({from_[key]})" for key in lacking
+        )
+        sent = ", ".join([*batch.values][:20]) or "nothing"
+        raise TelemetryError(
+            f"{odd}: check its unit"
+            if odd
+            else f"missing channels: {named}; the batch contains {sent}: "
+            "send all channels of the monitor by these names, or start the flight with a recording "
+            "that maps yours"
+        )
+
+    def samples(self, batch: Batch) -> list[Sample]:
+        """The samples of a batch, in its order; implausible values are missing. TelemetryError."""
+        values = batch.values
+        samples = self._samples(values)
+        if not self._condition_names.isdisjoint(values):
+            n = len(samples)
+            columns = [
+                read(values, n) if read.name in values else None for read in self._conditions
+            ]
+            return [
+                sample._replace(condition=tuple(column and column[k] for column in columns))
+                for k, sample in enumerate(samples)
+            ]
+        return samples
+
+    def _samples(self, values: Values) -> list[Sample]:
+        """The samples without the flight condition."""
+        times = self._times(values)
+        n = len(times)
+        if n == 1 and not self._derived:
+            return [_sample(times[0], self._row(values))]
+        channels = {
+            key: read(values, n) for key, read in self._direct.items() if read.name in values
+        }
+        if self._derived:
+            self._derive(channels, times)
+        unknown = [NAN] * n
+        columns = [channels.get(key, unknown) for key in (*KEYS, *ATTITUDE)]
+        rows = zip(times, zip(*columns, strict=True), strict=True)
+        return [_sample(t, row) for t, row in rows]
+
+    def _row(self, values: Values) -> tuple[float, ...]:
+        """The only sample of a batch: KEYS, then ATTITUDE."""
+        given = [values.get(name, _NOTHING) for name in self._plain_names]
+        row: tuple[Any, ...] = tuple([column[0] if len(column) == 1 else None for column in given])
+        if row and {*map(type, row)} == _FLOATS:
+            return row
+        return tuple([read(values, 1)[0] if read else NAN for read in self._columns])
+
+    def _times(self, values: Values) -> list[float]:
+        mapped = self._time.name if self._time else None
+        name = mapped or next(filter(values.__contains__, TIMES), TIMES[0])
+        given = values.get(name)
+        if not given:
+            sent = ", ".join([*values][:20]) or "nothing"
+            raise TelemetryError(f"the batch has no time {name!r}, only {sent}: add it, in s")
+        if self._time is None or self._time.is_plain:
+            times = _numbers(values, name, len(given))
+        else:
+            times = self._time(values, len(given))
+        if not all(map(isfinite, times)):
+            raise TelemetryError(f"{name} has a missing or infinite value: send each sample's time")
+        return times
+
+    def _derive(self, channels: dict[str, list[float]], times: list[float]) -> None:
+        t = np.array(times)
+        for key, source in self._derived.items():
+            way = DERIVATIONS[source.derivation]
+            helps = way.helps if channels.keys() >= {*way.helps} else ()
+            if any(need not in channels for need in way.needs):
+                continue
+            inputs = {need: np.array(channels[need]) for need in (*way.needs, *helps)}
+            derived = source.sign * way.apply(t, inputs) - source.bias
+            channels[key] = derived.tolist()
+
+
+def _direct(key: str, source: ChannelSource) -> _Direct:
+    scale, shift = _factor(source.unit, TARGETS[key].unit, f"{key} ({source.signal})")
+    sign = source.sign
+    return _Direct(source.signal, sign * scale, sign * shift - source.bias)
+
+
+def _time_of(mapping: Mapping) -> _Direct:
+    sources = [source for source in mapping.times.values() if source.signal]
+    if len(sources) != 1:
+        raise TelemetryError(
+            f"the mapping has {len(sources)} time signals: a live flight needs exactly one"
+        )
+    (source,) = sources
+    scale, shift = _factor(source.unit, "s", f"the time {source.signal}")
+    return _Direct(source.signal, scale, shift)
+
+
+def _factor(unit: str, target: str, what: str) -> tuple[float, float]:
+    try:
+        zero, unity = convert(np.array([0.0, 1.0]), unit, target).tolist()
+    except TelemetryError as error:
+        raise TelemetryError(f"unit of {what}: {error}") from None
+    return unity - zero, zero
+
+
+def _numbers(values: Values, name: str, n: int) -> list[float]:
+    """n numbers, NaN for null and absent ones. TelemetryError."""
+    given = values.get(name)
+    if given is None:
+        return [NAN] * n
+    if len(given) != n:
+        raise TelemetryError(
+            f"{name} has {len(given)} samples but the time has {n}: send equally many"
+        )
+    if {*map(type, given)} == _FLOATS:
+        return given
+    try:
+        return [NAN if v is None else _NUMBER[type(v)](v) for v in given]
+    except (KeyError, OverflowError):
+        raise TelemetryError(
+            f"{name} contains a non-number: send a number or null per sample"
+        ) from None
+
+
+def _sample(t: float, row: tuple[float, ...]) -> Sample:
+    y, reason = np.array(row[: len(KEYS)]), ""
+    for i in [i for i, bound in enumerate(_BOUNDS) if not -bound <= row[i] <= bound]:
+        if row[i] == row[i]:
+            text = f"{KEYS[i]} of {row[i]:.4g} {TARGETS[KEYS[i]].unit} is implausible"
+            reason, y[i] = reason or text, NAN
+    angles: Angles | None = None
+    phi, theta, psi = row[len(KEYS) :]
+    if isfinite(phi) and isfinite(theta):
+        angles = phi, theta, psi if isfinite(psi) else 0.0
+    return Sample(t, y, angles, reason)

@@ -1,0 +1,104 @@
+"""Coverage: was enough recorded and assessed for a verdict on a manoeuvre?
+
+An exceedance or an alert may hide in a gap. So a gap of more than a few samples, or many small
+ones, leave the outcome unknown; a single lost sample does not.
+"""
+
+import numpy as np
+
+from app.assessment.outcome import SAME_TIME, Alerts, Hole, Limited, RecordedExceedance
+from core.monitor import Assessments
+from core.monitor.assessment import STATES, State
+from core.types import Flags
+
+MOST_LOST = 2
+"""Monitor samples that may be missing in a row, not counting the warm-up after them."""
+MOST_SHARE = 0.05
+"""Share of the samples, or of the time, that may be missing in total."""
+WARMING_UP, OK = STATES.index(State.WARMING_UP), STATES.index(State.OK)
+
+
+def unassessed(assessments: Assessments) -> Flags:
+    """(n,) samples without an assessment, not counting the first warm-up."""
+    begun = assessments.state != WARMING_UP
+    first = int(begun.argmax()) if begun.any() else len(begun)
+    return (assessments.state != OK) & (np.arange(len(begun)) >= first)
+
+
+def why_outcome_unknown(
+    limited: Limited, assessments: Assessments, alerts: Alerts, dt: float
+) -> str:
+    """Why "no exceedance" or "no alert" is uncertain, because data are missing; "" if certain.
+
+    limited: of a manoeuvre without a recorded exceedance.   dt: of the monitor [s].
+    """
+    length = float(assessments.t[-1] - assessments.t[0])
+    longest = max(limited.holes, key=lambda hole: hole.lost, default=None)
+    if longest and (_is_wide(longest, dt) or limited.lost > MOST_SHARE * length):
+        return (
+            f"data missing: no sample of {longest.channel} from {longest.start:.2f} to "
+            f"{longest.end:.2f} s, {limited.lost:.2f} s missing in total; a limit may have been "
+            "exceeded there"
+        )
+    lost = unassessed(assessments)
+    missing = _longest_run(lost & (assessments.state != WARMING_UP))
+    is_much = missing[1] - missing[0] > MOST_LOST or lost.sum() > MOST_SHARE * len(lost)
+    if alerts or not is_much:
+        return ""
+    begin, end = _longest_run(lost)
+    return (
+        f"data missing: no sample assessed from {assessments.t[begin]:.2f} to "
+        f"{assessments.t[end - 1]:.2f} s, {lost.sum()} of {len(lost)} in total; there may have "
+        "been an alert"
+    )
+
+
+def why_warning_unknown(
+    limited: Limited,
+    exceedance: RecordedExceedance,
+    assessments: Assessments,
+    alerts: Alerts,
+    promised: float,
+) -> str:
+    """Why it is unknown whether a timely alert was possible before an exceedance; "" if known.
+
+    Either a hole ends at the exceedance, so its exact time is unknown and decides whether the alert
+    was timely. Or no sample was assessed in the last interval for a timely alert: one lead long,
+    ending one lead before the exceedance.
+    promised: lead [s].
+    """
+    alert = alerts[0][0] if alerts and alerts[0][0] <= exceedance.t + SAME_TIME else None
+    dt = float(assessments.t[1] - assessments.t[0])
+    for hole in limited.holes:
+        ends_at_it = hole.channel == exceedance.channel and hole.end == exceedance.t
+        is_sure = alert is not None and (
+            alert + promised <= hole.start + SAME_TIME or alert + promised > hole.end + SAME_TIME
+        )
+        if ends_at_it and _is_wide(hole, dt) and not is_sure:
+            doubt = "could not warn" if alert is None else "unknown whether the alert was timely"
+            return (
+                f"{doubt}: no sample from {hole.start:.2f} to {hole.end:.2f} s; the limit was "
+                "exceeded in between"
+            )
+    last = exceedance.t - promised + SAME_TIME
+    if alert is not None and alert <= last:
+        return ""
+    chance = (assessments.t >= last - promised - 2 * SAME_TIME) & (assessments.t <= last)
+    if not chance.any() or not unassessed(assessments)[chance].all():
+        return ""
+    begin, end = assessments.t[chance][[0, -1]]
+    return (
+        f"could not warn: no sample assessed from {begin:.2f} to {end:.2f} s, the last interval "
+        f"for a timely alert; the limit was exceeded at {exceedance.t:.2f} s"
+    )
+
+
+def _longest_run(flags: Flags) -> tuple[int, int]:
+    """Bounds [begin, end) of the longest run of true flags."""
+    edges = np.flatnonzero(np.diff(flags.view(np.int8), prepend=0, append=0)).reshape(-1, 2)
+    longest = edges[(edges[:, 1] - edges[:, 0]).argmax()] if len(edges) else (0, 0)
+    return int(longest[0]), int(longest[1])
+
+
+def _is_wide(hole: Hole, dt: float) -> bool:
+    return hole.lost > MOST_LOST * dt + SAME_TIME

@@ -1,0 +1,218 @@
+"""The limits in force while a recording was flown, from the records of its flight."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from app.assessment.limits_in_force import (
+    CONDITION_VALID_S,
+    ROUNDING,
+    LimitsInForce,
+    LimitsRule,
+    Ruling,
+)
+from app.assessment.outcome import SAME_TIME
+from app.telemetry.contents import Columns
+from app.telemetry.mapping.mapping import Mapping as ChannelMapping
+from app.telemetry.mapping.mapping import TimeSource
+from app.telemetry.recording import TelemetryError
+from app.telemetry.units import convert
+from core.channels import KEYS, N_CHANNELS
+from core.limits.limit_sets import CONDITION_KEYS, MISSING, STALE, Condition
+from core.limits.limits import specification_to_plain
+from core.types import Array, Flags, Indices
+
+KNOWN = ""
+
+
+class ConditionSeries(NamedTuple):
+    """One channel of the flight condition as sent: t (n,) increasing [s], values (n,)."""
+
+    t: Array
+    values: Array
+
+
+@dataclass(frozen=True, eq=False)
+class LimitsHistory:
+    """The limit sets put in force during a flight, and the flight condition.
+
+    A version applies to samples after its time; the first version of a flight to all samples.
+    A condition value applies until the next one of its channel, for at most CONDITION_VALID_S.
+    """
+
+    versions: tuple[LimitsInForce, ...]
+    measured: dict[str, ConditionSeries]
+
+    @classmethod
+    def of(cls, columns: Columns, mapping: ChannelMapping) -> Self | None:
+        """Read it from a recording, on its mapping's times; None where no limit set was in force.
+
+        TelemetryError if the record of limit sets is damaged.
+        """
+        contents = columns.contents
+        if not contents.limits:
+            return None
+        try:
+            versions = tuple(map(LimitsInForce.from_plain, contents.limits))
+        except (KeyError, TypeError, ValueError, AttributeError):
+            raise TelemetryError(
+                "the limit sets in force are damaged: export the flight's journal again"
+            ) from None
+        names = {key: contents.conditions.get(key, key) for key in CONDITION_KEYS}
+        known = {signal.name for signal in contents.signals}
+        measured = {
+            key: _measured(columns, mapping, name) for key, name in names.items() if name in known
+        }
+        return cls(versions, measured)
+
+    def timeline(self, own: Sequence[Array | None]) -> "InForceTimeline":
+        """Limits in force over time. own: (6,) limits of each monitor, alarm authority first."""
+        starts, rulings = [-np.inf], list[Ruling | None]([None])
+        begins = [-np.inf if v.seq == 0 else v.t + SAME_TIME for v in self.versions]
+        for version, (begin, end) in zip(self.versions, pairwise([*begins, np.inf]), strict=True):
+            rule = LimitsRule(version, own)
+            for t, condition in self._conditions(begin, end):
+                ruling = rule.at(condition)
+                if ruling is not rulings[-1]:
+                    starts.append(t)
+                    rulings.append(ruling)
+        return InForceTimeline(np.array(starts), tuple(rulings), own[0])
+
+    def _conditions(self, begin: float, end: float) -> list[tuple[float, Condition]]:
+        """The measured condition at `begin` [s] and at each later change before `end`."""
+        edges = [np.array([begin])]
+        for series in self.measured.values():
+            edges += [series.t - ROUNDING, np.nextafter(series.t + CONDITION_VALID_S, np.inf)]
+        t = np.unique(np.concatenate(edges))
+        t = t[(t >= begin) & (t < end)]
+        columns = [_at(self.measured.get(key), t) for key in CONDITION_KEYS]
+        changes = np.ones(len(t), bool)
+        changes[1:] = np.logical_or.reduce(
+            [_differs(values) | (words[1:] != words[:-1]) for values, words in columns]
+        )
+        return [
+            (float(t[k]), tuple(str(w[k]) or float(v[k]) for v, w in columns))
+            for k in np.flatnonzero(changes)
+        ]
+
+
+class InForceTimeline:
+    """Which limits are in force when, and which monitors they suit.
+
+    starts: (n,) increasing [s], the first -inf.   rulings: the ruling from each start on; None for
+    the alarm authority's own limits.   own: (6,) those; None where unknown.
+    """
+
+    def __init__(self, starts: Array, rulings: tuple[Ruling | None, ...], own: Array | None):
+        self.starts, self.rulings = starts, rulings
+        limits = [own if ruling is None else ruling.limits for ruling in rulings]
+        unlimited = np.full(N_CHANNELS, np.inf)
+        self.limits = np.array([unlimited if each is None else each for each in limits])
+        """(n, 6), infinite where there is no limit or it is unknown"""
+        self._silent = np.array([bool(ruling and ruling.reasons[0]) for ruling in rulings])
+
+    def index(self, t: Array | float) -> Indices:
+        return np.searchsorted(self.starts, t, "right") - 1
+
+    def ruling(self, t: float) -> Ruling | None:
+        """The ruling at a time [s]; None for the alarm authority's own limits."""
+        return self.rulings[int(self.index(t))]
+
+    def at(self, t: Array) -> Array:
+        """(n, 6) largest permitted magnitudes at each time."""
+        return self.limits[self.index(t)]
+
+    def during(self, start: float, end: float) -> list[Array]:
+        """(6,) each distinct limits in force from start to end [s], in order."""
+        first, last = self.index(np.array([start, end]))
+        distinct = {limits.tobytes(): limits for limits in self.limits[first : last + 1]}
+        return list(distinct.values())
+
+    def silent(self, t: Array) -> Flags:
+        """(n,) whether the limits in force make the alarm authority not applicable."""
+        return self._silent[self.index(t)]
+
+    def intervals(self, start: float, end: float) -> list[dict[str, Any]]:
+        """Limits of limit sets in force from start to end [s], in plain data.
+
+        reason: why the alarm authority is not applicable; empty where it is.
+        """
+        ends = [*self.starts[1:].tolist(), np.inf]
+        return [
+            {"start": max(begin, start), "end": min(stop, end)} | _plain(ruling)
+            for begin, stop, ruling in zip(self.starts.tolist(), ends, self.rulings, strict=True)
+            if ruling is not None and begin <= end and stop >= start
+        ]
+
+
+class LimitPiece(NamedTuple):
+    """Limits (6,) from start to end [s], infinite where there is no limit or it is unknown."""
+
+    start: float
+    end: float
+    limits: Array
+
+
+def pieces_of(limits: Array, in_force: Sequence[Mapping[str, Any]] | None) -> list[LimitPiece]:
+    """Which limits were in force when. limits: (6,) the monitor's.
+
+    in_force: plain, see InForceTimeline.intervals; None where the monitor's applied throughout.
+    """
+    if in_force is None:
+        return [LimitPiece(-np.inf, np.inf, limits)]
+    pieces = [
+        LimitPiece(
+            each["start"],
+            each["end"],
+            np.array([(each["limits"] or {}).get(key, np.inf) for key in KEYS]),
+        )
+        for each in in_force
+    ]
+    begin = pieces[0].start if pieces else np.inf
+    return [LimitPiece(-np.inf, begin, limits), *pieces]
+
+
+def _plain(ruling: Ruling) -> dict[str, Any]:
+    in_force = ruling.in_force
+    limits = specification_to_plain(ruling.specification)
+    return {
+        "limit_set": in_force.limit_set,
+        "name": in_force.name,
+        "version": in_force.version,
+        "by": in_force.by,
+        "case": ruling.case,
+        "limits": {key: limits[key] for key in KEYS if limits.get(key) is not None}
+        if isinstance(limits, dict)
+        else None,
+        "reason": ruling.reasons[0],
+    }
+
+
+def _measured(columns: Columns, mapping: ChannelMapping, name: str) -> ConditionSeries:
+    """The values of a signal in order of time, infinite where marked unknown."""
+    group = columns.contents.groups[columns.signal(name).group]
+    source = mapping.times.get(group.name, TimeSource())
+    clock, unit = (source.signal, source.unit) if source.signal else (group.time, "s")
+    t, values = convert(columns.values(clock), unit, "s"), columns.values(name)
+    known = ~np.isnan(values) & np.isfinite(t)
+    order = np.argsort(t[known], kind="stable")
+    return ConditionSeries(t[known][order], values[known][order])
+
+
+def _at(measured: ConditionSeries | None, t: Array) -> tuple[Array, np.ndarray]:
+    """Value of a channel at each time, and the word for why it has none; empty where it has."""
+    if measured is None or not len(measured.t):
+        return np.zeros(len(t)), np.full(len(t), MISSING)
+    newest = np.searchsorted(measured.t, t + 2 * ROUNDING, "right") - 1
+    at = np.maximum(newest, 0)
+    late = t - measured.t[at] > CONDITION_VALID_S
+    unknown = (newest < 0) | np.isinf(measured.values[at])
+    words = np.where(unknown, MISSING, np.where(late, STALE, KNOWN))
+    return np.where(words == KNOWN, measured.values[at], 0.0), words
+
+
+def _differs(values: Array) -> Flags:
+    return np.diff(values) != 0.0

@@ -1,0 +1,215 @@
+"""The outcome of a manoeuvre: its first exceedance, and whether an alert came in time."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import floor
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+
+from app.telemetry.traces import Traces
+from core.channels import CHANNELS
+from core.types import Array, Flags
+
+if TYPE_CHECKING:
+    from app.assessment.limits_history import InForceTimeline
+
+Outcome = Literal[
+    "timely_alert", "late_alert", "missed", "false_alert", "quiet", "unseen", "invalid", "unknown"
+]
+Alerts = tuple[tuple[float, float], ...]
+GAP_RATIO = 1.5
+"""Steps between recorded samples this many times the median count as a gap."""
+EXCEEDED = "LIMIT EXCEEDED"
+UNWARNED: dict[Outcome, str] = {
+    "invalid": "INVALID, no verdict",
+    "unseen": "data missing, no verdict",
+}
+"""Exceedances that are neither missed nor warned: the monitor was withdrawn or had no data."""
+SAME_TIME = 1e-6
+"""[s] Times that differ by less are equal: a clock may count from 1970."""
+
+
+@dataclass(frozen=True)
+class RecordedExceedance:
+    """The first recorded sample that exceeds a limit. t: [s].   value: from trim, in its unit.
+
+    limit: the limit exceeded where a limit set was in force; None for the monitor's own.
+    """
+
+    t: float
+    channel: str
+    value: float
+    limit: float | None = None
+
+
+class Hole(NamedTuple):
+    """Times between which a channel has no sample [s].   lost: beyond one usual step [s]."""
+
+    channel: str
+    start: float
+    end: float
+    lost: float
+
+
+class Peak(NamedTuple):
+    """Largest magnitude of a limited channel, from trim (judged) and as recorded.
+
+    largest: None where no value or no trim is known.   recorded: 0 where there is no value.
+    bias: removed by the mapping.
+    """
+
+    channel: str
+    largest: float | None
+    limit: float
+    recorded: float
+    bias: float = 0.0
+
+
+class Limited(NamedTuple):
+    """The recorded samples of the limited channels between two times, against the limits.
+
+    lost: seconds without samples, in the worst channel.   holes: in every limited channel.
+    as_recorded: the first sample that exceeds a limit as recorded, with its bias and trim.
+    """
+
+    exceedance: RecordedExceedance | None
+    peaks: tuple[Peak, ...]
+    lost: float
+    holes: tuple[Hole, ...] = ()
+    as_recorded: RecordedExceedance | None = None
+
+
+def against_limits(
+    traces: Traces,
+    limits: Array,
+    trim: Array,
+    start: float,
+    end: float,
+    timeline: "InForceTimeline | None" = None,
+) -> Limited:
+    """Judge the recorded samples, not those resampled for the monitor.
+
+    traces: repaired.   limits, trim: (6,).   start, end: [s], both included.
+    timeline: limits in force over time, instead of `limits`; each gets a peak of its own.
+    """
+    exceedances: list[RecordedExceedance] = []
+    raw: list[RecordedExceedance] = []
+    peaks: list[Peak] = []
+    holes: list[Hole] = []
+    in_force = [limits] if timeline is None else timeline.during(start, end)
+    for c in np.flatnonzero(np.isfinite(in_force).any(axis=0)):
+        key = CHANNELS[c].key
+        magnitudes = dict.fromkeys(float(each[c]) for each in in_force if np.isfinite(each[c]))
+        if timeline is not None and key not in traces.channels:
+            peaks += [Peak(key, None, limit, 0.0) for limit in magnitudes]
+            continue
+        trace = traces.channels[key]
+        part = slice(*np.searchsorted(trace.t, (start - SAME_TIME, end + SAME_TIME)).tolist())
+        known = np.isfinite(trace.values[part])
+        t, values = trace.t[part][known], trace.values[part][known]
+        value, recorded = values - trim[c], values + trace.bias
+        limit = np.full(len(t), limits[c]) if timeline is None else timeline.at(t)[:, c]
+        for judged, results in ((value, exceedances), (recorded, raw)):
+            over = np.flatnonzero(np.abs(judged) >= limit)
+            if len(over):
+                i = over[0]
+                exceeded = None if timeline is None else float(limit[i])
+                results.append(RecordedExceedance(float(t[i]), key, float(judged[i]), exceeded))
+        for magnitude in magnitudes:
+            here = limit == magnitude
+            if len(t) and not here.any():
+                continue
+            from_trim = value[here & np.isfinite(value)]
+            largest = float(np.abs(from_trim).max()) if len(from_trim) else None
+            as_recorded = float(np.abs(recorded[here]).max(initial=0.0))
+            peaks.append(Peak(key, largest, magnitude, as_recorded, trace.bias))
+        holes += _holes(key, t, start, end)
+    first, first_raw = (
+        min(results, key=lambda exceedance: exceedance.t, default=None)
+        for results in (exceedances, raw)
+    )
+    each = [sum(hole.lost for hole in holes if hole.channel == key) for key, *_ in peaks]
+    return Limited(first, tuple(peaks), max(each, default=0.0), tuple(holes), first_raw)
+
+
+def _holes(key: str, t: Array, start: float, end: float) -> list[Hole]:
+    """Holes of a channel between start and end. t: (n,) times of its samples."""
+    if len(t) < 2:
+        return [Hole(key, start, end, end - start)]
+    step = float(np.median(np.diff(t)))
+    edges = np.concatenate([[start], t, [end]])
+    steps = np.diff(edges)
+    return [
+        Hole(key, float(edges[i]), float(edges[i + 1]), float(steps[i] - step))
+        for i in np.flatnonzero(steps > GAP_RATIO * step)
+    ]
+
+
+def runs(t: Array, alert: Flags) -> Alerts:
+    """First and last time of each run of alerts [s]."""
+    edges = np.flatnonzero(np.diff(alert.view(np.int8), prepend=0, append=0)).reshape(-1, 2)
+    return tuple((float(t[begin]), float(t[end - 1])) for begin, end in edges)
+
+
+def outcome(
+    alerts: Alerts, exceedance: RecordedExceedance | None, promised: float
+) -> tuple[Outcome, float | None]:
+    """The outcome of a manoeuvre, and the lead from the first alert to the exceedance [s].
+
+    promised: lead in effect [s]. An exceedance without an alert before it is a miss.
+    """
+    if exceedance is None:
+        return ("false_alert" if alerts else "quiet"), None
+    if not alerts or alerts[0][0] > exceedance.t + SAME_TIME:
+        return "missed", None
+    lead = exceedance.t - alerts[0][0]
+    return ("timely_alert" if lead >= promised - SAME_TIME else "late_alert"), lead
+
+
+def lead_words(lead: float) -> str:
+    """`1.34`: a lead in seconds, rounded down so that it never overstates."""
+    return f"{floor(100.0 * (lead + SAME_TIME)) / 100.0:.2f}"
+
+
+def warning_words(outcome: Outcome, lead: float | None, promised: float | None = None) -> str:
+    """How early the alert came: `warned 0.45 s before the limit`.
+
+    lead: [s] from the first alert to it.   promised: lead time of the monitor [s], named where the
+    alert was late; None where unknown.
+    """
+    if lead is None or outcome not in ("timely_alert", "late_alert"):
+        return UNWARNED.get(outcome, "missed: no alert before the limit")
+    warned = f"warned {lead_words(lead)} s before the limit"
+    if outcome == "timely_alert":
+        return warned
+    return f"{warned}: too late" if promised is None else f"{warned} ({promised:.4g} s promised)"
+
+
+def exceedance_verdict(
+    outcome: Outcome,
+    lead: float | None,
+    *,
+    promised: float | None = None,
+    exceeded: bool = True,
+    recorded: bool = False,
+) -> str:
+    """The verdict on an exceedance, worded alike in every view; "" where there was none.
+
+    lead, promised: see warning_words.   exceeded: from trim, as the monitor judges.
+    recorded: with trim and bias, as recorded.
+    """
+    if not exceeded:
+        return f"{EXCEEDED} as recorded, not from trim" if recorded else ""
+    return f"{EXCEEDED}, {warning_words(outcome, lead, promised)}"
+
+
+def verdict_of(manoeuvre: Mapping[str, Any], promised: float | None = None) -> str:
+    """The exceedance_verdict of a stored manoeuvre (plain data)."""
+    return exceedance_verdict(
+        manoeuvre["outcome"],
+        manoeuvre["lead"],
+        promised=promised,
+        exceeded=manoeuvre["exceedance"] is not None,
+        recorded=manoeuvre.get("recorded_exceedance") is not None,
+    )

@@ -1,0 +1,124 @@
+"""The test a monitor was trained for: its guarantee covers these flights only."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from app.recipes.recipes import from_plain
+from core.channels import KEYS, N_CHANNELS
+from core.monitor import Monitor
+from core.planned_test.collection import DatasetRecipe
+from core.simulation.aircraft import Aircraft
+from core.simulation.maneuver import Maneuver
+from core.types import Array, Flags
+
+SURFACES = (KEYS.index("delta_a"), KEYS.index("delta_r"))
+"""Columns of aileron and rudder in y, in the order of the pilot's commands."""
+SURFACE_NAMES = ("aileron", "rudder")
+TRIM_SEGMENT_S = 0.5
+"""[s] Used where a monitor does not record its own."""
+ROUNDING = 1e-9
+"""Share of the largest weight. Below it, a weight is rounding error of a constant channel."""
+MAIN_INPUT = 0.5
+"""Share of the largest command from which a movement counts as an input."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedTest:
+    """The planned test, as far as the monitor records it.
+
+    limits: (6,) largest permitted magnitudes, infinite where there is no limit.
+    limits_known: whether the monitor records the limits it was trained for.
+    maneuver, aircraft: None where the monitor does not come from a recipe.
+    """
+
+    dt: float
+    limits: Array
+    maneuver: Maneuver | None = None
+    aircraft: Aircraft | None = None
+    limits_known: bool = True
+
+    @classmethod
+    def of(cls, test: DatasetRecipe) -> "PlannedTest":
+        return cls(test.dt, test.specification.magnitudes, test.maneuver, test.aircraft)
+
+    @property
+    def duration(self) -> float | None:
+        """Duration of a rollout [s]; None where unknown."""
+        return self.maneuver.duration_s if self.maneuver else None
+
+    @property
+    def trim_segment_s(self) -> float:
+        """Trim before the first input [s]."""
+        return self.maneuver.lead_in_s if self.maneuver else TRIM_SEGMENT_S
+
+    @property
+    def speed(self) -> float | None:
+        """True airspeed of the model [m/s]; None where it has none."""
+        return self.aircraft.airspeed if self.aircraft else None
+
+    @cached_property
+    def commands(self) -> Array:
+        """(n, 2) planned commands of aileron and rudder [rad]; (0, 2) where unknown."""
+        if self.maneuver is None:
+            return np.empty((0, 2))
+        exact = replace(self.maneuver, timing_jitter_s=0.0, amplitude_jitter=0.0)
+        return exact.pilot(self.dt, 1, np.random.default_rng(0))[0]
+
+    @property
+    def amplitudes(self) -> Array:
+        """(2,) largest magnitude of each command [rad]; zeros where unknown."""
+        return np.abs(self.commands).max(axis=0, initial=0.0)
+
+    @property
+    def inputs_last(self) -> float:
+        """From the first input to the end of the last one [s]; 0 where unknown."""
+        moved = np.flatnonzero(self.commands.any(axis=1))
+        return float(moved[-1] - moved[0] + 1) * self.dt if len(moved) else 0.0
+
+
+def planned_test(monitor: Monitor) -> PlannedTest:
+    """The test a monitor was trained for, as far as it records it."""
+    recipe: dict[str, Any] = monitor.dataset_recipe
+    given = {part: {part: recipe[part]} for part in ("maneuver", "aircraft") if part in recipe}
+    parts = {
+        part: getattr(from_plain(DatasetRecipe(), plain), part) for part, plain in given.items()
+    }
+    return PlannedTest(
+        monitor.dt, limits_of(monitor), limits_known=monitor.limits is not None, **parts
+    )
+
+
+def limits_of(monitor: Monitor) -> Array:
+    """(6,) largest permitted magnitudes; infinite where there is no limit or it is unknown."""
+    return np.full(N_CHANNELS, np.inf) if monitor.limits is None else monitor.limits
+
+
+def first_direction(deviation: Array) -> int:
+    """Direction of the first large movement of a surface, 1 or -1; 0 where it does not move.
+
+    deviation: (n,) from trim, NaN where unknown.
+    """
+    known = np.nan_to_num(deviation)
+    main = np.abs(known) >= MAIN_INPUT * np.abs(known).max(initial=0.0)
+    return int(np.sign(known[main.argmax()])) if len(known) else 0
+
+
+def read_channels(monitor: Monitor, *, scored: bool = False) -> Flags:
+    """(6,) whether a channel has more than a rounding-error weight in the predictor.
+
+    scored: count only the outputs that the score uses.
+    """
+    channel = monitor.recipe.score.channel
+    matrix = monitor.affine.matrix
+    matrix = matrix[:, channel : channel + 1] if scored and channel >= 0 else matrix
+    weights = np.abs(matrix.reshape(-1, N_CHANNELS, matrix.shape[1])).max(axis=(0, 2))
+    weights *= monitor.scale
+    return weights > ROUNDING * weights.max()
+
+
+def needed_channels(monitor: Monitor, limits: Array) -> Flags:
+    """(6,) whether the monitor needs a channel: the score uses it, or it has a limit."""
+    return read_channels(monitor, scored=True) | np.isfinite(limits)

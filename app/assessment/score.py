@@ -1,0 +1,382 @@
+"""Scoring: from recorded channels to a verdict on each manoeuvre. Deterministic."""
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from app.assessment.assessed_segment import AssessedSegment
+from app.assessment.compatibility import compatibility
+from app.assessment.coverage import why_outcome_unknown, why_warning_unknown
+from app.assessment.exceedances_outside import MOST_OUTSIDE, exceedances_outside, notes_on_outside
+from app.assessment.limits_history import LimitsHistory
+from app.assessment.outcome import (
+    SAME_TIME,
+    Limited,
+    RecordedExceedance,
+    against_limits,
+    outcome,
+    runs,
+)
+from app.assessment.recipe import Interval, ScoringRecipe
+from app.assessment.scored import (
+    BETWEEN,
+    BLOCK,
+    SAMPLE,
+    ScoredManoeuvre,
+    ScoredRecording,
+    Validity,
+)
+from app.assessment.scoring_input import ScoringInput
+from app.assessment.segments import Segment, mean_of_rest, segments
+from app.assessment.validity import under_limits, validity
+from app.assessment.wording import guarantee, limits_remarks, remarks, withdrawn
+from app.telemetry.contents import release
+from app.telemetry.recording import ATTITUDE, Recording
+from app.telemetry.timing.repair import RepairedTraces
+from core.channels import KEYS
+from core.monitor import Assessments, Monitor
+from core.monitor.assessment import STATES, State, Withdrawal
+from core.monitor.validity.flown_input import FlownInput, amplitude
+from core.types import Array, Flags
+
+JUDGED_TOGETHER = 64
+"""Release the mapped columns from memory after this many segments."""
+INVALID = STATES.index(State.INVALID)
+
+
+def score(
+    monitor: Monitor,
+    recorded: RepairedTraces,
+    recipe: ScoringRecipe | None = None,
+    history: LimitsHistory | None = None,
+) -> ScoredRecording:
+    """Score a recording.
+
+    recorded: in SI units.   history: limits that were in force; None for the monitor's own. They
+    decide what an exceedance is; where they differ from the monitor's, it is not applicable.
+    TelemetryError where the recording lacks what the monitor needs or the recipe does not fit it;
+    ValueError for an epsilon that the monitor is too small for.
+    """
+    recipe = recipe or ScoringRecipe()
+    return score_at_each(monitor, recorded, recipe, (recipe.epsilon,), history)[0]
+
+
+def score_at_each(
+    monitor: Monitor,
+    recorded: RepairedTraces,
+    recipe: ScoringRecipe,
+    epsilons: Sequence[float | None],
+    history: LimitsHistory | None = None,
+) -> tuple[ScoredRecording, ...]:
+    """Score at several miss rates in one pass: only the alerts depend on epsilon."""
+    checked = [monitor.check_epsilon(epsilon) for epsilon in epsilons]
+    levels = [(epsilon, monitor.alert_above(epsilon)) for epsilon in checked]
+    flight = ScoringInput.of(monitor, recorded, history)
+    selected, notes = segments(flight.recording, flight.planned, recipe)
+    judged = _judge_all(flight, selected)
+    outside = _outside(flight, judged)
+    notes = (*flight.notes, *notes, *notes_on_outside(outside))
+    checks, t = compatibility(flight.traces), flight.recording.t
+    timeline = flight.timeline
+    in_force = timeline and tuple(timeline.intervals(float(t[0]), float(t[-1])))
+    return tuple(
+        ScoredRecording(
+            *_assessed(flight, judged, epsilon, above),
+            monitor.dt,
+            epsilon,
+            above,
+            flight.quality,
+            notes,
+            outside[:MOST_OUTSIDE],
+            checks,
+            in_force,
+        )
+        for epsilon, above in levels
+    )
+
+
+def manoeuvres_in(monitor: Monitor, recorded: RepairedTraces) -> tuple[Interval, ...]:
+    """The manoeuvres that scoring would detect; may be empty."""
+    flight = ScoringInput.of(monitor, recorded)
+    detected, _ = segments(flight.recording, flight.planned, ScoringRecipe())
+    t = flight.recording.t
+    return tuple(
+        Interval(float(t[segment.first]), float(t[segment.last]), segment.name)
+        for segment in detected
+        if segment.onset is not None
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedSegment:
+    """A segment with everything that does not depend on epsilon.
+
+    assessments: of all its samples.   withdrawal: the first sample without an assessment, and why;
+    None if the monitor applies throughout.   inputs: flown inputs of the planned surfaces.
+    silent: (n,) samples where other limits than the monitor's were in force.
+    in_force: those limits, in plain data.   own: judged by the monitor's limits, where others were
+    in force.
+    """
+
+    segment: Segment
+    trim: Array
+    y: Array
+    assessments: Assessments
+    limited: Limited
+    validity: Validity
+    withdrawal: Withdrawal | None
+    inputs: tuple[FlownInput, ...]
+    silent: Flags
+    in_force: tuple[dict[str, Any], ...] = ()
+    own: Limited | None = None
+
+    @property
+    def first(self) -> int:
+        return self.segment.first
+
+    @property
+    def stop(self) -> int:
+        return self.segment.last + 1
+
+    def withdrawn(self, part: slice) -> Flags:
+        """Samples of a part at which the monitor is not applicable, for any reason."""
+        silent = self.silent[part]
+        if self.withdrawal is None:
+            return silent
+        return silent | (np.arange(part.start, part.stop) >= self.withdrawal.first)
+
+
+def _judge_all(flight: ScoringInput, selected: Sequence[Segment]) -> list[JudgedSegment]:
+    judged: list[JudgedSegment] = []
+    for begin in range(0, len(selected), JUDGED_TOGETHER):
+        judged += [_judge(flight, part) for part in selected[begin : begin + JUDGED_TOGETHER]]
+        for trace in flight.traces.channels.values():
+            release(trace.values)
+    return judged
+
+
+def _judge(flight: ScoringInput, segment: Segment) -> JudgedSegment:
+    """Assess a segment as a flight of its own, then check its validity."""
+    part = slice(segment.first, segment.last + 1)
+    t, recorded = flight.recording.t[part], flight.recording.y
+    trim = np.zeros(len(KEYS)) if segment.rest is None else mean_of_rest(recorded[segment.rest])
+    y = recorded[part] - trim
+    y_read = np.where(flight.needed, y, 0.0) if not flight.needed.all() else y
+    assessments = flight.monitor.assess(t, y_read, withdraw=False)
+    limits = flight.planned.limits
+    arguments = flight.traces, limits, trim, float(t[0]), float(t[-1])
+    limited = against_limits(*arguments, flight.timeline)
+    silent, in_force = np.zeros(len(t), bool), ()
+    assessed = AssessedSegment(
+        flight.monitor,
+        flight.planned,
+        flight.traces,
+        flight.recording,
+        segment,
+        flight.needed,
+        y,
+        y_read,
+        assessments,
+        {channel.key: channel.held for channel in flight.quality.channels},
+    )
+    verdict, withdrawal = validity(assessed)
+    own = None
+    if flight.timeline is not None:
+        silent = flight.timeline.silent(t)
+        in_force = tuple(flight.timeline.intervals(float(t[0]), float(t[-1])))
+        verdict = under_limits(verdict, in_force)
+        own = against_limits(*arguments) if silent.any() else None
+        withdrawal = _final_withdrawal(silent, withdrawal, in_force)
+    inputs = flight.monitor.flown_input(
+        y, flight.monitor.last_counted(y_read), flight.planned.amplitudes
+    )
+    return JudgedSegment(
+        segment,
+        trim,
+        y,
+        assessments,
+        limited,
+        verdict,
+        withdrawal,
+        inputs,
+        silent,
+        in_force,
+        own,
+    )
+
+
+def _final_withdrawal(
+    silent: Flags, withdrawal: Withdrawal | None, in_force: Sequence[Mapping[str, Any]]
+) -> Withdrawal | None:
+    """The withdrawal that lasts to the end: by validity, or earlier by the limits in force."""
+    if not silent[-1]:
+        return withdrawal
+    first = int(np.flatnonzero(~silent)[-1]) + 1 if not silent.all() else 0
+    if withdrawal is not None and withdrawal.first <= first:
+        return withdrawal
+    return Withdrawal(first, in_force[-1]["reason"])
+
+
+def _outside(flight: ScoringInput, judged: list[JudgedSegment]) -> tuple[RecordedExceedance, ...]:
+    t = flight.recording.t
+    intervals = [(float(t[each.first]), float(t[each.stop - 1])) for each in judged]
+    trims = [each.trim for each in judged]
+    return exceedances_outside(
+        flight.traces, flight.planned.limits, intervals, trims, flight.timeline
+    )
+
+
+def _assessed(
+    flight: ScoringInput, judged: list[JudgedSegment], epsilon: float, alert_above: float
+) -> tuple[npt.NDArray[np.void], tuple[ScoredManoeuvre, ...]]:
+    """Samples and manoeuvres at one miss rate and its alert threshold."""
+    samples = _samples(flight.recording, judged, alert_above)
+    return samples, tuple(
+        _verdict(flight, segment, samples[segment.first : segment.stop], epsilon, alert_above)
+        for segment in judged
+    )
+
+
+def _samples(
+    recording: Recording, judged: list[JudgedSegment], alert_above: float
+) -> npt.NDArray[np.void]:
+    """(n,) of SAMPLE, filled block by block to save memory."""
+    n = len(recording.t)
+    firsts, stops = [each.first for each in judged], [each.stop for each in judged]
+    trims = np.nan_to_num([each.trim for each in judged])
+    samples = np.empty(n, SAMPLE)
+    for first in range(0, n, BLOCK):
+        rows = slice(first, min(first + BLOCK, n))
+        fields = _between(recording, rows, trims, stops)
+        for number in range(bisect_right(stops, first), bisect_left(firsts, rows.stop)):
+            _fill(fields, rows, number, judged[number], alert_above)
+        for name, values in fields.items():
+            samples[name][rows] = values
+    return samples
+
+
+def _fill(
+    fields: dict[str, npt.NDArray[Any]],
+    rows: slice,
+    number: int,
+    judged: JudgedSegment,
+    alert_above: float,
+) -> None:
+    """Fill in the assessments of a segment, valid and withdrawn ones."""
+    begin, end = max(rows.start, judged.first), min(rows.stop, judged.stop)
+    target, source = _shifted(begin, end, rows.start), _shifted(begin, end, judged.first)
+    assessments, gone = judged.assessments, judged.withdrawn(source)
+    p_value = assessments.p_value[source]
+    fields["manoeuvre"][target] = number
+    fields["y"][target] = judged.y[source]
+    fields["y_hat"][target] = np.where(gone[:, None], np.nan, assessments.y_hat[source])
+    fields["withdrawn"][target] = np.where(gone, p_value, np.nan)
+    fields["state"][target] = np.where(gone, INVALID, assessments.state[source])
+    fields["p_value"][target] = np.where(gone, np.nan, p_value)
+    fields["alert"][target] = ~gone & (p_value > alert_above)
+
+
+def _shifted(begin: int, end: int, by: int) -> slice:
+    return slice(begin - by, end - by)
+
+
+def _between(
+    recording: Recording, rows: slice, trims: Array, stops: list[int]
+) -> dict[str, npt.NDArray[Any]]:
+    """The fields of SAMPLE in some rows, without assessments.
+
+    trims: (n_segments, 6); stops: the row behind each segment. Channels are relative to the trim of
+    the segment before; before the first segment, to its own.
+    """
+    n = rows.stop - rows.start
+    before = np.searchsorted(stops, np.arange(rows.start, rows.stop), side="right") - 1
+    unknown = np.full(n, np.nan)
+    attitude = [
+        recording.attitude[key][rows] if key in recording.attitude else unknown for key in ATTITUDE
+    ]
+    return {
+        "t": recording.t[rows],
+        "y": recording.y[rows] - trims[np.maximum(before, 0)],
+        "p_value": unknown.copy(),
+        "withdrawn": unknown.copy(),
+        "alert": np.zeros(n, bool),
+        "state": np.full(n, INVALID, np.uint8),
+        "manoeuvre": np.full(n, BETWEEN, np.int16),
+        "y_hat": np.full((n, len(KEYS)), np.nan),
+        "attitude": np.column_stack(attitude),
+    }
+
+
+def _verdict(
+    flight: ScoringInput,
+    judged: JudgedSegment,
+    part: npt.NDArray[np.void],
+    epsilon: float,
+    alert_above: float,
+) -> ScoredManoeuvre:
+    known = np.isfinite(part["p_value"])
+    peak = int(np.nanargmax(part["p_value"])) if known.any() else None
+    alerts = runs(part["t"], part["alert"])
+    limited, promised = judged.limited, flight.monitor.lead
+    withdrawal, own = judged.withdrawal, judged.own
+    result, lead = outcome(alerts, limited.exceedance, promised)
+    limits_known = flight.planned.limits_known or bool(judged.in_force)
+    if not limits_known:
+        result, lead = "unknown", None
+    elif not alerts and (withdrawal is not None or _was_silent(judged)):
+        result, lead = "invalid", None
+    elif limited.exceedance is None and own is not None and own.exceedance is not None:
+        result, lead = "invalid", None  # the alert was about limits no longer in force
+    lines = list(limits_remarks(judged.in_force, own, flight.monitor.limits))
+    if withdrawal is not None:
+        lines.append(withdrawn(judged.assessments, withdrawal.first, limited, alert_above))
+    why = ""
+    if not limits_known:
+        pass
+    elif limited.exceedance is None:
+        why = why_outcome_unknown(limited, judged.assessments, alerts, flight.monitor.dt)
+    elif withdrawal is None and not _was_silent(judged):
+        why = why_warning_unknown(limited, limited.exceedance, judged.assessments, alerts, promised)
+    if why:
+        result, lead = "unseen", None
+        lines.append(why)
+    return ScoredManoeuvre(
+        name=judged.segment.name,
+        start=float(part["t"][0]),
+        end=float(part["t"][-1]),
+        first=judged.segment.first,
+        last=judged.segment.last,
+        trim=tuple(None if np.isnan(value) else float(value) for value in judged.trim),
+        validity=judged.validity,
+        outcome="invalid" if peak is None else result,
+        guarantee=guarantee(flight.monitor, judged.validity, epsilon),
+        peak_risk=None if peak is None else float(part["p_value"][peak]),
+        peak_t=None if peak is None else float(part["t"][peak]),
+        alerts=alerts,
+        exceedance=limited.exceedance,
+        recorded_exceedance=limited.as_recorded if limited.exceedance is None else None,
+        lead=lead,
+        look_ahead=flight.recording.look_ahead,
+        withdrawn_t=None if withdrawal is None else float(part["t"][withdrawal.first]),
+        withdrawn_reason="" if withdrawal is None else withdrawal.reason,
+        limits_in_force=judged.in_force,
+        own_exceedance=None if own is None else own.exceedance,
+        remarks=(
+            *lines,
+            *(remark for flown in judged.inputs for remark in flown.remarks),
+            *remarks(flight.planned, judged.segment, limited, judged.assessments),
+        ),
+        amplitude=amplitude(judged.inputs),
+    )
+
+
+def _was_silent(judged: JudgedSegment) -> bool:
+    """Whether other limits were in force before the exceedance, or at all without one."""
+    exceedance, silent = judged.limited.exceedance, judged.silent
+    if exceedance is None:
+        return bool(silent.any())
+    return bool(silent[judged.assessments.t <= exceedance.t + SAME_TIME].any())

@@ -1,0 +1,240 @@
+"""Assesses a live source sample by sample; its journal gives the same assessments again."""
+
+from collections import deque
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from app.assessment.limits_in_force import ConditionHold, LimitsInForce, LimitsRule, Ruling
+from app.assessment.planned_test import limits_of, needed_channels, planned_test
+from app.assessment.resampling import DELAY_INTERVALS, Angles, CausalResampler, Counts, Sample
+from app.assessment.trim import CausalTrim
+from core.channels import KEYS
+from core.kernels import assessing
+from core.monitor import Assessment, Monitor, State
+from core.monitor.assessment import REASONS
+from core.monitor.monitor import Stream
+from core.monitor.peak_forecast import Ahead
+from core.monitor.validity.verdict import exceeds
+from core.types import Array
+
+TrimRule = Literal["detected", "none"]
+NOT_FINITE = REASONS[assessing.INVALID]
+
+
+class LiveAssessed(NamedTuple):
+    """A sample on the monitor's grid, with its assessment.
+
+    y: (6,) from trim.   recorded: (6,) including trim.   manoeuvre: 1, 2 ...; 0 for none.
+    display: assessments by the monitors for display.   ruling: limits in force; None for the
+    monitor's own.
+    """
+
+    y: Array
+    recorded: Array
+    assessment: Assessment
+    attitude: Angles | None
+    manoeuvre: int
+    display: tuple[Assessment, ...] = ()
+    ruling: Ruling | None = None
+
+
+class ReceivedExceedance(NamedTuple):
+    """A received sample beyond a limit, whatever the grid makes of it.
+
+    t: flight time [s].   is_dated: False if the source's time is implausible; t is by arrival.
+    y: (6,) from trim.   recorded: (6,) including trim.   limits: (6,) in force.
+    """
+
+    t: float
+    is_dated: bool
+    y: Array
+    recorded: Array
+    limits: Array
+
+
+class GridMonitor:
+    """One monitor on the grid samples of a live source."""
+
+    def __init__(self, monitor: Monitor, epsilon: float) -> None:
+        self.monitor, self.epsilon = monitor, epsilon
+        self.needed = needed_channels(monitor, limits_of(monitor))
+        self._needs_all = bool(self.needed.all())
+        self._stream = self._new_stream()
+        self._history: deque[Sample] = deque(maxlen=monitor.recipe.n_delay + 1)
+
+    def restart(self, trim: Array) -> None:
+        self._stream = self._new_stream()
+        for sample in self._history:
+            self._stream.update(sample.t, self._read(sample.y - trim))
+
+    def assess(self, sample: Sample, y: Array) -> Assessment:
+        self._history.append(sample)
+        return self._explained(self._stream.update(sample.t, self._read(y)), sample)
+
+    def forecast_ahead(self) -> Ahead | None:
+        return self._stream.forecast_ahead()
+
+    def wait(self, sample: Sample, reason: str) -> Assessment:
+        """Assessment of a sample outside every manoeuvre. reason: why there is none."""
+        self._history.append(sample)
+        missing = sample.reason or self._missing(sample.y)
+        state = State.INVALID if missing else State.WARMING_UP
+        return Assessment(sample.t, None, None, state, missing or reason)
+
+    def _new_stream(self) -> Stream:
+        """A stream without exemplars, which flights do not show."""
+        return self.monitor.stream(self.epsilon, exemplars=False)
+
+    def _read(self, y: Array) -> Array:
+        """Input of the monitor: 0 for a missing channel that it does not need."""
+        return y if self._needs_all else np.where(self.needed | np.isfinite(y), y, 0.0)
+
+    def _explained(self, assessment: Assessment, sample: Sample) -> Assessment:
+        """Add to the reason which channels are missing, or why all are."""
+        if assessment.reason != NOT_FINITE:
+            return assessment
+        missing = sample.reason or self._missing(sample.y)
+        return assessment._replace(reason=missing) if missing else assessment
+
+    def _missing(self, y: Array) -> str:
+        """Missing channels that the monitor needs, in words; empty if there are none."""
+        known = np.isfinite(y)
+        if known.all():
+            return ""
+        wanted = zip(KEYS, known, self.needed, strict=True)
+        missing = [key for key, is_known, is_needed in wanted if is_needed and not is_known]
+        verb = "is" if len(missing) == 1 else "are"
+        return f"{' and '.join(missing)} {verb} missing" if missing else ""
+
+
+class CausalScorer:
+    """Assesses a live source: resampled, from trim, with validity.
+
+    delay: longest wait of a sample for others [s]; DELAY_INTERVALS of the monitor if None.
+    trim: `detected`: each manoeuvre is assessed by itself, from the trim before it; rest is not
+    assessed. `none`: samples are already from trim, and all are assessed.
+    display: further monitors with their epsilons, for the same samples and trim.
+    ValueError unless 0 <= delay < lead of every monitor.
+    """
+
+    def __init__(
+        self,
+        monitor: Monitor,
+        epsilon: float,
+        delay: float | None = None,
+        trim: TrimRule = "detected",
+        display: Sequence[tuple[Monitor, float]] = (),
+    ) -> None:
+        self.monitor, self.epsilon = monitor, epsilon
+        self.delay = DELAY_INTERVALS * monitor.dt if delay is None else delay
+        shortest = min(monitor.lead, *(shown.lead for shown, _ in display), np.inf)
+        if not 0.0 <= self.delay < shortest:
+            raise ValueError(
+                f"delay {self.delay:g} s is subtracted from the lead of {shortest:g} s: give at "
+                f"least 0 and less than {shortest:g} s"
+            )
+        self._resampler = CausalResampler(monitor.dt, self.delay)
+        self._trim = CausalTrim(planned_test(monitor)) if trim == "detected" else None
+        self._limits = monitor.limits
+        self._rule: LimitsRule | None = None
+        self.ruling: Ruling | None = None
+        """of the newest sample; None for the monitor's own limits"""
+        self._conditions = ConditionHold()
+        self._exceedances: list[ReceivedExceedance] = []
+        self._authority = GridMonitor(monitor, epsilon)
+        self._display = [GridMonitor(*shown) for shown in display]
+
+    @property
+    def lead(self) -> float:
+        """Lead time of alerts [s]: the monitor's less the delay."""
+        return self.monitor.lead - self.delay
+
+    @property
+    def needed(self) -> list[str]:
+        """Channels that at least one of the monitors needs."""
+        needed = np.logical_or.reduce([m.needed for m in (self._authority, *self._display)])
+        return [key for key, is_needed in zip(KEYS, needed, strict=True) if is_needed]
+
+    @property
+    def counts(self) -> Counts:
+        return self._resampler.counts
+
+    @property
+    def interval(self) -> float:
+        return self._resampler.interval
+
+    @property
+    def deadline(self) -> float | None:
+        """Arrival time at which `advance` settles a sample without further input; None: never."""
+        return self._resampler.deadline
+
+    @property
+    def manoeuvre(self) -> int:
+        return self._trim.manoeuvre if self._trim else 0
+
+    def forecast_ahead(self) -> Ahead | None:
+        return self._authority.forecast_ahead()
+
+    def put_in_force(self, in_force: LimitsInForce) -> Ruling:
+        """Apply other limits to the samples settled from now on; return the current ruling."""
+        monitors = self._authority, *self._display
+        self._rule = LimitsRule(in_force, [grid.monitor.limits for grid in monitors])
+        self.ruling = self._rule.at(self._conditions.at(in_force.t))
+        self._limits = self.ruling.limits
+        return self.ruling
+
+    def push(self, arrived: float, sample: Sample) -> list[LiveAssessed]:
+        """Add a received sample; return the samples that it settles."""
+        if sample.condition is not None:
+            self._conditions.note(sample.t, sample.condition)
+        if self._limits is not None:
+            y = sample.y if self._trim is None else sample.y - self._trim.level
+            if exceeds(self._limits, y) or (y is not sample.y and exceeds(self._limits, sample.y)):
+                dated = self._resampler.flight_time(arrived, sample.t)
+                self._exceedances.append(ReceivedExceedance(*dated, y, sample.y, self._limits))
+        return [*map(self._assess, self._resampler.push(arrived, sample))]
+
+    def pop_exceedances(self) -> list[ReceivedExceedance]:
+        """Samples beyond a limit that were received since the last call, in order of arrival."""
+        exceedances, self._exceedances = self._exceedances, []
+        return exceedances
+
+    def advance(self, now: float) -> list[LiveAssessed]:
+        """Return the samples settled at time `now` of the clock of arrivals."""
+        return [*map(self._assess, self._resampler.advance(now))]
+
+    def begin(self) -> bool:
+        """Begin a manoeuvre with the next sample, by hand. Returns False during a manoeuvre."""
+        if self._trim is None or not self._trim.begin():
+            return False
+        self._restart(self._trim.level)
+        return True
+
+    def _assess(self, sample: Sample) -> LiveAssessed:
+        y = sample.y
+        if self._trim is not None:
+            begins = self._trim.update(sample.y)
+            trim = self._trim.level
+            if begins:
+                self._restart(trim)
+            y = sample.y - trim
+        if self._trim is not None and not self._trim.manoeuvre:
+            reason = self._trim.reason
+            assessment = self._authority.wait(sample, reason)
+            display = tuple([shown.wait(sample, reason) for shown in self._display])
+        else:
+            assessment = self._authority.assess(sample, y)
+            display = tuple([shown.assess(sample, y) for shown in self._display])
+        ruling = None
+        if self._rule is not None:
+            ruling = self.ruling = self._rule.at(self._conditions.at(sample.t))
+            self._limits = ruling.limits
+            assessment, display = ruling.apply(assessment, display)
+        about = assessment, sample.attitude, self.manoeuvre, display, ruling
+        return LiveAssessed(y, sample.y, *about)
+
+    def _restart(self, trim: Array) -> None:
+        for monitor in (self._authority, *self._display):
+            monitor.restart(trim)

@@ -1,0 +1,353 @@
+"""A live source in a few lines, for programs of the range.
+
+    with LiveClient("http://127.0.0.1:8000", token) as client:
+        client.start(monitor)
+        client.send(t=0.02, beta=0.001, p=0.0, r=0.0, Ny=0.0, delta_a=0.0, delta_r=0.01)
+
+Every sample stays in memory until the server confirms that it is durable. After a broken connection
+or a killed server, unacknowledged batches are sent again under the same numbers: nothing is lost
+and nothing counts twice. Leaving the context ends the flight.
+"""
+
+import asyncio
+import random
+import socket
+import threading
+from collections.abc import Mapping
+from contextlib import suppress
+from types import TracebackType
+from typing import Any, Literal, Self
+from urllib.parse import urlsplit
+
+import httpx2
+import msgspec
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
+
+from app.client.outbox import Outbox, OutgoingBatch, PushFailed
+
+Way = Literal["websocket", "rest", "udp"]
+MOST_VALUES = 8_000
+"""Per batch: at most 200 kB of the 256 kB that a message may have."""
+MOST_VALUES_UDP = 40
+"""Per datagram, so that it fits a packet."""
+FIRST_WAIT_S, LONGEST_WAIT_S = 0.1, 5.0
+"""Between two connection attempts."""
+REQUEST_S, PING_S = 15.0, 5.0
+START_S = 180.0
+"""Longest start of a flight: the server's first one compiles kernels."""
+PATIENCE_S = 60.0
+"""Longest wait for acknowledgements when leaving, since the last one."""
+WRONG = frozenset({400, 401, 403, 404, 409, 410})
+"""Answers after which a repetition is useless."""
+UNREADABLE = frozenset({413, 422})
+"""Answers to an invalid batch: it is dropped and counted."""
+
+
+class LiveClient:
+    """Pushes samples into one live flight, in the background. PushFailed.
+
+    url: of the server.   token: of an operator, if the server needs one.
+    way: `websocket`; `rest`; `udp`: datagrams, and lost ones by WebSocket at the end.
+    patience: longest wait for acknowledgements when leaving, since the last one [s].
+    keep_open: leave the flight in progress. Otherwise leaving the client's context ends the flight
+    that it started or pushed into, once every sample is durable; an error never ends a flight.
+    """
+
+    def __init__(
+        self,
+        url: str = "http://127.0.0.1:8000",
+        token: str | None = None,
+        *,
+        way: Way = "websocket",
+        patience: float = PATIENCE_S,
+        keep_open: bool = False,
+    ) -> None:
+        self.keep_open, self._has_started = keep_open, False
+        self.url, self.way, self.patience = url.rstrip("/"), way, patience
+        self.flight = ""
+        self.problem = ""
+        """Why nothing is being acknowledged; empty if it is."""
+        self.broken = 0
+        """Connections that broke."""
+        headers = {"Authorization": f"Bearer {token}"} if token else {}
+        self._options: dict[str, Any] = {"headers": headers, "timeout": REQUEST_S}
+        self._options |= {"trust_env": False, "base_url": f"{self.url}/api/v1"}
+        self._headers = headers
+        self._samples = Outbox(MOST_VALUES_UDP if way == "udp" else MOST_VALUES)
+        self._thread: threading.Thread | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._closing = self._flushing = False
+        self._work_available, self._stop = asyncio.Event(), asyncio.Event()
+
+    # --- the flight ---------------------------------------------------------------------------
+
+    def start(self, monitor: str, *, name: str | None = None, **source: Any) -> str:
+        """Start a live flight with a monitor, given by id. Returns the flight's id.
+
+        source: further fields of the source: recording, delay, trim, udp.
+        """
+        if self.way == "udp":
+            source = {"udp": 0} | source
+        source = {"kind": "live"} | {key: x for key, x in source.items() if x is not None}
+        body = {"source": source, "monitor": monitor} | ({"name": name} if name else {})
+        flight = self.join(self._ask("POST", "/flights", body, START_S)["id"])
+        self._has_started = True
+        return flight
+
+    def join(self, flight: str) -> str:
+        """Push into a started flight, after the batches that it has. Returns its id."""
+        self.flight = flight
+        self._samples.begin_after(self.status()["last_sequence"])
+        return flight
+
+    def status(self) -> dict[str, Any]:
+        """State of the source on the server: last_sequence, names, counts by kind, ..."""
+        return self._ask("GET", f"/flights/{self.flight}/samples")
+
+    def end(self) -> None:
+        """End the flight once every sample is durable."""
+        self.flush()
+        self._ask("POST", f"/flights/{self.flight}/end")
+
+    @property
+    def address(self) -> str:
+        """Address of the flight's page."""
+        return f"{self.url}/#/fly/{self.flight}"
+
+    # --- samples ------------------------------------------------------------------------------
+
+    def send(self, sample: Mapping[str, float | None] | None = None, /, **values: Any) -> None:
+        """Push a sample: a number or None by name, in the units of the flight's mapping.
+
+        Returns at once, unless MOST_WAITING samples are not durable yet.
+        """
+        if self._thread is None:
+            if not self.flight:
+                raise PushFailed("no flight yet: call start or join before send")
+            self._thread = threading.Thread(target=self._work, name="live client", daemon=True)
+            self._thread.start()
+        named = {**(sample or {}), **values}
+        self._samples.put({k: None if x is None else float(x) for k, x in named.items()})
+        self._wake()
+
+    @property
+    def sent(self) -> int:
+        """Number of samples given to `send`."""
+        return self._samples.n_put
+
+    @property
+    def durable(self) -> int:
+        """Number of samples on the server's disk."""
+        return self._samples.n_durable
+
+    @property
+    def refused(self) -> int:
+        """Number of samples that the server refused, see `refusal`."""
+        return self._samples.n_refused
+
+    @property
+    def refusal(self) -> str:
+        """Why the last refused sample was refused."""
+        return self._samples.refusal
+
+    def flush(self, patience: float | None = None) -> bool:
+        """Wait until every sample is durable. False if none was acknowledged for `patience` [s]."""
+        self._flushing = True
+        self._wake()
+        try:
+            return self._samples.wait(self.patience if patience is None else patience)
+        finally:
+            self._flushing = False
+
+    def close(self) -> None:
+        """Stop at once."""
+        self._closing = True
+        if self._thread is not None:
+            self._call("_stop")
+            self._thread.join()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            if kind is None and not self.flush():
+                n, of = self.sent - self.durable, self.sent
+                why = self.problem or self.refusal
+                raise PushFailed(f"{n} of {of} samples are not confirmed as durable: {why}")
+            if kind is None and not self.keep_open and (self._has_started or self.sent):
+                self.end()
+        finally:
+            self.close()
+
+    # --- in the background --------------------------------------------------------------------
+
+    def _wake(self) -> None:
+        self._call("_work_available")
+
+    def _call(self, event: Literal["_work_available", "_stop"]) -> None:
+        if self._loop is not None:
+            with suppress(RuntimeError):  # the loop has ended
+                self._loop.call_soon_threadsafe(getattr(self, event).set)
+
+    def _work(self) -> None:
+        try:
+            asyncio.run(self._until_closed())
+        except Exception as error:
+            self._samples.fail(str(error) or repr(error))
+
+    async def _until_closed(self) -> None:
+        self._work_available, self._stop = asyncio.Event(), asyncio.Event()
+        self._loop = asyncio.get_running_loop()
+        pushing = asyncio.create_task(self._keep_pushing())
+        stopping = asyncio.create_task(self._stop.wait())
+        if not self._closing:
+            await asyncio.wait((pushing, stopping), return_when=asyncio.FIRST_COMPLETED)
+        for task in (pushing, stopping):
+            task.cancel()
+        for outcome in await asyncio.gather(pushing, stopping, return_exceptions=True):
+            if isinstance(outcome, Exception):
+                raise outcome
+
+    async def _keep_pushing(self) -> None:
+        """Push; after each fault reconnect, with longer waits until something is durable."""
+        wait, link = FIRST_WAIT_S, {"rest": self._by_rest, "udp": self._by_udp}
+        while True:
+            n_durable = self._samples.n_durable
+            try:
+                await link.get(self.way, self._by_websocket)()
+            except PushFailed:
+                raise
+            except (OSError, WebSocketException, httpx2.HTTPError, _Retry) as error:
+                self.problem = str(error) or repr(error)
+            self._samples.rewind()
+            if self._samples.n_durable > n_durable:
+                wait = FIRST_WAIT_S
+            self.broken += 1
+            await asyncio.sleep(wait * random.uniform(0.5, 1.0))
+            wait = min(2.0 * wait, LONGEST_WAIT_S)
+
+    async def _next(self) -> OutgoingBatch:
+        while (batch := self._samples.take()) is None:
+            self._work_available.clear()
+            await self._work_available.wait()
+        return batch
+
+    async def _by_rest(self) -> None:
+        async with httpx2.AsyncClient(**self._options) as http:
+            while True:
+                batch = await self._next()
+                answer = await http.post(f"/flights/{self.flight}/samples", content=batch.text)
+                reason = "" if answer.is_success else _detail(answer)
+                self._note(batch.sequence, answer.status_code, reason)
+
+    async def _by_websocket(self) -> None:
+        address = f"ws{self.url.removeprefix('http')}/api/v1/flights/{self.flight}/uplink"
+        about: dict[str, Any] = {"additional_headers": self._headers, "compression": None}
+        about |= {"ping_interval": PING_S, "ping_timeout": PING_S, "close_timeout": 1.0}
+        try:
+            async with connect(address, proxy=None, **about) as socket:
+                await self._talk(socket)
+            reason = "the server closed the uplink"
+        except ConnectionClosed as error:
+            reason = str(error)
+        except InvalidStatus as error:
+            reason = f"the uplink was answered by {error.response.status_code}"
+            is_refused = error.response.status_code in WRONG
+            await asyncio.to_thread(self.status)
+            if is_refused:
+                raise PushFailed(f"{reason}: use an operator's token") from None
+        await asyncio.to_thread(self.status)
+        raise _Retry(reason)
+
+    async def _talk(self, socket: ClientConnection) -> None:
+        sending = asyncio.create_task(self._send_all(socket))
+        try:
+            async for text in socket:
+                message = msgspec.json.decode(text)
+                if message["type"] == "stored":
+                    for sequence in message["sequences"]:
+                        self._note(sequence, 200, "")
+                elif message["type"] == "refused":
+                    self._note(message["sequence"], message["status"], message["reason"])
+        finally:
+            sending.cancel()
+
+    async def _send_all(self, socket: ClientConnection) -> None:
+        with suppress(WebSocketException):  # the receiving side reports it
+            while True:
+                await socket.send((await self._next()).text, text=True)
+
+    async def _by_udp(self) -> None:
+        """Send datagrams; while someone waits for them, repeat lost ones by WebSocket."""
+        to = (await asyncio.to_thread(self.status))["udp"]
+        if to is None:
+            raise PushFailed("the flight does not listen for datagrams: start it with `udp`")
+        host, port = urlsplit(self.url).hostname or "", int(to.rpartition(":")[2])
+        family, *_, target = (await asyncio.to_thread(socket.getaddrinfo, host, port))[0]
+        with socket.socket(family, socket.SOCK_DGRAM) as sender:
+            while True:
+                if (self._flushing or self._samples.is_full) and not self._samples.is_empty:
+                    await self._repeat_lost()
+                elif (batch := self._samples.take()) is not None:
+                    sender.sendto(batch.text, target)
+                    await asyncio.sleep(0.0)
+                else:
+                    self._work_available.clear()
+                    await self._work_available.wait()
+
+    async def _repeat_lost(self) -> None:
+        self._samples.rewind()
+        repeating = asyncio.create_task(self._by_websocket())
+        try:
+            while not (repeating.done() or self._samples.is_empty):
+                await asyncio.wait((repeating,), timeout=0.02)
+            if repeating.done():
+                repeating.result()
+        finally:
+            repeating.cancel()
+            await asyncio.wait((repeating,))
+
+    def _note(self, sequence: int | None, status: int, reason: str) -> None:
+        """Handle the server's answer to a batch. PushFailed; _Retry."""
+        if status == 200:
+            self.problem = ""
+            self._samples.acknowledge(sequence)
+        elif status in UNREADABLE and sequence is not None:
+            self._samples.refuse(sequence, reason)
+        elif status in WRONG | UNREADABLE:
+            raise PushFailed(reason)
+        else:
+            raise _Retry(reason)
+
+    def _ask(self, method: str, path: str, body: Any = None, within_s: float = REQUEST_S) -> Any:
+        """The answer to a request. PushFailed; OSError if the server does not answer."""
+        try:
+            with httpx2.Client(**self._options) as http:
+                answer = http.request(method, path, json=body, timeout=within_s)
+        except httpx2.HTTPError as error:
+            raise ConnectionError(
+                f"{self.url} does not answer ({error}): is the server running?"
+            ) from error
+        if answer.status_code in WRONG | UNREADABLE:
+            raise PushFailed(_detail(answer))
+        if not answer.is_success:
+            raise ConnectionError(_detail(answer))
+        return answer.json()
+
+
+class _Retry(Exception):
+    """A batch must be sent again."""
+
+
+def _detail(answer: httpx2.Response) -> str:
+    """The detail of a problem document, or the status of another answer."""
+    with suppress(ValueError, KeyError, TypeError):
+        return f"{answer.json()['detail']} ({answer.status_code})"
+    return f"the server answered {answer.status_code}"

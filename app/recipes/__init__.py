@@ -1,0 +1,1 @@
+"""Recipes as plain data and back, with their words for people."""

@@ -1,0 +1,293 @@
+"""Recipes from files, options and requests, with every value checked."""
+
+import json
+from collections.abc import Mapping
+from copy import deepcopy
+from dataclasses import fields, replace
+from functools import cache
+from itertools import takewhile
+from math import inf
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import PlainSerializer, TypeAdapter, ValidationError
+
+from app.recipes.input_errors import given, input_errors
+from core import recipe
+from core.channels import BEYOND_FLIGHT, CHANNELS
+from core.limits.limits import Limits
+from core.monitor.group import Pooled
+from core.monitor.recipe import METHODS, MonitorRecipe
+from core.planned_test.amplitude import Suggestion, suggest_amplitude
+from core.planned_test.planned_test import DatasetRecipe
+from core.recipe import RecipeError, family_of, to_plain
+from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
+
+__all__ = [
+    "AS_FLOWN",
+    "AUTO",
+    "USUAL_DATASET",
+    "USUAL_MONITOR",
+    "Imperfect",
+    "RecipeError",
+    "SentRecipe",
+    "as_ordered",
+    "dataset_recipe",
+    "family_of",
+    "from_plain",
+    "limits_named",
+    "matrices_renamed",
+    "monitor_as_ordered",
+    "overlay",
+    "read_plain",
+    "set_path",
+    "stored_names",
+    "to_plain",
+]
+
+DEFAULT_KIND: str = to_plain(DatasetRecipe())["aircraft"]["kind"]
+BEFORE_IMPERFECTIONS = {entry.name for entry in fields(DatasetRecipe)} - {"imperfections"}
+BEFORE_GUARANTEE = set(
+    takewhile("guarantee".__ne__, (entry.name for entry in fields(MonitorRecipe)))
+)
+MATRICES = {"A": "a", "B": "b", "C": "c", "D": "d"}
+"""Names of matrices as printed, and their parameters."""
+
+
+def _changes(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
+    """Entries of `after` that differ from `before`, for nested objects with the same keys."""
+    return {
+        key: _changes(before[key], value) if isinstance(value, dict) else value
+        for key, value in after.items()
+        if value != before[key]
+    }
+
+
+AS_FLOWN: dict[str, Any] = _changes(to_plain(DatasetRecipe()), to_plain(DatasetRecipe().as_flown()))
+"""The parts of a recipe with noise, jitter and imperfections as usual in flight."""
+Imperfect = Literal["usual", "none"]
+"""Whether rollouts have gusts, instrument errors, noise and pilot scatter as usual in flight."""
+USUAL_DATASET = DatasetRecipe(n_unsafe=500).as_flown()
+"""The default dataset."""
+USUAL_MONITOR = MonitorRecipe(guarantee="95%")
+"""The default monitor."""
+AUTO = "auto"
+"""Value of an amplitude: the one that a pilot run suggests."""
+
+
+LIMITS, STORED_LIMITS = "limits", "specification"
+"""The name of the limits in requests and responses, and in stored recipes."""
+
+
+def limits_named(plain: Any) -> Any:
+    """A recipe with the names of requests and responses: `limits`, also in its parts."""
+    if isinstance(plain, list):
+        return [limits_named(value) for value in plain]
+    if not isinstance(plain, dict):
+        return plain
+    return {
+        LIMITS if key == STORED_LIMITS else key: limits_named(value) for key, value in plain.items()
+    }
+
+
+SentRecipe = Annotated[dict[str, Any], PlainSerializer(limits_named, dict[str, Any])]
+"""A stored recipe in a response."""
+
+
+def stored_names(plain: Any, where: str = "dataset") -> Any:
+    """A recipe with the stored names: `limits` becomes `specification`.
+
+    RecipeError if a part has both.
+    """
+    if not isinstance(plain, dict):
+        return plain
+    if plain.keys() >= {LIMITS, STORED_LIMITS}:
+        raise RecipeError(
+            f"{where} gives {LIMITS} and {STORED_LIMITS}, two names of one parameter: omit one"
+        )
+    return {
+        STORED_LIMITS if key == LIMITS else key: stored_names(value, f"{where}.{key}")
+        for key, value in plain.items()
+    }
+
+
+def from_plain(default: Any, plain: Any, where: str = "recipe") -> Any:
+    """`default` with the values of `plain`, each checked for its type. RecipeError."""
+    try:
+        return recipe.from_plain(default, stored_names(plain, where), where, _checked)
+    except RecipeError as error:
+        raise RecipeError(str(error).replace(STORED_LIMITS, LIMITS)) from error
+
+
+@cache
+def _adapter(kind: type[Any]) -> TypeAdapter[Any]:
+    """Cached: making one takes milliseconds."""
+    return TypeAdapter(kind)
+
+
+def _checked(default: Any, values: Mapping[str, Any], where: str) -> Any:
+    for key, value in values.items():
+        if type(getattr(default, key, None)) in (int, float) and isinstance(value, str | bool):
+            raise RecipeError(f"{where}.{key} is {given(value)}: give a number")
+    try:
+        return _adapter(type(default)).validate_python(values)
+    except ValidationError as error:
+        place, reason = input_errors(error.errors(), values)[0]
+        if not place:  # parameters that contradict each other
+            raise RecipeError(f"{where}: {reason.partition(': ')[2]}") from error
+        raise RecipeError(f"{where}.{place} {reason}") from error
+
+
+def dataset_recipe(plain: Any, where: str = "dataset") -> tuple[DatasetRecipe, Suggestion | None]:
+    """Read a dataset's recipe; a missing law, manoeuvre or limit is that of the usual test.
+
+    `amplitude_deg` "auto", or none for a user's own model, becomes the amplitude that a pilot run
+    suggests, which is also returned. RecipeError; AmplitudeError if there is none.
+    """
+    if not isinstance(plain, dict):
+        return from_plain(DatasetRecipe(), plain, where), None
+    plain = matrices_renamed(stored_names(plain, where), where)
+    maneuver = plain.get("maneuver", {})
+    has_amplitude = isinstance(maneuver, dict) and not maneuver.keys().isdisjoint(
+        {"amplitude_deg", "t_s"}
+    )
+    is_auto = has_amplitude and maneuver.get("amplitude_deg") == AUTO
+    if is_auto:
+        rest = {key: value for key, value in maneuver.items() if key != "amplitude_deg"}
+        plain = plain | {"maneuver": rest}
+    read = from_plain(DatasetRecipe(), _with_usual_test(plain), where)
+    _check_limits(read.specification, f"{where}.{LIMITS}")
+    if not is_auto and (has_amplitude or not _is_own_model(plain)):
+        return read, None
+    suggestion = suggest_amplitude(read)
+    return replace(read, maneuver=read.maneuver.with_peak(suggestion.amplitude_deg)), suggestion
+
+
+def as_ordered(plain: Any, unsaid: Imperfect = "usual", asked: Imperfect | None = None) -> Any:
+    """A requested dataset recipe, completed with noise, jitter and imperfections, and, if these are
+    as usual in flight, with the usual number of failures.
+
+    asked: how to complete it; its `imperfections` may be this word too.   unsaid: how to complete
+    it if neither is given. A complete recipe of a version without imperfections means none.
+    """
+    plain = stored_names(plain)
+    if isinstance(plain, dict) and plain.get("imperfections") in get_args(Imperfect):
+        asked = plain["imperfections"]
+        plain = {key: value for key, value in plain.items() if key != "imperfections"}
+    is_whole = isinstance(plain, dict) and plain.keys() >= BEFORE_IMPERFECTIONS
+    if unsaid == "usual" and isinstance(plain, dict):
+        plain = {"n_unsafe": USUAL_DATASET.n_unsafe} | plain
+    if (asked or ("none" if is_whole else unsaid)) == "none":
+        return plain
+    return overlay(deepcopy(AS_FLOWN), plain)
+
+
+def dataset_for(monitor: MonitorRecipe, dataset: DatasetRecipe) -> DatasetRecipe:
+    """The dataset for a monitor; a monitor with groups gets equally many failures of each."""
+    return (
+        replace(dataset, groups=monitor.groups) if isinstance(dataset.groups, Pooled) else dataset
+    )
+
+
+def monitor_as_ordered(plain: Any) -> Any:
+    """A requested monitor recipe, completed with the usual guarantee.
+
+    A predictor alone gets its usual score, and a score its predictor. A complete recipe of a
+    version without guarantees stays as it is.
+    """
+    if not isinstance(plain, dict) or plain.keys() >= BEFORE_GUARANTEE:
+        return plain
+    return {"guarantee": USUAL_MONITOR.guarantee} | _method(plain) | plain
+
+
+def _method(plain: dict[str, Any]) -> dict[str, Any]:
+    """Predictor and score of the first method with the given one of them."""
+    given = {part: plain[part] for part in ("predictor", "score") if part in plain}
+    for predictor, score in METHODS.values() if len(given) == 1 else ():
+        method = {"predictor": to_plain(predictor), "score": to_plain(score)}
+        kinds = {part: isinstance(m, dict) and m.get("kind") for part, m in given.items()}
+        if all(kind == method[part]["kind"] for part, kind in kinds.items()):
+            return method
+    return {}
+
+
+def matrices_renamed(plain: dict[str, Any], where: str = "dataset") -> dict[str, Any]:
+    """A dataset's recipe with the matrices of aircraft and law under their parameters' names.
+
+    An aircraft given as matrices needs neither its kind nor names of states, as in a model's file.
+    RecipeError if a matrix is given twice, in capitals and in small letters.
+    """
+    renamed = {}
+    for part in {"aircraft", "control_law"} & plain.keys():
+        given = plain[part]
+        if not isinstance(given, dict):
+            continue
+        if twice := [name for name, key in MATRICES.items() if {name, key} <= given.keys()]:
+            raise RecipeError(f"{where}.{part} has the matrix {twice[0]} twice: omit one")
+        renamed[part] = {MATRICES.get(key, key): value for key, value in given.items()}
+        if part == "aircraft" and "a" in renamed[part]:
+            renamed[part] = {"kind": "matrices", "states": []} | renamed[part]
+    return plain | renamed
+
+
+def _check_limits(limits: Limits, where: str) -> None:
+    """RecipeError for an implausibly large limit, such as degrees given as radians."""
+    for channel in CHANNELS:
+        limit = getattr(limits, channel.key)
+        if limit is None or limit <= BEYOND_FLIGHT.get(channel.unit, inf):
+            continue
+        meant = f"{limit:g}{channel.display_unit}"
+        raise RecipeError(
+            f"{where}.{channel.key} is {limit:g} {channel.unit}, which is "
+            f"{channel.read(limit)} and implausibly large: for {meant} give "
+            f"{limit / channel.display_factor:.4g} {channel.unit}, or on the command line "
+            f"--limit {channel.key}={meant}"
+        )
+
+
+def _is_own_model(plain: dict[str, Any]) -> bool:
+    """Whether the aircraft is given as matrices, without a known usual amplitude."""
+    aircraft = plain.get("aircraft")
+    return isinstance(aircraft, MatrixAircraft) or (isinstance(aircraft, dict) and "a" in aircraft)
+
+
+def _with_usual_test(plain: dict[str, Any]) -> dict[str, Any]:
+    """Complete a dataset's recipe from the usual test of its aircraft."""
+    aircraft = plain.get("aircraft", {"kind": DEFAULT_KIND})
+    kind = aircraft.get("kind", DEFAULT_KIND) if isinstance(aircraft, dict) else None
+    if not (isinstance(kind, str) and kind in AIRCRAFT):
+        return plain
+    usual = DatasetRecipe.usual(AIRCRAFT[kind])
+    filled = {"specification": usual.specification} | plain
+    for part in ("control_law", "maneuver"):
+        default, given = to_plain(getattr(usual, part)), plain.get(part, {})
+        if isinstance(given, dict) and given.get("kind", default["kind"]) == default["kind"]:
+            filled[part] = default | given
+    return filled
+
+
+def overlay(below: Any, above: Any) -> Any:
+    """Nested plain data: values of `above` replace those of `below`."""
+    if not (isinstance(below, dict) and isinstance(above, dict)):
+        return above
+    return below | {key: overlay(below.get(key), value) for key, value in above.items()}
+
+
+def read_plain(path: Path) -> Any:
+    """Read a JSON file. RecipeError."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise RecipeError(f"{path} is not readable ({error.strerror}): give a JSON file") from error
+    except ValueError as error:
+        raise RecipeError(f"{path} is not JSON ({error}): correct it") from error
+
+
+def set_path(plain: dict[str, Any], dotted: str, value: Any) -> None:
+    """Set `a.b.c` in nested objects, creating missing ones."""
+    *parents, last = dotted.split(".")
+    for parent in parents:
+        plain = plain.setdefault(parent, {})
+        if not isinstance(plain, dict):
+            raise RecipeError(f"{dotted} cannot be set: {parent} is a value, not an object")
+    plain[last] = value

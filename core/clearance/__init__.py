@@ -1,0 +1,1 @@
+"""What a flown amplitude says about the next one: identification, sensors, clearance."""

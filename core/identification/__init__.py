@@ -1,1 +1,0 @@
-"""Identification: parameters of an uncertain aircraft from recorded flights."""

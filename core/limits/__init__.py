@@ -1,0 +1,1 @@
+"""Limits of a test, and the first exceedance."""

@@ -1,0 +1,1 @@
+"""The planned test: its recipe, the rollouts collected for it, and a suggested amplitude."""

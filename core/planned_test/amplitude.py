@@ -1,0 +1,94 @@
+"""Suggest an amplitude at which enough flights of a planned test exceed a limit."""
+
+from dataclasses import dataclass, replace
+from math import copysign
+
+from core.planned_test.planned_test import DatasetRecipe, Simulator
+from core.seeds import Branch, stream
+
+WANTED_SHARE = 0.25
+"""Default share of rollouts that exceed a limit at the suggested amplitude."""
+TOLERANCE = 0.1
+"""Largest difference between the share reached and the one wanted."""
+LOWEST_DEG, HIGHEST_DEG = 0.01, 45.0
+"""Range of plausible amplitudes."""
+CLOSE_ENOUGH = 1.003
+"""Ratio of two amplitudes at which the bisection ends."""
+PILOT_ROLLOUTS, PILOT_STEPS = 400, 1_000_000
+"""Rollouts at each amplitude, and the largest number of their steps; at least FEWEST rollouts."""
+FEWEST = 50
+
+
+class AmplitudeError(ValueError):
+    """No plausible amplitude at which the wanted share of rollouts exceeds a limit."""
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """An amplitude and the result of a pilot run at it.
+
+    share: of n_rollouts that exceeded a limit.
+    """
+
+    amplitude_deg: float
+    share: float
+    n_rollouts: int
+
+    def __str__(self) -> str:
+        return (
+            f"At an amplitude of {self.amplitude_deg:g} deg {100 * self.share:.0f} % of "
+            f"{self.n_rollouts} pilot rollouts exceed a limit"
+        )
+
+
+def suggest_amplitude(recipe: DatasetRecipe, share: float = WANTED_SHARE) -> Suggestion:
+    """Find the amplitude [deg] at which about this share of the rollouts exceeds a limit.
+
+    Bisection with the same aircraft, pilots and seed. A table is scaled as a whole; the sign stays.
+    AmplitudeError if no amplitude from LOWEST_DEG to HIGHEST_DEG has about that share.
+    """
+    if not 0 < share < 1:
+        raise AmplitudeError(f"share={share} was given: give a number between 0 and 1")
+    n = max(FEWEST, min(PILOT_ROLLOUTS, PILOT_STEPS // recipe.n_steps))
+    low, high = LOWEST_DEG, HIGHEST_DEG
+    _check_range(share, low, _share(recipe, low, n), high, _share(recipe, high, n))
+    while high > CLOSE_ENOUGH * low:
+        middle = (low * high) ** 0.5
+        if _share(recipe, middle, n) < share:
+            low = middle
+        else:
+            high = middle
+    return _checked(recipe, share, float(f"{high:.3g}"), n)
+
+
+def _share(recipe: DatasetRecipe, amplitude_deg: float, n: int) -> float:
+    """Share of n rollouts at this amplitude that exceed a limit; always the same aircraft."""
+    peak = copysign(amplitude_deg, recipe.maneuver.peak_deg)
+    simulator = Simulator(replace(recipe, maneuver=recipe.maneuver.with_peak(peak)))
+    flown = simulator.rollouts(n, stream(recipe.seed, Branch.PILOT_RUN))
+    return float(flown.is_unsafe.mean())
+
+
+def _check_range(share: float, low: float, least: float, high: float, most: float) -> None:
+    if least >= share:
+        raise AmplitudeError(
+            f"{100 * least:.0f} % of the rollouts exceed a limit even at {low:g} deg, wanted "
+            f"{100 * share:.0f} %: raise the limit, shorten the manoeuvre "
+            "or choose a stabilising law"
+        )
+    if most < share:
+        raise AmplitudeError(
+            f"{100 * most:.0f} % of the rollouts exceed a limit even at {high:g} deg, wanted "
+            f"{100 * share:.0f} %: lower the limit or choose another manoeuvre or law"
+        )
+
+
+def _checked(recipe: DatasetRecipe, share: float, amplitude_deg: float, n: int) -> Suggestion:
+    reached = _share(recipe, amplitude_deg, n)
+    if abs(reached - share) > TOLERANCE:
+        raise AmplitudeError(
+            f"the share of rollouts that exceed a limit jumps to {100 * reached:.0f} % at "
+            f"{amplitude_deg:g} deg, wanted {100 * share:.0f} %: the aircraft are too similar, "
+            "increase their uncertainty"
+        )
+    return Suggestion(copysign(amplitude_deg, recipe.maneuver.peak_deg), reached, n)

@@ -1,0 +1,339 @@
+"""Collection: roll out the manoeuvre on random aircraft until enough of them turn unsafe."""
+
+from bisect import bisect_left
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from dataclasses import replace
+from itertools import count
+
+import numpy as np
+
+from core.card import Card, CardError
+from core.channels import KEYS
+from core.dataset import Dataset
+from core.monitor.group import Pooled
+from core.planned_test.amplitude import suggest_amplitude
+from core.planned_test.planned_test import DatasetRecipe, Rollouts, Simulator
+from core.recipe import to_plain
+from core.seeds import Branch, stream
+from core.simulation.imperfections import channel_array
+from core.simulation.maneuver import COLUMN, Steps
+from core.simulation.rollout import roll_out
+from core.types import Indices
+
+Progress = Callable[[int, int], object]
+
+FIRST_CHUNK, LARGEST_CHUNK = 256, 4096
+CHUNK_STEPS = 2_000_000
+"""Steps of all rollouts of a chunk: about 100 MB."""
+MOST_UNSAFE = 20_000
+"""Largest number of unsafe rollouts collected for a scarce group."""
+CERTAINTY = 1e-6
+FRESH_BATCH, MOST_FRESH = 1_000, 20_000
+"""Fresh flights in a batch, and the default total."""
+TRAINING_ROLLOUTS = 2_000
+CARD_PLANTS = 500
+"""Aircraft whose step response a card holds; more do not improve a monitor."""
+
+
+class CollectionError(ValueError):
+    """A collection that would not end, or that has no safe rollouts."""
+
+
+def collect(
+    recipe: DatasetRecipe,
+    *,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> Dataset:
+    """Roll out until recipe.n_unsafe rollouts turn unsafe; keep the safe ones on the way.
+
+    With groups, at least n_unsafe of each group; surplus ones are kept.
+
+    executor: rolls out the chunks; default: this thread and the kernels' threads. The result
+    depends on the recipe alone.
+    progress: called with (unsafe rollouts, rollouts made); an exception cancels.
+    CollectionError if the budget cannot suffice or no safe rollouts remain.
+    """
+    simulator, failures = Simulator(recipe), _Failures(recipe)
+    parts: list[Rollouts] = []
+    n_made = n_safe_stored = 0
+    for rollouts in _chunks(simulator, executor):
+        rollouts = rollouts.some(slice(recipe.max_rollouts - n_made))
+        rollouts = rollouts.some(slice(failures.add(rollouts)))
+        n_made += len(rollouts.y)
+        keep = rollouts.is_unsafe | (
+            n_safe_stored + np.cumsum(~rollouts.is_unsafe) <= recipe.max_safe
+        )
+        if not keep.all():
+            rollouts = rollouts.some(keep)
+        n_safe_stored += np.count_nonzero(~rollouts.is_unsafe)
+        parts.append(rollouts)
+        if progress:
+            progress(min(failures.n, recipe.n_unsafe), n_made)
+        if failures.n >= recipe.n_unsafe:
+            return _dataset(simulator, parts, n_made - failures.n_met)
+        _check_reach(failures, recipe, n_made)
+    raise AssertionError("chunks never end")
+
+
+def fresh(recipe: DatasetRecipe, most: int = MOST_FRESH) -> Iterator[Rollouts]:
+    """Roll out flights to calibrate a monitor's validity; they neither train nor test it.
+
+    Yields batches on demand, `most` flights in total.
+    """
+    simulator = Simulator(recipe)
+    rng, made = stream(recipe.seed, Branch.VALIDITY), 0
+    size = max(1, min(FRESH_BATCH, CHUNK_STEPS // recipe.n_steps))
+    while made < most:
+        flights = simulator.rollouts(min(size, most - made), rng)
+        made += len(flights.y)
+        yield flights
+
+
+def combination_failures(
+    recipe: DatasetRecipe, n: int, progress: Progress | None = None
+) -> tuple[Rollouts, int]:
+    """Roll out until n flights fail, to calibrate a combination; they train no monitor.
+
+    progress: called with (failures, flights made); an exception cancels.
+    Returns the failing flights, and the number of flights made.   CollectionError if the recipe's
+    budget of rollouts cannot suffice.
+    """
+    simulator, rng = Simulator(recipe), stream(recipe.seed, Branch.COMBINATION)
+    size = max(1, min(FRESH_BATCH, CHUNK_STEPS // recipe.n_steps))
+    parts: list[Rollouts] = []
+    n_failed = made = 0
+    while n_failed < n:
+        flights = simulator.rollouts(min(size, recipe.max_rollouts - made), rng)
+        failed = np.flatnonzero(flights.is_unsafe)[: n - n_failed]
+        n_failed += len(failed)
+        made += int(failed[-1]) + 1 if n_failed == n else len(flights.y)
+        parts.append(flights.some(failed))
+        if progress:
+            progress(n_failed, made)
+        if n_failed < n:
+            _check_budget(replace(recipe, n_unsafe=n), n_failed, made)
+    return _joined(parts), made
+
+
+def evaluation_flights(recipe: DatasetRecipe, n: int) -> Rollouts:
+    """Roll out n flights to test a monitor; they neither train it nor calibrate its validity."""
+    return Simulator(recipe).rollouts(n, stream(recipe.seed, Branch.TEST))
+
+
+def stopped_flights(
+    recipe: DatasetRecipe, n: int, which: Indices, neutral_from: Indices
+) -> Indices:
+    """Fly some of these n flights again, stopping the manoeuvre on the way.
+
+    which: (m,) numbers.   neutral_from: (m,) sample from which the controls are neutral.
+    Returns (m,) their first sample that exceeds a limit, n_samples without one.
+    """
+    return stopping_flights(recipe, n)(which, neutral_from)
+
+
+def stopping_flights(recipe: DatasetRecipe, n: int) -> Callable[[Indices, Indices], Indices]:
+    """As stopped_flights, for several calls: draws the n flights only once."""
+    return Simulator(recipe).stopping(n, stream(recipe.seed, Branch.TEST))
+
+
+def training_rollouts(recipe: DatasetRecipe, n: int = TRAINING_ROLLOUTS) -> Rollouts:
+    """Roll out n flights to train a forecast of peaks; they neither calibrate nor test.
+
+    Outputs of failing flights continue after the failure.
+    """
+    return Simulator(recipe).rollouts(n, stream(recipe.seed, Branch.FORECAST))
+
+
+def card_of(recipe: DatasetRecipe, n_plants: int = CARD_PLANTS) -> Card:
+    """The card of the planned manoeuvre, for monitors that use the remaining planned input.
+
+    n_plants: aircraft to simulate the response to the first step on.
+    CardError for a manoeuvre that is not a sequence of steps on one surface.
+    """
+    maneuver = recipe.maneuver
+    if not isinstance(maneuver, Steps) or not (switches := maneuver.switches):
+        raise CardError(
+            f"the manoeuvre {type(maneuver).__name__} is not a sequence of steps, so it has no "
+            "step responses: choose the predictor peak_ridge"
+        )
+    simulator, rng = Simulator(recipe), stream(recipe.seed, Branch.CARD)
+    times, steps = np.array(switches).T
+    n_lags = maneuver.n_samples(recipe.dt) - round(times[0] / recipe.dt)
+    factor = 1.0 + maneuver.amplitude_jitter * rng.standard_normal(n_plants)
+    factor *= maneuver.steps_flown(n_plants, rng)
+    command = np.zeros((n_plants, n_lags, len(COLUMN)))
+    command[..., COLUMN[maneuver.surface]] = (np.deg2rad(steps[0]) * factor)[:, None]
+    responses = roll_out(
+        simulator.plant.plants(simulator.plant.sample(n_plants, rng)),
+        simulator.controller,
+        recipe.control_law.actuator,
+        command,
+        recipe.dt,
+        pedal_lag_s=maneuver.pedal_lag_s,
+    )
+    return Card(
+        surface=KEYS.index({"aileron": "delta_a", "rudder": "delta_r"}[maneuver.surface]),
+        switch_times=times,
+        steps=np.deg2rad(steps),
+        duration_s=maneuver.duration_s,
+        dt=recipe.dt,
+        timing_jitter_s=maneuver.timing_jitter_s,
+        noise_std=channel_array(recipe.noise),
+        step_responses=responses,
+    )
+
+
+def _chunks(simulator: Simulator, executor: Executor | None) -> Iterator[Rollouts]:
+    """Chunks in order; an executor computes a few of them ahead."""
+    if executor is None:
+        yield from (_chunk(simulator, number) for number in count())
+        return
+    pending = deque(executor.submit(_chunk, simulator, number) for number in range(4))
+    try:
+        for number in count(4):
+            yield pending.popleft().result()
+            pending.append(executor.submit(_chunk, simulator, number))
+    finally:
+        for future in pending:
+            future.cancel()
+
+
+def _chunk(simulator: Simulator, number: int) -> Rollouts:
+    """Roll out one numbered chunk, with its own random stream."""
+    recipe = simulator.recipe
+    largest = max(FIRST_CHUNK, min(LARGEST_CHUNK, CHUNK_STEPS // recipe.n_steps))
+    size = min(FIRST_CHUNK << min(number, 30), largest)
+    return simulator.rollouts(size, stream(recipe.seed, Branch.ROLLOUTS, number))
+
+
+class _Failures:
+    """Failing rollouts so far.
+
+    n_met: all of them.   n: those in the smallest group, `scarcest`; all if groups are pooled.
+    """
+
+    def __init__(self, recipe: DatasetRecipe) -> None:
+        self._recipe = recipe
+        self._met: Rollouts | None = None
+        self.n_met = self.n = 0
+        self.scarcest = ""
+
+    def add(self, rollouts: Rollouts) -> int:
+        """Count failures up to the last one wanted; return the number of rollouts used."""
+        unsafe, before = np.flatnonzero(rollouts.is_unsafe), self.n_met
+        if not isinstance(self._recipe.groups, Pooled):
+            failing = rollouts.some(unsafe)
+            self._met = failing if self._met is None else _joined([self._met, failing])
+        self._count(before + len(unsafe))
+        wanted = self._recipe.n_unsafe
+        if self.n < wanted:
+            return len(rollouts.y)
+        more = range(1, len(unsafe) + 1)
+        end = bisect_left(more, wanted, key=lambda n: self._fewest(before + n)[0])
+        self._count(before + more[end])
+        return int(unsafe[end]) + 1
+
+    def _count(self, n_met: int) -> None:
+        self.n_met = n_met
+        self.n, self.scarcest = self._fewest(n_met)
+
+    def _fewest(self, n_met: int) -> tuple[int, str]:
+        """Size of the smallest group among the first n_met failures, and its name."""
+        if self._met is None:
+            return n_met, ""
+        y, fail_index, _ = self._met.some(slice(n_met))
+        grouping = self._recipe.groups.fit(y, fail_index, self._recipe.specification)
+        if grouping is None:
+            return 0, "a second group"
+        rule, group = grouping
+        sizes = [int(np.count_nonzero(group == k)) for k in range(len(rule.names))]
+        return min(sizes), f"the group {rule.names[int(np.argmin(sizes))]!r}"
+
+
+def _joined(parts: list[Rollouts]) -> Rollouts:
+    return Rollouts(*map(np.concatenate, zip(*parts, strict=True)))
+
+
+def _check_reach(failures: _Failures, recipe: DatasetRecipe, n_made: int) -> None:
+    """CollectionError if enough failures of each group are out of reach."""
+    if not failures.scarcest:
+        _check_budget(recipe, failures.n, n_made)
+        return
+    among = min(MOST_UNSAFE, int(recipe.max_rollouts * failures.n_met / n_made))
+    highest = _highest_share(failures.n, failures.n_met)
+    if n_made < recipe.max_rollouts and recipe.n_unsafe <= highest * among:
+        return
+    raise CollectionError(
+        f"{failures.n} of {failures.n_met} unsafe rollouts were in {failures.scarcest}: "
+        f"{recipe.n_unsafe} of each group are out of reach among {among} unsafe ones; change the "
+        "groups or the limits, lower n_unsafe, or choose groups pooled"
+    )
+
+
+def _check_budget(recipe: DatasetRecipe, n_unsafe: int, n_made: int) -> None:
+    highest = _highest_share(n_unsafe, n_made)
+    if n_made < recipe.max_rollouts and recipe.n_unsafe <= highest * recipe.max_rollouts:
+        return
+    raise CollectionError(
+        f"{n_unsafe} of {n_made} rollouts were unsafe (rate about {n_unsafe / n_made:.2g}, at "
+        f"most {highest:.2g}): {recipe.n_unsafe} unsafe ones are out of reach within "
+        f"{recipe.max_rollouts} rollouts; raise the amplitude, lower the limit or raise "
+        f"max_rollouts. {_working_amplitude(recipe)}"
+    )
+
+
+def _highest_share(k: int, n: int) -> float:
+    """Upper confidence bound on a share with k of n found; it is wrong with CERTAINTY."""
+    from scipy.special import betaincinv  # slow to import, and only needed here
+
+    return float(betaincinv(k + 1, n - k or 1, 1 - CERTAINTY))
+
+
+def _working_amplitude(recipe: DatasetRecipe) -> str:
+    """The suggested amplitude, as the last sentence of an error."""
+    try:
+        return f"{suggest_amplitude(recipe)}"
+    except ValueError as error:
+        return f"No suitable amplitude found: {error}"
+
+
+def _dataset(simulator: Simulator, parts: list[Rollouts], n_safe_met: int) -> Dataset:
+    recipe = simulator.recipe
+    y, fail_index, theta = _joined(parts)
+    is_unsafe = fail_index < y.shape[1]
+    if n_safe_met == 0:
+        raise CollectionError(
+            f"all {recipe.n_unsafe} rollouts were unsafe, but a monitor needs safe ones too: lower "
+            f"the amplitude, raise the limit or raise n_unsafe. {_working_amplitude(recipe)}"
+        )
+    unsafe, fail_index = y[is_unsafe], fail_index[is_unsafe]
+    unsafe[np.arange(y.shape[1]) > fail_index[:, None]] = np.nan
+    safe = y[~is_unsafe]
+    return Dataset(
+        unsafe=unsafe,
+        fail_index=fail_index,
+        safe=safe,
+        safe_times=_safe_times(recipe, len(safe), y.shape[1]),
+        theta_unsafe=theta[is_unsafe],
+        theta_safe=theta[~is_unsafe],
+        dt=recipe.dt,
+        theta_names=simulator.plant.names,
+        n_safe_met=n_safe_met,
+        seed=recipe.seed,
+        recipe=to_plain(recipe),
+        specification=recipe.specification,
+    )
+
+
+def _safe_times(recipe: DatasetRecipe, n_safe: int, n_samples: int) -> Indices:
+    """(n_safe, n_obs) random sample indices of each safe rollout, without repetition, ascending."""
+    rng = stream(recipe.seed, Branch.SAFE_TIMES)
+    times = np.empty((n_safe, recipe.n_obs), np.int64)
+    for start in range(0, n_safe, LARGEST_CHUNK):
+        part = times[start : start + LARGEST_CHUNK]
+        order = rng.random((len(part), n_samples)).argsort(axis=1)
+        part[:] = np.sort(order[:, : recipe.n_obs], axis=1)
+    return times

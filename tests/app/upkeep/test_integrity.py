@@ -1,0 +1,212 @@
+"""What is stored is looked at when a server starts, then checked whole; damage is told."""
+
+import logging
+import sqlite3
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+from sqlalchemy import update
+from starlette.testclient import TestClient
+
+from app.recordings.files import RecordingFiles
+from app.settings import Settings
+from app.store.store import Store, open_store
+from app.store.tables import dataset_blocks, monitor_parts
+from app.upkeep import integrity
+from app.upkeep.integrity import Integrity, Pace, Stopped
+from core.dataset import Dataset
+from core.monitor import train
+from tests.support.api import api, problem, store_of
+from tests.support.oscillator import Array
+from tests.support.patience import PATIENCE
+from tests.support.recorded import RECORDINGS, csv_of, uploaded
+
+WHOLE = {"monitor", "dataset", "recording", "scoring"}
+
+
+class Kept(NamedTuple):
+    data_dir: Path
+    monitor: str
+    dataset: str
+    recording: str
+    scoring: str
+
+    @property
+    def folder(self) -> Path:
+        return self.data_dir / "recordings" / self.recording
+
+
+@pytest.fixture
+def kept(tmp_path: Path, dataset: Dataset, flights: Array) -> Kept:
+    """One thing of each kind at a server that has stopped."""
+    with api(tmp_path) as client:
+        plain = replace(dataset, recipe={})
+        dataset_id = store_of(client).datasets.add(plain, "d").id
+        monitor = store_of(client).monitors.add(train(plain), "m").id
+        recording = uploaded(client, csv_of(flights[0]))["id"]
+        path = f"{RECORDINGS}/{recording}/scorings"
+        scoring = client.post(path, json={"monitor": monitor}).json()["id"]
+    return Kept(tmp_path, monitor, dataset_id, recording, scoring)
+
+
+@pytest.fixture
+def store(kept: Kept) -> Iterator[Store]:
+    store = open_store(Settings(data_dir=kept.data_dir).url)
+    yield store
+    store.close()
+
+
+def flip(file: Path) -> None:
+    content = bytearray(file.read_bytes())
+    content[-3] ^= 1
+    file.write_bytes(content)
+
+
+def spoil_rows(store: Store, table: Any) -> None:
+    with store.engine.begin() as connection:
+        connection.execute(update(table).values(content=b"something else"))
+
+
+def corrupt_pages(file: Path) -> None:
+    """Overwrite the first page of each index and table of flights and jobs."""
+    with closing(sqlite3.connect(file)) as connection:
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        size = connection.execute("PRAGMA page_size").fetchone()[0]
+        roots = "SELECT rootpage FROM sqlite_master WHERE tbl_name IN ('flights', 'jobs')"
+        pages = [row[0] for row in connection.execute(roots)]
+    with file.open("r+b") as content:
+        for page in pages:
+            content.seek((page - 1) * size)
+            content.write(b"\xa5" * size)
+
+
+def checked(store: Store, kept: Kept) -> Integrity:
+    known = Integrity(store, RecordingFiles(kept.data_dir / "recordings"))
+    known.check_all()
+    return known
+
+
+def test_what_is_whole_is_found_whole(kept: Kept, store: Store) -> None:
+    known = checked(store, kept)
+    assert (known.damaged(), known.n_checked) == ([], len(WHOLE))
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        ("recording", "file"),
+        ("recording", "columns/0.f8"),
+        ("recording", "digests.json"),
+        ("scoring", "scorings/*.npy"),
+        ("scoring", "scorings/*.tiles.npy"),
+        ("monitor", ""),
+        ("dataset", ""),
+    ],
+)
+def test_what_is_damaged_is_found_and_logged(
+    kept: Kept, store: Store, caplog: pytest.LogCaptureFixture, kind: str, name: str
+) -> None:
+    if name:
+        flip(min(kept.folder.glob(name), key=lambda file: len(file.name)))
+    else:
+        spoil_rows(store, monitor_parts if kind == "monitor" else dataset_blocks)
+    with caplog.at_level(logging.ERROR, "forewarn"):
+        known = checked(store, kept)
+    ((damage),) = known.damaged()
+    assert (damage.kind, damage.id) == (kind, getattr(kept, kind))
+    assert str(damage) in caplog.text
+    assert known.n_checked == len(WHOLE)
+
+
+def test_what_is_missing_is_damaged(kept: Kept, store: Store) -> None:
+    (kept.folder / "file").unlink()
+    assert "is missing" in checked(store, kept).damaged()[0].detail
+
+
+def test_what_was_deleted_since_is_damaged_no_more(kept: Kept, store: Store) -> None:
+    spoil_rows(store, dataset_blocks)
+    known = checked(store, kept)
+    assert known.n_damaged == 1
+    store.datasets.delete(kept.dataset)
+    assert (known.damaged(), known.n_damaged) == ([], 0)
+
+
+def test_damaged_pages_are_found_by_the_look_and_by_the_check(kept: Kept) -> None:
+    corrupt_pages(kept.data_dir / "forewarn.db")
+    store = open_store(Settings(data_dir=kept.data_dir).url, recover=False)
+    known = Integrity(store, RecordingFiles(kept.data_dir / "recordings"))
+    known.look()
+    assert {damage.kind for damage in known.damaged()} == {"database"}
+    assert {damage.kind for damage in checked(store, kept).damaged()} == {"database"}
+    store.close()
+
+
+def test_the_look_ends_in_time_and_the_rest_is_left_to_the_background(
+    kept: Kept, store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(integrity, "LOOK_S", 0.0)
+    known = Integrity(store, RecordingFiles(kept.data_dir / "recordings"))
+    known.look()
+    assert known.n_checked == 0
+    known.check_all()
+    assert known.n_checked == len(WHOLE)
+
+
+def test_a_check_that_is_told_to_stop_ends_at_its_next_rest() -> None:
+    pace = Pace()
+    pace.rest()
+    pace.stopped.set()
+    with pytest.raises(Stopped):
+        pace.rest()
+
+
+def test_a_server_that_stops_does_not_wait_for_the_check(kept: Kept) -> None:
+    with api(kept.data_dir) as client:
+        known = client.app.state.integrity  # pyright: ignore
+        assert known.state == "begun"
+    assert known.state == "stopped"
+    assert known.n_checked < len(WHOLE)
+
+
+def until_checked(client: TestClient) -> dict[str, Any]:
+    end = time.monotonic() + PATIENCE
+    while (answer := client.get("/api/v1/integrity").json())["state"] != "checked":
+        assert time.monotonic() < end
+    return answer
+
+
+def test_a_server_says_what_it_finds_damaged(kept: Kept, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(integrity, "BEGIN_AFTER_S", 0.0)
+    flip(kept.folder / "file")
+    with api(kept.data_dir) as client:
+        (item,) = until_checked(client)["damaged"]
+        assert (item["kind"], item["id"]) == ("recording", kept.recording)
+        ready = client.get("/readyz")
+        assert (ready.status_code, len(ready.json()["damaged"])) == (200, 1)
+        assert "forewarn_damaged 1.0" in client.get("/metrics").text
+        assert client.delete(f"{RECORDINGS}/{kept.recording}").status_code == 204
+        assert client.get("/api/v1/integrity").json()["damaged"] == []
+
+
+def test_a_monitor_that_is_damaged_is_said_at_the_start(kept: Kept, store: Store) -> None:
+    spoil_rows(store, monitor_parts)
+    with api(kept.data_dir) as client:
+        report = client.get("/api/v1/integrity").json()
+        assert [item["id"] for item in report["damaged"]] == [kept.monitor]
+        problem(client.get(f"/api/v1/monitors/{kept.monitor}/file"), 500)
+
+
+def test_a_server_with_damaged_pages_starts_and_is_not_ready(kept: Kept) -> None:
+    corrupt_pages(kept.data_dir / "forewarn.db")
+    with api(kept.data_dir) as client:
+        assert client.get("/healthz").status_code == 200
+        answer = client.get("/readyz")
+        assert problem(answer, 503).startswith("the database is damaged")
+        assert answer.json()["damaged"]
+        assert problem(client.get("/api/v1/flights"), 500).startswith("the database")
+        assert client.get("/api/v1/monitors").status_code == 200

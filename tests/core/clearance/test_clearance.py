@@ -1,0 +1,249 @@
+"""Clearance of the next point: its two guarantees, its checks, and refused input."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from core.clearance.clearance import (
+    BuildUp,
+    Clearance,
+    ClearanceError,
+    ClearanceRecipe,
+    PointPredictor,
+    calibrate,
+)
+from core.evaluation.lead_sweep import TESTS
+from core.planned_test.planned_test import Simulator
+from core.types import Array
+
+TEST = TESTS["ATTAS"]
+POINTS = BuildUp.fractions(TEST, (0.6,))
+
+
+@pytest.fixture(scope="module")
+def clearance() -> Clearance:
+    """For the full doublet of an ATTAS after a step of 60 %."""
+    return calibrate(
+        POINTS, ClearanceRecipe(epsilon=0.1, n_exceeding=50, n_aircraft=150, n_draws=32, seed=3)
+    )
+
+
+def fly(theta: Array, seed: int, points: BuildUp = POINTS) -> list[Array]:
+    """One flight of each step by one aircraft (1, n_params): (n_samples, 6) each."""
+    rng = np.random.default_rng(seed)
+    return [Simulator(step).fly(theta, rng)[0].y[0] for step in points.flown]
+
+
+def nominal() -> Array:
+    """(1, n_params) the mean of D_theta."""
+    return TEST.aircraft.uncertain_plant().nominal[np.newaxis]
+
+
+def test_a_safe_point_is_cleared_and_a_dangerous_one_is_not(clearance: Clearance) -> None:
+    """Only the record of the step differs: one aircraft responds less, the other more."""
+    simulator, rng = Simulator(TEST), np.random.default_rng(8)
+    theta = simulator.plant.sample(200, rng)
+    _, peaks = simulator.fly(theta, rng)
+    order = np.argsort(peaks)
+    safe, dangerous = (
+        clearance.decide(fly(theta[[which]], 5)) for which in (order[10], order[-10])
+    )
+    assert safe.cleared
+    assert not dangerous.cleared
+    assert safe.p_value is not None
+    assert dangerous.p_value is not None
+    assert safe.p_value < dangerous.p_value
+    assert not safe.withdrawn
+    assert safe.reached[0] < safe.reached[1] < safe.reached[2] < 1.0 < dangerous.reached[1]
+    assert safe.amplitude_deg is not None
+    assert dangerous.amplitude_deg is not None
+    assert safe.amplitude_deg > dangerous.amplitude_deg
+
+
+def test_p_values_are_exact_ranks_among_those_that_exceed(clearance: Clearance) -> None:
+    """(1 + number of exceeding aircraft with no higher score) / (n + 1)."""
+    exceeding = clearance.scores[clearance.exceeds]
+    n = len(exceeding)
+    assert n >= 50
+    assert clearance.n_tried == 1_000
+    assert np.count_nonzero(clearance.drawn) == 150
+    actual = clearance.p_values(np.array([-np.inf, np.sort(exceeding)[4], np.inf]))
+    np.testing.assert_allclose(actual, np.array([1, 6, n + 1]) / (n + 1))
+    assert clearance.clear_below == 0.1
+
+
+def test_the_guarantee_with_confidence_clears_less(clearance: Clearance) -> None:
+    sure = replace(clearance, recipe=replace(clearance.recipe, guarantee="95%"))
+    assert 0.0 < sure.clear_below < clearance.clear_below
+
+
+def test_a_batch_is_predicted_as_each_record_alone(clearance: Clearance) -> None:
+    """The posteriors are equal; only the drawn pilots differ."""
+    records = fly(nominal(), 5)
+    predictor = PointPredictor(POINTS, 32)
+    twice = predictor.predict(
+        [np.repeat(y[np.newaxis], 2, axis=0) for y in records], np.random.default_rng(0)
+    )
+    alone = clearance.decide(records)
+    np.testing.assert_allclose(twice.posterior.mean[0], alone.posterior.mean[0], atol=1e-6)
+    np.testing.assert_allclose(twice.posterior.mean[1], alone.posterior.mean[0], atol=1e-6)
+
+
+def test_amplitudes_just_reach_a_limit(clearance: Clearance) -> None:
+    """A little more makes the same flights exceed, a little less does not."""
+    predictor = PointPredictor(POINTS, 32)
+    theta = predictor.plant.sample(50, np.random.default_rng(1))
+    factors = predictor.amplitudes(theta, np.random.default_rng(2))
+    for share, exceeds in ((0.999, False), (1.001, True)):
+        rollouts, peaks = predictor.following.fly(theta, np.random.default_rng(2), share * factors)
+        assert ((peaks >= 1.0) == exceeds).all()
+        assert (rollouts.is_unsafe == exceeds).all()
+
+
+class TestWrongModels:
+    """Failed checks of the fit withdraw the clearance and are named."""
+
+    def test_more_noise_than_stated(self, clearance: Clearance) -> None:
+        """Three times the noise: the residuals are too large."""
+        noisy = replace(TEST.noise, beta=0.003, p=0.012, r=0.003, Ny=0.012)
+        points = BuildUp.fractions(replace(TEST, noise=noisy), (0.6,))
+        verdict = clearance.decide(fly(nominal(), 5, points))
+        assert not verdict.cleared
+        assert verdict.withdrawn[0].words == "residuals of the flown step exceed the noise"
+        assert verdict.withdrawn[0].value > verdict.withdrawn[0].level
+        assert verdict.amplitude_deg is None
+
+    def test_an_aircraft_that_is_not_of_the_prior(self, clearance: Clearance) -> None:
+        """Half the damping and twice the stiffness: far from the expected aircraft."""
+        theta, names = nominal(), TEST.aircraft.uncertain_plant().names
+        theta[0, names.index("N_beta")] *= 2.0
+        theta[0, names.index("N_dr")] *= 1.6
+        verdict = clearance.decide(fly(theta, 5))
+        assert not verdict.cleared
+        assert any("far from the expected aircraft" in check.words for check in verdict.withdrawn)
+
+    def test_steps_that_are_of_two_aircraft(self) -> None:
+        """A second step that disagrees with the first, as if stiffness fell with sideslip."""
+        points = BuildUp.fractions(TEST, (0.4, 0.6))
+        rule = calibrate(
+            points, ClearanceRecipe(epsilon=0.1, n_exceeding=20, n_aircraft=100, n_draws=16)
+        )
+        other = nominal()
+        other[0, TEST.aircraft.uncertain_plant().names.index("N_beta")] *= 0.8
+        first, second = fly(nominal(), 5, points)[0], fly(other, 6, points)[1]
+        verdict = rule.decide([first, second])
+        assert not verdict.cleared
+        assert any("may be nonlinear" in check.words for check in verdict.withdrawn)
+
+
+def test_checks_withdraw_few_of_their_calibration_aircraft(clearance: Clearance) -> None:
+    """At most one in twenty over all checks."""
+    of_all = clearance.checks[clearance.drawn]
+    assert (of_all > clearance.levels).any(axis=1).mean() <= 0.05
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda records: [], "0 records were given"),
+        (lambda records: [records[0][:40]], "has 40 samples"),
+        (lambda records: [records[0][:, :4]], "all six channels"),
+        (lambda records: [np.where(records[0] > 0.01, np.nan, records[0])], "without gaps"),
+    ],
+)
+def test_unfitting_records_are_refused(clearance: Clearance, change, words: str) -> None:
+    with pytest.raises(ClearanceError, match=words):
+        clearance.decide(change(fly(nominal(), 5)))
+
+
+def test_points_of_different_aircraft_are_refused() -> None:
+    """Also a build-up without a step, and an epsilon that needs more aircraft."""
+    with pytest.raises(ClearanceError, match="no flown step"):
+        BuildUp((), TEST)
+    with pytest.raises(ClearanceError, match="the aircraft of a flown step"):
+        BuildUp((TESTS["F-16"],), TEST)
+    with pytest.raises(ValueError, match="it needs at least 99"):
+        ClearanceRecipe(epsilon=0.01, n_exceeding=98)
+    few = replace(TEST, maneuver=TEST.maneuver.with_peak(8.5))
+    with pytest.raises(ClearanceError, match="10000 are out of reach"):
+        calibrate(BuildUp.fractions(few, (0.6,)), ClearanceRecipe(n_exceeding=10_000))
+
+
+def test_a_point_with_rare_exceedances_is_cleared_by_its_prediction() -> None:
+    """It has no p-value; the checks withdraw as usual."""
+    harmless = replace(TEST, maneuver=TEST.maneuver.with_peak(2.0))
+    points = BuildUp.fractions(harmless, (0.5,))
+    rule = calibrate(points, ClearanceRecipe(n_aircraft=100, n_draws=16))
+    assert rule.is_rare
+    verdict = rule.decide(fly(nominal(), 5, points))
+    assert verdict.cleared
+    assert verdict.p_value is None
+    assert verdict.reached[2] < 0.5
+    shaken = fly(nominal(), 5, points)[0] + 0.01 * np.random.default_rng(0).normal(size=(121, 6))
+    assert not rule.decide([shaken]).cleared
+
+
+def test_progress_is_reported_and_can_cancel() -> None:
+    calls: list[tuple[int, int]] = []
+
+    def progress(identified: int, total: int) -> None:
+        calls.append((identified, total))
+        raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        calibrate(POINTS, ClearanceRecipe(n_draws=8), progress)
+    assert calls == [(0, 600)]
+
+
+@pytest.mark.fuzz
+@pytest.mark.parametrize("name", TESTS)
+def test_both_guarantees_hold_over_twenty_calibrations(name: str) -> None:
+    """Wrong clearances, and flights at the recommended amplitude that exceed, of 20 calibration
+    sets, a third each of 2,000 aircraft."""
+    points = BuildUp.fractions(TESTS[name], (0.6,))
+    pool = calibrate(points, ClearanceRecipe(n_exceeding=600, n_aircraft=2_000, seed=20_262))
+    rng, wrong, over, safe = np.random.default_rng(0), [], [], []
+    n = len(pool.scores)
+    for _ in range(20):
+        order = rng.permutation(n)
+        used = np.zeros(n, bool)
+        used[order[: n // 3]] = True
+        rule = Clearance(
+            points,
+            pool.recipe,
+            pool.n_tried,
+            pool.exceeding_share,
+            pool.scores[used],
+            pool.exceeds[used],
+            pool.drawn[used],
+            pool.spare[used],
+            pool.checks[used],
+        )
+        cleared = rule.p_values(pool.scores[~used]) <= rule.clear_below
+        exceeds = pool.exceeds[~used]
+        wrong.append(cleared[exceeds].mean())
+        safe.append(cleared[~exceeds].mean())
+        free = ~used & pool.drawn
+        assert rule.amplitude_spare is not None
+        over.append((pool.spare[free] <= rule.amplitude_spare).mean())
+    # one pool of 600 exceeding aircraft: standard error of a share .009, of 2,000 aircraft .005
+    assert 0.02 <= np.mean(wrong) <= 0.075
+    assert 0.03 <= np.mean(over) <= 0.07
+    assert np.mean(safe) >= {"F-16": 0.7, "F-104A": 0.75, "ATTAS": 0.42}[name]
+
+
+@pytest.mark.fuzz
+@pytest.mark.parametrize("name", TESTS)
+def test_the_predicted_interval_covers_nine_of_ten_flown_peaks(name: str) -> None:
+    """Also with few draws, where plain quantiles would be too narrow."""
+    points, rng = BuildUp.fractions(TESTS[name], (0.6,)), np.random.default_rng(20_263)
+    predictor, inside = PointPredictor(points, 16), []
+    for _ in range(4):
+        theta = predictor.plant.sample(100, rng)
+        _, peaks = predictor.following.fly(theta, rng)
+        prediction = predictor.predict([step.fly(theta, rng)[0].y for step in predictor.steps], rng)
+        low, _, high = prediction.quantiles.T
+        inside.append(((low <= peaks) & (peaks <= high)).mean())
+    # smallest and largest of 16: 15 of 17 hold, standard error .016; plain quantiles hold .794
+    assert 0.835 <= np.mean(inside) <= 0.93
