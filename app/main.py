@@ -36,26 +36,20 @@ from app.jobs.jobs import Jobs
 from app.recordings.recordings import Recordings
 from app.recordings.scored import ScoredRecordings
 from app.routes import (
-    audit,
     campaigns,
     catalog,
     datasets,
-    demonstration,
-    flight_stream,
+    flight_sockets,
     flights,
-    health,
     jobs,
     limit_sets,
-    live_samples,
-    live_scores,
-    markers,
+    live,
     monitors,
     people,
     recordings,
-    scored_files,
+    score_telemetry,
     scorings,
-    storage,
-    uplink,
+    server,
 )
 from app.routes.guide import guide_router
 from app.routes.scene import scene_router
@@ -156,9 +150,9 @@ def _routes() -> Iterator[BaseRoute]:
     FastAPI would build the routes of an included router again at the first request, while other
     threads run. During this it hides pydantic's warnings, in all threads.
     """
-    stored = (datasets, monitors, limit_sets, recordings, scorings, scored_files, markers, storage)
-    live = (flights, flight_stream, live_samples, live_scores, uplink)
-    for module in (catalog, *stored, jobs, campaigns, *live, demonstration, people, audit, health):
+    stored = (datasets, monitors, score_telemetry, limit_sets, recordings, scorings)
+    flown = (flights, flight_sockets, live)
+    for module in (catalog, *stored, jobs, campaigns, *flown, people, server):
         yield from module.router.routes
     yield from scene_router().routes
     yield from guide_router(STATIC / "guide").routes

@@ -31,6 +31,8 @@ from app.recordings.recordings import Recordings
 from app.report.campaign import campaign_page
 from app.routes.dependencies import (
     PAGE_TO_PRINT,
+    By,
+    Finite,
     JobsDep,
     PersonDep,
     PlainBody,
@@ -40,16 +42,16 @@ from app.routes.dependencies import (
     body_of,
     json_from,
     json_response,
+    refused,
     signature,
 )
-from app.routes.job_answers import ACCEPTED, accepted
+from app.routes.jobs import ACCEPTED, accepted
 from app.store.campaigns import CampaignChanged
 from app.store.jobs import ENDED, JobInfo
 from app.store.tokens import LOCAL
 from core.bounds import quoted
 
 router = Router(prefix="/api/v1/campaigns", tags=["campaigns"])
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class Decision(BaseModel):
@@ -60,12 +62,7 @@ class Decision(BaseModel):
     )
 
     point: str = Field(description="name of the next point, as displayed; any other is refused")
-    by: str = Field(
-        default=LOCAL,
-        min_length=1,
-        max_length=200,
-        description="ignored where a person is logged in",
-    )
+    by: By = LOCAL
     why: str = Field(default="", max_length=2000, description="reason")
 
 
@@ -140,10 +137,8 @@ async def plan_campaign(plain: PlainBody, campaigns: CampaignsDep, settings: Set
     Parts missing from a condition's `dataset` come from the aircraft's usual test.
     """
 
-    def plan() -> CampaignDetails:
-        return campaigns.add(campaign_request(plain, settings.max_array_bytes))
-
-    return _made(await asyncio.to_thread(plan))
+    campaign = await asyncio.to_thread(campaign_request, plain, settings.max_array_bytes)
+    return _made(await asyncio.to_thread(campaigns.add, campaign))
 
 
 @router.post(
@@ -159,13 +154,9 @@ async def add_campaign_file(plain: PlainBody, campaigns: CampaignsDep):
     The names of people in it are marked as unverified.
     """
 
-    def add() -> CampaignDetails:
-        try:
-            return campaigns.add(from_file(plain, "the file").imported)
-        except CampaignError as error:
-            raise Problem(422, str(error), "urn:forewarn:campaign") from None
-
-    return _made(await asyncio.to_thread(add))
+    with refused(422, "campaign", CampaignError):
+        campaign = await asyncio.to_thread(from_file, plain, "the file")
+        return _made(await asyncio.to_thread(campaigns.add, campaign.imported))
 
 
 def _made(details: CampaignDetails) -> Response:
@@ -245,15 +236,11 @@ async def add_condition(
         if isinstance(dataset, dict) and "aircraft" not in dataset:
             last = to_plain(campaign.conditions[-1].test)
             requested = plain | {"dataset": last | stored_names(dataset)}
-        try:
-            extended = campaign.extended(*condition_request(requested, settings.max_array_bytes))
-            return json_response(limits_named(to_plain(campaigns.put(stored, extended))))
-        except CampaignError as error:
-            raise Problem(422, str(error), "urn:forewarn:campaign") from None
-        except CampaignChanged as error:
-            raise Problem(409, str(error), "urn:forewarn:campaign") from None
+        extended = campaign.extended(*condition_request(requested, settings.max_array_bytes))
+        return json_response(limits_named(to_plain(campaigns.put(stored, extended))))
 
-    return await asyncio.to_thread(add)
+    with refused(422, "campaign", CampaignError), refused(409, "campaign", CampaignChanged):
+        return await asyncio.to_thread(add)
 
 
 _DECIDED = problem_responses(404, 409, 422)
@@ -348,10 +335,8 @@ async def _decided(
 async def _changed(
     campaigns: Campaigns, campaign_id: str, point: str, decide: Callable[[Campaign], Campaign]
 ) -> CampaignDetails:
-    try:
+    with refused(409, "campaign", CampaignError, CampaignChanged):
         return await asyncio.to_thread(campaigns.change, campaign_id, point, decide)
-    except (CampaignError, CampaignChanged) as error:
-        raise Problem(409, str(error), "urn:forewarn:campaign") from None
 
 
 @router.post(
@@ -372,7 +357,10 @@ async def clear_point(
     The point is then on hold, or on condition until a person confirms the checklist.
     """
     by = signature(person, decision.by)
-    await _check_next(campaigns, campaign_id, decision.point)
+    _, campaign = await asyncio.to_thread(campaigns.get, campaign_id)
+    with refused(409, "campaign", CampaignError):
+        check_next(campaign, decision.point)
+        await asyncio.to_thread(check_computable, campaign)
     if await asyncio.to_thread(_is_clearing, campaigns, campaign_id):
         text = f"the clearance of {decision.point!r} is being computed: wait for it or cancel it"
         raise Problem(409, text, "urn:forewarn:campaign")
@@ -417,16 +405,9 @@ async def train_next_monitor(
     if "dataset" in recipe:
         raise Problem(422, "dataset is determined by the campaign: omit it")
     _, campaign = await asyncio.to_thread(campaigns.get, campaign_id)
-
-    def request() -> Any:
-        try:
-            return next_monitor_request(
-                campaign, point, recipe, campaigns.store, settings.max_array_bytes
-            )
-        except CampaignError as error:
-            raise Problem(409, str(error), "urn:forewarn:campaign") from None
-
-    training = await asyncio.to_thread(request)
+    about = campaign, point, recipe, campaigns.store, settings.max_array_bytes
+    with refused(409, "campaign", CampaignError):
+        training = await asyncio.to_thread(next_monitor_request, *about)
     details = {"name": training.name, "campaign": campaign_id, "point": point}
     details |= {"n_test": training.n_test} | to_plain(training.recipe)
     work = next_monitor_work(campaigns, campaign_id, point, training)
@@ -439,17 +420,3 @@ def _is_clearing(campaigns: Campaigns, campaign_id: str) -> bool:
         for job in campaigns.store.jobs.all()
         if job.status not in ENDED
     )
-
-
-async def _check_next(campaigns: Campaigns, campaign_id: str, point: str) -> None:
-    """Problem 409 if another point is next, or its clearance cannot be computed."""
-
-    def check() -> None:
-        _, campaign = campaigns.get(campaign_id)
-        check_next(campaign, point)
-        check_computable(campaign)
-
-    try:
-        await asyncio.to_thread(check)
-    except CampaignError as error:
-        raise Problem(409, str(error), "urn:forewarn:campaign") from None

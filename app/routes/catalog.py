@@ -13,7 +13,7 @@ from app.flights.sources.messages import UPLINK_DOWN, UPLINK_UP
 from app.http.head_requests import Router
 from app.messages import DOWN, UP
 from app.routes.dependencies import json_response
-from app.routes.recording_models import Derivable
+from app.routes.recordings import Derivable
 from core import __version__
 from core.channels import Channel
 from core.flight_markers import FlightMarkerKind

@@ -25,7 +25,7 @@ from app.routes.dependencies import (
     json_from,
     json_response,
 )
-from app.routes.job_answers import ACCEPTED, accepted
+from app.routes.jobs import ACCEPTED, accepted
 from app.store.datasets import DatasetInfo
 from app.store.jobs import JobInfo
 from app.store.store import Store

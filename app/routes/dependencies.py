@@ -1,8 +1,9 @@
 """Dependencies of the routes: parts of the running application, and request bodies."""
 
 import asyncio
-from collections.abc import Callable
-from typing import Annotated, Any, TypeVar
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Annotated, Any
 
 from fastapi import Depends, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
@@ -18,7 +19,6 @@ from app.store.store import Store
 from app.store.tokens import LOCAL
 from app.telemetry.journal import Journals
 
-Result = TypeVar("Result")
 PAGE_TO_PRINT = {
     "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; img-src data:; "
     "frame-ancestors 'self'"
@@ -63,14 +63,33 @@ ScoredDep = Annotated[ScoredRecordings, Depends(_scored)]
 PersonDep = Annotated[Person, Depends(_person)]
 
 
+By = Annotated[
+    str, Field(min_length=1, max_length=200, description="ignored where a person is logged in")
+]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+def strictly(*examples: Any) -> ConfigDict:
+    """Configuration of a request body: no other fields, no other types."""
+    shown: Any = {"examples": list(examples)} if examples else None
+    return ConfigDict(extra="forbid", strict=True, json_schema_extra=shown)
+
+
 class SignedRequest(BaseModel):
     """Name of the person who does this; ignored where a person is logged in."""
 
-    model_config = ConfigDict(
-        extra="forbid", strict=True, json_schema_extra={"examples": [{"by": "Ann"}]}
-    )
+    model_config = strictly({"by": "Ann"})
 
-    by: str = Field(default=LOCAL, min_length=1, max_length=200)
+    by: By = LOCAL
+
+
+@contextmanager
+def refused(status: int, kind: str, *errors: type[Exception]) -> Iterator[None]:
+    """Answer these errors with a Problem of this status and kind."""
+    try:
+        yield
+    except errors as error:
+        raise Problem(status, str(error), f"urn:forewarn:{kind}") from error
 
 
 def signature(person: Person, given: str) -> str:

@@ -4,7 +4,7 @@ import asyncio
 from typing import Annotated, Any, Literal
 
 from fastapi import Depends, Query, Request, Response
-from pydantic import BaseModel, ConfigDict, Field, StrictBool
+from pydantic import BaseModel, Field, StrictBool
 
 from app.flights.display_monitors import flown_monitors
 from app.flights.ended import Record, records
@@ -31,7 +31,15 @@ from app.messages import (
     Verdict,
 )
 from app.recipes.recipes import RecipeError
-from app.routes.dependencies import PersonDep, SignedRequest, json_from, signature
+from app.routes.dependencies import (
+    By,
+    PersonDep,
+    SignedRequest,
+    json_from,
+    refused,
+    signature,
+    strictly,
+)
 from app.store.flights import FlightInfo, FlightInProgress
 from app.store.tokens import LOCAL
 from core.evaluation.certificate import UselessMonitor
@@ -156,11 +164,7 @@ class FlightStatus(BaseModel):
 class TransportRequest(BaseModel):
     """An action: seek to [s], step by samples (backwards if negative), speed 0.1 to 10, loop."""
 
-    model_config = ConfigDict(
-        extra="forbid",
-        strict=True,
-        json_schema_extra={"examples": [{"action": "seek", "value": 2.5}]},
-    )
+    model_config = strictly({"action": "seek", "value": 2.5})
 
     action: Literal["play", "pause", "seek", "step", "speed", "loop", "next_alert"]
     value: StrictBool | Annotated[float, Field(allow_inf_nan=False)] | None = Field(
@@ -178,18 +182,14 @@ class FramesPart(BaseModel):
 
 
 class MarkerRequest(BaseModel):
-    """A marker to set in a flight. by: ignored where a person is logged in."""
+    """A marker to set in a flight."""
 
-    model_config = ConfigDict(
-        extra="forbid",
-        strict=True,
-        json_schema_extra={"examples": [{"kind": "abort", "by": "test conductor"}]},
-    )
+    model_config = strictly({"kind": "abort", "by": "test conductor"})
 
     kind: FlightMarkerKey = Field(
         description="`abort`: safety of flight; `knock_it_off`: no useful data"
     )
-    by: str = Field(default=LOCAL, min_length=1, max_length=200)
+    by: By = LOCAL
     text: str | None = Field(default=None, min_length=1, max_length=2000)
 
 
@@ -203,9 +203,8 @@ async def start_flight(
     steering, unless a watcher is connected while an alarm is unacknowledged.
     """
     try:
-        flight = await flights.start(request, signature(person, LOCAL))
-    except TooManyFlights as error:
-        raise Problem(429, str(error), "urn:forewarn:too-many-flights") from error
+        with refused(429, "too-many-flights", TooManyFlights):
+            flight = await flights.start(request, signature(person, LOCAL))
     except RecipeError:
         raise
     except UselessMonitor as error:
@@ -241,34 +240,26 @@ async def end_flight(
     recording in the background. 503 if the record could not be completed: the flight is over, and
     the rest of its record is written once the store accepts writes.
     """
-    try:
-        await flights.end(flight_id, signature(person, (who or SignedRequest()).by))
-    except TooManyFlights as error:
-        raise Problem(429, str(error), "urn:forewarn:too-many-flights") from error
-    except NotPossible as error:
-        raise Problem(409, str(error), "urn:forewarn:not-live") from error
+    by = signature(person, (who or SignedRequest()).by)
+    too_many = refused(429, "too-many-flights", TooManyFlights)
+    with too_many, refused(409, "not-live", NotPossible):
+        await flights.end(flight_id, by)
     return await read_flight(flight_id, flights)
 
 
 @router.delete("/{flight_id}", status_code=204, responses=problem_responses(404, 409, 422, 503))
 async def delete_flight(flight_id: str, flights: FlightsDep) -> None:
     """Delete the record of an ended flight; 409 if it is in progress or kept permanently."""
-    try:
+    with refused(409, "under-way", FlightInProgress):
         await flights.delete(flight_id)
-    except FlightInProgress as error:
-        raise Problem(409, str(error), "urn:forewarn:under-way") from error
 
 
 @router.post("/{flight_id}/transport", responses=problem_responses(404, 409, 422))
 async def steer(flight_id: str, request: TransportRequest, flights: FlightsDep) -> TransportState:
     """Steer a flight: play, pause, seek, step, speed, loop or next_alert."""
     flight = flights.flying(flight_id)
-    try:
+    with refused(422, "transport", TransportError), refused(409, "transport", NotPossible):
         flight.act(request.action, request.value)
-    except NotPossible as error:
-        raise Problem(409, str(error), "urn:forewarn:transport") from error
-    except TransportError as error:
-        raise Problem(422, str(error), "urn:forewarn:transport") from error
     return flight.transport
 
 
@@ -298,10 +289,8 @@ async def read_source(
     As `assessments`, but `seq` is the number in the source. 409 for a live source.
     """
     flight, stop = flights.flying(flight_id), _last(first, last)
-    try:
+    with refused(409, "transport", NotPossible):
         frames = flight.source_frames(first, stop)
-    except NotPossible as error:
-        raise Problem(409, str(error), "urn:forewarn:transport") from error
     return await _frames_response(frames, first, stop, last)
 
 
@@ -370,54 +359,31 @@ async def _statuses(flights: Flights, stored: list[FlightInfo]) -> list[FlightSt
     ]
 
 
+NOW = ("head", "monitors", "limits", "theta", "fail_t", "state", "reason", "cause", "age")
+"""Fields that a flight in progress has by the same names."""
+
+
 def _status(
     info: FlightInfo, flight: Flight | None, record: Record | None, monitors: list[FlownMonitor]
 ) -> FlightStatus:
-    status = FlightStatus(
-        id=info.id,
-        name=flight_name(info),
-        progress=info.status,
-        **_plain(flight, record),
-        verdict=record.verdict if record else flight.verdict if flight else None,
-        limits_held=None
-        if info.limits_held is None
-        else [LimitsFrom(**held) for held in info.limits_held],
-        exceedances=record.exceedances
-        if record
-        else flight.exceedances.of_channels
-        if flight
-        else [],
-        reason=record.reason if record else "",
-        cause=record.cause if record else None,
-        open_alarms=record.open_alarms if record else None,
-        open_cautions=record.open_cautions if record else None,
-        source=source_of(info),
-        mode=mode_of(info.source),
-        monitor=info.monitor_id,
-        monitors=monitors,
-        warnings=monitors[0].warnings,
-        epsilon=info.epsilon,
-        keep=info.keep,
-        accept_useless=accepts_useless(info),
-        created=info.created,
-        ended=info.ended,
-        head=-1 if info.head is None else info.head,
-        lost=info.lost,
-        recording=info.recording,
-    )
-    if flight is None:
-        return status
-    return status.model_copy(
-        update={
-            "head": flight.head,
-            "monitors": flight.monitors,
-            "limits": flight.limits,
-            "theta": flight.theta,
-            "fail_t": flight.fail_t,
-            "state": flight.state,
-            "reason": flight.reason,
-            "cause": flight.cause,
-            "age": flight.age,
+    """A flight's status; stale if it is neither in progress nor over yet."""
+    known: dict[str, Any] = vars(info) | {
+        "name": flight_name(info),
+        "progress": info.status,
+        "exceedances": flight.exceedances.of_channels if flight else [],
+        "verdict": flight.verdict if flight else None,
+        "source": source_of(info),
+        "mode": mode_of(info.source),
+        "monitor": info.monitor_id,
+        "monitors": monitors,
+        "warnings": monitors[0].warnings,
+        "accept_useless": accepts_useless(info),
+        "head": -1 if info.head is None else info.head,
+    }
+    if record is not None:
+        known |= vars(record)
+    if flight is not None:
+        known |= {name: getattr(flight, name) for name in NOW} | {
             "transport": flight.transport,
             "watchers": flight.n_watchers,
             "open_alarms": flight.alarms.n_open(Level.WARNING),
@@ -426,13 +392,7 @@ def _status(
             "lost": flight.recorder.lost,
             "unwritten": flight.recorder.unwritten,
         }
-    )
-
-
-def _plain(flight: Flight | None, record: Record | None) -> dict[str, Any]:
-    """The headline; stale for a flight that is neither in progress nor over yet."""
-    if flight is not None:
-        status = flight.headline
-    else:
-        status = record.headline if record else headline(Facts(stale=True))
-    return status._asdict() | {"beside": list(status.beside)}
+    seen = flight or record
+    now = seen.headline if seen else headline(Facts(stale=True))
+    known |= now._asdict() | {"beside": list(now.beside)}
+    return FlightStatus(**known)

@@ -13,10 +13,10 @@ from app import json_codec
 from app.catalog import study_request_schema, sweep_request_schema
 from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
-from app.jobs.jobs import NotRunning
-from app.jobs.kinds import study_work, sweep_work
+from app.jobs.jobs import STOPPED, Jobs, NotRunning, QueueFull, Work
+from app.jobs.kinds import study_work, sweep_work, without_figures
 from app.jobs.requests import study_request, sweep_request
-from app.recipes.recipes import to_plain
+from app.recipes.recipes import limits_named, to_plain
 from app.routes.dependencies import (
     JobsDep,
     PlainBody,
@@ -24,14 +24,43 @@ from app.routes.dependencies import (
     StoreDep,
     body_of,
     file_of,
+    json_response,
+    refused,
 )
-from app.routes.job_answers import ACCEPTED, accepted, as_sent
 from app.store.jobs import ENDED, JobInfo
 
 router = Router(prefix="/api/v1", tags=["jobs"])
 KEEP_ALIVE = 15.0
 """[s] between comments on a quiet event stream, so that no proxy closes it."""
 LAST_EVENT = "end"
+
+
+ACCEPTED: dict[int | str, dict[str, Any]] = problem_responses(404, 413, 415, 422, 429) | {
+    202: {
+        "description": "queued; the job is at `Location`",
+        "headers": {
+            "Location": {
+                "description": "the job",
+                "schema": {"type": "string", "examples": ["/api/v1/jobs/3f9a1c20b7de"]},
+            }
+        },
+    }
+}
+
+
+def as_sent(info: JobInfo) -> JobInfo:
+    """The job with links instead of figures, and the reason of an interruption."""
+    error = info.error or (STOPPED if info.status == "interrupted" else None)
+    result = without_figures(info.result, info.id)
+    return replace(info, request=limits_named(info.request), result=result, error=error)
+
+
+async def accepted(jobs: Jobs, kind: str, request: dict[str, Any], work: Work) -> Response:
+    """Queue the work; 429 if the queue is full."""
+    with refused(429, "queue-full", QueueFull):
+        job_id = await asyncio.to_thread(jobs.submit, kind, request, work)
+    job = as_sent(await asyncio.to_thread(jobs.info, job_id))
+    return json_response(job, 202, {"Location": f"/api/v1/jobs/{job_id}"})
 
 
 @router.get("/jobs")
@@ -72,10 +101,8 @@ async def read_figure(job_id: str, name: str, jobs: JobsDep) -> Response:
 @router.post("/jobs/{job_id}/cancel", status_code=202, responses=problem_responses(404, 409))
 async def cancel_job(job_id: str, jobs: JobsDep) -> JobInfo:
     """Cancel a job: it ends at its next step as `cancelled`."""
-    try:
+    with refused(409, "not-running", NotRunning):
         await asyncio.to_thread(jobs.cancel, job_id)
-    except NotRunning as error:
-        raise Problem(409, str(error), "urn:forewarn:not-running") from None
     return as_sent(await asyncio.to_thread(jobs.info, job_id))
 
 

@@ -4,15 +4,15 @@ import asyncio
 from typing import Annotated
 
 from fastapi import Path
-from pydantic import BaseModel, ConfigDict, Field, JsonValue
+from pydantic import BaseModel, Field, JsonValue
 
 from app.flights.flight_limits import to_store
 from app.flights.transport import NotPossible
 from app.http.head_requests import Router
-from app.http.problems import Problem, problem_responses
+from app.http.problems import problem_responses
 from app.json_codec import Whole
 from app.messages import LimitsStatus
-from app.routes.dependencies import PersonDep, StoreDep, signature
+from app.routes.dependencies import By, Finite, PersonDep, StoreDep, refused, signature, strictly
 from app.routes.flights import FlightsDep
 from app.store.limit_sets import FlightLimits, LimitSetInfo, StoredLimits
 from app.store.tokens import LOCAL
@@ -21,7 +21,6 @@ from core.limits.limit_sets import ConditionKey, LimitSet, limit_set_from_plain
 
 router = Router(prefix="/api/v1", tags=["limit sets"])
 MOST_CASES = 100
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 CASES: list[JsonValue] = [
     {"name": "below M 0.8", "ranges": {"mach": [None, 0.8]}, "limits": {"Ny": 0.5}},
     {"name": "from M 0.8 on", "ranges": {"mach": [0.8, None]}, "limits": {"Ny": 0.4}},
@@ -33,7 +32,7 @@ Version = Annotated[int, Path(ge=1, le=2**31)]
 class ConditionLimits(BaseModel):
     """A flight condition and the limits that hold there."""
 
-    model_config = ConfigDict(extra="forbid", strict=True)
+    model_config = strictly()
 
     name: str = Field(min_length=1, max_length=200, description="name of the condition")
     ranges: dict[ConditionKey, Ends] = Field(
@@ -49,34 +48,23 @@ class ConditionLimits(BaseModel):
 class LimitsText(BaseModel):
     """A version of a limit set. Its conditions must not overlap."""
 
-    model_config = ConfigDict(
-        extra="forbid", strict=True, json_schema_extra={"examples": [{"cases": CASES}]}
-    )
+    model_config = strictly({"cases": CASES})
 
     cases: list[ConditionLimits] = Field(min_length=1, max_length=MOST_CASES)
     text: str | None = Field(default=None, min_length=1, max_length=2000, description="reason")
-    by: str = Field(
-        default=LOCAL,
-        min_length=1,
-        max_length=200,
-        description="ignored where a person is logged in",
-    )
+    by: By = LOCAL
 
     @property
     def limits(self) -> LimitSet:
         """The limits; Problem 422 if they contradict each other."""
-        try:
+        with refused(422, "limit-set", ValueError):
             return limit_set_from_plain([case.model_dump() for case in self.cases])
-        except ValueError as error:
-            raise Problem(422, str(error), "urn:forewarn:limit-set") from error
 
 
 class NewLimitSet(LimitsText):
     """A limit set with its first version."""
 
-    model_config = ConfigDict(
-        json_schema_extra={"examples": [{"name": "envelope", "cases": CASES}]}
-    )
+    model_config = strictly({"name": "envelope", "cases": CASES})
 
     name: str = Field(min_length=1, max_length=200)
 
@@ -84,11 +72,7 @@ class NewLimitSet(LimitsText):
 class LimitsRequest(BaseModel):
     """A version of a limit set to put in force in a flight."""
 
-    model_config = ConfigDict(
-        extra="forbid",
-        strict=True,
-        json_schema_extra={"examples": [{"limit_set": "0123456789ab", "fixed": {"mach": 0.6}}]},
-    )
+    model_config = strictly({"limit_set": "0123456789ab", "fixed": {"mach": 0.6}})
 
     limit_set: str = Field(description="id")
     version: Whole | None = Field(default=None, ge=1, description="newest version if absent")
@@ -96,12 +80,7 @@ class LimitsRequest(BaseModel):
         default_factory=dict,
         description="declared flight conditions in SI units; earlier declarations stay in force",
     )
-    by: str = Field(
-        default=LOCAL,
-        min_length=1,
-        max_length=200,
-        description="ignored where a person is logged in",
-    )
+    by: By = LOCAL
 
 
 @router.get("/limit-sets")
@@ -162,12 +141,9 @@ async def put_in_force(
     """
     by = signature(person, request.by)
     about = request.limit_set, request.version, request.fixed, by
-    try:
+    not_durable = refused(503, "not-durable", JournalFull)
+    with refused(409, "limits", NotPossible), not_durable:
         await flights.put_in_force(flight_id, *about)
-    except NotPossible as error:
-        raise Problem(409, str(error), "urn:forewarn:limits") from error
-    except JournalFull as error:
-        raise Problem(503, str(error), "urn:forewarn:not-durable") from error
     limits = flights.flying(flight_id).limits
     assert limits is not None
     return limits

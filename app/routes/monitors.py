@@ -4,7 +4,7 @@ import asyncio
 from dataclasses import asdict
 from math import isfinite
 from pathlib import PurePath
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from fastapi import Query, Request, Response
@@ -37,15 +37,12 @@ from app.routes.dependencies import (
     json_response,
     plain_body,
 )
-from app.routes.job_answers import ACCEPTED, accepted
-from app.routes.json_telemetry import TelemetryBody, assessed, parse_telemetry
+from app.routes.jobs import ACCEPTED, accepted
 from app.routes.sent_files import CONTENT, OCTETS, sent_file
 from app.store.jobs import JobInfo
 from app.store.monitors import MonitorInfo
-from core.channels import KEYS
 from core.evaluation.certificate import warnings_of, with_power_of_quiet
 from core.monitor import Monitor
-from core.monitor.assessment import Exemplar
 from core.monitor.combination import members_of
 from core.types import Array
 
@@ -89,44 +86,6 @@ class Calibration(BaseModel):
     members: list[CombinationMember] = Field(
         description="members of a combination; empty for other monitors"
     )
-
-
-class ForecastByChannel(BaseModel):
-    """Forecast of each channel t_early ahead."""
-
-    beta: float = Field(description="[rad]")
-    p: float = Field(description="[rad/s]")
-    r: float = Field(description="[rad/s]")
-    Ny: float = Field(description="[g]")
-    delta_a: float = Field(description="[rad]")
-    delta_r: float = Field(description="[rad]")
-
-
-class AssessedSample(BaseModel):
-    """Assessment of one sample."""
-
-    t: float = Field(description="[s]")
-    p_value: float | None = Field(description="risk, higher is worse; null unless state is `ok`")
-    alert: bool | None = Field(description="whether p_value exceeds alert_above")
-    alert_above: float | None = Field(description="null unless state is `ok`")
-    state: Literal["ok", "warming_up", "stale", "invalid"]
-    reason: str = Field(description="why the state is not `ok`")
-    y_hat: ForecastByChannel | None = Field(description="forecast t_early ahead")
-    score: float | None
-    group: str | None = Field(
-        description="group of failing flights whose calibration gives p_value; null while "
-        "unknown and for monitors without groups"
-    )
-    nearest_unsafe: Exemplar | None
-    nearest_safe: Exemplar | None
-
-
-class AssessedTelemetry(BaseModel):
-    """Assessments of telemetry, one per sample."""
-
-    epsilon: float = Field(description="miss rate of the alerts")
-    lead: float = Field(description="promised lead time [s]")
-    assessments: list[AssessedSample]
 
 
 _TRAINING_BODY = body_of(
@@ -364,43 +323,3 @@ async def read_monitor_file(monitor_id: str, store: StoreDep) -> Response:
     body = await asyncio.to_thread(store.monitors.file, monitor_id)
     headers = {"Content-Disposition": f'attachment; filename="monitor-{monitor_id}.fwm"'}
     return Response(body, 200, headers, OCTETS)
-
-
-@router.post(
-    "/{monitor_id}/score",
-    response_model=AssessedTelemetry,
-    responses=problem_responses(404, 413, 415, 422),
-    openapi_extra=body_of(
-        TelemetryBody.model_json_schema(),
-        {"t": [0.0, 0.05, 0.1]} | {key: [0.0, 0.01, 0.02] for key in KEYS},
-    ),
-)
-async def score_telemetry(
-    monitor_id: str,
-    plain: PlainBody,
-    store: StoreDep,
-    epsilon: Annotated[
-        float | None,
-        Query(ge=1e-6, le=1 - 1e-6, description="miss rate; the monitor's if absent"),
-    ] = None,
-    why: Annotated[
-        bool, Query(description="add the nearest simulated rollouts to each assessment")
-    ] = False,
-):
-    """Assess telemetry sample by sample. Its interval must be that of the monitor.
-
-    One array per channel in SI units, N_y in g; null for a missing value. A sample at any other
-    interval after the last one is `invalid`.
-    """
-
-    def score() -> Response:
-        recording = parse_telemetry(plain)
-        monitor = store.monitors.get(monitor_id)
-        try:
-            served = monitor.check_epsilon(epsilon)
-        except ValueError as error:
-            raise Problem(422, str(error), "urn:forewarn:epsilon") from None
-        assessments = assessed(monitor, recording, served, why=why)
-        return json_response({"epsilon": served, "lead": monitor.lead, "assessments": assessments})
-
-    return await asyncio.to_thread(score)

@@ -1,16 +1,28 @@
-"""People and their tokens."""
+"""People, their tokens, and the log of what they did."""
 
 import asyncio
-from typing import Annotated
+import csv
+import io
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import asdict, fields
+from datetime import UTC, datetime
+from typing import Annotated, Literal
 
-from fastapi import Depends, Request, Response
-from pydantic import BaseModel, ConfigDict, Field
+from fastapi import Depends, Query, Request, Response
+from fastapi.responses import StreamingResponse
+from pydantic import BaseModel, Field
 
+from app import json_codec
+from app.access.audit import Audit
 from app.access.people import People
 from app.access.roles import allowed_to
 from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
-from app.routes.dependencies import PersonDep, StoreDep
+from app.routes.dependencies import PersonDep, StoreDep, refused, strictly
+from app.store.audit import AuditEntry
+from app.store.store import StoreError
+from app.store.tables import time_text
 from app.store.tokens import LINK_SECONDS, LONGEST_DAYS, Role, StoredToken, TokenError
 
 router = Router(prefix="/api/v1", tags=["people"])
@@ -39,11 +51,7 @@ class Me(BaseModel):
 class TokenRequest(BaseModel):
     """A token for a person."""
 
-    model_config = ConfigDict(
-        extra="forbid",
-        strict=True,
-        json_schema_extra={"examples": [{"name": "Ann", "role": "operator", "days": 30}]},
-    )
+    model_config = strictly({"name": "Ann", "role": "operator", "days": 30})
 
     name: str = Field(min_length=1, max_length=64)
     role: Role
@@ -93,12 +101,9 @@ async def make_token(
     if not people.needs_token:
         text = "the server requires no token yet: make the first with `forewarn token create`"
         raise Problem(409, text, "urn:forewarn:token")
-    try:
-        made, secret = await asyncio.to_thread(
-            store.tokens.add, wanted.name, wanted.role, wanted.days
-        )
-    except TokenError as error:
-        raise Problem(422, str(error), "urn:forewarn:token") from error
+    add = store.tokens.add
+    with refused(422, "token", TokenError):
+        made, secret = await asyncio.to_thread(add, wanted.name, wanted.role, wanted.days)
     await people.refresh()
     response.headers["Location"] = f"{router.prefix}/tokens/{made.id}"
     return NewToken(id=made.id, name=made.name, role=made.role, expires=made.expires, token=secret)
@@ -115,8 +120,76 @@ async def revoke_token(token_id: str, store: StoreDep, people: PeopleDep) -> Sto
 @router.post("/tokens/{token_id}/link", responses=problem_responses(404, 409, 422))
 async def make_link(token_id: str, store: StoreDep) -> LoginLink:
     """Make an address where the person can log in once without the token."""
-    try:
+    with refused(409, "token", TokenError):
         code = await asyncio.to_thread(store.tokens.make_link, token_id)
-    except TokenError as error:
-        raise Problem(409, str(error), "urn:forewarn:token") from error
     return LoginLink(path=f"/login?link={code}", seconds=LINK_SECONDS)
+
+
+JSON_LINES, CSV = "application/x-ndjson", "text/csv"
+
+
+def utc(text: str) -> str:
+    """A day or time as stored; without a zone it is UTC. ValueError."""
+    try:
+        time = datetime.fromisoformat(text)
+        time = time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
+    except (ValueError, OverflowError):
+        raise ValueError(
+            f"{text!r} is not a time: give 2026-05-04 or 2026-05-04T12:31:05 (UTC)"
+        ) from None
+    return time_text(time)
+
+
+def as_csv(entries: Iterable[AuditEntry]) -> Iterator[str]:
+    file = io.StringIO()
+    writer = csv.DictWriter(file, [each.name for each in fields(AuditEntry)], lineterminator="\n")
+    writer.writeheader()
+    for entry in entries:
+        writer.writerow(asdict(entry))
+        yield file.getvalue()
+        file.seek(0)
+        file.truncate()
+    yield file.getvalue()
+
+
+def as_json_lines(entries: Iterable[AuditEntry]) -> Iterator[str]:
+    for entry in entries:
+        yield json_codec.encode(asdict(entry)).decode() + "\n"
+
+
+@router.get(
+    "/audit",
+    response_class=Response,
+    responses={
+        200: {
+            "content": {
+                JSON_LINES: {"schema": {"type": "string"}},
+                CSV: {"schema": {"type": "string"}},
+            }
+        },
+        **problem_responses(422),
+    },
+)
+async def export_audit(
+    request: Request,
+    store: StoreDep,
+    since: Annotated[str | None, Query(description="first day or time in ISO 8601, UTC")] = None,
+    until: Annotated[str | None, Query(description="entries before this day or time")] = None,
+    who: Annotated[str | None, Query(description="name of a person")] = None,
+    kind: Annotated[
+        Literal["jsonl", "csv"], Query(alias="format", description="JSON lines or CSV")
+    ] = "jsonl",
+) -> Response:
+    """The audit log, oldest first: changes, logins, and requests that a role did not allow.
+
+    For samples of a live flight it holds only the first push of each person.
+    """
+    with refused(422, "request", ValueError):
+        first, last = (None if text is None else utc(text) for text in (since, until))
+    log: Audit = request.app.state.audit
+    with suppress(StoreError):  # the stored entries can still be read
+        await log.flush(store)
+    entries = store.audit.read(first, last, who)
+    if kind == "csv":
+        return StreamingResponse(as_csv(entries), media_type=CSV)
+    return StreamingResponse(as_json_lines(entries), media_type=JSON_LINES)

@@ -1,18 +1,38 @@
-"""Scorings: recordings assessed by a monitor, stored with the request and mapping."""
+"""Scorings: recordings assessed by a monitor, with their report and their samples as files."""
 
 import asyncio
-from typing import Annotated, Any, Literal
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import asdict
+from pathlib import PurePath
+from typing import Annotated, Any, BinaryIO, Literal
+from urllib.parse import quote
 
 from fastapi import Query, Response
-from pydantic import BaseModel, ConfigDict, Field
+from fastapi.responses import StreamingResponse
+from pydantic import BaseModel, Field
 
 from app.assessment import Interval, ScoringRecipe
 from app.http.head_requests import Router
-from app.http.problems import Problem, problem_responses
+from app.http.problems import problem_responses
 from app.messages import ChannelLimit, Frame
+from app.recordings.exports import EXPORTS, export
+from app.recordings.files import reporting_full_disk
 from app.recordings.scoring_answers import answers, detected_manoeuvres, frames, tiled
-from app.routes.dependencies import RecordingsDep, ScoredDep, json_from, json_response
-from app.routes.recording_models import ManoeuvreInterval, Number
+from app.report.page import report
+from app.report.stored import stored_subject
+from app.report.subject import about
+from app.routes.dependencies import (
+    PAGE_TO_PRINT,
+    Finite,
+    RecordingsDep,
+    ScoredDep,
+    json_from,
+    json_response,
+    refused,
+    strictly,
+)
+from app.routes.recordings import ManoeuvreInterval
 from app.store.scorings import ScoringInfo
 from app.telemetry.mapping.mapping import Mapping
 
@@ -26,18 +46,12 @@ MOST_MARKED = 1000
 class ScoringRequest(BaseModel):
     """Monitor and parameters to score a recording with."""
 
-    model_config = ConfigDict(
-        extra="forbid",
-        strict=True,
-        json_schema_extra={
-            "examples": [
-                {"monitor": "0123456789ab", "epsilon": 0.1},
-                {
-                    "monitor": "0123456789ab",
-                    "trim": 2.0,
-                    "manoeuvres": [{"start": 10.0, "end": 18.0, "name": "rudder doublet"}],
-                },
-            ]
+    model_config = strictly(
+        {"monitor": "0123456789ab", "epsilon": 0.1},
+        {
+            "monitor": "0123456789ab",
+            "trim": 2.0,
+            "manoeuvres": [{"start": 10.0, "end": 18.0, "name": "rudder doublet"}],
         },
     )
 
@@ -208,10 +222,8 @@ async def score_recording(
 
 
 def _epsilon(scored: ScoredDep, request: ScoringRequest) -> float:
-    try:
+    with refused(422, "epsilon", ValueError):
         return scored.store.monitors.get(request.monitor).check_epsilon(request.epsilon)
-    except ValueError as error:
-        raise Problem(422, str(error), "urn:forewarn:epsilon") from None
 
 
 @router.get("/scorings", response_model=list[Scoring], responses=problem_responses(404))
@@ -284,8 +296,8 @@ async def read_tiles(
     recording_id: str,
     scoring_id: str,
     scored: ScoredDep,
-    start: Annotated[Number | None, Query(description="[s]; that of the scoring if absent")] = None,
-    end: Annotated[Number | None, Query(description="[s]; that of the scoring if absent")] = None,
+    start: Annotated[Finite | None, Query(description="[s]; that of the scoring if absent")] = None,
+    end: Annotated[Finite | None, Query(description="[s]; that of the scoring if absent")] = None,
     bins: Annotated[int, Query(ge=1, le=MOST_BINS, description="most bins")] = 1000,
 ):
     """An interval of a scoring in bins, computed from stored tiles."""
@@ -296,3 +308,81 @@ async def read_tiles(
         return tiled(info, *scored.window(info, *window, bins))
 
     return await json_from(read)
+
+
+SENT_BYTES = 2**20
+SAMPLES: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "the samples",
+        "content": {
+            kind.media_type: {"schema": {"type": "string", "format": "binary"}}
+            for kind in EXPORTS.values()
+        },
+    }
+}
+
+
+@router.get(
+    "/scorings/{scoring_id}/report",
+    responses=problem_responses(404, 422)
+    | {200: {"description": "one HTML file", "content": {"text/html": {}}}},
+    response_class=Response,
+)
+async def read_report(
+    recording_id: str,
+    scoring_id: str,
+    scored: ScoredDep,
+    download: Annotated[bool, Query(description="send as a download")] = False,
+) -> Response:
+    """The report as one self-contained HTML file to print."""
+
+    def make() -> Response:
+        subject = stored_subject(scored, recording_id, scoring_id)
+        headers = dict(PAGE_TO_PRINT)
+        if download:
+            headers |= _as_file(f"{PurePath(subject.recording['name']).stem} report.html")
+        return Response(report(subject), headers=headers, media_type="text/html")
+
+    return await asyncio.to_thread(make)
+
+
+@router.get(
+    "/scorings/{scoring_id}/export",
+    responses=problem_responses(404, 422) | SAMPLES,
+    response_class=Response,
+)
+async def export_samples(
+    recording_id: str,
+    scoring_id: str,
+    scored: ScoredDep,
+    form: Annotated[Literal["csv", "parquet", "mat"], Query(alias="format")] = "csv",
+) -> Response:
+    """All samples with their assessments and units."""
+
+    def make() -> Response:
+        info = scored.store.scorings.info(recording_id, scoring_id)
+        recording = scored.store.recordings.info(recording_id)
+        samples, kind = scored.samples(info), EXPORTS[form]
+        with ExitStack() as held:
+            file = held.enter_context(scored.files.unnamed())
+            with reporting_full_disk():
+                export(samples, about(asdict(recording), asdict(info)), form, file)
+                headers = {"Content-Length": str(file.tell())}
+            headers |= _as_file(f"{PurePath(recording.name).stem} scored.{kind.ending}")
+            held.pop_all()
+        return StreamingResponse(_blocks(file), headers=headers, media_type=kind.media_type)
+
+    return await asyncio.to_thread(make)
+
+
+def _blocks(file: BinaryIO) -> Iterator[bytes]:
+    """The file in blocks; it is closed afterwards."""
+    with file:
+        file.seek(0)
+        while block := file.read(SENT_BYTES):
+            yield block
+
+
+def _as_file(name: str) -> dict[str, str]:
+    """The header for a download under a name in any alphabet."""
+    return {"Content-Disposition": f"attachment; filename*=UTF-8''{quote(name)}"}

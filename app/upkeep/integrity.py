@@ -17,6 +17,7 @@ from app.recordings.files import RecordingFiles
 from app.recordings.samples import check_samples
 from app.recordings.verified import digest_of
 from app.store.database import Damaged, Interrupted, check_pages, quick_check
+from app.store.repository import Entry
 from app.store.store import NotFound, Store, StoreError
 
 LOG = logging.getLogger("forewarn")
@@ -33,13 +34,15 @@ State = Literal["begun", "checking", "checked", "stopped"]
 
 
 @dataclass(frozen=True)
-class Damage:
-    """Damage of a stored item. id: empty for the database itself."""
+class Damage(Entry):
+    """A damaged item of the store; it is not served."""
 
     kind: Kind
     id: str
+    """empty for the database itself"""
     name: str
     detail: str
+    """what is wrong and what to do"""
 
     def __str__(self) -> str:
         return f"{self.kind} {self.name}: {self.detail}" if self.id else self.detail

@@ -13,7 +13,7 @@ import pytest
 from starlette.testclient import TestClient, WebSocketTestSession
 from starlette.websockets import WebSocketDisconnect
 
-from app.routes.uplink import MOST_MALFORMED
+from app.routes.flight_sockets import MOST_MALFORMED
 from app.telemetry.journal import lines_of
 from core.channels import KEYS
 from tests.app.flights.test_flights import monitor

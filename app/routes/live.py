@@ -1,0 +1,225 @@
+"""Live flights over REST: samples, manual manoeuvre starts, and rescoring from the journal."""
+
+import asyncio
+from typing import Annotated, Any
+
+import numpy as np
+from fastapi import Body, Request, Response
+from pydantic import BaseModel, Field
+
+from app.flights.flights import Flights, TooManyFlights
+from app.flights.sources.live import LiveFlight, SequenceConflict
+from app.flights.transport import NotPossible
+from app.http.head_requests import Router
+from app.http.problems import Problem, problem_responses
+from app.messages import Frame, LiveStatus, plain_frame
+from app.routes.dependencies import (
+    PersonDep,
+    RecordingsDep,
+    SignedRequest,
+    body_of,
+    json_response,
+    refused,
+    signature,
+    strictly,
+)
+from app.routes.flights import MOST_FRAMES, First, FlightsDep, Last
+from app.telemetry.journal import JournalFull
+from app.telemetry.recording import TelemetryError
+
+router = Router(prefix="/api/v1/flights", tags=["flights"])
+DURABLE_WITHIN_S = 5.0
+EXAMPLE = {
+    "sequence": 1,
+    "t": [0.0, 0.02],
+    "beta": [0.0, 0.001],
+    "p": [0.0, 0.0],
+    "r": [0.0, 0.002],
+    "Ny": [0.0, 0.001],
+    "delta_a": [0.0, 0.0],
+    "delta_r": [0.0, 0.01],
+}
+
+
+class SamplesTaken(BaseModel):
+    """A durable batch; it survives a crash of the server."""
+
+    sequence: int | None
+    accepted: int = Field(description="number of accepted samples; 0 for a repeated batch")
+    repeated: bool = Field(description="whether the server had this batch already")
+    unread: list[str] = Field(
+        default_factory=list, description="names in it that are not read, at most 20"
+    )
+
+
+@router.post(
+    "/{flight_id}/samples",
+    responses=problem_responses(404, 409, 422, 429, 503),
+    openapi_extra=body_of(
+        {
+            "type": "object",
+            "description": "`sequence` numbers the batch; time and channels are each a "
+            "number, null or a list of them",
+            "properties": {"sequence": {"type": "integer", "minimum": 0}},
+            "additionalProperties": True,
+        },
+        EXAMPLE,
+    ),
+)
+async def push_samples(flight_id: str, request: Request, flights: FlightsDep) -> SamplesTaken:
+    """Push a batch into a live flight. It is shown at once; the response confirms it is durable.
+
+    A repeated batch with the same number is used once; 409 for a different batch with that number.
+    503: the batch is shown but not durable yet; repeat it until the answer is 200.
+    """
+    flight = await _live(flight_id, flights)
+    with (
+        refused(409, "not-live", NotPossible),
+        refused(409, "sequence", SequenceConflict),
+        refused(422, "telemetry", TelemetryError),
+        refused(503, "not-durable", JournalFull),
+    ):
+        received = flight.receive(await request.body(), "rest")
+    try:
+        await asyncio.wait_for(asyncio.shield(received.stored), DURABLE_WITHIN_S)
+    except TimeoutError:
+        problem = flight.live.problem or "the disk is slow"
+        text = f"the batch is not durable yet ({problem}): repeat it under the same sequence"
+        raise Problem(503, text, "urn:forewarn:not-durable") from None
+    return SamplesTaken(
+        sequence=received.sequence,
+        accepted=received.n_samples,
+        repeated=received.repeated,
+        unread=list(received.unread),
+    )
+
+
+@router.get("/{flight_id}/samples", responses=problem_responses(404, 409, 422, 429))
+async def read_live(flight_id: str, flights: FlightsDep) -> LiveStatus:
+    """State of the source of a live flight, and the last batch received; continue after it."""
+    return (await _live(flight_id, flights)).live
+
+
+@router.post("/{flight_id}/manoeuvre", status_code=204, responses=problem_responses(404, 409, 422))
+async def begin_manoeuvre(
+    flight_id: str,
+    flights: FlightsDep,
+    person: PersonDep,
+    who: Annotated[SignedRequest | None, Body()] = None,
+) -> Response:
+    """Mark the start of a manoeuvre that the control surfaces do not show."""
+    flight = await _live(flight_id, flights)
+    by = signature(person, (who or SignedRequest()).by)
+    with refused(409, "not-live", NotPossible):
+        await asyncio.shield(flight.begin_manoeuvre(by))
+    return Response(status_code=204)
+
+
+async def _live(flight_id: str, flights: Flights) -> LiveFlight:
+    too_many = refused(429, "too-many-flights", TooManyFlights)
+    with too_many, refused(409, "not-live", NotPossible):
+        return await flights.live(flight_id)
+
+
+class LiveScoreRequest(BaseModel):
+    """Monitor and accepted miss rate; those of the flight if absent."""
+
+    model_config = strictly({"epsilon": 0.1})
+
+    monitor: str | None = Field(default=None, description="id")
+    epsilon: float | None = Field(
+        default=None,
+        gt=0,
+        lt=1,
+        description="if absent, that of the flight, or of another monitor its own",
+    )
+
+
+class ShownFrame(Frame):
+    """A frame of the flight with the time at which it was, or would have been, shown."""
+
+    shown: float = Field(description="[s] since the flight began")
+    manoeuvre: int = Field(description="1, 2 ...; 0 between manoeuvres")
+
+
+class AlertInterval(BaseModel):
+    """An alert from its first sample to its last."""
+
+    start: float = Field(description="[s]")
+    end: float = Field(description="[s]")
+
+
+class LiveScore(BaseModel):
+    """Assessments of a live flight by a monitor, each from the samples received by then."""
+
+    flight: str = Field(description="id")
+    monitor: str = Field(description="id")
+    epsilon: float
+    delay: float = Field(description="longest wait of a sample for others [s]")
+    lead: float = Field(description="lead time of a shown alert [s]: the monitor's less the delay")
+    as_shown: bool | None = Field(
+        description="whether the record of the flight is bit for bit the same; null for another "
+        "monitor or epsilon than the flight's own"
+    )
+    n_samples: int
+    alerts: list[AlertInterval]
+    exceeded_t: float | None = Field(description="time of the first measured exceedance [s]")
+    first: int
+    next: int | None = Field(description="number of the next frame to request; null at the end")
+    frames: list[ShownFrame]
+
+
+@router.post(
+    "/{flight_id}/score", response_model=LiveScore, responses=problem_responses(404, 422, 429)
+)
+async def score_live(
+    flight_id: str,
+    flights: FlightsDep,
+    recordings: RecordingsDep,
+    request: Annotated[LiveScoreRequest | None, Body()] = None,
+    first: First = 0,
+    last: Last = None,
+) -> Response:
+    """Rescore an ended live flight from its journal as in flight, without later samples.
+
+    The journal holds each batch with its time of arrival. The flight's own monitor gives the same
+    bits as in flight; another monitor gives what it would have shown. The result is not stored.
+    """
+    asked = flight_id, request or LiveScoreRequest(), first, last
+    with refused(422, "source", ValueError):
+        return json_response(await recordings.workers.run(_answer, flights, *asked))
+
+
+def _answer(
+    flights: Flights, flight_id: str, request: LiveScoreRequest, first: int, last: int | None
+) -> dict[str, Any]:
+    shown, opening = flights.rescore(flight_id, request.monitor, request.epsilon)
+    info = flights.store.flights.info(flight_id)
+    is_own = (opening.monitor_id, opening.epsilon) == (info.monitor_id, info.epsilon)
+    samples, n = shown.samples, len(shown.samples)
+    requested_end = n if last is None else min(last + 1, n)
+    stop = max(first, min(first + MOST_FRAMES, requested_end))
+    alert = samples["alert"]
+    ends = np.flatnonzero(alert & ~np.append(alert[1:], False))
+    exceeded = shown.exceedances[:1]
+    return {
+        "flight": flight_id,
+        "monitor": opening.monitor_id,
+        "epsilon": opening.epsilon,
+        "delay": shown.delay,
+        "lead": opening.monitor.lead - shown.delay,
+        "as_shown": shown.is_as(flights.store.flights.assessments(flight_id)) if is_own else None,
+        "n_samples": n,
+        "alerts": [
+            {"start": float(samples["t"][begin]), "end": float(samples["t"][end])}
+            for begin, end in zip(shown.alerts, ends, strict=True)
+        ],
+        "exceeded_t": float(samples["t"][exceeded[0]]) if len(exceeded) else None,
+        "first": first,
+        "next": stop if first < stop < requested_end else None,
+        "frames": [
+            plain_frame(k, shown.y(k), shown.assessment(k), None)
+            | {"shown": float(samples["shown"][k]), "manoeuvre": int(samples["manoeuvre"][k])}
+            for k in range(min(first, n), min(stop, n))
+        ],
+    }

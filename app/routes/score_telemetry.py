@@ -1,0 +1,169 @@
+"""Score telemetry at once: one array per channel as JSON, and its assessments as JSON."""
+
+import asyncio
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+from fastapi import Query, Response
+from pydantic import BaseModel, ConfigDict, Field, create_model
+
+from app.http.head_requests import Router
+from app.http.problems import problem_responses
+from app.routes.dependencies import PlainBody, StoreDep, body_of, json_response, refused
+from app.telemetry.recording import ATTITUDE, Recording, TelemetryError
+from core.channels import CHANNELS, KEYS
+from core.monitor import Monitor
+from core.monitor.assessment import Exemplar
+
+router = Router(prefix="/api/v1/monitors", tags=["monitors"])
+Values = list[float | None]
+MOST_SAMPLES = 1_000_000
+Times = Annotated[list[float], Field(min_length=1, max_length=MOST_SAMPLES)]
+_model: Any = create_model
+TelemetryBody = _model(
+    "TelemetryBody",
+    __config__=ConfigDict(extra="forbid", title="Telemetry to score"),
+    __doc__="Telemetry, one array per channel, SI units; null for a missing value.",
+    t=(Times, Field(description="time [s], increasing")),
+    **{c.key: (Values, Field(description=f"{c.label} [{c.unit}]")) for c in CHANNELS},
+    **{
+        key: (Values | None, Field(None, description=f"{words} [rad], for the display only"))
+        for key, words in zip(ATTITUDE, ("bank angle", "pitch angle", "heading"), strict=True)
+    },
+)
+
+
+class ForecastByChannel(BaseModel):
+    """Forecast of each channel t_early ahead."""
+
+    beta: float = Field(description="[rad]")
+    p: float = Field(description="[rad/s]")
+    r: float = Field(description="[rad/s]")
+    Ny: float = Field(description="[g]")
+    delta_a: float = Field(description="[rad]")
+    delta_r: float = Field(description="[rad]")
+
+
+class AssessedSample(BaseModel):
+    """Assessment of one sample."""
+
+    t: float = Field(description="[s]")
+    p_value: float | None = Field(description="risk, higher is worse; null unless state is `ok`")
+    alert: bool | None = Field(description="whether p_value exceeds alert_above")
+    alert_above: float | None = Field(description="null unless state is `ok`")
+    state: Literal["ok", "warming_up", "stale", "invalid"]
+    reason: str = Field(description="why the state is not `ok`")
+    y_hat: ForecastByChannel | None = Field(description="forecast t_early ahead")
+    score: float | None
+    group: str | None = Field(
+        description="group of failing flights whose calibration gives p_value; null while "
+        "unknown and for monitors without groups"
+    )
+    nearest_unsafe: Exemplar | None
+    nearest_safe: Exemplar | None
+
+
+class AssessedTelemetry(BaseModel):
+    """Assessments of telemetry, one per sample."""
+
+    epsilon: float = Field(description="miss rate of the alerts")
+    lead: float = Field(description="promised lead time [s]")
+    assessments: list[AssessedSample]
+
+
+def parse_telemetry(plain: dict[str, Any]) -> Recording:
+    """Read telemetry from parsed JSON. TelemetryError."""
+    known = ("t", *KEYS, *ATTITUDE)
+    if unknown := [key for key in plain if key not in known]:
+        raise TelemetryError(f"telemetry has no channel {unknown[0]!r}: choose {', '.join(known)}")
+    if missing := [key for key in ("t", *KEYS) if plain.get(key) is None]:
+        raise TelemetryError(
+            f"missing channel: {missing[0]}; give t and {', '.join(KEYS)}, one array each"
+        )
+    t = _array("t", plain["t"])
+    if not 1 <= len(t) <= MOST_SAMPLES:
+        raise TelemetryError(f"t has {len(t)} samples: give 1 to {MOST_SAMPLES}")
+    if not np.isfinite(t).all():
+        raise TelemetryError("t has a missing or infinite value: give the time of each sample")
+    channels = {key: _array(key, plain[key]) for key in known if plain.get(key) is not None}
+    for key, values in channels.items():
+        if len(values) != len(t):
+            raise TelemetryError(
+                f"{key} has {len(values)} samples, t has {len(t)}: give equally many"
+            )
+    y = np.column_stack([channels[key] for key in KEYS])
+    return Recording(t, y, {key: channels[key] for key in ATTITUDE if key in channels})
+
+
+def _array(key: str, values: Any) -> np.ndarray:
+    """(n,) of a list of numbers and nulls, null as NaN."""
+    if not isinstance(values, list) or any(type(v) not in (float, int, type(None)) for v in values):
+        raise TelemetryError(f"{key} is not an array of numbers: give a number or null per sample")
+    try:
+        return np.array(values, dtype=np.float64)
+    except OverflowError:
+        raise TelemetryError(f"{key} has a number too large for a float") from None
+
+
+Forecast = msgspec.defstruct("Forecast", [(key, float) for key in KEYS], gc=False)
+_LAST = ("nearest_unsafe", "nearest_safe")
+AssessedRow = msgspec.defstruct(
+    "AssessedRow",
+    [*(name for name in AssessedSample.model_fields if name not in _LAST)]
+    + [(name, Any, None) for name in _LAST],
+    gc=False,
+)
+"""An AssessedSample without exemplars, fast to make and encode."""
+
+
+def assessed(monitor: Monitor, recording: Recording, epsilon: float, *, why: bool) -> Sequence[Any]:
+    """The assessment of each sample in wire form; `why` adds the exemplars."""
+    if why:
+        stream = monitor.stream(epsilon)
+        return [
+            stream.update(t, y).as_dict()
+            for t, y in zip(recording.t.tolist(), recording.y, strict=True)
+        ]
+    columns = monitor.assess(recording.t, recording.y, epsilon).columns()
+    columns["y_hat"] = [y and Forecast(*y) for y in columns["y_hat"]]
+    return [AssessedRow(*row) for row in zip(*columns.values(), strict=True)]
+
+
+@router.post(
+    "/{monitor_id}/score",
+    response_model=AssessedTelemetry,
+    responses=problem_responses(404, 413, 415, 422),
+    openapi_extra=body_of(
+        TelemetryBody.model_json_schema(),
+        {"t": [0.0, 0.05, 0.1]} | {key: [0.0, 0.01, 0.02] for key in KEYS},
+    ),
+)
+async def score_telemetry(
+    monitor_id: str,
+    plain: PlainBody,
+    store: StoreDep,
+    epsilon: Annotated[
+        float | None,
+        Query(ge=1e-6, le=1 - 1e-6, description="miss rate; the monitor's if absent"),
+    ] = None,
+    why: Annotated[
+        bool, Query(description="add the nearest simulated rollouts to each assessment")
+    ] = False,
+):
+    """Assess telemetry sample by sample. Its interval must be that of the monitor.
+
+    One array per channel in SI units, N_y in g; null for a missing value. A sample at any other
+    interval after the last one is `invalid`.
+    """
+
+    def score() -> Response:
+        recording = parse_telemetry(plain)
+        monitor = store.monitors.get(monitor_id)
+        with refused(422, "epsilon", ValueError):
+            served = monitor.check_epsilon(epsilon)
+        assessments = assessed(monitor, recording, served, why=why)
+        return json_response({"epsilon": served, "lead": monitor.lead, "assessments": assessments})
+
+    return await asyncio.to_thread(score)

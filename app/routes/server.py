@@ -1,0 +1,163 @@
+"""The server itself: health, integrity, metrics, storage, and its demonstration."""
+
+import asyncio
+from typing import Annotated, Any
+
+from fastapi import Depends, Request, Response
+from pydantic import BaseModel, Field
+from starlette.datastructures import State as AppState
+
+from app.demonstration import Demonstration, DemonstrationProgress
+from app.flights.flights import Flights
+from app.http.head_requests import Router
+from app.http.metrics import CONTENT_TYPE
+from app.http.problems import Problem, problem_responses
+from app.routes.dependencies import JournalsDep, RecordingsDep, SettingsDep, StoreDep, strictly
+from app.upkeep.integrity import Damage, Integrity, State
+from app.upkeep.usage import DiskSpace, StorageUsage, space_of, usage_of
+from core import __version__
+
+router = Router()
+MOST_DAMAGED = 20
+"""Largest number of damaged items in a readiness response."""
+
+
+class Health(BaseModel):
+    """The server answers."""
+
+    status: str = Field("ok", examples=["ok"])
+
+
+class Readiness(BaseModel):
+    """The store can be read and written, and every flight is recorded."""
+
+    status: str = Field("ready", examples=["ready"])
+    version: str = Field(examples=[__version__])
+    unwritten: int = Field(description="samples of flights not stored yet; a few are normal")
+    lost: int = Field(description="samples that could not be recorded since the server started")
+    damaged: list[str] = Field(
+        description="damaged items, which are not served; everything else is"
+    )
+
+
+class IntegrityReport(BaseModel):
+    """Result so far of the integrity check of the stored data."""
+
+    state: State = Field(
+        description="`begun`: quick check at the start; `checking` everything in the background; "
+        "`checked`; `stopped` before the end"
+    )
+    checked: int = Field(description="monitors, datasets, recordings and scorings checked so far")
+    damaged: list[Damage]
+
+
+@router.get("/healthz", tags=["health"])
+async def health() -> Health:
+    """Whether the process answers. Needs no token."""
+    return Health(status="ok")
+
+
+@router.get("/readyz", tags=["health"], responses=problem_responses(503))
+async def readiness(request: Request) -> Readiness:
+    """Whether the store can be read and written, and every flight is recorded."""
+    state = request.app.state
+    flights: Flights = state.flights
+    details: dict[str, Any] = {"unwritten": flights.unwritten, "lost": flights.lost}
+    detail = await state.store_health.check()
+    if not detail and flights.problem:
+        detail = f"{flights.unwritten} samples of flights are not stored yet"
+    damaged = await _damaged(state)
+    details["damaged"] = [str(damage) for damage in damaged[:MOST_DAMAGED]]
+    detail = next((str(damage) for damage in damaged if damage.kind == "database"), detail)
+    if detail:
+        raise Problem(503, detail, "urn:forewarn:store", **details)
+    return Readiness(status="ready", version=__version__, **details)
+
+
+@router.get("/api/v1/integrity", tags=["health"])
+async def integrity(request: Request) -> IntegrityReport:
+    """Damaged data, from the quick check at the start and the complete check after it."""
+    known: Integrity = request.app.state.integrity
+    damaged = await _damaged(request.app.state)
+    return IntegrityReport(state=known.state, checked=known.n_checked, damaged=damaged)
+
+
+async def _damaged(state: AppState) -> list[Damage]:
+    return await asyncio.to_thread(state.integrity.damaged) if state.integrity.n_damaged else []
+
+
+@router.get(
+    "/metrics",
+    tags=["health"],
+    response_class=Response,
+    responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
+)
+async def measures(request: Request) -> Response:
+    """Metrics in the text format of Prometheus."""
+    body = await asyncio.to_thread(request.app.state.metrics.text)
+    return Response(body, media_type=CONTENT_TYPE)
+
+
+class Keeping(BaseModel):
+    """Whether an item is kept permanently; it can then not be deleted."""
+
+    model_config = strictly({"keep": True})
+
+    keep: bool
+
+
+@router.get("/api/v1/storage", tags=["storage"])
+async def read_storage(
+    recordings: RecordingsDep, journals: JournalsDep, settings: SettingsDep
+) -> StorageUsage:
+    """Disk usage of the database, the files and each kind; largest and oldest items; free space.
+
+    Sizes are in bytes. `warning` is not empty if the disk is nearly full.
+    """
+    return await asyncio.to_thread(usage_of, recordings, journals, settings.data_dir)
+
+
+@router.get("/api/v1/storage/space", tags=["storage"])
+async def read_space(settings: SettingsDep) -> DiskSpace:
+    """Free space on the disk of the data [bytes], with a warning if it is nearly full."""
+    return await asyncio.to_thread(space_of, settings.data_dir)
+
+
+@router.put(
+    "/api/v1/flights/{flight_id}/keep", tags=["storage"], responses=problem_responses(404, 422)
+)
+async def keep_flight(flight_id: str, keeping: Keeping, store: StoreDep) -> Keeping:
+    """Keep a flight permanently, or release it."""
+    await asyncio.to_thread(store.retention_flags.set_flight, flight_id, keeping.keep)
+    return keeping
+
+
+@router.put(
+    "/api/v1/recordings/{recording_id}/keep",
+    tags=["storage"],
+    responses=problem_responses(404, 422),
+)
+async def keep_recording(recording_id: str, keeping: Keeping, store: StoreDep) -> Keeping:
+    """Keep a recording permanently, or release it."""
+    await asyncio.to_thread(store.retention_flags.set_recording, recording_id, keeping.keep)
+    return keeping
+
+
+def _demonstration(request: Request) -> Demonstration:
+    return request.app.state.demonstration
+
+
+DemonstrationDep = Annotated[Demonstration, Depends(_demonstration)]
+
+
+@router.get("/api/v1/demonstration", tags=["demonstration"])
+async def read_demonstration(demonstration: DemonstrationDep) -> DemonstrationProgress | None:
+    """Progress of the live demonstration; null before it is started."""
+    return demonstration.progress
+
+
+@router.post("/api/v1/demonstration", tags=["demonstration"], status_code=202)
+async def start_demonstration(demonstration: DemonstrationDep) -> DemonstrationProgress | None:
+    """Start the demonstration: train its small monitor if missing, then fly a failing flight."""
+    demonstration.start()
+    return demonstration.progress
