@@ -8,16 +8,16 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from hashlib import sha1
 from pathlib import Path
 from typing import Any, Literal
 
 from fastapi import FastAPI
 from httpx2 import ASGITransport, AsyncClient, Response
+from pydantic import ConfigDict
 
 from app.access.login import COOKIE
 from app.recipes.recipes import limits_named, to_plain
-from core import __version__, kernels
+from core import __version__
 from core.kernels.compiled import cache_directory
 from core.monitor import MonitorRecipe
 from core.planned_test.collection import DatasetRecipe
@@ -41,20 +41,24 @@ Phase = Literal["preparing", "compiling", "training", "ready", "failed"]
 
 
 @dataclass(frozen=True)
-class Progress:
-    """Progress of the demonstration.
+class DemonstrationProgress:
+    """Progress of the live demonstration."""
 
-    share: of the work, 0 to 1.   elapsed, remaining: [s]; remaining is None while too little is
-    done to estimate from.   flight: id, once it flies.   problem: why it failed.
-    """
+    __pydantic_config__ = ConfigDict(use_attribute_docstrings=True)
 
     phase: Phase
     step: str
+    """current step, in words"""
     share: float
+    """share of the work done, 0 to 1"""
     elapsed: float
+    """[s]"""
     remaining: float | None
-    flight: str | None = None
-    problem: str = ""
+    """[s], estimated from the work done; null while too little is done"""
+    flight: str | None
+    """id of its flight; null before `ready`"""
+    problem: str
+    """why it failed; empty otherwise"""
 
 
 class Demonstration:
@@ -83,22 +87,24 @@ class Demonstration:
             self._task.cancel()
 
     @property
-    def progress(self) -> Progress | None:
-        """Progress; None before it is started."""
+    def progress(self) -> DemonstrationProgress | None:
+        """None before it is started."""
         task = self._task
         if task is None:
             return None
         elapsed = self._took or time.monotonic() - self._began
-        if task.done():
-            if self._failure:
-                return Progress("failed", self._step, 0.0, elapsed, None, None, self._failure)
-            return Progress("ready", "flying", 1.0, elapsed, 0.0, task.result())
-        share = self._share
-        remaining = elapsed * (1 - share) / share if share >= LEAST_SHARE else None
-        phase = (
-            "compiling" if self._is_compiling else "training" if self._step_share else "preparing"
-        )
-        return Progress(phase, self._step, share, elapsed, remaining)
+        share, remaining, flight = self._share, None, None
+        phase: Phase = "training" if self._step_share else "preparing"
+        if self._failure:
+            phase, share = "failed", 0.0
+        elif task.done():
+            phase, share, remaining, flight = "ready", 1.0, 0.0, task.result()
+        elif self._is_compiling:
+            phase = "compiling"
+        if not task.done() and share >= LEAST_SHARE:
+            remaining = elapsed * (1 - share) / share
+        step = "flying" if phase == "ready" else self._step
+        return DemonstrationProgress(phase, step, share, elapsed, remaining, flight, self._failure)
 
     @property
     def _share(self) -> float:
@@ -152,10 +158,8 @@ class Demonstration:
 
 
 def n_kernels() -> int:
-    """Kernels that this installation has compiled; numba names their folder after its path."""
-    folder = Path(kernels.__file__).absolute().parent
-    name = f"{folder.name}_{sha1(str(folder).encode()).hexdigest()}"
-    return sum(1 for _ in (Path(cache_directory()) / name).glob("*.nbi"))
+    """Kernels that this installation has compiled."""
+    return sum(1 for _ in Path(cache_directory()).rglob("*.nbi"))
 
 
 async def known_monitor(client: AsyncClient) -> dict[str, Any] | None:

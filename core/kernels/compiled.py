@@ -27,12 +27,13 @@ KEEP_S = 24 * 3600.0
 
 @cache
 def cache_directory(sources: Path = Path(__file__).parent) -> str:
-    """Cache directory of compiled kernels; it depends only on the content of this folder.
+    """Cache directory of compiled kernels; it depends on the path and content of this folder.
 
     numba itself checks only the file of a kernel, not the kernels it calls.
     """
     files = sorted(sources.rglob("*.py"))
-    digest = hashlib.sha256(b"".join(file.read_bytes() for file in files))
+    content = b"".join(file.read_bytes() for file in files)
+    digest = hashlib.sha256(str(sources.absolute()).encode() + content)
     home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return str(Path(home) / "forewarn" / f"kernels-{digest.hexdigest()[:16]}")
 

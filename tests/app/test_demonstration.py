@@ -14,10 +14,8 @@ def test_kernels_of_this_installation_are_counted() -> None:
     assert n_kernels() > 0
 
 
-def test_kernels_of_another_installation_are_not_counted(
+def test_no_kernels_are_counted_before_the_first_is_compiled(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(demonstration, "cache_directory", lambda: str(tmp_path))
-    (tmp_path / "kernels_elsewhere").mkdir()
-    (tmp_path / "kernels_elsewhere" / "a.nbi").touch()
     assert n_kernels() == 0
