@@ -3,15 +3,12 @@
 The page's forms and the OpenAPI document's recipe schemas come from it.
 """
 
-import ast
 import re
 from copy import deepcopy
 from dataclasses import asdict, fields, is_dataclass
 from functools import cache
-from importlib import import_module
 from importlib.metadata import PackageNotFoundError, requires, version
-from inspect import cleandoc, getsource
-from itertools import pairwise
+from inspect import cleandoc
 from types import GenericAlias
 from typing import Any, get_args
 
@@ -20,7 +17,7 @@ from pydantic import TypeAdapter
 from app.campaigns.campaign import LONGEST_CRITERIA
 from app.jobs.requests import LARGEST_N_TEST, MOST_MEMBERS, N_TEST, CombinationRecipe
 from app.recipes import labels
-from app.recipes.labels import choice_label, kind_label
+from app.recipes.labels import choice_label, descriptions, kind_label, title_of, unit_of
 from app.recipes.recipes import (
     LIMITS,
     STORED_LIMITS,
@@ -61,16 +58,6 @@ RECIPES: dict[str, Any] = {
     "sweep": SweepRecipe(),
     "clearance": ClearanceRecipe(),
     "epsilon": ChoiceRecipe(most_missed=0.1, most_false_alarms=0.2),
-}
-UNIT = re.compile(r"\[([^\[\]]*[A-Za-z/%][^\[\]]*)\]")
-SUFFIXES = {
-    "_deg_s": "deg/s",
-    "_rad_s": "rad/s",
-    "_mps": "m/s",
-    "_deg": "deg",
-    "_hz": "Hz",
-    "_s": "s",
-    "_m": "m",
 }
 
 
@@ -231,55 +218,6 @@ def _definitions() -> dict[str, Any]:
     classes = [c for m in (*members, *RECIPES.values()) for c in type(m).__mro__ if is_dataclass(c)]
     every: Any = GenericAlias(tuple, tuple(dict.fromkeys(classes)))
     return TypeAdapter(every).json_schema()["$defs"]
-
-
-def descriptions(kind: type) -> dict[str, str]:
-    """Attribute docstring of each parameter, inherited ones too; of a channel its label."""
-    described = {channel.key: f"{channel.label} {channel.symbol}" for channel in CHANNELS}
-    for base in reversed(kind.__mro__):
-        if is_dataclass(base):
-            described |= _docstrings(base.__module__).get(base.__name__, {})
-    return described
-
-
-@cache
-def _docstrings(module: str) -> dict[str, dict[str, str]]:
-    """Attribute docstrings of a module's classes. Pydantic would read the source per class."""
-    tree = ast.parse(getsource(import_module(module)))
-    return {
-        each.name: {
-            before.target.id: " ".join(str(ast.literal_eval(after.value)).split())
-            for before, after in pairwise(each.body)
-            if isinstance(before, ast.AnnAssign)
-            and isinstance(before.target, ast.Name)
-            and isinstance(after, ast.Expr)
-            and isinstance(after.value, ast.Constant)
-        }
-        for each in tree.body
-        if isinstance(each, ast.ClassDef)
-    }
-
-
-def title_of(name: str, description: str) -> str:
-    """The label of a parameter: its description up to the first colon, semicolon or point.
-
-    A family's parameter has the family's label.
-    """
-    head = re.split(r"[:;.](?:\s|$)", description, maxsplit=1)[0]
-    return labels.FAMILIES.get(name) or UNIT.sub("", head).strip() or name
-
-
-def unit_of(name: str, description: str) -> str:
-    """Unit of a parameter by its name's ending, the brackets in its description, or its channel.
-
-    Empty without a unit.
-    """
-    for suffix, unit in SUFFIXES.items():
-        if name.endswith(suffix):
-            return unit
-    if match := UNIT.search(description):
-        return match[1]
-    return next((channel.unit for channel in CHANNELS if channel.key == name), "")
 
 
 def first_line(kind: type) -> str:

@@ -45,6 +45,7 @@ INVALID = re.compile(r"invalid (\w+) value: (.*)")
 NUMBERS = {
     "int": "give a whole number",
     "float": "give a number",
+    "numbers": "give numbers, separated by commas",
     "number_or_auto": "give a number, or auto",
 }
 """What to do, by the function that could not read a value."""

@@ -17,7 +17,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from app.routes.audit import as_csv, as_json_lines, utc  # slow to import, not needed for help
+    from app.routes.people import as_csv, as_json_lines, utc  # slow to import, not needed for help
     from app.store.store import open_store
 
     since, until = (text and utc(text) for text in (options.since, options.until))

@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Callable
 from pathlib import Path
-from typing import get_args
 
 from app import json_codec
 from app.assessment.recipe import Interval
@@ -20,23 +19,18 @@ from app.campaigns.clearing import checklist, clear_next, identified, updated
 from app.campaigns.derivatives import identification_plain
 from app.campaigns.file import load
 from app.campaigns.flying import aborted_flight, flown_point
-from app.commands.options.destinations import check_file
-from app.commands.options.numbers import add_numbers
+from app.commands.options.fields import add_fields, given_fields
 from app.commands.options.recipe import add_recipe_options, plain_recipe
-from app.commands.output.mapping_lines import read_mapping
-from app.commands.output.progress import progress_bar
-from app.commands.output.results import add_json, print_result
+from app.commands.output.results import add_json, check_file, print_result, progress_bar
+from app.commands.output.scores import read_mapping
 from app.recipes.recipes import to_plain
 from app.recordings.mapped_recording import MappedRecording
 from app.telemetry.mapping.proposal import propose
 from app.telemetry.reading import columns_of
 from core.clearance.clearance import ClearanceRecipe
 from core.clearance.identification import Identification
-from core.monitor.calibration import Guarantee
 from core.planned_test.planned_test import DatasetRecipe
 from core.whole_file import write_whole
-
-USUAL = ClearanceRecipe()
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -93,7 +87,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_points(parser: argparse.ArgumentParser) -> None:
-    add_recipe_options(parser, method=False, imperfections="usual")
+    add_recipe_options(parser)
     parser.add_argument(
         "--steps",
         type=float,
@@ -103,8 +97,13 @@ def _add_points(parser: argparse.ArgumentParser) -> None:
         help="shares of the planned amplitude, increasing; "
         f"{' '.join(f'{step:g}' for step in USUAL_STEPS)} if absent",
     )
-    passes = ("--passes-below", float, 1.0, "pass criterion: share of a limit to stay below")
-    add_numbers(parser, (passes,))
+    parser.add_argument(
+        "--passes-below",
+        type=float,
+        default=1.0,
+        metavar="NUMBER",
+        help="pass criterion: share of a limit to stay below; 1 if absent",
+    )
     parser.add_argument(
         "--criteria", default="", metavar="TEXT", help="other pass criteria of each point"
     )
@@ -113,28 +112,8 @@ def _add_points(parser: argparse.ArgumentParser) -> None:
 def _add_plan(new: argparse.ArgumentParser) -> None:
     _add_points(new)
     new.add_argument("--name", required=True, help="name of the campaign")
-    numbers = (
-        ("--clearance-epsilon", float, USUAL.epsilon, "accepted share of wrong clearances"),
-        (
-            "--n-exceeding",
-            int,
-            USUAL.n_exceeding,
-            "simulated aircraft beyond a limit that calibrate clearances, at least 20",
-        ),
-        (
-            "--n-aircraft",
-            int,
-            USUAL.n_aircraft,
-            "simulated aircraft that calibrate the checks, at least 100",
-        ),
-    )
-    add_numbers(new, numbers)
-    new.add_argument(
-        "--clearance-guarantee",
-        choices=get_args(Guarantee),
-        default=USUAL.guarantee,
-        help="promise on the share of wrong clearances",
-    )
+    add_fields(new, ClearanceRecipe, "epsilon", "guarantee", prefix="clearance_")
+    add_fields(new, ClearanceRecipe, "n_exceeding", "n_aircraft")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -146,12 +125,9 @@ def _new(options: argparse.Namespace) -> int:
     if options.file.exists():
         raise CampaignError(f"{options.file} exists: give another file for a new campaign")
     test: DatasetRecipe = plain_recipe(options)["dataset"]
-    recipe = ClearanceRecipe(
-        epsilon=options.clearance_epsilon,
-        guarantee=options.clearance_guarantee,
-        n_exceeding=options.n_exceeding,
-        n_aircraft=options.n_aircraft,
-    )
+    promised = given_fields(options, ClearanceRecipe, "epsilon", "guarantee", prefix="clearance_")
+    sizes = given_fields(options, ClearanceRecipe, "n_exceeding", "n_aircraft")
+    recipe = ClearanceRecipe(**promised, **sizes)
     condition = Condition(options.condition, test)
     passes = options.passes_below, options.criteria
     campaign = Campaign.planned(options.name, condition, options.steps, recipe, *passes)

@@ -4,21 +4,13 @@ import argparse
 import hashlib
 from pathlib import Path
 
-from app.commands.options.destinations import check_file
-from app.commands.output.results import add_json, print_result
+from app.commands.output.results import add_output, check_file, print_result
 from core.whole_file import write_whole
 
 
 def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("monitor", type=Path, metavar="MONITOR.fwm", help="a trained monitor")
-    parser.add_argument(
-        "-o",
-        "--out",
-        type=Path,
-        metavar="FILE",
-        help="HTML file to write; named after the monitor if absent",
-    )
-    add_json(parser)
+    add_output(parser, "FILE", "HTML file to write; named after the monitor if absent")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -2,21 +2,15 @@
 
 import argparse
 from pathlib import Path
-from typing import get_args
 
 from app.assessment.wording import PROMISED
-from app.commands.options.destinations import check_file
-from app.commands.options.numbers import add_numbers
-from app.commands.output.progress import progress_bar
-from app.commands.output.results import add_json, print_result
+from app.commands.options.fields import add_fields, given_fields
+from app.commands.output.results import add_output, check_file, print_result, progress_bar
 from app.commands.train import test_lines
 from app.jobs.combining import combine_and_test
 from app.jobs.requests import CombinationRecipe
 from core.evaluation.certificate import warnings_of
 from core.monitor import load
-from core.monitor.calibration import Guarantee
-
-USUAL = CombinationRecipe()
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -27,38 +21,12 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="MONITOR.fwm",
         help="trained monitors of one planned test",
     )
-    numbers = (
-        ("--lead", float, USUAL.lead, "warning lead time [s], equal to that of a member"),
-        ("--n-unsafe", int, USUAL.n_unsafe, "fresh failing flights for the calibration"),
-        ("--epsilon", float, USUAL.epsilon, "accepted miss rate"),
-        ("--n-test", int, USUAL.n_test, "fresh test flights"),
-    )
-    add_numbers(parser, numbers)
-    parser.add_argument(
-        "--guarantee",
-        choices=get_args(Guarantee),
-        default=USUAL.guarantee,
-        help="promise on the miss rate",
-    )
-    parser.add_argument(
-        "-o",
-        "--out",
-        type=Path,
-        metavar="FILE",
-        default=Path("combination.fwm"),
-        help="file to write",
-    )
-    add_json(parser)
+    add_fields(parser, CombinationRecipe)
+    add_output(parser, "FILE", "file to write", Path("combination.fwm"))
 
 
 def run(options: argparse.Namespace) -> int:
-    recipe = CombinationRecipe(
-        lead=options.lead,
-        n_unsafe=options.n_unsafe,
-        epsilon=options.epsilon,
-        guarantee=options.guarantee,
-        n_test=options.n_test,
-    )
+    recipe = CombinationRecipe(**given_fields(options, CombinationRecipe))
     check_file(options.out)
     members = [load(path) for path in options.members]
     with progress_bar("fresh failures") as progress:

@@ -14,7 +14,7 @@ import numpy as np
 from fastapi import FastAPI
 
 from app.commands import serve as serve_command
-from app.commands.output.progress import progress_bar
+from app.commands.output.results import progress_bar
 from app.demonstration import (
     DATASET,
     LOOK_EVERY_S,

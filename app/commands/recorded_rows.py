@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.commands.output.mapping_lines import mapping_lines, read_mapping
+from app.commands.output.scores import mapping_lines, read_mapping
 from app.telemetry.contents import Columns
 from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.mapping import Mapping

@@ -6,11 +6,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from app.commands.options.destinations import DestinationError, check_file
-from app.commands.options.mapping_request import asking_for_mapping
 from app.commands.options.scoring import SETTINGS, add_scoring_options, request_of
-from app.commands.output.results import add_json, print_result
-from app.commands.output.scores import Outcome, Write, just, outcome_of, write_files
+from app.commands.output.results import DestinationError, add_output, check_file, print_result
+from app.commands.output.scores import (
+    Outcome,
+    Write,
+    asking_for_mapping,
+    just,
+    outcome_of,
+    write_files,
+)
 from app.jobs.requests import N_TEST
 from app.jobs.training import fly_test
 from app.recipes.recipes import RecipeError, from_plain
@@ -40,14 +45,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         help="fresh simulated flights to test a monitor that has no test results, 0 for none; "
         f"{N_TEST} if absent",
     )
-    parser.add_argument(
-        "-o",
-        "--out",
-        type=Path,
-        metavar="HTML",
-        help="report to write; named after FILE if absent",
-    )
-    add_json(parser)
+    add_output(parser, "HTML", "report to write; named after FILE if absent")
     parser.epilog = f"Each monitor and each epsilon gets its own report. {SETTINGS}"
 
 

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from app.commands.options.destinations import check_file
-from app.commands.output.results import add_json, print_result
+from app.commands.output.results import add_output, check_file, print_result
 from core.channels import KEYS
 from core.planned_test.collection import DatasetRecipe, evaluation_flights
 from core.simulation.aircraft import AIRCRAFT
@@ -23,10 +22,6 @@ FLIGHTS = 100
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Add the command's options."""
-    parser.add_argument(
-        "-o", "--out", type=Path, default=Path("flight.csv"), help="CSV file written"
-    )
     parser.add_argument(
         "--aircraft",
         choices=tuple(MODELS),
@@ -45,7 +40,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         help="whether the flight exceeds its limit; random: the same seed is the same aircraft at "
         "any amplitude",
     )
-    add_json(parser)
+    add_output(parser, "FILE", "CSV file to write", Path("flight.csv"))
 
 
 def run(options: argparse.Namespace) -> int:

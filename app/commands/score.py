@@ -3,22 +3,14 @@
 import argparse
 from pathlib import Path
 
-from app.commands.options.destinations import check_directory
 from app.commands.options.scoring import SETTINGS, add_scoring_options, request_of
-from app.commands.output.results import add_json, print_result
+from app.commands.output.results import add_output, check_directory, print_result
 
 
 def add(parser: argparse.ArgumentParser) -> None:
     add_scoring_options(parser)
-    parser.add_argument(
-        "-o",
-        "--out",
-        type=Path,
-        metavar="DIR",
-        help="directory to write to; named after FILE if absent",
-    )
     parser.add_argument("--png", action="store_true", help="also write the figure as PNG")
-    add_json(parser)
+    add_output(parser, "DIR", "directory to write to; named after FILE if absent")
     parser.epilog = SETTINGS
 
 

@@ -3,28 +3,16 @@
 import argparse
 from pathlib import Path
 
-from app.commands.options.destinations import check_directory
-from app.commands.options.recipe import add_number, add_recipe_options, plain_recipe, print_recipe
-from app.commands.output.progress import progress_bar
-from app.commands.output.results import add_json, print_result
+from app.commands.options.recipe import add_recipe_options, plain_recipe, print_recipe
+from app.commands.output.results import add_output, check_directory, print_result, progress_bar
 from app.recipes.recipes import from_plain
 from app.report.studies.study import summary, write_study
 from core.evaluation.study import StudyRecipe, study
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    add_recipe_options(parser, method=False, imperfections="none")
-    add_number(parser, "--n-monitors", "monitors for each method")
-    add_number(parser, "--n-test", "fresh test flights for each monitor")
-    parser.add_argument(
-        "-o",
-        "--out",
-        type=Path,
-        metavar="DIR",
-        default=Path("study"),
-        help="directory to write to; study if absent",
-    )
-    add_json(parser)
+    add_recipe_options(parser, "n_monitors", "n_test", imperfections="none")
+    add_output(parser, "DIR", "directory to write to", Path("study"))
 
 
 def run(options: argparse.Namespace) -> int:

@@ -3,18 +3,17 @@
 import argparse
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from app.assessment.wording import PROMISED
-from app.commands.options.destinations import check_file
-from app.commands.options.recipe import add_number, add_recipe_options, plain_recipe, print_recipe
-from app.commands.output.progress import progress_bar
-from app.commands.output.results import add_json, print_result
+from app.commands.options.recipe import add_recipe_options, plain_recipe, print_recipe
+from app.commands.output.results import add_output, check_file, print_result, progress_bar
 from app.jobs.requests import N_TEST
 from app.jobs.training import FlownTest, Training, simulate, train_and_test
 from app.recipes.recipes import dataset_for, from_plain
+from core.bounds import Bounds, check_bounds
 from core.dataset import Dataset
 from core.evaluation.certificate import warnings_of
 from core.evaluation.prevention import Prevention
@@ -32,25 +31,16 @@ class TrainingRecipe:
 
     dataset: DatasetRecipe = DatasetRecipe()  # noqa: RUF009
     monitor: MonitorRecipe = MonitorRecipe()  # noqa: RUF009
-    n_test: int = N_TEST
+    n_test: Annotated[int, Bounds(least=0, words="it must be 0 or more")] = N_TEST
+    """fresh test flights; 2000 if absent"""
 
     def __post_init__(self) -> None:
-        if self.n_test < 0:
-            raise ValueError(f"n_test={self.n_test} was given: it must be 0 or more")
+        check_bounds(self)
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    add_recipe_options(parser, method=True, imperfections="usual")
-    add_number(parser, "--n-test", f"fresh test flights; {N_TEST} if absent")
-    parser.add_argument(
-        "-o",
-        "--out",
-        type=Path,
-        metavar="FILE",
-        default=Path("monitor.fwm"),
-        help="file to write; monitor.fwm if absent",
-    )
-    add_json(parser)
+    add_recipe_options(parser, "n_test", of=TrainingRecipe, method=True)
+    add_output(parser, "FILE", "file to write", Path("monitor.fwm"))
 
 
 def run(options: argparse.Namespace) -> int:

@@ -1,6 +1,13 @@
-"""Labels of family members and parameter choices in forms, lists and reports."""
+"""Words of recipes in forms, lists, reports and help: labels, and the parameters' docstrings."""
 
+import ast
+import re
 from collections.abc import Hashable
+from dataclasses import is_dataclass
+from functools import cache
+from importlib import import_module
+from inspect import getsource
+from itertools import pairwise
 
 from core.channels import CHANNELS
 from core.simulation.published import MODELS
@@ -81,6 +88,16 @@ CHOICES: dict[str, dict[Hashable, str]] = {
     "name": {name: model.title for name, model in MODELS.items()},
 }
 """Labels of the values of parameters, by parameter."""
+UNIT = re.compile(r"\[([^\[\]]*[A-Za-z/%][^\[\]]*)\]")
+SUFFIXES = {
+    "_deg_s": "deg/s",
+    "_rad_s": "rad/s",
+    "_mps": "m/s",
+    "_deg": "deg",
+    "_hz": "Hz",
+    "_s": "s",
+    "_m": "m",
+}
 
 
 def kind_label(kind: str) -> str:
@@ -91,3 +108,52 @@ def kind_label(kind: str) -> str:
 def choice_label(parameter: str, value: Hashable) -> str:
     """Label of a parameter value."""
     return CHOICES.get(parameter, {}).get(value) or str(value).replace("_", " ")
+
+
+def descriptions(kind: type) -> dict[str, str]:
+    """Attribute docstring of each parameter, inherited ones too; of a channel its label."""
+    described = {channel.key: f"{channel.label} {channel.symbol}" for channel in CHANNELS}
+    for base in reversed(kind.__mro__):
+        if is_dataclass(base):
+            described |= _docstrings(base.__module__).get(base.__name__, {})
+    return described
+
+
+@cache
+def _docstrings(module: str) -> dict[str, dict[str, str]]:
+    """Attribute docstrings of a module's classes. Pydantic would read the source per class."""
+    tree = ast.parse(getsource(import_module(module)))
+    return {
+        each.name: {
+            before.target.id: " ".join(str(ast.literal_eval(after.value)).split())
+            for before, after in pairwise(each.body)
+            if isinstance(before, ast.AnnAssign)
+            and isinstance(before.target, ast.Name)
+            and isinstance(after, ast.Expr)
+            and isinstance(after.value, ast.Constant)
+        }
+        for each in tree.body
+        if isinstance(each, ast.ClassDef)
+    }
+
+
+def title_of(name: str, description: str) -> str:
+    """The label of a parameter: its description up to the first colon, semicolon or point.
+
+    A family's parameter has the family's label.
+    """
+    head = re.split(r"[:;.](?:\s|$)", description, maxsplit=1)[0]
+    return FAMILIES.get(name) or UNIT.sub("", head).strip() or name
+
+
+def unit_of(name: str, description: str) -> str:
+    """Unit of a parameter by its name's ending, the brackets in its description, or its channel.
+
+    Empty without a unit.
+    """
+    for suffix, unit in SUFFIXES.items():
+        if name.endswith(suffix):
+            return unit
+    if match := UNIT.search(description):
+        return match[1]
+    return next((channel.unit for channel in CHANNELS if channel.key == name), "")

@@ -9,7 +9,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from app.commands.output.progress import progress_bar
+from app.commands.output.results import progress_bar
 
 Progress = Callable[[int, int], object]
 

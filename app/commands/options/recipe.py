@@ -6,12 +6,14 @@ import json
 import re
 import sys
 from dataclasses import fields
+from math import ceil, inf
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
 
-from app.commands.options.sample_interval import adjust_to_interval
+from app.commands.options.fields import help_of, settings_of
+from app.recipes.labels import FAMILIES, descriptions
 from app.recipes.recipes import (
     AUTO,
     LIMITS,
@@ -22,6 +24,7 @@ from app.recipes.recipes import (
     RecipeError,
     as_ordered,
     dataset_recipe,
+    family_of,
     limits_named,
     matrices_renamed,
     monitor_as_ordered,
@@ -30,16 +33,17 @@ from app.recipes.recipes import (
     to_plain,
 )
 from core.channels import BY_KEY, KEYS
-from core.monitor.calibration import Guarantee
-from core.monitor.group import GROUPINGS
-from core.monitor.predictor import PREDICTORS
-from core.monitor.score import SCORES
+from core.evaluation.study import StudyRecipe
+from core.monitor import MonitorRecipe
+from core.planned_test.planned_test import DatasetRecipe
 from core.recipe import instead_of
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.imperfections import Imperfections
 from core.simulation.maneuver import MANEUVERS
 
+MOST_DELAY = 10
+"""Most past outputs in an observation, however short the interval."""
 IMPERFECTIONS = "dataset.imperfections"
 NAMES = tuple(field.name for field in fields(Imperfections))
 ANGULAR = tuple(key for key in KEYS if key != "Ny")
@@ -49,70 +53,34 @@ def number_or_auto(text: str) -> float | str:
     return text if text == AUTO else float(text)
 
 
-# option, path in the recipe, type, choices, help
-SHARED: tuple[tuple[str, str, Any, Any, str], ...] = (
-    ("--states", "dataset.aircraft.n_states", int, (3, 4), "states of a published aircraft"),
-    (
-        "--amplitude",
-        "dataset.maneuver.amplitude_deg",
-        number_or_auto,
-        None,
-        "manoeuvre's amplitude [deg]; auto: set by a pilot run so that a quarter of flights exceed "
-        "a limit",
-    ),
-    ("--duration", "dataset.maneuver.duration_s", float, None, "length of a rollout [s]"),
-    (
-        "--dt",
-        "dataset.dt",
-        float,
-        None,
-        "sample interval [s]; adjusts the parameters that depend on it",
-    ),
-    ("--substeps", "dataset.substeps", int, None, "limit checks in each sample interval"),
-    (
-        "--n-unsafe",
-        "dataset.n_unsafe",
-        int,
-        None,
-        f"unsafe rollouts to collect; {USUAL_DATASET.n_unsafe} if absent in train",
-    ),
-    ("--n-obs", "dataset.n_obs", int, None, "observations kept of each safe rollout"),
-    ("--max-rollouts", "dataset.max_rollouts", int, None, "most rollouts to simulate"),
-    ("--seed", "dataset.seed", int, None, "seed of every random draw"),
-    ("--t-early", "monitor.t_early", float, None, "required warning lead time [s]"),
-    ("--n-delay", "monitor.n_delay", int, None, "past outputs in an observation"),
-    (
-        "--calibration",
-        "monitor.calibration",
-        str,
-        ("trajectory", "pointwise"),
-        "calibrate whole trajectories or single samples",
-    ),
-    ("--p-value", "monitor.p_value", str, ("simple", "exact"), "formula of the p-value"),
-    (
-        "--scaling",
-        "monitor.scaling",
-        str,
-        ("safe_std", "raw"),
-        "scale distances by the spread of safe rollouts, or not",
-    ),
-    ("--epsilon", "monitor.epsilon", float, None, "accepted miss rate"),
-    (
-        "--guarantee",
-        "monitor.guarantee",
-        str,
-        get_args(Guarantee),
-        f"promise on the miss rate; {USUAL_MONITOR.guarantee.replace('%', '%%')} if absent in "
-        "train",
-    ),
-    (
-        "--groups",
-        "monitor.groups.kind",
-        str,
-        tuple(GROUPINGS),
-        "give the promise for each of these groups of failures",
-    ),
-)
+PATHS = {
+    "states": "dataset.aircraft.n_states",
+    "amplitude": "dataset.maneuver.amplitude_deg",
+    "duration": "dataset.maneuver.duration_s",
+    "dt": "dataset.dt",
+    "substeps": "dataset.substeps",
+    "n-unsafe": "dataset.n_unsafe",
+    "n-obs": "dataset.n_obs",
+    "max-rollouts": "dataset.max_rollouts",
+    "seed": "dataset.seed",
+    "t-early": "monitor.t_early",
+    "n-delay": "monitor.n_delay",
+    "calibration": "monitor.calibration",
+    "p-value": "monitor.p_value",
+    "scaling": "monitor.scaling",
+    "epsilon": "monitor.epsilon",
+    "guarantee": "monitor.guarantee",
+    "groups": "monitor.groups.kind",
+}
+"""Options, and what they set in the recipe."""
+METHOD = {"predictor": "monitor.predictor.kind", "score": "monitor.score.kind"}
+USUALLY = {
+    "amplitude": "auto: set by a pilot run so that a quarter of flights exceed a limit",
+    "dt": "adjusts the parameters that depend on it",
+    "n-unsafe": f"{USUAL_DATASET.n_unsafe} if absent in train",
+    "guarantee": f"{USUAL_MONITOR.guarantee.replace('%', '%%')} if absent in train",
+}
+"""What the help adds to the words of the field."""
 VALUE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z°/]*)")
 """A number and an optional unit."""
 # part of a dataset's recipe: kind whose defaults are an example, required field, what to do
@@ -121,16 +89,16 @@ EXAMPLES: dict[str, tuple[str, str, str]] = {
     "maneuver": ("table", "t_s", "give --maneuver FILE.csv with your commands"),
     "control_law": ("state_space", "d", "give its inputs, outputs, a, b, c, d in a --recipe file"),
 }
-METHOD: tuple[tuple[str, str, Any, Any, str], ...] = (
-    ("--predictor", "monitor.predictor.kind", str, tuple(PREDICTORS), "predictor of the outputs"),
-    ("--score", "monitor.score.kind", str, tuple(SCORES), "score of a prediction"),
-)
 
 
 def add_recipe_options(
-    parser: argparse.ArgumentParser, *, method: bool, imperfections: Imperfect
+    parser: argparse.ArgumentParser,
+    *counts: str,
+    of: type = StudyRecipe,
+    method: bool = False,
+    imperfections: Imperfect = "usual",
 ) -> None:
-    """method: add the choice of predictor and score.
+    """counts: fields of `of` besides its dataset and monitor.   method: choose its parts too.
 
     imperfections: the default. With "usual", the number of failures and the guarantee have their
     usual defaults too.
@@ -172,9 +140,12 @@ def add_recipe_options(
         f"--set {IMPERFECTIONS}.NAME=VALUE; names: {', '.join(NAMES)}",
     )
     parser.set_defaults(usual_imperfections=imperfections)
-    for option, path, kind, choices, text in SHARED + (METHOD if method else ()):
-        name = None if choices else "NUMBER"
-        group.add_argument(option, dest=path, type=kind, choices=choices, metavar=name, help=text)
+    paths = PATHS | (METHOD if method else {}) | {name.replace("_", "-"): name for name in counts}
+    for option, path in paths.items():
+        text, settings = _option(of(), path)
+        text = f"{text}; {USUALLY[option]}" if option in USUALLY else text
+        dest = path if "." in path else f".{path}"
+        group.add_argument(f"--{option}", dest=dest, help=text, **settings)
     group.add_argument(
         "--set",
         action="append",
@@ -186,10 +157,23 @@ def add_recipe_options(
     )
 
 
-def add_number(parser: argparse.ArgumentParser, option: str, text: str) -> None:
-    """Add a number outside the recipe's dataset and monitor: --n-test sets n_test."""
-    name = option.removeprefix("--").replace("-", "_")
-    parser.add_argument(option, type=int, dest=f".{name}", metavar="NUMBER", help=text)
+def _option(recipe: Any, path: str) -> tuple[str, dict[str, Any]]:
+    """Help of the option for a part of a recipe, and how to read it."""
+    *parents, last = path.split(".")
+    above = recipe
+    for parent in parents:
+        recipe, above = getattr(recipe, parent), recipe
+    if last == "kind":
+        family = family_of(recipe)
+        assert family is not None
+        text = descriptions(type(above)).get(
+            parents[-1], f"{FAMILIES[family.name].lower()} of the monitor"
+        )
+        return text.rstrip("."), {"choices": tuple(family.members)}
+    settings = settings_of(type(recipe), last)
+    if last == "amplitude_deg":
+        settings["type"] = number_or_auto
+    return help_of(type(recipe), last), settings
 
 
 def plain_recipe(options: argparse.Namespace) -> dict[str, Any]:
@@ -303,3 +287,42 @@ def _value(text: str) -> Any:
         return json.loads(text)
     except ValueError:
         return text
+
+
+def adjust_to_interval(plain: dict[str, Any], dt: float) -> list[str]:
+    """Adjust the parameters that the recipe does not give, in place; list the adjustments.
+
+    Afterwards the duration is a whole number of steps, limits are checked at least as often, there
+    are no more observations than samples, and past outputs cover the same time.
+    """
+    usual, past = DatasetRecipe(), MonitorRecipe().n_delay
+    dataset, monitor = plain.setdefault("dataset", {}), plain.setdefault("monitor", {})
+    maneuver = dataset.get("maneuver", {}) if isinstance(dataset, dict) else {}
+    if not (isinstance(maneuver, dict) and isinstance(monitor, dict) and 0.0 < dt < inf):
+        return []  # reading the recipe reports the error
+    kind = MANEUVERS.get(maneuver.get("kind", ""), usual.maneuver)
+    duration = maneuver.get("duration_s", kind.duration_s)
+    steps = ceil(duration / dt - 1e-6) if isinstance(duration, int | float) else 0
+    whole = round(steps * dt, 9)
+    substeps = ceil(dt / usual.dt - 1e-6)
+    n_obs = min(usual.n_obs, steps + 1)
+    n_delay = min(MOST_DELAY, max(1, round(past * usual.dt / dt)))
+    adjusted = (
+        ("dataset.maneuver.duration_s", duration, whole, f"a duration of {whole:g} s"),
+        ("dataset.substeps", usual.substeps, substeps, f"{substeps} limit checks an interval"),
+        ("dataset.n_obs", usual.n_obs, n_obs, f"{n_obs} observations of each safe rollout"),
+        ("monitor.n_delay", past, n_delay, f"{n_delay} past outputs in an observation"),
+    )
+    adjustments = []
+    for path, before, value, text in adjusted:
+        if value != before and not _is_given(plain, path):
+            set_path(plain, path, value)
+            adjustments.append(text)
+    return adjustments
+
+
+def _is_given(plain: dict[str, Any], path: str) -> bool:
+    *parents, last = path.split(".")
+    for parent in parents:
+        plain = plain.get(parent, {})
+    return last in plain

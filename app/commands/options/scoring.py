@@ -62,7 +62,7 @@ def add_scoring_options(parser: argparse.ArgumentParser) -> None:
 
 def request_of(options: argparse.Namespace) -> tuple[ScoreRequest, MappingMemory | None]:
     """The request, and the memory of the aircraft's mapping if one is named."""
-    from app.commands.output.mapping_lines import read_mapping
+    from app.commands.output.scores import read_mapping
     from app.recordings.scored_file import ScoreRequest
     from app.telemetry.mapping.typed_rate import read_rate
 

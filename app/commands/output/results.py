@@ -1,11 +1,24 @@
-"""The result of a command, printed as text or as JSON."""
+"""Where a command writes, its progress on a terminal, and its result as text or as JSON."""
 
 import argparse
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print the results as JSON")
+
+
+def add_output(
+    parser: argparse.ArgumentParser, metavar: str, text: str, default: Path | None = None
+) -> None:
+    """Add --out and --json."""
+    text = text if default is None else f"{text}; {default} if absent"
+    parser.add_argument("-o", "--out", type=Path, metavar=metavar, default=default, help=text)
+    add_json(parser)
 
 
 def print_result(options: argparse.Namespace, text: str, plain: Any) -> None:
@@ -15,3 +28,53 @@ def print_result(options: argparse.Namespace, text: str, plain: Any) -> None:
 
         text = json_codec.encode(plain).decode()
     print(text)
+
+
+@contextmanager
+def progress_bar(label: str) -> Iterator[Callable[[int, int], None]]:
+    """Show a bar while the block runs. It yields a function to call with (done, total)."""
+    from rich.console import Console  # slow to import, not needed for help
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    console = Console(stderr=True)
+    columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as bar:
+        task = bar.add_task(label, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+class DestinationError(ValueError):
+    """Results cannot be written to this path."""
+
+
+def check_file(path: Path) -> Path:
+    """Return the path if a file can be written there. DestinationError."""
+    if path.is_dir() or not path.name:
+        raise DestinationError(f"{path} is a directory: give the path of the file to write")
+    if not path.parent.is_dir():
+        raise DestinationError(f"{path.parent} is not a directory: create it first")
+    return _writable(path.parent, path)
+
+
+def check_directory(path: Path) -> Path:
+    """Return the path if a directory is there or can be created. DestinationError."""
+    existing = next(parent for parent in (path, *path.absolute().parents) if parent.exists())
+    if not existing.is_dir():
+        raise DestinationError(f"{existing} is a file: give a directory")
+    return _writable(existing, path)
+
+
+def _writable(directory: Path, path: Path) -> Path:
+    if not os.access(directory, os.W_OK | os.X_OK):
+        raise DestinationError(
+            f"{path} cannot be written: {directory} is not writable; choose another directory"
+        )
+    return path

@@ -1,7 +1,9 @@
-"""The result of scoring a file, printed and written as tables and figures."""
+"""A scored file and its mapping: printed, and written as tables and figures."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -12,14 +14,19 @@ import numpy as np
 from app.assessment.limits_history import pieces_of
 from app.assessment.planned_test import planned_test
 from app.assessment.verdict import sensors, verdict
-from app.commands.options.mapping_request import asking_for_mapping
-from app.commands.output.mapping_lines import contents_lines, mapping_lines
+from app.recipes.recipes import read_plain
 from app.recordings.exports import export
 from app.recordings.mapping_memory import MappingMemory
-from app.recordings.scored_file import Scored, ScoredFile, ScoreRequest, score_file
+from app.recordings.scored_file import Scored, ScoredFile, ScoreRequest, UnmappedFile, score_file
+from app.telemetry.contents import Contents
+from app.telemetry.mapping.mapping import ChannelSource, Mapping
+from app.telemetry.mapping.proposal import Proposal
 from app.telemetry.mapping.typed_rate import counts_the_day
+from app.telemetry.recording import TelemetryError
+from app.telemetry.targets import TARGETS
+from core.channels import Channel
 from core.evaluation.certificate import warnings_of
-from core.whole_file import whole_file
+from core.whole_file import whole_file, write_whole
 
 MAPPING = "mapping.json"
 Write = Callable[[BinaryIO], object]
@@ -50,7 +57,7 @@ def write_scores(
     return outcome_of(scored_file, [out / name for name in files])
 
 
-def write_files(files: Mapping[Path, Write]) -> None:
+def write_files(files: dict[Path, Write]) -> None:
     """Write each file, completely or not at all."""
     for path, write in files.items():
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -144,3 +151,95 @@ def _lines(scoring: Scored, is_first: bool, of_day: bool) -> Iterator[str]:
     for warning in warnings_of(scoring.monitor.evaluation, scoring.recording.epsilon):
         yield f"WARNING: {warning}"
     yield from verdict(scoring.monitor, scoring.recording, of_day=of_day)
+
+
+MOST_BAD_ROWS = 10
+"""Most bad rows to list."""
+EVIDENT = 0.9
+"""A proposal with at least this confidence is printed without reasons."""
+
+
+def read_mapping(path: Path) -> Mapping:
+    """A mapping from a JSON file. RecipeError, TelemetryError."""
+    return Mapping.from_plain(read_plain(path))
+
+
+def contents_lines(contents: Contents) -> Iterator[str]:
+    yield from contents.notes
+    yield from (f"ignored: {item}" for item in contents.ignored)
+    listed = contents.bad_rows[:MOST_BAD_ROWS]
+    if contents.n_bad_rows:
+        yield f"bad rows skipped: {contents.n_bad_rows}"
+    yield from (f"  line {row.line}: {row.reason}: {row.text}" for row in listed)
+    if contents.n_bad_rows > len(listed):
+        yield f"  and {contents.n_bad_rows - len(listed)} more"
+
+
+def mapping_lines(mapping: Mapping, proposal: Proposal | None) -> Iterator[str]:
+    """One line for each channel, with the confidence of a proposal."""
+    yield "proposed mapping:" if proposal else "given mapping:"
+    for key in (key for key in TARGETS if key in mapping.channels):
+        source = mapping.channels[key]
+        rationale = proposal.rationales.get(key) if proposal else None
+        confidence = ""
+        if rationale is not None and not source.derivation:
+            confidence = f", confidence {rationale.confidence:.0%}"
+            if rationale.confidence < EVIDENT:
+                confidence += f": {'; '.join(rationale.reasons)}"
+        yield f"  {key:8} {_source(source, TARGETS[key])}{confidence}"
+
+
+def _source(source: ChannelSource, target: Channel) -> str:
+    if source.derivation:
+        return f"derived: {source.derivation}"
+    sign = "-" if source.sign < 0 else ""
+    bias = f", bias removed: {target.read(source.bias)}" if source.bias else ""
+    return f"{sign}{source.signal} [{source.unit or 'unit not given'}]{bias}"
+
+
+MOST_SIGNALS = 400
+"""Most signals to list."""
+
+
+@contextmanager
+def asking_for_mapping(path: Path) -> Iterator[None]:
+    """If the block cannot map a file, list its signals and write a mapping to complete.
+
+    path: of the mapping to write. If it exists, the next free name is used.   TelemetryError.
+    """
+    try:
+        yield
+    except UnmappedFile as error:
+        print("\n".join(signal_lines(error.contents)), file=sys.stderr)
+        path = _free(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        text = json.dumps(error.template, indent=2, ensure_ascii=False)
+        write_whole(path, f"{text}\n".encode())
+        raise TelemetryError(
+            f"{error}; the signals are listed above: complete {path} and give it with --mapping"
+        ) from None
+
+
+def signal_lines(contents: Contents) -> Iterator[str]:
+    yield f"signals of the file: {len(contents.signals)}"
+    n_shown = 0
+    for number, group in enumerate(contents.groups):
+        if group.name:
+            yield f"  {group.name}, {group.n_rows} rows:"
+        members = [signal for signal in contents.signals if signal.group == number]
+        for signal in members[: max(0, MOST_SIGNALS - n_shown)]:
+            unit = f" [{signal.unit}]" if signal.unit else ""
+            description = f"  {signal.description}" if signal.description else ""
+            yield f"    {signal.name}{unit}{description}"
+        n_shown += len(members)
+    if n_shown > MOST_SIGNALS:
+        yield f"  and {n_shown - MOST_SIGNALS} more"
+
+
+def _free(path: Path) -> Path:
+    """The path, or the first free one with a number after its stem."""
+    number, free = 1, path
+    while free.exists():
+        number += 1
+        free = path.with_stem(f"{path.stem}-{number}")
+    return free

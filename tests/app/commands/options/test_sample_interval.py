@@ -5,7 +5,7 @@ import json
 import pytest
 
 from app.cli import main
-from app.commands.options.sample_interval import MOST_DELAY
+from app.commands.options.recipe import MOST_DELAY
 from core.monitor import MonitorRecipe
 from core.planned_test.planned_test import DatasetRecipe
 
