@@ -93,30 +93,41 @@ def from_plain(
     plain: Any,
     where: str = "recipe",
     build: Callable[[Any, Mapping[str, Any], str], Any] = _build,
+    names: Mapping[str, str] = MappingProxyType({}),
 ) -> Any:
     """`default` with the values of `plain`.
 
     A family's part may change its `kind`; parameters that are not given keep their default.
     build: makes an object from (default, values, where); one for input from people checks types.
+    names: other names of fields, in `plain` and in errors.
     RecipeError names the wrong part and the possible values.
     """
     if not isinstance(plain, dict):
         raise RecipeError(f"{where} is {plain!r}: it must be an object of parameters")
-    plain = dict(plain)
+    given: dict[str, Any] = dict(plain)
     of = family_of(default)
-    if of is not None and (kind := plain.pop("kind", None)) is not None:
+    if of is not None and (kind := given.pop("kind", None)) is not None:
         if not (isinstance(kind, str) and kind in of.known):
             raise RecipeError(f"{where} {kind!r} is unknown: {instead_of(str(kind), of.members)}")
         default = of.known[kind]
-    known = {field.name: getattr(default, field.name) for field in fields(default)}
-    for key in plain:
-        if key not in known:
-            raise RecipeError(f"{where} has no {key!r}: {instead_of(str(key), known)}")
-        if is_dataclass(known[key]) and not is_dataclass(plain[key]):
-            plain[key] = from_plain(known[key], plain[key], f"{where}.{key}", build)
-        elif isinstance(known[key], tuple) and isinstance(plain[key], list):
-            plain[key] = tuple(plain[key])
-    return build(default, known | plain, where)
+    known: dict[str, Any] = {each.name: getattr(default, each.name) for each in fields(default)}
+    fields_by_name: dict[str, str] = {names.get(each, each): each for each in known}
+    values: dict[str, Any] = {}
+    for key, value in given.items():
+        field = fields_by_name.get(key, key)
+        name = names.get(field, field)
+        if field not in known:
+            raise RecipeError(f"{where} has no {key!r}: {instead_of(str(key), fields_by_name)}")
+        if field in values:
+            raise RecipeError(
+                f"{where} gives {name} and {field}, two names of one parameter: omit one"
+            )
+        if is_dataclass(known[field]) and not is_dataclass(value):
+            value = from_plain(known[field], value, f"{where}.{name}", build, names)
+        elif isinstance(known[field], tuple) and isinstance(value, list):
+            value = tuple(value)
+        values[field] = value
+    return build(default, known | values, where)
 
 
 def instead_of(word: str, known: Iterable[str]) -> str:

@@ -113,10 +113,7 @@ def stored_names(plain: Any, where: str = "dataset") -> Any:
 
 def from_plain(default: Any, plain: Any, where: str = "recipe") -> Any:
     """`default` with the values of `plain`, each checked for its type. RecipeError."""
-    try:
-        return recipe.from_plain(default, stored_names(plain, where), where, _checked)
-    except RecipeError as error:
-        raise RecipeError(str(error).replace(STORED_LIMITS, LIMITS)) from error
+    return recipe.from_plain(default, plain, where, _checked, {STORED_LIMITS: LIMITS})
 
 
 @cache
@@ -146,7 +143,7 @@ def dataset_recipe(plain: Any, where: str = "dataset") -> tuple[DatasetRecipe, S
     """
     if not isinstance(plain, dict):
         return from_plain(DatasetRecipe(), plain, where), None
-    plain = matrices_renamed(stored_names(plain, where), where)
+    plain = matrices_renamed(plain, where)
     maneuver = plain.get("maneuver", {})
     has_amplitude = isinstance(maneuver, dict) and not maneuver.keys().isdisjoint(
         {"amplitude_deg", "t_s"}
@@ -258,7 +255,7 @@ def _with_usual_test(plain: dict[str, Any]) -> dict[str, Any]:
     if not (isinstance(kind, str) and kind in AIRCRAFT):
         return plain
     usual = DatasetRecipe.usual(AIRCRAFT[kind])
-    filled = {"specification": usual.specification} | plain
+    filled = plain if LIMITS in plain else {STORED_LIMITS: usual.specification} | plain
     for part in ("control_law", "maneuver"):
         default, given = to_plain(getattr(usual, part)), plain.get(part, {})
         if isinstance(given, dict) and given.get("kind", default["kind"]) == default["kind"]:
