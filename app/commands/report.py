@@ -22,9 +22,8 @@ from app.recipes.recipes import RecipeError, from_plain
 from app.recordings.exports import EXPORTS, export
 from app.recordings.mapping_memory import MappingMemory
 from app.recordings.scored_file import ScoredFile, ScoreRequest, labels, score_file
-from app.report.from_file import file_subjects
 from app.report.page import report
-from app.report.subject import about
+from app.report.subject import about, file_subjects
 from core.monitor import Monitor
 from core.planned_test.collection import DatasetRecipe
 

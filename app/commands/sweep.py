@@ -4,12 +4,12 @@ import argparse
 import csv
 import io
 from collections.abc import Sequence
-from dataclasses import asdict, fields
 from pathlib import Path
+from typing import Any
 
 from app.commands.options.fields import add_fields, given_fields
 from app.commands.output.results import add_output, check_file, print_result, progress_bar
-from app.report.studies.sweep import Row, in_words, rows_of
+from app.report.studies.sweep import in_words, rows_of
 from core.evaluation.lead_sweep import METHODS, TESTS, SweepRecipe, sweep
 from core.whole_file import write_whole
 
@@ -34,8 +34,10 @@ def run(options: argparse.Namespace) -> int:
     with progress_bar("monitors") as progress:
         tests = sweep(recipe, progress=progress)
     if options.figure is not None:
-        from app.report.studies.study_figures import render  # matplotlib, slow to import
-        from app.report.studies.sweep_figure import power_against_lead
+        from app.report.studies.study_figures import (
+            power_against_lead,
+            render,  # matplotlib, slow to import
+        )
 
         kind = options.figure.suffix[1:]
         images = render(power_against_lead(tests, recipe), "figure", [kind])
@@ -43,14 +45,13 @@ def run(options: argparse.Namespace) -> int:
     rows = [row for name, test in tests.items() for row in rows_of(name, test, recipe)]
     if options.out is not None:
         write_whole(options.out, _csv(rows).encode())
-    print_result(options, in_words(tests, recipe), [asdict(row) for row in rows])
+    print_result(options, in_words(tests, recipe), rows)
     return 0
 
 
-def _csv(rows: Sequence[Row]) -> str:
+def _csv(rows: Sequence[dict[str, Any]]) -> str:
     file = io.StringIO()
-    columns = [field.name for field in fields(Row)]
-    writer = csv.DictWriter(file, columns, lineterminator="\n")
+    writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
     writer.writeheader()
-    writer.writerows(asdict(row) for row in rows)
+    writer.writerows(rows)
     return file.getvalue()

@@ -9,10 +9,10 @@ import numpy.typing as npt
 from markupsafe import Markup
 
 from app.assessment.limits_history import LimitPiece
-from app.report.envelope import Array, runs
-from app.report.strip_chart import Strip, StripChart
+from app.report.strip_chart import Strip, StripChart, runs
 from core.channels import CHANNELS
 from core.monitor.assessment import STATES, State
+from core.types import Array
 
 Plain = Mapping[str, Any]
 INVALID = STATES.index(State.INVALID)
@@ -66,18 +66,9 @@ def manoeuvre(
 ) -> Markup:
     """All channels of one manoeuvre with forecasts and limits, and the risk below."""
     part = samples[manoeuvre["first"] : manoeuvre["last"] + 1]
-    t = part["t"]
-    chart = StripChart(float(t[0]), float(t[-1]))
+    chart = StripChart(float(part["t"][0]), float(part["t"][-1]))
     exceedance = [manoeuvre["exceedance"]["t"]] if manoeuvre["exceedance"] else []
-    late = [t - lead for t in exceedance]
-    explain_traces(chart, lead, bool(exceedance))
-    for c in range(len(CHANNELS)):
-        strip = channel_strip(chart, LOW, c, part, limits, lead)
-        strip.moments("exceedance", exceedance)
-        strip.moments("late", late)
-    risk = risk_strip(chart, LOW, part, alert_above)
-    risk.moments("exceedance", exceedance)
-    risk.moments("late", late)
+    every_strip(chart, LOW, part, limits, alert_above, lead, exceedance)
     return chart.svg(f"Channels, forecasts, limits and risk of {manoeuvre['name']}")
 
 
@@ -102,16 +93,35 @@ def faults(quality: Plain | None) -> Markup | None:
     )
 
 
-def explain_traces(chart: StripChart, lead: float, exceeds: bool) -> None:
-    """Add the legend above the strips. exceeds: whether exceedances are marked."""
+def every_strip(
+    chart: StripChart,
+    height: float,
+    samples: npt.NDArray,
+    limits: Sequence[LimitPiece],
+    alert_above: float,
+    lead: float,
+    exceedances: Sequence[float],
+    intervals: Sequence[tuple[float, float]] = (),
+) -> None:
+    """A legend, every channel and the risk, with each exceedance [s] and its last timely alert."""
     chart.explain(
         [
             ("measured", "measured, from trim"),
             ("forecast", f"predicted {lead:g} s ahead"),
             ("limit", "limit"),
-            *([("exceedance", "limit exceeded"), ("late", "last timely alert")] if exceeds else []),
+            *(
+                [("exceedance", "limit exceeded"), ("late", "last timely alert")]
+                * bool(exceedances)
+            ),
         ]
     )
+    strips = [
+        channel_strip(chart, height, c, samples, limits, lead, intervals)
+        for c in range(len(CHANNELS))
+    ]
+    for strip in (*strips, risk_strip(chart, height, samples, alert_above, intervals)):
+        strip.moments("exceedance", exceedances)
+        strip.moments("late", [t - lead for t in exceedances])
 
 
 def channel_strip(

@@ -8,14 +8,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
-import numpy as np
 import numpy.typing as npt
 from markupsafe import escape
 
 from app.assessment.limits_history import LimitPiece
-from app.report.figures import channel_strip, explain_traces, risk_strip
+from app.report.figures import every_strip
 from app.report.strip_chart import WIDTH, StripChart
-from core.channels import CHANNELS
 
 TALL, TOP = 72.0, 34.0
 """Height of a strip, and of the legend and names above the first [px]."""
@@ -60,15 +58,8 @@ def score_figure(
     t = samples["t"]
     chart = StripChart(float(t[0]), float(t[-1]), top=TOP)
     intervals = [(maneuver.start, maneuver.end) for maneuver in maneuvers]
-    exceedances = np.array([m.exceedance for m in maneuvers if m.exceedance is not None])
-    explain_traces(chart, lead, bool(len(exceedances)))
-    for c in range(len(CHANNELS)):
-        strip = channel_strip(chart, TALL, c, samples, limits, lead, intervals)
-        strip.moments("exceedance", exceedances)
-        strip.moments("late", exceedances - lead)
-    risk = risk_strip(chart, TALL, samples, alert_above, intervals)
-    risk.moments("exceedance", exceedances)
-    risk.moments("late", exceedances - lead)
+    exceedances = [m.exceedance for m in maneuvers if m.exceedance is not None]
+    every_strip(chart, TALL, samples, limits, alert_above, lead, exceedances, intervals)
     chart.name([(maneuver.start, maneuver.name) for maneuver in maneuvers])
     return _alone(chart, title)
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup, escape
 
-from app.report.envelope import Array, envelope, runs
+from core.types import Array, Flags
 
 WIDTH, LEFT, RIGHT = 680.0, 60.0, 14.0
 """Width of a chart, and the usual margins left and right of its strips [px]."""
@@ -23,6 +23,8 @@ MARGIN = 0.06
 """Share of a strip's range left free above and below."""
 Intervals = Iterable[tuple[float, float]]
 """From, to [s]."""
+BINS = 1200
+"""Columns of a trace; paper shows no more."""
 
 
 class Strip:
@@ -208,3 +210,24 @@ def _symbol(label: str) -> Markup:
         return escape(label)
     lowered = Markup('{}<tspan class="index" dy="2">{}</tspan><tspan dy="-2"> [{}</tspan>')
     return lowered.format(base, index, unit)
+
+
+def envelope(t: Array, values: Array, bins: int = BINS) -> tuple[Array, Array]:
+    """The lowest and the highest value of each bin, in order of time. t, values: (n,)."""
+    if len(t) <= 2 * bins:
+        return t, values
+    size = -(-len(t) // bins)
+    whole = len(t) // size * size
+    blocks = values[:whole].reshape(-1, size)
+    at = np.arange(len(blocks)) * size
+    low = np.where(np.isnan(blocks), np.inf, blocks).argmin(axis=1) + at
+    high = np.where(np.isnan(blocks), -np.inf, blocks).argmax(axis=1) + at
+    kept = np.sort(np.concatenate([low, high, np.arange(whole, len(t))]), kind="stable")
+    return t[kept], values[kept]
+
+
+def runs(flags: Flags) -> list[tuple[int, int]]:
+    """First and last sample of each run of true."""
+    edges = np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8))
+    begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    return list(zip(begins.tolist(), ends.tolist(), strict=True))

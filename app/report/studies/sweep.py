@@ -1,7 +1,6 @@
 """The table and plain data of a lead-time study."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from app.recipes.recipes import to_plain
@@ -16,63 +15,23 @@ from core.evaluation.lead_sweep import (
 )
 
 
-@dataclass(frozen=True)
-class Row:
-    """One method at one lead on one planned test, for one reaction time.
-
-    earliest_s: time from the first input by which 5 % of the failing flights have failed [s].
-    lead: in effect [s].   power_at_epsilon: power at the threshold that misses exactly epsilon.
-    reaction_s: mean [s].   prevented: share of the failing flights; prevented_alike: at the
-    threshold that alerts on FALSE_ALARMS of the safe flights.
-    """
-
-    test: str
-    earliest_s: float
-    method: str
-    lead: float
-    n_unsafe: int
-    n_safe: int
-    miss_rate: float
-    miss_low: float
-    miss_high: float
-    power: float
-    power_low: float
-    power_high: float
-    power_at_epsilon: float
-    reaction_s: float
-    prevented: float
-    prevented_alike: float
-
-
-def rows_of(name: str, test: PlannedTestSweep, recipe: SweepRecipe) -> list[Row]:
-    """One row for each cell and reaction time."""
-    return [
-        Row(
-            test=name,
-            earliest_s=test.earliest_s,
-            method=method,
-            lead=cell.lead,
-            n_unsafe=int(cell.n_unsafe.sum()),
-            n_safe=int(cell.n_safe.sum()),
-            miss_rate=cell.miss_rate,
-            miss_low=float(cell.miss_interval[0]),
-            miss_high=float(cell.miss_interval[1]),
-            power=cell.power,
-            power_low=float(cell.power_interval[0]),
-            power_high=float(cell.power_interval[1]),
-            power_at_epsilon=float(cell.power_at_epsilon.mean()),
-            reaction_s=reaction_s,
-            prevented=prevented,
-            prevented_alike=alike,
+def rows_of(name: str, test: PlannedTestSweep, recipe: SweepRecipe) -> list[dict[str, Any]]:
+    """One row of numbers for each cell and mean reaction time [s]; columns as in the guide."""
+    rows = []
+    for (method, _), cell in test.cells.items():
+        known = {"test": name, "earliest_s": test.earliest_s}
+        for key, value in _plain(method, cell).items():
+            bounds = zip(("low", "high"), value, strict=True) if key.endswith("interval") else ()
+            known |= {key.replace("interval", side): bound for side, bound in bounds}
+            known |= {} if isinstance(value, list) else {key: value}
+        shares = zip(
+            recipe.reactions_s, cell.prevented_share, cell.prevented_alike_share, strict=True
         )
-        for (method, _), cell in test.cells.items()
-        for reaction_s, prevented, alike in zip(
-            recipe.reactions_s,
-            cell.prevented_share.tolist(),
-            cell.prevented_alike_share.tolist(),
-            strict=True,
-        )
-    ]
+        rows += [
+            known | {"reaction_s": at, "prevented": float(share), "prevented_alike": float(alike)}
+            for at, share, alike in shares
+        ]
+    return rows
 
 
 def in_words(tests: Mapping[str, PlannedTestSweep], recipe: SweepRecipe) -> str:

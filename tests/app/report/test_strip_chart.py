@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.report.envelope import envelope, runs
 from app.report.figures import faults
-from app.report.strip_chart import LEFT, RIGHT, WIDTH, StripChart, ticks
+from app.report.strip_chart import LEFT, RIGHT, WIDTH, StripChart, envelope, runs, ticks
 
 INNER = WIDTH - LEFT - RIGHT
 
