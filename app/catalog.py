@@ -14,7 +14,6 @@ from typing import Any, get_args
 
 from pydantic import TypeAdapter
 
-from app.campaigns.campaign import LONGEST_CRITERIA
 from app.jobs.requests import LARGEST_N_TEST, MOST_MEMBERS, N_TEST, CombinationRecipe
 from app.recipes import labels
 from app.recipes.labels import choice_label, descriptions, kind_label, title_of, unit_of
@@ -291,54 +290,6 @@ def sweep_request_schema() -> dict[str, Any]:
     schema = schema_of(RECIPES["sweep"])
     schema["properties"] |= {"dataset": _dataset_choice(USUAL_DATASET)}
     return schema | {"title": "Leads to try"}
-
-
-def campaign_request_schema() -> dict[str, Any]:
-    """JSON schema of the request body for a campaign."""
-    return {
-        "title": "Campaign to plan",
-        "type": "object",
-        "required": ["name", "conditions"],
-        "additionalProperties": False,
-        "properties": {
-            "name": {"type": "string", "minLength": 1, "maxLength": 200},
-            "conditions": {
-                "type": "array",
-                "minItems": 1,
-                "items": condition_request_schema(),
-            },
-            "clearance": {"type": "object", "description": "how clearances are calibrated"},
-        },
-    }
-
-
-def condition_request_schema() -> dict[str, Any]:
-    """JSON schema of a flight condition of a campaign."""
-    return {
-        "title": "Flight condition of a campaign",
-        "type": "object",
-        "additionalProperties": False,
-        "properties": {
-            "name": {"type": "string", "maxLength": 200, "description": "name of the condition"},
-            "dataset": {"type": "object", "description": "recipe of its last point"},
-            "steps": {
-                "type": "array",
-                "items": {"type": "number", "exclusiveMinimum": 0},
-                "description": "shares of the planned amplitude, increasing",
-            },
-            "passes_below": {
-                "type": "number",
-                "exclusiveMinimum": 0,
-                "maximum": 1,
-                "description": "share of the limit that every point must stay below",
-            },
-            "criteria": {
-                "type": "string",
-                "maxLength": LONGEST_CRITERIA,
-                "description": "other pass criteria of every point, judged by a person",
-            },
-        },
-    }
 
 
 def choice_request_schema() -> dict[str, Any]:

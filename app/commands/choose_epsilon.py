@@ -6,7 +6,7 @@ from pathlib import Path
 
 from app.commands.options.fields import add_fields, given_fields
 from app.commands.output.results import add_json, print_result
-from app.jobs.choosing import fly_and_choose, in_words
+from app.jobs.kinds import fly_and_choose, in_words
 from core.evaluation.epsilon_choice import ChoiceRecipe
 from core.monitor import load
 

@@ -7,7 +7,7 @@ from app.assessment.wording import PROMISED
 from app.commands.options.fields import add_fields, given_fields
 from app.commands.output.results import add_output, check_file, print_result, progress_bar
 from app.commands.train import test_lines
-from app.jobs.combining import combine_and_test
+from app.jobs.kinds import combine_and_test
 from app.jobs.requests import CombinationRecipe
 from core.evaluation.certificate import warnings_of
 from core.monitor import load

@@ -59,7 +59,8 @@ class Task:
         self.notify(self)
 
 
-Work = Callable[[Task], dict[str, Any]]
+Result = dict[str, Any]
+Work = Callable[[Task], Result]
 """Runs in a worker thread and returns the job's result."""
 
 

@@ -1,122 +1,108 @@
 """The kinds of long work, one function for each kind of request."""
 
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import asdict, replace
 from typing import Any
 
-from app.jobs.choosing import fly_and_choose, in_words
-from app.jobs.combining import combine_and_test
-from app.jobs.jobs import Task, Work
+from app.jobs.jobs import Result, Task
 from app.jobs.requests import (
+    CombinationRecipe,
     CombinationRequest,
     DatasetRequest,
     MonitorRequest,
     SweepRequest,
     dataset_name,
+    planned_test,
 )
-from app.jobs.training import simulate, train_and_test
+from app.jobs.training import (
+    FlownTest,
+    Progress,
+    fly_test,
+    simulate,
+    test_to_fly,
+    train_and_test,
+)
 from app.store.store import Store
-from core.evaluation.epsilon_choice import ChoiceRecipe
+from core.evaluation.epsilon_choice import Choice, ChoiceRecipe, choose
 from core.evaluation.lead_sweep import sweep
+from core.evaluation.rates import clopper_pearson
 from core.evaluation.study import StudyRecipe, study
-from core.monitor import Monitor
+from core.monitor import Monitor, combine
+from core.planned_test.collection import combination_failures, evaluation_flights
 
 
-def dataset_work(request: DatasetRequest, store: Store) -> Work:
+def simulate_dataset(task: Task, request: DatasetRequest, store: Store) -> Result:
     """Simulate and store a dataset; the result has its id."""
-
-    def work(task: Task) -> dict[str, Any]:
-        dataset = simulate(request.recipe, task.progress)
-        task.progress("storing", task.done, task.total)
-        return {"dataset": store.datasets.add(dataset, request.name).id}
-
-    return work
+    dataset = simulate(request.recipe, task.progress)
+    task.progress("storing", task.done, task.total)
+    return {"dataset": store.datasets.add(dataset, request.name).id}
 
 
-def monitor_work(request: MonitorRequest, store: Store) -> Work:
+def train_monitor(task: Task, request: MonitorRequest, store: Store) -> Result:
     """Simulate if needed, train, test and store; the result has the ids of monitor and dataset."""
-
-    def work(task: Task) -> dict[str, Any]:
-        dataset_id, dataset = request.dataset.id, request.dataset.load(store)
-        if dataset is None:
-            assert request.dataset.recipe
-            dataset = simulate(request.dataset.recipe, task.progress)
-            dataset_id = store.datasets.add(dataset, dataset_name(request.dataset.recipe)).id
-        training = train_and_test(dataset, request.recipe, request.n_test, task.progress)
-        task.progress("storing", task.done, task.total)
-        info = store.monitors.add(training.monitor, request.name, dataset_id)
-        return {"monitor": info.id, "dataset": dataset_id}
-
-    return work
+    dataset_id, dataset = request.dataset.id, request.dataset.load(store)
+    if dataset is None:
+        assert request.dataset.recipe
+        dataset = simulate(request.dataset.recipe, task.progress)
+        dataset_id = store.datasets.add(dataset, dataset_name(request.dataset.recipe)).id
+    training = train_and_test(dataset, request.recipe, request.n_test, task.progress)
+    task.progress("storing", task.done, task.total)
+    info = store.monitors.add(training.monitor, request.name, dataset_id)
+    return {"monitor": info.id, "dataset": dataset_id}
 
 
-def combination_work(request: CombinationRequest, store: Store) -> Work:
+def combine_monitors(task: Task, request: CombinationRequest, store: Store) -> Result:
     """Calibrate stored monitors as one, test and store; the result has the monitor's id."""
-
-    def work(task: Task) -> dict[str, Any]:
-        members = [store.monitors.get(monitor_id) for monitor_id in request.monitors]
-        combination, _ = combine_and_test(members, request.recipe, task.progress)
-        task.progress("storing", task.done, task.total)
-        digest = combination.dataset_digest
-        datasets = [store.monitors.info(monitor_id).dataset_id for monitor_id in request.monitors]
-        same = (id_ for id_ in datasets if id_ and store.datasets.info(id_).digest == digest)
-        info = store.monitors.add(combination, request.name, next(same, None))
-        return {"monitor": info.id, "dataset": info.dataset_id}
-
-    return work
+    members = [store.monitors.get(monitor_id) for monitor_id in request.monitors]
+    combination, _ = combine_and_test(members, request.recipe, task.progress)
+    task.progress("storing", task.done, task.total)
+    digest = combination.dataset_digest
+    datasets = [store.monitors.info(monitor_id).dataset_id for monitor_id in request.monitors]
+    same = (id_ for id_ in datasets if id_ and store.datasets.info(id_).digest == digest)
+    info = store.monitors.add(combination, request.name, next(same, None))
+    return {"monitor": info.id, "dataset": info.dataset_id}
 
 
-def epsilon_work(monitor: Monitor, recipe: ChoiceRecipe) -> Work:
+def choose_epsilon(task: Task, monitor: Monitor, recipe: ChoiceRecipe) -> Result:
     """Choose an epsilon with fresh flights; the result has it with both measured shares."""
-
-    def work(task: Task) -> dict[str, Any]:
-        choice = fly_and_choose(monitor, recipe, task.progress)
-        return asdict(choice) | {"words": in_words(choice)}
-
-    return work
+    choice = fly_and_choose(monitor, recipe, task.progress)
+    return asdict(choice) | {"words": in_words(choice)}
 
 
-def sweep_work(request: SweepRequest) -> Work:
+def sweep_leads(task: Task, request: SweepRequest) -> Result:
     """Train every method at every lead; the result has each cell, a table and a figure as SVG."""
+    from app.report.studies import study_figures as figures
+    from app.report.studies.study_figures import power_against_lead
+    from app.report.studies.sweep import in_words as table
+    from app.report.studies.sweep import summary
 
-    def work(task: Task) -> dict[str, Any]:
-        from app.report.studies import study_figures as figures
-        from app.report.studies.sweep import in_words as table
-        from app.report.studies.sweep import summary
-        from app.report.studies.sweep_figure import power_against_lead
+    def trained(done: int, total: int) -> None:
+        task.progress(f"{done} of {total} monitors", done, total)
 
-        def trained(done: int, total: int) -> None:
-            task.progress(f"{done} of {total} monitors", done, total)
-
-        tests = sweep(request.recipe, request.tests, progress=trained)
-        task.progress("drawing", task.done, task.total)
-        drawn = figures.render(power_against_lead(tests, request.recipe), "power_by_lead", ["svg"])
-        svg = {name: text.decode() for name, text in drawn.items()}
-        text = table(tests, request.recipe)
-        return summary(tests, request.recipe) | {"table": text, "figures": svg}
-
-    return work
+    tests = sweep(request.recipe, request.tests, progress=trained)
+    task.progress("drawing", task.done, task.total)
+    drawn = figures.render(power_against_lead(tests, request.recipe), "power_by_lead", ["svg"])
+    svg = {name: text.decode() for name, text in drawn.items()}
+    text = table(tests, request.recipe)
+    return summary(tests, request.recipe) | {"table": text, "figures": svg}
 
 
-def study_work(recipe: StudyRecipe) -> Work:
+def compare_methods(task: Task, recipe: StudyRecipe) -> Result:
     """Compare the five methods; the result has the curves, a table and figures as SVG."""
+    from app.report.studies import study_figures as figures
+    from app.report.studies.study import summary, table
 
-    def work(task: Task) -> dict[str, Any]:
-        from app.report.studies import study_figures as figures
-        from app.report.studies.study import summary, table
+    def trained(done: int, total: int) -> None:
+        task.progress(f"{done} of {total} monitors of each method", done, total)
 
-        def trained(done: int, total: int) -> None:
-            task.progress(f"{done} of {total} monitors of each method", done, total)
-
-        trained(0, recipe.n_monitors)
-        result = study(recipe, progress=trained)
-        task.progress("drawing", task.done, task.total)
-        limits = recipe.dataset.specification.magnitudes
-        drawn = figures.render(figures.study_curves(result), "miss_and_power", ["svg"])
-        drawn |= figures.render(figures.study_rollouts(result, limits), "rollouts", ["svg"])
-        svg = {name: text.decode() for name, text in drawn.items()}
-        return summary(result) | {"table": table(result), "figures": svg}
-
-    return work
+    trained(0, recipe.n_monitors)
+    result = study(recipe, progress=trained)
+    task.progress("drawing", task.done, task.total)
+    limits = recipe.dataset.specification.magnitudes
+    drawn = figures.render(figures.study_curves(result), "miss_and_power", ["svg"])
+    drawn |= figures.render(figures.study_rollouts(result, limits), "rollouts", ["svg"])
+    svg = {name: text.decode() for name, text in drawn.items()}
+    return summary(result) | {"table": table(result), "figures": svg}
 
 
 def without_figures(result: dict[str, Any] | None, job_id: str) -> dict[str, Any] | None:
@@ -125,3 +111,71 @@ def without_figures(result: dict[str, Any] | None, job_id: str) -> dict[str, Any
         return result
     links = {name: f"/api/v1/jobs/{job_id}/figures/{name}" for name in result["figures"]}
     return result | {"figures": links}
+
+
+def combine_and_test(
+    members: Sequence[Monitor], recipe: CombinationRecipe, progress: Progress
+) -> tuple[Monitor, FlownTest | None]:
+    """Calibrate the members' common rule on fresh failures of their planned test, then test it.
+
+    The test is None if n_test is 0.   ValueError if the members do not fit together.
+    """
+    member, dataset = planned_test(members, recipe.lead)
+
+    def report(n_unsafe: int, n_made: int) -> None:
+        message = f"calibrating: {n_unsafe} unsafe of {n_made} fresh flights"
+        progress(message, n_unsafe, recipe.n_unsafe)
+
+    flights, n_made = combination_failures(dataset, recipe.n_unsafe, report)
+    combination = combine(
+        members,
+        flights,
+        lead=recipe.lead,
+        epsilon=recipe.epsilon,
+        guarantee=recipe.guarantee,
+    )
+    if recipe.n_test == 0:
+        return combination, None
+    progress(f"flying {recipe.n_test} fresh flights", 1, 2)
+    test = fly_test(combination, dataset, recipe.n_test)
+    evaluation = test.as_plain(recipe.n_test, combination.lead, combination.dt) | {
+        "unsafe_rate": recipe.n_unsafe / n_made,
+        "seed": member.seed,
+        "dataset_digest": member.dataset_digest,
+        "version": combination.version,
+    }
+    return replace(combination, evaluation=evaluation), test
+
+
+def fly_and_choose(monitor: Monitor, recipe: ChoiceRecipe, progress: Progress) -> Choice:
+    """Fly fresh flights through the monitor and choose. ChoiceError, ValueError."""
+    test = test_to_fly(monitor)
+    progress(f"flying {recipe.n_test:,} fresh flights", 0, 2)
+    flights = evaluation_flights(test, recipe.n_test)
+    progress("choosing on one half, certifying on the other", 1, 2)
+    choice = choose(monitor, flights, recipe)
+    progress("done", 2, 2)
+    return choice
+
+
+def in_words(choice: Choice) -> str:
+    """The epsilon, and both shares with their 95 % intervals."""
+    lines = [
+        f"epsilon {choice.epsilon:.4g}: alerts above a risk of {choice.alert_above:.4g}",
+        "on fresh flights not used to choose it:",
+        _line("missed", choice.misses, choice.n_unsafe, "failing flights"),
+        _line("false alarms", choice.false_alerts, choice.n_safe, "safe flights"),
+        f"  called invalid: {choice.withdrawn} failing flights before an alert and "
+        f"{choice.safe_withdrawn} safe flights without an alert; these count neither as missed "
+        "nor as false alarms",
+        f"with 95 % confidence at most {choice.most_missed:.2%} missed and at most "
+        f"{choice.most_false:.2%} false alarms",
+    ]
+    if choice.cost is not None:
+        lines.append(f"cost: that of {choice.cost:.3g} false alarms a flight")
+    return "\n".join(lines)
+
+
+def _line(label: str, count: int, total: int, flights: str) -> str:
+    low, high = clopper_pearson(count, total)
+    return f"  {label:13} {count / total:6.2%} [{low:.2%}, {high:.2%}] of {total} {flights}"

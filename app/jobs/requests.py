@@ -1,11 +1,11 @@
 """Requests for long work, checked in full before they are queued."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Annotated, Any, get_args
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, NamedTuple, get_args
 
-from app.jobs.choosing import test_to_fly
-from app.jobs.training import recipe_of, simulated_test
+from app.jobs.training import recipe_of, simulated_test, test_to_fly
 from app.recipes.labels import kind_label
 from app.recipes.recipes import (
     USUAL_DATASET,
@@ -22,7 +22,7 @@ from app.recipes.recipes import (
 from app.store.store import Store
 from core.bounds import Bounds, check_bounds, quoted
 from core.dataset import Dataset
-from core.evaluation.epsilon_choice import N_FLIGHTS, ChoiceRecipe
+from core.evaluation.epsilon_choice import ChoiceRecipe
 from core.evaluation.lead_sweep import SweepRecipe, check_leads, planned_tests
 from core.evaluation.study import StudyRecipe
 from core.monitor import Monitor, MonitorRecipe
@@ -33,7 +33,6 @@ from core.monitor.recipe import MISS_RATE
 from core.monitor.training import check_lead
 from core.planned_test.amplitude import WANTED_SHARE, Suggestion, suggest_amplitude
 from core.planned_test.collection import LARGEST_CHUNK, DatasetRecipe, Simulator, card_of
-from core.recipe import instead_of
 from core.simulation.maneuver import Maneuver
 
 LONGEST_NAME = 200
@@ -45,8 +44,7 @@ MOST_MEMBERS, MOST_LEADS = 16, 20
 N_CHANNELS_BYTES = 6 * 8
 
 
-@dataclass(frozen=True)
-class RequestedDataset:
+class RequestedDataset(NamedTuple):
     """Either the id of a stored dataset, or a recipe to simulate."""
 
     id: str | None
@@ -57,16 +55,14 @@ class RequestedDataset:
         return None if self.id is None else store.datasets.get(self.id)
 
 
-@dataclass(frozen=True)
-class DatasetRequest:
+class DatasetRequest(NamedTuple):
     """A dataset to simulate, with its name."""
 
     name: str
     recipe: DatasetRecipe
 
 
-@dataclass(frozen=True)
-class MonitorRequest:
+class MonitorRequest(NamedTuple):
     """A monitor to train, its dataset, and the number of fresh test flights."""
 
     name: str
@@ -99,8 +95,7 @@ class CombinationRecipe:
         check_epsilon(self.epsilon, self.n_unsafe, self.guarantee)
 
 
-@dataclass(frozen=True)
-class CombinationRequest:
+class CombinationRequest(NamedTuple):
     """A combination of stored monitors, with its name."""
 
     name: str
@@ -108,16 +103,14 @@ class CombinationRequest:
     recipe: CombinationRecipe
 
 
-@dataclass(frozen=True)
-class SweepRequest:
+class SweepRequest(NamedTuple):
     """A sweep over leads, with the planned tests by name."""
 
     recipe: SweepRecipe
     tests: dict[str, DatasetRecipe]
 
 
-@dataclass(frozen=True)
-class ChoiceRequest:
+class ChoiceRequest(NamedTuple):
     """A monitor, and the recipe to choose its epsilon."""
 
     monitor: Monitor
@@ -145,10 +138,8 @@ def amplitude_suggestion(plain: dict[str, Any], max_bytes: int) -> tuple[Suggest
         raise RecipeError(f"share is {quoted(share)}: give a number between 0 and 1")
     plain.pop("name", None)
     recipe = _dataset_recipe(plain, max_bytes)
-    try:
+    with _refusing():
         suggestion = suggest_amplitude(recipe, share)
-    except ValueError as error:
-        raise RecipeError(str(error)) from None
     return suggestion, recipe.maneuver.with_peak(suggestion.amplitude_deg)
 
 
@@ -170,14 +161,10 @@ def monitor_request(plain: dict[str, Any], store: Store, max_bytes: int) -> Moni
         assert requested.id
         info = store.datasets.info(requested.id)
         duration, n_unsafe = (info.n_samples - 1) * info.dt, info.n_unsafe
-    try:
+    with _refusing("monitor."):
         check_lead(recipe.t_early, duration)
-    except ValueError as error:
-        raise RecipeError(f"monitor.{error}") from None
-    try:
+    with _refusing():
         check_epsilon(recipe.epsilon, n_unsafe, recipe.guarantee)
-    except (ValueError, OverflowError) as error:
-        raise RecipeError(str(error)) from None
     if recipe.predictor.forecast == "card":
         _check_card(requested, store)
     return MonitorRequest(name or f"{recipe.t_early:g} s ahead", requested, recipe, n_test)
@@ -197,12 +184,8 @@ def combination_request(plain: dict[str, Any], store: Store, max_bytes: int) -> 
             "one planned test, each once"
         )
     recipe = _recipe(CombinationRecipe(), plain, "combination")
-    try:
+    with _refusing():
         _, dataset = planned_test([store.monitors.get(each) for each in ids], recipe.lead)
-    except RecipeError:
-        raise
-    except ValueError as error:
-        raise RecipeError(str(error)) from None
     _check_test_size(dataset, max(recipe.n_test, recipe.n_unsafe), max_bytes)
     name = name or f"{len(ids)} monitors as one, {recipe.lead:g} s ahead"
     return CombinationRequest(name, tuple(ids), recipe)
@@ -231,10 +214,8 @@ def _check_card(requested: RequestedDataset, store: Store) -> None:
             "monitor.predictor: the dataset has no recipe, so its test card is not "
             "known; choose the predictor peak_ridge"
         )
-    try:
+    with _refusing("monitor.predictor: "):
         card_of(recipe, 2)
-    except ValueError as error:
-        raise RecipeError(f"monitor.predictor: {error}") from None
 
 
 def study_request(plain: dict[str, Any], store: Store, max_bytes: int) -> StudyRecipe:
@@ -242,15 +223,10 @@ def study_request(plain: dict[str, Any], store: Store, max_bytes: int) -> StudyR
     plain = dict(plain)
     requested = _requested_dataset(plain, store, max_bytes, unsaid="none")
     dataset = requested.recipe or _recipe_of_stored(requested, store)
-    default = StudyRecipe()
-    n_test = _count(plain, "n_test", default.n_test, 1, LARGEST_N_TEST)
-    n_monitors = _count(plain, "n_monitors", default.n_monitors, 1, LARGEST_N_MONITORS)
-    monitor = _recipe(default.monitor, plain.pop("monitor", {}), "monitor")
-    if plain:
-        known = "dataset, monitor, n_monitors, n_test"
-        raise RecipeError(f"a study has no {next(iter(plain))!r}: choose {known}")
-    _check_test_size(dataset, n_test, max_bytes)
-    return replace(default, dataset=dataset, monitor=monitor, n_monitors=n_monitors, n_test=n_test)
+    recipe: StudyRecipe = _recipe(StudyRecipe(), plain, "study")
+    _check_most(recipe, "study", n_monitors=LARGEST_N_MONITORS, n_test=LARGEST_N_TEST)
+    _check_test_size(dataset, recipe.n_test, max_bytes)
+    return replace(recipe, dataset=dataset)
 
 
 def sweep_request(plain: dict[str, Any], store: Store, max_bytes: int) -> SweepRequest:
@@ -262,15 +238,8 @@ def sweep_request(plain: dict[str, Any], store: Store, max_bytes: int) -> SweepR
             "dataset was given with tests or imperfections: its recipe has both; leave them out"
         )
     recipe: SweepRecipe = _recipe(SweepRecipe(), plain, "sweep")
-    numbers = {
-        "n_monitors": (recipe.n_monitors, LARGEST_N_MONITORS),
-        "n_test": (recipe.n_test, LARGEST_N_TEST),
-        "n_unsafe": (recipe.n_unsafe, LARGEST_N_TEST),
-        "leads_s": (len(recipe.leads_s), MOST_LEADS),
-    }
-    for name, (value, most) in numbers.items():
-        if value > most:
-            raise RecipeError(f"sweep.{name} is {value}: this server allows at most {most}")
+    numbers = dict.fromkeys(("n_test", "n_unsafe"), LARGEST_N_TEST)
+    _check_most(recipe, "sweep", n_monitors=LARGEST_N_MONITORS, leads_s=MOST_LEADS, **numbers)
     if requested is None:
         tests = planned_tests(recipe.tests, recipe.imperfections)
     else:
@@ -283,10 +252,8 @@ def sweep_request(plain: dict[str, Any], store: Store, max_bytes: int) -> SweepR
             )
     for test in tests.values():
         _check_test_size(test, max(recipe.n_test, recipe.n_unsafe), max_bytes)
-    try:
+    with _refusing():
         check_leads(recipe, tests)
-    except ValueError as error:
-        raise RecipeError(str(error)) from None
     return SweepRequest(recipe, tests)
 
 
@@ -302,25 +269,12 @@ def _recipe_of_stored(requested: RequestedDataset, store: Store) -> DatasetRecip
 def choice_request(plain: dict[str, Any], store: Store, monitor_id: str) -> ChoiceRequest:
     """Read the body of a request to choose a stored monitor's epsilon. RecipeError."""
     monitor = store.monitors.get(monitor_id)
-    known = [field.name for field in fields(ChoiceRecipe)]
-    if unknown := [key for key in plain if key not in known]:
-        raise RecipeError(
-            f"a choice of epsilon has no {unknown[0]!r}: {instead_of(unknown[0], known)}"
-        )
-    n_test = _count(dict(plain), "n_test", N_FLIGHTS, 1, LARGEST_N_TEST)
-    wrong = [key for key in known[:-1] if not _is_number_or_none(plain.get(key))]
-    if wrong:
-        raise RecipeError(f"{wrong[0]} is {quoted(plain[wrong[0]])}: give a number")
-    try:
+    with _refusing():
         test_to_fly(monitor)
-        recipe = ChoiceRecipe(**(plain | {"n_test": n_test}))
-    except ValueError as error:
-        raise RecipeError(str(error)) from None
+    unsaid = {"most_missed": None, "most_false_alarms": None}
+    recipe: ChoiceRecipe = _recipe(ChoiceRecipe(0.1, 0.2), unsaid | plain, "epsilon")
+    _check_most(recipe, "epsilon", n_test=LARGEST_N_TEST)
     return ChoiceRequest(monitor, recipe)
-
-
-def _is_number_or_none(value: Any) -> bool:
-    return value is None or (isinstance(value, int | float) and not isinstance(value, bool))
 
 
 def check_size(recipe: DatasetRecipe, max_bytes: int) -> None:
@@ -340,27 +294,40 @@ def check_size(recipe: DatasetRecipe, max_bytes: int) -> None:
 
 
 def _dataset_recipe(plain: Any, max_bytes: int, unsaid: Imperfect = "usual") -> DatasetRecipe:
-    try:
+    with _refusing():
         recipe, _ = dataset_recipe(as_ordered(plain, unsaid))
-    except OverflowError as error:
-        raise RecipeError(f"dataset has a number out of range: {error}") from None
-    except ValueError as error:
-        raise RecipeError(str(error)) from None
     check_size(recipe, max_bytes)
-    try:
+    with _refusing():
         recipe.maneuver.n_samples(recipe.dt)
         Simulator(recipe)
-    except ValueError as error:
-        raise RecipeError(str(error)) from None
     return recipe
 
 
 def _recipe(default: Any, plain: Any, where: str) -> Any:
-    """`from_plain`, with an OverflowError as a RecipeError."""
-    try:
+    with _refusing():
         return from_plain(default, plain, where)
+
+
+@contextmanager
+def _refusing(where: str = "") -> Iterator[None]:
+    """Raise ValueError and OverflowError of the block as RecipeError."""
+    try:
+        yield
+    except RecipeError:
+        raise
     except OverflowError as error:
-        raise RecipeError(f"{where} has a number out of range: {error}") from None
+        raise RecipeError(f"{where}a number is out of range: {error}") from None
+    except ValueError as error:
+        raise RecipeError(f"{where}{error}") from None
+
+
+def _check_most(recipe: Any, where: str, **most: int) -> None:
+    """RecipeError for a number, or a list, larger than this server allows."""
+    for name, largest in most.items():
+        value = getattr(recipe, name)
+        value = len(value) if isinstance(value, tuple) else value
+        if value > largest:
+            raise RecipeError(f"{where}.{name} is {value}: this server allows at most {largest}")
 
 
 def _requested_dataset(

@@ -135,6 +135,17 @@ def simulated_test(plain: dict[str, Any]) -> DatasetRecipe | None:
         return None
 
 
+def test_to_fly(monitor: Monitor) -> DatasetRecipe:
+    """The monitor's planned test, to fly again. ValueError if it is not known."""
+    recipe = simulated_test(monitor.dataset_recipe)
+    if recipe is None:
+        raise ValueError(
+            "the monitor has no recipe of its planned test, so no fresh flights can be flown: "
+            "train it again"
+        )
+    return recipe
+
+
 def train_and_test(
     dataset: Dataset, recipe: MonitorRecipe, n_test: int, progress: Progress
 ) -> Training:

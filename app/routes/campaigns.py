@@ -16,15 +16,14 @@ from app.campaigns.derivatives import derivatives
 from app.campaigns.file import from_file
 from app.campaigns.flying import aborted_flight, flown_point
 from app.campaigns.stored import CampaignDetails, Campaigns, CampaignSummary, check_next
-from app.catalog import campaign_request_schema, condition_request_schema
 from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.jobs.campaigns import (
-    campaign_request,
-    clearance_work,
-    condition_request,
+    CampaignRequest,
+    ConditionRequest,
+    clear,
     next_monitor_request,
-    next_monitor_work,
+    train_next,
 )
 from app.recipes.recipes import limits_named, stored_names, to_plain
 from app.recordings.recordings import Recordings
@@ -45,9 +44,9 @@ from app.routes.dependencies import (
     refused,
     signature,
 )
-from app.routes.jobs import ACCEPTED, accepted
+from app.routes.jobs import accepted, queued
 from app.store.campaigns import CampaignChanged
-from app.store.jobs import ENDED, JobInfo
+from app.store.jobs import ENDED
 from app.store.tokens import LOCAL
 from core.bounds import quoted
 
@@ -113,8 +112,6 @@ def _campaigns(store: StoreDep) -> Campaigns:
 
 
 CampaignsDep = Annotated[Campaigns, Depends(_campaigns)]
-_TEST = {"aircraft": {"kind": "attas_id_16kft"}}
-_PLAN = {"name": "Rudder build-up", "conditions": [{"dataset": _TEST, "steps": [0.4, 0.7, 1.0]}]}
 _FILE: dict[str, Any] = {"type": "object", "title": "Campaign's file"}
 
 
@@ -125,19 +122,16 @@ async def list_campaigns(campaigns: CampaignsDep) -> list[CampaignSummary]:
 
 
 @router.post(
-    "",
-    status_code=201,
-    response_model=CampaignDetails,
-    responses=problem_responses(413, 415, 422),
-    openapi_extra=body_of(campaign_request_schema(), _PLAN),
+    "", status_code=201, response_model=CampaignDetails, responses=problem_responses(413, 422)
 )
-async def plan_campaign(plain: PlainBody, campaigns: CampaignsDep, settings: SettingsDep):
+async def plan_campaign(request: CampaignRequest, campaigns: CampaignsDep, settings: SettingsDep):
     """Plan a campaign: a build-up at one or more flight conditions.
 
     Parts missing from a condition's `dataset` come from the aircraft's usual test.
     """
 
-    campaign = await asyncio.to_thread(campaign_request, plain, settings.max_array_bytes)
+    with refused(422, "recipe", CampaignError):
+        campaign = await asyncio.to_thread(request.read, settings.max_array_bytes)
     return _made(await asyncio.to_thread(campaigns.add, campaign))
 
 
@@ -177,10 +171,7 @@ async def delete_campaign(campaign_id: str, store: StoreDep) -> None:
     await asyncio.to_thread(store.campaigns.delete, campaign_id)
 
 
-@router.get(
-    "/{campaign_id}/file",
-    responses=problem_responses(404) | {200: {"content": {"application/json": {"schema": _FILE}}}},
-)
+@router.get("/{campaign_id}/file", response_model=dict[str, Any], responses=problem_responses(404))
 async def read_campaign_file(campaign_id: str, campaigns: CampaignsDep) -> Response:
     """The whole campaign with its flown samples as one file, for another server."""
     _, campaign = await asyncio.to_thread(campaigns.get, campaign_id)
@@ -190,14 +181,8 @@ async def read_campaign_file(campaign_id: str, campaigns: CampaignsDep) -> Respo
 
 @router.get(
     "/{campaign_id}/derivatives",
-    responses=problem_responses(404)
-    | {
-        200: {
-            "content": {
-                "application/json": {"schema": {"type": "array", "items": {"type": "object"}}}
-            }
-        }
-    },
+    response_model=list[dict[str, Any]],
+    responses=problem_responses(404),
 )
 async def read_derivatives(campaign_id: str, campaigns: CampaignsDep) -> Response:
     """Identified parameters of the aircraft at each flight condition after each completed point.
@@ -219,11 +204,10 @@ async def read_campaign_report(campaign_id: str, campaigns: CampaignsDep) -> HTM
 @router.post(
     "/{campaign_id}/conditions",
     response_model=CampaignDetails,
-    responses=problem_responses(404, 409, 413, 415, 422),
-    openapi_extra=body_of(condition_request_schema(), {"name": "Mach 0.6", "steps": [0.5, 1.0]}),
+    responses=problem_responses(404, 409, 413, 422),
 )
 async def add_condition(
-    campaign_id: str, plain: PlainBody, campaigns: CampaignsDep, settings: SettingsDep
+    campaign_id: str, request: ConditionRequest, campaigns: CampaignsDep, settings: SettingsDep
 ):
     """Add points at another flight condition after the planned ones.
 
@@ -232,11 +216,10 @@ async def add_condition(
 
     def add() -> Response:
         stored, campaign = campaigns.get(campaign_id)
-        requested, dataset = plain, plain.get("dataset", {})
-        if isinstance(dataset, dict) and "aircraft" not in dataset:
+        if "aircraft" not in request.dataset:
             last = to_plain(campaign.conditions[-1].test)
-            requested = plain | {"dataset": last | stored_names(dataset)}
-        extended = campaign.extended(*condition_request(requested, settings.max_array_bytes))
+            request.dataset = last | stored_names(request.dataset)
+        extended = campaign.extended(*request.read(settings.max_array_bytes))
         return json_response(limits_named(to_plain(campaigns.put(stored, extended))))
 
     with refused(422, "campaign", CampaignError), refused(409, "campaign", CampaignChanged):
@@ -341,9 +324,7 @@ async def _changed(
 
 @router.post(
     "/{campaign_id}/clearance",
-    status_code=202,
-    response_model=JobInfo,
-    responses=ACCEPTED | problem_responses(409),
+    **queued(409),
 )
 async def clear_point(
     campaign_id: str,
@@ -364,16 +345,14 @@ async def clear_point(
     if await asyncio.to_thread(_is_clearing, campaigns, campaign_id):
         text = f"the clearance of {decision.point!r} is being computed: wait for it or cancel it"
         raise Problem(409, text, "urn:forewarn:campaign")
-    work = clearance_work(campaigns, campaign_id, decision.point, by)
     request = {"campaign": campaign_id, "point": decision.point, "by": by}
-    return await accepted(jobs, "clearance", request, work)
+    about = campaigns, campaign_id, decision.point, by
+    return await accepted(jobs, "clearance", request, clear, *about)
 
 
 @router.post(
     "/{campaign_id}/monitor",
-    status_code=202,
-    response_model=JobInfo,
-    responses=ACCEPTED | problem_responses(409),
+    **queued(409),
     openapi_extra=body_of(
         {
             "type": "object",
@@ -410,8 +389,8 @@ async def train_next_monitor(
         training = await asyncio.to_thread(next_monitor_request, *about)
     details = {"name": training.name, "campaign": campaign_id, "point": point}
     details |= {"n_test": training.n_test} | to_plain(training.recipe)
-    work = next_monitor_work(campaigns, campaign_id, point, training)
-    return await accepted(jobs, "monitor", details, work)
+    about = campaigns, campaign_id, point, training
+    return await accepted(jobs, "monitor", details, train_next, *about)
 
 
 def _is_clearing(campaigns: Campaigns, campaign_id: str) -> bool:

@@ -12,7 +12,7 @@ from pydantic import BaseModel, Field
 from app.catalog import amplitude_request_schema, dataset_request_schema
 from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
-from app.jobs.kinds import dataset_work
+from app.jobs.kinds import simulate_dataset as run
 from app.jobs.requests import amplitude_suggestion, dataset_request
 from app.recipes.recipes import to_plain
 from app.routes.dependencies import (
@@ -25,9 +25,8 @@ from app.routes.dependencies import (
     json_from,
     json_response,
 )
-from app.routes.jobs import ACCEPTED, accepted
+from app.routes.jobs import accepted, queued
 from app.store.datasets import DatasetInfo
-from app.store.jobs import JobInfo
 from app.store.store import Store
 from core.channels import CHANNELS, KEYS
 
@@ -61,9 +60,7 @@ class SuggestedAmplitude(BaseModel):
 
 @router.post(
     "",
-    status_code=202,
-    response_model=JobInfo,
-    responses=ACCEPTED,
+    **queued(),
     openapi_extra=body_of(
         dataset_request_schema(),
         {
@@ -86,7 +83,7 @@ async def simulate_dataset(plain: PlainBody, store: StoreDep, jobs: JobsDep, set
     """
     request = await asyncio.to_thread(dataset_request, plain, settings.max_array_bytes)
     details = {"name": request.name} | to_plain(request.recipe)
-    return await accepted(jobs, "dataset", details, dataset_work(request, store))
+    return await accepted(jobs, "dataset", details, run, request, store)
 
 
 @router.post(

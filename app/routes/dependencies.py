@@ -69,6 +69,13 @@ By = Annotated[
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
+class TimeInterval(BaseModel):
+    """An interval of a flight or a recording."""
+
+    start: float = Field(description="[s]")
+    end: float = Field(description="[s]")
+
+
 def strictly(*examples: Any) -> ConfigDict:
     """Configuration of a request body: no other fields, no other types."""
     shown: Any = {"examples": list(examples)} if examples else None

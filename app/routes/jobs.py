@@ -1,7 +1,7 @@
 """Jobs: progress, results, cancelling; studies and sweeps."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from dataclasses import replace
 from typing import Annotated, Any
 
@@ -13,8 +13,10 @@ from app import json_codec
 from app.catalog import study_request_schema, sweep_request_schema
 from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
-from app.jobs.jobs import STOPPED, Jobs, NotRunning, QueueFull, Work
-from app.jobs.kinds import study_work, sweep_work, without_figures
+from app.jobs.jobs import STOPPED, Jobs, NotRunning, QueueFull, Result, Task
+from app.jobs.kinds import compare_methods as run_study
+from app.jobs.kinds import sweep_leads as run_sweep
+from app.jobs.kinds import without_figures
 from app.jobs.requests import study_request, sweep_request
 from app.recipes.recipes import limits_named, to_plain
 from app.routes.dependencies import (
@@ -48,6 +50,12 @@ ACCEPTED: dict[int | str, dict[str, Any]] = problem_responses(404, 413, 415, 422
 }
 
 
+def queued(*problems: int) -> Any:
+    """Arguments of a route that queues long work."""
+    responses = ACCEPTED | problem_responses(*problems)
+    return {"status_code": 202, "response_model": JobInfo, "responses": responses}
+
+
 def as_sent(info: JobInfo) -> JobInfo:
     """The job with links instead of figures, and the reason of an interruption."""
     error = info.error or (STOPPED if info.status == "interrupted" else None)
@@ -55,10 +63,20 @@ def as_sent(info: JobInfo) -> JobInfo:
     return replace(info, request=limits_named(info.request), result=result, error=error)
 
 
-async def accepted(jobs: Jobs, kind: str, request: dict[str, Any], work: Work) -> Response:
-    """Queue the work; 429 if the queue is full."""
+async def accepted(
+    jobs: Jobs,
+    kind: str,
+    request: dict[str, Any],
+    work: Callable[..., Result],
+    *arguments: Any,
+) -> Response:
+    """Queue `work(task, *arguments)`; 429 if the queue is full."""
+
+    def run(task: Task) -> Result:
+        return work(task, *arguments)
+
     with refused(429, "queue-full", QueueFull):
-        job_id = await asyncio.to_thread(jobs.submit, kind, request, work)
+        job_id = await asyncio.to_thread(jobs.submit, kind, request, run)
     job = as_sent(await asyncio.to_thread(jobs.info, job_id))
     return json_response(job, 202, {"Location": f"/api/v1/jobs/{job_id}"})
 
@@ -161,40 +179,32 @@ async def _events(job_id: str, jobs: JobsDep) -> AsyncIterator[bytes]:
 
 @router.post(
     "/studies",
-    status_code=202,
     tags=["studies"],
-    response_model=JobInfo,
-    responses=ACCEPTED,
+    **queued(),
     openapi_extra=body_of(
         study_request_schema(), {"dataset": {"n_unsafe": 50}, "n_monitors": 10, "n_test": 500}
     ),
 )
-async def compare_methods(
-    plain: PlainBody, request: Request, store: StoreDep, jobs: JobsDep, settings: SettingsDep
-):
+async def compare_methods(plain: PlainBody, store: StoreDep, jobs: JobsDep, settings: SettingsDep):
     """Compare the paper's five methods on one dataset recipe; starts a job.
 
     The result holds the miss rate and the share of safe flights without a false alarm (power) over
     epsilon with 95 % intervals, a table, and links to the figures.
     """
     recipe = await asyncio.to_thread(study_request, plain, store, settings.max_array_bytes)
-    return await accepted(jobs, "study", to_plain(recipe), study_work(recipe))
+    return await accepted(jobs, "study", to_plain(recipe), run_study, recipe)
 
 
 @router.post(
     "/sweeps",
-    status_code=202,
     tags=["studies"],
-    response_model=JobInfo,
-    responses=ACCEPTED,
+    **queued(),
     openapi_extra=body_of(
         sweep_request_schema(),
         {"tests": ["F-16"], "leads_s": [0.25, 0.5], "n_monitors": 1, "n_test": 500},
     ),
 )
-async def sweep_leads(
-    plain: PlainBody, request: Request, store: StoreDep, jobs: JobsDep, settings: SettingsDep
-):
+async def sweep_leads(plain: PlainBody, store: StoreDep, jobs: JobsDep, settings: SettingsDep):
     """Lead-time study of planned tests: what each method achieves at each lead; starts a job.
 
     It covers the planned tests in `tests`, or the test of a `dataset`. For each method and lead the
@@ -203,4 +213,4 @@ async def sweep_leads(
     """
     sweep = await asyncio.to_thread(sweep_request, plain, store, settings.max_array_bytes)
     tests = {"dataset": plain["dataset"], "tests": list(sweep.tests)} if "dataset" in plain else {}
-    return await accepted(jobs, "sweep", to_plain(sweep.recipe) | tests, sweep_work(sweep))
+    return await accepted(jobs, "sweep", to_plain(sweep.recipe) | tests, run_sweep, sweep)

@@ -17,6 +17,7 @@ from app.routes.dependencies import (
     PersonDep,
     RecordingsDep,
     SignedRequest,
+    TimeInterval,
     body_of,
     json_response,
     refused,
@@ -142,13 +143,6 @@ class ShownFrame(Frame):
     manoeuvre: int = Field(description="1, 2 ...; 0 between manoeuvres")
 
 
-class AlertInterval(BaseModel):
-    """An alert from its first sample to its last."""
-
-    start: float = Field(description="[s]")
-    end: float = Field(description="[s]")
-
-
 class LiveScore(BaseModel):
     """Assessments of a live flight by a monitor, each from the samples received by then."""
 
@@ -162,7 +156,7 @@ class LiveScore(BaseModel):
         "monitor or epsilon than the flight's own"
     )
     n_samples: int
-    alerts: list[AlertInterval]
+    alerts: list[TimeInterval] = Field(description="each from its first sample to its last")
     exceeded_t: float | None = Field(description="time of the first measured exceedance [s]")
     first: int
     next: int | None = Field(description="number of the next frame to request; null at the end")

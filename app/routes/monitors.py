@@ -18,7 +18,7 @@ from app.catalog import (
 )
 from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
-from app.jobs.kinds import combination_work, epsilon_work, monitor_work
+from app.jobs import kinds
 from app.jobs.requests import choice_request, combination_request, monitor_request
 from app.recipes.recipes import limits_named, to_plain
 from app.recordings.recordings import Recordings
@@ -37,7 +37,7 @@ from app.routes.dependencies import (
     json_response,
     plain_body,
 )
-from app.routes.jobs import ACCEPTED, accepted
+from app.routes.jobs import ACCEPTED, accepted, queued
 from app.routes.sent_files import CONTENT, OCTETS, sent_file
 from app.store.jobs import JobInfo
 from app.store.monitors import MonitorInfo
@@ -141,14 +141,12 @@ async def train_monitor(
         "dataset": training.dataset.id or to_plain(training.dataset.recipe),
         "n_test": training.n_test,
     } | to_plain(training.recipe)
-    return await accepted(jobs, "monitor", details, monitor_work(training, store))
+    return await accepted(jobs, "monitor", details, kinds.train_monitor, training, store)
 
 
 @router.post(
     "/combinations",
-    status_code=202,
-    response_model=JobInfo,
-    responses=ACCEPTED | problem_responses(404),
+    **queued(),
     openapi_extra=body_of(
         combination_request_schema(),
         {"monitors": ["0f3a", "77c1"], "lead": 0.5, "n_unsafe": 200, "epsilon": 0.1},
@@ -163,7 +161,7 @@ async def combine_monitors(plain: PlainBody, store: StoreDep, jobs: JobsDep, set
     """
     request = await asyncio.to_thread(combination_request, plain, store, settings.max_array_bytes)
     details = {"name": request.name, "monitors": list(request.monitors)} | to_plain(request.recipe)
-    return await accepted(jobs, "monitor", details, combination_work(request, store))
+    return await accepted(jobs, "monitor", details, kinds.combine_monitors, request, store)
 
 
 async def _add_file(body: bytes, name: str, recordings: Recordings) -> Response:
@@ -273,9 +271,7 @@ async def read_evaluation(monitor_id: str, store: StoreDep) -> dict[str, Any]:
 
 @router.post(
     "/{monitor_id}/epsilon",
-    status_code=202,
-    response_model=JobInfo,
-    responses=ACCEPTED | problem_responses(404),
+    **queued(),
     openapi_extra=body_of(
         choice_request_schema(), {"most_missed": 0.1, "most_false_alarms": 0.2, "n_test": 10000}
     ),
@@ -289,7 +285,7 @@ async def choose_epsilon(monitor_id: str, plain: PlainBody, store: StoreDep, job
     """
     choice = await asyncio.to_thread(choice_request, plain, store, monitor_id)
     details = {"monitor": monitor_id} | to_plain(choice.recipe)
-    return await accepted(jobs, "epsilon", details, epsilon_work(choice.monitor, choice.recipe))
+    return await accepted(jobs, "epsilon", details, kinds.choose_epsilon, *choice)
 
 
 @router.get(

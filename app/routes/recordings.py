@@ -19,6 +19,7 @@ from app.routes.dependencies import (
     Finite,
     RecordingsDep,
     StoreDep,
+    TimeInterval,
     json_from,
     json_response,
     strictly,
@@ -192,13 +193,6 @@ class ManoeuvreInterval(BaseModel):
     name: str = Field(default="", max_length=200)
 
 
-class InputInterval(BaseModel):
-    """The control input behind a proposal."""
-
-    start: float = Field(description="[s]")
-    end: float = Field(description="[s]")
-
-
 class TrainingProposal(BaseModel):
     """A training recipe for the manoeuvre of a recording; a person completes it."""
 
@@ -212,7 +206,7 @@ class TrainingProposal(BaseModel):
     channels: list[str] = Field(description="keys of the recorded channels")
     missing_channels: list[str]
     can_train: bool = Field(description="whether a monitor trained by this recipe can score it")
-    manoeuvre: InputInterval | None
+    manoeuvre: TimeInterval | None = Field(description="the control input behind it")
 
 
 @router.post(
@@ -255,25 +249,16 @@ async def upload_recording(
     sent = await sent_file(request)
     sent_name = name or sent.name[-LONGEST_NAME:] or UNNAMED
     if not (file_name := plain_name(sent_name)):
-        raise Problem(
-            422,
-            f"{sent_name!r} is not a file name: give a name with letters or digits",
-            "urn:forewarn:request",
-        )
+        text = f"{sent_name!r} is not a file name: give a name with letters or digits"
+        raise Problem(422, text, "urn:forewarn:request")
     length = request.headers.get("content-length", "")
-    upload = Upload(
-        file_name,
-        aircraft,
-        int(length) if length.isdigit() else None,
-        sent.content,
-        request.is_disconnected,
-    )
+    size = int(length) if length.isdigit() else None
+    upload = Upload(file_name, aircraft, size, sent.content, request.is_disconnected)
     try:
         recording_id = await recordings.receive(upload)
     except (ClientDisconnect, Abandoned):
-        raise Problem(
-            408, "the upload was interrupted and not stored: send the file again"
-        ) from None
+        text = "the upload was interrupted and not stored: send the file again"
+        raise Problem(408, text) from None
     location = {"Location": f"/api/v1/recordings/{recording_id}"}
     answer = await asyncio.to_thread(recording_answer, recordings, recording_id)
     return json_response(answer, 201, location)

@@ -20,8 +20,7 @@ from app.recordings.exports import EXPORTS, export
 from app.recordings.files import reporting_full_disk
 from app.recordings.scoring_answers import answers, detected_manoeuvres, frames, tiled
 from app.report.page import report
-from app.report.stored import stored_subject
-from app.report.subject import about
+from app.report.subject import about, stored_subject
 from app.routes.dependencies import (
     PAGE_TO_PRINT,
     Finite,

@@ -56,7 +56,7 @@ def test_the_study_compares_the_five_methods(client):
     [
         ({"n_monitors": 0}, "n_monitors"),
         ({"n_test": 1e9}, "n_test"),
-        ({"methods": 5}, "a study has no 'methods': choose dataset, monitor"),
+        ({"methods": 5}, "study has no 'methods'"),
         ({"dataset": None}, "give the id of a stored dataset"),
         ({"monitor": {"lead": 1}}, "choose t_early"),
     ],

@@ -103,9 +103,9 @@ def test_an_epsilon_is_chosen_by_a_job(client, monitor):
     ("order", "words"),
     [
         ({}, "give both targets, or only the cost"),
-        ({"most_missed": 2, "most_false_alarms": 0.1}, "most_missed=2 was given: give a share"),
+        ({"most_missed": 2, "most_false_alarms": 0.1}, "give a share between 0 and 1"),
         ({"cost_of_miss": "dear"}, "cost_of_miss is 'dear': give a number"),
-        ({"cost_of_miss": 1, "n_test": 0}, "n_test is 0: give an integer"),
+        ({"cost_of_miss": 1, "n_test": 0}, "n_test=0"),
         ({"cost": 1}, "has no 'cost': "),
     ],
 )
