@@ -127,7 +127,8 @@ class Alarm(Message):
     kind: AlarmKind = Field(
         default="risk",
         description="warnings: a predicted (`risk`) or measured (`limit`) exceedance; cautions: a "
-        "monitor that is not applicable (`invalid`), a late source (`stale`)",
+        "monitor that is not applicable (`invalid`), a late source (`stale`), samples in doubt: "
+        "`surfaces` that rest while the aircraft moves, `frozen`, `contradiction`",
     )
     level: Level = Field(
         default=Level.WARNING,
@@ -300,7 +301,7 @@ class LiveStatus(Message):
         description="sample interval of the source [s]; null before the first sample"
     )
     lag: float = Field(
-        description="delay of the newest sample compared with the quickest of the last minute [s]"
+        description="age of the newest sample less the best of the flight, without clock drift [s]"
     )
     manoeuvre: int = Field(description="number of the current one; 0 for none")
     trim: Literal["detected", "none"]
@@ -329,6 +330,16 @@ class LiveStatus(Message):
     )
     udp: str | None = Field(description="host:port for datagrams; null for none")
     problem: str = Field(description="why the journal is not being written; empty if it is")
+    drift: int = Field(
+        default=0,
+        description="estimated drift of the source's clock [1e-6], at most 100 and 0 in the first "
+        "minutes; samples that become later by more are late",
+    )
+    doubts: list[str] = Field(
+        default_factory=list,
+        description="why the newest samples are no picture of the aircraft: frozen, contradicting, "
+        "or without the surfaces that move it; also advisories",
+    )
 
 
 class LimitsStatus(Message):

@@ -29,7 +29,8 @@ def replay_line(
     """Apply a line of a journal. Returns the samples that it settles."""
     if "b" in line:
         samples = reader.samples(Batch(line["s"], line["b"]))
-        return [settled for sample in samples for settled in scorer.push(line["a"], sample)]
+        arrived, source = line["a"], line.get("v", "")
+        return [settled for s in samples for settled in scorer.push(arrived, s, source)]
     settled = scorer.advance(line["a"])
     if line.get("e") == "manoeuvre":
         scorer.begin()

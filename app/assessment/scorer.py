@@ -6,8 +6,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from app.assessment.input_checks import Doubt, InputChecks
 from app.assessment.limits_in_force import ConditionHold, LimitsInForce, LimitsRule, Ruling
-from app.assessment.planned_test import limits_of, needed_channels, planned_test
+from app.assessment.planned_test import PlannedTest, limits_of, needed_channels, planned_test
 from app.assessment.resampling import DELAY_INTERVALS, Angles, CausalResampler, Counts, Sample
 from app.assessment.trim import CausalTrim
 from core.channels import KEYS
@@ -137,6 +138,9 @@ class CausalScorer:
             )
         self._resampler = CausalResampler(monitor.dt, self.delay)
         self._trim = CausalTrim(planned_test(monitor)) if trim == "detected" else None
+        planned = self._trim.planned if self._trim else _known_test(monitor)
+        about = monitor.training_max_abs, monitor.limits, self._trim is not None
+        self._checks = InputChecks(planned, *about)
         self._limits = monitor.limits
         self._rule: LimitsRule | None = None
         self.ruling: Ruling | None = None
@@ -185,16 +189,26 @@ class CausalScorer:
         self._limits = self.ruling.limits
         return self.ruling
 
-    def push(self, arrived: float, sample: Sample) -> list[LiveAssessed]:
-        """Add a received sample; return the samples that it settles."""
+    @property
+    def doubts(self) -> tuple[Doubt, ...]:
+        """Why the newest received sample is no picture of the aircraft."""
+        return self._checks.doubts
+
+    def push(self, arrived: float, sample: Sample, source: str = "") -> list[LiveAssessed]:
+        """Add a received sample; return the samples that it settles. source: its name."""
         if sample.condition is not None:
             self._conditions.note(sample.t, sample.condition)
+        dated = self._resampler.flight_time(arrived, sample.t)
+        self._checks.push(arrived, dated[0], sample.y, source, self.manoeuvre > 0)
         if self._limits is not None:
             y = sample.y if self._trim is None else sample.y - self._trim.level
             if exceeds(self._limits, y) or (y is not sample.y and exceeds(self._limits, sample.y)):
-                dated = self._resampler.flight_time(arrived, sample.t)
                 self._exceedances.append(ReceivedExceedance(*dated, y, sample.y, self._limits))
-        return [*map(self._assess, self._resampler.push(arrived, sample))]
+        n_steps = self.counts.clock_steps
+        settled = [*map(self._assess, self._resampler.push(arrived, sample))]
+        if self.counts.clock_steps > n_steps:
+            self._checks.restart()
+        return settled
 
     def pop_exceedances(self) -> list[ReceivedExceedance]:
         """Samples beyond a limit that were received since the last call, in order of arrival."""
@@ -238,3 +252,11 @@ class CausalScorer:
     def _restart(self, trim: Array) -> None:
         for monitor in (self._authority, *self._display):
             monitor.restart(trim)
+
+
+def _known_test(monitor: Monitor) -> PlannedTest:
+    """The planned test; without inputs if it is none of ours."""
+    try:
+        return planned_test(monitor)
+    except ValueError:
+        return PlannedTest(monitor.dt, limits_of(monitor))

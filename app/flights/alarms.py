@@ -1,21 +1,24 @@
 """Alarms: warnings and cautions, latched until someone acknowledges them.
 
 Warnings: a risk above the alert level, and a measured exceedance, whether or not the monitor is
-applicable. Cautions: the monitor is not applicable, and a late source. Each kind is raised once, at
-its onset. A risk ends at an assessed sample that does not alert; a sample without an assessment
-ends nothing. An exceedance ends at a sample within the limits, a caution at a sample without its
-cause. A restart (seek, loop) ends warnings; cautions continue if the next sample still has their
-cause. The next onset raises a new alarm, unless an alarm of its kind is unacknowledged and
+applicable. Cautions: the monitor is not applicable, a late source, and samples in doubt. Each kind
+is raised once, at its onset. A risk ends at an assessed sample that does not alert; a sample
+without an assessment ends nothing. An exceedance ends at a sample within the limits, a caution at a
+sample without its cause. A restart (seek, loop) ends warnings; cautions continue if the next sample
+still has their cause. The next onset raises a new alarm, unless an alarm of its kind is
+unacknowledged and
 - it is the latest one and ended less than REJOIN_S ago: a flicker is one alarm, or
 - this same sample raised it: a loop does not repeat its alarms.
 After an acknowledgement every onset raises a new alarm.
 """
 
 from collections import Counter
+from collections.abc import Sequence
 from math import inf
 from operator import attrgetter
 from typing import Any
 
+from app.assessment.input_checks import DOUBT_KINDS, Doubt
 from app.flights.clock import Clock
 from app.flights.verdict import exceeds_from_trim
 from app.messages import Alarm, MeasuredExceedance
@@ -193,6 +196,17 @@ class Alarms:
             return []
         about = {"seq": seq, "t": t, "p_value": None, "reason": reason, "raised": clock.utc()}
         return [self._raise("stale", seq, **about)]
+
+    def note_doubts(self, seq: int, doubts: Sequence[Doubt], clock: Clock) -> list[Alarm]:
+        """Return the cautions that doubts about the newest sample, seq, raise."""
+        held = {doubt.kind: doubt for doubt in doubts if doubt.level is Level.CAUTION}
+        raised = []
+        for kind in DOUBT_KINDS:
+            begins = self._onsets[kind].begins(seq, clock.now(), kind in held)
+            if begins:
+                about = {"t": held[kind].t, "p_value": None, "reason": held[kind].reason}
+                raised.append(self._raise(kind, seq, seq=seq, **about, raised=clock.utc()))
+        return raised
 
     def _raise(self, kind: AlarmKind, index: int, **about: Any) -> Alarm:
         self._number += 1

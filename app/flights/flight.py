@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from app.assessment.input_checks import Doubt
 from app.assessment.limits_in_force import InForceFrom, LimitsInForce, RequestedLimits, Ruling
 from app.flights.alarms import Alarms
 from app.flights.clock import Clock, Timer
@@ -158,6 +159,7 @@ class Flight(ABC):
         self.cause: Cause | None = None
         self._assessment: Assessment | None = None
         self._exceeds = False
+        self.doubts: tuple[Doubt, ...] = ()
         self.exceeded_t: float | None = None
         self.exceedances = Exceedances(self._near)
         self._limits_held: deque[LimitsFrom] = deque(maxlen=MOST_HELD)
@@ -250,7 +252,7 @@ class Flight(ABC):
         return Facts(
             exceeds=self._exceeds and not self.is_over,
             alarm=self.alarms.n_open(Level.WARNING) > 0,
-            caution=self.alarms.n_open(Level.CAUTION) > 0,
+            caution=self.alarms.n_open(Level.CAUTION) > 0 or self._is_in_doubt,
             alert=assessment is not None and bool(assessment.alert) and not self.is_over,
             stale=self.state is State.STALE,
             invalid=assessment is not None and assessment.state is State.INVALID,
@@ -258,6 +260,10 @@ class Flight(ABC):
             calibrated=self.is_checked,
             exceeded_t=self.exceeded_t,
         )
+
+    @property
+    def _is_in_doubt(self) -> bool:
+        return not self.is_over and any(doubt.level is Level.CAUTION for doubt in self.doubts)
 
     @property
     def headline(self) -> Headline:
@@ -520,6 +526,12 @@ class Flight(ABC):
             self._judge(seq, self._assessment)
         elif self._has_new_evidence:
             self.judge((False, False))
+
+    def _doubt(self, doubts: tuple[Doubt, ...]) -> None:
+        """Raise the cautions of new doubts about the newest sample."""
+        if doubts != self.doubts:
+            self.doubts = doubts
+            self._raise_alarms(self.alarms.note_doubts(self.head, doubts, self.clock))
 
     def _judge(self, seq: int, assessment: Assessment) -> None:
         """Decide the verdict by the alarms raised so far, the newest with sample seq."""

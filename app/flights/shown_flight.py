@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from app.assessment.input_checks import Doubt
 from app.assessment.limits_in_force import InForceFrom, Ruling
 from app.assessment.planned_test import limits_of, needed_channels
 from app.assessment.rescoring import ShownSample, rescored
@@ -63,6 +64,7 @@ class ShownFlight(Script):
         self.reasons: list[str] = []
         self._display: list[tuple[Assessment, ...]] = []
         self._rulings: list[Ruling | None] = []
+        self._doubts: list[tuple[Doubt, ...]] = []
         self._came: list[float] = []
         self.samples = np.fromiter(self._read(setup, flight_id), SHOWN)
         if not len(self.samples):
@@ -131,6 +133,9 @@ class ShownFlight(Script):
         t = self.samples["t"]
         return [InForceFrom(float(t[i - 1]) if i else None, ruling) for i, ruling in changes]
 
+    def doubts(self, k: int) -> tuple[Doubt, ...]:
+        return self._doubts[k]
+
     def late(self, k: int) -> str:
         return self._late.get(k, "")
 
@@ -158,12 +163,13 @@ class ShownFlight(Script):
         )
 
     def _read(self, setup: LiveSetup, flight_id: str) -> Iterator[tuple[Any, ...]]:
-        display, known = DisplayAttitude(setup.theta0), dict[str, str]()
-        for shown in rescored(self._lines(setup, flight_id), setup.scorer(), setup.reader):
+        display, known, scorer = DisplayAttitude(setup.theta0), dict[str, str](), setup.scorer()
+        for shown in rescored(self._lines(setup, flight_id), scorer, setup.reader):
             reason = shown.assessed.assessment.reason
             self.reasons.append(known.setdefault(reason, reason))
             self._display.append(shown.assessed.display)
             self._rulings.append(shown.assessed.ruling)
+            self._doubts.append(scorer.doubts)
             yield _row(shown, display)
 
     def _over(self, monitors: Array | None) -> Flags:

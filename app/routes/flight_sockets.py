@@ -22,6 +22,7 @@ from app.flights.watcher import Watcher
 from app.http.connection import Connection, accept
 from app.http.head_requests import Router
 from app.messages import Credit, End, MessageError, decode
+from app.routes.live import sender_of
 from app.store.store import NotFound
 from app.telemetry.journal import JournalFull
 from app.telemetry.recording import TelemetryError
@@ -127,14 +128,14 @@ async def uplink(websocket: WebSocket, flight_id: str) -> None:
     now = flight.live
     welcome = Welcome(flight=flight_id, last_sequence=now.last_sequence, names=now.names)
     connection.send(welcome.encode())
-    await connection.run(_Source(connection, flight).on_message)
+    await connection.run(_Source(connection, flight, sender_of("WebSocket", websocket)).on_message)
 
 
 class _Source:
     """One connection of a source."""
 
-    def __init__(self, connection: Connection, flight: LiveFlight) -> None:
-        self._connection, self._flight = connection, flight
+    def __init__(self, connection: Connection, flight: LiveFlight, sender: str) -> None:
+        self._connection, self._flight, self._sender = connection, flight, sender
         self._waiting: deque[AcceptedBatch] = deque()
         self._newest: asyncio.Future[None] | None = None
         self._malformed: deque[float] = deque(maxlen=MOST_MALFORMED)
@@ -143,7 +144,7 @@ class _Source:
         if self._connection.is_closing:
             return
         try:
-            batch = self._flight.receive(content, "websocket")
+            batch = self._flight.receive(content, self._sender)
         except (TelemetryError, SequenceConflict, JournalFull) as error:
             self._refuse(error, sequence_of(content))
         except NotPossible as error:

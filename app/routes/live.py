@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import numpy as np
 from fastapi import Body, Request, Response
 from pydantic import BaseModel, Field
+from starlette.requests import HTTPConnection
 
 from app.flights.flights import Flights, TooManyFlights
 from app.flights.sources.live import LiveFlight, SequenceConflict
@@ -80,7 +81,7 @@ async def push_samples(flight_id: str, request: Request, flights: FlightsDep) ->
         refused(422, "telemetry", TelemetryError),
         refused(503, "not-durable", JournalFull),
     ):
-        received = flight.receive(await request.body(), "rest")
+        received = flight.receive(await request.body(), sender_of("REST", request))
     try:
         await asyncio.wait_for(asyncio.shield(received.stored), DURABLE_WITHIN_S)
     except TimeoutError:
@@ -217,3 +218,9 @@ def _answer(
             for k in range(min(first, n), min(stop, n))
         ],
     }
+
+
+def sender_of(way: str, connection: HTTPConnection) -> str:
+    """The way and address of a source, for people."""
+    client = connection.client
+    return f"{way} {client.host}:{client.port}" if client else way

@@ -40,7 +40,8 @@ class Facts(NamedTuple):
     exceeds: the newest sample exceeds a limit.   alarm: a warning is unacknowledged.
     alert: the newest risk is above the alert threshold.   stale: no new samples arrive.
     invalid: the monitor is not applicable.   warming_up: its history is not full yet.
-    calibrated: whether validity is calibrated.   caution: a caution is unacknowledged.
+    calibrated: whether validity is calibrated.   caution: one is unacknowledged, or samples are in
+    doubt.
     exceeded_t: first exceedance so far [s], even if the replay was moved back; None for none.
     """
 
@@ -115,13 +116,18 @@ def cause_of(state: State, reason: str) -> Cause | None:
     return Cause.LIMITS_UNKNOWN if reason.startswith(f"{LIMITS_UNKNOWN}:") else None
 
 
-AlarmKind = Literal["risk", "limit", "invalid", "stale"]
-"""Predicted exceedance, measured exceedance, monitor not applicable, late source."""
+AlarmKind = Literal["risk", "limit", "invalid", "stale", "surfaces", "frozen", "contradiction"]
+"""Predicted exceedance, measured exceedance, monitor not applicable, late source, and samples that
+are no picture of the aircraft: its surfaces seem dead, all channels are frozen, or two samples of
+one time contradict."""
 ALARM_LEVELS: dict[AlarmKind, Level] = {
     "risk": Level.WARNING,
     "limit": Level.WARNING,
     "invalid": Level.CAUTION,
     "stale": Level.CAUTION,
+    "surfaces": Level.CAUTION,
+    "frozen": Level.CAUTION,
+    "contradiction": Level.CAUTION,
 }
 
 

@@ -1,20 +1,27 @@
-"""How late the samples of a source are, compared with its quickest recent one."""
+"""How late the samples of a source are, compared with its best arrival of the flight."""
 
-from collections import deque
+from math import inf
 
-LAG_OVER, LAG_PARTS = 60.0, 6
-"""Span over which the quickest arrival counts [s], and its parts: clocks drift."""
+import numpy as np
+
+PART_S, PARTS = 60.0, 3
+"""The best arrival of each part [s] counts for the drift; fewer parts give none."""
+MOST_DRIFT = 1e-4
+"""Clocks differ by less. Ages that grow faster are those of late samples."""
 
 
 class Lag:
-    """The lag of a source [s]: the age of its newest sample less that of the quickest recent one.
+    """The lag of a source [s]: the age of its newest sample less the best age of the flight.
 
     late: lag from which on samples are no longer shown as current [s].
+    drift: estimated drift of the source's clock behind that of arrivals, at most MOST_DRIFT.
     """
 
     def __init__(self, late: float) -> None:
-        self._quickest: deque[tuple[int, float]] = deque(maxlen=LAG_PARTS)
-        self._late, self.now, self._least = late, 0.0, 0.0
+        self._late, self.now, self.drift = late, 0.0, 0.0
+        self._parts: dict[int, tuple[float, float]] = {}
+        self._part = -1
+        self._best, self._arrived = inf, 0.0
 
     @property
     def reason(self) -> str:
@@ -26,15 +33,25 @@ class Lag:
 
     def note(self, arrived: float, t: float) -> None:
         """Add a sample: arrival time and sample time, each on its own clock [s]."""
-        part, age = int(arrived / (LAG_OVER / LAG_PARTS)), arrived - t
-        if not self._quickest or self._quickest[-1][0] != part:
-            self._quickest.append((part, age))
-            self._least = min(age for _, age in self._quickest)
-        elif age < self._quickest[-1][1]:
-            self._quickest[-1] = part, age
-            self._least = min(age, self._least)
+        part, age = int(arrived / PART_S), arrived - t
+        if part != self._part:
+            self._part = part
+            self._estimate_drift()
+        if age < self._parts.get(part, (0.0, inf))[1]:
+            self._parts[part] = arrived, age
+        self._best, self._arrived = min(self._best, age - self.drift * arrived), arrived
         self.now = arrived - self.taken(t)
 
     def taken(self, t: float) -> float:
         """Time at which a sample of t was taken, on the clock of arrivals [s]."""
-        return t + self._least
+        return t if self._best == inf else t + self._best + self.drift * self._arrived
+
+    def _estimate_drift(self) -> None:
+        """Least squares over the best arrivals of the parts so far."""
+        if len(self._parts) < PARTS:
+            return
+        arrived, age = np.array([*self._parts.values()]).T
+        from_mean = arrived - arrived.mean()
+        slope = float(from_mean @ age / (from_mean @ from_mean))
+        self.drift = min(max(slope, -MOST_DRIFT), MOST_DRIFT)
+        self._best = float((age - self.drift * arrived).min())

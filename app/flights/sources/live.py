@@ -173,6 +173,8 @@ class LiveFlight(Flight):
             unread=list(self._unread),
             udp=self._udp.address if self._udp else None,
             problem=self._journal.problem if self._journal else "",
+            drift=round(self._lag.drift * 1e6),
+            doubts=[doubt.reason for doubt in self.doubts],
         )
 
     def start(self) -> None:
@@ -253,6 +255,7 @@ class LiveFlight(Flight):
     def receive(self, content: bytes | str, via: str) -> AcceptedBatch:
         """Journal a batch, score the samples that it settles, and show them.
 
+        via: its way and sender, for people.
         TelemetryError; SequenceConflict; JournalFull: nothing of it was used.
         """
         try:
@@ -272,7 +275,8 @@ class LiveFlight(Flight):
         self._note_batch(batch.sequence, values)
         now, counts = self.clock.now(), self.scorer.counts
         n_before, arrived = counts.accepted, line["a"]
-        assessed = [settled for sample in samples for settled in self.scorer.push(arrived, sample)]
+        push = self.scorer.push
+        assessed = [settled for sample in samples for settled in push(arrived, sample, via)]
         if counts.accepted > n_before:
             self._last_arrival = now
         self._show_all(assessed, now)
@@ -281,9 +285,12 @@ class LiveFlight(Flight):
         return AcceptedBatch(batch.sequence, len(samples), False, written, self._note_unread(batch))
 
     def _judge_received(self) -> None:
-        """Raise alarms of received samples beyond a limit at once, before the grid uses them."""
+        """Raise the alarms of received samples, whatever the grid makes of them."""
         for sample in self.scorer.pop_exceedances():
             self._exceed(*_exceedance_of(sample))
+        if (doubts := self.scorer.doubts) != self.doubts:
+            self._doubt(doubts)
+            self._send_live()
         if self.facts != self._facts:
             self._show()
 
@@ -426,12 +433,12 @@ class LiveFlight(Flight):
         self._last_arrival = self.clock.now()
         self._watch_out()
 
-    def _receive_datagram(self, content: bytes) -> bool:
+    def _receive_datagram(self, content: bytes, sender: str) -> bool:
         """Receive a datagram, one batch per line. Returns whether any was a batch."""
         n_taken = 0
         for line in content.splitlines():
             with suppress(TelemetryError, SequenceConflict, NotPossible, JournalFull):
-                self.receive(line, "udp")
+                self.receive(line, f"UDP {sender}")
                 n_taken += 1
         return n_taken > 0
 

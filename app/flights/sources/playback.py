@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from app.assessment.input_checks import Doubt
 from app.assessment.limits_in_force import InForceFrom, Ruling
 from app.flights.exceedance import exceedance
 from app.flights.sources.track import Track
@@ -95,6 +96,10 @@ class Script(ABC):
         k: -1 before the first sample.
         """
         return None
+
+    def doubts(self, k: int) -> tuple[Doubt, ...]:
+        """Why sample k was no picture of the aircraft when it was shown."""
+        return ()
 
     def next_alert(self, k: int) -> int | None:
         """First sample after k at which an alert begins; None if there is none."""

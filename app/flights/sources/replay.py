@@ -233,6 +233,7 @@ class TrackFlight(Flight):
         assessment, display = self._assessed(k)
         about = self._exceeded(k), due.due, k, script.attitude(k), display
         self._fly(script.y(k), assessment, *about)
+        self._doubt(script.doubts(k))
 
     def _pass(self, k: int) -> None:
         """Raise the alarms that a seek to sample k passes: the first new one of each kind.

@@ -17,11 +17,11 @@ RECEIVE_BUFFER = 4 * 2**20
 class UdpReceiver:
     """Receives datagrams of one sender: the first that sends a batch, until it falls silent.
 
-    on_datagram: called with each datagram; returns whether it was a batch.
+    on_datagram: called with each datagram and its sender; returns whether it was a batch.
     n_foreign: datagrams from unknown senders.   OSError if the port is not available.
     """
 
-    def __init__(self, host: str, port: int, on_datagram: Callable[[bytes], bool]) -> None:
+    def __init__(self, host: str, port: int, on_datagram: Callable[[bytes, str], bool]) -> None:
         self._on_datagram, self._sender, self._last_heard = on_datagram, None, 0.0
         self.n_foreign = 0
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -40,8 +40,7 @@ class UdpReceiver:
     @property
     def address(self) -> str:
         """host:port on which it listens, or listened until it was closed."""
-        host, port = self._bound
-        return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+        return _address(*self._bound)
 
     @property
     def port(self) -> int:
@@ -64,5 +63,9 @@ class UdpReceiver:
             is_other = self._sender not in (None, sender)
             if is_other and now - self._last_heard < SILENT_S:
                 self.n_foreign += 1
-            elif self._on_datagram(content):
+            elif self._on_datagram(content, _address(*sender[:2])):
                 self._sender, self._last_heard = sender, now
+
+
+def _address(host: str, port: int) -> str:
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"

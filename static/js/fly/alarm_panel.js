@@ -36,6 +36,7 @@ import { CAUTION_WORDS, cautionText, waitingOf } from "./panels.js";
 const GOES_ON = {
   exceeding: "LIMIT EXCEEDED continues, acknowledged",
   risk: "ALERT continues, acknowledged",
+  caution: "CAUTION continues, acknowledged: the samples are in doubt",
 };
 
 const PROMISED = {
@@ -81,7 +82,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     const latest = open.findLast(({ kind }) => kind === "limit") ?? open.at(-1); // a measured exceedance comes first
     const held = latest === undefined && status in GOES_ON;
     element.dataset.open = String(warnings.length);
-    banner.dataset.level = open === cautions && !held ? "caution" : "alert";
+    banner.dataset.level = (held ? status === "caution" : open === cautions) ? "caution" : "alert";
     banner.hidden = latest === undefined && !held;
     calm.hidden = !banner.hidden;
     banner.toggleAttribute("data-acknowledged", held);

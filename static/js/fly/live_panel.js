@@ -35,7 +35,9 @@ const HARMLESS = ["out_of_order", "repeated"];
 const ITEMS = [
   ["phase", "phase", "Manoeuvre in progress, or what the trim is waiting for"],
   ["rate", "source", "Sample rate of the source"],
-  ["lag", "lag", "Delay of the newest sample, compared with the quickest of the last minute"],
+  ["doubts", "samples", "Why the newest samples are no picture of the aircraft"],
+  ["lag", "lag", "Age of the newest sample less the best of the flight"],
+  ["drift", "clock drift", "Drift of the source's clock, at most 100 parts in a million: subtracted from the lag"],
   ["delay", "delay", "Longest time that a sample waits for others"],
   ["lead", "lead", "Lead time of an alert: the monitor's lead less the delay"],
   ["batches", "batches", "Batches received, without repeated ones"],
@@ -90,6 +92,8 @@ export function createLivePanel({ line, problem }, { begin, address, events, fla
     count("foreign", live.foreign);
     count("resumed", live.resumed);
     show("udp", live.udp ?? "");
+    show("doubts", (live.doubts ?? []).join("; "), "caution");
+    show("drift", live.drift ? `${live.drift} ppm` : "");
     const unread = live.unread ?? [];
     show("unread", unread.join(", "));
     const fresh = unread.filter((name) => !strange.has(name));

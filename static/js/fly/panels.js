@@ -24,7 +24,7 @@ import { AS_RECORDED } from "../recordings/words.js";
 const WIDEST = 60; // s
 const NARROWEST = 5; // s
 
-export const CAUTION_WORDS = { invalid: "VALIDITY LOST", stale: "STALE" };
+export const CAUTION_WORDS = { invalid: "VALIDITY LOST", stale: "STALE", surfaces: "SURFACES", frozen: "FROZEN", contradiction: "CONTRADICTION" };
 
 export function cautionText({ kind, reason, cause }, at = "") {
   const withdrawn = kind === "invalid" ? withdrawnWord(cause) : null;

@@ -1,25 +1,50 @@
-"""The lag of a source against its definition: the newest age less the least of a minute."""
+"""The lag of a source: the age of its newest sample less the best of the flight, drift removed."""
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
+import numpy as np
+import pytest
 
-from app.flights.sources.lag import LAG_OVER, LAG_PARTS, Lag
-from tests.support.repetition import examples
+from app.flights.sources.lag import MOST_DRIFT, PART_S, PARTS, Lag
 
-PART = LAG_OVER / LAG_PARTS
-STEPS = st.lists(st.tuples(st.floats(0.0, 2.0 * PART), st.floats(0.0, 5.0)), max_size=40)
+LATE = 0.4
+HOUR = np.arange(0.0, 3600.0, 0.5)
 
 
-@settings(max_examples=examples(100), deadline=None)
-@given(STEPS)
-def test_the_lag_is_over_the_least_age_of_the_last_parts_that_had_a_sample(
-    steps: list[tuple[float, float]],
-) -> None:
-    lag, arrived, least = Lag(1.0), 0.0, dict[int, float]()
-    for step, age in steps:
-        arrived += step
-        t = arrived - age
-        lag.note(arrived, t)
-        part, age = int(arrived / PART), arrived - t
-        least[part] = min(age, least.get(part, age))
-        assert lag.now == arrived - (t + min([*least.values()][-LAG_PARTS:]))
+def flown(ages: np.ndarray) -> Lag:
+    """An hour of samples with these ages [s]."""
+    lag = Lag(LATE)
+    for arrived, age in zip(HOUR.tolist(), ages.tolist(), strict=True):
+        lag.note(arrived, arrived - age)
+    return lag
+
+
+def test_latency_that_grows_for_an_hour_is_late_not_forgotten() -> None:
+    lag = flown(0.1 + 2.8e-3 * HOUR)
+    assert lag.now == pytest.approx(2.8e-3 * HOUR[-1], abs=MOST_DRIFT * HOUR[-1] + 0.01)
+    assert lag.drift == MOST_DRIFT
+    assert lag.reason
+    assert lag.taken(100.0) == pytest.approx(100.1 + MOST_DRIFT * HOUR[-1], abs=0.01)
+
+
+@pytest.mark.parametrize("drift", [-8e-5, 0.0, 5e-5])
+def test_the_drift_of_a_clock_is_no_lag(drift: float) -> None:
+    jitter = np.random.default_rng(2).exponential(0.02, len(HOUR))
+    jitter[-1] = 0.0
+    lag = flown(0.3 + drift * HOUR + jitter)
+    assert lag.drift == pytest.approx(drift, abs=2e-6)
+    assert lag.now == pytest.approx(0.0, abs=0.01)
+    assert not lag.reason
+
+
+def test_a_late_sample_after_hours_is_compared_with_the_best_arrival_of_the_flight() -> None:
+    ages = np.full(len(HOUR), 0.5)
+    ages[10] = 0.0
+    lag = flown(ages)
+    assert lag.now == pytest.approx(0.5, abs=MOST_DRIFT * HOUR[-1])
+
+
+def test_short_flights_have_no_drift() -> None:
+    lag = Lag(LATE)
+    for arrived in np.arange(0.0, PARTS * PART_S, 1.0).tolist():
+        lag.note(arrived, 0.99 * arrived)
+    assert lag.drift == 0.0
+    assert lag.now == pytest.approx(0.01 * arrived)

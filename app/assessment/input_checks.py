@@ -1,0 +1,306 @@
+"""Checks of the samples as received: what a source sends may be no picture of the aircraft.
+
+A source may freeze, two sources may contradict each other, and a surface channel may be dead. Each
+sample is checked when it arrives, so a flight and the replay of its journal find the same.
+"""
+
+from collections import deque
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+
+from app.assessment.manoeuvres import BEGINNING, OTHER, SHARE, SMALLEST
+from app.assessment.planned_test import SURFACES, PlannedTest
+from core.channels import CHANNELS, N_CHANNELS
+from core.monitor.status import Level
+from core.types import Array
+
+DoubtKind = Literal["surfaces", "frozen", "contradiction"]
+DOUBT_KINDS: tuple[DoubtKind, ...] = get_args(DoubtKind)
+
+LOOK_S, MEASURE_S = 0.1, 0.5
+"""Time between two looks at the recent samples, and between two measurements of noise [s]."""
+APART_S = 0.019
+"""Least time between two samples that are looked at [s]; a faster source has more."""
+REACTS_S, SWINGS_S = 1.0, 3.0
+"""The aircraft moves within the first window [s]; within the second it passes half a swing."""
+KEPT, FIRST_LOOK, FEW = 160, 8, 4.0
+"""Samples looked at: SWINGS_S of a fast source; the least that show the noise, and the share by
+which few of them may underestimate it, times their number."""
+MOVES = 0.15
+"""Share of the largest response in training that is a motion of the aircraft."""
+GROWS = 2.0
+"""A motion that no surface explains grows by this factor over the smallest one since."""
+NOISES, RESOLUTIONS = 8.0, 2.0
+"""A motion exceeds this many standard deviations of the noise, and steps of the channel."""
+SMALLEST_RESPONSE = 0.005
+"""[rad, rad/s, g] Smaller motion always counts as rest."""
+N_RESPONSES = 4
+"""Channels before the surfaces."""
+
+FROZEN_S, FEWEST = 1.0, 3
+"""Identical samples for longer than this [s], and more than this many, are frozen."""
+VARIES, REVERSES = 0.5, 1.0 / 3.0
+"""Noise changes this share of the samples and turns around in this share of its changes. A smooth
+motion seldom turns, and a coarse channel at rest seldom changes."""
+
+REMEMBERED = 1024
+"""Newest samples that a later one may contradict."""
+AGREES = 0.05
+"""Share of a limit, or of the largest value in training, by which two samples may differ."""
+CONTRADICTS_S = 1.0
+"""A contradiction lasts until this time passes without another one [s]."""
+
+EXPLAINED = np.full(N_RESPONSES, np.inf)
+UNMOVED = "aircraft moves, surfaces do not: {}check the channel"
+
+
+class Doubt(NamedTuple):
+    """Why the samples are no picture of the aircraft. t: when it began [s]."""
+
+    kind: DoubtKind
+    level: Level
+    t: float
+    reason: str
+
+
+class InputChecks:
+    """The checks of one source.
+
+    usual: (6,) largest magnitudes in training.   limits: (6,) of the monitor; None if unknown.
+    by_hand: whether a manoeuvre can be begun by hand.
+    """
+
+    def __init__(
+        self, planned: PlannedTest, usual: Array, limits: Array | None, by_hand: bool
+    ) -> None:
+        self._recent = _Recent()
+        self._frozen = _Frozen(self._recent)
+        scales = usual if limits is None else np.where(np.isfinite(limits), limits, usual)
+        self._contradictions = _Contradictions(self._recent, AGREES * scales)
+        self._surfaces = _Surfaces(self._recent, planned, usual, by_hand)
+        self.doubts: tuple[Doubt, ...] = ()
+        """those of the newest sample"""
+
+    def push(self, arrived: float, t: float, y: Array, source: str, in_manoeuvre: bool) -> None:
+        """Add a received sample. t: flight time [s].   source: its name for people."""
+        looks = self._recent.push(t, y)
+        found = (
+            self._frozen.push(t, y),
+            self._contradictions.push(arrived, t, y, source),
+            self._surfaces.push(t, looks, in_manoeuvre),
+        )
+        if any(found) or self.doubts:
+            self.doubts = tuple(filter(None, found))
+
+    def restart(self) -> None:
+        """The source's clock stepped: its times are no longer those of earlier samples."""
+        self._contradictions.restart()
+
+
+class _Recent:
+    """The newest samples in order of time, and what noise and resolution make of a channel."""
+
+    def __init__(self) -> None:
+        self._t, self._y = np.empty(2 * KEPT), np.empty((2 * KEPT, N_CHANNELS))
+        self._n = 0
+        self._newest = self._looked = self._measured = -np.inf
+        self.uncertainty = np.zeros(N_CHANNELS)
+        """(6,) extent of a channel that is noise and resolution alone"""
+        self.is_measured = False
+
+    def push(self, t: float, y: Array) -> bool:
+        """Add a sample. Returns whether it is time to look."""
+        if t - self._newest < APART_S:
+            return False
+        if self._n == len(self._t):
+            self._n = KEPT
+            self._t[:KEPT], self._y[:KEPT] = self._t[KEPT:], self._y[KEPT:]
+        self._t[self._n], self._y[self._n] = t, y
+        self._n, self._newest = self._n + 1, t
+        if self._n < FIRST_LOOK or t - self._looked < LOOK_S:
+            return False
+        self._looked = t
+        if t - self._measured >= MEASURE_S:
+            self._measured = t
+            self._measure()
+        return True
+
+    def window(self, seconds: float) -> Array:
+        """(n, 6) samples of the last seconds."""
+        first = int(self._t[: self._n].searchsorted(self._newest - seconds - 1e-9))
+        return self._y[max(first, self._n - KEPT) : self._n]
+
+    def _measure(self) -> None:
+        y = self.window(SWINGS_S)
+        if len(y) < FIRST_LOOK:
+            return
+        changes = np.abs(y[1:] - y[:-1])
+        bends = np.abs(y[2:] - 2.0 * y[1:-1] + y[:-2])
+        bends.partition(len(bends) // 2, axis=0)
+        unsure = 1.0 + FEW / len(bends)
+        noise = unsure * bends[len(bends) // 2] / (0.6745 * np.sqrt(6.0))
+        step = np.where(changes > 0.0, changes, np.inf).min(axis=0)
+        step[step == np.inf] = 0.0
+        self.uncertainty = np.fmax(NOISES * noise, RESOLUTIONS * step)
+        self.is_measured = True
+
+
+class _Frozen:
+    """Identical samples: a caution if the seconds before had noise, else an advisory."""
+
+    def __init__(self, recent: _Recent) -> None:
+        self._recent = recent
+        self._last, self._since, self._n = b"", -np.inf, 0
+        self._measured = -np.inf
+        self._n_measured = self._n_turning = 0
+        self._varies = True
+
+    def push(self, t: float, y: Array) -> Doubt | None:
+        content = y.tobytes()
+        if content != self._last:
+            self._last, self._since, self._n = content, t, 1
+            if t - self._measured >= REACTS_S:
+                self._measure(t)
+            return None
+        self._n += 1
+        if t - self._since <= FROZEN_S or self._n <= FEWEST or np.isnan(y).all():
+            return None
+        level = Level.CAUTION if self._has_noise else Level.ADVISORY
+        reason = f"all channels frozen since {self._since:.2f} s"
+        return Doubt("frozen", level, self._since, reason)
+
+    @property
+    def _has_noise(self) -> bool:
+        return self._varies and 0 < self._n_measured <= 2 * self._n_turning
+
+    def _measure(self, t: float) -> None:
+        """Measure the second before this change."""
+        is_first, self._measured = self._measured == -np.inf, t
+        changes = np.diff(self._recent.window(REACTS_S), axis=0)
+        if is_first or len(changes) < FEWEST:
+            return
+        self._n_measured += 1
+        self._varies &= bool((changes != 0.0).any(axis=1).mean() >= VARIES)
+        turns = changes[1:] * changes[:-1]
+        n_turns, n = np.count_nonzero(turns < 0.0, axis=0), np.count_nonzero(turns, axis=0)
+        self._n_turning += bool((n_turns > REVERSES * np.maximum(n, FEWEST)).any())
+
+
+class _Contradictions:
+    """Samples of one time that differ. agrees: (6,) differences that are none.
+
+    A repeated time counts once the source goes on: a source that is set back repeats times as well.
+    """
+
+    def __init__(self, recent: _Recent, agrees: Array) -> None:
+        self._recent, self._agrees = recent, agrees
+        self._known: dict[float, tuple[Array, str]] = {}
+        self._times: deque[float] = deque()
+        self._newest = self._seen = -np.inf
+        self._waiting: Doubt | None = None
+        self._doubt: Doubt | None = None
+
+    def restart(self) -> None:
+        self._known.clear()
+        self._times.clear()
+        self._newest, self._waiting = -np.inf, None
+
+    def push(self, arrived: float, t: float, y: Array, source: str) -> Doubt | None:
+        at = round(t, 6)
+        known = self._known.get(at)
+        if known is None:
+            self._known[at] = y, source
+            self._times.append(at)
+            if len(self._times) > REMEMBERED:
+                del self._known[self._times.popleft()]
+            if t > self._newest:
+                self._go_on(t)
+        else:
+            self._compare(arrived, t, y, source, *known)
+        if self._doubt is not None and arrived - self._seen > CONTRADICTS_S:
+            self._doubt = None
+        return self._doubt
+
+    def _go_on(self, t: float) -> None:
+        self._newest = t
+        if self._waiting is not None:
+            self._doubt, self._waiting = self._doubt or self._waiting, None
+
+    def _compare(
+        self, arrived: float, t: float, y: Array, source: str, first: Array, first_source: str
+    ) -> None:
+        excess = np.abs(y - first) - np.fmax(self._agrees, self._recent.uncertainty)
+        if not self._recent.is_measured or not (excess > 0.0).any():
+            return
+        c, self._seen = int(np.nanargmax(excess)), arrived
+        if self._doubt is None and self._waiting is None:
+            channel = CHANNELS[c]
+            values = f"{channel.symbol} {channel.read(first[c])}", channel.read(y[c])
+            reason = f"samples of {t:.2f} s contradict: {values[0]} and {values[1]}"
+            if source != first_source:
+                reason = (
+                    f"two sources contradict at {t:.2f} s: {values[0]} from {first_source}, "
+                    f"{values[1]} from {source}: end one of them"
+                )
+            self._waiting = Doubt("contradiction", Level.CAUTION, t, reason)
+
+
+class _Surfaces:
+    """The aircraft moves while its surfaces rest: one of them is not the aircraft's.
+
+    A motion is explained for SWINGS_S after a surface moved; later it may swing on, not grow.
+    """
+
+    def __init__(self, recent: _Recent, planned: PlannedTest, usual: Array, by_hand: bool) -> None:
+        self._recent = recent
+        self._moves = np.maximum(MOVES * usual[:N_RESPONSES], SMALLEST_RESPONSE)
+        amplitudes = planned.amplitudes
+        self._is_planned = (amplitudes > 0.0) | (amplitudes.max() == 0.0)
+        an_input = max(BEGINNING * SHARE * OTHER * amplitudes.max(), SMALLEST)
+        self._least_if_dead = np.where(self._is_planned, SMALLEST, an_input)
+        self._has_changed, self._all_changed = np.zeros(len(SURFACES), bool), False
+        self._moved, self._quiet = -np.inf, np.zeros(N_RESPONSES)
+        self._since: float | None = None
+        self._reason = UNMOVED.format("press G or " if by_hand else "")
+
+    def push(self, t: float, looks: bool, in_manoeuvre: bool) -> Doubt | None:
+        if in_manoeuvre:
+            self._moved, self._since = t, None
+        elif looks:
+            self._look(t)
+        if self._since is None:
+            return None
+        return Doubt("surfaces", Level.CAUTION, self._since, self._reason)
+
+    def _look(self, t: float) -> None:
+        extent, uncertainty = _extent(self._recent.window(REACTS_S)), self._recent.uncertainty
+        if self._surfaces_move(extent[N_RESPONSES:], uncertainty[N_RESPONSES:]):
+            self._moved, self._since = t, None
+        if t - self._moved < SWINGS_S:
+            self._quiet = EXPLAINED
+            return
+        swing = _extent(self._recent.window(SWINGS_S)[:, :N_RESPONSES])
+        self._quiet = np.fmin(self._quiet, swing)
+        if self._since is None:
+            least = np.fmax(self._moves, uncertainty[:N_RESPONSES])
+            moves = (extent[:N_RESPONSES] > least) & (swing > GROWS * self._quiet)
+            self._since = t if moves.any() else None
+        elif not (swing > self._moves).any():
+            self._since = None
+
+    def _surfaces_move(self, extent: Array, uncertainty: Array) -> bool:
+        """Whether a surface moves. Another than the planned one must make an input if that is dead.
+
+        extent, uncertainty: (2,) of each surface.
+        """
+        if not self._all_changed:
+            self._has_changed |= extent > 0.0
+            self._all_changed = bool(self._has_changed[self._is_planned].all())
+        least = SMALLEST if self._all_changed else self._least_if_dead
+        return bool((extent > np.fmax(least, uncertainty)).any())
+
+
+def _extent(y: Array) -> Array:
+    """(6,) largest less smallest; NaN where a channel is unknown. y: (n, 6)."""
+    return np.fmax.reduce(y, axis=0) - np.fmin.reduce(y, axis=0)

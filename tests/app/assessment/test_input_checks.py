@@ -1,0 +1,179 @@
+"""Doubts about received samples: closed cases, real records and simulated flights."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.assessment.input_checks import Doubt, InputChecks
+from app.assessment.planned_test import SURFACES, PlannedTest
+from core.channels import KEYS
+from core.monitor.status import Level
+from core.planned_test.collection import DatasetRecipe, Simulator, collect
+from core.planned_test.planned_test import SensorNoise
+from core.types import Array
+from tests.support import attas
+from tests.support.places import RECORDS
+
+DT = 0.02
+RUDDER = KEYS.index("delta_r")
+USUAL = np.array([0.09, 0.15, 0.17, 0.22, 0.02, 0.09])
+PLANNED = PlannedTest.of(attas.TEST)
+NOISE = np.random.default_rng(4).normal(0.0, 2e-3, (400, len(KEYS)))
+
+
+def checks(limits: Array | None = PLANNED.limits, by_hand: bool = True) -> InputChecks:
+    return InputChecks(PLANNED, USUAL, limits, by_hand)
+
+
+def doubts(
+    t: Sequence[float] | Array, y: Array, looked: InputChecks | None = None, source: str = "A"
+) -> list[Doubt]:
+    """The doubts of samples that arrive when they are measured, each once."""
+    looked = checks() if looked is None else looked
+    found: dict[tuple[str, float], Doubt] = {}
+    for when, row in zip(np.asarray(t).tolist(), y, strict=True):
+        looked.push(when, when, row, source, False)
+        found |= {(doubt.kind, doubt.t): doubt for doubt in looked.doubts}
+    return [*found.values()]
+
+
+def cautions(t: Array, y: Array) -> list[str]:
+    return [doubt.kind for doubt in doubts(t, y) if doubt.level is Level.CAUTION]
+
+
+def test_identical_samples_after_noise_are_frozen_after_a_second() -> None:
+    y = np.concatenate([NOISE[:100], np.tile(NOISE[100], (60, 1))])
+    t = np.arange(len(y)) * DT
+    assert doubts(t[:151], y[:151]) == []
+    (doubt,) = doubts(t, y)
+    assert (doubt.kind, doubt.level, doubt.t) == ("frozen", Level.CAUTION, pytest.approx(2.0))
+
+
+def test_identical_samples_of_a_source_without_noise_are_an_advisory() -> None:
+    t = np.arange(200) * DT
+    smooth = np.sin(t)[:, None] * USUAL
+    smooth[120:] = smooth[120]
+    smooth[:, SURFACES] *= 10.0
+    for y in (np.zeros((200, len(KEYS))), smooth):
+        (doubt,) = doubts(t, y)
+        assert (doubt.kind, doubt.level) == ("frozen", Level.ADVISORY)
+
+
+def test_a_source_that_freezes_for_less_than_a_second_is_not_in_doubt() -> None:
+    y = NOISE.copy()
+    y[100:150] = y[100]
+    assert doubts(np.arange(400) * DT, y) == []
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-4, 3e-4, 3e-3])
+def test_a_parked_aircraft_with_coarse_quantisation_raises_no_caution(noise: float) -> None:
+    values = np.random.default_rng(1).normal(0.0, noise, (3000, len(KEYS))) if noise else 0.0
+    y = np.round((values + np.zeros((3000, len(KEYS)))) / 1e-3) * 1e-3
+    assert cautions(np.arange(3000) * DT, y) == []
+
+
+def test_two_samples_of_one_time_contradict_once_the_source_goes_on() -> None:
+    looked, t, y = checks(), np.arange(50) * DT, NOISE[:50]
+    doubts(t, y, looked)
+    other = y[49].copy()
+    other[KEYS.index("Ny")] += 0.15
+    looked.push(1.0, t[49], other, "B", False)
+    assert looked.doubts == ()
+    looked.push(1.0, 50 * DT, y[49], "A", False)
+    (doubt,) = looked.doubts
+    assert (doubt.kind, doubt.t) == ("contradiction", t[49])
+    a, b = y[49, KEYS.index("Ny")], other[KEYS.index("Ny")]
+    assert f"{a:.3g} g from A" in doubt.reason
+    assert f"{b:.3g} g from B" in doubt.reason
+    looked.push(2.1, 51 * DT, y[48], "A", False)
+    assert looked.doubts == ()
+
+
+def test_repetitions_rounding_and_half_samples_do_not_contradict() -> None:
+    looked, t, y = checks(), np.arange(100) * DT, NOISE[:100]
+    half = y.copy()
+    half[:, :3] = np.nan
+    for k in range(100):
+        for row in (half[k], y[k], y[k].round(5), y[k] + NOISE[k + 200]):
+            looked.push(t[k], t[k], row, "A", False)
+            assert looked.doubts == ()
+
+
+def test_a_source_that_is_set_back_does_not_contradict_itself() -> None:
+    looked, t = checks(), np.arange(100) * DT
+    doubts(t, NOISE[:100], looked)
+    for k in range(15):
+        looked.push(2.0 + t[k], t[k], NOISE[k] + 0.2, "A", False)
+    looked.restart()
+    assert doubts(t + 3.0, NOISE[100:200], looked) == []
+
+
+def flights(test: DatasetRecipe, n: int) -> tuple[Array, Array, Array, Array]:
+    """Times, flights with a long rest, whether each fails, and the largest in training."""
+    trained = collect(replace(test, n_unsafe=40))
+    usual = np.fmax.reduce(np.abs(np.concatenate([trained.unsafe, trained.safe])), axis=(0, 1))
+    longer = replace(test.maneuver, lead_in_s=3.0, duration_s=test.maneuver.duration_s + 8.0)
+    rollouts = Simulator(replace(test, maneuver=longer)).rollouts(n, np.random.default_rng(3))
+    t = np.arange(rollouts.y.shape[1]) * test.dt
+    return t, rollouts.y, rollouts.is_unsafe, usual
+
+
+TESTS = {
+    "F-16": DatasetRecipe(),
+    "F-16 as flown": DatasetRecipe().as_flown(),
+    "ATTAS": attas.TEST,
+    "ATTAS without noise": replace(attas.TEST, noise=SensorNoise()),
+}
+
+
+@pytest.mark.parametrize("test", TESTS.values(), ids=TESTS)
+def test_dead_surfaces_are_found_within_half_a_second_and_live_ones_never(
+    test: DatasetRecipe,
+) -> None:
+    t, flown, fails, usual = flights(test, 40)
+    planned = PlannedTest.of(test)
+    for y, is_unsafe in zip(flown, fails, strict=True):
+        looked = InputChecks(planned, usual, planned.limits, True)
+        assert all(d.level is Level.ADVISORY for d in doubts(t, y, looked))
+        if not is_unsafe:
+            continue
+        begins = t[(np.abs(y[:, RUDDER]) > 0.2 * planned.amplitudes[1]).argmax()]
+        for dead in ([RUDDER], [*SURFACES]):
+            still = y.copy()
+            still[:, dead] = y[0, dead]
+            looked = InputChecks(planned, usual, planned.limits, True)
+            found = [d for d in doubts(t, still, looked) if d.kind == "surfaces"]
+            assert found[0].t - begins <= 0.5
+            assert found[0].level is Level.CAUTION
+
+
+def test_a_manoeuvre_begun_by_hand_ends_the_doubt_about_the_surfaces() -> None:
+    t, y = np.arange(150) * DT, np.zeros((150, len(KEYS)))
+    y[50:, 2] = 0.1 * np.sin(3.0 * (t[50:] - t[50]))
+    looked = checks()
+    assert "press G" in next(d.reason for d in doubts(t, y, looked) if d.kind == "surfaces")
+    looked.push(3.0, 3.0, y[-1], "A", True)
+    assert looked.doubts == ()
+    assert "press G" not in doubts(t, y, checks(by_hand=False))[-1].reason
+
+
+@pytest.mark.parametrize(
+    ("name", "sign"),
+    [
+        ("attas_ail1", 1),
+        ("attas_rud1", 1),
+        ("citation_20190312_dutchroll", -1),
+        ("citation_20190312_dutchroll_yd", -1),
+    ],
+)
+def test_real_records_raise_no_caution_and_their_dead_surfaces_do(name: str, sign: int) -> None:
+    if not (RECORDS / f"{name}.csv").exists():
+        pytest.skip("the flight records are not beside this checkout")
+    table = np.genfromtxt(RECORDS / f"{name}.csv", delimiter=",", names=True)
+    y = np.column_stack([table[attas.COLUMNS[key]] for key in KEYS])
+    y[:, SURFACES] *= sign
+    assert cautions(table["t_s"], y) == []
+    y[:, SURFACES] = y[0, SURFACES]
+    assert cautions(table["t_s"], y)[0] == "surfaces"

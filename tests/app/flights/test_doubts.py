@@ -1,0 +1,184 @@
+"""Cautions about samples that are no picture of the aircraft, pushed through a real server."""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import httpx2
+import numpy as np
+import pytest
+
+from app.assessment.input_checks import DOUBT_KINDS
+from core.channels import KEYS
+from core.planned_test.collection import Simulator
+from core.types import Array
+from tests.app.flights.test_flights import RECIPE
+from tests.support.live_server import LiveServer, live_server
+from tests.support.patience import PATIENCE
+
+DT = RECIPE.dt
+RUDDER, NY = KEYS.index("delta_r"), KEYS.index("Ny")
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer]:
+    with live_server(tmp_path_factory.mktemp("data")) as server:
+        yield server
+
+
+class Pushed:
+    """A live flight on the server, and what it shows."""
+
+    def __init__(self, server: LiveServer, trim: str = "detected") -> None:
+        self.api = f"{server.url}/api/v1/flights"
+        body = {"source": {"kind": "live", "trim": trim}, "monitor": server.monitor_id}
+        self.id = self._post(self.api, body)["id"]
+        self.flight = f"{self.api}/{self.id}"
+
+    def _post(self, url: str, body: Any = None) -> Any:
+        answer = httpx2.post(url, json=body).raise_for_status()
+        return answer.json() if answer.content else None
+
+    def push(self, t: Array, y: Array) -> None:
+        channels = dict(zip(KEYS, y.T.tolist(), strict=True))
+        self._post(f"{self.flight}/samples", {"t": t.tolist(), **channels})
+
+    @property
+    def state(self) -> dict[str, Any]:
+        return httpx2.get(self.flight).raise_for_status().json()
+
+    @property
+    def live(self) -> dict[str, Any]:
+        return httpx2.get(f"{self.flight}/samples").raise_for_status().json()
+
+    def cautions(self, flight: str | None = None) -> list[dict[str, Any]]:
+        """Alarms about samples in doubt, as soon as there is one."""
+        until = time.monotonic() + PATIENCE
+        while time.monotonic() < until:
+            alarms = httpx2.get(f"{flight or self.flight}/alarms").raise_for_status().json()
+            if found := [alarm for alarm in alarms if alarm["kind"] in DOUBT_KINDS]:
+                return found
+            time.sleep(0.02)
+        return []
+
+    @property
+    def is_calm(self) -> bool:
+        return self.state["status"] in ("ok", "warming_up", "not_calibrated")
+
+    def acknowledge(self, alarm: dict[str, Any]) -> None:
+        self._post(f"{self.flight}/alarms/{alarm['id']}/acknowledge", {"by": "FTE"})
+
+    def replayed(self) -> list[tuple[str, float, str]]:
+        """Kind, time and reason of the alarms of the replay of this flight."""
+        self._post(f"{self.flight}/end")
+        body = {"source": {"kind": "journal", "flight_id": self.id}}
+        body |= {"monitor": self.state["monitor"], "epsilon": self.state["epsilon"]}
+        replay = f"{self.api}/{self._post(self.api, body)['id']}"
+        self._post(f"{replay}/transport", {"action": "speed", "value": 10.0})
+        alarms = self.cautions(replay)
+        self._post(f"{replay}/end")
+        return [(alarm["kind"], alarm["t"], alarm["reason"]) for alarm in alarms]
+
+
+def doublet() -> tuple[Array, Array]:
+    """A failing rudder doublet after three seconds of rest, up to its limit."""
+    longer = replace(RECIPE.maneuver, lead_in_s=3.0, duration_s=9.0)
+    rollouts = Simulator(replace(RECIPE, maneuver=longer)).rollouts(60, np.random.default_rng(1))
+    k = int(rollouts.is_unsafe.argmax())
+    y = rollouts.y[k][: rollouts.fail_index[k]]
+    return np.arange(len(y)) * DT, y
+
+
+def dead(*channels: str) -> Callable[[Array], Array]:
+    def of(y: Array) -> Array:
+        y = y.copy()
+        for key in channels:
+            y[:, KEYS.index(key)] = 0.0
+        return y
+
+    return of
+
+
+@pytest.mark.parametrize("trim", ["detected", "none"])
+@pytest.mark.parametrize("channels", [("delta_r",), ("delta_a", "delta_r")])
+def test_a_doublet_with_dead_surfaces_is_a_caution_within_half_a_second(
+    server: LiveServer, channels: tuple[str, ...], trim: str
+) -> None:
+    t, y = doublet()
+    begins = t[(np.abs(y[:, RUDDER]) > 0.2 * np.abs(y[:, RUDDER]).max()).argmax()]
+    flight = Pushed(server, trim)
+    now = t <= begins + 0.5
+    flight.push(t[now], dead(*channels)(y)[now])
+    (alarm,) = flight.cautions()
+    assert (alarm["kind"], alarm["level"]) == ("surfaces", "caution")
+    assert alarm["t"] <= begins + 0.5
+    assert ("press G" in alarm["reason"]) == (trim == "detected")
+    assert not flight.is_calm
+    flight.acknowledge(alarm)
+    assert not flight.is_calm
+    assert flight.live["doubts"] == [alarm["reason"]]
+    if trim == "detected":
+        flight._post(f"{flight.flight}/manoeuvre")
+        flight.push(t[~now], dead(*channels)(y)[~now])
+        assert flight.live["doubts"] == []
+
+
+def test_the_same_doublet_with_its_surfaces_is_no_caution(server: LiveServer) -> None:
+    flight = Pushed(server)
+    flight.push(*doublet())
+    alarms = httpx2.get(f"{flight.flight}/alarms").raise_for_status().json()
+    assert "surfaces" not in [alarm["kind"] for alarm in alarms]
+
+
+def noise(n: int) -> Array:
+    return np.random.default_rng(3).normal(0.0, 2e-3, (n, len(KEYS)))
+
+
+def test_a_frozen_source_is_a_caution_in_flight_and_in_its_replay(server: LiveServer) -> None:
+    y = noise(100)
+    y[60:] = y[60]
+    t = np.arange(100) * DT
+    flight = Pushed(server)
+    flight.push(t, y)
+    (alarm,) = flight.cautions()
+    assert (alarm["kind"], alarm["level"]) == ("frozen", "caution")
+    assert alarm["t"] == pytest.approx(t[60])
+    assert not flight.is_calm
+    flight.push(t + 5.0, noise(100))
+    assert flight.live["doubts"] == []
+    assert flight.replayed() == [(alarm["kind"], alarm["t"], alarm["reason"])]
+
+
+def test_a_frozen_source_without_noise_is_an_advisory(server: LiveServer) -> None:
+    flight = Pushed(server)
+    flight.push(np.arange(100) * DT, np.zeros((100, len(KEYS))))
+    (doubt,) = flight.live["doubts"]
+    assert "frozen" in doubt
+    alarms = httpx2.get(f"{flight.flight}/alarms").raise_for_status().json()
+    assert "frozen" not in [alarm["kind"] for alarm in alarms]
+
+
+def test_two_sources_that_contradict_are_a_caution_with_both_values(server: LiveServer) -> None:
+    t, flown = np.arange(60) * DT, noise(60)
+    flight = Pushed(server)
+    for k in range(60):
+        flight.push(t[k : k + 1], flown[k : k + 1])
+        if k >= 40:
+            other = flown[k : k + 1].copy()
+            other[:, NY] = 0.4
+            flight.push(t[k : k + 1], other)
+    (alarm,) = flight.cautions()
+    assert (alarm["kind"], alarm["t"]) == ("contradiction", t[40])
+    assert f"{flown[40, NY]:.3g} g from REST 127.0.0.1:" in alarm["reason"]
+    assert "0.4 g from REST 127.0.0.1:" in alarm["reason"]
+    assert not flight.is_calm
+    assert flight.replayed() == [(alarm["kind"], alarm["t"], alarm["reason"])]
+
+
+def test_journals_name_the_sender_of_each_batch(server: LiveServer) -> None:
+    flight = Pushed(server)
+    flight.push(np.arange(3) * DT, noise(3))
+    journal: Path = server.root / "live" / f"{flight.id}.jsonl"
+    assert '"v":"REST 127.0.0.1:' in journal.read_text()
