@@ -21,6 +21,7 @@ from app.demonstration import Demonstration
 from app.flights.clock import MonotonicClock
 from app.flights.flights import Flights
 from app.flights.frame_ticks import FrameTicks
+from app.flights.sources.udp import UdpAccess
 from app.http.document import (
     TAGS,
     describe_arrays,
@@ -207,7 +208,12 @@ async def _parts(app: FastAPI) -> AsyncIterator[None]:
             scored=app.state.scored,
             store_health=store_health,
             journals=journals,
-            host=settings.host,
+            udp=UdpAccess(
+                settings.host,
+                settings.udp_senders,
+                settings.udp_key or "",
+                settings.token is not None,
+            ),
         )
         app.state.frame_ticks = FrameTicks(MonotonicClock())
         await parts.enter_async_context(live_flights)

@@ -321,7 +321,13 @@ class LiveStatus(Message):
     refused: str = Field(
         default="", description="why the newest message was refused; empty if it was accepted"
     )
-    foreign: int = Field(description="datagrams from unknown senders")
+    foreign: int = Field(description="datagrams from other senders, or without the key")
+    sender: str | None = Field(
+        default=None, description="host:port of the datagrams' sender; null before the first"
+    )
+    other_sender: str | None = Field(
+        default=None, description="newest other sender, which a person may accept instead"
+    )
     counts: dict[str, int] = Field(
         description="samples by kind: see First live flight in the guide"
     )

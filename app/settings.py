@@ -19,6 +19,8 @@
 | body_seconds     | FOREWARN_BODY_SECONDS     | 30, that a body may come at less than 4096 B/s   |
 | idle_seconds     | FOREWARN_IDLE_SECONDS     | 5, between two requests of a connection          |
 | session_seconds  | FOREWARN_SESSION_SECONDS  | 12 h, that a login lasts from when it was used   |
+| udp_senders      | FOREWARN_UDP_SENDERS      | none: addresses or networks that may send UDP    |
+| udp_key          | FOREWARN_UDP_KEY          | none: at least 16 characters, in each UDP batch  |
 | retain_days      | FOREWARN_RETAIN_DAYS      | 0: nothing is deleted for its age                |
 | retain_gb        | FOREWARN_RETAIN_GB        | 0: nothing is deleted for its size               |
 """
@@ -27,7 +29,7 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from ipaddress import ip_address
+from ipaddress import ip_address, ip_network
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +72,8 @@ class Settings:
     body_seconds: float = 30.0
     idle_seconds: float = 5.0
     session_seconds: float = 12 * 3600.0
+    udp_senders: tuple[str, ...] = ()
+    udp_key: str | None = field(default=None, repr=False)
     retain_days: float = 0.0
     retain_gb: float = 0.0
 
@@ -81,6 +85,17 @@ class Settings:
             )
         if self.token is not None and not (self.token.isascii() and self.token.isprintable()):
             raise SettingsError("the token has characters not allowed in a header: use ASCII")
+        if self.udp_key is not None and len(self.udp_key) < SHORTEST_TOKEN:
+            raise SettingsError(
+                f"udp_key has {len(self.udp_key)} characters: give at least {SHORTEST_TOKEN}"
+            )
+        for sender in self.udp_senders:
+            try:
+                ip_network(sender, strict=False)
+            except ValueError:
+                raise SettingsError(
+                    f"udp_senders has {sender!r}: give an address or network such as 10.0.0.0/24"
+                ) from None
         if not is_loopback(self.host) and self.token is None:
             raise SettingsError(
                 f"host {self.host} can be reached from other machines: set FOREWARN_TOKEN, or "
@@ -141,7 +156,7 @@ def read_settings(environment: Mapping[str, str] | None = None, **options: Any) 
 def _parse(variable: str, name: str, text: str) -> Any:
     if name == "data_dir":
         return Path(text).expanduser()
-    if name == "allowed_hosts":
+    if name in ("allowed_hosts", "udp_senders"):
         return tuple(host.strip() for host in text.split(",") if host.strip())
     if name == "port" or name.startswith("max_"):
         try:

@@ -97,6 +97,7 @@ ALLOWED: dict[Role, tuple[str, ...]] = {
         f"POST {FLIGHT}/alarms/{{id}}/acknowledge",
         f"POST {FLIGHT}/markers",
         f"POST {FLIGHT}/manoeuvre",
+        f"POST {FLIGHT}/sender",
         SAMPLES,
         UPLINK,
         f"POST {FLIGHT}/score",

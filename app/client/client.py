@@ -49,6 +49,7 @@ class LiveClient:
 
     url: of the server.   token: of an operator, if the server needs one.
     way: `websocket`; `rest`; `udp`: datagrams, and lost ones by WebSocket at the end.
+    udp_key: key of datagrams, if the server has one.
     patience: longest wait for acknowledgements when leaving, since the last one [s].
     keep_open: leave the flight in progress. Otherwise leaving the client's context ends the flight
     that it started or pushed into, once every sample is durable; an error never ends a flight.
@@ -60,6 +61,7 @@ class LiveClient:
         token: str | None = None,
         *,
         way: Way = "websocket",
+        udp_key: str | None = None,
         patience: float = PATIENCE_S,
         keep_open: bool = False,
     ) -> None:
@@ -73,7 +75,7 @@ class LiveClient:
         headers = {"Authorization": f"Bearer {token}"} if token else {}
         self._options: dict[str, Any] = {"headers": headers, "timeout": REQUEST_S}
         self._options |= {"trust_env": False, "base_url": f"{self.url}/api/v1"}
-        self._headers = headers
+        self._headers, self._udp_key = headers, udp_key
         self._samples = Outbox(MOST_VALUES_UDP if way == "udp" else MOST_VALUES)
         self._thread: threading.Thread | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -296,11 +298,16 @@ class LiveClient:
                 if (self._flushing or self._samples.is_full) and not self._samples.is_empty:
                     await self._repeat_lost()
                 elif (batch := self._samples.take()) is not None:
-                    sender.sendto(batch.text, target)
+                    sender.sendto(self._keyed(batch.text), target)
                     await asyncio.sleep(0.0)
                 else:
                     self._work_available.clear()
                     await self._work_available.wait()
+
+    def _keyed(self, text: bytes) -> bytes:
+        if self._udp_key is None:
+            return text
+        return b'{"key":' + msgspec.json.encode(self._udp_key) + b"," + text.removeprefix(b"{")
 
     async def _repeat_lost(self) -> None:
         self._samples.rewind()

@@ -19,7 +19,7 @@ if TYPE_CHECKING:  # slow to import, and not needed for help
     from app.commands.recorded_rows import RecordedRows
 
 INTERRUPTED = 130
-TOKEN = "FOREWARN_TOKEN"
+TOKEN, UDP_KEY = "FOREWARN_TOKEN", "FOREWARN_UDP_KEY"
 FASTEST = "max"
 LAST_S = 2.0
 """Longest wait of an interrupted push for acknowledgements."""
@@ -50,7 +50,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     for way, words in (
         ("websocket", "by WebSocket (the default)"),
         ("rest", "by REST"),
-        ("udp", "as datagrams; lost ones by WebSocket at the end"),
+        ("udp", f"as datagrams, with {UDP_KEY} if set; lost ones by WebSocket at the end"),
     ):
         ways.add_argument(f"--{way}", dest="way", action="store_const", const=way, help=words)
     parser.add_argument(
@@ -97,7 +97,8 @@ def run(options: argparse.Namespace) -> int:
     if options.recording and not options.as_is:
         raise ValueError("--recording maps the file's own names: give --as-is too")
     token = options.token or os.environ.get(TOKEN)
-    client = LiveClient(options.server, token, way=options.way)
+    udp_key = os.environ.get(UDP_KEY)
+    client = LiveClient(options.server, token, way=options.way, udp_key=udp_key)
     rows = None if options.as_is else si_rows(options.file, options.mapping)
     if options.flight:
         client.join(options.flight)

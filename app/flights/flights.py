@@ -41,6 +41,7 @@ from app.flights.sources.source import (
     trim_angles,
 )
 from app.flights.sources.track import SourceError
+from app.flights.sources.udp import UdpAccess
 from app.flights.transport import NotPossible
 from app.flights.verdict import first_exceedance
 from app.messages import FlightMarker, LiveStatus
@@ -61,6 +62,7 @@ if TYPE_CHECKING:
 
 LOG = logging.getLogger("forewarn")
 STOPPING = "the server is stopping"
+HERE_ALONE = UdpAccess()
 RECORDING_THREADS = 2
 """So that an alarm can be stored while the other thread waits for the disk."""
 
@@ -91,9 +93,9 @@ class Flights:
         scored: ScoredRecordings | None = None,
         store_health: StoreHealth | None = None,
         journals: Journals | None = None,
-        host: str = "127.0.0.1",
+        udp: UdpAccess = HERE_ALONE,
     ) -> None:
-        self._store_health, self._journals, self._host = store_health, journals, host
+        self._store_health, self._journals, self._udp = store_health, journals, udp
         self.store, self.max_flights, self._scored = store, max_flights, scored
         self._scenes, self._clock = scenes, clock or MonotonicClock()
         self._flights: dict[str, Flight] = {}
@@ -227,7 +229,7 @@ class Flights:
 
     def _opening(self, monitor_id: str, monitor: Monitor, epsilon: float) -> Opening:
         return Opening(
-            self.store, self._scored, monitor_id, monitor, epsilon, self._journals, self._host
+            self.store, self._scored, monitor_id, monitor, epsilon, self._journals, self._udp
         )
 
     async def live(self, flight_id: str) -> LiveFlight:

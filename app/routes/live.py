@@ -54,6 +54,14 @@ class SamplesTaken(BaseModel):
     )
 
 
+class SenderRequest(SignedRequest):
+    """The source of a flight's datagrams from now on."""
+
+    model_config = strictly({"sender": "10.0.0.7:4000", "by": "Ann"})
+
+    sender: str = Field(description="host:port, as in `other_sender`", max_length=60)
+
+
 @router.post(
     "/{flight_id}/samples",
     responses=problem_responses(404, 409, 422, 429, 503),
@@ -114,6 +122,21 @@ async def begin_manoeuvre(
     by = signature(person, (who or SignedRequest()).by)
     with refused(409, "not-live", NotPossible):
         await asyncio.shield(flight.begin_manoeuvre(by))
+    return Response(status_code=204)
+
+
+@router.post("/{flight_id}/sender", status_code=204, responses=problem_responses(404, 409, 422))
+async def change_sender(
+    flight_id: str,
+    flights: FlightsDep,
+    person: PersonDep,
+    request: SenderRequest,
+) -> Response:
+    """Accept datagrams of another sender as the source, instead of the present one."""
+    flight = await _live(flight_id, flights)
+    by = signature(person, request.by)
+    with refused(409, "not-live", NotPossible):
+        await asyncio.shield(flight.change_sender(request.sender, by))
     return Response(status_code=204)
 
 

@@ -27,7 +27,7 @@ from app.flights.recorder import JOURNALLED_S
 from app.flights.sources.known_batches import KnownBatches
 from app.flights.sources.lag import Lag
 from app.flights.sources.track import SourceError
-from app.flights.sources.udp import UdpReceiver
+from app.flights.sources.udp import UdpAccess, UdpReceiver
 from app.flights.transport import NotPossible
 from app.messages import (
     Alarm,
@@ -52,6 +52,8 @@ BEGUN_KEPT = 50
 UNREAD_KEPT, LONGEST_NAME, LONGEST_REASON = 20, 60, 300
 """Unread names that are shown, letters of each, and letters of a refusal."""
 FORMAT = 1
+UDP = "UDP "
+"""Before the sender of a batch that came as a datagram."""
 TIME_UNKNOWN = "time unknown: the source's clock jumped; dated by arrival"
 
 
@@ -75,7 +77,7 @@ class AcceptedBatch(NamedTuple):
 class LiveSetup(NamedTuple):
     """What a live flight is started with. delay: [s], DELAY_INTERVALS of the monitor if None.
 
-    udp: port to listen on, 0 for any; None for none.   host: address to listen on.
+    udp: port to listen on, 0 for any; None for none.   access: who may send to it.
     aircraft: name of the one whose mapping is used.   display: monitors without alarms.
     """
 
@@ -87,7 +89,7 @@ class LiveSetup(NamedTuple):
     delay: float | None = None
     trim: TrimRule = "detected"
     udp: int | None = None
-    host: str = "127.0.0.1"
+    access: UdpAccess = UdpAccess()
     aircraft: str | None = None
     display: tuple[DisplayMonitor, ...] = ()
 
@@ -118,6 +120,7 @@ class LiveFlight(Flight):
         self.is_restoring = False
         self._udp: UdpReceiver | None = None
         self._port = setup.udp
+        self._sender: str | None = None
         self._known_batches = KnownBatches()
         self._last_sequence: int | None = None
         self._lag = Lag(self.scorer.lead)
@@ -169,6 +172,8 @@ class LiveFlight(Flight):
             malformed=self._n_malformed,
             refused=self._refused,
             foreign=self._udp.n_foreign if self._udp else 0,
+            sender=self._udp.sender if self._udp else None,
+            other_sender=self._udp.other if self._udp else None,
             counts=self.scorer.counts.to_plain(),
             unread=list(self._unread),
             udp=self._udp.address if self._udp else None,
@@ -371,6 +376,10 @@ class LiveFlight(Flight):
         if line.get("e") == "limits":
             self.limits_at_hand.append(LimitsInForce.from_plain(line["limits"]))
         self._port = line.get("port", self._port)
+        if line.get("e") == "sender":
+            self._sender = line["sender"]
+        elif (via := line.get("v", "")).startswith(UDP):
+            self._sender = via.removeprefix(UDP)
         self._n_resumed += line.get("e") == "resumed"
         settled = replay_line(line, self.scorer, self._setup.reader)
         self._replayed += map(_exceedance_of, self.scorer.pop_exceedances())
@@ -413,10 +422,11 @@ class LiveFlight(Flight):
         """Open port and journal, or neither. SourceError; OSError."""
         if self._port is not None:
             try:
-                self._udp = UdpReceiver(self._setup.host, self._port, self._receive_datagram)
+                about = self._setup.access, self._port, self._receive_datagram, self._sender
+                self._udp = UdpReceiver(*about)
             except OSError as error:
                 raise SourceError(
-                    f"UDP port {self._port} of {self._setup.host} is not available "
+                    f"UDP port {self._port} of {self._setup.access.host} is not available "
                     f"({error.strerror}): give another one, or 0 for any free one"
                 ) from None
         try:
@@ -433,12 +443,21 @@ class LiveFlight(Flight):
         self._last_arrival = self.clock.now()
         self._watch_out()
 
-    def _receive_datagram(self, content: bytes, sender: str) -> bool:
-        """Receive a datagram, one batch per line. Returns whether any was a batch."""
+    def change_sender(self, sender: str, by: str) -> asyncio.Future[None]:
+        """Accept the datagrams of this sender alone. NotPossible without a port."""
+        if self._udp is None:
+            raise NotPossible("this flight does not listen for datagrams: start it with `udp`")
+        written = self._record({"e": "sender", "sender": sender, "by": by})
+        self._udp.sender, self._udp.other = sender, None
+        self._send_live()
+        return written
+
+    def _receive_datagram(self, lines: list[bytes], sender: str) -> bool:
+        """Receive the batches of a datagram. Returns whether any was one."""
         n_taken = 0
-        for line in content.splitlines():
+        for line in lines:
             with suppress(TelemetryError, SequenceConflict, NotPossible, JournalFull):
-                self.receive(line, f"UDP {sender}")
+                self.receive(line, f"{UDP}{sender}")
                 n_taken += 1
         return n_taken > 0
 

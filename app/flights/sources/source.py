@@ -24,6 +24,7 @@ from app.flights.sources.playback import AssessedTrack, Script
 from app.flights.sources.recorded_playback import RecordedScript
 from app.flights.sources.replay import TrackFlight
 from app.flights.sources.track import SourceError, Track, times
+from app.flights.sources.udp import UdpAccess
 from app.json_codec import Whole
 from app.messages import Mode
 from app.recipes.recipes import from_plain
@@ -47,9 +48,9 @@ BATCH, MOST_BATCHES = 256, 64
 class Opening(NamedTuple):
     """What a source needs to be opened.
 
-    scored: recordings; journals: of live flights; None if the server keeps none.   host: of the
-    server.   display: monitors without alarms.   conditions: names under which a live source sends
-    channels of the flight condition, if not their own.
+    scored: recordings; journals: of live flights; None if the server keeps none.   udp: who may
+    send datagrams.   display: monitors without alarms.   conditions: names under which a live
+    source sends channels of the flight condition, if not their own.
     """
 
     store: Store
@@ -58,7 +59,7 @@ class Opening(NamedTuple):
     monitor: Monitor
     epsilon: float
     journals: Journals | None = None
-    host: str = "127.0.0.1"
+    udp: UdpAccess = UdpAccess()
     display: tuple[DisplayMonitor, ...] = ()
     conditions: Names = MappingProxyType({})
 
@@ -237,12 +238,24 @@ class Live(Source):
     )
 
     def open(self, opening: Opening) -> tuple[LiveSetup, str]:
-        if opening.journals is None:
-            raise SourceError("this server keeps no live flights: choose a simulated source")
+        if self.udp is not None:
+            self._check_udp(opening)
+        return self._opened(opening)
+
+    def _check_udp(self, opening: Opening) -> None:
         if self.udp is not None and 0 < self.udp < FIRST_FREE_PORT:
             raise SourceError(
                 f"UDP port {self.udp} is reserved: give one from {FIRST_FREE_PORT} on, or 0"
             )
+        access = opening.udp
+        if not access.is_guarded and (access.is_shared or opening.store.tokens.all()):
+            raise SourceError(
+                "datagrams carry no token, and this server asks for tokens: set "
+                "FOREWARN_UDP_SENDERS to the addresses that may send, or FOREWARN_UDP_KEY to a key "
+                "that each batch holds as `key`"
+            )
+
+    def _opened(self, opening: Opening) -> tuple[LiveSetup, str]:
         mapping, name, aircraft = None, "live", None
         if self.recording is not None:
             info = opening.store.recordings.info(self.recording)
@@ -250,6 +263,8 @@ class Live(Source):
             mapping, aircraft = Mapping.from_plain(columns.mapping), info.aircraft
             name = f"live, as {info.name}"
         monitor = opening.monitor
+        if opening.journals is None:
+            raise SourceError("this server keeps no live flights: choose a simulated source")
         setup = LiveSetup(
             monitor,
             opening.epsilon,
@@ -259,7 +274,7 @@ class Live(Source):
             self.delay,
             self.trim,
             self.udp,
-            opening.host,
+            opening.udp,
             aircraft=aircraft,
             display=opening.display,
         )
@@ -275,8 +290,8 @@ class Live(Source):
         """
         opening = opening._replace(conditions=header.get("conditions", {}))
         if "mapping" not in header:
-            return self.open(opening)
-        setup, name = self.model_copy(update={"recording": None}).open(opening)
+            return self._opened(opening)
+        setup, name = self.model_copy(update={"recording": None})._opened(opening)
         plain = header["mapping"]
         mapping = None if plain is None else Mapping.from_plain(plain)
         reader = ChannelReader(mapping, opening.conditions)

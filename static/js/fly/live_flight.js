@@ -247,7 +247,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     panels.calls.after(panels.live);
     source = createLivePanel(
       { line: panels.live, problem: panels.problem },
-      { begin: () => api.post(`${path}/manoeuvre`), address: address.toggle, events, flag: (flag) => display.chart.flag(flag) },
+      { begin: () => api.post(`${path}/manoeuvre`), accept: (sender) => api.post(`${path}/sender`, { sender }), address: address.toggle, events, flag: (flag) => display.chart.flag(flag) },
     );
   }
 

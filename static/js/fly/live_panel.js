@@ -2,8 +2,9 @@
  * The state of a live source, in one line beside the markers, and its problems.
  *
  * Exports
- *   createLivePanel({line, problem}, {begin, address, events, flag}) -> LivePanel
+ *   createLivePanel({line, problem}, {begin, accept, address, events, flag}) -> LivePanel
  *     line, problem: elements.   begin() -> Promise    marks that a manoeuvre begins now
+ *     accept(sender) -> Promise    makes another sender of datagrams the source
  *     address() -> bool    shows or hides the source's addresses; whether they are shown
  *     flag(flag), events: mark a beginning on the strips and list it
  *   beginningEvent({number, t}) -> event, beginningFlag({number, t}) -> flag    of a manoeuvre, for the event list and the strips
@@ -22,6 +23,7 @@ import { may, needs } from "../lib/me.js";
 import { leadSeconds } from "../lib/numbers.js";
 
 const BEGIN = "POST /flights/{}/manoeuvre";
+const ACCEPT = "POST /flights/{}/sender";
 const LATE = 0.25; // s of lag that is a caution
 const KINDS = [
   ["late", "late", "Samples dropped: too late"],
@@ -43,13 +45,13 @@ const ITEMS = [
   ["batches", "batches", "Batches received, without repeated ones"],
   ...KINDS,
   ["malformed", "malformed", "Messages that are not a valid batch"],
-  ["foreign", "foreign", "Datagrams from unknown senders"],
+  ["foreign", "foreign", "Datagrams from other senders, or without the key"],
   ["resumed", "restarts", "Times that the flight continued after a killed server"],
   ["unread", "not read", "Names that the source sends and no channel reads: check the names and the mapping"],
   ["udp", "UDP", "Address for datagrams"],
 ];
 
-export function createLivePanel({ line, problem }, { begin, address, events, flag }) {
+export function createLivePanel({ line, problem }, { begin, accept, address, events, flag }) {
   line.classList.add("live-panel");
   const items = new Map();
   const known = new Set(); // manoeuvres
@@ -64,7 +66,8 @@ export function createLivePanel({ line, problem }, { begin, address, events, fla
     items.set(key, { box, value });
     figures.append(box);
   }
-  line.append(h("strong", { class: "live-word" }, "LIVE"), beginButton, open, failure);
+  const acceptButton = h("button", { type: "button", class: "button button-small", hidden: true, title: "Take the samples of this sender of datagrams instead of the present one", onclick: () => attempt(() => accept(live.other_sender)), ...needs(ACCEPT) });
+  line.append(h("strong", { class: "live-word" }, "LIVE"), beginButton, open, acceptButton, failure);
   line.after(figures);
   let steps = 0; // of the source's clock, already listed
   let live = null;
@@ -91,6 +94,8 @@ export function createLivePanel({ line, problem }, { begin, address, events, fla
     count("malformed", live.malformed);
     count("foreign", live.foreign);
     count("resumed", live.resumed);
+    acceptButton.hidden = !live.other_sender;
+    put(acceptButton, `Accept sender ${live.other_sender}`);
     show("udp", live.udp ?? "");
     show("doubts", (live.doubts ?? []).join("; "), "caution");
     show("drift", live.drift ? `${live.drift} ppm` : "");
@@ -141,15 +146,19 @@ export function createLivePanel({ line, problem }, { begin, address, events, fla
 
   async function press() {
     if (live === null || live.trim === "none" || !may(BEGIN)) return;
-    failure.hidden = true;
     beginButton.disabled = true;
+    await attempt(begin);
+    showManoeuvre();
+  }
+
+  async function attempt(act) {
+    failure.hidden = true;
     try {
-      await begin();
+      await act();
     } catch (error) {
       put(failure, reasonOf(error));
       failure.hidden = false;
     }
-    showManoeuvre();
   }
 
   return {

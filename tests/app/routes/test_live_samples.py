@@ -17,7 +17,7 @@ from app.routes.flight_sockets import MOST_MALFORMED
 from app.telemetry.journal import lines_of
 from core.channels import KEYS
 from tests.app.flights.test_flights import monitor
-from tests.support.api import api, problem, store_of
+from tests.support.api import ADDRESS, api, problem, store_of
 
 URL = "/api/v1/flights"
 HEADERS = {"host": "127.0.0.1:8000", "origin": "http://127.0.0.1:8000"}
@@ -113,6 +113,33 @@ def test_an_impossible_source_is_refused_before_the_flight(range_: Range) -> Non
     )
     assert "subtracted from the lead" in problem(range_.start(delay=10.0), 422)
     problem(range_.start(recording="nothing"), 404)
+
+
+@pytest.mark.parametrize("guard", [{"udp_key": 20 * "k"}, {"udp_senders": ("127.0.0.1",)}, {}])
+def test_a_server_with_tokens_needs_a_guard_of_datagrams(
+    tmp_path: Path, guard: dict[str, Any]
+) -> None:
+    token = 20 * "t"
+    with api(tmp_path, token=token, **guard) as client:
+        client.headers["Authorization"] = f"Bearer {token}"
+        client.headers["Origin"] = ADDRESS
+        started = Range(client, tmp_path).start(udp=0)
+    if guard:
+        assert started.status_code == 201
+    else:
+        assert "FOREWARN_UDP_KEY" in problem(started, 422)
+
+
+def test_a_person_accepts_another_sender_of_datagrams(range_: Range) -> None:
+    assert "listen for datagrams" in problem(change_sender(range_, range_.id), 409)
+    flight = range_.start(udp=0).json()["id"]
+    assert change_sender(range_, flight).status_code == 204
+    assert range_.client.get(f"{URL}/{flight}/samples").json()["sender"] == "10.0.0.7:4000"
+
+
+def change_sender(range_: Range, flight: str) -> Any:
+    body = {"sender": "10.0.0.7:4000", "by": "FTE"}
+    return range_.client.post(f"{URL}/{flight}/sender", json=body)
 
 
 def test_a_database_that_another_program_locks_delays_no_acknowledgement(range_: Range) -> None:

@@ -12,6 +12,7 @@ import pytest
 
 from app.assessment.batches import ChannelReader
 from app.flights.sources.live import LiveFlight, LiveSetup, SequenceConflict
+from app.flights.sources.udp import UdpAccess
 from app.flights.transport import NotPossible
 from app.telemetry.journal import Journals, lines_of
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
@@ -338,28 +339,97 @@ def test_a_mapping_that_needs_the_future_is_refused() -> None:
         ChannelReader(Mapping(channels, {"": TimeSource("t")}))
 
 
-def test_datagrams_of_one_sender_are_taken_and_others_are_counted(tmp_path: Path) -> None:
+KEY = "a key of the range"
+
+
+class Sender:
+    """A socket that sends datagrams to a flight."""
+
+    def __init__(self, flight: LiveFlight) -> None:
+        host, port = str(flight.live.udp).split(":")
+        self._to = host, int(port)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind((host, 0))
+        self.address = f"{host}:{self._socket.getsockname()[1]}"
+
+    def __enter__(self) -> "Sender":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._socket.close()
+
+    def send(self, *lines: str) -> None:
+        self._socket.sendto("\n".join(lines).encode(), self._to)
+
+
+async def until(holds: Callable[[], bool]) -> None:
+    async with asyncio.timeout(PATIENCE):
+        while not holds():
+            await asyncio.sleep(0.001)
+
+
+def test_datagrams_come_from_one_sender_until_a_person_changes_it(tmp_path: Path) -> None:
     flights: list[LiveFlight] = []
 
     async def fly(live: Live, y: Array) -> None:
-        flights.append(live.flight)
-        host, port = str(live.flight.live.udp).split(":")
-        with (
-            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
-            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
-        ):
-            lines = [batch(k, y[k]) for k in range(4)]
-            sender.sendto(b"nonsense", (host, int(port)))
-            sender.sendto("\n".join(lines[:2]).encode(), (host, int(port)))
-            other.sendto(lines[2].encode(), (host, int(port)))
-            sender.sendto(lines[3].encode(), (host, int(port)))
-            async with asyncio.timeout(PATIENCE):
-                while live.flight.live.batches < 3:
-                    await asyncio.sleep(0.001)
-        assert (live.flight.live.malformed, live.flight.live.foreign) == (1, 1)
+        flight = live.flight
+        flights.append(flight)
+        with Sender(flight) as sender, Sender(flight) as other:
+            lines = [batch(k, y[k]) for k in range(7)]
+            sender.send("nonsense")
+            sender.send(*lines[:2])
+            other.send(lines[2])
+            sender.send(lines[3])
+            await until(lambda: flight.live.batches == 3)
+            assert (flight.live.malformed, flight.live.foreign) == (1, 1)
+            assert (flight.live.sender, flight.live.other_sender) == (sender.address, other.address)
+            live.clock.advance(5.0)  # silence changes nothing
+            other.send(lines[2])
+            await until(lambda: flight.live.foreign == 2)
+            flight.change_sender(other.address, "FTE")
+            sender.send(lines[4])
+            other.send(lines[5])
+            await until(lambda: flight.live.batches == 4)
+            assert (flight.live.foreign, flight.live.other_sender) == (3, sender.address)
+        await flight.stop("the server is stopping")
+        again = live.another(live.recorder)
+        again.restore(lines_of(live.journals.path(flight.id)), -1, [], [])
+        again.resume([])
+        assert again.live.sender == other.address
+        await again.stop("enough")
 
     flown(fly, tmp_path, udp=0)
     assert str(flights[0].live.udp).startswith("127.0.0.1:")
+
+
+def test_datagrams_need_the_key_of_the_server(tmp_path: Path) -> None:
+    async def fly(live: Live, y: Array) -> None:
+        flight = live.flight
+        with Sender(flight) as wrong, Sender(flight) as right:
+            for given in ({}, {"key": "another"}, {"key": 7}):
+                wrong.send(batch(0, y[0], **given))
+            right.send(batch(0, y[0], key=KEY))
+            await until(lambda: flight.live.batches == 1)
+            assert (flight.live.foreign, flight.live.sender) == (3, right.address)
+            assert flight.live.unread == []
+        journal = live.journals.path(flight.id).read_text()
+        assert KEY not in journal
+
+    flown(fly, tmp_path, udp=0, access=UdpAccess(key=KEY))
+
+
+def test_datagrams_come_from_the_listed_networks_alone(tmp_path: Path) -> None:
+    assert UdpAccess(senders=("10.1.0.0/24",)).admits("10.1.0.7")
+    assert UdpAccess(senders=("10.1.0.0/24",)).admits("::ffff:10.1.0.7")
+    assert not UdpAccess(senders=("10.1.0.0/24",)).admits("10.1.1.7")
+
+    async def fly(live: Live, y: Array) -> None:
+        with Sender(live.flight) as sender:
+            sender.send(batch(0, y[0]))
+            await until(lambda: live.flight.live.foreign == 1)
+        assert live.flight.live.batches == 0
+
+    flown(fly, tmp_path, udp=0, access=UdpAccess(senders=("10.1.0.0/24",)))
 
 
 def test_a_live_flight_cannot_be_steered_and_takes_nothing_when_it_is_over(tmp_path: Path) -> None:
