@@ -63,6 +63,8 @@ if TYPE_CHECKING:
 LOG = logging.getLogger("forewarn")
 STOPPING = "the server is stopping"
 HERE_ALONE = UdpAccess()
+MARKED_S = 0.5
+"""A marker is answered by then, stored or not [s]."""
 RECORDING_THREADS = 2
 """So that an alarm can be stored while the other thread waits for the disk."""
 
@@ -443,12 +445,18 @@ class Flights:
     ) -> FlightMarker:
         """Set a marker in a flight in progress: sent to all watchers at once, then stored.
 
+        A marker that is not stored within MARKED_S, as in a locked database, is stored later.
         NotFound; StoreError: it is not stored yet, and is as soon as the store accepts it.
         """
         flight = self.flying(flight_id)
         marker = flight.mark(kind, by, text)
+        storing = asyncio.ensure_future(flight.recorder.store_alarms())
+        done, _ = await asyncio.wait((storing,), timeout=MARKED_S)
+        if not done:
+            storing.add_done_callback(lambda task: task.cancelled() or task.exception())
+            return marker
         try:
-            await flight.recorder.store_alarms()
+            storing.result()
         except StoreError as error:
             raise StoreError(
                 f"{marker.word} is on every screen but not stored yet ({error}): it is stored as "

@@ -331,8 +331,9 @@ async def set_flight_marker(
 ) -> FlightMarker:
     """Set ABORT or KNOCK IT OFF at the newest sample of a flight in progress.
 
-    All watchers see it at once. The response is sent once it is stored; on 503 it is shown but not
-    stored yet. The flight neither ends nor pauses. 404 for an ended flight.
+    All watchers see it at once. The response waits half a second for the store; with `stored`
+    false, or on 503, it is shown but not stored yet. The flight neither ends nor pauses. 404 for an
+    ended flight.
     """
     by = signature(person, marker.by)
     return await flights.mark(flight_id, marker.kind, by, marker.text)

@@ -1,9 +1,9 @@
 """Doubts about received samples: closed cases, real records and simulated flights."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from app.assessment.input_checks import Doubt, InputChecks
@@ -12,7 +12,7 @@ from core.channels import KEYS
 from core.monitor.status import Level
 from core.planned_test.collection import DatasetRecipe, Simulator, collect
 from core.planned_test.planned_test import SensorNoise
-from core.types import Array
+from core.types import Array, Flags
 from tests.support import attas
 from tests.support.places import RECORDS
 
@@ -28,18 +28,18 @@ def checks(limits: Array | None = PLANNED.limits, by_hand: bool = True) -> Input
 
 
 def doubts(
-    t: Sequence[float] | Array, y: Array, looked: InputChecks | None = None, source: str = "A"
+    t: npt.NDArray, y: Array, looked: InputChecks | None = None, source: str = "A"
 ) -> list[Doubt]:
     """The doubts of samples that arrive when they are measured, each once."""
     looked = checks() if looked is None else looked
     found: dict[tuple[str, float], Doubt] = {}
-    for when, row in zip(np.asarray(t).tolist(), y, strict=True):
+    for when, row in zip(t.tolist(), y, strict=True):
         looked.push(when, when, row, source, False)
         found |= {(doubt.kind, doubt.t): doubt for doubt in looked.doubts}
     return [*found.values()]
 
 
-def cautions(t: Array, y: Array) -> list[str]:
+def cautions(t: npt.NDArray, y: Array) -> list[str]:
     return [doubt.kind for doubt in doubts(t, y) if doubt.level is Level.CAUTION]
 
 
@@ -110,7 +110,7 @@ def test_a_source_that_is_set_back_does_not_contradict_itself() -> None:
     assert doubts(t + 3.0, NOISE[100:200], looked) == []
 
 
-def flights(test: DatasetRecipe, n: int) -> tuple[Array, Array, Array, Array]:
+def flights(test: DatasetRecipe, n: int) -> tuple[npt.NDArray, Array, Flags, Array]:
     """Times, flights with a long rest, whether each fails, and the largest in training."""
     trained = collect(replace(test, n_unsafe=40))
     usual = np.fmax.reduce(np.abs(np.concatenate([trained.unsafe, trained.safe])), axis=(0, 1))

@@ -8,6 +8,7 @@ from typing import Any
 
 import httpx2
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from app.assessment.input_checks import DOUBT_KINDS
@@ -41,7 +42,7 @@ class Pushed:
         answer = httpx2.post(url, json=body).raise_for_status()
         return answer.json() if answer.content else None
 
-    def push(self, t: Array, y: Array) -> None:
+    def push(self, t: npt.NDArray, y: Array) -> None:
         channels = dict(zip(KEYS, y.T.tolist(), strict=True))
         self._post(f"{self.flight}/samples", {"t": t.tolist(), **channels})
 
@@ -82,7 +83,7 @@ class Pushed:
         return [(alarm["kind"], alarm["t"], alarm["reason"]) for alarm in alarms]
 
 
-def doublet() -> tuple[Array, Array]:
+def doublet() -> tuple[npt.NDArray, Array]:
     """A failing rudder doublet after three seconds of rest, up to its limit."""
     longer = replace(RECIPE.maneuver, lead_in_s=3.0, duration_s=9.0)
     rollouts = Simulator(replace(RECIPE, maneuver=longer)).rollouts(60, np.random.default_rng(1))

@@ -1,6 +1,8 @@
 """Markers of a flight: shown at once, stored before they are answered, and nothing else."""
 
+import sqlite3
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +82,26 @@ def test_a_marker_that_the_store_refuses_is_shown_and_stored_later(
         assert [one["stored"] for one in server.client.get(path).json()] == [False]
         assert server.flights.flying(flight).recorder.waiting_words.endswith("1 marker")
     assert server.client.post(f"{URL}/{flight}/end").status_code == 200
+    assert [one["stored"] for one in server.client.get(path).json()] == [True]
+
+
+def test_a_marker_never_waits_for_a_locked_database(server: Server, tmp_path: Path) -> None:
+    flight = server.start()["id"]
+    path = f"{URL}/{flight}/markers"
+    with (
+        server.watch(flight) as socket,
+        closing(sqlite3.connect(tmp_path / "forewarn.db")) as other,
+    ):
+        other.execute("BEGIN EXCLUSIVE")
+        answer = server.client.post(path, json={"kind": "abort"})
+        assert (answer.status_code, answer.json()["stored"]) == (201, False)
+        (told,) = markers_of(until(socket, lambda m: m["type"] == "marker"))
+        assert (told["word"], told["stored"]) == ("ABORT", False)
+        with server.watch(flight) as late:
+            assert not msgspec.json.decode(late.receive_text())["markers"][0]["stored"]
+        other.rollback()
+        (told,) = markers_of(until(socket, lambda m: m["type"] == "marker"))
+    assert told["stored"]
     assert [one["stored"] for one in server.client.get(path).json()] == [True]
 
 
