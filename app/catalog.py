@@ -14,7 +14,13 @@ from typing import Any, get_args
 
 from pydantic import TypeAdapter
 
-from app.jobs.requests import LARGEST_N_TEST, MOST_MEMBERS, N_TEST, CombinationRecipe
+from app.jobs.requests import (
+    LARGEST_N_MONITORS,
+    LARGEST_N_TEST,
+    MOST_MEMBERS,
+    N_TEST,
+    CombinationRecipe,
+)
 from app.recipes import labels
 from app.recipes.labels import choice_label, descriptions, kind_label, title_of, unit_of
 from app.recipes.recipes import (
@@ -62,7 +68,6 @@ RECIPES: dict[str, Any] = {
 
 @cache
 def catalog() -> dict[str, Any]:
-    """The complete catalog as plain data."""
     known = FAMILIES | {LIMITS: Family(LIMITS, Limits, SPECIFICATIONS)}
     families = {
         name: {
@@ -114,7 +119,6 @@ def _method_words(predictor: Any, score: Any) -> str:
 
 
 def _as_flown(recipe: Any) -> dict[str, Any] | None:
-    """A dataset's recipe with the imperfections of a real flight."""
     return to_plain(recipe.as_flown()) if isinstance(recipe, DatasetRecipe) else None
 
 
@@ -244,57 +248,50 @@ def _property(schema: dict[str, Any], value: Any) -> dict[str, Any]:
     return dict(schema)
 
 
+def _request(
+    title: str, schema: dict[str, Any], *required: str, **properties: Any
+) -> dict[str, Any]:
+    """JSON schema of a request's body: a recipe, and its properties besides."""
+    schema["properties"] |= properties
+    return schema | {"title": title} | ({"required": [*required]} if required else {})
+
+
 def dataset_request_schema() -> dict[str, Any]:
-    """JSON schema of the request body for a dataset."""
-    schema = _ordered(USUAL_DATASET)
-    schema["properties"] |= {"name": _NAME}
-    return schema | {"title": "Dataset to simulate"}
+    return _request("Dataset to simulate", _ordered(USUAL_DATASET), name=_NAME)
 
 
 def amplitude_request_schema() -> dict[str, Any]:
-    """JSON schema of the request body for an amplitude."""
     schema = dataset_request_schema()
-    schema["properties"] |= {"share": _SHARE}
-    return schema | {"title": "Test to find an amplitude for"}
+    return _request("Test to find an amplitude for", schema, share=_SHARE)
 
 
 def monitor_request_schema() -> dict[str, Any]:
-    """JSON schema of the request body for a monitor."""
-    schema = schema_of(USUAL_MONITOR)
-    schema["properties"] |= {"name": _NAME, "dataset": _dataset_choice(USUAL_DATASET)}
-    schema["properties"] |= {"n_test": _n_test(N_TEST)}
-    return schema | {"title": "Monitor to train", "required": ["dataset"]}
+    more = {"name": _NAME, "dataset": _dataset_choice(USUAL_DATASET), "n_test": _N_TEST}
+    return _request("Monitor to train", schema_of(USUAL_MONITOR), "dataset", **more)
 
 
 def combination_request_schema() -> dict[str, Any]:
-    """JSON schema of the request body for a combination of monitors."""
-    schema = schema_of(RECIPES["combination"])
     members = {"type": "array", "items": {"type": "string"}, "uniqueItems": True}
     members |= {"minItems": 2, "maxItems": MOST_MEMBERS}
     members["description"] = "ids of trained monitors of one planned test"
-    schema["properties"] |= {"name": _NAME, "monitors": members}
-    return schema | {"title": "Monitors to combine", "required": ["monitors"]}
+    schema = schema_of(RECIPES["combination"])
+    return _request("Monitors to combine", schema, "monitors", name=_NAME, monitors=members)
 
 
 def study_request_schema() -> dict[str, Any]:
-    """JSON schema of the request body for the paper's study."""
     schema = schema_of(RECIPES["study"])
-    schema["properties"] |= {"dataset": _dataset_choice(DatasetRecipe())}
     schema["properties"]["n_test"] |= {"minimum": 1, "maximum": LARGEST_N_TEST}
-    schema["properties"]["n_monitors"] |= {"minimum": 1, "maximum": 100}
-    return schema | {"title": "Study to run", "required": ["dataset"]}
+    schema["properties"]["n_monitors"] |= {"minimum": 1, "maximum": LARGEST_N_MONITORS}
+    return _request("Study to run", schema, "dataset", dataset=_dataset_choice(DatasetRecipe()))
 
 
 def sweep_request_schema() -> dict[str, Any]:
-    """JSON schema of the request body for a sweep over leads."""
     schema = schema_of(RECIPES["sweep"])
-    schema["properties"] |= {"dataset": _dataset_choice(USUAL_DATASET)}
-    return schema | {"title": "Leads to try"}
+    return _request("Leads to try", schema, dataset=_dataset_choice(USUAL_DATASET))
 
 
 def choice_request_schema() -> dict[str, Any]:
-    """JSON schema of the request body for an epsilon."""
-    return schema_of(RECIPES["epsilon"]) | {"title": "Epsilon to choose"}
+    return _request("Epsilon to choose", schema_of(RECIPES["epsilon"]))
 
 
 _NAME = {
@@ -304,6 +301,14 @@ _NAME = {
 }
 
 
+_N_TEST = {
+    "title": "fresh flights of the evaluation",
+    "description": "number of fresh flights for the evaluation; 0 for none",
+    "type": "integer",
+    "default": N_TEST,
+    "minimum": 0,
+    "maximum": LARGEST_N_TEST,
+}
 _SHARE = {
     "title": "wanted share",
     "description": "wanted share of rollouts that exceed a limit",
@@ -335,15 +340,4 @@ def _dataset_choice(recipe: DatasetRecipe) -> dict[str, Any]:
         "title": "dataset",
         "description": "id of a stored dataset, or the recipe of one to simulate",
         "anyOf": [{"type": "string", "minLength": 1}, deepcopy(_ordered(recipe))],
-    }
-
-
-def _n_test(default: int) -> dict[str, Any]:
-    return {
-        "title": "fresh flights of the evaluation",
-        "description": "number of fresh flights for the evaluation; 0 for none",
-        "type": "integer",
-        "default": default,
-        "minimum": 0,
-        "maximum": LARGEST_N_TEST,
     }

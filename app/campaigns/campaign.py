@@ -1,29 +1,22 @@
-"""A campaign: planned tests, their points in order, and the result of each; saved as one file.
-
-The states are those used on the radio. A point that a computation clears is "on condition" until a
-person confirms the checklist.
-"""
+"""A campaign: planned tests, their points in order, and the result of each; saved as one file."""
 
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from math import ceil
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
-from app.recipes.recipes import to_plain
+from app.campaigns.point import CampaignError, Condition, Event, FlownPoint, Point, State
+from app.recipes.recipes import RecipeError, from_plain, read_plain, to_plain
 from core.bounds import quoted
-from core.channels import N_CHANNELS
 from core.clearance.clearance import BuildUp, ClearanceRecipe
-from core.evaluation.rates import clopper_pearson
 from core.planned_test.planned_test import DatasetRecipe
-from core.types import Array
 from core.whole_file import write_whole
 
-State = Literal["planned", "on condition", "cleared", "hold", "complete", "aborted"]
 FORMAT, VERSION = "forewarn campaign", 2
 """Version 1 had one test for all points."""
 BY_FILE = " (by the file)"
@@ -33,134 +26,7 @@ USUAL_STEPS = (0.4, 0.6, 0.8, 1.0)
 """Default points, as shares of the planned amplitude."""
 
 
-class CampaignError(ValueError):
-    """An action that the campaign does not allow in its present state."""
-
-
-@dataclass(frozen=True)
-class Event:
-    """A change of a point's state.   at: UTC, ISO 8601.   by: who."""
-
-    at: str
-    by: str
-    state: State
-    words: str = ""
-
-    def __post_init__(self) -> None:
-        if not self.by.strip():
-            raise CampaignError("no name was given: enter the name of the person who decides")
-        try:
-            datetime.fromisoformat(self.at)
-        except ValueError:
-            raise CampaignError(f"at is {quoted(self.at)}: give a time in ISO 8601") from None
-
-
-@dataclass(frozen=True)
-class FlownPoint:
-    """A point as flown.
-
-    source: recording and time in it.   y: (n_samples, 6) from trim, one each dt of the test; empty
-    for a point aborted in flight, which is not used for computing.   reached: largest part of a
-    limit.   exceeded: channel and time, or empty.   recording: id, where it is stored.   start,
-    end: in the recording [s].   remark: on the flown input, or empty.
-    """
-
-    source: str
-    y: tuple[tuple[float, ...], ...]
-    reached: float
-    exceeded: str = ""
-    recording: str = ""
-    start: float | None = None
-    end: float | None = None
-    remark: str = ""
-
-    def __post_init__(self) -> None:
-        if self.y:
-            _check_samples(self.y)
-        if not 0.0 <= self.reached < np.inf:
-            raise CampaignError(f"reached is {self.reached:g}: give a part of a limit, 0 or more")
-
-
-@dataclass(frozen=True)
-class Clearing:
-    """The clearance computed for a point before it is flown.
-
-    steps: the flown points it is computed from.   reached: predicted part of a limit, 5 %, 50 % and
-    95 %.   withdrawn: failed checks that void the guarantee.   n_exceeding: simulated aircraft that
-    exceed a limit and calibrate it; p_value is None where they are too rare.   n_tried,
-    exceeding_share: number of simulated aircraft, and the share of them that exceed.
-    amplitude_deg: largest recommended amplitude, under its own guarantee.
-    """
-
-    cleared: bool
-    p_value: float | None
-    clear_below: float | None
-    reached: tuple[float, float, float]
-    amplitude_deg: float | None
-    withdrawn: tuple[str, ...]
-    n_exceeding: int
-    n_tried: int
-    recipe: ClearanceRecipe
-    steps: tuple[str, ...]
-    exceeding_share: float | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("p_value", "clear_below", "exceeding_share"):
-            value = getattr(self, name)
-            if value is not None and not 0.0 <= value <= 1.0:
-                raise CampaignError(f"{name} is {value:g}: give a number from 0 to 1")
-
-    @property
-    def exceeding_share_at_most(self) -> float | None:
-        """Upper bound on the share of aircraft that exceed a limit, with 95 % confidence."""
-        if self.exceeding_share is None:
-            return None
-        n_met = round(self.exceeding_share * self.n_tried)
-        return float(clopper_pearson(n_met, self.n_tried, confidence=0.9)[1])
-
-
-@dataclass(frozen=True)
-class Condition:
-    """A flight condition, with the planned test of its last point.
-
-    Derivatives hold for one flight condition: steps at one never clear a point at another.
-    """
-
-    name: str
-    test: DatasetRecipe
-
-
-@dataclass(frozen=True)
-class Point:
-    """A point of a campaign.
-
-    peak_deg: of the manoeuvre's command.   condition: name of its flight condition.
-    passes_below: pass criterion, the part of a limit to stay below.   criteria: further pass
-    criteria, in words.   monitor: id of the monitor trained for it, where it is stored.
-    """
-
-    name: str
-    peak_deg: float
-    events: tuple[Event, ...] = ()
-    clearing: Clearing | None = None
-    flown: FlownPoint | None = None
-    condition: str = ""
-    passes_below: float = 1.0
-    criteria: str = ""
-    monitor: str = ""
-
-    @property
-    def state(self) -> State:
-        return self.events[-1].state if self.events else "planned"
-
-    @property
-    def is_over(self) -> bool:
-        return self.state in ("complete", "aborted")
-
-    @property
-    def failed(self) -> bool:
-        """Whether it was flown, in full or in part, and did not pass."""
-        return self.flown is not None and self.flown.reached >= self.passes_below
+POINTS = TypeAdapter(tuple[Point, ...])
 
 
 class NextPoint(NamedTuple):
@@ -238,7 +104,6 @@ class Campaign:
         passes_below: float = 1.0,
         criteria: str = "",
     ) -> "Campaign":
-        """Append points at another flight condition."""
         points = _points(condition, fractions, passes_below, criteria)
         return replace(
             self, conditions=(*self.conditions, condition), points=(*self.points, *points)
@@ -323,7 +188,6 @@ class Campaign:
         return self.changed(number, "cleared", by, why.strip() or usual)
 
     def on_hold(self, by: str, why: str = "") -> "Campaign":
-        """Put the next point on hold."""
         return self.changed(self.next.number, "hold", by, why.strip())
 
     def aborted(self, by: str, why: str, flown: FlownPoint | None = None) -> "Campaign":
@@ -338,7 +202,6 @@ class Campaign:
         return self.changed(number, "aborted", by, words, flown=flown)
 
     def completed(self, flown: FlownPoint, by: str) -> "Campaign":
-        """Complete the next point with its flight."""
         number, point = self.next
         for other in self.points:
             if other.flown and other.flown.y == flown.y:
@@ -362,7 +225,6 @@ class Campaign:
         return self.with_point(number, replace(point, events=(*point.events, event), **fields))
 
     def with_point(self, number: int, point: Point) -> "Campaign":
-        """Return the campaign with one point replaced."""
         return replace(self, points=(*self.points[:number], point, *self.points[number + 1 :]))
 
     def as_plain(self) -> dict[str, Any]:
@@ -373,6 +235,27 @@ class Campaign:
         """Write the campaign to a file, completely or not at all."""
         text = json.dumps(self.as_plain(), indent=1, ensure_ascii=False)
         write_whole(path, f"{text}\n".encode())
+
+
+def _check_distinct(what: str, names: list[str]) -> None:
+    if len(set(names)) < len(names):
+        raise CampaignError(f"two {what} have the same name: give each its own")
+
+
+def _check_growing(peaks: list[float], stop: float | None) -> None:
+    """stop: largest deflection of the actuators [deg]; None for no limit."""
+    given = ", ".join(f"{peak:g}" for peak in peaks)
+    sizes = [abs(peak) for peak in peaks]
+    if len({np.sign(peak) for peak in peaks}) > 1 or sorted({*sizes} - {0.0}) != sizes:
+        raise CampaignError(
+            f"amplitudes of {given} deg were given: in a build-up they have one sign and grow from "
+            "point to point"
+        )
+    if sizes and not sizes[-1] <= (most := LARGEST_DEG if stop is None else stop):
+        raise CampaignError(
+            f"amplitudes of {given} deg were given: the surface goes to {most:g} deg at most; give "
+            "smaller ones"
+        )
 
 
 def _points(
@@ -399,18 +282,6 @@ def _reached(flown: FlownPoint, point: Point) -> str:
     return words
 
 
-def _check_samples(samples: tuple[tuple[float, ...], ...]) -> None:
-    try:
-        y = np.array(samples, np.float64)
-    except ValueError:
-        y = np.empty((0, 0))
-    if y.ndim != 2 or y.shape[1] != N_CHANNELS or len(y) < 2 or not np.isfinite(y).all():
-        raise CampaignError(
-            f"the flown samples have the shape {y.shape}: give finite samples (n_samples, "
-            f"{N_CHANNELS})"
-        )
-
-
 def _check_flown(point: Point) -> None:
     has_samples = point.flown is not None and len(point.flown.y) > 0
     if has_samples != (point.state == "complete"):
@@ -425,32 +296,43 @@ def _check_flown(point: Point) -> None:
         )
 
 
-def _check_distinct(what: str, names: list[str]) -> None:
-    if len(set(names)) < len(names):
-        raise CampaignError(f"two {what} have the same name: give each its own")
+def load(path: Path) -> Campaign:
+    """Read a campaign's file; CampaignError if it is not one."""
+    return from_file(read_plain(path), str(path))
 
 
-def _check_growing(peaks: list[float], stop: float | None) -> None:
-    """stop: largest deflection of the actuators [deg]; None for no limit."""
-    given = ", ".join(f"{peak:g}" for peak in peaks)
-    sizes = [abs(peak) for peak in peaks]
-    if len({np.sign(peak) for peak in peaks}) > 1 or sorted({*sizes} - {0.0}) != sizes:
+def from_file(plain: Any, where: str) -> Campaign:
+    """Rebuild a campaign from the content of its file.   where: its origin, for errors."""
+    if not isinstance(plain, dict) or plain.get("format") != FORMAT:
         raise CampaignError(
-            f"amplitudes of {given} deg were given: in a build-up they have one sign and grow from "
-            "point to point"
+            f"{where} is not a campaign file: create one with `forewarn campaign new`"
         )
-    if sizes and not sizes[-1] <= (most := LARGEST_DEG if stop is None else stop):
+    if (version := plain.get("version")) not in (1, VERSION):
         raise CampaignError(
-            f"amplitudes of {given} deg were given: the surface goes to {most:g} deg at most; give "
-            "smaller ones"
+            f"{where} is a campaign file of version {version!r}: this program reads up to {VERSION}"
         )
-
-
-def percent_at_most(share: float) -> str:
-    """An upper bound in percent, rounded up so that it stays one."""
-    return f"{ceil(1e4 * share - 1e-9) / 100:.2f} %"
-
-
-def samples_of(point: FlownPoint) -> Array:
-    """(n_samples, 6) of a flown point."""
-    return np.array(point.y, np.float64)
+    try:
+        if version == 1:
+            plain = plain | {"conditions": [{"name": "", "test": plain["test"]}]}
+        if not isinstance(plain["name"], str):
+            raise CampaignError(f"{where}: name is {quoted(plain['name'])}: give a text")
+        return Campaign(
+            plain["name"],
+            tuple(
+                Condition(each["name"], from_plain(DatasetRecipe(), each["test"], "test"))
+                for each in plain["conditions"]
+            ),
+            POINTS.validate_python(plain["points"]),
+            from_plain(ClearanceRecipe(), plain["clearance"], "clearance"),
+        )
+    except KeyError as error:
+        raise CampaignError(f"{where} lacks {error}: it is damaged") from None
+    except (TypeError, AttributeError) as error:
+        raise CampaignError(f"{where} is damaged: {error}") from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(map(str, first["loc"]))
+        message = str(first["msg"]).removeprefix("Value error, ")
+        raise CampaignError(f"{where}: points.{place}: {message}") from None
+    except RecipeError as error:
+        raise CampaignError(f"{where}: {error}") from None

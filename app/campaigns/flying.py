@@ -9,7 +9,7 @@ from app.assessment.exceedances_outside import exceedances_outside, notes_on_out
 from app.assessment.planned_test import SURFACES, PlannedTest
 from app.assessment.recipe import Interval, ScoringRecipe
 from app.assessment.segments import AFTERWARDS, Segment, mean_of_rest, segments
-from app.campaigns.campaign import CampaignError, FlownPoint
+from app.campaigns.point import CampaignError, FlownPoint
 from app.telemetry.recording import Recording
 from app.telemetry.resampling.resampling import on_grid
 from app.telemetry.timing.repair import RepairedTraces

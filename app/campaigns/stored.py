@@ -4,16 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from app.campaigns.campaign import (
-    Campaign,
-    CampaignError,
-    Clearing,
-    Event,
-    Point,
-    State,
-)
+from app.campaigns.campaign import Campaign, from_file
 from app.campaigns.clearing import checklist
-from app.campaigns.file import from_file
+from app.campaigns.point import CampaignError, Clearing, Event, Point, State
 from app.recipes.recipes import SentRecipe, to_plain
 from app.store.campaigns import StoredCampaign
 from app.store.repository import Entry, NotFound
@@ -176,18 +169,15 @@ class Campaigns:
         )
 
     def _point(self, point: Point) -> CampaignPoint:
-        return CampaignPoint(
-            point.name,
-            point.condition,
-            point.peak_deg,
-            point.state,
-            point.passes_below,
-            point.criteria,
-            list(point.events),
-            _clearing(point.clearing),
-            self._flight(point),
-            point.monitor if _looked_up(self.store.monitors.info, point.monitor) else None,
-        )
+        monitors = self.store.monitors
+        known = vars(point) | {
+            "state": point.state,
+            "events": list(point.events),
+            "clearing": _clearing(point.clearing),
+            "flown": self._flight(point),
+            "monitor": point.monitor if _looked_up(monitors.info, point.monitor) else None,
+        }
+        return CampaignPoint(**known)
 
     def _flight(self, point: Point) -> CampaignFlight | None:
         flown = point.flown

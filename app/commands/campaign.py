@@ -6,19 +6,10 @@ from pathlib import Path
 
 from app import json_codec
 from app.assessment.recipe import Interval
-from app.campaigns.campaign import (
-    USUAL_STEPS,
-    Campaign,
-    CampaignError,
-    Condition,
-    FlownPoint,
-    Point,
-    percent_at_most,
-)
-from app.campaigns.clearing import checklist, clear_next, identified, updated
-from app.campaigns.derivatives import identification_plain
-from app.campaigns.file import load
+from app.campaigns.campaign import USUAL_STEPS, Campaign, load
+from app.campaigns.clearing import checklist, clear_next, identification_plain, identified, updated
 from app.campaigns.flying import aborted_flight, flown_point
+from app.campaigns.point import CampaignError, Condition, FlownPoint, Point, percent_at_most
 from app.commands.options.fields import add_fields, given_fields
 from app.commands.options.recipe import add_recipe_options, plain_recipe
 from app.commands.output.results import add_json, check_file, print_result, progress_bar
@@ -35,21 +26,10 @@ from core.whole_file import write_whole
 
 def add(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(required=True, metavar="ACTION", dest="action")
-    new = actions.add_parser("new", help="plan a campaign; write its file")
-    add = actions.add_parser("add", help="plan more points, at another flight condition")
-    show = actions.add_parser("show", help="list the points with predicted and flown results")
-    clear = actions.add_parser("clear", help="compute whether the next point may be flown")
-    confirm = actions.add_parser("confirm", help="confirm the checklist and clear the next point")
-    hold = actions.add_parser("hold", help="hold the next point")
-    abort = actions.add_parser("abort", help="cancel the next point, or record its aborted flight")
-    fly = actions.add_parser("fly", help="attach the recording of the next point and complete it")
-    identify = actions.add_parser("identify", help="identify the aircraft from complete points")
-    recipe = actions.add_parser("recipe", help="write a recipe to train the next point's monitor")
-    report = actions.add_parser(
-        "report", help="write the next point's card and all results as HTML"
-    )
-    everything = (new, add, show, clear, confirm, hold, abort, fly, identify, recipe, report)
-    for action in everything:
+    everything = {name: actions.add_parser(name, help=text) for name, (text, _) in ACTIONS.items()}
+    new, add, clear, fly = (everything[name] for name in ("new", "add", "clear", "fly"))
+    confirm, hold, abort = (everything[name] for name in ("confirm", "hold", "abort"))
+    for action in everything.values():
         action.add_argument("file", type=Path, metavar="CAMPAIGN.json", help="the campaign")
     for action in (clear, confirm, hold, abort, fly):
         action.add_argument("--by", required=True, metavar="NAME", help="who decides")
@@ -67,14 +47,14 @@ def add(parser: argparse.ArgumentParser) -> None:
         action.add_argument(
             "--mapping", type=Path, metavar="FILE", help="mapping, as `score` writes it"
         )
-    report.add_argument(
+    everything["report"].add_argument(
         "-o",
         "--out",
         type=Path,
         metavar="HTML",
         help="file to write; named after the campaign if absent",
     )
-    recipe.add_argument(
+    everything["recipe"].add_argument(
         "-o", "--out", type=Path, metavar="FILE", required=True, help="file to write"
     )
     _add_plan(new)
@@ -82,7 +62,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     condition = "name of the flight condition"
     new.add_argument("--condition", default="", metavar="NAME", help=condition)
     add.add_argument("--condition", required=True, metavar="NAME", help=condition)
-    for action in everything:
+    for action in everything.values():
         add_json(action)
 
 
@@ -117,7 +97,7 @@ def _add_plan(new: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    return ACTIONS[options.action](options)
+    return ACTIONS[options.action][1](options)
 
 
 def _new(options: argparse.Namespace) -> int:
@@ -267,17 +247,17 @@ def _report(options: argparse.Namespace) -> int:
 
 
 ACTIONS = {
-    "new": _new,
-    "add": _add,
-    "show": _show,
-    "clear": _clear,
-    "confirm": _confirm,
-    "hold": _hold,
-    "abort": _abort,
-    "fly": _fly,
-    "identify": _identify,
-    "recipe": _recipe,
-    "report": _report,
+    "new": ("plan a campaign; write its file", _new),
+    "add": ("plan more points, at another flight condition", _add),
+    "show": ("list the points with predicted and flown results", _show),
+    "clear": ("compute whether the next point may be flown", _clear),
+    "confirm": ("confirm the checklist and clear the next point", _confirm),
+    "hold": ("hold the next point", _hold),
+    "abort": ("cancel the next point, or record its aborted flight", _abort),
+    "fly": ("attach the recording of the next point and complete it", _fly),
+    "identify": ("identify the aircraft from complete points", _identify),
+    "recipe": ("write a recipe to train the next point's monitor", _recipe),
+    "report": ("write the next point's card and all results as HTML", _report),
 }
 
 

@@ -37,7 +37,6 @@ BAR_STEPS = 100
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Add the command's options."""
     parser.add_argument("--no-browser", action="store_true", help="print the address only")
     serve_command.add(parser)
 

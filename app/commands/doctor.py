@@ -133,7 +133,6 @@ def examine(settings: Settings) -> Iterator[Finding]:
 
 
 def versions(settings: Settings) -> str:
-    """Versions of the program and its main packages."""
     installed = [f"forewarn {__version__}", f"Python {platform.python_version()}"]
     for package in PACKAGES:
         try:
@@ -156,7 +155,6 @@ def dependencies(settings: Settings) -> str:
 
 
 def release(text: str) -> tuple[int, ...]:
-    """Major and minor number of a version."""
     return tuple(int(number) for number in re.findall(r"\d+", text)[:2])
 
 

@@ -83,7 +83,6 @@ def summary(training: Training) -> dict[str, Any]:
 
 
 def report(training: Training) -> str:
-    """The result of a training for a person."""
     monitor, test = training.monitor, training.test
     lines = [
         _dataset_line(training.dataset),

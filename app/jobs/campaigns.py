@@ -5,15 +5,9 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
-from app.campaigns.campaign import (
-    LONGEST_CRITERIA,
-    LONGEST_NAME,
-    USUAL_STEPS,
-    Campaign,
-    CampaignError,
-    Condition,
-)
+from app.campaigns.campaign import LONGEST_CRITERIA, LONGEST_NAME, USUAL_STEPS, Campaign
 from app.campaigns.clearing import clear_next, updated
+from app.campaigns.point import CampaignError, Condition
 from app.campaigns.stored import Campaigns, check_next
 from app.jobs.jobs import Result, Task
 from app.jobs.kinds import train_monitor

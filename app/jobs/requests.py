@@ -372,7 +372,6 @@ def _check_test_size(recipe: DatasetRecipe, n_test: int, max_bytes: int) -> None
 
 
 def dataset_name(recipe: DatasetRecipe) -> str:
-    """The default name of a dataset."""
     plain = to_plain(recipe)
     kinds = (kind_label(plain[part]["kind"]) for part in ("aircraft", "maneuver"))
     return f"{', '.join(kinds)}, seed {recipe.seed}"

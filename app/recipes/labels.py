@@ -101,12 +101,10 @@ SUFFIXES = {
 
 
 def kind_label(kind: str) -> str:
-    """Label of a family member."""
     return KINDS.get(kind) or kind.replace("_", " ")
 
 
 def choice_label(parameter: str, value: Hashable) -> str:
-    """Label of a parameter value."""
     return CHOICES.get(parameter, {}).get(value) or str(value).replace("_", " ")
 
 

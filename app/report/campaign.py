@@ -7,9 +7,9 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from app.assessment.planned_test import SURFACE_NAMES, PlannedTest
-from app.campaigns.campaign import Campaign, Condition, Point, percent_at_most
-from app.campaigns.clearing import bound_in_words, checklist
-from app.campaigns.derivatives import history
+from app.campaigns.campaign import Campaign
+from app.campaigns.clearing import bound_in_words, checklist, history
+from app.campaigns.point import Condition, Point, percent_at_most
 from app.recipes.labels import kind_label
 from app.recipes.recipes import to_plain
 from app.report.page import TEMPLATES
@@ -31,7 +31,6 @@ ROOM = 1.08
 
 
 def campaign_page(campaign: Campaign) -> str:
-    """Render the campaign as self-contained HTML."""
     point = None if campaign.is_over else campaign.next.point
     return TEMPLATES.get_template("campaign.html").render(
         campaign=campaign,
@@ -88,7 +87,6 @@ class _Axes:
         return HEIGHT - BOTTOM - (HEIGHT - TOP - BOTTOM) * part / self._most_part
 
     def frame(self) -> str:
-        """Grid, ticks and axis labels."""
         right, bottom = WIDTH - RIGHT, HEIGHT - BOTTOM
         parts = [
             f'<path class="grid" d="M{LEFT} {self.y(part):.1f}H{right}"/>'

@@ -125,7 +125,6 @@ def _of_valid(manoeuvres: Sequence[Plain]) -> tuple[str, str]:
 
 
 def counts(manoeuvres: Sequence[Plain]) -> dict[str, int]:
-    """Number of manoeuvres with each outcome."""
     return {name: sum(s["outcome"] == name for s in manoeuvres) for name in OUTCOMES}
 
 

@@ -40,7 +40,6 @@ TEMPLATES = Environment(
 
 
 def report(subject: ReportSubject) -> str:
-    """Render the report as self-contained HTML."""
     monitor, scoring, recording = subject.monitor, subject.scoring, subject.recording
     limits, in_force = limits_of(monitor), scoring.get("limits_in_force")
     pieces = pieces_of(limits, in_force)

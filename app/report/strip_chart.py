@@ -57,7 +57,6 @@ class Strip:
         self._draw(kind, path)
 
     def levels(self, kind: str, values: Iterable[float]) -> None:
-        """A horizontal line at each value."""
         heights = self.y(np.array([*values], np.float64)).tolist()
         self._draw(kind, [f"M{self.chart.left:g} {y:.1f}H{WIDTH - RIGHT:g}" for y in heights])
 

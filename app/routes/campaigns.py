@@ -10,11 +10,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.access.people import Person
 from app.assessment.recipe import Interval
-from app.campaigns.campaign import Campaign, CampaignError, FlownPoint
-from app.campaigns.clearing import check_computable
-from app.campaigns.derivatives import derivatives
-from app.campaigns.file import from_file
+from app.campaigns.campaign import Campaign, from_file
+from app.campaigns.clearing import check_computable, derivatives
 from app.campaigns.flying import aborted_flight, flown_point
+from app.campaigns.point import CampaignError, FlownPoint
 from app.campaigns.stored import CampaignDetails, Campaigns, CampaignSummary, check_next
 from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses

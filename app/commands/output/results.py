@@ -15,7 +15,6 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 def add_output(
     parser: argparse.ArgumentParser, metavar: str, text: str, default: Path | None = None
 ) -> None:
-    """Add --out and --json."""
     text = text if default is None else f"{text}; {default} if absent"
     parser.add_argument("-o", "--out", type=Path, metavar=metavar, default=default, help=text)
     add_json(parser)

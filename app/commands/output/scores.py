@@ -102,7 +102,6 @@ def _plain(scoring: Scored) -> dict[str, Any]:
 
 
 def lines(scored_file: ScoredFile) -> Iterator[str]:
-    """The result of scoring a file for a person."""
     yield from contents_lines(scored_file.contents)
     yield from mapping_lines(scored_file.mapping, scored_file.proposal)
     for scoring in scored_file.scored:

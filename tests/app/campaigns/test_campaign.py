@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 from scipy.stats import beta
 
-from app.campaigns.campaign import (
-    Campaign,
+from app.campaigns.campaign import Campaign, load
+from app.campaigns.clearing import clearing_in_words
+from app.campaigns.point import (
     CampaignError,
     Clearing,
     Condition,
@@ -17,8 +18,6 @@ from app.campaigns.campaign import (
     Point,
     percent_at_most,
 )
-from app.campaigns.clearing import clearing_in_words
-from app.campaigns.file import load
 from core.clearance.clearance import ClearanceError, ClearanceRecipe
 from core.evaluation.lead_sweep import TESTS
 from core.recipe import RecipeError

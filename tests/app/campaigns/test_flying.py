@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from app.assessment.recipe import Interval
-from app.campaigns.campaign import Campaign, CampaignError, Condition, FlownPoint
+from app.campaigns.campaign import Campaign
 from app.campaigns.flying import aborted_flight, flown_point
+from app.campaigns.point import CampaignError, Condition, FlownPoint
 from app.commands.sample_flight import TRIM_S, table
 from app.recordings.mapped_recording import MappedRecording
 from app.telemetry.mapping.proposal import propose

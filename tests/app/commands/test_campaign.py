@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.campaigns.campaign import FlownPoint
-from app.campaigns.file import load
+from app.campaigns.campaign import load
+from app.campaigns.point import FlownPoint
 from app.cli import main
 from app.commands import campaign as command
 from app.commands.sample_flight import table

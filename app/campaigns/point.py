@@ -1,0 +1,173 @@
+"""The points of a campaign: planned, cleared, flown, and over.
+
+The states are those used on the radio. A point that a computation clears is "on condition" until a
+person confirms the checklist.
+"""
+
+from dataclasses import dataclass
+from datetime import datetime
+from math import ceil
+from typing import Literal
+
+import numpy as np
+
+from core.bounds import quoted
+from core.channels import N_CHANNELS
+from core.clearance.clearance import ClearanceRecipe
+from core.evaluation.rates import clopper_pearson
+from core.planned_test.planned_test import DatasetRecipe
+from core.types import Array
+
+State = Literal["planned", "on condition", "cleared", "hold", "complete", "aborted"]
+
+
+class CampaignError(ValueError):
+    """An action that the campaign does not allow in its present state."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """A change of a point's state.   at: UTC, ISO 8601.   by: who."""
+
+    at: str
+    by: str
+    state: State
+    words: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.by.strip():
+            raise CampaignError("no name was given: enter the name of the person who decides")
+        try:
+            datetime.fromisoformat(self.at)
+        except ValueError:
+            raise CampaignError(f"at is {quoted(self.at)}: give a time in ISO 8601") from None
+
+
+@dataclass(frozen=True)
+class FlownPoint:
+    """A point as flown.
+
+    source: recording and time in it.   y: (n_samples, 6) from trim, one each dt of the test; empty
+    for a point aborted in flight, which is not used for computing.   reached: largest part of a
+    limit.   exceeded: channel and time, or empty.   recording: id, where it is stored.   start,
+    end: in the recording [s].   remark: on the flown input, or empty.
+    """
+
+    source: str
+    y: tuple[tuple[float, ...], ...]
+    reached: float
+    exceeded: str = ""
+    recording: str = ""
+    start: float | None = None
+    end: float | None = None
+    remark: str = ""
+
+    def __post_init__(self) -> None:
+        if self.y:
+            _check_samples(self.y)
+        if not 0.0 <= self.reached < np.inf:
+            raise CampaignError(f"reached is {self.reached:g}: give a part of a limit, 0 or more")
+
+
+@dataclass(frozen=True)
+class Clearing:
+    """The clearance computed for a point before it is flown.
+
+    steps: the flown points it is computed from.   reached: predicted part of a limit, 5 %, 50 % and
+    95 %.   withdrawn: failed checks that void the guarantee.   n_exceeding: simulated aircraft that
+    exceed a limit and calibrate it; p_value is None where they are too rare.   n_tried,
+    exceeding_share: number of simulated aircraft, and the share of them that exceed.
+    amplitude_deg: largest recommended amplitude, under its own guarantee.
+    """
+
+    cleared: bool
+    p_value: float | None
+    clear_below: float | None
+    reached: tuple[float, float, float]
+    amplitude_deg: float | None
+    withdrawn: tuple[str, ...]
+    n_exceeding: int
+    n_tried: int
+    recipe: ClearanceRecipe
+    steps: tuple[str, ...]
+    exceeding_share: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("p_value", "clear_below", "exceeding_share"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 <= value <= 1.0:
+                raise CampaignError(f"{name} is {value:g}: give a number from 0 to 1")
+
+    @property
+    def exceeding_share_at_most(self) -> float | None:
+        """Upper bound on the share of aircraft that exceed a limit, with 95 % confidence."""
+        if self.exceeding_share is None:
+            return None
+        n_met = round(self.exceeding_share * self.n_tried)
+        return float(clopper_pearson(n_met, self.n_tried, confidence=0.9)[1])
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A flight condition, with the planned test of its last point.
+
+    Derivatives hold for one flight condition: steps at one never clear a point at another.
+    """
+
+    name: str
+    test: DatasetRecipe
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point of a campaign.
+
+    peak_deg: of the manoeuvre's command.   condition: name of its flight condition.
+    passes_below: pass criterion, the part of a limit to stay below.   criteria: further pass
+    criteria, in words.   monitor: id of the monitor trained for it, where it is stored.
+    """
+
+    name: str
+    peak_deg: float
+    events: tuple[Event, ...] = ()
+    clearing: Clearing | None = None
+    flown: FlownPoint | None = None
+    condition: str = ""
+    passes_below: float = 1.0
+    criteria: str = ""
+    monitor: str = ""
+
+    @property
+    def state(self) -> State:
+        return self.events[-1].state if self.events else "planned"
+
+    @property
+    def is_over(self) -> bool:
+        return self.state in ("complete", "aborted")
+
+    @property
+    def failed(self) -> bool:
+        """Whether it was flown, in full or in part, and did not pass."""
+        return self.flown is not None and self.flown.reached >= self.passes_below
+
+
+def _check_samples(samples: tuple[tuple[float, ...], ...]) -> None:
+    try:
+        y = np.array(samples, np.float64)
+    except ValueError:
+        y = np.empty((0, 0))
+    if y.ndim != 2 or y.shape[1] != N_CHANNELS or len(y) < 2 or not np.isfinite(y).all():
+        raise CampaignError(
+            f"the flown samples have the shape {y.shape}: give finite samples (n_samples, "
+            f"{N_CHANNELS})"
+        )
+
+
+def percent_at_most(share: float) -> str:
+    """An upper bound in percent, rounded up so that it stays one."""
+    return f"{ceil(1e4 * share - 1e-9) / 100:.2f} %"
+
+
+def samples_of(point: FlownPoint) -> Array:
+    """(n_samples, 6) of a flown point."""
+    return np.array(point.y, np.float64)
