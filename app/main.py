@@ -7,6 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from anyio.to_thread import current_default_thread_limiter
 from fastapi import FastAPI
 from fastapi.responses import HTMLResponse, Response
 from fastapi.staticfiles import StaticFiles
@@ -64,6 +65,8 @@ from app.upkeep.restore import finish
 from app.upkeep.retention import retain_daily, retention_rule
 from core import __version__
 
+THREADS = 8
+"""Threads of the routes; the database keeps as many connections."""
 RESUME_TIMEOUT_S = 5.0
 """[s] The server answers after this, though a long live flight may not have resumed yet."""
 HERE = Path(__file__).parent
@@ -180,6 +183,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
 @asynccontextmanager
 async def _parts(app: FastAPI) -> AsyncIterator[None]:
     """Open the parts of the application; close them in reverse order."""
+    current_default_thread_limiter().total_tokens = THREADS
     settings, metrics = app.state.settings, app.state.metrics
     async with AsyncExitStack() as parts:
         await asyncio.to_thread(settings.data_dir.mkdir, parents=True, exist_ok=True)

@@ -3,13 +3,11 @@
 import argparse
 from pathlib import Path
 
-from app.assessment.wording import PROMISED
 from app.commands.options.fields import add_fields, given_fields
 from app.commands.output.results import add_output, check_file, print_result, progress_bar
-from app.commands.train import test_lines
+from app.commands.train import promise, promise_lines
 from app.jobs.kinds import combine_and_test
 from app.jobs.requests import CombinationRecipe
-from core.evaluation.certificate import warnings_of
 from core.monitor import load
 
 
@@ -34,28 +32,17 @@ def run(options: argparse.Namespace) -> int:
             members, recipe, lambda _, done, total: progress(done, total)
         )
     combination.save(options.out)
-    above, warnings = combination.alert_above(), warnings_of(combination.evaluation, recipe.epsilon)
     lines = [
         f"{len(members)} monitors calibrated as one on {combination.n_unsafe} fresh failures; "
         f"{combination.n_early} failed earlier than the warning lead time of "
         f"{combination.lead:g} s",
-        f"alerts above a risk of {above:.3g}, for a miss rate of at most {recipe.epsilon:g} "
-        f"{PROMISED[recipe.guarantee]}",
-        *(test_lines(test, combination.lead) if test else []),
-        *(f"WARNING: {warning}" for warning in warnings),
+        *promise_lines(combination, test),
         f"written: {options.out}",
     ]
     plain = {
         "file": str(options.out),
         "members": [str(path) for path in options.members],
         "n_unsafe": combination.n_unsafe,
-        "n_early": combination.n_early,
-        "lead": combination.lead,
-        "epsilon": recipe.epsilon,
-        "guarantee": recipe.guarantee,
-        "alert_above": above,
-        "evaluation": combination.evaluation,
-        "warnings": list(warnings),
-    }
+    } | promise(combination)
     print_result(options, "\n".join(lines), plain)
     return 0

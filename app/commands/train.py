@@ -70,13 +70,19 @@ def summary(training: Training) -> dict[str, Any]:
             "unsafe_rate": dataset.unsafe_rate,
             "recipe": dataset.recipe,
         },
+        "smallest_epsilon": monitor.smallest_epsilon,
+        "validity": "calibrated" if monitor.support else training.not_calibrated,
+    } | promise(monitor)
+
+
+def promise(monitor: Monitor) -> dict[str, Any]:
+    """The promise of a monitor and its test as plain data; times [s]."""
+    return {
         "n_early": monitor.n_early,
         "lead": monitor.lead,
         "epsilon": monitor.recipe.epsilon,
         "guarantee": monitor.recipe.guarantee,
         "alert_above": monitor.alert_above(),
-        "smallest_epsilon": monitor.smallest_epsilon,
-        "validity": "calibrated" if monitor.support else training.not_calibrated,
         "evaluation": monitor.evaluation,
         "warnings": list(warnings_of(monitor.evaluation, monitor.recipe.epsilon)),
     }
@@ -90,12 +96,20 @@ def report(training: Training) -> str:
         f"failed earlier than the warning lead time of {monitor.lead:g} s; smallest epsilon "
         f"{monitor.smallest_epsilon:.3g}",
         _validity_line(training),
-        f"alerts above a risk of {monitor.alert_above():.3g}, for a miss rate of at most "
-        f"{monitor.recipe.epsilon:g} {PROMISED[monitor.recipe.guarantee]}",
+        *promise_lines(monitor, test),
     ]
-    lines += test_lines(test, monitor.lead) if test else []
-    warnings = warnings_of(monitor.evaluation, monitor.recipe.epsilon)
-    return "\n".join([*lines, *(f"WARNING: {warning}" for warning in warnings)])
+    return "\n".join(lines)
+
+
+def promise_lines(monitor: Monitor, test: FlownTest | None) -> list[str]:
+    """The promise of a monitor, its results on fresh flights, and its warnings for a person."""
+    recipe = monitor.recipe
+    return [
+        f"alerts above a risk of {monitor.alert_above():.3g}, for a miss rate of at most "
+        f"{recipe.epsilon:g} {PROMISED[recipe.guarantee]}",
+        *(test_lines(test, monitor.lead) if test else []),
+        *(f"WARNING: {text}" for text in warnings_of(monitor.evaluation, recipe.epsilon)),
+    ]
 
 
 def _dataset_line(dataset: Dataset) -> str:
@@ -131,12 +145,18 @@ def test_lines(test: FlownTest, lead: float) -> list[str]:
         f"fresh flights: {counts.n_unsafe} failed, {counts.n_safe} did not; at epsilon "
         f"{test.epsilon:g}:",
         _share("missed", counts.misses[0], counts.n_unsafe, "of failing flights"),
-        *_withdrawn_line(int(counts.withdrawn[0]), counts.n_unsafe),
+        *_invalid(
+            int(counts.withdrawn[0]),
+            counts.n_unsafe,
+            "of failing flights, before an alert: counted neither as missed nor as caught",
+        ),
         _share(
             "no false alarm", counts.quiet[0], counts.n_safe, "of safe flights, valid throughout"
         ),
         _share("false alarm", counts.false_alerts[0], counts.n_safe, "of safe flights"),
-        *_safe_withdrawn_line(int(counts.safe_withdrawn[0]), counts.n_safe),
+        *_invalid(
+            int(counts.safe_withdrawn[0]), counts.n_safe, "of safe flights, without an alert"
+        ),
         _share("P(fail | alert)", caught, caught + counts.false_alerts[0], "of alerts"),
         _lead_line(test.leads, lead),
         *_prevention_lines(test.prevention),
@@ -176,17 +196,8 @@ def _robustness_line(difference: str, counts: Evaluation) -> str:
     return f"  {difference}: {failing}; {safe}"
 
 
-def _withdrawn_line(withdrawn: int, n_unsafe: int) -> list[str]:
-    if not withdrawn:
-        return []
-    where = "of failing flights, before an alert: counted neither as missed nor as caught"
-    return [_share("invalid", withdrawn, n_unsafe, where)]
-
-
-def _safe_withdrawn_line(withdrawn: int, n_safe: int) -> list[str]:
-    if not withdrawn:
-        return []
-    return [_share("invalid", withdrawn, n_safe, "of safe flights, without an alert")]
+def _invalid(withdrawn: int, total: int, where: str) -> list[str]:
+    return [_share("invalid", withdrawn, total, where)] if withdrawn else []
 
 
 def _share(label: str, count: int, total: int, whole: str) -> str:

@@ -38,7 +38,6 @@ from app.routes.dependencies import (
     SettingsDep,
     StoreDep,
     body_of,
-    json_from,
     json_response,
     refused,
     signature,
@@ -106,7 +105,7 @@ class AbortRequest(_Recorded):
     )
 
 
-def _campaigns(store: StoreDep) -> Campaigns:
+async def _campaigns(store: StoreDep) -> Campaigns:
     return Campaigns(store)
 
 
@@ -115,23 +114,22 @@ _FILE: dict[str, Any] = {"type": "object", "title": "Campaign's file"}
 
 
 @router.get("")
-async def list_campaigns(campaigns: CampaignsDep) -> list[CampaignSummary]:
+def list_campaigns(campaigns: CampaignsDep) -> list[CampaignSummary]:
     """All campaigns, latest change first."""
-    return await asyncio.to_thread(campaigns.all)
+    return campaigns.all()
 
 
 @router.post(
     "", status_code=201, response_model=CampaignDetails, responses=problem_responses(413, 422)
 )
-async def plan_campaign(request: CampaignRequest, campaigns: CampaignsDep, settings: SettingsDep):
+def plan_campaign(request: CampaignRequest, campaigns: CampaignsDep, settings: SettingsDep):
     """Plan a campaign: a build-up at one or more flight conditions.
 
     Parts missing from a condition's `dataset` come from the aircraft's usual test.
     """
-
     with refused(422, "recipe", CampaignError):
-        campaign = await asyncio.to_thread(request.read, settings.max_array_bytes)
-    return _made(await asyncio.to_thread(campaigns.add, campaign))
+        campaign = request.read(settings.max_array_bytes)
+    return _made(campaigns.add(campaign))
 
 
 @router.post(
@@ -141,15 +139,14 @@ async def plan_campaign(request: CampaignRequest, campaigns: CampaignsDep, setti
     responses=problem_responses(413, 415, 422),
     openapi_extra=body_of(_FILE, {"format": "forewarn campaign", "version": 2}),
 )
-async def add_campaign_file(plain: PlainBody, campaigns: CampaignsDep):
+def add_campaign_file(plain: PlainBody, campaigns: CampaignsDep):
     """Store a campaign file from `forewarn campaign` or `GET /campaigns/{id}/file`.
 
     The names of people in it are marked as unverified.
     """
-
     with refused(422, "campaign", CampaignError):
-        campaign = await asyncio.to_thread(from_file, plain, "the file")
-        return _made(await asyncio.to_thread(campaigns.add, campaign.imported))
+        campaign = from_file(plain, "the file")
+        return _made(campaigns.add(campaign.imported))
 
 
 def _made(details: CampaignDetails) -> Response:
@@ -159,21 +156,21 @@ def _made(details: CampaignDetails) -> Response:
 
 
 @router.get("/{campaign_id}", responses=problem_responses(404))
-async def read_campaign(campaign_id: str, campaigns: CampaignsDep) -> CampaignDetails:
+def read_campaign(campaign_id: str, campaigns: CampaignsDep) -> CampaignDetails:
     """One campaign, point by point."""
-    return await asyncio.to_thread(campaigns.details, campaign_id)
+    return campaigns.details(campaign_id)
 
 
 @router.delete("/{campaign_id}", status_code=204, responses=problem_responses(404))
-async def delete_campaign(campaign_id: str, store: StoreDep) -> None:
+def delete_campaign(campaign_id: str, store: StoreDep) -> None:
     """Delete a campaign. Its recordings and monitors are kept."""
-    await asyncio.to_thread(store.campaigns.delete, campaign_id)
+    store.campaigns.delete(campaign_id)
 
 
 @router.get("/{campaign_id}/file", response_model=dict[str, Any], responses=problem_responses(404))
-async def read_campaign_file(campaign_id: str, campaigns: CampaignsDep) -> Response:
+def read_campaign_file(campaign_id: str, campaigns: CampaignsDep) -> Response:
     """The whole campaign with its flown samples as one file, for another server."""
-    _, campaign = await asyncio.to_thread(campaigns.get, campaign_id)
+    _, campaign = campaigns.get(campaign_id)
     disposition = f'attachment; filename="campaign-{campaign_id}.json"'
     return json_response(campaign.as_plain(), 200, {"Content-Disposition": disposition})
 
@@ -183,21 +180,21 @@ async def read_campaign_file(campaign_id: str, campaigns: CampaignsDep) -> Respo
     response_model=list[dict[str, Any]],
     responses=problem_responses(404),
 )
-async def read_derivatives(campaign_id: str, campaigns: CampaignsDep) -> Response:
+def read_derivatives(campaign_id: str, campaigns: CampaignsDep) -> Response:
     """Identified parameters of the aircraft at each flight condition after each completed point.
 
     Each parameter is [mean, standard deviation] before and after the point, with a flag whether the
     point determined it.
     """
-    _, campaign = await asyncio.to_thread(campaigns.get, campaign_id)
-    return await json_from(derivatives, campaign)
+    _, campaign = campaigns.get(campaign_id)
+    return json_response(derivatives(campaign))
 
 
 @router.get("/{campaign_id}/report", response_class=HTMLResponse, responses=problem_responses(404))
-async def read_campaign_report(campaign_id: str, campaigns: CampaignsDep) -> HTMLResponse:
+def read_campaign_report(campaign_id: str, campaigns: CampaignsDep) -> HTMLResponse:
     """A page to print: the card of the next point and the results so far."""
-    _, campaign = await asyncio.to_thread(campaigns.get, campaign_id)
-    return HTMLResponse(await asyncio.to_thread(campaign_page, campaign), headers=PAGE_TO_PRINT)
+    _, campaign = campaigns.get(campaign_id)
+    return HTMLResponse(campaign_page(campaign), headers=PAGE_TO_PRINT)
 
 
 @router.post(
@@ -205,24 +202,20 @@ async def read_campaign_report(campaign_id: str, campaigns: CampaignsDep) -> HTM
     response_model=CampaignDetails,
     responses=problem_responses(404, 409, 413, 422),
 )
-async def add_condition(
+def add_condition(
     campaign_id: str, request: ConditionRequest, campaigns: CampaignsDep, settings: SettingsDep
 ):
     """Add points at another flight condition after the planned ones.
 
     A `dataset` without an aircraft needs only the differences from the last condition.
     """
-
-    def add() -> Response:
+    with refused(422, "campaign", CampaignError), refused(409, "campaign", CampaignChanged):
         stored, campaign = campaigns.get(campaign_id)
         if "aircraft" not in request.dataset:
             last = to_plain(campaign.conditions[-1].test)
             request.dataset = last | stored_names(request.dataset)
         extended = campaign.extended(*request.read(settings.max_array_bytes))
         return json_response(limits_named(to_plain(campaigns.put(stored, extended))))
-
-    with refused(422, "campaign", CampaignError), refused(409, "campaign", CampaignChanged):
-        return await asyncio.to_thread(add)
 
 
 _DECIDED = problem_responses(404, 409, 422)

@@ -22,7 +22,6 @@ from app.routes.dependencies import (
     StoreDep,
     body_of,
     file_of,
-    json_from,
     json_response,
 )
 from app.routes.jobs import accepted, queued
@@ -95,7 +94,7 @@ async def simulate_dataset(plain: PlainBody, store: StoreDep, jobs: JobsDep, set
         {"aircraft": {"kind": "attas_id_16kft"}, "limits": {"Ny": 0.2}, "share": 0.25},
     ),
 )
-async def read_suggested_amplitude(plain: PlainBody, settings: SettingsDep):
+def read_suggested_amplitude(plain: PlainBody, settings: SettingsDep):
     """Suggest the amplitude at which a given share of the rollouts exceeds a limit.
 
     A short pilot run finds it. The body is that of a dataset; only the sign of its amplitude is
@@ -103,28 +102,26 @@ async def read_suggested_amplitude(plain: PlainBody, settings: SettingsDep):
     reason if no amplitude fits. `"auto"` as `amplitude_deg` in a dataset recipe requests this
     amplitude.
     """
-    suggestion, maneuver = await asyncio.to_thread(
-        amplitude_suggestion, plain, settings.max_array_bytes
-    )
+    suggestion, maneuver = amplitude_suggestion(plain, settings.max_array_bytes)
     return json_response(asdict(suggestion) | {"maneuver": to_plain(maneuver)})
 
 
 @router.get("")
-async def list_datasets(store: StoreDep) -> list[DatasetInfo]:
+def list_datasets(store: StoreDep) -> list[DatasetInfo]:
     """All datasets, newest first."""
-    return await asyncio.to_thread(store.datasets.all)
+    return store.datasets.all()
 
 
 @router.get("/{dataset_id}", responses=problem_responses(404))
-async def read_dataset(dataset_id: str, store: StoreDep) -> DatasetInfo:
+def read_dataset(dataset_id: str, store: StoreDep) -> DatasetInfo:
     """One dataset, without its arrays."""
-    return await asyncio.to_thread(store.datasets.info, dataset_id)
+    return store.datasets.info(dataset_id)
 
 
 @router.delete("/{dataset_id}", status_code=204, responses=problem_responses(404, 409))
-async def delete_dataset(dataset_id: str, store: StoreDep) -> None:
+def delete_dataset(dataset_id: str, store: StoreDep) -> None:
     """Delete a dataset; 409 with their names if monitors were trained on it."""
-    await asyncio.to_thread(store.datasets.delete, dataset_id)
+    store.datasets.delete(dataset_id)
 
 
 @router.get(
@@ -133,12 +130,12 @@ async def delete_dataset(dataset_id: str, store: StoreDep) -> None:
     responses=problem_responses(404)
     | file_of("application/octet-stream", "npz archive of the dataset"),
 )
-async def read_arrays(dataset_id: str, store: StoreDep) -> Response:
+def read_arrays(dataset_id: str, store: StoreDep) -> Response:
     """The dataset's arrays as npz: unsafe, fail_index, safe, safe_times, theta_unsafe and others.
 
     `channels` and `units` name the columns of `unsafe` and `safe`; dt is in seconds.
     """
-    body = await asyncio.to_thread(_arrays, store, dataset_id)
+    body = _arrays(store, dataset_id)
     headers = {"Content-Disposition": f'attachment; filename="dataset-{dataset_id}.npz"'}
     return Response(body, 200, headers, "application/octet-stream")
 
@@ -166,7 +163,7 @@ def _arrays(store: Store, dataset_id: str) -> bytes:
 @router.get(
     "/{dataset_id}/rollouts", response_model=list[Rollout], responses=problem_responses(404, 422)
 )
-async def list_rollouts(
+def list_rollouts(
     dataset_id: str,
     store: StoreDep,
     outcome: Annotated[Outcome, Query(description="which rollouts")] = "unsafe",
@@ -178,35 +175,26 @@ async def list_rollouts(
     ] = 20,
 ):
     """Rollouts of one outcome, starting at index `first`."""
-
-    def read() -> list[dict[str, Any]]:
-        info = store.datasets.info(dataset_id)
-        n = info.n_unsafe if outcome == "unsafe" else info.n_safe
-        return [
-            _rollout(store, dataset_id, outcome, index)
-            for index in range(first, min(first + count, n))
-        ]
-
-    return await json_from(read)
+    info = store.datasets.info(dataset_id)
+    n = info.n_unsafe if outcome == "unsafe" else info.n_safe
+    answer = [
+        _rollout(store, dataset_id, outcome, index) for index in range(first, min(first + count, n))
+    ]
+    return json_response(answer)
 
 
 @router.get(
     "/{dataset_id}/rollouts/{n}", response_model=Rollout, responses=problem_responses(404, 422)
 )
-async def read_rollout(dataset_id: str, n: int, store: StoreDep):
+def read_rollout(dataset_id: str, n: int, store: StoreDep):
     """One rollout by number; unsafe rollouts are numbered first, then safe ones."""
-
-    def read() -> dict[str, Any]:
-        info = store.datasets.info(dataset_id)
-        if not 0 <= n < info.n_unsafe + info.n_safe:
-            raise Problem(
-                404, f"the dataset has rollouts 0 to {info.n_unsafe + info.n_safe - 1}, not {n}"
-            )
-        if n < info.n_unsafe:
-            return _rollout(store, dataset_id, "unsafe", n)
-        return _rollout(store, dataset_id, "safe", n - info.n_unsafe)
-
-    return await json_from(read)
+    info = store.datasets.info(dataset_id)
+    total = info.n_unsafe + info.n_safe
+    if not 0 <= n < total:
+        raise Problem(404, f"the dataset has rollouts 0 to {total - 1}, not {n}")
+    safe = n - info.n_unsafe
+    rollout = ("unsafe", n) if safe < 0 else ("safe", safe)
+    return json_response(_rollout(store, dataset_id, *rollout))
 
 
 def _rollout(store: Store, dataset_id: str, outcome: Outcome, index: int) -> dict[str, Any]:

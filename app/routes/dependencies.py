@@ -1,11 +1,11 @@
 """Dependencies of the routes: parts of the running application, and request bodies."""
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Annotated, Any
 
-from fastapi import Depends, Request, Response
+from fastapi import Depends, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from app import json_codec
@@ -26,31 +26,31 @@ PAGE_TO_PRINT = {
 """Headers of a page that needs no other file; its styles are inline."""
 
 
-def _store(request: Request) -> Store:
+async def _store(request: Request) -> Store:
     return request.app.state.store
 
 
-def _jobs(request: Request) -> Jobs:
+async def _jobs(request: Request) -> Jobs:
     return request.app.state.jobs
 
 
-def _settings(request: Request) -> Settings:
+async def _settings(request: Request) -> Settings:
     return request.app.state.settings
 
 
-def _recordings(request: Request) -> Recordings:
+async def _recordings(request: Request) -> Recordings:
     return request.app.state.recordings
 
 
-def _journals(request: Request) -> Journals:
+async def _journals(request: Request) -> Journals:
     return request.app.state.journals
 
 
-def _scored(request: Request) -> ScoredRecordings:
+async def _scored(request: Request) -> ScoredRecordings:
     return request.app.state.scored
 
 
-def _person(request: Request) -> Person:
+async def _person(request: Request) -> Person:
     return request.scope["person"]
 
 
@@ -67,6 +67,29 @@ By = Annotated[
     str, Field(min_length=1, max_length=200, description="ignored where a person is logged in")
 ]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+MOST_FRAMES = 10_000
+First = Annotated[int, Query(ge=0, le=2**53, description="sample number of the first frame")]
+Last = Annotated[
+    int | None,
+    Query(
+        ge=0, le=2**53, description=f"sample number of the last frame; at most {MOST_FRAMES} frames"
+    ),
+]
+
+
+def last_frame(first: int, last: int | None) -> int:
+    """The last frame to send of those requested."""
+    most = first + MOST_FRAMES - 1
+    return most if last is None else min(last, most)
+
+
+def frame_range(first: int, last: int | None, n: int) -> tuple[int, int | None]:
+    """End of the frames to send of n, and the number of the next to request; None at the end."""
+    end = n if last is None else min(last + 1, n)
+    stop = max(first, min(last_frame(first, last) + 1, end))
+    return stop, stop if first < stop < end else None
 
 
 class TimeInterval(BaseModel):
@@ -139,11 +162,6 @@ PlainBody = Annotated[dict[str, Any], Depends(plain_body)]
 def json_response(content: Any, status: int = 200, headers: dict[str, str] | None = None):
     """JSON of plain data and numpy arrays; NaN becomes null."""
     return Response(json_codec.encode(content), status, headers, "application/json")
-
-
-async def json_from(make: Callable[..., Any], *arguments: Any) -> Response:
-    """Make the content and encode it, both in a thread."""
-    return await asyncio.to_thread(lambda: json_response(make(*arguments)))
 
 
 def body_of(schema: dict[str, Any], example: dict[str, Any]) -> dict[str, Any]:

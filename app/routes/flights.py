@@ -3,7 +3,7 @@
 import asyncio
 from typing import Annotated, Any, Literal
 
-from fastapi import Depends, Query, Request, Response
+from fastapi import Depends, Request, Response
 from pydantic import BaseModel, Field, StrictBool
 
 from app.flights.display_monitors import flown_monitors
@@ -33,9 +33,12 @@ from app.messages import (
 from app.recipes.recipes import RecipeError
 from app.routes.dependencies import (
     By,
+    First,
+    Last,
     PersonDep,
     SignedRequest,
-    json_from,
+    json_response,
+    last_frame,
     refused,
     signature,
     strictly,
@@ -49,21 +52,13 @@ from core.monitor.assessment import Cause
 from core.monitor.status import Facts, Level, Status, headline
 
 router = Router(prefix="/api/v1/flights", tags=["flights"])
-MOST_FRAMES = 10_000
 
 
-def _flights(request: Request) -> Flights:
+async def _flights(request: Request) -> Flights:
     return request.app.state.flights
 
 
 FlightsDep = Annotated[Flights, Depends(_flights)]
-First = Annotated[int, Query(ge=0, le=2**53, description="sample number of the first frame")]
-Last = Annotated[
-    int | None,
-    Query(
-        ge=0, le=2**53, description=f"sample number of the last frame; at most {MOST_FRAMES} frames"
-    ),
-]
 
 
 class FlightStatus(BaseModel):
@@ -273,7 +268,7 @@ async def read_assessments(
 
     `next` is the number of the next frame to request, null at the end.
     """
-    stop = _last(first, last)
+    stop = last_frame(first, last)
     frames = await flights.records.frames(flight_id, first, stop)
     return await _frames_response(frames, first, stop, last)
 
@@ -288,7 +283,7 @@ async def read_source(
 
     As `assessments`, but `seq` is the number in the source. 409 for a live source.
     """
-    flight, stop = flights.flying(flight_id), _last(first, last)
+    flight, stop = flights.flying(flight_id), last_frame(first, last)
     with refused(409, "transport", NotPossible):
         frames = flight.source_frames(first, stop)
     return await _frames_response(frames, first, stop, last)
@@ -339,17 +334,12 @@ async def set_flight_marker(
     return await flights.mark(flight_id, marker.kind, by, marker.text)
 
 
-def _last(first: int, last: int | None) -> int:
-    most = first + MOST_FRAMES - 1
-    return most if last is None else min(last, most)
-
-
 async def _frames_response(
     frames: list[dict[str, Any]], first: int, stop: int, last: int | None
 ) -> Response:
     more = bool(frames) and frames[-1]["seq"] == stop and stop != last
     content = {"first": first, "next": stop + 1 if more else None, "frames": frames}
-    return await json_from(lambda: content)
+    return await asyncio.to_thread(json_response, content)
 
 
 async def _statuses(flights: Flights, stored: list[FlightInfo]) -> list[FlightStatus]:

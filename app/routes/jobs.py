@@ -82,14 +82,10 @@ async def accepted(
 
 
 @router.get("/jobs")
-async def list_jobs(store: StoreDep, jobs: JobsDep) -> list[JobInfo]:
+def list_jobs(store: StoreDep, jobs: JobsDep) -> list[JobInfo]:
     """All jobs, newest first, without the curves of studies and sweeps."""
-
-    def read() -> list[JobInfo]:
-        listed = [jobs.fresh(info) for info in store.jobs.all()]
-        return [_short(as_sent(info)) for info in listed]
-
-    return await asyncio.to_thread(read)
+    listed = [jobs.fresh(info) for info in store.jobs.all()]
+    return [_short(as_sent(info)) for info in listed]
 
 
 def _short(info: JobInfo) -> JobInfo:
@@ -97,9 +93,9 @@ def _short(info: JobInfo) -> JobInfo:
 
 
 @router.get("/jobs/{job_id}", responses=problem_responses(404))
-async def read_job(job_id: str, jobs: JobsDep) -> JobInfo:
+def read_job(job_id: str, jobs: JobsDep) -> JobInfo:
     """One job, with its result when done."""
-    return as_sent(await asyncio.to_thread(jobs.info, job_id))
+    return as_sent(jobs.info(job_id))
 
 
 @router.get(
@@ -107,9 +103,9 @@ async def read_job(job_id: str, jobs: JobsDep) -> JobInfo:
     responses=problem_responses(404) | file_of("image/svg+xml", "the figure"),
     response_class=Response,
 )
-async def read_figure(job_id: str, name: str, jobs: JobsDep) -> Response:
+def read_figure(job_id: str, name: str, jobs: JobsDep) -> Response:
     """A figure of a study or sweep as SVG; `result.figures` of the job has the links."""
-    info = await asyncio.to_thread(jobs.info, job_id)
+    info = jobs.info(job_id)
     figures = (info.result or {}).get("figures", {})
     if name not in figures:
         raise Problem(404, f"the job has no figure {name}: choose {', '.join(figures) or 'none'}")
@@ -117,11 +113,11 @@ async def read_figure(job_id: str, name: str, jobs: JobsDep) -> Response:
 
 
 @router.post("/jobs/{job_id}/cancel", status_code=202, responses=problem_responses(404, 409))
-async def cancel_job(job_id: str, jobs: JobsDep) -> JobInfo:
+def cancel_job(job_id: str, jobs: JobsDep) -> JobInfo:
     """Cancel a job: it ends at its next step as `cancelled`."""
     with refused(409, "not-running", NotRunning):
-        await asyncio.to_thread(jobs.cancel, job_id)
-    return as_sent(await asyncio.to_thread(jobs.info, job_id))
+        jobs.cancel(job_id)
+    return as_sent(jobs.info(job_id))
 
 
 EVENT = {
@@ -147,7 +143,7 @@ EVENTS: dict[int | str, dict[str, Any]] = {
     responses=problem_responses(404) | EVENTS,
     response_class=StreamingResponse,
 )
-async def stream_job(
+def stream_job(
     job_id: str,
     request: Request,
     jobs: JobsDep,
@@ -160,7 +156,7 @@ async def stream_job(
     """
     if last_event_id == LAST_EVENT:
         return Response(status_code=204)
-    await asyncio.to_thread(jobs.info, job_id)
+    jobs.info(job_id)
     headers = {"X-Accel-Buffering": "no"}
     if request.method == "HEAD":
         return Response(None, 200, headers, "text/event-stream")

@@ -84,39 +84,37 @@ class LimitsRequest(BaseModel):
 
 
 @router.get("/limit-sets")
-async def list_limit_sets(store: StoreDep) -> list[LimitSetInfo]:
+def list_limit_sets(store: StoreDep) -> list[LimitSetInfo]:
     """All limit sets, newest first."""
-    return await asyncio.to_thread(store.limit_sets.all)
+    return store.limit_sets.all()
 
 
 @router.post("/limit-sets", status_code=201, responses=problem_responses(422))
-async def add_limit_set(new: NewLimitSet, store: StoreDep, person: PersonDep) -> StoredLimits:
+def add_limit_set(new: NewLimitSet, store: StoreDep, person: PersonDep) -> StoredLimits:
     """Store a limit set with its first version."""
     about = new.limits, signature(person, new.by), new.text
-    return await asyncio.to_thread(store.limit_sets.add, new.name, *about)
+    return store.limit_sets.add(new.name, *about)
 
 
 @router.get("/limit-sets/{set_id}", responses=problem_responses(404))
-async def read_limit_set(set_id: str, store: StoreDep) -> list[StoredLimits]:
+def read_limit_set(set_id: str, store: StoreDep) -> list[StoredLimits]:
     """All versions of a limit set, newest first."""
-    return await asyncio.to_thread(store.limit_sets.versions, set_id)
+    return store.limit_sets.versions(set_id)
 
 
 @router.post(
     "/limit-sets/{set_id}/versions", status_code=201, responses=problem_responses(404, 422)
 )
-async def add_version(
-    set_id: str, new: LimitsText, store: StoreDep, person: PersonDep
-) -> StoredLimits:
+def add_version(set_id: str, new: LimitsText, store: StoreDep, person: PersonDep) -> StoredLimits:
     """Store the next version of a limit set. Earlier versions do not change."""
     about = new.limits, signature(person, new.by), new.text
-    return await asyncio.to_thread(store.limit_sets.add_version, set_id, *about)
+    return store.limit_sets.add_version(set_id, *about)
 
 
 @router.get("/limit-sets/{set_id}/versions/{version}", responses=problem_responses(404, 422))
-async def read_version(set_id: str, version: Version, store: StoreDep) -> StoredLimits:
+def read_version(set_id: str, version: Version, store: StoreDep) -> StoredLimits:
     """One version of a limit set."""
-    return await asyncio.to_thread(store.limit_sets.version, set_id, version)
+    return store.limit_sets.version(set_id, version)
 
 
 @router.get("/flights/{flight_id}/limits", responses=problem_responses(404, 422))

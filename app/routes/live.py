@@ -15,17 +15,20 @@ from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.messages import Frame, LiveStatus, plain_frame
 from app.routes.dependencies import (
+    First,
+    Last,
     PersonDep,
     RecordingsDep,
     SignedRequest,
     TimeInterval,
     body_of,
+    frame_range,
     json_response,
     refused,
     signature,
     strictly,
 )
-from app.routes.flights import MOST_FRAMES, First, FlightsDep, Last
+from app.routes.flights import FlightsDep
 from app.telemetry.journal import JournalFull
 from app.telemetry.recording import TelemetryError
 
@@ -215,8 +218,7 @@ def _answer(
     info = flights.store.flights.info(flight_id)
     is_own = (opening.monitor_id, opening.epsilon) == (info.monitor_id, info.epsilon)
     samples, n = shown.samples, len(shown.samples)
-    requested_end = n if last is None else min(last + 1, n)
-    stop = max(first, min(first + MOST_FRAMES, requested_end))
+    stop, following = frame_range(first, last, n)
     alert = samples["alert"]
     ends = np.flatnonzero(alert & ~np.append(alert[1:], False))
     exceeded = shown.exceedances[:1]
@@ -234,7 +236,7 @@ def _answer(
         ],
         "exceeded_t": float(samples["t"][exceeded[0]]) if len(exceeded) else None,
         "first": first,
-        "next": stop if first < stop < requested_end else None,
+        "next": following,
         "frames": [
             plain_frame(k, shown.y(k), shown.assessment(k), None)
             | {"shown": float(samples["shown"][k]), "manoeuvre": int(samples["manoeuvre"][k])}

@@ -2,7 +2,6 @@
 
 import asyncio
 from dataclasses import asdict
-from math import isfinite
 from pathlib import PurePath
 from typing import Annotated, Any
 
@@ -33,7 +32,6 @@ from app.routes.dependencies import (
     body_of,
     content_type,
     file_of,
-    json_from,
     json_response,
     plain_body,
 )
@@ -44,7 +42,6 @@ from app.store.monitors import MonitorInfo
 from core.evaluation.certificate import warnings_of, with_power_of_quiet
 from core.monitor import Monitor
 from core.monitor.combination import members_of
-from core.types import Array
 
 router = Router(prefix="/api/v1/monitors", tags=["monitors"])
 
@@ -172,13 +169,13 @@ async def _add_file(body: bytes, name: str, recordings: Recordings) -> Response:
 
 
 @router.get("")
-async def list_monitors(store: StoreDep) -> list[MonitorInfo]:
+def list_monitors(store: StoreDep) -> list[MonitorInfo]:
     """All monitors, newest first."""
-    return await asyncio.to_thread(store.monitors.all)
+    return store.monitors.all()
 
 
 @router.get("/{monitor_id}", responses=problem_responses(404, 422))
-async def read_monitor(
+def read_monitor(
     monitor_id: str,
     store: StoreDep,
     epsilon: Annotated[
@@ -187,43 +184,40 @@ async def read_monitor(
     ] = None,
 ) -> MonitorInfo:
     """One monitor, without its arrays."""
-    return await asyncio.to_thread(store.monitors.info, monitor_id, epsilon)
+    return store.monitors.info(monitor_id, epsilon)
 
 
 @router.delete("/{monitor_id}", status_code=204, responses=problem_responses(404, 409))
-async def delete_monitor(monitor_id: str, store: StoreDep) -> None:
+def delete_monitor(monitor_id: str, store: StoreDep) -> None:
     """Delete a monitor; 409 if it is in use."""
-    await asyncio.to_thread(store.monitors.delete, monitor_id)
+    store.monitors.delete(monitor_id)
 
 
 @router.get(
     "/{monitor_id}/calibration", response_model=Calibration, responses=problem_responses(404)
 )
-async def read_calibration(monitor_id: str, store: StoreDep):
+def read_calibration(monitor_id: str, store: StoreDep):
     """Sorted calibration scores, the smallest epsilon they allow, and the monitor's epsilon.
 
     `alert_above` is the risk above which the monitor alerts to keep its `guarantee` at its epsilon.
     """
-
-    def read() -> dict[str, Any]:
-        monitor = store.monitors.get(monitor_id)
-        return {
-            "alphas": _finite(monitor.alphas),
-            "n_unsafe": monitor.n_unsafe,
-            "n_early": monitor.n_early,
-            "smallest_epsilon": monitor.smallest_epsilon,
-            "epsilon": monitor.recipe.epsilon,
-            "guarantee": monitor.recipe.guarantee,
-            "alert_above": monitor.alert_above(),
-            "lead": monitor.lead,
-            "groups": _groups(monitor),
-            "members": [
-                {"lead": m.lead, "n_unsafe": m.n_unsafe, "recipe": to_plain(m.recipe)}
-                for m in members_of(monitor)
-            ],
-        }
-
-    return await json_from(read)
+    monitor = store.monitors.get(monitor_id)
+    answer = {
+        "alphas": monitor.alphas,
+        "n_unsafe": monitor.n_unsafe,
+        "n_early": monitor.n_early,
+        "smallest_epsilon": monitor.smallest_epsilon,
+        "epsilon": monitor.recipe.epsilon,
+        "guarantee": monitor.recipe.guarantee,
+        "alert_above": monitor.alert_above(),
+        "lead": monitor.lead,
+        "groups": _groups(monitor),
+        "members": [
+            {"lead": m.lead, "n_unsafe": m.n_unsafe, "recipe": to_plain(m.recipe)}
+            for m in members_of(monitor)
+        ],
+    }
+    return json_response(answer)
 
 
 def _groups(monitor: Monitor) -> list[dict[str, Any]]:
@@ -234,7 +228,7 @@ def _groups(monitor: Monitor) -> list[dict[str, Any]]:
         {
             "name": name,
             "rule": groups.rule.kind,
-            "alphas": _finite(alphas),
+            "alphas": alphas,
             "n_unsafe": len(alphas),
             "n_early": int(np.isposinf(alphas).sum()),
             "alert_above": monitor.alert_above(),
@@ -243,12 +237,8 @@ def _groups(monitor: Monitor) -> list[dict[str, Any]]:
     ]
 
 
-def _finite(alphas: Array) -> list[float | None]:
-    return [alpha if isfinite(alpha) else None for alpha in alphas.tolist()]
-
-
 @router.get("/{monitor_id}/evaluation", responses=problem_responses(404))
-async def read_evaluation(monitor_id: str, store: StoreDep) -> dict[str, Any]:
+def read_evaluation(monitor_id: str, store: StoreDep) -> dict[str, Any]:
     """Results on fresh flights over epsilon, and the lead times.
 
     Miss rate, share of safe flights that stay valid and without a false alarm (power), and
@@ -257,7 +247,7 @@ async def read_evaluation(monitor_id: str, store: StoreDep) -> dict[str, Any]:
     `warnings` at each epsilon name what is worse than promised.
     404 for an uploaded monitor without an evaluation.
     """
-    evaluation = await asyncio.to_thread(store.monitors.evaluation, monitor_id)
+    evaluation = store.monitors.evaluation(monitor_id)
     if evaluation is None:
         raise Problem(
             404, "this monitor was not evaluated on fresh flights: train it on this server"
@@ -293,20 +283,17 @@ async def choose_epsilon(monitor_id: str, plain: PlainBody, store: StoreDep, job
     response_class=HTMLResponse,
     responses=problem_responses(404),
 )
-async def read_certificate(monitor_id: str, store: StoreDep) -> HTMLResponse:
+def read_certificate(monitor_id: str, store: StoreDep) -> HTMLResponse:
     """The certificate as a page to print; `/evaluation` has its numbers as JSON.
 
     404 for an uploaded monitor without an evaluation.
     """
-
-    def render() -> str:
-        info, monitor = store.monitors.info(monitor_id), store.monitors.get(monitor_id)
-        try:
-            return certificate_page(monitor, info.name, info.digest, info.created)
-        except ValueError as error:
-            raise Problem(404, str(error)) from None
-
-    return HTMLResponse(await asyncio.to_thread(render), headers=PAGE_TO_PRINT)
+    info, monitor = store.monitors.info(monitor_id), store.monitors.get(monitor_id)
+    try:
+        page = certificate_page(monitor, info.name, info.digest, info.created)
+    except ValueError as error:
+        raise Problem(404, str(error)) from None
+    return HTMLResponse(page, headers=PAGE_TO_PRINT)
 
 
 @router.get(
@@ -314,8 +301,8 @@ async def read_certificate(monitor_id: str, store: StoreDep) -> HTMLResponse:
     response_class=Response,
     responses=problem_responses(404) | file_of(OCTETS, "the portable monitor"),
 )
-async def read_monitor_file(monitor_id: str, store: StoreDep) -> Response:
+def read_monitor_file(monitor_id: str, store: StoreDep) -> Response:
     """The portable monitor, for `forewarn score` or another server."""
-    body = await asyncio.to_thread(store.monitors.file, monitor_id)
+    body = store.monitors.file(monitor_id)
     headers = {"Content-Disposition": f'attachment; filename="monitor-{monitor_id}.fwm"'}
     return Response(body, 200, headers, OCTETS)

@@ -28,7 +28,7 @@ from app.store.tokens import LINK_SECONDS, LONGEST_DAYS, Role, StoredToken, Toke
 router = Router(prefix="/api/v1", tags=["people"])
 
 
-def _people(request: Request) -> People:
+async def _people(request: Request) -> People:
     return request.app.state.people
 
 
@@ -84,9 +84,9 @@ async def read_me(person: PersonDep) -> Me:
 
 
 @router.get("/tokens")
-async def list_tokens(store: StoreDep) -> list[StoredToken]:
+def list_tokens(store: StoreDep) -> list[StoredToken]:
     """All tokens, newest first, without the secrets."""
-    return await asyncio.to_thread(store.tokens.all)
+    return store.tokens.all()
 
 
 @router.post("/tokens", status_code=201, responses=problem_responses(409, 422))
@@ -118,10 +118,10 @@ async def revoke_token(token_id: str, store: StoreDep, people: PeopleDep) -> Sto
 
 
 @router.post("/tokens/{token_id}/link", responses=problem_responses(404, 409, 422))
-async def make_link(token_id: str, store: StoreDep) -> LoginLink:
+def make_link(token_id: str, store: StoreDep) -> LoginLink:
     """Make an address where the person can log in once without the token."""
     with refused(409, "token", TokenError):
-        code = await asyncio.to_thread(store.tokens.make_link, token_id)
+        code = store.tokens.make_link(token_id)
     return LoginLink(path=f"/login?link={code}", seconds=LINK_SECONDS)
 
 

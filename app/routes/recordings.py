@@ -20,7 +20,6 @@ from app.routes.dependencies import (
     RecordingsDep,
     StoreDep,
     TimeInterval,
-    json_from,
     json_response,
     strictly,
 )
@@ -265,21 +264,21 @@ async def upload_recording(
 
 
 @router.get("")
-async def list_recordings(recordings: RecordingsDep) -> list[RecordingInfo]:
+def list_recordings(recordings: RecordingsDep) -> list[RecordingInfo]:
     """All recordings, newest first."""
-    return await asyncio.to_thread(recordings.store.recordings.all)
+    return recordings.store.recordings.all()
 
 
 @router.get("/{recording_id}", response_model=RecordingDetails, responses=problem_responses(404))
-async def read_recording(recording_id: str, recordings: RecordingsDep):
+def read_recording(recording_id: str, recordings: RecordingsDep):
     """One recording with its contents and mapping."""
-    return await json_from(recording_answer, recordings, recording_id)
+    return json_response(recording_answer(recordings, recording_id))
 
 
 @router.delete("/{recording_id}", status_code=204, responses=problem_responses(404, 409))
-async def delete_recording(recording_id: str, recordings: RecordingsDep) -> None:
+def delete_recording(recording_id: str, recordings: RecordingsDep) -> None:
     """Delete a recording, its scorings and markers; 409 if it is flown or kept permanently."""
-    await asyncio.to_thread(recordings.delete, recording_id)
+    recordings.delete(recording_id)
 
 
 @router.put(
@@ -287,37 +286,27 @@ async def delete_recording(recording_id: str, recordings: RecordingsDep) -> None
     response_model=RecordingDetails,
     responses=problem_responses(404, 422),
 )
-async def confirm_mapping(recording_id: str, request: MappingRequest, recordings: RecordingsDep):
+def confirm_mapping(recording_id: str, request: MappingRequest, recordings: RecordingsDep):
     """Confirm the mapping of signals to channels.
 
     It is proposed for the next recording of the aircraft. Earlier scorings keep their mapping. 422
     if the mapping cannot be applied.
     """
-
-    def confirm() -> dict[str, Any]:
-        mapping = Mapping.from_plain(request.mapping.to_plain())
-        recordings.confirm_mapping(
-            recording_id, mapping, request.aircraft, remember=request.remember
-        )
-        return recording_answer(recordings, recording_id)
-
-    return await json_from(confirm)
+    mapping = Mapping.from_plain(request.mapping.to_plain())
+    recordings.confirm_mapping(recording_id, mapping, request.aircraft, remember=request.remember)
+    return json_response(recording_answer(recordings, recording_id))
 
 
 @router.post(
     "/{recording_id}/preview", response_model=Preview, responses=problem_responses(404, 422)
 )
-async def preview_mapping(recording_id: str, request: PreviewRequest, recordings: RecordingsDep):
+def preview_mapping(recording_id: str, request: PreviewRequest, recordings: RecordingsDep):
     """Try a mapping without storing it: each channel in bins, and the quality.
 
     If the mapping cannot be applied, `problem` has the reason and there are no channels.
     """
-
-    def answer() -> dict[str, Any]:
-        mapping = Mapping.from_plain(request.mapping.to_plain())
-        return preview(recordings, recording_id, mapping, request.bins)
-
-    return await json_from(answer)
+    mapping = Mapping.from_plain(request.mapping.to_plain())
+    return json_response(preview(recordings, recording_id, mapping, request.bins))
 
 
 @router.get(
@@ -325,9 +314,9 @@ async def preview_mapping(recording_id: str, request: PreviewRequest, recordings
     response_model=SignalPreview,
     responses=problem_responses(404, 422),
 )
-async def preview_signal(recording_id: str, index: int, recordings: RecordingsDep):
+def preview_signal(recording_id: str, index: int, recordings: RecordingsDep):
     """A signal of the file in bins. index: its place in the signals of the contents."""
-    return await json_from(signal_bands, recordings, recording_id, index)
+    return json_response(signal_bands(recordings, recording_id, index))
 
 
 @router.get(
@@ -375,30 +364,28 @@ class MarkerText(BaseModel):
 
 
 @router.get("/{recording_id}/markers", responses=problem_responses(404))
-async def list_markers(recording_id: str, store: StoreDep) -> list[Marker]:
+def list_markers(recording_id: str, store: StoreDep) -> list[Marker]:
     """All markers and notes of a recording, in order of time."""
-    return await asyncio.to_thread(store.markers.of, recording_id)
+    return store.markers.of(recording_id)
 
 
 @router.post("/{recording_id}/markers", status_code=201, responses=problem_responses(404, 422))
-async def add_marker(recording_id: str, text: MarkerText, store: StoreDep) -> Marker:
+def add_marker(recording_id: str, text: MarkerText, store: StoreDep) -> Marker:
     """Add a marker or a note."""
     marker = Marker(id=new_id(), created=now(), **text.model_dump())
-    return await asyncio.to_thread(store.markers.add, recording_id, marker)
+    return store.markers.add(recording_id, marker)
 
 
 @router.put("/{recording_id}/markers/{marker_id}", responses=problem_responses(404, 422))
-async def change_marker(
-    recording_id: str, marker_id: str, text: MarkerText, store: StoreDep
-) -> Marker:
+def change_marker(recording_id: str, marker_id: str, text: MarkerText, store: StoreDep) -> Marker:
     """Change a marker's text or time."""
     marker = Marker(id=marker_id, created="", **text.model_dump())
-    return await asyncio.to_thread(store.markers.update, recording_id, marker)
+    return store.markers.update(recording_id, marker)
 
 
 @router.delete(
     "/{recording_id}/markers/{marker_id}", status_code=204, responses=problem_responses(404)
 )
-async def delete_marker(recording_id: str, marker_id: str, store: StoreDep) -> None:
+def delete_marker(recording_id: str, marker_id: str, store: StoreDep) -> None:
     """Delete a marker."""
-    await asyncio.to_thread(store.markers.delete, recording_id, marker_id)
+    store.markers.delete(recording_id, marker_id)

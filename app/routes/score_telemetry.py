@@ -1,12 +1,11 @@
 """Score telemetry at once: one array per channel as JSON, and its assessments as JSON."""
 
-import asyncio
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
-from fastapi import Query, Response
+from fastapi import Query
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from app.http.head_requests import Router
@@ -140,7 +139,7 @@ def assessed(monitor: Monitor, recording: Recording, epsilon: float, *, why: boo
         {"t": [0.0, 0.05, 0.1]} | {key: [0.0, 0.01, 0.02] for key in KEYS},
     ),
 )
-async def score_telemetry(
+def score_telemetry(
     monitor_id: str,
     plain: PlainBody,
     store: StoreDep,
@@ -157,13 +156,9 @@ async def score_telemetry(
     One array per channel in SI units, N_y in g; null for a missing value. A sample at any other
     interval after the last one is `invalid`.
     """
-
-    def score() -> Response:
-        recording = parse_telemetry(plain)
-        monitor = store.monitors.get(monitor_id)
-        with refused(422, "epsilon", ValueError):
-            served = monitor.check_epsilon(epsilon)
-        assessments = assessed(monitor, recording, served, why=why)
-        return json_response({"epsilon": served, "lead": monitor.lead, "assessments": assessments})
-
-    return await asyncio.to_thread(score)
+    recording = parse_telemetry(plain)
+    monitor = store.monitors.get(monitor_id)
+    with refused(422, "epsilon", ValueError):
+        served = monitor.check_epsilon(epsilon)
+    assessments = assessed(monitor, recording, served, why=why)
+    return json_response({"epsilon": served, "lead": monitor.lead, "assessments": assessments})

@@ -24,9 +24,11 @@ from app.report.subject import about, stored_subject
 from app.routes.dependencies import (
     PAGE_TO_PRINT,
     Finite,
+    First,
+    Last,
     RecordingsDep,
     ScoredDep,
-    json_from,
+    frame_range,
     json_response,
     refused,
     strictly,
@@ -37,7 +39,6 @@ from app.telemetry.mapping.mapping import Mapping
 
 router = Router(prefix="/api/v1/recordings/{recording_id}", tags=["recordings"])
 Seconds = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-MOST_FRAMES = 10_000
 MOST_BINS = 10_000
 MOST_MARKED = 1000
 
@@ -226,31 +227,23 @@ def _epsilon(scored: ScoredDep, request: ScoringRequest) -> float:
 
 
 @router.get("/scorings", response_model=list[Scoring], responses=problem_responses(404))
-async def list_scorings(recording_id: str, scored: ScoredDep):
+def list_scorings(recording_id: str, scored: ScoredDep):
     """All scorings of a recording, newest first."""
-
-    def read() -> list[dict[str, Any]]:
-        return answers(scored, scored.store.scorings.of(recording_id))
-
-    return await json_from(read)
+    return json_response(answers(scored, scored.store.scorings.of(recording_id)))
 
 
 @router.get("/scorings/{scoring_id}", response_model=Scoring, responses=problem_responses(404))
-async def read_scoring(recording_id: str, scoring_id: str, scored: ScoredDep):
+def read_scoring(recording_id: str, scoring_id: str, scored: ScoredDep):
     """One scoring with a verdict on each manoeuvre; 500 if its samples are damaged."""
-
-    def read() -> dict[str, Any]:
-        info = scored.store.scorings.info(recording_id, scoring_id)
-        scored.samples(info)
-        return answers(scored, [info], verified=True)[0]
-
-    return await json_from(read)
+    info = scored.store.scorings.info(recording_id, scoring_id)
+    scored.samples(info)
+    return json_response(answers(scored, [info], verified=True)[0])
 
 
 @router.delete("/scorings/{scoring_id}", status_code=204, responses=problem_responses(404, 409))
-async def delete_scoring(recording_id: str, scoring_id: str, scored: ScoredDep) -> None:
+def delete_scoring(recording_id: str, scoring_id: str, scored: ScoredDep) -> None:
     """Delete a scoring; 409 while it is flown."""
-    await asyncio.to_thread(scored.delete, recording_id, scoring_id)
+    scored.delete(recording_id, scoring_id)
 
 
 @router.get(
@@ -258,40 +251,31 @@ async def delete_scoring(recording_id: str, scoring_id: str, scored: ScoredDep) 
     response_model=ScoredFrames,
     responses=problem_responses(404, 422),
 )
-async def read_scored_samples(
+def read_scored_samples(
     recording_id: str,
     scoring_id: str,
     scored: ScoredDep,
-    first: Annotated[int, Query(ge=0, le=2**53, description="number of the first sample")] = 0,
-    last: Annotated[
-        int | None,
-        Query(
-            ge=0, le=2**53, description=f"number of the last sample; at most {MOST_FRAMES} frames"
-        ),
-    ] = None,
+    first: First = 0,
+    last: Last = None,
 ):
     """Samples and assessments of a scoring as frames of a flight.
 
     `next` is the number of the next frame to request, null at the end.
     """
-
-    def read() -> dict[str, Any]:
-        info = scored.store.scorings.info(recording_id, scoring_id)
-        end = min(first + MOST_FRAMES, info.n_samples, (last if last is not None else 2**53) + 1)
-        requested_end = info.n_samples if last is None else min(last + 1, info.n_samples)
-        return {
-            "first": first,
-            "next": end if first < end < requested_end else None,
-            "frames": frames(info, scored.samples(info)[first:end], first),
-        }
-
-    return await json_from(read)
+    info = scored.store.scorings.info(recording_id, scoring_id)
+    stop, following = frame_range(first, last, info.n_samples)
+    answer = {
+        "first": first,
+        "next": following,
+        "frames": frames(info, scored.samples(info)[first:stop], first),
+    }
+    return json_response(answer)
 
 
 @router.get(
     "/scorings/{scoring_id}/tiles", response_model=Tiles, responses=problem_responses(404, 422)
 )
-async def read_tiles(
+def read_tiles(
     recording_id: str,
     scoring_id: str,
     scored: ScoredDep,
@@ -300,13 +284,9 @@ async def read_tiles(
     bins: Annotated[int, Query(ge=1, le=MOST_BINS, description="most bins")] = 1000,
 ):
     """An interval of a scoring in bins, computed from stored tiles."""
-
-    def read() -> dict[str, Any]:
-        info: ScoringInfo = scored.store.scorings.info(recording_id, scoring_id)
-        window = (info.start if start is None else start, info.end if end is None else end)
-        return tiled(info, *scored.window(info, *window, bins))
-
-    return await json_from(read)
+    info: ScoringInfo = scored.store.scorings.info(recording_id, scoring_id)
+    window = (info.start if start is None else start, info.end if end is None else end)
+    return json_response(tiled(info, *scored.window(info, *window, bins)))
 
 
 SENT_BYTES = 2**20
@@ -327,22 +307,18 @@ SAMPLES: dict[int | str, dict[str, Any]] = {
     | {200: {"description": "one HTML file", "content": {"text/html": {}}}},
     response_class=Response,
 )
-async def read_report(
+def read_report(
     recording_id: str,
     scoring_id: str,
     scored: ScoredDep,
     download: Annotated[bool, Query(description="send as a download")] = False,
 ) -> Response:
     """The report as one self-contained HTML file to print."""
-
-    def make() -> Response:
-        subject = stored_subject(scored, recording_id, scoring_id)
-        headers = dict(PAGE_TO_PRINT)
-        if download:
-            headers |= _as_file(f"{PurePath(subject.recording['name']).stem} report.html")
-        return Response(report(subject), headers=headers, media_type="text/html")
-
-    return await asyncio.to_thread(make)
+    subject = stored_subject(scored, recording_id, scoring_id)
+    headers = dict(PAGE_TO_PRINT)
+    if download:
+        headers |= _as_file(f"{PurePath(subject.recording['name']).stem} report.html")
+    return Response(report(subject), headers=headers, media_type="text/html")
 
 
 @router.get(
@@ -350,28 +326,24 @@ async def read_report(
     responses=problem_responses(404, 422) | SAMPLES,
     response_class=Response,
 )
-async def export_samples(
+def export_samples(
     recording_id: str,
     scoring_id: str,
     scored: ScoredDep,
     form: Annotated[Literal["csv", "parquet", "mat"], Query(alias="format")] = "csv",
 ) -> Response:
     """All samples with their assessments and units."""
-
-    def make() -> Response:
-        info = scored.store.scorings.info(recording_id, scoring_id)
-        recording = scored.store.recordings.info(recording_id)
-        samples, kind = scored.samples(info), EXPORTS[form]
-        with ExitStack() as held:
-            file = held.enter_context(scored.files.unnamed())
-            with reporting_full_disk():
-                export(samples, about(asdict(recording), asdict(info)), form, file)
-                headers = {"Content-Length": str(file.tell())}
-            headers |= _as_file(f"{PurePath(recording.name).stem} scored.{kind.ending}")
-            held.pop_all()
-        return StreamingResponse(_blocks(file), headers=headers, media_type=kind.media_type)
-
-    return await asyncio.to_thread(make)
+    info = scored.store.scorings.info(recording_id, scoring_id)
+    recording = scored.store.recordings.info(recording_id)
+    samples, kind = scored.samples(info), EXPORTS[form]
+    with ExitStack() as held:
+        file = held.enter_context(scored.files.unnamed())
+        with reporting_full_disk():
+            export(samples, about(asdict(recording), asdict(info)), form, file)
+            headers = {"Content-Length": str(file.tell())}
+        headers |= _as_file(f"{PurePath(recording.name).stem} scored.{kind.ending}")
+        held.pop_all()
+    return StreamingResponse(_blocks(file), headers=headers, media_type=kind.media_type)
 
 
 def _blocks(file: BinaryIO) -> Iterator[bytes]:

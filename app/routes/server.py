@@ -92,9 +92,9 @@ async def _damaged(state: AppState) -> list[Damage]:
     response_class=Response,
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
 )
-async def measures(request: Request) -> Response:
+def measures(request: Request) -> Response:
     """Metrics in the text format of Prometheus."""
-    body = await asyncio.to_thread(request.app.state.metrics.text)
+    body = request.app.state.metrics.text()
     return Response(body, media_type=CONTENT_TYPE)
 
 
@@ -107,28 +107,28 @@ class Keeping(BaseModel):
 
 
 @router.get("/api/v1/storage", tags=["storage"])
-async def read_storage(
+def read_storage(
     recordings: RecordingsDep, journals: JournalsDep, settings: SettingsDep
 ) -> StorageUsage:
     """Disk usage of the database, the files and each kind; largest and oldest items; free space.
 
     Sizes are in bytes. `warning` is not empty if the disk is nearly full.
     """
-    return await asyncio.to_thread(usage_of, recordings, journals, settings.data_dir)
+    return usage_of(recordings, journals, settings.data_dir)
 
 
 @router.get("/api/v1/storage/space", tags=["storage"])
-async def read_space(settings: SettingsDep) -> DiskSpace:
+def read_space(settings: SettingsDep) -> DiskSpace:
     """Free space on the disk of the data [bytes], with a warning if it is nearly full."""
-    return await asyncio.to_thread(space_of, settings.data_dir)
+    return space_of(settings.data_dir)
 
 
 @router.put(
     "/api/v1/flights/{flight_id}/keep", tags=["storage"], responses=problem_responses(404, 422)
 )
-async def keep_flight(flight_id: str, keeping: Keeping, store: StoreDep) -> Keeping:
+def keep_flight(flight_id: str, keeping: Keeping, store: StoreDep) -> Keeping:
     """Keep a flight permanently, or release it."""
-    await asyncio.to_thread(store.retention_flags.set_flight, flight_id, keeping.keep)
+    store.retention_flags.set_flight(flight_id, keeping.keep)
     return keeping
 
 
@@ -137,13 +137,13 @@ async def keep_flight(flight_id: str, keeping: Keeping, store: StoreDep) -> Keep
     tags=["storage"],
     responses=problem_responses(404, 422),
 )
-async def keep_recording(recording_id: str, keeping: Keeping, store: StoreDep) -> Keeping:
+def keep_recording(recording_id: str, keeping: Keeping, store: StoreDep) -> Keeping:
     """Keep a recording permanently, or release it."""
-    await asyncio.to_thread(store.retention_flags.set_recording, recording_id, keeping.keep)
+    store.retention_flags.set_recording(recording_id, keeping.keep)
     return keeping
 
 
-def _demonstration(request: Request) -> Demonstration:
+async def _demonstration(request: Request) -> Demonstration:
     return request.app.state.demonstration
 
 

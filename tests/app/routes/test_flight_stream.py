@@ -165,7 +165,7 @@ def test_a_recipe_with_a_seed_of_many_bits_can_be_watched(server: Server) -> Non
 
 
 def test_the_record_is_read_in_parts(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.routes.flights.MOST_FRAMES", 30)
+    monkeypatch.setattr("app.routes.dependencies.MOST_FRAMES", 30)
     flight = server.start()
     server.advance(6.5)
     seqs, first = [], 0

@@ -175,9 +175,9 @@ def test_frames_are_the_stored_samples(client, data_dir, recording, monitor, fli
 
 
 def test_long_scorings_are_paged(client, recording, monitor, monkeypatch):
-    from app.routes import scorings
+    from app.routes import dependencies
 
-    monkeypatch.setattr(scorings, "MOST_FRAMES", 500)
+    monkeypatch.setattr(dependencies, "MOST_FRAMES", 500)
     scoring = scored(client, recording, monitor)
     path = f"{RECORDINGS}/{recording['id']}/scorings/{scoring['id']}/assessments"
     first, seen = 0, []
