@@ -11,7 +11,7 @@ import { createRingBuffer } from "/static/js/charts/live/ring_buffer.js";
 import { createRiskGauge } from "/static/js/fly/assessment/risk_gauge.js";
 import { riskText } from "/static/js/lib/numbers.js";
 import { loopStats } from "/static/js/lib/draw_loop.js";
-import { createStripChart } from "/static/js/charts/live/strip_chart.js";
+import { createFlightChart } from "/static/js/charts/live/flight_chart.js";
 import { createTimeline } from "/static/js/charts/live/timeline.js";
 import { bindMuteButton, createTone } from "/static/js/fly/tone.js";
 import { createValueAxis } from "/static/js/charts/value_axis.js";
@@ -58,7 +58,7 @@ export function frame(t, { growth = 0.06, state = "ok", reason = "", cause = nul
 }
 
 const timeline = createTimeline({ seconds: Number(options.get("seconds") ?? 60) });
-const chart = createStripChart(document.querySelector("#strips"), {
+const chart = createFlightChart(document.querySelector("#strips"), {
   channels: CHANNELS, epsilon: EPSILON, dt, lead, timeline, autostart: options.has("auto"),
   history: Number(options.get("history") ?? 180_000),
 });

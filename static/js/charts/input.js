@@ -4,20 +4,15 @@
  * Exports
  *   attachControls(host, {rows, bar}, timeline, chart)
  *     host: the focusable element.   rows: the element whose box holds the plots.   bar: the tool bar
- *     chart: {view() -> View, plotWidth() -> px, dt() -> s, newest() -> t, wall() -> ms}
+ *     chart: {view() -> View, plotWidth() -> px, dt() -> s, newest() -> t, wall() -> ms, steps}
+ *     steps: {next(), back()} of two more buttons and the keys N and P, if any
  *   attachMarking(plots, timeWindow, {left() -> px, width() -> px}) -> {set(active)}
  *     while active a drag sets the cursors A and B in place of moving the window
- *   KEYS_HELP  what the keys do, in one sentence
  *
  * Wheel zooms, drag pans, two fingers do both, a click pins the cursor, a double click goes live.
  */
 
 import { GUTTER } from "./strip_frame.js";
-
-export const KEYS_HELP =
-  "Left and right arrows move the cursor, with Shift ten times as far; Home and End go to the window's " +
-  "start and the newest sample; A and B set cursors, C clears them; plus and minus zoom, Page Up and " +
-  "Page Down move the window, L follows the newest sample, Escape removes the cursor.";
 
 const CLICK = 4; // px that the pointer may move during a click
 
@@ -26,7 +21,7 @@ function attachInput(host, plots, timeline, chart) {
   let travelled = 0;
 
   const place = (event) => {
-    const left = plots.getBoundingClientRect().left + chart.plotLeft();
+    const left = plots.getBoundingClientRect().left + GUTTER;
     return (event.clientX - left) / chart.plotWidth();
   };
   const timeAt = (fraction) => {
@@ -122,6 +117,7 @@ function attachInput(host, plots, timeline, chart) {
     c: () => timeline.clearMarks(),
     l: () => timeline.goLive(),
     Escape: () => timeline.setCursor(null),
+    ...(chart.steps ? { n: chart.steps.next, p: chart.steps.back } : {}),
   };
 
   function arrow(direction, event) {
@@ -202,11 +198,12 @@ export function attachMarking(plots, timeWindow, { left, width }) {
 }
 
 export function attachControls(host, { rows, bar }, timeline, chart) {
-  const input = attachInput(host, rows, timeline, { plotLeft: () => GUTTER, ...chart });
+  const input = attachInput(host, rows, timeline, chart);
   bar.on("a", () => input.mark("a"));
   bar.on("b", () => input.mark("b"));
   bar.on("clear", () => timeline.clearMarks());
   bar.on("in", () => input.zoom(0.5));
   bar.on("out", () => input.zoom(2));
   bar.on("live", () => timeline.goLive());
+  for (const [name, act] of Object.entries(chart.steps ?? {})) bar.on(name, act);
 }

@@ -4,26 +4,31 @@
  * Exports
  *   GUTTER  width of the value axis left of the plot [px]
  *   SPARSE  px between marks of the same kind
- *   stacked(labels, rows) -> labels, the most urgent first, each with its row: {left, right [px], colour}
- *     a label that would overlap moves a row down; without a free row it goes into the last, below the others
- *   createStripFrame(canvas, strip) -> StripFrame     strip: {key, axis, limit, risk}
+ *   stacked(labels, rows) -> labels, the most urgent first, each with its row
+ *     label: {left, right [px], colour}; one that would overlap moves a row down; without a free row
+ *     it goes into the last, below the others
+ *   createStripFrame(canvas, strip) -> StripFrame     strip: see strips.js
  *
  * StripFrame
  *   pen, width, height, palette, hatches      of the whole canvas, gutter included
  *   resize(width, height, ratio), setPalette(palette)
  *   y(value) -> px
  *   begin(ticks, x, plot)       clears and draws the grid; the pen's origin is then the plot's left edge
+ *   clipped(boxes, inverted, act)    draws within boxes [{x0, x1}] only, or outside of them only
  *   wide(text) -> px of a word with its plate
  *   word(text, x, middle, colour), upright(text, x, colour)     text on a plate
  *   triangle(x, up), line(x, colour, dash, thick)
  *   cursors({x, cursor, marks})      the cursor, A and B
- *   flags({flags, x, width})         moments of this channel, or of all: [{key | null, t, word, colour, thin}]; words of all channels are on the risk strip
- *   thresholds(alertAbove, plot, held), labels(alertAbove)      limits or alertAbove: in the plot, in the gutter
- *     held: [{limit, left, right}] limits by px range, where the limit changed
+ *   flags({flags, x, width})         moments: [{key | null, t, word, colour, thin}]; key null: of all
+ *                                    channels, with its word on the risk strip
+ *   thresholds({x, width, alertAbove})    limits where they held, or the alert level
+ *   labels(alertAbove)               in the gutter
  */
 
 import { figure } from "../lib/numbers.js";
+import { sizeCanvas } from "./layout.js";
 import { hatch } from "./palette.js";
+import { holdsOf } from "./strips.js";
 import { axisTicks } from "./value_axis.js";
 
 export const GUTTER = 46;
@@ -47,6 +52,7 @@ export function createStripFrame(canvas, strip) {
     resize,
     setPalette,
     begin,
+    clipped,
     word,
     wide,
     upright,
@@ -64,9 +70,8 @@ export function createStripFrame(canvas, strip) {
   }
 
   function resize(width, height, newRatio) {
-    [own.width, own.height, ratio] = [width, height, newRatio];
-    canvas.width = Math.round(width * ratio);
-    canvas.height = Math.round(height * ratio);
+    ({ ratio } = sizeCanvas(canvas, width, height, newRatio));
+    Object.assign(own, { width, height });
   }
 
   function setPalette(palette) {
@@ -87,6 +92,16 @@ export function createStripFrame(canvas, strip) {
     pen.fillRect(0, own.height - 1, plot, 1);
   }
 
+  function clipped(boxes, inverted, act) {
+    pen.save();
+    pen.beginPath();
+    if (inverted) pen.rect(0, 0, own.width, own.height);
+    for (const { x0, x1 } of boxes) pen.rect(x0, 0, x1 - x0, own.height);
+    pen.clip("evenodd");
+    act();
+    pen.restore();
+  }
+
   function upright(text, x, colour) {
     pen.save();
     pen.translate(x, own.height / 2);
@@ -95,13 +110,12 @@ export function createStripFrame(canvas, strip) {
     pen.restore();
   }
 
-  /** Text on a plate of the panel's colour, legible over any hatch. */
-  /** Width of a word with its margins [px]. */
   function wide(text) {
     pen.font = `700 12px ${own.palette.font}`;
     return pen.measureText(text).width + 8;
   }
 
+  /** Text on a plate of the panel's colour, legible over any hatch. */
   function word(text, x, middle, colour) {
     const half = wide(text) / 2;
     pen.globalAlpha = 0.85;
@@ -147,7 +161,8 @@ export function createStripFrame(canvas, strip) {
     }
     const rows = Math.max(1, Math.floor((own.height - FIRST_ROW + ROW / 2) / ROW));
     const placed = stacked(labels, rows);
-    for (const { text, middle, ink, row } of placed.reverse()) word(text, middle, FIRST_ROW + ROW * row, ink);
+    for (const { text, middle, ink, row } of placed.reverse())
+      word(text, middle, FIRST_ROW + ROW * row, ink);
   }
 
   function line(x, colour, dash, thick) {
@@ -162,27 +177,29 @@ export function createStripFrame(canvas, strip) {
     pen.setLineDash([]);
   }
 
-  function thresholds(alertAbove, plot, held = null) {
-    for (const value of held === null ? levels(alertAbove) : []) threshold(value, 0, plot);
-    for (const { limit, left, right } of held ?? []) {
-      const [from, to] = [Math.max(0, left), Math.min(plot, right)];
-      if (limit !== null && from < to) for (const value of [limit, -limit]) threshold(value, from, to - from);
+  function thresholds({ x, width, alertAbove }) {
+    if (strip.risk) {
+      if (Number.isFinite(alertAbove)) threshold(alertAbove, 0, width, null);
+      return;
+    }
+    for (const { from, to, limits } of holdsOf(strip)) {
+      const [left, right] = [Math.max(0, x(from)), Math.min(width, x(to))];
+      if (limits === null || left >= right) continue;
+      limits.forEach((limit, side) => {
+        if (Number.isFinite(limit)) threshold(limit, left, right - left, side);
+      });
     }
   }
 
-  function threshold(value, left, width) {
+  /** side: of a limit, 0 where it is the least value; beyond it the ground is shaded. */
+  function threshold(value, left, width, side) {
     const at = Math.round(y(value));
-    const outside = value < 0 ? own.height - at : at;
-    pen.globalAlpha = 0.07;
     pen.fillStyle = strip.risk ? own.palette.epsilon : own.palette.limit;
-    if (!strip.risk) pen.fillRect(left, value < 0 ? at : 0, width, outside);
+    pen.globalAlpha = 0.07;
+    if (side === 0) pen.fillRect(left, at, width, own.height - at);
+    if (side === 1) pen.fillRect(left, 0, width, at);
     pen.globalAlpha = 1;
     pen.fillRect(left, at - 0.75, width, 1.5);
-  }
-
-  function levels(alertAbove) {
-    if (strip.risk) return Number.isFinite(alertAbove) ? [alertAbove] : [];
-    return strip.limit === null ? [] : [strip.limit, -strip.limit];
   }
 
   function labels(alertAbove) {
@@ -199,11 +216,14 @@ export function createStripFrame(canvas, strip) {
       pen.fillText(text, -6, at);
     };
     if (strip.risk) {
-      if (Number.isFinite(alertAbove)) label(alertAbove, figure(alertAbove, 2), own.palette.epsilon, "700");
+      if (Number.isFinite(alertAbove))
+        label(alertAbove, figure(alertAbove, 2), own.palette.epsilon, "700");
       for (const value of [0, 1, 0.5, 0.1]) label(value, String(value), own.palette.dim);
       return;
     }
-    for (const value of levels(alertAbove)) label(value, signed(value * axis.factor), own.palette.limit, "700");
+    const levels = [...(strip.limits ?? [])].reverse().filter(Number.isFinite);
+    for (const value of levels)
+      label(value, signed(value * axis.factor), own.palette.limit, "700");
     const isZero = (value) => Math.abs(value) < axis.step / 2;
     const ticks = axisTicks(axis);
     if (ticks.some(isZero)) label(0, "0", own.palette.dim);
@@ -230,7 +250,8 @@ export function stacked(labels, rows) {
   const rank = ({ colour }) => URGENT.indexOf(colour);
   const placed = [];
   for (const label of [...labels].sort((a, b) => rank(a) - rank(b))) {
-    const isFree = (row) => !placed.some((one) => one.row === row && one.left < label.right && label.left < one.right);
+    const meets = (other) => other.left < label.right && label.left < other.right;
+    const isFree = (row) => !placed.some((other) => other.row === row && meets(other));
     const free = Array.from({ length: rows }, (_, row) => row).find(isFree);
     placed.push({ ...label, row: free ?? rows - 1 });
   }

@@ -3,10 +3,11 @@
  *
  * Exports
  *   timeTicks(start, end, width) -> {times, step}    round times about 90 px apart
- *   createTimeAxis(canvas) -> {draw(frame, ticks), resize(width, height, ratio), setPalette(palette)}
+ *   createTimeAxis(canvas) -> {draw(frame), resize(width, height, ratio), setPalette(palette)}
  */
 
 import { formatTime } from "../lib/numbers.js";
+import { sizeCanvas } from "./layout.js";
 import { GUTTER } from "./strip_frame.js";
 import { roundStep } from "./value_axis.js";
 
@@ -25,13 +26,8 @@ export function createTimeAxis(canvas) {
   let size = { width: 0, height: 0, ratio: 1 };
   let palette = {};
 
-  function resize(width, height, ratio) {
-    size = { width, height, ratio };
-    canvas.width = Math.round(width * ratio);
-    canvas.height = Math.round(height * ratio);
-  }
-
-  function draw(frame, ticks) {
+  function draw(frame) {
+    const { ticks } = frame;
     pen.setTransform(size.ratio, 0, 0, size.ratio, 0, 0);
     pen.fillStyle = palette.panel;
     pen.fillRect(0, 0, size.width, size.height);
@@ -70,7 +66,9 @@ export function createTimeAxis(canvas) {
 
   return {
     draw,
-    resize,
+    resize: (...given) => {
+      size = sizeCanvas(canvas, ...given);
+    },
     setPalette: (given) => {
       palette = given;
     },

@@ -5,21 +5,29 @@
  * for some seconds. Limits are always in view.
  *
  * Exports
- *   createValueAxis({limit, factor, leastHeight, narrowAfter}) -> {fit(low, high, wall), low, high, step, moving, roomy}
- *     limit: magnitude shown on both sides, or null.   factor 1: multiplies the numbers shown.   leastHeight 0.02: least height shown, in the unit.
- *     narrowAfter 4000: [ms] before a range that is too wide narrows.   roomy: it is too wide.
- *     fit takes the least and greatest visible value (low > high: none) and the wall clock [ms].
+ *   createValueAxis({limits, factor, leastHeight, narrowAfter}) -> Axis
+ *     limits: [low, high] | null.   factor 1: multiplies the numbers shown.
+ *     leastHeight 0.02: least height shown, in the unit.
+ *     narrowAfter 4000: [ms] before a range that is too wide narrows.
  *   createRiskAxis(scale) -> the same for risk, 0..1, "sqrt" (small risks stay legible) or "linear"
  *   axisTicks(axis) -> number[]    roundStep(least) -> number, of 1, 2, 5, 10, ...
- *   Both axes have share(value) -> 0 at the bottom .. 1 at the top; outside the range beyond.
+ *
+ * Axis  {low, high, step, moving, roomy}    roomy: the range is too wide
+ *   fit(low, high, wall)   the least and greatest visible value (low > high: none), wall clock [ms]
+ *   share(value) -> 0 at the bottom .. 1 at the top; outside the range beyond
+ *   setLimits(limits)
  */
 
 const ROOMY = 0.45; // share of the range below which it is
 const EASE = 60; // [ms] time constant of the way to a new range
 
-/** @param {{limit?: number | null, factor?: number, leastHeight?: number, narrowAfter?: number}} options */
-export function createValueAxis({ limit = null, factor = 1, leastHeight = 0.02, narrowAfter = 4000 }) {
-  let target = range(limit === null ? 0 : -limit, limit ?? 0);
+export function createValueAxis({
+  limits = null,
+  factor = 1,
+  leastHeight = 0.02,
+  narrowAfter = 4000,
+}) {
+  let target = range(...(limits ?? [0, 0]).map((limit) => (Number.isFinite(limit) ? limit : 0)));
   let roomySince = null;
   let last = NaN;
   const axis = {
@@ -31,22 +39,25 @@ export function createValueAxis({ limit = null, factor = 1, leastHeight = 0.02, 
     roomy: false,
     fit,
     share,
-    setLimit: (given) => {
-      limit = given;
+    setLimits: (given) => {
+      limits = given;
       target = range(target.low, target.high);
       axis.moving = true;
     },
   };
 
   function range(low, high) {
-    const margin = limit === null ? 0 : 1.15 * limit;
-    if (limit !== null) [low, high] = [Math.min(low, -margin), Math.max(high, margin)];
+    const [least, greatest] = (limits ?? [-Infinity, Infinity]).map((limit, side) => {
+      if (!Number.isFinite(limit)) return side === 0 ? Infinity : -Infinity;
+      return limit + (side === 0 ? -0.15 : 0.15) * Math.abs(limit);
+    });
+    [low, high] = [Math.min(low, least), Math.max(high, greatest)];
     if (high - low < leastHeight)
       [low, high] = [(low + high - leastHeight) / 2, (low + high + leastHeight) / 2];
     const step = roundStep((factor * (high - low)) / 3) / factor;
     return {
-      low: low === -margin && limit !== null ? low : Math.floor(low / step + 1e-6) * step,
-      high: high === margin && limit !== null ? high : Math.ceil(high / step - 1e-6) * step,
+      low: low === least ? low : Math.floor(low / step + 1e-6) * step,
+      high: high === greatest ? high : Math.ceil(high / step - 1e-6) * step,
       step,
     };
   }
@@ -55,11 +66,7 @@ export function createValueAxis({ limit = null, factor = 1, leastHeight = 0.02, 
     if (low <= high) {
       const margin = 0.05 * (high - low);
       if (low < target.low || high > target.high) {
-        const wider = range(
-          Math.min(low - margin, target.low),
-          Math.max(high + margin, target.high),
-        );
-        target = wider;
+        target = range(Math.min(low - margin, target.low), Math.max(high + margin, target.high));
         roomySince = null;
       } else {
         const tight = range(low - margin, high + margin);
@@ -89,10 +96,9 @@ export function createValueAxis({ limit = null, factor = 1, leastHeight = 0.02, 
   return axis;
 }
 
-/** @param {"sqrt" | "linear"} scale */
 export function createRiskAxis(scale) {
   const share = scale === "sqrt" ? (value) => Math.sqrt(Math.max(0, value)) : (value) => value;
-  return { low: 0, high: 1, step: 0.5, moving: false, fit: () => {}, share };
+  return { low: 0, high: 1, step: 0.5, moving: false, roomy: false, fit: () => {}, share };
 }
 
 export function axisTicks(axis) {

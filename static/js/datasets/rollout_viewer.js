@@ -6,7 +6,7 @@
  *     monitors: those that can assess it, the best first
  */
 
-import { createStripChart } from "../charts/live/strip_chart.js";
+import { createFlightChart } from "../charts/live/flight_chart.js";
 import { limitedFirst } from "../charts/strips.js";
 import { reason } from "../lib/api.js";
 import { formatted, h } from "../lib/dom.js";
@@ -116,7 +116,7 @@ export function createRolloutViewer({ api, catalog, dataset, monitors, navigate 
       limit: dataset.recipe.limits?.[channel.key] ?? null,
     }));
     const { limited, others } = limitedFirst(channels);
-    chart = createStripChart(host, {
+    chart = createFlightChart(host, {
       channels,
       order: [...limited, ...others],
       forecasts: [],

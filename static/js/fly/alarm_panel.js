@@ -23,9 +23,9 @@
  *   close()              silence
  */
 
-import { shownState, symbolNodes } from "../charts/readout.js";
+import { shownState } from "../lib/states.js";
 import { reason } from "../lib/api.js";
-import { h, put } from "../lib/dom.js";
+import { h, put, symbolNodes } from "../lib/dom.js";
 import { needs } from "../lib/me.js";
 import { sentence } from "../lib/monitor_warnings.js";
 import { figure, leadSeconds, riskText } from "../lib/numbers.js";

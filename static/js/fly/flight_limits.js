@@ -13,9 +13,8 @@
  *   event(limits, t) -> event    for the list of events; t: when the condition began to hold [s]
  */
 
-import { symbolNodes } from "../charts/readout.js";
 import { loadCatalog } from "../lib/catalog.js";
-import { h, put } from "../lib/dom.js";
+import { h, put, symbolNodes } from "../lib/dom.js";
 import { may } from "../lib/me.js";
 import { magnitudeIn } from "../lib/units.js";
 import { askToConfirm } from "../lib/view_states.js";

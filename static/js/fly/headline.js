@@ -17,7 +17,7 @@
  *   LEVEL_OF {level: data-level}, MARKS {level: sign}
  */
 
-import { shownState, withdrawnWord } from "../charts/readout.js";
+import { shownState, withdrawnWord } from "../lib/states.js";
 
 const WORST_FIRST = ["exceeding", "alarm", "risk", "stale", "invalid", "caution", "warming_up", "not_calibrated", "exceeded", "ok"];
 const NOW = ["exceeding", "risk"]; // need a current sample

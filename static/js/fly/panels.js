@@ -15,8 +15,8 @@
  *   sourceText(source, name) -> string
  */
 
-import { symbolNodes, withdrawnWord } from "../charts/readout.js";
-import { h } from "../lib/dom.js";
+import { withdrawnWord } from "../lib/states.js";
+import { h, symbolNodes } from "../lib/dom.js";
 import { riskText } from "../lib/numbers.js";
 import { magnitudeIn, quantity } from "../lib/units.js";
 import { AS_RECORDED } from "../recordings/words.js";

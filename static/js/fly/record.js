@@ -7,10 +7,9 @@
  *     flight: as the server has it.   why: how it ended, if the page saw it.   reopen(): reads it again
  */
 
-import { createStripChart } from "../charts/live/strip_chart.js";
-import { symbolNodes } from "../charts/readout.js";
+import { createFlightChart } from "../charts/live/flight_chart.js";
 import { ApiError, reason } from "../lib/api.js";
-import { h, put } from "../lib/dom.js";
+import { h, put, symbolNodes } from "../lib/dom.js";
 import { createEventList } from "../lib/event_list.js";
 import { createKeepButton } from "../lib/keep_button.js";
 import { needs } from "../lib/me.js";
@@ -181,7 +180,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     const [first, last] = [frames[0].t, frames.at(-1).t];
     const found = [];
     panels.strips.replaceChildren();
-    chart = createStripChart(panels.strips, {
+    chart = createFlightChart(panels.strips, {
       channels, alertAbove, lead, dt, seconds: windowOf({ duration: last - first, lead }),
       onExceedance: (exceedance) =>
         found.push({ t: exceedance.t, text: exceedanceText(exceedance, channels), level: "alert", seen: true }),

@@ -7,8 +7,7 @@
  *     toggle(): opens or closes it; returns whether it is open
  */
 
-import { symbolNodes } from "../charts/readout.js";
-import { h, put } from "../lib/dom.js";
+import { h, put, symbolNodes } from "../lib/dom.js";
 import { asksForToken } from "../lib/me.js";
 
 const ANY = /^(0\.0\.0\.0|\[::\]):/; // every address of the server

@@ -5,6 +5,7 @@
  *   h(tag, attributes, ...children) -> HTMLElement      children: nodes, text, lists; null and false are left out
  *   svg(tag, attributes, ...children) -> SVGElement
  *   put(element, text)           changes the text only where it differs
+ *   symbolNodes(symbol) -> Node[]     "N_y" as N with subscript y
  *   formatted(words) -> Node     "|N_y| < 0.5 g" with y as a subscript
  *   piecesOf(words) -> [[text, index]]     the same, cut at each symbol
  *
@@ -40,6 +41,11 @@ export function formatted(words) {
     index ? h("span", { class: "symbol" }, text, h("sub", {}, index)) : text,
   );
   return pieces.length === 1 && typeof pieces[0] !== "string" ? pieces[0] : h("span", {}, pieces);
+}
+
+export function symbolNodes(symbol) {
+  const [head, tail] = symbol.split("_");
+  return tail === undefined ? [head] : [head, h("sub", {}, tail)];
 }
 
 /** Text cut at its symbols: [text, index], the index empty for what is no symbol. */

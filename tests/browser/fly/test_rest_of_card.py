@@ -8,7 +8,7 @@ from tests.browser.strips import Open
 
 SAID = """async ({ noRest, frames, stale }) => {
   const { createRestOfCard } = await import("/static/js/fly/assessment/rest_of_card.js");
-  const { aheadOf, isCurrent } = await import("/static/js/charts/live/ahead.js");
+  const { aheadOf, isCurrent } = await import("/static/js/charts/live/flight_chart.js");
   const element = document.createElement("section");
   const rest = createRestOfCard(element, noRest);
   const channels = [{ key: "Ny", symbol: "N_y", unit: "g", label: "", limit: 0.5 }];
@@ -71,15 +71,14 @@ def test_a_method_without_a_forecast_shows_no_rest_of_the_card(strips: Open) -> 
 
 
 PLACED = """async () => {
-  const { createAheadBand } = await import("/static/js/charts/live/ahead.js");
+  const { drawEnvelope } = await import("/static/js/charts/trace.js");
   const pen = document.createElement("canvas").getContext("2d");
   const placed = [];
   const word = (text, x) => placed.push([x - 120, x + 120]);
   const face = { pen, y: () => 0, height: 60, palette: {}, line: () => {}, wide: () => 240, word };
-  const band = createAheadBand(face, "Ny");
-  const ahead = { t: [0, 1], channels: { Ny: { low: [0, 0], high: [1, 1], predicted: null } } };
+  const band = { t: [0, 1], low: [0, 0], high: [1, 1], word: "ahead" };
   for (let end = 150; end <= 600; end += 50) {
-    band.draw({ ahead, x: (t) => 100 + t * (end - 100), now: 0, width: 500 });
+    drawEnvelope(face, band, { x: (t) => 100 + t * (end - 100), now: 0, width: 500 });
   }
   return placed;
 }"""

@@ -8,7 +8,7 @@ HELD = """
 const { eventsOf, limitsInForceOf, manoeuvresOf } = await import(
   "/static/js/recordings/scoring/events.js"
 );
-const { bandsOf } = await import("/static/js/charts/recorded/tile_bands.js");
+const { bandsOf } = await import("/static/js/charts/recorded/cells.js");
 const about = { name: "envelope", version: 1, case: "all" };
 const held = [
   { ...about, start: 0, end: 4, limits: { Ny: 0.5 }, reason: "" },
@@ -23,9 +23,9 @@ const channels = [{ key: "Ny", symbol: "N_y", unit: "g", display_unit: "g", disp
 const scoring = { manoeuvres: [manoeuvre], outside_exceedances: [], channels, alert_above: 0.1,
   limits_in_force: held };
 const set = { n: 0, step: 1, x0: [], state: [], alert: [], keys: () => [], series: () => ({}) };
-const bands = bandsOf({ set, from: 0, to: 0 }, manoeuvresOf(scoring), (t) => t);
+const bands = bandsOf({ set, from: 0, n: 0 }, manoeuvresOf(scoring), (t) => t);
 return [
-  bands.filter(({ kind }) => kind === "invalid").map(({ x0, x1, word }) => [x0, x1, word]),
+  bands.filter(({ kind }) => kind === "withdrawn").map(({ x0, x1, word }) => [x0, x1, word]),
   limitsInForceOf(scoring, 1).map(({ start, limits }) => [start, limits?.Ny ?? null]),
   eventsOf(scoring).map(({ t, text }) => [t, text]),
 ];

@@ -3,9 +3,8 @@
  * each latched until it is acknowledged and over.
  *
  * Exports
- *   createIntake({ring, channels, strips, flight, onExceedance}) -> Intake
- *     strips: [{key, symbol, series, forecast, limit, held}]; held: [{from, limit}] after what time [s] which
- *     limit holds, where it changed   flight: {dt} [s]
+ *   createIntake({ring, channels, strips, source, onExceedance}) -> Intake
+ *     strips: see ../strips.js, their series in the order channels, risk, forecasts.   source: {dt} [s]
  *
  * Intake
  *   push(frames) -> how many were stored
@@ -17,13 +16,33 @@
  *   clear()
  */
 
-import { stripState } from "../readout.js";
-import { ALERT, BROKEN, GAP, INVALID, LIMITS_UNKNOWN, NOT_APPLICABLE, THINNED, UNASSESSED, WARMING_UP } from "./ring_buffer.js";
+import { stripState } from "../../lib/states.js";
+import { holdsOf, isBeyond } from "../strips.js";
+import {
+  ALERT,
+  BROKEN,
+  GAP,
+  INVALID,
+  LIMITS_UNKNOWN,
+  NOT_APPLICABLE,
+  THINNED,
+  UNASSESSED,
+  WARMING_UP,
+} from "./ring_buffer.js";
 
+const FLAG_OF = {
+  invalid: INVALID,
+  not_assessed: UNASSESSED,
+  not_applicable: NOT_APPLICABLE,
+  limits_unknown: LIMITS_UNKNOWN,
+  warming_up: WARMING_UP,
+};
 const NO_DATA = { state: "none", alert: false };
 
-export function createIntake({ ring, channels, strips, flight, onExceedance }) {
-  const forecasting = strips.filter((strip) => strip.forecast !== null);
+export function createIntake({ ring, channels, strips, source, onExceedance }) {
+  const placeOf = new Map(channels.map(({ key }, k) => [key, k]));
+  const measured = strips.filter(({ risk }) => !risk);
+  const forecasting = measured.filter(({ forecast }) => forecast !== null);
   const row = new Float64Array(channels.length + 1 + forecasting.length);
   const exceedances = new Map();
   let status = NO_DATA;
@@ -40,9 +59,9 @@ export function createIntake({ ring, channels, strips, flight, onExceedance }) {
   function rowOf(frame) {
     for (let k = 0; k < channels.length; k++) row[k] = number(frame.y[k]);
     row[channels.length] = frame.state === "ok" ? number(frame.p_value) : NaN;
-    for (const { forecast, series, key } of forecasting) {
-      row[forecast] = number(frame.y_hat?.[series] ?? frame.y_hat?.[key]);
-    }
+    forecasting.forEach(({ key }, k) => {
+      row[channels.length + 1 + k] = number(frame.y_hat?.[placeOf.get(key)] ?? frame.y_hat?.[key]);
+    });
     return row;
   }
 
@@ -52,11 +71,11 @@ export function createIntake({ ring, channels, strips, flight, onExceedance }) {
     if (!stored) return;
     seq = frame.seq ?? null;
     if (seq !== null && seq <= latchedTo) return;
-    for (const strip of strips) {
-      const value = row[strip.series];
-      const limit = limitAt(strip, frame.t);
-      if (limit === null || Number.isNaN(value)) continue;
-      if (Math.abs(value) >= limit) latch(strip, frame.t, value);
+    for (const strip of measured) {
+      const value = row[placeOf.get(strip.key)];
+      const limits = limitsAt(strip, frame.t);
+      if (limits === null || Number.isNaN(value)) continue;
+      if (isBeyond(limits, value).includes(true)) latch(strip, frame.t, value);
       else release(strip.key);
     }
   }
@@ -68,9 +87,9 @@ export function createIntake({ ring, channels, strips, flight, onExceedance }) {
     if (fits.length === 0) return;
     let before = at > ring.first() ? ring.time(at - 1) : -Infinity;
     const rows = fits.map((frame) => {
-      const stored = { t: frame.t, row: Float64Array.from(rowOf(frame)), flags: stateFlags(frame) | gapFlag(before, frame.t) };
+      const flags = stateFlags(frame) | gapFlag(before, frame.t);
       before = frame.t;
-      return stored;
+      return { t: frame.t, row: Float64Array.from(rowOf(frame)), flags };
     });
     const follows = at < ring.count() ? ring.flags(at, at + 1) & ~BROKEN : 0;
     if (!ring.insert(at, rows, follows | (complete ? gapFlag(before, end) : THINNED))) return;
@@ -81,15 +100,18 @@ export function createIntake({ ring, channels, strips, flight, onExceedance }) {
   /** An exceedance that this page had missed, and that was over before the newest sample. */
   function latchEarlier(frame) {
     if (frame.seq <= latchedTo) return;
-    for (const strip of strips) {
-      const [value, limit] = [number(frame.y[strip.series]), limitAt(strip, frame.t)];
-      if (strip.risk || limit === null || !(Math.abs(value) >= limit) || exceedances.has(strip.key)) continue;
+    for (const strip of measured) {
+      const [value, limits] = [number(frame.y[placeOf.get(strip.key)]), limitsAt(strip, frame.t)];
+      if (limits === null || exceedances.has(strip.key)) continue;
+      if (!isBeyond(limits, value).includes(true)) continue;
       latch(strip, frame.t, value);
       release(strip.key);
     }
   }
 
-  const gapFlag = (before, t) => (Number.isFinite(before) && Number.isFinite(t) && t - before > 1.5 * flight.dt ? GAP : 0);
+  function gapFlag(before, t) {
+    return Number.isFinite(before) && Number.isFinite(t) && t - before > 1.5 * source.dt ? GAP : 0;
+  }
 
   function flagsOf(frame) {
     const n = ring.count();
@@ -98,22 +120,16 @@ export function createIntake({ ring, channels, strips, flight, onExceedance }) {
   }
 
   function stateFlags(frame) {
-    const state = stripState(frame);
-    return (
-      (state === "invalid" ? INVALID : 0) |
-      (state === "not_assessed" ? UNASSESSED : 0) |
-      (state === "not_applicable" ? NOT_APPLICABLE : 0) |
-      (state === "limits_unknown" ? LIMITS_UNKNOWN : 0) |
-      (frame.state === "warming_up" ? WARMING_UP : 0) |
-      (frame.alert === true && frame.state === "ok" ? ALERT : 0)
-    );
+    const alert = frame.alert === true && frame.state === "ok" ? ALERT : 0;
+    return (FLAG_OF[stripState(frame)] ?? 0) | alert;
   }
 
   function latch({ key, symbol }, t, value) {
     const latched = exceedances.get(key);
     if (latched === undefined) onExceedance?.({ key, symbol, t, value });
     const isPeak = latched === undefined || Math.abs(value) > Math.abs(latched.value);
-    exceedances.set(key, { t, acknowledged: false, ...latched, value: isPeak ? value : latched.value, over: true });
+    const peak = isPeak ? value : latched.value;
+    exceedances.set(key, { t, acknowledged: false, ...latched, value: peak, over: true });
   }
 
   function release(key) {
@@ -162,9 +178,9 @@ export function createIntake({ ring, channels, strips, flight, onExceedance }) {
   };
 }
 
-/** The limit that held for a sample of t [s]. */
-function limitAt({ held, limit }, t) {
-  return held === undefined ? limit : (held.findLast(({ from }) => t > from)?.limit ?? null);
+/** Limits that held for a sample of t [s]. */
+function limitsAt(strip, t) {
+  return holdsOf(strip).findLast(({ from }) => t > from)?.limits ?? null;
 }
 
 function number(value) {

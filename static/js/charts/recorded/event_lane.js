@@ -2,9 +2,10 @@
  * The lane above a recording's strips: its manoeuvres with their outcome, its markers and notes.
  *
  * Exports
- *   createEventLane(element, {chosen}) -> {show(items), place(view)}
+ *   createEventLane(element, {chosen}) -> {show(items), draw({view})}
  *     items: [{id, row, start, end | null, text, short, mark, level, title, quiet}] times in [s]; row: 0
- *       is the top one; short: used where the text does not fit; mark: sign of the level, besides its colour; quiet: only a bar, no button
+ *       is the top one; short: used where the text does not fit; mark: sign of the level, besides its
+ *       colour; quiet: only a bar, no button
  *     chosen(item)   one was pressed
  */
 
@@ -52,7 +53,7 @@ export function createEventLane(element, { chosen }) {
     );
   }
 
-  function place({ start, end }) {
+  function draw({ view: { start, end } }) {
     const share = (t) => (100 * (t - start)) / (end - start);
     const thin = (100 * THIN) / Math.max(1, plot.clientWidth);
     for (const { item, element: part } of parts) {
@@ -68,5 +69,5 @@ export function createEventLane(element, { chosen }) {
     }
   }
 
-  return { show, place };
+  return { show, draw };
 }

@@ -2,16 +2,18 @@
  * The whole recording in one low bar: risk, manoeuvres, and the interval shown.
  *
  * Exports
- *   createOverviewBar(canvas, {timeWindow, start, end, key}) -> {draw(frame), resize(...), setPalette(p)}
- *     key: the series drawn, "risk" or a channel's
- *     frame: {set: TileSet | null, manoeuvres, alertAbove, view, marks}
+ *   createOverviewBar(canvas, options) -> {canvas, draw(frame), resize(...), setPalette(palette)}
+ *     options: {timeWindow, start, end, key, entire(), manoeuvres}
+ *     key: the series drawn, "risk" or a channel's.   entire() -> TileSet | null of all
  *
  * Press or drag to move the window. The keys of the strips do the same.
  */
 
+import { sizeCanvas } from "../layout.js";
 import { GUTTER } from "../strip_frame.js";
 
-export function createOverviewBar(canvas, { timeWindow, start, end, key }) {
+export function createOverviewBar(canvas, options) {
+  const { timeWindow, start, end, key, entire, manoeuvres } = options;
   const pen = canvas.getContext("2d", { alpha: false });
   let size = { width: 1, height: 1, ratio: 1 };
   let palette = {};
@@ -34,7 +36,8 @@ export function createOverviewBar(canvas, { timeWindow, start, end, key }) {
     timeWindow.setWindow(t - (to - from) / 2, t + (to - from) / 2);
   }
 
-  function draw({ set, manoeuvres, alertAbove, view }) {
+  function draw({ alertAbove, view }) {
+    const set = entire();
     pen.setTransform(size.ratio, 0, 0, size.ratio, 0, 0);
     pen.fillStyle = palette.panel;
     pen.fillRect(0, 0, size.width, size.height);
@@ -99,11 +102,10 @@ export function createOverviewBar(canvas, { timeWindow, start, end, key }) {
   }
 
   return {
+    canvas,
     draw,
-    resize: (newWidth, height, ratio) => {
-      size = { width: newWidth, height, ratio };
-      canvas.width = Math.round(newWidth * ratio);
-      canvas.height = Math.round(height * ratio);
+    resize: (...given) => {
+      size = sizeCanvas(canvas, ...given);
     },
     setPalette: (given) => {
       palette = given;

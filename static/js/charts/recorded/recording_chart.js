@@ -1,11 +1,14 @@
 /**
  * Strips of a whole recording: channels, limits, risk, manoeuvres, markers; from tiles, at any zoom.
  *
+ * Between manoeuvres a trace is faint, since nothing is assessed there. Withdrawn risk is grey with
+ * the word INVALID; a second recording laid over the first is dashed, in another colour.
+ *
  * Exports
  *   createRecordingChart(host, options) -> RecordingChart
  *
  * options
- *   channels    [{key, symbol, unit, label, limit | null}]      order    keys from top to bottom
+ *   channels    [Channel], see ../strips.js      order    keys from top to bottom
  *   sources     one or two: [{load(start, end, bins) -> Promise<tiles>, start, end, dt, offset, manoeuvres}]
  *               start, end: in the chart's time, which is the recording's own less `offset` [s];
  *               manoeuvres: [{start, end, withdrawn}] of its manoeuvres in the chart's time, or null
@@ -20,146 +23,73 @@
  *
  * RecordingChart
  *   setLane(items), setEvents([{t, ...}])    for the lane, see event_lane.js
- *   go(direction)               to the next (1) or the last (-1) event, from the cursor
- *   show(start, end), showAll(), setCursor(t), setMarking(bool)   marking: a drag sets A and B
+ *   show(start, end), setCursor(t), setMarking(bool)   marking: a drag sets A and B
  *   reload()                    forgets the tiles: the sources have new ones
- *   window, update(wall), destroy()
+ *   window, destroy()
  */
 
 import { reason } from "../../lib/api.js";
-import { addDrawer } from "../../lib/draw_loop.js";
-import { attachControls, attachMarking } from "../input.js";
-import { readPalette, watchTheme } from "../palette.js";
-import { GUTTER } from "../strip_frame.js";
-import { stripOf } from "../strips.js";
-import { createTimeAxis, timeTicks } from "../time_axis.js";
+import { h } from "../../lib/dom.js";
+import { durationText, formatTime, formatValue } from "../../lib/numbers.js";
+import { shownIn } from "../../lib/units.js";
+import { button } from "../../lib/view_states.js";
+import { cursorButtons, keysHelp, layOut } from "../layout.js";
+import { NOTHING, rangeText } from "../readings.js";
+import { createStripChart } from "../strip_chart.js";
+import { limitsByKey, stripOf, widest } from "../strips.js";
+import { bandsOf, between, cellsOf } from "./cells.js";
 import { createEventLane } from "./event_lane.js";
-import { layOutRecording } from "./layout.js";
 import { createOverviewBar } from "./overview_bar.js";
-import { createReadings } from "./readings.js";
-import { bandsOf } from "./tile_bands.js";
-import { createTileStrip, pieceOf } from "./tile_strip.js";
 import { createTileCache } from "./tiles.js";
 import { createTimeWindow } from "./time_window.js";
 
-const DESCRIBED_EVERY = 1000; // ms
 const NARROW_AFTER = 400; // ms until an axis that is too wide narrows
 const EDGE = 0.03; // share of the window; an event nearer to its edge is moved inside
+const COLOURS = ["trace", "forecast"];
+const FAINT = 0.5;
+const BUTTONS = [
+  ["back", "◀ Event", "Go to the event before (key P)"],
+  ["next", "Event ▶", "Go to the next event (key N)"],
+  ...cursorButtons(["All", "Show all of the recording"]),
+];
+const HELP = keysHelp({
+  end: "the recording's end",
+  follow: "shows the entire recording",
+  more: "N and P go to the next event and the one before; ",
+});
 
 export function createRecordingChart(host, options) {
-  const { sources, alertAbove = NaN } = options;
+  const { sources, label = "Recording" } = options;
   const start = Math.min(...sources.map((source) => source.start));
   const end = Math.max(...sources.map((source) => source.end));
   const dt = Math.min(...sources.map((source) => source.dt));
-  const manoeuvres = sources.map((source) => source.manoeuvres ?? null);
-  const anyManoeuvres = manoeuvres.includes(null) ? null : manoeuvres.flat();
-  const timeWindow = createTimeWindow({
-    start,
-    end,
-    least: Math.min(end - start, 20 * dt),
-    key: options.key,
-  });
+  const least = Math.min(end - start, 20 * dt);
+  const timeWindow = createTimeWindow({ start, end, least, key: options.key });
   const strips = options.order.map((key) =>
     withHeld(stripOf(key, options.channels, { narrowAfter: NARROW_AFTER }), options.held),
   );
-  const layout = layOutRecording(host, strips, options.label ?? "Recording");
-  const { rowOf } = layout;
-  const lane = createEventLane(layout.lane, { chosen: (item) => options.chosen?.(item) });
-  const readings = createReadings(strips, layout, { timeWindow, alertAbove, manoeuvres });
-  const canvases = strips.map((strip, k) => createTileStrip(rowOf[k].canvas, strip));
-  const timeAxis = createTimeAxis(layout.axis);
-  const overview = createOverviewBar(layout.overview, {
+  const layout = layOut(host, strips, { label, help: HELP, buttons: BUTTONS });
+  const { lane: laneHost, overview, fail } = layOutMore(host, layout);
+  const lane = createEventLane(laneHost, { chosen: (item) => options.chosen?.(item) });
+  const source = createSource(sources, { ...options, timeWindow, dt, end, fail });
+  const bar = createOverviewBar(overview, {
     timeWindow,
     start,
     end,
     key: options.order.includes("risk") ? "risk" : strips[0].key,
+    entire: source.entire,
+    manoeuvres: sources[0].manoeuvres ?? [],
   });
-  const caches = sources.map((source) =>
-    createTileCache({
-      ...source,
-      arrived: changed,
-      failed: (error) => layout.fail(reason(error), readAgain),
-    }),
-  );
-  const drawn = { revision: -1, look: -1, described: -1e9, news: -1 };
+  const chart = createStripChart(host, {
+    strips,
+    source,
+    layout,
+    extras: [bar, { ...lane, canvas: laneHost, resize: () => {}, setPalette: () => {} }],
+    steps: { back: () => go(-1), next: () => go(1) },
+  });
   let events = [];
-  let look = 0; // counts what changes the look: tiles, size, theme, manoeuvres
-  let plot = 1;
-  let measured = false;
 
-  function changed() {
-    look += 1;
-  }
-
-  function readAgain() {
-    caches.forEach((cache) => cache.retry());
-    changed();
-  }
-
-  function measure() {
-    const ratio = devicePixelRatio || 1;
-    const fit = (part, canvas) => {
-      const { width, height } = canvas.parentElement.getBoundingClientRect();
-      part.resize(width, height, ratio);
-      return width;
-    };
-    const widths = canvases.map((canvas, k) => fit(canvas, rowOf[k].canvas));
-    fit(timeAxis, layout.axis);
-    fit(overview, layout.overview);
-    plot = Math.max(16, Math.floor(widths[0]) - GUTTER);
-    measured = widths[0] > 0;
-    if (measured) setPalette(); // colours exist only on the page
-  }
-
-  function setPalette() {
-    const palette = readPalette(host);
-    for (const part of [...canvases, timeAxis, overview]) part.setPalette(palette);
-    changed();
-  }
-
-  function update(wall = performance.now()) {
-    if (!measured) measure();
-    if (!measured) return;
-    const moving = strips.some(({ axis }) => axis.moving || axis.roomy);
-    const view = timeWindow.view();
-    const sets = caches.map((cache) => cache.best(view, plot));
-    if (timeWindow.revision !== drawn.revision || look !== drawn.look || moving) {
-      Object.assign(drawn, { revision: timeWindow.revision, look });
-      for (const cache of caches) cache.want(view, plot);
-      draw(view, sets, wall);
-      readings.show(sets);
-    }
-    const now = drawn.revision + drawn.look; // both only grow
-    if (now === drawn.news || wall - drawn.described < DESCRIBED_EVERY) return;
-    Object.assign(drawn, { news: now, described: wall });
-    readings.describe(sets);
-  }
-
-  function draw(view, sets, wall) {
-    const step = (view.end - view.start) / plot;
-    const x = (t) => (t - view.start) / step;
-    const traces = sets.map((set, k) =>
-      pieceOf({ set, manoeuvres: manoeuvres[k] }, { view, x, step }),
-    );
-    const ticks = timeTicks(view.start, view.end, plot);
-    const frame = {
-      traces,
-      x,
-      width: plot,
-      bands: bandsOf(traces[0], manoeuvres[0], x, anyManoeuvres),
-      ticks: ticks.times,
-      alertAbove,
-      cursor: timeWindow.cursorAt(view),
-      marks: timeWindow.marks,
-      flags: options.flags ?? [],
-      wall,
-    };
-    for (const canvas of canvases) canvas.draw(frame);
-    timeAxis.draw(frame, ticks);
-    overview.draw({ set: caches[0].entire(), manoeuvres: manoeuvres[0] ?? [], alertAbove, view });
-    lane.place(view);
-  }
-
+  /** To the event after or before the cursor. */
   function go(direction) {
     const from = timeWindow.pinned;
     const here = Number.isFinite(from) ? from : -direction * Infinity;
@@ -180,72 +110,161 @@ export function createRecordingChart(host, options) {
     }
   }
 
-  attachControls(host, layout, timeWindow, {
-    view: () => timeWindow.view(),
-    plotWidth: () => plot,
-    dt: () => dt,
-    newest: () => end,
-    wall: () => 0,
-  });
-  bindSteps(host, layout.bar, go);
-  const marking = attachMarking(layout.rows, timeWindow, { left: () => GUTTER, width: () => plot });
-  const resizing = new ResizeObserver(() => {
-    measured = false;
-    update();
-  });
-  resizing.observe(host);
-  const unwatch = watchTheme(host, () => {
-    setPalette();
-    update(); // printing does not wait for a frame
-  });
-  const stop = addDrawer(update);
-
   return {
     window: timeWindow,
+    setCursor,
     setLane: (items) => {
       lane.show(items);
-      measured = false; // a row more leaves the strips less room
+      chart.measure(); // a row more leaves the strips less room
     },
     setEvents: (given) => {
       events = [...given].sort((a, b) => a.t - b.t);
     },
-    go,
     show: (from, to) => timeWindow.setWindow(from, to),
-    showAll: () => timeWindow.showAll(),
-    setCursor,
-    setMarking: marking.set,
-    reload: () => {
-      caches.forEach((cache) => cache.clear());
-      changed();
-    },
-    update,
+    setMarking: chart.setMarking,
+    reload: source.reload,
     destroy: () => {
-      stop();
-      unwatch();
-      resizing.disconnect();
-      caches.forEach((cache) => cache.close());
-      host.replaceChildren();
+      source.close();
+      chart.destroy();
     },
   };
 }
 
-/** From event to event, by the tool bar and the keys N and P. */
-function bindSteps(host, bar, go) {
-  bar.on("next", () => go(1));
-  bar.on("back", () => go(-1));
-  host.addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.metaKey || event.altKey || event.target !== host) return;
-    const direction = { n: 1, p: -1 }[event.key.toLowerCase()];
-    if (direction === undefined) return;
-    event.preventDefault();
-    go(direction);
-  });
+/** A strip with its limits by time, where these were not always the channel's own. */
+function withHeld(strip, given) {
+  if (strip.risk || !given) return strip;
+  const held = given.map(({ start, end, limits }) => ({
+    from: start - 1e-9, // a sample at the start is judged by them, one at the end is not
+    to: end - 1e-9,
+    limits: limitsByKey(limits, strip.key),
+  }));
+  strip.axis.setLimits(widest(held.map(({ limits }) => limits)) ?? strip.limits);
+  return { ...strip, held };
 }
 
-/** A strip with its limits by time, where these were not always the channel's own. */
-function withHeld(strip, held) {
-  if (strip.risk || !held) return strip;
-  const each = held.map(({ start, end, limits }) => ({ from: start, to: end, limit: limits?.[strip.key] ?? null }));
-  strip.axis.setLimit(Math.max(...each.map(({ limit }) => limit ?? 0)) || strip.limit);
-  return { ...strip, held: each };
+/** Lane, overview, and an error with a way to read again. */
+function layOutMore(host, { rows, axis, bar }) {
+  const lane = h("div", {});
+  const overview = h("canvas", { "aria-hidden": true });
+  const failure = h("div", { class: "chart-failure", role: "alert", hidden: true });
+  const plot = h("div", { class: "strip-plot" }, overview);
+  host.classList.add("recording-chart");
+  rows.before(lane);
+  axis.closest(".strip-axis").after(h("div", { class: "strip-axis overview" }, plot), failure);
+  bar.mode.hidden = true;
+
+  function fail(words, again) {
+    const retry = () => {
+      failure.hidden = true;
+      again();
+    };
+    const retryButton = button("Read again", retry, { class: "button button-small" });
+    failure.replaceChildren(h("span", {}, words), retryButton);
+    failure.hidden = false;
+  }
+
+  return { lane, overview, fail };
+}
+
+/** Tiles as a source of strip_chart.js. */
+function createSource(sources, { timeWindow, dt, end, alertAbove = NaN, flags = [], fail }) {
+  const caches = sources.map((source) => createTileCache({ ...source, arrived: changed, failed }));
+  const all = sources.some(({ manoeuvres }) => !manoeuvres)
+    ? null
+    : sources.flatMap(({ manoeuvres }) => manoeuvres);
+  const own = sources[0].manoeuvres ?? null; // of the recording that bands are drawn of
+  let sets = caches.map(() => null); // as drawn
+  let turn = 0; // counts what arrives
+
+  function changed() {
+    turn += 1;
+  }
+
+  function failed(error) {
+    fail(reason(error), () => {
+      caches.forEach((cache) => cache.retry());
+      changed();
+    });
+  }
+
+  function read(window) {
+    const { view, width, x } = window;
+    for (const cache of caches) cache.want(view, width);
+    sets = caches.map((cache) => cache.best(view, width));
+    const cells = sets.map((set, k) => cellsOf(set, sources[k].manoeuvres ?? null, window));
+    const parts = cells.map((each, k) => ({
+      cells: each,
+      colour: COLOURS[k],
+      dashed: k > 0,
+      quiet: { boxes: k > 0 ? [] : between(own, x), colour: COLOURS[k], alpha: FAINT },
+      withdrawn: true,
+    }));
+    return {
+      parts: parts.filter((part) => part.cells !== null),
+      bands: bandsOf(cells[0], own, x, all),
+      now: NaN,
+      lead: 0,
+      ahead: null,
+    };
+  }
+
+  function valuesAt({ key }, t) {
+    return sets.map((set) => set?.valueAt(key, t) ?? NOTHING);
+  }
+
+  function reading(strip, view, cursor) {
+    const pinned = Number.isFinite(cursor);
+    const inView = () => sets.map((set) => set?.rangeOf(strip.key, view) ?? NOTHING);
+    const values = pinned ? valuesAt(strip, cursor) : inView();
+    const silent = pinned && strip.risk && own !== null && !Number.isFinite(values[0].low);
+    return { values, at: pinned ? "cursor" : "view", word: silent ? wordAt(cursor) : "" };
+  }
+
+  /** Why the risk strip has no number here. */
+  function wordAt(t) {
+    const manoeuvre = own.find(({ start, end }) => t >= start && t <= end);
+    if (!manoeuvre) return "not assessed";
+    const silent = manoeuvre.silent?.find(({ start, end }) => t >= start && t < end);
+    const { withdrawn } = manoeuvre;
+    return silent?.word ?? (withdrawn !== null && t >= withdrawn ? "INVALID" : "");
+  }
+
+  function bar({ start, end }) {
+    const seconds = end - start;
+    const length = seconds < 120 ? `${formatValue(seconds)} s` : durationText(seconds);
+    const interval = `${formatTime(start, 0.1)} to ${formatTime(end, 0.1)} (${length})`;
+    return { mode: null, interval };
+  }
+
+  function describe(strip) {
+    const range = rangeText(strip, sets[0]?.rangeOf(strip.key, timeWindow.view()) ?? NOTHING);
+    const { unit } = shownIn(strip);
+    const parts = [range === "–" ? "no value in view" : `${range} ${unit} in view`];
+    if (strip.risk && own?.some(({ withdrawn }) => withdrawn !== null))
+      parts.push("withdrawn where invalid");
+    return parts;
+  }
+
+  return {
+    time: timeWindow,
+    dt,
+    alertAbove,
+    flags,
+    follows: false,
+    newest: () => end,
+    begin: () => {},
+    stamp: () => turn,
+    news: () => turn,
+    read,
+    reading,
+    valuesAt,
+    bar,
+    describe,
+    entire: () => caches[0].entire(),
+    reload: () => {
+      caches.forEach((cache) => cache.clear());
+      changed();
+    },
+    close: () => caches.forEach((cache) => cache.close()),
+  };
 }

@@ -22,9 +22,9 @@
  *   timeline, chart, close()
  */
 
-import { createStripChart } from "../../charts/live/strip_chart.js";
+import { createFlightChart } from "../../charts/live/flight_chart.js";
 import { createTimeline } from "../../charts/live/timeline.js";
-import { shownState } from "../../charts/readout.js";
+import { shownState } from "../../lib/states.js";
 import { formatTime, riskText } from "../../lib/numbers.js";
 import { headlineOf } from "../headline.js";
 import { windowOf } from "../panels.js";
@@ -44,7 +44,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   const ahead = createRiskAhead(panels.ahead);
   ahead.describe(hello.monitors);
   const rest = createRestOfCard(panels.rest, hello.no_rest);
-  const chart = createStripChart(panels.strips, {
+  const chart = createFlightChart(panels.strips, {
     channels,
     alertAbove,
     lead,

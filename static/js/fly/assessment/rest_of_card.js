@@ -6,11 +6,10 @@
  * Exports
  *   createRestOfCard(element, noRest) -> {show(ahead, {t, channels, state}), draw(stale)}
  *     noRest: why the monitor never forecasts it; empty where it does
- *     ahead: see charts/live/ahead.js; t, state: of the newest sample [s], as shown; null for none
+ *     ahead: see charts/live/flight_chart.js; t, state: of the newest sample [s], as shown; null for none
  */
 
-import { symbolNodes } from "../../charts/readout.js";
-import { h } from "../../lib/dom.js";
+import { h, symbolNodes } from "../../lib/dom.js";
 import { percent } from "../../lib/numbers.js";
 import { magnitudeIn } from "../../lib/units.js";
 

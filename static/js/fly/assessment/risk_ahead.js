@@ -15,7 +15,7 @@
  *   draw(stale)           stale: the display is out of date
  */
 
-import { shownState, STATE_WORDS, withdrawnWord } from "../../charts/readout.js";
+import { shownState, STATE_WORDS, withdrawnWord } from "../../lib/states.js";
 import { h, put } from "../../lib/dom.js";
 import { formatTime, leadSeconds, riskText } from "../../lib/numbers.js";
 

@@ -14,7 +14,7 @@
  *     scale "sqrt" | "linear": spacing of 0..1, as on the risk strip.
  */
 
-import { shownState } from "../../charts/readout.js";
+import { shownState } from "../../lib/states.js";
 import { addDrawer } from "../../lib/draw_loop.js";
 import { figure, riskText } from "../../lib/numbers.js";
 import { besideOf, FACES, headlineOf, ofSample, staleText, wordOf } from "../headline.js";

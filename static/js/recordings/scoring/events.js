@@ -10,7 +10,7 @@
  *   laneOf(manoeuvres, {row, offset, id}) -> [item]       for a chart's lane
  */
 
-import { STATE_WORDS } from "../../charts/readout.js";
+import { STATE_WORDS } from "../../lib/states.js";
 import { riskText, secondsText } from "../../lib/numbers.js";
 import { magnitudeIn, quantity } from "../../lib/units.js";
 import { AS_RECORDED, verdictOf } from "../words.js";

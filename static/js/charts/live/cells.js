@@ -1,0 +1,147 @@
+/**
+ * The samples of the ring buffer in the window, cell by cell, once a frame for all strips.
+ *
+ * A cell is one sample while there is room for every sample, else one pixel column with all of its
+ * samples. Columns are counted from time zero, so that a trace moves without shimmering.
+ *
+ * Exports
+ *   createCells(ring, seriesOf) -> Cells, see ../trace.js     seriesOf: Map of key -> series
+ *     scan({start, step, columns, before, dt})    fills the cells; start [s] is the left edge, step
+ *       [s] a pixel; `before` columns left of the edge are scanned too (for forecasts)
+ *     flags   (typed array, n used) flags of each cell's samples, or-ed
+ *   bandsOf(cells, frame, staleFor) -> [{x0, x1, kind, word}] [px]     staleFor: age in words, or ""
+ *     frame: {x, now, width, newest, samplePx}    newest: time of the newest sample [s], NaN before any
+ */
+
+import {
+  ALERT,
+  BROKEN,
+  GAP,
+  INVALID,
+  LIMITS_UNKNOWN,
+  NOT_APPLICABLE,
+  THINNED,
+  UNASSESSED,
+  WARMING_UP,
+} from "./ring_buffer.js";
+
+const DENSITY = 1; // samples a pixel up to which every sample is drawn
+const RUNS = [
+  [WARMING_UP, "warming", "WARMING UP"],
+  [UNASSESSED, "unassessed", "NOT ASSESSED"],
+  [INVALID, "invalid", "INVALID"],
+  [NOT_APPLICABLE, "invalid", "NOT APPLICABLE"],
+  [LIMITS_UNKNOWN, "invalid", "LIMITS UNKNOWN"],
+  [ALERT, "alert", "ALERT"],
+];
+
+export function createCells(ring, seriesOf) {
+  const cells = { n: 0, sparse: true, wide: 1.5, scan, t, series, range, runs, gaps };
+  let capacity = 0;
+  let samplePx = 0;
+  let anyFlags = 0;
+
+  function reserve(n) {
+    if (n <= capacity) return;
+    capacity = Math.ceil(n * 1.25);
+    cells.x = new Float32Array(capacity);
+    cells.from = new Int32Array(capacity);
+    cells.to = new Int32Array(capacity);
+    cells.flags = new Uint8Array(capacity);
+    cells.cut = new Uint8Array(capacity);
+  }
+
+  function scan({ start, step, columns, before, dt }) {
+    reserve(Math.ceil(DENSITY * (columns + before)) + 8);
+    const from = Math.max(ring.first(), ring.after(start - before * step) - 1);
+    const to = Math.min(ring.count(), ring.after(start + columns * step, from) + 1);
+    samplePx = dt / step;
+    cells.n = 0;
+    cells.sparse = to - from <= DENSITY * (columns + before);
+    cells.wide = cells.sparse ? Math.max(1.5, samplePx + 0.5) : 1.5;
+    anyFlags = ring.flags(from, to);
+    if (cells.sparse) {
+      for (let i = from; i < to; i++) add((ring.time(i) - start) / step, i, i + 1);
+      return;
+    }
+    let i = ring.after(start - before * step, from);
+    for (let k = -before; k < columns && i < to; k++) {
+      const end = ring.after(start + (k + 1) * step, i);
+      if (end > i) add(k + 0.5, i, end);
+      i = end;
+    }
+  }
+
+  function add(x, from, to) {
+    const n = cells.n++;
+    const flags = anyFlags === 0 ? 0 : ring.flags(from, to);
+    cells.x[n] = x;
+    cells.from[n] = from;
+    cells.to[n] = to;
+    cells.flags[n] = flags;
+    cells.cut[n] = flags & BROKEN;
+  }
+
+  function t(i) {
+    return ring.time(cells.from[i]);
+  }
+
+  function series(key) {
+    const s = seriesOf.get(key);
+    return (i, out) => ring.extent(s, cells.from[i], cells.to[i], out);
+  }
+
+  function range(key, out) {
+    return cells.n > 0 && ring.extent(seriesOf.get(key), cells.from[0], cells.to[cells.n - 1], out);
+  }
+
+  /** Where cell i ends: at the next one, or a sample's length on where samples are missing. */
+  function endOf(i) {
+    const alone = cells.x[i] + Math.max(samplePx, cells.sparse ? 0 : 1);
+    return i + 1 >= cells.n || cells.cut[i + 1] ? alone : cells.x[i + 1];
+  }
+
+  /** Runs of cells with a flag. */
+  function runs(flag, now) {
+    const intervals = [];
+    if ((anyFlags & flag) === 0) return intervals;
+    const has = (i) => i < cells.n && (cells.flags[i] & flag) !== 0;
+    for (let i = 0; i < cells.n; i++) {
+      if (!has(i)) continue;
+      const x0 = cells.x[i];
+      let x1 = endOf(i);
+      while (has(i + 1) && cells.x[i + 1] <= x1 + 0.01) x1 = endOf(++i);
+      intervals.push({ x0, x1: Math.max(x0 + 2, Math.min(x1, Math.max(now, x0))) });
+    }
+    return intervals;
+  }
+
+  /** Before the cells with a flag, where samples are missing. */
+  function gaps(flag) {
+    const intervals = [];
+    if ((anyFlags & flag) === 0) return intervals;
+    for (let i = 1; i < cells.n; i++) {
+      if ((cells.flags[i] & flag) === 0) continue;
+      const x0 = cells.x[i - 1] + (cells.sparse ? samplePx : 0.5);
+      intervals.push({ x0, x1: Math.max(x0 + 2, cells.x[i]) });
+    }
+    return intervals;
+  }
+
+  return cells;
+}
+
+export function bandsOf(cells, { x, now, width, newest, samplePx }, staleFor) {
+  if (Number.isNaN(newest)) return [{ x0: 0, x1: width, kind: "stale", word: "NO DATA" }];
+  const end = x(newest) + samplePx;
+  const edge = Math.max(end, x(now));
+  const named = (intervals, kind, word) => intervals.map((run) => ({ ...run, kind, word }));
+  return [
+    ...named(cells.gaps(GAP), "gap", "GAP"),
+    ...named(cells.gaps(THINNED), "thinned", "SKIPPED"),
+    ...RUNS.flatMap(([flag, kind, word]) => named(cells.runs(flag, edge), kind, word)),
+    ...(staleFor
+      ? [{ x0: end, x1: Math.max(edge, end + 2), kind: "stale", word: `STALE ${staleFor}` }]
+      : []),
+  ];
+}

@@ -1,0 +1,376 @@
+/**
+ * Strip charts of a flight: every channel and the risk, from a ring buffer that follows the flight.
+ *
+ * Exports
+ *   createFlightChart(host, options) -> FlightChart
+ *   aheadOf(known, frames, newest) -> ahead | null    of the newest frame that has one, or the known
+ *     one while it is current;  newest: the last frame
+ *   isCurrent(ahead, t) -> whether it was made by the sample at t [s] or shortly before
+ *
+ * options
+ *   channels     [Channel], see ../strips.js, in the order of a frame's `y`
+ *   alertAbove, lead [s], dt [s]       as the flight's hello says
+ *   seconds 60   default width of the live window   history 180000   samples kept
+ *   order        keys from top to bottom, "risk" among them; default: limited channels, others, risk
+ *   forecasts    keys whose forecast is drawn; default: the limited channels
+ *   riskScale "sqrt" | "linear"     spacing of 0..1; sqrt keeps small risks apart
+ *   timeline     one to share with other charts
+ *   onExceedance({key, symbol, t, value})    a channel exceeds its limit (once, until acknowledged and over)
+ *   autostart true                  false: nothing is drawn until update() is called
+ *
+ * FlightChart
+ *   push(frame | frames, wall)      {t, y, p_value, alert, state, y_hat, seq, ahead}; y by channel order;
+ *                                   y_hat likewise, or by key. Returns how many were stored.
+ *   insert(frames, complete)        earlier samples, where the trace jumps; complete: the sample after them follows
+ *   setState({state, reason})       when it changes without a sample ("stale" by the server's clock)
+ *   setFlight({alertAbove, lead, dt, staleAfter}), setTransport({playing, speed})
+ *   setHeld([{t, limits}])          which limits by key held for samples after t [s], null for all, since the flight began
+ *   latch([{channel, t, value, over, acknowledged}], seq)    exceedances up to sample seq, which came before it did
+ *   setLimits(channels, t)          new limits for samples after t [s]: null for none or unknown
+ *   clear()                         after a seek, a loop, or for another flight
+ *   setCursor(t), setWindow(a, b), goLive(), setMark("a" | "b", t)
+ *   values(t) -> {key: number}      of the nearest sample; NaN where missing or in a gap
+ *   exceedances() -> [{key, t, value}], acknowledge()    latched until acknowledged and over
+ *   flag({key, t, word, colour})    marks a moment in a channel's strip, or in all where key is null, for as
+ *                                   long as the chart is there; colour "alert" unless given
+ *   ahead                           forecast of the rest of a test card; null while it is not known:
+ *     {made, t: [s], channels: {key: {low, high, predicted, possible}}, peak, why}
+ *     made: time of the sample it was made by [s].   peak: {mean, low, high}, shares of the limit, of
+ *     monitors that forecast only the peak, without t and channels.   why: reason without a forecast
+ *   newest                          time of the newest sample that is drawn [s]; null for none
+ *   update(wall) -> ms, destroy()   see ../strip_chart.js
+ *   timeline, ring                  the parts, see their files
+ *
+ * Frame times must rise: a frame at or before the newest is not stored. A jump in t is drawn as a gap;
+ * a jump in seq (frames the server left out for display) as SKIPPED.
+ */
+
+import { leadSeconds } from "../../lib/numbers.js";
+import { quantity, reading } from "../../lib/units.js";
+import { STATE_WORDS, stripState, WITHDRAWN } from "../../lib/states.js";
+import { cursorButtons, keysHelp, layOut } from "../layout.js";
+import { createStripChart } from "../strip_chart.js";
+import { limitedFirst, limitsByKey, limitsOf, stripOf, widest } from "../strips.js";
+import { bandsOf, createCells } from "./cells.js";
+import { createIntake } from "./intake.js";
+import { createRingBuffer } from "./ring_buffer.js";
+import { createTimeline } from "./timeline.js";
+
+const CHANGES = 200; // of a limit that are drawn where they held, the newest
+const FAR = 3000; // samples in which the last value is looked for
+const AHEAD = "90 % forecast to the end of the card";
+const OLDEST = 0.25; // s of flight that a forecast is shown for
+const UNASSESSED = ["invalid", "not_assessed", ...WITHDRAWN];
+const LAYOUT = {
+  label: "Strip charts",
+  help: keysHelp({ end: "the newest sample", follow: "follows the newest sample" }),
+  buttons: cursorButtons(["Newest", "Follow the newest sample"]),
+};
+
+export function aheadOf(known, frames, newest) {
+  const frame = frames.findLast(({ ahead }) => ahead);
+  const ahead = frame ? { made: frame.t, ...frame.ahead } : known;
+  if (newest === undefined || newest.state !== "ok") return null;
+  return isCurrent(ahead, newest.t) ? ahead : null;
+}
+
+export function isCurrent(ahead, t) {
+  const age = ahead === null ? NaN : t - ahead.made;
+  return age >= -1e-6 && age <= OLDEST + 1e-6;
+}
+
+export function createFlightChart(host, options) {
+  const { channels, seconds = 60, history = 180_000 } = options;
+  const { alertAbove = NaN, lead = 0, dt = 0.02 } = options;
+  const timeline = options.timeline ?? createTimeline({ seconds });
+  timeline.setFlight({ lead, dt });
+  const strips = arrange(options);
+  const forecasts = strips.map(({ forecast }) => forecast).filter((key) => key !== null);
+  const keys = [...channels.map(({ key }) => key), "risk", ...forecasts];
+  const seriesOf = new Map(keys.map((key, series) => [key, series]));
+  const ring = createRingBuffer({ series: keys.length, capacity: history });
+  const source = createSource({ ring, seriesOf, strips, timeline, alertAbove, lead, dt });
+  const intake = createIntake({ ring, channels, strips, source, onExceedance: options.onExceedance });
+  source.setIntake(intake);
+  const layout = layOut(host, strips, LAYOUT);
+  const chart = createStripChart(host, { strips, source, layout, autostart: options.autostart });
+  const { redraw } = chart;
+
+  function push(given, wall = performance.now()) {
+    const frames = Array.isArray(given) ? given : [given];
+    const stored = intake.push(frames);
+    source.setAhead(aheadOf(source.ahead, frames, frames.at(-1)));
+    if (stored > 0) timeline.observe(source.newest(), wall);
+    return stored;
+  }
+
+  function setHeld(held) {
+    for (const strip of strips) {
+      if (strip.risk) continue;
+      const each = held.map(({ t, limits }) => ({
+        from: t ?? -Infinity,
+        limits: limitsByKey(limits, strip.key),
+      }));
+      if (each.every(({ limits }) => isSame(limits, strip.limits))) continue;
+      const changes = each.filter(({ limits }, k) => k === 0 || !isSame(limits, each[k - 1].limits));
+      strip.held = until(changes);
+      strip.axis.setLimits(widest(each.map(({ limits }) => limits)));
+    }
+    redraw();
+  }
+
+  function setLimits(given, t) {
+    for (const strip of strips) {
+      const channel = given.find(({ key }) => key === strip.key);
+      const limits = channel === undefined ? null : limitsOf(channel);
+      if (strip.risk || isSame(limits, strip.limits)) continue;
+      const before = strip.held ?? [{ from: -Infinity, limits: strip.limits }];
+      strip.held = until([...before.slice(-CHANGES), { from: t, limits }]);
+      strip.limits = limits;
+      strip.axis.setLimits(limits);
+    }
+    redraw();
+  }
+
+  return {
+    timeline,
+    ring,
+    push,
+    setHeld,
+    setLimits,
+    update: chart.update,
+    destroy: chart.destroy,
+    insert: (frames, complete) => {
+      intake.insert(frames, complete);
+      redraw();
+    },
+    get newest() {
+      return ring.count() > 0 ? source.newest() : null;
+    },
+    get ahead() {
+      return source.aheadNow();
+    },
+    setState: (given) => {
+      intake.setStatus({ state: stripState(given), alert: false });
+      redraw();
+    },
+    setFlight: (given) => {
+      Object.assign(source, given);
+      timeline.setFlight(given);
+      redraw();
+    },
+    latch: (given, seq) => {
+      intake.restore(given, seq);
+      redraw();
+    },
+    setTransport: (transport, wall) => timeline.setTransport(transport, wall),
+    clear: () => {
+      ring.clear();
+      for (const strip of strips) strip.held = null;
+      timeline.reset();
+      intake.clear();
+      source.setAhead(null);
+      redraw();
+    },
+    setCursor: (t) => timeline.setCursor(t),
+    setMark: (name, t) => timeline.setMark(name, t),
+    setWindow: (start, end) => timeline.setWindow(start, end),
+    goLive: () => timeline.goLive(),
+    values: (t) => Object.fromEntries(strips.map((strip) => [strip.key, source.valuesAt(strip, t)[0].low])),
+    exceedances: () => [...intake.exceedances].map(([key, { t, value }]) => ({ key, t, value })),
+    acknowledge: () => {
+      intake.acknowledge();
+      redraw();
+    },
+    flag: (given) => {
+      const isThere = ({ key, t, word }) => key === given.key && t === given.t && word === given.word;
+      if (source.flags.some(isThere)) return;
+      source.flags.push(given);
+      redraw();
+    },
+  };
+}
+
+function arrange({ channels, order, forecasts, riskScale }) {
+  const { limited, others } = limitedFirst(channels);
+  const wanted = forecasts ?? limited;
+  return (order ?? [...limited, ...others, "risk"]).map((key) => {
+    const strip = stripOf(key, channels, { riskScale });
+    return wanted.includes(key) && !strip.risk ? { ...strip, forecast: `${key} forecast` } : strip;
+  });
+}
+
+function isSame(limits, others) {
+  return limits?.[0] === others?.[0] && limits?.[1] === others?.[1];
+}
+
+/** Each holds until the next. */
+function until(changes) {
+  return changes.map((change, k) => ({ ...change, to: changes[k + 1]?.from ?? Infinity }));
+}
+
+/** The ring buffer as a source of strip_chart.js. */
+function createSource({ ring, seriesOf, strips, timeline, alertAbove, lead, dt }) {
+  const cells = createCells(ring, seriesOf);
+  const flags = [];
+  let wall = performance.now();
+  let intake = null;
+  let ahead = null; // current forecast of the rest of the card
+  const source = {
+    time: timeline,
+    follows: true,
+    alertAbove,
+    lead,
+    dt,
+    flags,
+    newest,
+    aheadNow,
+    read,
+    valuesAt,
+    reading: readingOf,
+    bar,
+    describe,
+    begin: (at) => {
+      wall = at;
+    },
+    stamp: () => `${ring.count()} ${isStale() ? ageText() : ""}`,
+    news: () => `${state()} ${intake.status.alert} ${intake.exceedances.size}`,
+    setIntake: (given) => {
+      intake = given;
+    },
+    get ahead() {
+      return ahead;
+    },
+    setAhead: (given) => {
+      ahead = given;
+      if (ahead?.t.length) timeline.setRoom(ahead.t.at(-1) - ahead.made);
+    },
+  };
+
+  function newest() {
+    return ring.count() > 0 ? ring.time(ring.count() - 1) : NaN;
+  }
+
+  function isStale() {
+    return ring.count() > 0 && (timeline.stale(wall) || intake.status.state === "stale");
+  }
+
+  function ageText() {
+    return `${Math.max(0, timeline.age(wall)).toFixed(1)} s`;
+  }
+
+  function state() {
+    if (ring.count() === 0) return "none";
+    return isStale() ? "stale" : intake.status.state;
+  }
+
+  function aheadNow() {
+    return state() === "ok" && isCurrent(ahead, newest()) ? ahead : null;
+  }
+
+  function read({ view, start, step, width, x }) {
+    const before = Math.ceil(source.lead / step) + 1;
+    cells.scan({ start, step, columns: width, before, dt: source.dt });
+    const where = { x, now: view.now, width, newest: newest(), samplePx: source.dt / step };
+    const bands = bandsOf(cells, where, isStale() ? ageText() : "");
+    const boxes = bands.filter(({ kind }) => kind === "invalid" || kind === "unassessed");
+    const current = aheadNow();
+    return {
+      parts: [{ cells, colour: "trace", quiet: { boxes, colour: "dim", alpha: 1 } }],
+      bands,
+      now: view.now,
+      lead: source.lead,
+      ahead: current && { ...current, word: AHEAD },
+    };
+  }
+
+  function valuesAt({ key }, t) {
+    const i = ring.nearest(t);
+    const known = i >= 0 && Math.abs(ring.time(i) - t) <= 1.5 * source.dt;
+    return [single(known ? ring.value(seriesOf.get(key), i) : NaN)];
+  }
+
+  function readingOf(strip, view, cursor) {
+    const series = seriesOf.get(strip.key);
+    const [last, now] = [ring.count() - 1, state()];
+    const i = now === "stale" ? lastKnown(series) : last;
+    const value = i < 0 ? NaN : ring.value(series, i);
+    const old = now === "stale" && Number.isFinite(value);
+    const age = old ? Math.max(0, timeline.age(wall)) + ring.time(last) - ring.time(i) : NaN;
+    return {
+      values: [single(value)],
+      word: isKnown(strip, now, value) ? "" : (STATE_WORDS[now] ?? now),
+      state: WITHDRAWN.includes(now) ? "invalid" : now,
+      last: old,
+      alert: strip.risk && intake.status.alert,
+      exceeded: intake.exceedances.get(strip.key) ?? null,
+      before: old ? `last value, ${age.toFixed(1)} s old` : "",
+      otherwise: Number.isFinite(cursor)
+        ? `cursor ${reading(strip, valuesAt(strip, cursor)[0].low)}`
+        : forecastText(strip, now, last),
+    };
+  }
+
+  function isKnown({ risk }, now, value) {
+    if (!risk) return now !== "stale" && now !== "none";
+    return now === "ok" || (["warming_up", "paused"].includes(now) && Number.isFinite(value));
+  }
+
+  function forecastText(strip, now, last) {
+    if (now !== "ok" || last < 0 || strip.forecast === null) return "";
+    const value = ring.value(seriesOf.get(strip.forecast), last);
+    if (!Number.isFinite(value)) return "";
+    return `in ${leadSeconds(source.lead, 2)} s ${reading(strip, value)}`;
+  }
+
+  /** The newest sample that has a value, -1 where none is near. */
+  function lastKnown(series) {
+    const last = ring.count() - 1;
+    for (let i = last; i >= Math.max(ring.first(), last - FAR); i--) {
+      if (Number.isFinite(ring.value(series, i))) return i;
+    }
+    return -1;
+  }
+
+  function bar(view) {
+    const behind = view.now - (view.end - source.lead);
+    const late = !view.live && behind > 0.05 ? `, ${behind.toFixed(1)} s behind` : "";
+    return { mode: modeOf(view), interval: `${intervalText(view.end - view.start)}${late}` };
+  }
+
+  /** Green only while the window follows arriving data. */
+  function modeOf(view) {
+    if (ring.count() === 0) return "none";
+    if (!view.live) return "held";
+    if (state() === "stale") return "stale";
+    return timeline.playing ? "following" : "paused";
+  }
+
+  function describe(strip) {
+    const [now, last] = [state(), ring.count() - 1];
+    const known = last >= 0 && !(strip.risk && UNASSESSED.includes(now));
+    const value = known ? ring.value(seriesOf.get(strip.key), last) : NaN;
+    const words = Number.isFinite(value) ? quantity(strip, value) : "no value";
+    const word = (STATE_WORDS[now] ?? now).toLowerCase();
+    const stale = now === "stale";
+    const parts = [
+      `${stale && Number.isFinite(value) ? "last value " : ""}${words}`,
+      stale ? `${word} for ${ageText()}` : word,
+    ];
+    if (strip.risk && intake.status.alert && known && !stale) parts.push("alert");
+    const exceedance = intake.exceedances.get(strip.key);
+    if (exceedance) parts.push(`limit exceeded at ${exceedance.t.toFixed(2)} s`);
+    return parts;
+  }
+
+  return source;
+}
+
+function single(value) {
+  return { low: value, high: value };
+}
+
+function intervalText(seconds) {
+  if (seconds >= 120) return `${(seconds / 60).toFixed(1)} min`;
+  return `${seconds < 10 ? seconds.toFixed(2) : seconds.toFixed(0)} s`;
+}

@@ -1,0 +1,37 @@
+/**
+ * Words of a sample's states, where the page words them itself.
+ *
+ * Exports
+ *   STATE_WORDS                       {state: word}
+ *   WITHDRAWN                         causes of an invalid sample with a word of their own
+ *   shownState({state, cause}) -> string    "not_assessed" between the manoeuvres of a recording
+ *   stripState({state, cause}) -> string    the same, and the cause where the limits in force are not the monitor's
+ *   withdrawnWord(cause) -> string | null    "NOT APPLICABLE" or "LIMITS UNKNOWN", of an invalid sample
+ */
+
+export const STATE_WORDS = {
+  ok: "OK",
+  warming_up: "WARMING UP",
+  stale: "STALE",
+  invalid: "INVALID",
+  not_assessed: "NOT ASSESSED",
+  not_applicable: "NOT APPLICABLE",
+  limits_unknown: "LIMITS UNKNOWN",
+  paused: "PAUSED",
+  none: "NO DATA",
+};
+
+export const WITHDRAWN = ["not_applicable", "limits_unknown"];
+
+/** Between manoeuvres there is no guarantee to withdraw. */
+export function shownState({ state, cause }) {
+  return state === "invalid" && cause === "between_manoeuvres" ? "not_assessed" : state;
+}
+
+export function stripState({ state, cause }) {
+  return state === "invalid" && WITHDRAWN.includes(cause) ? cause : shownState({ state, cause });
+}
+
+export function withdrawnWord(cause) {
+  return WITHDRAWN.includes(cause) ? STATE_WORDS[cause] : null;
+}
