@@ -45,7 +45,8 @@ export function formatted(words) {
 
 export function symbolNodes(symbol) {
   const [head, tail] = symbol.split("_");
-  return tail === undefined ? [head] : [head, h("sub", {}, tail)];
+  const base = document.createTextNode(head);
+  return tail === undefined ? [base] : [base, h("sub", {}, tail)];
 }
 
 /** Text cut at its symbols: [text, index], the index empty for what is no symbol. */
