@@ -8,9 +8,11 @@
 
 import { api } from "./lib/api.js";
 import { createDemonstrationBar, demonstration } from "./lib/demonstration.js";
+import { h } from "./lib/dom.js";
 import { loadMe } from "./lib/me.js";
 import { remember, remembered } from "./lib/storage.js";
 import { chooseSI, isSI, tellUnits } from "./lib/units.js";
+import { state } from "./lib/view_states.js";
 
 const VIEWS = {
   "": { title: "Start", guide: "", load: () => import("./start/index.js") },
@@ -87,7 +89,7 @@ async function open() {
     shown = view.show(page, { id: id || null, query, api, navigate });
   } catch (error) {
     console.error(error);
-    page.replaceChildren(failure(VIEWS[name].title, error));
+    page.replaceChildren(...failure(VIEWS[name].title, error));
   }
 }
 
@@ -98,17 +100,11 @@ function guideOf(name, id) {
 }
 
 function failure(view, error) {
-  const heading = document.createElement("h1");
-  heading.className = "visually-hidden";
-  heading.textContent = view;
-  const box = document.createElement("section");
-  box.className = "state-error";
-  const title = document.createElement("h2");
-  title.textContent = "This view could not be opened";
-  const text = document.createElement("p");
-  text.textContent = `${error?.message ?? error}. Reload the page; if that does not help, restart the server.`;
-  box.append(heading, title, text);
-  return box;
+  const text = `${error?.message ?? error}. Reload the page; if that does not help, restart the server.`;
+  return [
+    h("h1", { class: "visually-hidden" }, view),
+    state("error", "This view could not be opened", text),
+  ];
 }
 
 /** The machine's theme until the user chooses one; the browser remembers the choice. */

@@ -11,6 +11,7 @@
 
 import { h, svg } from "../lib/dom.js";
 import { percent } from "../lib/numbers.js";
+import { SHAPES } from "./plot.js";
 
 export const UNIT_SHARE = {
   domain: [0, 1],
@@ -56,14 +57,6 @@ export function barKey(plot, safe, unsafe) {
 
 export function sample(name, mark) {
   const parts = [svg("path", { d: "M1 7H33", class: `plot-line ${name}` })];
-  const shapes = {
-    cross: "M13 3L21 11M13 11L21 3",
-    square: "M14 4h6v6h-6z",
-    circle: "M13.5 7a3.5 3.5 0 1 0 7 0a3.5 3.5 0 1 0 -7 0",
-    triangle: "M17 2.8L21 10.4H13z",
-    diamond: "M17 2.4L21.6 7L17 11.6L12.4 7z",
-    plus: "M12.5 7H21.5M17 2.5V11.5",
-  };
-  if (mark) parts.push(svg("path", { d: shapes[mark], class: `plot-mark ${name}` }));
+  if (mark) parts.push(svg("path", { d: SHAPES[mark], transform: "translate(17 7)", class: `plot-mark ${name}` }));
   return parts;
 }

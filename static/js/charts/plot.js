@@ -4,6 +4,7 @@
  * Exports
  *   createPlot({x: {label, domain, format}, y: {...}, label, width, height}) -> Plot
  *   niceTicks(low, high, about) -> [number]
+ *   SHAPES {name: path}                of marks, about their centre
  *
  * Plot
  *   svg                               the element; `label` is for screen readers
@@ -19,7 +20,7 @@ import { piecesOf, svg } from "../lib/dom.js";
 import { figure } from "../lib/numbers.js";
 
 const MARGIN = { left: 62, right: 16, top: 14, bottom: 48 };
-const SHAPES = {
+export const SHAPES = {
   circle: "M-3.5 0a3.5 3.5 0 1 0 7 0a3.5 3.5 0 1 0 -7 0",
   square: "M-3.2 -3.2h6.4v6.4h-6.4z",
   triangle: "M0 -4.2L4.2 3.4H-4.2z",

@@ -12,7 +12,7 @@
  * @property {string | null} forecast  key of the forecast's series   @property {object} axis
  *
  * Exports
- *   stripOf(key, channels, {riskScale "sqrt", narrowAfter}) -> Strip
+ *   stripOf(key, channels, {narrowAfter}) -> Strip
  *   limitsOf(channel), limitsByKey({key: limit}, key) -> [low, high] | null
  *   holdsOf(strip) -> held, of one entry where the limits never changed
  *   isBeyond(limits, low, high = low) -> [below, above]     the limit itself counts
@@ -25,13 +25,13 @@ import { createRiskAxis, createValueAxis } from "./value_axis.js";
 
 const RISK = { key: "risk", symbol: "risk", unit: "", label: "higher is worse" };
 
-export function stripOf(key, channels, { riskScale = "sqrt", narrowAfter } = {}) {
+export function stripOf(key, channels, { narrowAfter } = {}) {
   const risk = key === "risk";
   const channel = risk ? RISK : channels.find((candidate) => candidate.key === key);
   if (channel === undefined) throw new Error(`strip ${key} is not a channel of this flight`);
   const limits = limitsOf(channel);
   const { factor } = shownIn(channel);
-  const axis = risk ? createRiskAxis(riskScale) : createValueAxis({ limits, factor, narrowAfter });
+  const axis = risk ? createRiskAxis() : createValueAxis({ limits, factor, narrowAfter });
   return { ...channel, limits, held: null, forecast: null, risk, axis };
 }
 

@@ -9,7 +9,7 @@
  *     limits: [low, high] | null.   factor 1: multiplies the numbers shown.
  *     leastHeight 0.02: least height shown, in the unit.
  *     narrowAfter 4000: [ms] before a range that is too wide narrows.
- *   createRiskAxis(scale) -> the same for risk, 0..1, "sqrt" (small risks stay legible) or "linear"
+ *   createRiskAxis() -> the same for risk, 0..1, by its square root: small risks stay legible
  *   axisTicks(axis) -> number[]    roundStep(least) -> number, of 1, 2, 5, 10, ...
  *
  * Axis  {low, high, step, moving, roomy}    roomy: the range is too wide
@@ -96,8 +96,8 @@ export function createValueAxis({
   return axis;
 }
 
-export function createRiskAxis(scale) {
-  const share = scale === "sqrt" ? (value) => Math.sqrt(Math.max(0, value)) : (value) => value;
+export function createRiskAxis() {
+  const share = (value) => Math.sqrt(Math.max(0, value));
   return { low: 0, high: 1, step: 0.5, moving: false, roomy: false, fit: () => {}, share };
 }
 

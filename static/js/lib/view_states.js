@@ -18,24 +18,12 @@ export function loading(text) {
 }
 
 export function empty(title, text, ...actions) {
-  return h(
-    "div",
-    { class: "state-empty" },
-    h("h2", {}, title),
-    h("p", {}, text),
-    h("div", { class: "row" }, actions),
-  );
+  return state("empty", title, text, ...actions);
 }
 
 export function failure(error, again) {
-  const action = again ? button("Try again", again) : null;
-  return h(
-    "div",
-    { class: "state-error", role: "alert" },
-    h("h2", {}, "This could not be shown"),
-    h("p", {}, reason(error)),
-    action,
-  );
+  const actions = again ? [button("Try again", again)] : [];
+  return state("error", "This could not be shown", reason(error), ...actions);
 }
 
 export function state(kind, title, text, ...actions) {

@@ -11,8 +11,8 @@ import { showLiveFlight } from "../fly/live_flight.js";
 import { demonstration } from "../lib/demonstration.js";
 import { formatted, h } from "../lib/dom.js";
 import { may } from "../lib/me.js";
-import { magnitudeIn } from "../lib/units.js";
 import { button, errorLine, failure, link } from "../lib/view_states.js";
+import { storyOf } from "./picture.js";
 import { createRecordedFlight } from "./recorded_flight.js";
 
 const RECORDING = new URL("recording.json", import.meta.url);
@@ -77,19 +77,14 @@ export function show(element, { api, navigate }) {
 }
 
 /** What happens in the flight, in words that light up as it happens; at its end what comes next. */
-function createStory({ hello, messages }, { again, api }) {
-  const alarms = messages.filter(({ message }) => message.type === "alarm").map(({ message }) => message.alarm);
-  const alert = alarms.find(({ kind }) => kind === "risk");
-  const exceeded = alarms.find(({ kind }) => kind === "limit");
-  const channel = hello.channels.find(({ key }) => key === exceeded.exceedance.channel);
-  const limit = magnitudeIn(channel, channel.limit);
-  const lead = (exceeded.t - alert.t).toFixed(2);
+function createStory(recording, { again, api }) {
+  const { alert, exceeded, channel, limit, lead } = storyOf(recording);
   const steps = [
     [0, "Simulated F-16 in a rudder doublet"],
     [alert.t, `Alert: ${channel.symbol} is about to exceed ${limit}`],
     [exceeded.t, `${channel.symbol} exceeds ${limit}, ${lead} s after the alert`],
   ].map(([t, text]) => ({ t, item: h("li", {}, h("span", { class: "story-time" }, `${t.toFixed(2)} s`), formatted(text)) }));
-  const promise = h("p", { class: "hint", hidden: true }, guarantee(hello));
+  const promise = h("p", { class: "hint", hidden: true }, guarantee(recording.hello));
   const next = h("div", { class: "row", hidden: true });
   const refused = errorLine();
   const element = h(

@@ -13,7 +13,6 @@
  *   seconds 60   default width of the live window   history 180000   samples kept
  *   order        keys from top to bottom, "risk" among them; default: limited channels, others, risk
  *   forecasts    keys whose forecast is drawn; default: the limited channels
- *   riskScale "sqrt" | "linear"     spacing of 0..1; sqrt keeps small risks apart
  *   timeline     one to share with other charts
  *   onExceedance({key, symbol, t, value})    a channel exceeds its limit (once, until acknowledged and over)
  *   autostart true                  false: nothing is drawn until update() is called
@@ -191,11 +190,11 @@ export function createFlightChart(host, options) {
   };
 }
 
-function arrange({ channels, order, forecasts, riskScale }) {
+function arrange({ channels, order, forecasts }) {
   const { limited, others } = limitedFirst(channels);
   const wanted = forecasts ?? limited;
   return (order ?? [...limited, ...others, "risk"]).map((key) => {
-    const strip = stripOf(key, channels, { riskScale });
+    const strip = stripOf(key, channels);
     return wanted.includes(key) && !strip.risk ? { ...strip, forecast: `${key} forecast` } : strip;
   });
 }

@@ -5,21 +5,21 @@
  * There is a number only where the sample was assessed; otherwise the dial is hatched grey and shows the word.
  *
  * Exports
- *   createRiskGauge(element, {timeline, scale, led}) -> {update(reading), draw(wall, headline), clear(), destroy()}
+ *   createRiskGauge(element, {timeline, led}) -> {update(reading), draw(wall, headline), destroy()}
  *     led: drawn by `draw` alone, with the flight's headline; else by itself, with that of the sample
  *     reading: {p_value, alertAbove, state, alert, reason, note, result}, any frame with its alertAbove will do;
  *     note: below the number; last, said: risk and cause of the last sample, where none follows; result: {words, level} of an ended flight; state
  *       ok, warming_up, stale, invalid (between manoeuvres: NOT ASSESSED), over (the flight has ended), or null for no data.
  *     timeline: the strips' clock; with it the gauge turns stale when samples stop.
- *     scale "sqrt" | "linear": spacing of 0..1, as on the risk strip.
+ *     Risks are spaced by their square root, as on the risk strip.
  */
 
 import { shownState } from "../../lib/states.js";
+import { h, svg as svgElement } from "../../lib/dom.js";
 import { addDrawer } from "../../lib/draw_loop.js";
 import { figure, riskText } from "../../lib/numbers.js";
 import { besideOf, FACES, headlineOf, ofSample, staleText, wordOf } from "../headline.js";
 
-const NS = "http://www.w3.org/2000/svg";
 const CENTRE = { x: 170, y: 150 };
 const RADIUS = 122;
 const FROM = -205; // degrees, clockwise from three o'clock
@@ -44,17 +44,10 @@ const SHAPES = {
   flag: "M-8 13V-13L10-7L-8-1",
 };
 
-/**
- * @typedef {object} Reading
- * @property {string | null} state  ok, warming_up, stale, invalid; null: no data
- * @property {number | null} [p_value] @property {number | null} [alertAbove]
- * @property {boolean | null} [alert] @property {string} [reason]
- */
-
 let gauges = 0;
 
-export function createRiskGauge(element, { timeline = null, scale = "sqrt", led = false } = {}) {
-  const share = scale === "sqrt" ? Math.sqrt : (value) => value;
+export function createRiskGauge(element, { timeline = null, led = false } = {}) {
+  const share = Math.sqrt;
   const id = `risk-hatch-${++gauges}`;
   element.classList.add("risk-gauge");
   element.replaceChildren();
@@ -82,7 +75,6 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt", led 
   const reason = html(element, "p", "gauge-reason", "");
   const spoken = html(element, "p", "visually-hidden", "");
   spoken.setAttribute("role", "status");
-  /** @type {Reading} */
   let reading = { state: null };
   let shown = "";
 
@@ -197,7 +189,6 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt", led 
   return {
     update,
     draw: render,
-    clear: () => update({ state: null, alertAbove: reading.alertAbove }),
     destroy: () => {
       stop();
       element.replaceChildren();
@@ -205,7 +196,6 @@ export function createRiskGauge(element, { timeline = null, scale = "sqrt", led 
   };
 }
 
-/** @param {Reading} reading */
 function whyOf({ key, stale }, { reason, state, p_value: risk, last = risk, alertAbove }, timeline, wall) {
   if (key === "none") return "no sample has been assessed yet";
   if (stale && timeline !== null && Number.isFinite(timeline.age(wall))) {
@@ -250,16 +240,13 @@ function show(element, visible) {
 }
 
 function html(parent, tag, className, text) {
-  const element = document.createElement(tag);
-  element.className = className;
-  element.textContent = text;
+  const element = h(tag, { class: className }, text);
   parent.append(element);
   return element;
 }
 
 function make(parent, tag, attributes) {
-  const element = document.createElementNS(NS, tag);
-  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, String(value));
+  const element = svgElement(tag, attributes);
   parent.append(element);
   return element;
 }
