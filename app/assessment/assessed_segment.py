@@ -18,8 +18,10 @@ from core.types import Array, Flags
 class AssessedSegment:
     """A segment of a recording and the monitor's assessments of it.
 
-    traces: repaired.   y: (n, 6) from trim, NaN where not recorded.   y_read: (n, 6) the same, 0 in
-    channels that the monitor does not read.   needed: (6,) channels the monitor reads.
+    traces: repaired.   trim: (6,), NaN where unknown.   y: (n, 6) from trim, NaN where not
+    recorded, with the samples before a manoeuvre that fill the history; n_history of them.
+    y_read: (n, 6) the same, 0 in unknown channels that the monitor does not read.   streamed: their
+    assessments.   needed: (6,) channels the monitor reads.
     repeats: by channel, how many rows repeat each value (the recorder is faster than the sensor).
     """
 
@@ -29,16 +31,23 @@ class AssessedSegment:
     recording: Recording
     segment: Segment
     needed: Flags
+    trim: Array
     y: Array
     y_read: Array
-    assessments: Assessments
+    streamed: Assessments
+    n_history: int
     repeats: Mapping[str, int]
 
     @cached_property
-    def n_counted(self) -> int:
-        """Samples up to and including the first exceedance; all of them if there is none."""
-        last = self.monitor.last_counted(self.y_read)
-        return len(self.y) if last is None else last + 1
+    def assessments(self) -> Assessments:
+        """Those of the segment itself."""
+        return self.streamed.from_sample(self.n_history)
+
+    @cached_property
+    def counted(self) -> Assessments:
+        """Those up to and including the first exceedance; all of them if there is none."""
+        last = self.monitor.last_counted(self.y_read[self.n_history :])
+        return self.assessments if last is None else self.assessments.from_sample(0, last + 1)
 
     @cached_property
     def largest(self) -> Array:

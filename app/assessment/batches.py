@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from app.assessment.resampling import Angles, Sample
+from app.assessment.grid import Angles, Sample
 from app.telemetry.mapping.applying import derivation_order
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.mapping.mapping import ChannelSource, Mapping

@@ -5,11 +5,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from app.assessment.assessed_segment import AssessedSegment, largest
-from app.assessment.coverage import unassessed
+from app.assessment.coverage import lost_samples
 from app.assessment.planned_test import SURFACE_NAMES, SURFACES, PlannedTest, first_direction
 from app.assessment.scored import Check
-from app.telemetry.resampling.resampling import RATE_RATIO
+from app.assessment.trim import RESTS, TRIM_SHARE
 from core.channels import CHANNELS, KEYS
+from core.kernels.causal_grid import RATE_RATIO
 from core.types import Array
 
 SPEED_SHARE = 0.1
@@ -21,10 +22,6 @@ DEGREES = 30.0
 FLOWN_SHARE = 0.3
 """Share of the planned amplitude. A planned input that moves less was not flown; a surface that
 should stay still and moves more makes it another manoeuvre."""
-TRIM_SHARE = 0.25
-"""Share of a channel's largest in training. Above it, the aircraft was not trimmed."""
-RESTS = 0.005
-"""[rad, rad/s, g] Smaller motion always counts as rest."""
 N_RESPONSES = 4
 """Channels before the surfaces."""
 ASSESSED_SHARE = 0.9
@@ -60,7 +57,7 @@ def rate(assessed: AssessedSegment) -> Check:
 
 def coverage(assessed: AssessedSegment) -> Check:
     """Were enough samples assessed, up to the first exceedance?"""
-    lost = unassessed(assessed.assessments)[: assessed.n_counted]
+    lost = lost_samples(assessed.counted, assessed.monitor.dt).lost
     n_lost, n = int(lost.sum()), len(lost)
     if n_lost <= (1.0 - ASSESSED_SHARE) * n:
         return Check("coverage", True, f"at least {ASSESSED_SHARE:.0%} of the samples")
@@ -126,7 +123,8 @@ def manoeuvre(assessed: AssessedSegment) -> Iterator[Check]:
         return
     surfaces = surfaces_flown(planned, assessed.y, assessed.monitor.training_max_abs)
     yield Check("manoeuvre", *surfaces)
-    length = float(assessed.assessments.t[-1] - assessed.assessments.t[0])
+    first, last = assessed.recording.t[[assessed.segment.first, assessed.segment.last]]
+    length = float(last - first)
     text = f"{length:.2f} s, simulated {planned.duration:.2f} s"
     longer = length - planned.duration > 0.5 * planned.dt
     if length > LONGER * planned.duration:
@@ -179,6 +177,10 @@ def trim(assessed: AssessedSegment) -> Check:
         return Check("trim", None, "no trim subtracted")
     length = (segment.rest.stop - segment.rest.start) * assessed.monitor.dt
     text = f"mean of the first {length:.2f} s"
+    unknown = assessed.needed & np.isnan(assessed.trim)
+    if unknown.any() and segment.onset is not None:
+        keys = ", ".join(KEYS[c] for c in np.flatnonzero(unknown))
+        return Check("trim", False, f"trim of {keys} unknown: the aircraft moved before it")
     if segment.onset is not None:
         text = f"mean of the {length:.2f} s before the first input"
     rest = assessed.recording.y[segment.rest, :N_RESPONSES]

@@ -4,12 +4,14 @@ An exceedance or an alert may hide in a gap. So a gap of more than a few samples
 ones, leave the outcome unknown; a single lost sample does not.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
-from app.assessment.outcome import SAME_TIME, Alerts, Hole, Limited, RecordedExceedance
+from app.assessment.outcome import GAP_RATIO, SAME_TIME, Alerts, Hole, Limited, RecordedExceedance
 from core.monitor import Assessments
 from core.monitor.assessment import STATES, State
-from core.types import Flags
+from core.types import Array, Flags
 
 MOST_LOST = 2
 """Monitor samples that may be missing in a row, not counting the warm-up after them."""
@@ -18,11 +20,32 @@ MOST_SHARE = 0.05
 WARMING_UP, OK = STATES.index(State.WARMING_UP), STATES.index(State.OK)
 
 
-def unassessed(assessments: Assessments) -> Flags:
-    """(n,) samples without an assessment, not counting the first warm-up."""
+class Lost(NamedTuple):
+    """The times of a manoeuvre at which a sample is due.
+
+    t: (n,) [s].   lost: (n,) whether there is no assessment, not counting the first warm-up.
+    missing: (n,) whether there is no valid sample.
+    """
+
+    t: Array
+    lost: Flags
+    missing: Flags
+
+
+def lost_samples(assessments: Assessments, dt: float) -> Lost:
+    """Which samples of a manoeuvre were not assessed, or not received. dt: of the monitor [s]."""
     begun = assessments.state != WARMING_UP
     first = int(begun.argmax()) if begun.any() else len(begun)
-    return (assessments.state != OK) & (np.arange(len(begun)) >= first)
+    lost = (assessments.state != OK) & (np.arange(len(begun)) >= first)
+    steps = np.diff(assessments.t, append=assessments.t[-1]) / dt
+    absent = np.where(steps > GAP_RATIO, np.rint(steps) - 1.0, 0.0).astype(np.int64)
+    row = np.repeat(np.arange(len(begun)), 1 + absent)
+    since = np.arange(len(row)) - np.searchsorted(row, row)
+    return Lost(
+        assessments.t[row] + since * dt,
+        lost[row] | (since > 0),
+        (lost & begun)[row] | (since > 0),
+    )
 
 
 def why_outcome_unknown(
@@ -40,15 +63,15 @@ def why_outcome_unknown(
             f"{longest.end:.2f} s, {limited.lost:.2f} s missing in total; a limit may have been "
             "exceeded there"
         )
-    lost = unassessed(assessments)
-    missing = _longest_run(lost & (assessments.state != WARMING_UP))
+    t, lost, absent = lost_samples(assessments, dt)
+    missing = _longest_run(absent)
     is_much = missing[1] - missing[0] > MOST_LOST or lost.sum() > MOST_SHARE * len(lost)
     if alerts or not is_much:
         return ""
     begin, end = _longest_run(lost)
     return (
-        f"data missing: no sample assessed from {assessments.t[begin]:.2f} to "
-        f"{assessments.t[end - 1]:.2f} s, {lost.sum()} of {len(lost)} in total; there may have "
+        f"data missing: no sample assessed from {t[begin]:.2f} to "
+        f"{t[end - 1]:.2f} s, {lost.sum()} of {len(lost)} in total; there may have "
         "been an alert"
     )
 
@@ -59,16 +82,16 @@ def why_warning_unknown(
     assessments: Assessments,
     alerts: Alerts,
     promised: float,
+    dt: float,
 ) -> str:
     """Why it is unknown whether a timely alert was possible before an exceedance; "" if known.
 
     Either a hole ends at the exceedance, so its exact time is unknown and decides whether the alert
     was timely. Or no sample was assessed in the last interval for a timely alert: one lead long,
     ending one lead before the exceedance.
-    promised: lead [s].
+    promised: lead [s].   dt: of the monitor [s].
     """
     alert = alerts[0][0] if alerts and alerts[0][0] <= exceedance.t + SAME_TIME else None
-    dt = float(assessments.t[1] - assessments.t[0])
     for hole in limited.holes:
         ends_at_it = hole.channel == exceedance.channel and hole.end == exceedance.t
         is_sure = alert is not None and (
@@ -83,10 +106,11 @@ def why_warning_unknown(
     last = exceedance.t - promised + SAME_TIME
     if alert is not None and alert <= last:
         return ""
-    chance = (assessments.t >= last - promised - 2 * SAME_TIME) & (assessments.t <= last)
-    if not chance.any() or not unassessed(assessments)[chance].all():
+    t, lost, _ = lost_samples(assessments, dt)
+    chance = (t >= last - promised - 2 * SAME_TIME) & (t <= last)
+    if not chance.any() or not lost[chance].all():
         return ""
-    begin, end = assessments.t[chance][[0, -1]]
+    begin, end = t[chance][[0, -1]]
     return (
         f"could not warn: no sample assessed from {begin:.2f} to {end:.2f} s, the last interval "
         f"for a timely alert; the limit was exceeded at {exceedance.t:.2f} s"

@@ -22,6 +22,7 @@ from app.assessment.outcome import (
     runs,
 )
 from app.assessment.recipe import Interval, ScoringRecipe
+from app.assessment.recorded import RecordedFlight
 from app.assessment.scored import (
     BETWEEN,
     BLOCK,
@@ -30,12 +31,11 @@ from app.assessment.scored import (
     ScoredRecording,
     Validity,
 )
-from app.assessment.scoring_input import ScoringInput
-from app.assessment.segments import Segment, mean_of_rest, segments
+from app.assessment.segments import Segment, detected_segments, segments
 from app.assessment.validity import under_limits, validity
 from app.assessment.wording import guarantee, limits_remarks, remarks, withdrawn
 from app.telemetry.contents import release
-from app.telemetry.recording import ATTITUDE, Recording
+from app.telemetry.recording import ATTITUDE
 from app.telemetry.timing.repair import RepairedTraces
 from core.channels import KEYS
 from core.monitor import Assessments, Monitor
@@ -45,7 +45,7 @@ from core.types import Array, Flags
 
 JUDGED_TOGETHER = 64
 """Release the mapped columns from memory after this many segments."""
-INVALID = STATES.index(State.INVALID)
+INVALID, WARMING_UP = STATES.index(State.INVALID), STATES.index(State.WARMING_UP)
 
 
 def score(
@@ -75,8 +75,8 @@ def score_at_each(
     """Score at several miss rates in one pass: only the alerts depend on epsilon."""
     checked = [monitor.check_epsilon(epsilon) for epsilon in epsilons]
     levels = [(epsilon, monitor.alert_above(epsilon)) for epsilon in checked]
-    flight = ScoringInput.of(monitor, recorded, history)
-    selected, notes = segments(flight.recording, flight.planned, recipe)
+    flight = RecordedFlight.of(monitor, recorded, history)
+    selected, notes = segments(flight.recording, flight.planned, recipe, flight.followed)
     judged = _judge_all(flight, selected)
     outside = _outside(flight, judged)
     notes = (*flight.notes, *notes, *notes_on_outside(outside))
@@ -101,13 +101,11 @@ def score_at_each(
 
 def manoeuvres_in(monitor: Monitor, recorded: RepairedTraces) -> tuple[Interval, ...]:
     """The manoeuvres that scoring would detect; may be empty."""
-    flight = ScoringInput.of(monitor, recorded)
-    detected, _ = segments(flight.recording, flight.planned, ScoringRecipe())
+    flight = RecordedFlight.of(monitor, recorded)
     t = flight.recording.t
     return tuple(
         Interval(float(t[segment.first]), float(t[segment.last]), segment.name)
-        for segment in detected
-        if segment.onset is not None
+        for segment in detected_segments(flight.planned, ScoringRecipe(), flight.followed)
     )
 
 
@@ -115,14 +113,16 @@ def manoeuvres_in(monitor: Monitor, recorded: RepairedTraces) -> tuple[Interval,
 class JudgedSegment:
     """A segment with everything that does not depend on epsilon.
 
-    assessments: of all its samples.   withdrawal: the first sample without an assessment, and why;
-    None if the monitor applies throughout.   inputs: flown inputs of the planned surfaces.
-    silent: (n,) samples where other limits than the monitor's were in force.
+    begin: its first assessed sample; earlier ones are its rest.   y: (n, 6) from trim.
+    assessments: from `begin` on.   withdrawal: the first sample of these without an assessment, and
+    why; None if the monitor applies throughout.   inputs: flown inputs of the planned surfaces.
+    silent: samples from `begin` on where other limits than the monitor's were in force.
     in_force: those limits, in plain data.   own: judged by the monitor's limits, where others were
     in force.
     """
 
     segment: Segment
+    begin: int
     trim: Array
     y: Array
     assessments: Assessments
@@ -150,7 +150,7 @@ class JudgedSegment:
         return silent | (np.arange(part.start, part.stop) >= self.withdrawal.first)
 
 
-def _judge_all(flight: ScoringInput, selected: Sequence[Segment]) -> list[JudgedSegment]:
+def _judge_all(flight: RecordedFlight, selected: Sequence[Segment]) -> list[JudgedSegment]:
     judged: list[JudgedSegment] = []
     for begin in range(0, len(selected), JUDGED_TOGETHER):
         judged += [_judge(flight, part) for part in selected[begin : begin + JUDGED_TOGETHER]]
@@ -159,54 +159,48 @@ def _judge_all(flight: ScoringInput, selected: Sequence[Segment]) -> list[Judged
     return judged
 
 
-def _judge(flight: ScoringInput, segment: Segment) -> JudgedSegment:
-    """Assess a segment as a flight of its own, then check its validity."""
-    part = slice(segment.first, segment.last + 1)
-    t, recorded = flight.recording.t[part], flight.recording.y
-    trim = np.zeros(len(KEYS)) if segment.rest is None else mean_of_rest(recorded[segment.rest])
-    y = recorded[part] - trim
-    y_read = np.where(flight.needed, y, 0.0) if not flight.needed.all() else y
-    assessments = flight.monitor.assess(t, y_read, withdraw=False)
-    limits = flight.planned.limits
-    arguments = flight.traces, limits, trim, float(t[0]), float(t[-1])
+def _judge(flight: RecordedFlight, segment: Segment) -> JudgedSegment:
+    """Assess a segment as a stream in flight does, then check its validity."""
+    recorded, monitor = flight.recording, flight.monitor
+    begin, stop = segment.first if segment.onset is None else segment.onset, segment.last + 1
+    trim = segment.trim_of(recorded.y)
+    y = recorded.y[segment.first : stop] - trim
+    start = begin if segment.onset is None else max(0, begin - monitor.recipe.n_delay - 1)
+    streamed = recorded.y[start:stop] - trim
+    y_read = np.where(flight.needed | np.isfinite(streamed), streamed, 0.0)
+    whole = monitor.assess(recorded.t[start:stop], y_read, withdraw=False)
+    assessments = whole.from_sample(begin - start)
+    t = assessments.t
+    interval = float(recorded.t[segment.first]), float(recorded.t[segment.last])
+    arguments = flight.judged, flight.planned.limits, trim, *interval
     limited = against_limits(*arguments, flight.timeline)
-    silent, in_force = np.zeros(len(t), bool), ()
     assessed = AssessedSegment(
-        flight.monitor,
+        monitor,
         flight.planned,
         flight.traces,
-        flight.recording,
+        recorded,
         segment,
         flight.needed,
-        y,
+        trim,
+        streamed,
         y_read,
-        assessments,
+        whole,
+        begin - start,
         {channel.key: channel.held for channel in flight.quality.channels},
     )
     verdict, withdrawal = validity(assessed)
-    own = None
+    if withdrawal is not None:
+        withdrawal = withdrawal._replace(first=max(0, withdrawal.first - (begin - start)))
+    silent, in_force, own = np.zeros(len(t), bool), (), None
     if flight.timeline is not None:
         silent = flight.timeline.silent(t)
-        in_force = tuple(flight.timeline.intervals(float(t[0]), float(t[-1])))
+        in_force = tuple(flight.timeline.intervals(*interval))
         verdict = under_limits(verdict, in_force)
         own = against_limits(*arguments) if silent.any() else None
         withdrawal = _final_withdrawal(silent, withdrawal, in_force)
-    inputs = flight.monitor.flown_input(
-        y, flight.monitor.last_counted(y_read), flight.planned.amplitudes
-    )
-    return JudgedSegment(
-        segment,
-        trim,
-        y,
-        assessments,
-        limited,
-        verdict,
-        withdrawal,
-        inputs,
-        silent,
-        in_force,
-        own,
-    )
+    inputs = monitor.flown_input(y, monitor.last_counted(y), flight.planned.amplitudes)
+    about = limited, verdict, withdrawal, inputs, silent, in_force, own
+    return JudgedSegment(segment, begin, trim, y, assessments, *about)
 
 
 def _final_withdrawal(
@@ -221,42 +215,40 @@ def _final_withdrawal(
     return Withdrawal(first, in_force[-1]["reason"])
 
 
-def _outside(flight: ScoringInput, judged: list[JudgedSegment]) -> tuple[RecordedExceedance, ...]:
+def _outside(flight: RecordedFlight, judged: list[JudgedSegment]) -> tuple[RecordedExceedance, ...]:
     t = flight.recording.t
     intervals = [(float(t[each.first]), float(t[each.stop - 1])) for each in judged]
     trims = [each.trim for each in judged]
     return exceedances_outside(
-        flight.traces, flight.planned.limits, intervals, trims, flight.timeline
+        flight.judged, flight.planned.limits, intervals, trims, flight.timeline
     )
 
 
 def _assessed(
-    flight: ScoringInput, judged: list[JudgedSegment], epsilon: float, alert_above: float
+    flight: RecordedFlight, judged: list[JudgedSegment], epsilon: float, alert_above: float
 ) -> tuple[npt.NDArray[np.void], tuple[ScoredManoeuvre, ...]]:
     """Samples and manoeuvres at one miss rate and its alert threshold."""
-    samples = _samples(flight.recording, judged, alert_above)
+    samples = _samples(flight, judged, alert_above)
     return samples, tuple(
-        _verdict(flight, segment, samples[segment.first : segment.stop], epsilon, alert_above)
-        for segment in judged
+        _verdict(flight, segment, samples, epsilon, alert_above) for segment in judged
     )
 
 
 def _samples(
-    recording: Recording, judged: list[JudgedSegment], alert_above: float
+    flight: RecordedFlight, judged: list[JudgedSegment], alert_above: float
 ) -> npt.NDArray[np.void]:
-    """(n,) of SAMPLE, filled block by block to save memory."""
-    n = len(recording.t)
+    """(n,) of SAMPLE, filled block by block to save memory; also the times without a sample."""
+    n = len(flight.recording.t)
     firsts, stops = [each.first for each in judged], [each.stop for each in judged]
-    trims = np.nan_to_num([each.trim for each in judged])
     samples = np.empty(n, SAMPLE)
     for first in range(0, n, BLOCK):
         rows = slice(first, min(first + BLOCK, n))
-        fields = _between(recording, rows, trims, stops)
+        fields = _between(flight, rows, judged, stops)
         for number in range(bisect_right(stops, first), bisect_left(firsts, rows.stop)):
             _fill(fields, rows, number, judged[number], alert_above)
         for name, values in fields.items():
             samples[name][rows] = values
-    return samples
+    return flight.spread(samples)
 
 
 def _fill(
@@ -266,13 +258,19 @@ def _fill(
     judged: JudgedSegment,
     alert_above: float,
 ) -> None:
-    """Fill in the assessments of a segment, valid and withdrawn ones."""
+    """Fill in the assessments of a segment, valid and withdrawn ones, and its rest."""
     begin, end = max(rows.start, judged.first), min(rows.stop, judged.stop)
-    target, source = _shifted(begin, end, rows.start), _shifted(begin, end, judged.first)
+    target = _shifted(begin, end, rows.start)
+    fields["manoeuvre"][target] = number
+    fields["y"][target] = judged.y[_shifted(begin, end, judged.first)]
+    is_invalid = judged.withdrawal is not None and judged.withdrawal.first == 0
+    fields["state"][target] = INVALID if is_invalid else WARMING_UP
+    begin = max(begin, judged.begin)
+    if begin >= end:
+        return
+    target, source = _shifted(begin, end, rows.start), _shifted(begin, end, judged.begin)
     assessments, gone = judged.assessments, judged.withdrawn(source)
     p_value = assessments.p_value[source]
-    fields["manoeuvre"][target] = number
-    fields["y"][target] = judged.y[source]
     fields["y_hat"][target] = np.where(gone[:, None], np.nan, assessments.y_hat[source])
     fields["withdrawn"][target] = np.where(gone, p_value, np.nan)
     fields["state"][target] = np.where(gone, INVALID, assessments.state[source])
@@ -285,22 +283,26 @@ def _shifted(begin: int, end: int, by: int) -> slice:
 
 
 def _between(
-    recording: Recording, rows: slice, trims: Array, stops: list[int]
+    flight: RecordedFlight, rows: slice, judged: list[JudgedSegment], stops: list[int]
 ) -> dict[str, npt.NDArray[Any]]:
     """The fields of SAMPLE in some rows, without assessments.
 
-    trims: (n_segments, 6); stops: the row behind each segment. Channels are relative to the trim of
-    the segment before; before the first segment, to its own.
+    stops: the row behind each segment. Channels are from the trim that the flight had; where
+    manoeuvres are marked by hand, from that of the segment before.
     """
-    n = rows.stop - rows.start
-    before = np.searchsorted(stops, np.arange(rows.start, rows.stop), side="right") - 1
+    recording, n = flight.recording, rows.stop - rows.start
     unknown = np.full(n, np.nan)
     attitude = [
         recording.attitude[key][rows] if key in recording.attitude else unknown for key in ATTITUDE
     ]
+    if judged[0].segment.trim is not None:
+        trim = np.nan_to_num(flight.followed.level[rows])
+    else:
+        before = np.searchsorted(stops, np.arange(rows.start, rows.stop), side="right") - 1
+        trim = np.nan_to_num([each.trim for each in judged])[np.maximum(before, 0)]
     return {
         "t": recording.t[rows],
-        "y": recording.y[rows] - trims[np.maximum(before, 0)],
+        "y": recording.y[rows] - trim,
         "p_value": unknown.copy(),
         "withdrawn": unknown.copy(),
         "alert": np.zeros(n, bool),
@@ -312,12 +314,14 @@ def _between(
 
 
 def _verdict(
-    flight: ScoringInput,
+    flight: RecordedFlight,
     judged: JudgedSegment,
-    part: npt.NDArray[np.void],
+    samples: npt.NDArray[np.void],
     epsilon: float,
     alert_above: float,
 ) -> ScoredManoeuvre:
+    first, last = flight.place[[judged.first, judged.stop - 1]].tolist()
+    part = samples[first : last + 1]
     known = np.isfinite(part["p_value"])
     peak = int(np.nanargmax(part["p_value"])) if known.any() else None
     alerts = runs(part["t"], part["alert"])
@@ -340,7 +344,8 @@ def _verdict(
     elif limited.exceedance is None:
         why = why_outcome_unknown(limited, judged.assessments, alerts, flight.monitor.dt)
     elif withdrawal is None and not _was_silent(judged):
-        why = why_warning_unknown(limited, limited.exceedance, judged.assessments, alerts, promised)
+        about = limited, limited.exceedance, judged.assessments, alerts, promised
+        why = why_warning_unknown(*about, flight.monitor.dt)
     if why:
         result, lead = "unseen", None
         lines.append(why)
@@ -348,8 +353,8 @@ def _verdict(
         name=judged.segment.name,
         start=float(part["t"][0]),
         end=float(part["t"][-1]),
-        first=judged.segment.first,
-        last=judged.segment.last,
+        first=first,
+        last=last,
         trim=tuple(None if np.isnan(value) else float(value) for value in judged.trim),
         validity=judged.validity,
         outcome="invalid" if peak is None else result,
@@ -361,7 +366,7 @@ def _verdict(
         recorded_exceedance=limited.as_recorded if limited.exceedance is None else None,
         lead=lead,
         look_ahead=flight.recording.look_ahead,
-        withdrawn_t=None if withdrawal is None else float(part["t"][withdrawal.first]),
+        withdrawn_t=None if withdrawal is None else float(judged.assessments.t[withdrawal.first]),
         withdrawn_reason="" if withdrawal is None else withdrawal.reason,
         limits_in_force=judged.in_force,
         own_exceedance=None if own is None else own.exceedance,

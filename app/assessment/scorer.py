@@ -6,10 +6,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from app.assessment.grid import DELAY_INTERVALS, Angles, CausalGrid, Counts, Sample
 from app.assessment.input_checks import Doubt, InputChecks
 from app.assessment.limits_in_force import ConditionHold, LimitsInForce, LimitsRule, Ruling
 from app.assessment.planned_test import PlannedTest, limits_of, needed_channels, planned_test
-from app.assessment.resampling import DELAY_INTERVALS, Angles, CausalResampler, Counts, Sample
 from app.assessment.trim import CausalTrim
 from core.channels import KEYS
 from core.kernels import assessing
@@ -71,8 +71,9 @@ class GridMonitor:
             self._stream.update(sample.t, self._read(sample.y - trim))
 
     def assess(self, sample: Sample, y: Array) -> Assessment:
+        """Assess a sample of a manoeuvre. y: (6,) from trim, NaN where that is unknown."""
         self._history.append(sample)
-        return self._explained(self._stream.update(sample.t, self._read(y)), sample)
+        return self._explained(self._stream.update(sample.t, self._read(y)), sample, y)
 
     def forecast_ahead(self) -> Ahead | None:
         return self._stream.forecast_ahead()
@@ -92,22 +93,23 @@ class GridMonitor:
         """Input of the monitor: 0 for a missing channel that it does not need."""
         return y if self._needs_all else np.where(self.needed | np.isfinite(y), y, 0.0)
 
-    def _explained(self, assessment: Assessment, sample: Sample) -> Assessment:
-        """Add to the reason which channels are missing, or why all are."""
+    def _explained(self, assessment: Assessment, sample: Sample, y: Array) -> Assessment:
+        """Add to the reason which channels are missing or have no trim, or why all are."""
         if assessment.reason != NOT_FINITE:
             return assessment
         missing = sample.reason or self._missing(sample.y)
+        if not missing and (without := self._missing(y, "has no trim", "have no trim")):
+            missing = f"{without}: the aircraft moved before the manoeuvre"
         return assessment._replace(reason=missing) if missing else assessment
 
-    def _missing(self, y: Array) -> str:
-        """Missing channels that the monitor needs, in words; empty if there are none."""
+    def _missing(self, y: Array, one: str = "is missing", several: str = "are missing") -> str:
+        """Unknown channels that the monitor needs, in words; empty if there are none."""
         known = np.isfinite(y)
         if known.all():
             return ""
         wanted = zip(KEYS, known, self.needed, strict=True)
         missing = [key for key, is_known, is_needed in wanted if is_needed and not is_known]
-        verb = "is" if len(missing) == 1 else "are"
-        return f"{' and '.join(missing)} {verb} missing" if missing else ""
+        return f"{' and '.join(missing)} {several if missing[1:] else one}" if missing else ""
 
 
 class CausalScorer:
@@ -136,8 +138,9 @@ class CausalScorer:
                 f"delay {self.delay:g} s is subtracted from the lead of {shortest:g} s: give at "
                 f"least 0 and less than {shortest:g} s"
             )
-        self._resampler = CausalResampler(monitor.dt, self.delay)
-        self._trim = CausalTrim(planned_test(monitor)) if trim == "detected" else None
+        self._grid = CausalGrid(monitor.dt, self.delay)
+        detected = trim == "detected"
+        self._trim = CausalTrim.of(monitor, planned_test(monitor)) if detected else None
         planned = self._trim.planned if self._trim else _known_test(monitor)
         about = monitor.training_max_abs, monitor.limits, self._trim is not None
         self._checks = InputChecks(planned, *about)
@@ -163,16 +166,16 @@ class CausalScorer:
 
     @property
     def counts(self) -> Counts:
-        return self._resampler.counts
+        return self._grid.counts
 
     @property
     def interval(self) -> float:
-        return self._resampler.interval
+        return self._grid.interval
 
     @property
     def deadline(self) -> float | None:
         """Arrival time at which `advance` settles a sample without further input; None: never."""
-        return self._resampler.deadline
+        return self._grid.deadline
 
     @property
     def manoeuvre(self) -> int:
@@ -198,15 +201,15 @@ class CausalScorer:
         """Add a received sample; return the samples that it settles. source: its name."""
         if sample.condition is not None:
             self._conditions.note(sample.t, sample.condition)
-        dated = self._resampler.flight_time(arrived, sample.t)
+        dated = self._grid.flight_time(arrived, sample.t)
         self._checks.push(arrived, dated[0], sample.y, source, self.manoeuvre > 0)
         if self._limits is not None:
-            y = sample.y if self._trim is None else sample.y - self._trim.level
+            y = sample.y if self._trim is None else sample.y - np.nan_to_num(self._trim.level)
             if exceeds(self._limits, y) or (y is not sample.y and exceeds(self._limits, sample.y)):
                 self._exceedances.append(ReceivedExceedance(*dated, y, sample.y, self._limits))
-        n_steps = self.counts.clock_steps
-        settled = [*map(self._assess, self._resampler.push(arrived, sample))]
-        if self.counts.clock_steps > n_steps:
+        n_steps = self._grid.n_clock_steps
+        settled = [*map(self._assess, self._grid.push(arrived, sample))]
+        if self._grid.n_clock_steps > n_steps:
             self._checks.restart()
         return settled
 
@@ -217,7 +220,7 @@ class CausalScorer:
 
     def advance(self, now: float) -> list[LiveAssessed]:
         """Return the samples settled at time `now` of the clock of arrivals."""
-        return [*map(self._assess, self._resampler.advance(now))]
+        return [*map(self._assess, self._grid.advance(now))]
 
     def begin(self) -> bool:
         """Begin a manoeuvre with the next sample, by hand. Returns False during a manoeuvre."""
@@ -227,20 +230,21 @@ class CausalScorer:
         return True
 
     def _assess(self, sample: Sample) -> LiveAssessed:
-        y = sample.y
+        y = known = sample.y
         if self._trim is not None:
             begins = self._trim.update(sample.y)
             trim = self._trim.level
             if begins:
                 self._restart(trim)
-            y = sample.y - trim
+            known = sample.y - trim
+            y = sample.y - np.nan_to_num(trim)
         if self._trim is not None and not self._trim.manoeuvre:
             reason = self._trim.reason
             assessment = self._authority.wait(sample, reason)
             display = tuple([shown.wait(sample, reason) for shown in self._display])
         else:
-            assessment = self._authority.assess(sample, y)
-            display = tuple([shown.assess(sample, y) for shown in self._display])
+            assessment = self._authority.assess(sample, known)
+            display = tuple([shown.assess(sample, known) for shown in self._display])
         ruling = None
         if self._rule is not None:
             ruling = self.ruling = self._rule.at(self._conditions.at(sample.t))

@@ -1,27 +1,27 @@
 """The segments of a recording to score, each with the rest that gives its trim."""
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from app.assessment.manoeuvres import Activity, detect
 from app.assessment.planned_test import SURFACES, PlannedTest
 from app.assessment.recipe import Interval, ScoringRecipe, in_words
 from app.assessment.scored import MOST_MANOEUVRES
+from app.assessment.trim import GUARD_S, Followed
 from app.telemetry.recording import Recording, TelemetryError
 from core.types import Array
 
 ON_GRID = 1e-6
 """Share of a step within which a time counts as the sample's."""
-AFTERWARDS = 3.0
-"""[s] A manoeuvre of unknown length continues this long after its last input."""
 
 
 class Segment(NamedTuple):
     """Samples first..last of a recording, both included, scored as a flight of their own.
 
-    onset: sample at which a surface starts to move; None where not detected.
+    onset: sample with which a detected manoeuvre begins; earlier ones are its rest.
     rest: samples whose mean is the trim; None where no trim is subtracted.
+    trim: (6,) as followed in flight; None to take it from `rest`.
     requested: length of rest requested [s], if the recording has less; else None.
     """
 
@@ -30,15 +30,23 @@ class Segment(NamedTuple):
     last: int
     onset: int | None = None
     rest: slice | None = None
+    trim: Array | None = None
     requested: float | None = None
+
+    def trim_of(self, y: Array) -> Array:
+        """(6,) trim, NaN where unknown, 0 where none is subtracted. y: (n, 6) of the recording."""
+        if self.trim is not None:
+            return self.trim
+        return np.zeros(y.shape[1]) if self.rest is None else mean_of_rest(y[self.rest])
 
 
 def segments(
-    recording: Recording, planned: PlannedTest, recipe: ScoringRecipe
+    recording: Recording, planned: PlannedTest, recipe: ScoringRecipe, followed: Followed
 ) -> tuple[tuple[Segment, ...], tuple[str, ...]]:
     """The segments of a recipe, and notes on their detection.
 
-    recording: on the grid of planned.dt.   TelemetryError for intervals outside it.
+    recording: on the grid of planned.dt.   followed: its manoeuvres.
+    TelemetryError for intervals outside it.
     """
     if isinstance(recipe.manoeuvres, tuple):
         _check_number(len(recipe.manoeuvres))
@@ -48,41 +56,44 @@ def segments(
     entire = Interval(float(recording.t[0]), float(recording.t[-1]), "entire recording")
     if recipe.manoeuvres == "entire":
         return (_marked(recording, planned, recipe, entire),), ()
-    detected, notes = _detected(recording, planned, recipe)
-    return detected or (_marked(recording, planned, recipe, entire),), notes
+    if detected := detected_segments(planned, recipe, followed):
+        return detected, (f"Manoeuvres detected by control activity: {len(detected)}.",)
+    unseen = np.isnan(recording.y[:, SURFACES]).all()
+    note = (
+        "No manoeuvre can be detected without aileron and rudder"
+        if unseen
+        else "No control input detected"
+    )
+    return (_marked(recording, planned, recipe, entire),), (
+        f"{note}: the entire recording is scored as one.",
+    )
 
 
-def _detected(
-    recording: Recording, planned: PlannedTest, recipe: ScoringRecipe
-) -> tuple[tuple[Segment, ...], tuple[str, ...]]:
-    surfaces = recording.y[:, SURFACES]
-    if np.isnan(surfaces).all():
-        note = "No manoeuvre can be detected without aileron and rudder"
-        return (), (f"{note}: the entire recording is scored as one.",)
-    inputs = detect(surfaces, planned)
-    if not inputs:
-        return (), ("No control input detected: the entire recording is scored as one.",)
-    _check_number(len(inputs))
-    n, n_trim = len(recording.t), round(planned.trim_segment_s / planned.dt)
-    ends = [_length(activity, planned) for activity in inputs]
-    starts = [max(0, activity.onset - n_trim) for activity in inputs]
-    result, notes = [], [f"Manoeuvres detected by control activity: {len(inputs)}."]
-    before = 0
-    for number, (activity, start, length) in enumerate(zip(inputs, starts, ends, strict=True)):
-        following = starts[number + 1] if number + 1 < len(inputs) else n
-        start = max(start, before)
-        last = min(activity.onset - n_trim + length, following, n) - 1
-        rest = _rest(activity.onset, start, before, planned, recipe)
-        requested = _request_unmet(rest, planned, recipe)
-        name = f"manoeuvre {number + 1}"
-        result.append(Segment(name, start, last, activity.onset, rest, requested))
-        if activity.times > 1:
-            notes.append(
-                f"{name} holds the planned inputs {activity.times} times, too close together to "
-                "separate: mark each by hand to score it alone."
-            )
-        before = last + 1
-    return tuple(result), tuple(notes)
+def detected_segments(
+    planned: PlannedTest, recipe: ScoringRecipe, followed: Followed
+) -> tuple[Segment, ...]:
+    """The manoeuvres as they begin and end in flight, each with its trim segment before it."""
+    edges = np.flatnonzero(np.diff(followed.number, prepend=0, append=0))
+    runs = [(a, b) for a, b in pairwise(edges.tolist()) if followed.number[a]]
+    _check_number(len(runs))
+    n_trim, guard = round(planned.trim_segment_s / planned.dt), round(GUARD_S / planned.dt)
+    detected, before = list[Segment](), 0
+    for number, (onset, stop) in enumerate(runs, 1):
+        end = max(before, onset - guard)
+        rest, trim, requested = slice(max(before, end - n_trim), end), None, None
+        if recipe.trim is None:
+            rest = None
+        elif isinstance(recipe.trim, str):
+            trim = followed.level[onset]
+        else:
+            n_wanted = round(recipe.trim / planned.dt)
+            rest = slice(max(before, end - n_wanted), max(end, 1))
+            requested = recipe.trim if rest.stop - rest.start < n_wanted else None
+        first = max(before, onset - n_trim)
+        about = onset, rest, trim, requested
+        detected.append(Segment(f"manoeuvre {number}", first, stop - 1, *about))
+        before = stop
+    return tuple(detected)
 
 
 def _check_number(n: int) -> None:
@@ -91,32 +102,6 @@ def _check_number(n: int) -> None:
             f"{n} manoeuvres exceed the {MOST_MANOEUVRES} that one scoring holds: split the "
             "recording, or mark fewer by hand"
         )
-
-
-def _length(activity: Activity, planned: PlannedTest) -> int:
-    """Number of samples of a detected manoeuvre, from its planned start."""
-    if planned.duration is not None:
-        return round(planned.duration / planned.dt) + 1
-    moving = activity.end - activity.onset + 1
-    return moving + round((planned.trim_segment_s + AFTERWARDS) / planned.dt)
-
-
-def _rest(
-    onset: int, start: int, before: int, planned: PlannedTest, recipe: ScoringRecipe
-) -> slice | None:
-    """The trim segment, or the requested seconds before the first input, if recorded."""
-    if recipe.trim is None:
-        return None
-    if isinstance(recipe.trim, float | int):
-        start = max(before, onset - round(recipe.trim / planned.dt))
-    return slice(max(0, min(start, onset - 1)), max(onset, 1))
-
-
-def _request_unmet(rest: slice | None, planned: PlannedTest, recipe: ScoringRecipe) -> float | None:
-    """The requested seconds of rest, if the recording has fewer."""
-    if rest is None or not isinstance(recipe.trim, float | int):
-        return None
-    return recipe.trim if rest.stop - rest.start < round(recipe.trim / planned.dt) else None
 
 
 def _marked(

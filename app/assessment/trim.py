@@ -1,127 +1,169 @@
-"""The beginning of a manoeuvre and its trim, from the samples so far.
+"""The manoeuvres of a flight and their trim, from the samples so far."""
 
-Offline the whole recording is searched (app.assessment.manoeuvres). In flight a manoeuvre begins
-when a surface first departs from rest, and trim is the mean of the rest before it.
-"""
-
-from collections import deque
+from typing import NamedTuple
 
 import numpy as np
 
-from app.assessment.manoeuvres import BEGINNING, OTHER, RESTED, SHARE, SMALLEST
-from app.assessment.planned_test import SURFACES, PlannedTest
-from app.assessment.segments import AFTERWARDS, mean_of_rest
-from core.channels import N_CHANNELS
-from core.types import Array
+from app.assessment.planned_test import SURFACES, PlannedTest, limits_of, needed_channels
+from core.channels import KEYS, N_CHANNELS
+from core.kernels import causal_trim as kernel
+from core.kernels.causal_trim import TrimRule, TrimState
+from core.kernels.compiled import entry
+from core.monitor import Monitor
+from core.types import Array, Indices
 
 MEASURED_S = 0.1
 """Interval of trim measurements at rest [s]."""
 GUARD_S = 0.2
 """The newest part of the rest does not count for trim [s]: a departure may have begun."""
-DEPARTED_SAMPLES = 2
-"""Consecutive samples of a departure, so that one outlier is none."""
-NOISES = 5.0
-"""A departure exceeds this many standard deviations of the rest."""
-TRAVEL = 2.0
-"""Surfaces rest if they travel less than this many departures within the trim segment."""
+CALM_S = 2.0
+"""A channel that moves within this time has no trim [s]: half a swing looks like rest."""
+USUAL_S = 20.0
+"""Memory of how far the surfaces usually move at rest [s]."""
+AFTERWARDS = 3.0
+"""[s] A manoeuvre of unknown length continues this long after its last input."""
+RESTED = 1.5
+"""[s] Rest after which a manoeuvre of unknown length is over."""
+SHARE = 0.25
+"""Share of the planned amplitude that makes an input, small enough for a build-up."""
+BEGINNING = 0.5
+"""Share of the input at which a surface departs."""
+OTHER = 2.0
+"""Times the planned input: size of an input on a surface that should not move."""
+SMALLEST = np.radians(0.1)
+"""[rad] Smaller motion is never an input."""
+TRIM_SHARE = 0.25
+"""Share of a channel's largest in training; a response that moves further is not in trim."""
+RESTS = 0.005
+"""[rad, rad/s, g] Smaller motion always counts as rest."""
 MOVING = "the surfaces move: trim is measured as soon as they rest"
 RESTING = "no manoeuvre is under way: it begins with the first movement of a surface"
 """These reasons are stored: a journal that is rescored must give the same."""
 
 
+class Followed(NamedTuple):
+    """number: (n,) manoeuvre of each sample, 0 at rest.   level: (n, 6) the last trim, NaN where
+    unknown."""
+
+    number: Indices
+    level: Array
+
+
 class CausalTrim:
     """Phases of a flight: rest, in which trim is measured, and manoeuvres.
 
-    manoeuvre: number of the current one; 0 at rest.   trim: (6,); None while unknown.
+    A manoeuvre begins when a surface first departs from rest; trim is the mean of the rest before
+    it. A response that moves keeps the trim of an earlier rest; without one its trim is unknown.
+
+    moving: (6,) a channel that moves further within CALM_S has no trim.   sizes: (2,) inputs of the
+    surfaces [rad]; those of the planned test unless given.
     """
 
-    def __init__(self, planned: PlannedTest) -> None:
-        self.planned, self.manoeuvre = planned, 0
-        self.trim: Array | None = None
-        dt = planned.dt
-        self._n_trim = max(2, round(planned.trim_segment_s / dt))
-        self._n_rest = self._n_trim + round(GUARD_S / dt)
-        self._rest: deque[Array] = deque(maxlen=self._n_rest)
-        self._flown: deque[Array] = deque(maxlen=round(RESTED / dt))
-        amplitudes = planned.amplitudes
-        sizes = np.where(amplitudes > 0.0, amplitudes, OTHER * amplitudes.max())
-        self._limits = self._threshold = np.maximum(BEGINNING * SHARE * sizes, SMALLEST)
-        self._departed = self._n_begun = self._length = self._n_since = 0
-        self._n_between = max(1, round(MEASURED_S / dt))
+    def __init__(
+        self, planned: PlannedTest, moving: Array | None = None, sizes: Array | None = None
+    ) -> None:
+        self.planned, dt = planned, planned.dt
+        n_trim = max(2, round(planned.trim_segment_s / dt))
+        n_rest = n_trim + round(GUARD_S / dt)
+        if sizes is None:
+            amplitudes = planned.amplitudes
+            sizes = np.where(amplitudes > 0.0, amplitudes, OTHER * amplitudes.max())
+        threshold = np.maximum(BEGINNING * SHARE * sizes, SMALLEST)
+        length = planned.duration
+        most = 0 if length is None else max(1, round((length - planned.trim_segment_s) / dt))
+        self._rule = TrimRule(
+            np.array(SURFACES),
+            threshold,
+            np.full(N_CHANNELS, np.inf) if moving is None else moving,
+            n_trim,
+            max(1, round(MEASURED_S / dt)),
+            most,
+            round(AFTERWARDS / dt),
+            round(USUAL_S / dt),
+        )
+        self._state = TrimState(
+            np.zeros(kernel.N_COUNT, np.int64),
+            np.full(N_CHANNELS, np.nan),
+            threshold.copy(),
+            np.zeros(len(SURFACES)),
+            np.empty((n_rest, N_CHANNELS)),
+            np.empty((n_rest + round(CALM_S / dt), N_CHANNELS)),
+            np.empty((round(RESTED / dt), len(SURFACES))),
+        )
+        self._one = _unfilled(1)
+        compiled = self._rule, self._state
+        self._follow_one = entry(kernel.follow, *compiled, np.empty((1, N_CHANNELS)), *self._one)
+        self._begin = entry(kernel.begin, *compiled)
+
+    @classmethod
+    def of(cls, monitor: Monitor, planned: PlannedTest) -> "CausalTrim":
+        """With what counts as motion of the monitor's responses.
+
+        The next larger power of two, so that other monitors of the same test measure the same trim.
+        """
+        moving = np.maximum(TRIM_SHARE * monitor.training_max_abs, RESTS)
+        moving = 2.0 ** np.ceil(np.log2(moving))
+        moving[SURFACES,] = np.inf
+        moving[~needed_channels(monitor, limits_of(monitor))] = np.inf
+        return cls(planned, moving)
+
+    @property
+    def n_rest(self) -> int:
+        """Samples of rest that a trim needs."""
+        return len(self._state.rest)
+
+    @property
+    def manoeuvre(self) -> int:
+        """Number of the current one; 0 at rest."""
+        return int(self._state.count[kernel.MANOEUVRE])
+
+    @property
+    def has_trim(self) -> bool:
+        return bool(self._state.count[kernel.HAS_TRIM])
 
     @property
     def level(self) -> Array:
-        """Trim (6,); 0 while unknown."""
-        return np.zeros(N_CHANNELS) if self.trim is None else self.trim
+        """The last trim (6,), NaN where unknown."""
+        return self._state.trim.copy()
 
     @property
     def reason(self) -> str:
         """Why there is no manoeuvre."""
-        if self.trim is not None:
-            return RESTING
-        if len(self._rest) == self._n_rest:
+        if self.has_trim:
+            unknown = [
+                key
+                for key, trim, moves in zip(
+                    KEYS, self._state.trim, np.isfinite(self._rule.moving), strict=True
+                )
+                if np.isnan(trim) and moves
+            ]
+            return moved(unknown) if unknown else RESTING
+        if self._state.count[kernel.N_REST] >= self.n_rest:
             return MOVING
-        needed = self._n_rest * self.planned.dt
+        needed = self.n_rest * self.planned.dt
         return f"trim is measured: it needs {needed:.3g} s of rest before the manoeuvre"
 
     def update(self, y: Array) -> bool:
         """Add a sample (6,). Returns whether a manoeuvre begins with it."""
-        if self.manoeuvre and not self._is_over(y):
-            return False
-        if self.trim is not None and self._departs(y, self.trim):
-            return self.begin()
-        self._rest.append(y)
-        self._n_since += 1
-        if self._n_since >= self._n_between and len(self._rest) == self._n_rest:
-            self._n_since = 0
-            self._measure()
-        return False
+        before = self.manoeuvre
+        self._follow_one(self._rule, self._state, np.array([y]), *self._one)
+        return self.manoeuvre not in (0, before)
+
+    def follow(self, y: Array) -> Followed:
+        """Add samples (n, 6)."""
+        followed = _unfilled(len(y))
+        kernel.follow(self._rule, self._state, np.ascontiguousarray(y), *followed)
+        return followed
 
     def begin(self) -> bool:
         """Begin a manoeuvre with the current trim. Returns False during a manoeuvre."""
-        if self.manoeuvre > 0:
-            return False
-        self._n_begun += 1
-        self.manoeuvre, self._departed = self._n_begun, 0
-        if self.trim is None and self._rest:
-            self.trim = np.nan_to_num(mean_of_rest(np.array(self._rest)))
-        elif self.trim is None:
-            self.trim = np.zeros(N_CHANNELS)
-        self._length = 0
-        self._flown.clear()
-        return True
+        return bool(self._begin(self._rule, self._state))
 
-    def _departs(self, y: Array, trim: Array) -> bool:
-        moved = np.abs(y - trim)[SURFACES,] > self._limits
-        self._departed = self._departed + 1 if moved.any() else 0
-        return self._departed >= DEPARTED_SAMPLES
 
-    def _measure(self) -> None:
-        """Measure trim from the rest without its newest part; unknown while surfaces move."""
-        rest = np.array([*self._rest][: self._n_trim])
-        surfaces = np.nan_to_num(rest[:, SURFACES])
-        self._limits = np.maximum(self._threshold, NOISES * surfaces.std(axis=0))
-        if (np.ptp(surfaces, axis=0) <= TRAVEL * self._threshold).all():
-            self.trim = np.nan_to_num(mean_of_rest(rest))
-        elif self._departed == 0:
-            self.trim = None
+def _unfilled(n: int) -> Followed:
+    return Followed(np.empty(n, np.int64), np.empty((n, N_CHANNELS)))
 
-    def _is_over(self, y: Array) -> bool:
-        """Whether the manoeuvre ended before this sample; then trim is measured again."""
-        self._length += 1
-        self._flown.append(y)
-        duration, dt = self.planned.duration, self.planned.dt
-        if duration is not None:
-            over = self._length > round((duration - self.planned.trim_segment_s) / dt)
-        else:
-            over = self._length > AFTERWARDS / dt and self._rests()
-        if over:
-            self.manoeuvre, self.trim = 0, None
-            self._rest.clear()
-        return over
 
-    def _rests(self) -> bool:
-        if len(self._flown) < RESTED / self.planned.dt:
-            return False
-        surfaces = np.nan_to_num(np.array(self._flown)[:, SURFACES])
-        return bool((np.ptp(surfaces, axis=0) <= self._threshold).all())
+def moved(keys: list[str]) -> str:
+    """Why a trim is unknown."""
+    return f"the aircraft moves: the trim of {', '.join(keys)} is unknown until it rests"

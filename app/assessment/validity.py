@@ -71,8 +71,8 @@ def support(assessed: AssessedSegment) -> tuple[ValidityVerdict, Withdrawal | No
     if missing := [KEYS[c] for c in np.flatnonzero(absent & read_channels(monitor))]:
         reason = f"not judged: {', '.join(missing)} not recorded"
         return ValidityVerdict(None, reasons=(reason,)), None
-    assessments = assessed.assessments
-    return monitor.judge_and_withdraw(assessments.t, assessed.y_read, assessments)
+    streamed = assessed.streamed
+    return monitor.judge_and_withdraw(streamed.t, assessed.y_read, streamed)
 
 
 def _support_text(verdict: ValidityVerdict) -> str:

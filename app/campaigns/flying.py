@@ -8,10 +8,11 @@ from app.assessment.checks import surfaces_flown
 from app.assessment.exceedances_outside import exceedances_outside, notes_on_outside
 from app.assessment.planned_test import SURFACES, PlannedTest
 from app.assessment.recipe import Interval, ScoringRecipe
-from app.assessment.segments import AFTERWARDS, Segment, mean_of_rest, segments
+from app.assessment.recorded import follow, on_grid
+from app.assessment.segments import Segment, detected_segments, segments
+from app.assessment.trim import AFTERWARDS, CausalTrim, Followed
 from app.campaigns.point import CampaignError, FlownPoint
 from app.telemetry.recording import Recording
-from app.telemetry.resampling.resampling import on_grid
 from app.telemetry.timing.repair import RepairedTraces
 from core.channels import KEYS
 from core.planned_test.planned_test import DatasetRecipe, Simulator
@@ -39,12 +40,13 @@ def flown_point(
     CampaignError if there is no manoeuvre or several, if samples are missing, or if it is not the
     planned one.
     """
-    recording = on_grid(recorded.traces, test.dt)
-    planned = PlannedTest.of(test)
-    segment, span = _segment(name, recording, planned, marked)
+    grid, planned = on_grid(recorded, test.dt), PlannedTest.of(test)
+    recording = grid.recording
+    followed = follow(CausalTrim(planned), grid)
+    segment, span = _segment(name, recording, planned, marked, followed)
     where, n_planned = _times(recording, segment), test.maneuver.n_samples(test.dt)
     part = recording.y[segment.first : segment.last + 1]
-    rest = np.zeros(len(KEYS)) if segment.rest is None else mean_of_rest(recording.y[segment.rest])
+    rest = segment.trim_of(recording.y)
     y = (part - rest)[:n_planned]
     missing = [key for key, column in zip(KEYS, y.T, strict=True) if not np.isfinite(column).all()]
     if missing:
@@ -110,16 +112,19 @@ def aborted_flight(
 
 
 def _segment(
-    name: str, recording: Recording, planned: PlannedTest, marked: Interval | None
+    name: str,
+    recording: Recording,
+    planned: PlannedTest,
+    marked: Interval | None,
+    followed: Followed,
 ) -> tuple[Segment, tuple[float, float]]:
     """The point's segment, and the interval in which its samples count [s].
 
     The interval covers the whole manoeuvre around marked times, and AFTERWARDS up to the next one.
     """
-    detected, _ = segments(recording, planned, ScoringRecipe(manoeuvres="detected"))
-    candidates = detected = tuple(segment for segment in detected if segment.onset is not None)
+    candidates = detected = detected_segments(planned, ScoringRecipe(), followed)
     if marked is not None:
-        candidates, _ = segments(recording, planned, ScoringRecipe(manoeuvres=(marked,)))
+        candidates, _ = segments(recording, planned, ScoringRecipe(manoeuvres=(marked,)), followed)
     if len(candidates) != 1:
         times = ", ".join(_times(recording, segment) for segment in candidates) or "none"
         raise CampaignError(

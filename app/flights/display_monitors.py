@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple
 
-from app.assessment.resampling import DELAY_INTERVALS
+from app.assessment.grid import DELAY_INTERVALS
 from app.flights.sources.track import SourceError
 from app.messages import FlownMonitor, validity_word
 from app.recipes.labels import kind_label

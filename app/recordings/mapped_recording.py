@@ -8,14 +8,16 @@ import json
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 from app.telemetry.contents import Columns
 from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.mapping import Mapping
+from app.telemetry.plausibility import plausible
+from app.telemetry.readers.journal import ARRIVED
 from app.telemetry.recording import TelemetryError
-from app.telemetry.timing.repair import RepairedTraces, repair
+from app.telemetry.timing.repair import FlownOrder, RepairedTraces, repair
 from app.telemetry.traces import Traces
 
 MOST_BYTES = 2**28
@@ -40,7 +42,7 @@ class MappedRecording:
         applied = None
         try:
             applied = apply_mapping(columns, mapping)
-            return cls(mapping, applied, repair(applied))
+            return cls(mapping, applied, replace(repair(applied), flown=_flown(columns, applied)))
         except TelemetryError as error:
             return cls(mapping, applied, None, str(error))
 
@@ -57,6 +59,22 @@ class MappedRecording:
         traces = [trace for part in parts if part for trace in part.channels.values()]
         arrays = {id(array): array for trace in traces for array in (trace.t, trace.values)}
         return sum(array.nbytes for array in arrays.values())
+
+
+def _flown(columns: Columns, applied: Traces) -> FlownOrder | None:
+    """The channels of a live flight as they arrived; None for another recording."""
+    contents = columns.contents
+    if contents.format != "journal" or len({id(c.t) for c in applied.channels.values()}) != 1:
+        return None
+    about = contents.flown
+    return FlownOrder(
+        Traces({key: plausible(key, trace) for key, trace in applied.channels.items()}),
+        columns.values(ARRIVED),
+        about.get("delay"),
+        about.get("trim") == "none",
+        tuple(about.get("begun", ())),
+        about.get("ended"),
+    )
 
 
 class RecentMappings:

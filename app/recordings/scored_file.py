@@ -9,16 +9,16 @@ from typing import Any, NamedTuple
 from app.assessment import MissingChannels, ScoredRecording, ScoringRecipe, score_at_each
 from app.assessment.limits_history import LimitsHistory
 from app.assessment.planned_test import planned_test
+from app.recordings.mapped_recording import MappedRecording
 from app.recordings.mapping_memory import MappingMemory
 from app.telemetry.contents import Columns, Contents
-from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.mapping import Mapping, TimeSource, mapping_template
 from app.telemetry.mapping.motion.signs import CONVENTION
 from app.telemetry.mapping.proposal import Proposal, propose
 from app.telemetry.mapping.typed_rate import rate_words
 from app.telemetry.reading import columns_of
 from app.telemetry.recording import TelemetryError
-from app.telemetry.timing.repair import RepairedTraces, repair
+from app.telemetry.timing.repair import RepairedTraces
 from core.evaluation.certificate import UselessMonitor, check_use
 from core.monitor import Monitor, load
 from core.simulation.attitude import surface_signs
@@ -96,8 +96,9 @@ def score_file(request: ScoreRequest, memory: MappingMemory | None = None) -> Sc
             )
         applied = False
         try:
-            recorded = repair(apply_mapping(columns, mapping))
-            applied = True
+            mapped = MappedRecording.of(columns, mapping)
+            applied = mapped.applied is not None
+            recorded = mapped.scorable()
             history = LimitsHistory.of(columns, mapping)
             scored = tuple(_score(request, monitors, recorded, history))
         except TelemetryError as error:

@@ -5,22 +5,24 @@ The recording does not name its aircraft and seldom its limits, so a person comp
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from math import ceil
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from app.assessment.limits_history import LimitsHistory
-from app.assessment.manoeuvres import Activity, detect
 from app.assessment.planned_test import SURFACE_NAMES, SURFACES, PlannedTest
+from app.assessment.recorded import on_grid
+from app.assessment.trim import BEGINNING, SHARE, CausalTrim
 from app.recipes.labels import kind_label
 from app.recordings.recordings import Recordings
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.mapping.mapping import Mapping
 from app.telemetry.recording import Recording
-from app.telemetry.resampling.resampling import RATE_RATIO, on_grid
 from app.telemetry.timing.repair import RepairedTraces
 from core.channels import BY_KEY, KEYS
+from core.kernels.causal_grid import RATE_RATIO
 from core.monitor import Monitor
 from core.planned_test.planned_test import DatasetRecipe
 from core.recipe import to_plain
@@ -41,6 +43,8 @@ UNITS_S = np.arange(0.2, 5.01, 0.05)
 """Lengths of a card's shortest segment to compare with the recorded input [s]."""
 RISE_S = 0.2
 """Time for a surface to follow a step of the command [s]."""
+BEFORE_S, STILL = 0.5, 0.05
+"""A surface begins to move within this time before it departs [s], by this part of its input."""
 AFTER_S = 1.0
 """Compared time after the input, with the surface back at trim [s]."""
 REST_S = 3.0
@@ -107,7 +111,7 @@ def training_proposal(
     largest, dt = None, DatasetRecipe().dt
     if recorded:
         dt = _sample_interval(repaired, recorded)
-        largest = _largest_input(on_grid(repaired.traces, dt, recorded), dt)
+        largest = _largest_input(on_grid(repaired, dt, recorded).recording, dt)
     if dt != DatasetRecipe().dt:
         dataset["dt"] = dt
     if largest is None:
@@ -150,21 +154,38 @@ def _largest_input(recording: Recording, dt: float) -> Input | None:
     surfaces = recording.y[:, SURFACES]
     if np.isnan(surfaces).all():
         return None
+    surfaces = np.nan_to_num(surfaces)
+    sizes = np.full(2, 0.5 * np.ptp(surfaces, axis=0).max())
     unknown = PlannedTest(dt, np.full(len(KEYS), np.inf))
-    inputs = [_input(recording, activity, dt) for activity in detect(surfaces, unknown)]
+    followed = CausalTrim(unknown, sizes=sizes).follow(recording.y)
+    edges = np.flatnonzero(np.diff(followed.number, prepend=0, append=0)).tolist()
+    inputs = [
+        _input(recording.t, surfaces, followed.level[onset, SURFACES], sizes, onset, stop, dt)
+        for onset, stop in pairwise(edges)
+        if followed.number[onset]
+    ]
     return max(inputs, key=lambda found: abs(found.peak_deg), default=None)
 
 
-def _input(recording: Recording, activity: Activity, dt: float) -> Input:
-    surfaces = np.nan_to_num(recording.y[:, SURFACES])
-    stop = min(activity.end + 1 + round(AFTER_S / dt), len(surfaces))
-    before = surfaces[max(0, activity.onset - round(AFTER_S / dt)) : activity.onset + 1]
-    deviation = surfaces[activity.onset : stop] - np.median(before, axis=0)
+def _input(
+    t: Array, surfaces: Array, trim: Array, sizes: Array, onset: int, stop: int, dt: float
+) -> Input:
+    """The input of a manoeuvre, from its first sample to AFTER_S after the last movement.
+
+    surfaces: (n, 2), trim, sizes: (2,) [rad].   onset, stop: samples of the manoeuvre.
+    """
+    since = max(0, onset - round(BEFORE_S / dt))
+    moves = (np.abs(surfaces[since:onset] - trim) > STILL * sizes).any(axis=1)
+    onset = since + int(np.flatnonzero(~moves)[-1]) if not moves.all() else since
+    deviation = surfaces[onset:stop] - trim
+    moved = np.flatnonzero((np.abs(deviation) > BEGINNING * SHARE * sizes).any(axis=1))
+    last = int(moved[-1]) if len(moved) else 0
+    deviation = deviation[: last + 1 + round(AFTER_S / dt)]
     largest = np.abs(deviation).max(axis=0)
     main = int(largest.argmax())
-    start, end = recording.t[activity.onset], recording.t[min(activity.end, stop - 1)]
     surface: Surface = "rudder" if SURFACE_NAMES[main] == "rudder" else "aileron"
-    return Input(surface, float(start), float(end), deviation[:, main], float(largest[1 - main]))
+    start, end = float(t[onset]), float(t[onset + last])
+    return Input(surface, start, end, deviation[:, main], float(largest[1 - main]))
 
 
 def _maneuver(found: Input, dt: float) -> tuple[dict[str, Any] | None, str]:

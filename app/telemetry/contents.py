@@ -74,6 +74,8 @@ class Contents:
     bad_rows: the first MOST_LISTED of n_bad_rows.   ignored: omitted content, with reasons.
     limits: limit sets that came into force during the flight, plain, see app.assessment.
     conditions: channel of the flight condition -> name of its signal.
+    flown: of a live flight, how its samples were used: delay [s], trim, and the arrival times [s]
+        at which manoeuvres began by hand and the flight ended.
     """
 
     format: str
@@ -86,6 +88,7 @@ class Contents:
     notes: tuple[str, ...] = ()
     limits: tuple[dict[str, Any], ...] = ()
     conditions: dict[str, str] = field(default_factory=dict)
+    flown: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(eq=False)
@@ -172,6 +175,7 @@ class ColumnWriter:
         notes: tuple[str, ...] = (),
         limits: tuple[dict[str, Any], ...] = (),
         conditions: dict[str, str] | None = None,
+        flown: dict[str, Any] | None = None,
     ) -> Contents:
         """Write the contents, which completes the folder. TelemetryError if it is empty."""
         groups = []
@@ -197,6 +201,7 @@ class ColumnWriter:
             notes=tuple(printable(text, LONGEST_TEXT) for text in (*self.notes, *notes)),
             limits=limits,
             conditions=conditions or {},
+            flown=flown or {},
         )
         text = json.dumps(asdict(contents), ensure_ascii=False)
         (self.folder / CONTENTS).write_text(text, encoding="utf-8")

@@ -1,6 +1,6 @@
 """The assessment of one sample, and the states in which there is none."""
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from enum import StrEnum
 from typing import Any, NamedTuple
 
@@ -184,6 +184,15 @@ class Assessments:
             "score": _where(known, self.score),
             "group": [self._group_name(k) if ok else None for k, ok in enumerate(known.tolist())],
         }
+
+    def from_sample(self, first: int, stop: int | None = None) -> "Assessments":
+        """The assessments from a sample on, up to another; they must not be withdrawn."""
+        arrays = {
+            field.name: value[first:stop]
+            for field in fields(self)
+            if isinstance(value := getattr(self, field.name), np.ndarray)
+        }
+        return replace(self, **arrays)
 
     def withdrawn_from(self, withdrawal: Withdrawal | None) -> "Assessments":
         """Copy that is invalid from `lost` on, unless it was withdrawn earlier."""

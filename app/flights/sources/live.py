@@ -278,11 +278,10 @@ class LiveFlight(Flight):
         line = {"v": via, "s": batch.sequence, "b": msgspec.Raw(values)}
         written = self._record(line)
         self._note_batch(batch.sequence, values)
-        now, counts = self.clock.now(), self.scorer.counts
-        n_before, arrived = counts.accepted, line["a"]
+        now, n_before, arrived = self.clock.now(), self.scorer.counts.accepted, line["a"]
         push = self.scorer.push
         assessed = [settled for sample in samples for settled in push(arrived, sample, via)]
-        if counts.accepted > n_before:
+        if self.scorer.counts.accepted > n_before:
             self._last_arrival = now
         self._show_all(assessed, now)
         self._judge_received()

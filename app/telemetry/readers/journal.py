@@ -43,6 +43,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
         if header is None:
             raise TelemetryError("its first line is damaged: export the journal again")
         conditions, limits = _conditions(header), list[dict[str, Any]]()
+        begun, ended = list[float](), None
         rows = _Rows(writer, *_declared(header), frozenset(conditions.values()))
         while line := _line(file):
             number += 1
@@ -52,6 +53,8 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
             plain = _plain(line)
             if plain is not None and "b" not in plain:
                 limits += [plain["limits"]] if isinstance(plain.get("limits"), dict) else []
+                begun += [_number(plain.get("a"))] if plain.get("e") == "manoeuvre" else []
+                ended = _number(plain.get("a")) if plain.get("e") == "end" else None
                 continue
             if plain is not None and rows.add(plain):
                 n_good += 1
@@ -69,6 +72,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
         notes=(*notes, *bad.notes(n_good)),
         limits=tuple(limits),
         conditions=conditions,
+        flown=_source(header) | {"begun": begun, "ended": ended},
     )
 
 
@@ -94,6 +98,13 @@ def _time_zero(header: dict[str, Any], zero: float) -> str:
         return (began + timedelta(seconds=zero)).astimezone(UTC).isoformat(timespec="milliseconds")
     except (KeyError, TypeError, ValueError, OverflowError):
         return ""
+
+
+def _source(header: dict[str, Any]) -> dict[str, Any]:
+    """How the samples were used: the delay [s], None for the usual one, and the trim."""
+    source = header.get("source")
+    source = source if isinstance(source, dict) else {}
+    return {"delay": source.get("delay"), "trim": source.get("trim", "detected")}
 
 
 def _conditions(header: dict[str, Any]) -> dict[str, str]:

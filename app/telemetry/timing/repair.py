@@ -14,14 +14,34 @@ from core.types import Array
 
 
 @dataclass(frozen=True, eq=False)
+class FlownOrder:
+    """The channels of a live flight as they arrived.
+
+    traces: in order of arrival, on the clock of the source.   arrived: (n,) [s].
+    delay: longest wait of a sample for others [s]; None for the usual one.   is_trimmed: whether
+    the samples were already from trim.   begun: when manoeuvres began by hand, as arrivals [s].
+    ended: when the flight ended [s]; None if its server was killed.
+    """
+
+    traces: Traces
+    arrived: Array
+    delay: float | None = None
+    is_trimmed: bool = False
+    begun: tuple[float, ...] = ()
+    ended: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class RepairedTraces:
     """Channels with increasing, certain times and plausible values.
 
-    quality: of the recording before repair.
+    quality: of the recording before repair.   flown: of a live flight, its channels as they
+    arrived.
     """
 
     traces: Traces
     quality: Quality
+    flown: FlownOrder | None = None
 
 
 def repair(traces: Traces) -> RepairedTraces:

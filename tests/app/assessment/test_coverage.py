@@ -75,7 +75,7 @@ def test_the_real_doublet_without_its_exceedance_is_unseen(attas: Monitor, way: 
             channels[key] = replace(trace, values=np.where(hole, np.nan, trace.values))
         else:
             channels[key] = trace
-    manoeuvre = only(attas, Traces(channels))
+    manoeuvre = score(attas, Traces(channels)).manoeuvres[0]
     assert manoeuvre.outcome == "unseen"
     assert manoeuvre.validity.valid is not True
     assert any("no sample of Ny from 7.96 to 10.40 s" in line for line in manoeuvre.remarks)
@@ -106,7 +106,7 @@ def test_a_gap_before_the_exceedance_is_not_a_miss(hole, lost, alerts, text: str
     exceedance = RecordedExceedance(9.0, "Ny", 0.21)
     holes = () if hole is None else (Hole("Ny", hole[0], hole[1], hole[1] - hole[0] - 0.02),)
     limited = Limited(exceedance, (), 0.0, holes)
-    reason = why_warning_unknown(limited, exceedance, assessed(*lost), alerts, 0.25)
+    reason = why_warning_unknown(limited, exceedance, assessed(*lost), alerts, 0.25, 0.1)
     assert reason.startswith(text)
     assert bool(reason) == bool(text)
 

@@ -4,8 +4,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from app.assessment.grid import Sample
 from app.assessment.planned_test import SURFACES
-from app.assessment.resampling import Sample
 from app.assessment.scorer import CausalScorer, LiveAssessed
 from core.channels import KEYS
 from core.monitor import State

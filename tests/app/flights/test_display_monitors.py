@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from app.assessment.resampling import Sample
+from app.assessment.grid import Sample
 from app.assessment.scorer import CausalScorer, TrimRule
 from app.flights.display_monitors import DisplayMonitor, check_alike
 from app.flights.flights import Flights

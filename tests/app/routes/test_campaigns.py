@@ -87,7 +87,7 @@ def test_a_campaign_is_planned_cleared_flown_and_reported(client: TestClient) ->
     assert point["flown"]["flight"] is None
     assert point["flown"]["recording_deleted"] is False
     assert point["flown"]["passed"]
-    assert (point["flown"]["start"], point["flown"]["end"]) == (5.0, 11.0)
+    assert (point["flown"]["start"], point["flown"]["end"]) == (5.1, 11.0)
     assert [event["by"] for event in point["events"]] == ["Ann", "Bob"]
     assert (flown["next"], flown["n_complete"]) == ("80%", 1)
 
@@ -157,7 +157,7 @@ def test_the_next_points_monitor_is_trained_on_the_identified_aircraft(client: T
     monitor = job["result"]["monitor"]
     assert client.get(path).json()["points"][2]["monitor"] == monitor
     certificate = client.get(f"/api/v1/monitors/{monitor}/certificate").text
-    assert "60% (flight.csv, 5.00 to 11.00 s)" in certificate
+    assert "60% (flight.csv, 5.10 to 11.00 s)" in certificate
     assert client.get(f"/api/v1/monitors/{monitor}").json()["name"] == "Rudder, 100%"
 
 

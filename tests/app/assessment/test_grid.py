@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.assessment.resampling import CausalResampler, Sample
+from app.assessment.grid import CausalGrid, Sample
 from core.channels import N_CHANNELS
 from core.types import Array
 
@@ -22,7 +22,7 @@ def at(t: float) -> Array:
 
 
 def flown(times: npt.ArrayLike, arrivals: npt.ArrayLike | None = None) -> tuple:
-    resampler = CausalResampler(DT, DELAY)
+    resampler = CausalGrid(DT, DELAY)
     out: list[Sample] = []
     came = np.asarray(times if arrivals is None else arrivals)
     for t, arrived in zip(np.asarray(times), came, strict=True):
@@ -31,7 +31,7 @@ def flown(times: npt.ArrayLike, arrivals: npt.ArrayLike | None = None) -> tuple:
 
 
 def test_a_source_on_the_grid_passes_bit_for_bit_and_at_once() -> None:
-    resampler = CausalResampler(DT, DELAY)
+    resampler = CausalGrid(DT, DELAY)
     for k in range(100):
         t = 1e6 + k * DT
         (out,) = resampler.push(t, Sample(t, at(t)))
@@ -45,7 +45,7 @@ def test_another_rate_comes_on_the_grid_within_the_delay_and_close_to_the_flight
     rate: float,
 ) -> None:
     times = np.arange(int(3 * rate)) / rate
-    resampler = CausalResampler(DT, DELAY)
+    resampler = CausalGrid(DT, DELAY)
     out = []
     for t in times:
         for sample in resampler.push(float(t), Sample(float(t), at(float(t)))):
@@ -59,7 +59,7 @@ def test_another_rate_comes_on_the_grid_within_the_delay_and_close_to_the_flight
 
 def test_what_would_alias_is_averaged_away_from_a_faster_source() -> None:
     times = np.arange(3000) / 1000.0
-    resampler, out = CausalResampler(DT, DELAY), []
+    resampler, out = CausalGrid(DT, DELAY), []
     for t in times:
         out += resampler.push(float(t), Sample(float(t), np.full(6, np.sin(2 * np.pi * 49.0 * t))))
     assert np.abs([s.y for s in out[5:]]).max() < 0.03
@@ -78,7 +78,7 @@ def test_out_of_order_within_the_delay_gives_the_bits_of_the_order() -> None:
 
 
 def test_a_missing_sample_is_a_gap_after_the_delay_and_one_too_late_is_left_out() -> None:
-    resampler = CausalResampler(DT, DELAY)
+    resampler = CausalGrid(DT, DELAY)
     for k in (0, 1, 3):
         resampler.push(k * DT, Sample(k * DT, at(k * DT)))
     deadline = resampler.deadline
@@ -115,7 +115,7 @@ def test_a_clock_that_is_set_back_or_ahead_is_a_step_and_the_flight_goes_on() ->
 
 
 def test_a_clock_that_is_set_back_among_times_that_came_is_a_step_not_a_repetition() -> None:
-    resampler, out = CausalResampler(DT, DELAY), []
+    resampler, out = CausalGrid(DT, DELAY), []
     arrivals = np.arange(200) * DT
     for k, arrived in enumerate(arrivals.tolist()):
         t = arrived if k < 100 else arrivals[k - 50]
@@ -179,7 +179,7 @@ def test_looking_at_the_clock_in_between_changes_no_bit(pairs: list[tuple[float,
     end = max((a for a, _ in pairs), default=0.0) + 1.0
 
     def run(looks: bool) -> list[Sample]:
-        resampler, out, now = CausalResampler(DT, DELAY), [], 0.0
+        resampler, out, now = CausalGrid(DT, DELAY), [], 0.0
         for arrived, t in pairs:
             while looks and now < arrived:
                 out += resampler.advance(now)
@@ -199,7 +199,7 @@ def test_what_comes_later_changes_nothing_that_was_said(
     pairs: list[tuple[float, float]], cut: int
 ) -> None:
     def run(some: list[tuple[float, float]]) -> list[Sample]:
-        resampler, out = CausalResampler(DT, DELAY), []
+        resampler, out = CausalGrid(DT, DELAY), []
         for arrived, t in some:
             out += resampler.push(arrived, Sample(t, at(t)))
         return out

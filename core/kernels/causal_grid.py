@@ -1,0 +1,521 @@
+"""Puts received samples on an even grid of times, using only those received by then.
+
+One compiled state machine serves a live source, one sample at a time, and a recording, all rows at
+once: both give the same bits.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from core.kernels.compiled import jit
+from core.types import Array, Indices
+
+ON_GRID = 1e-6
+"""Part of an interval: a sample this close to a grid time is used as it is, bit for bit."""
+FASTER = 0.75
+"""Part of the grid's interval: a faster source is averaged over two intervals."""
+STEP_S = 1.0
+"""A source time that runs further ahead of its arrival is a clock step [s]."""
+BACK_S, BACK_SAMPLES = 0.25, 3
+"""After this time [s] and this many samples with only old or repeated times, the source has set its
+clock back."""
+INTERVALS, FEW_INTERVALS, REMEMBERED = 15, 3, 256
+"""Source intervals that give its rate; fewer ones cannot make it slow; times remembered."""
+GAP_RATIO = 1.5
+"""A longer step between samples, in usual steps, is a gap."""
+RATE_RATIO = 1.5
+"""Longest interval of a source, in steps of the grid."""
+
+DT, DELAY, GRID, NEWEST, NEWEST_ARRIVED, OFFSET, INTERVAL = range(7)
+LEAP_ARRIVED, LEAP_T, BACK_BEGUN, BACK_LAST = range(7, 11)
+N_CLOCK = 11
+"""Numbers of `clock`; NaN where there is none: no grid before the first sample, no held sample."""
+START, STOP, N_STEPS, N_RECENT, N_LATE, N_BACK, N_RECEIVED, LEAP_NUMBER = range(8)
+ACCEPTED, REPEATED, OUT_OF_ORDER, LATE, MISSING, CLOCK_STEPS, IMPLAUSIBLE = range(8, 15)
+N_COUNT = 15
+"""Numbers of `count`. Rows START to STOP wait; the others count samples by kind."""
+FINE, SLOW_SOURCE, TOO_MANY_LATE = range(3)
+"""Whether a settled sample is known, and why not."""
+MADE = -1
+"""Number of a settled sample that is no received one."""
+
+
+class GridState(NamedTuple):
+    """The state of one source.
+
+    clock: (N_CLOCK,).   count: (N_COUNT,).   t, arrived: (n,) [s], number: (n,), values: (n, k) of
+    the waiting rows, by time; the first n_channels values are averaged, the others taken from the
+    nearest row.   leap: (k,) of the held sample.   steps: (INTERVALS,) [s].   recent_t:
+    (REMEMBERED,) [s], recent: (REMEMBERED, n_channels).   late: (REMEMBERED,) [s].
+    """
+
+    clock: Array
+    count: Indices
+    t: Array
+    arrived: Array
+    number: Indices
+    values: Array
+    leap: Array
+    steps: Array
+    recent_t: Array
+    recent: Array
+    late: Array
+
+
+class Settled(NamedTuple):
+    """Room for settled samples.
+
+    t: (n,) [s].   shown: (n,) arrival time at which it was settled [s].   values: (n, k).
+    number: (n,) of the received sample that it is, or MADE.   fault: (n,).   about: (n, 3) where it
+    is not FINE: interval [s], late samples, all samples.
+    """
+
+    t: Array
+    shown: Array
+    values: Array
+    number: Indices
+    fault: Indices
+    about: Array
+
+
+@jit
+def receive(state, settled, arrived, t, values, first, flight_t, dated):
+    """Add received samples from number `first` on.
+
+    arrived, t: (n,) [s].   values: (n, k).
+    flight_t, dated: (n,) filled with the flight time of each sample, and whether it is plausible;
+    if not, the time is by arrival.
+    Returns (next sample to add, settled samples, room that the next one may need).
+    """
+    n = 0
+    for i in range(first, t.shape[0]):
+        n, room = _settle_alone(state, settled, n, arrived[i])
+        room = max(room, _room_for(state))
+        if n + room > settled.t.shape[0]:
+            return i, n, room
+        if state.count[STOP] + 2 > state.t.shape[0] and not _compact(state):
+            return i, n, -1
+        flight_t[i], dated[i] = _flight_time(state, arrived[i], t[i])
+        n, _ = _advance(state, settled, n, arrived[i])
+        n = _add(state, settled, n, arrived[i], t[i], values[i])
+    return t.shape[0], n, 0
+
+
+@jit
+def advance(state, settled, now):
+    """Settle what can be settled at a time [s]. Returns (samples, whether there are more)."""
+    n, room = _settle_alone(state, settled, 0, now)
+    if room:
+        return n, True
+    return _advance(state, settled, n, now)
+
+
+@jit
+def deadline(state):
+    """Arrival time at which a waiting grid time is given up; NaN if none waits."""
+    grid = state.clock[GRID]
+    if np.isnan(grid) or not _came_up_to(state, grid):
+        return np.nan
+    return _deadline(state, grid, _first_from(state, grid - ON_GRID * state.clock[DT]))
+
+
+@jit
+def flight_time(state, arrived, t):
+    """Flight time of a sample before it is added [s], and whether it is plausible."""
+    return _flight_time(state, arrived, t)
+
+
+@jit
+def _settle_alone(state, settled, n, until):
+    """Settle at its deadline what the clock alone settles before a time."""
+    before = np.nan
+    while True:
+        due = deadline(state)
+        if not due < until or due == before:
+            return n, 0
+        n, more = _advance(state, settled, n, due)
+        if more:
+            return n, 1
+        before = due
+
+
+@jit
+def _room_for(state):
+    """Samples that the next received one may settle, at most."""
+    clock, count = state.clock, state.count
+    if np.isnan(clock[GRID]):
+        return 4
+    each = GAP_RATIO * max(clock[INTERVAL], clock[DT]) / clock[DT] + 1.0
+    waiting = each * (count[STOP] - count[START] + 1)
+    ahead = max(0.0, clock[NEWEST] - clock[GRID]) / clock[DT]
+    return int(min(waiting, ahead) + each) + 8
+
+
+@jit
+def _compact(state):
+    """Move the waiting rows to the front; false if they fill all the room."""
+    start, stop = state.count[START], state.count[STOP]
+    if start == 0:
+        return False
+    for i in range(start, stop):
+        state.t[i - start] = state.t[i]
+        state.arrived[i - start] = state.arrived[i]
+        state.number[i - start] = state.number[i]
+        state.values[i - start] = state.values[i]
+    state.count[START], state.count[STOP] = 0, stop - start
+    return stop - start + 2 <= state.t.shape[0]
+
+
+@jit
+def _flight_time(state, arrived, t):
+    clock = state.clock
+    t += clock[OFFSET]
+    expected = clock[NEWEST] + arrived - clock[NEWEST_ARRIVED]
+    if np.isnan(clock[GRID]) or t <= expected + STEP_S:
+        return t, True
+    return expected, False
+
+
+@jit
+def values_at(at, t, x, step, usual):
+    """A channel at the times of another clock, as the grid would take it; NaN across gaps.
+
+    at: (n,) increasing [s].   t, x: (m,) its samples, increasing in time.   step, usual: the usual
+    interval of `at` and of t [s].
+    """
+    values, following, gap = np.empty(at.shape[0]), 0, GAP_RATIO * max(step, usual)
+    first = stop = 0
+    for k in range(at.shape[0]):
+        while following < t.shape[0] and t[following] < at[k] - ON_GRID * step:
+            following += 1
+        values[k] = np.nan
+        if following == t.shape[0]:
+            continue
+        if abs(t[following] - at[k]) <= ON_GRID * step and usual > FASTER * step:
+            values[k] = x[following]
+        elif following > 0 and t[following] - t[following - 1] <= gap:
+            if usual <= FASTER * step:
+                while first < t.shape[0] and t[first] < at[k] - step:
+                    first += 1
+                while stop < t.shape[0] and t[stop] < at[k] + step:
+                    stop += 1
+                values[k] = _local_line(t, x, first, stop, at[k], step)
+            else:
+                before, after = t[following - 1], t[following]
+                share = (at[k] - before) / (after - before)
+                values[k] = x[following - 1] + share * (x[following] - x[following - 1])
+        elif t[following] == at[k]:
+            values[k] = x[following]
+    return values
+
+
+# --- the source's clock ---------------------------------------------------------------------------
+
+
+@jit
+def _add(state, settled, n, arrived, t_sent, values):
+    clock, count = state.clock, state.count
+    number = count[N_RECEIVED]
+    count[N_RECEIVED] += 1
+    t = t_sent + clock[OFFSET]
+    if np.isnan(clock[GRID]):
+        return _accept(state, settled, n, arrived, t, values, number)
+    known = _recent(state, t)
+    if known >= 0:
+        if _equal(state.recent[known], values):
+            count[REPEATED] += 1
+            return n
+        return _went_back(state, settled, n, arrived, t_sent, values, number)
+    if t - clock[NEWEST] > arrived - clock[NEWEST_ARRIVED] + STEP_S:
+        return _leapt(state, settled, n, arrived, t_sent, values, number)
+    if t <= clock[GRID] - clock[DT]:
+        return _went_back(state, settled, n, arrived, t_sent, values, number)
+    if not np.isnan(clock[LEAP_T]):
+        clock[LEAP_T] = np.nan
+        count[IMPLAUSIBLE] += 1
+    clock[BACK_BEGUN] = np.nan
+    return _accept(state, settled, n, arrived, t, values, number)
+
+
+@jit
+def _recent(state, t):
+    """Place of a recent sample with this time, the newest first; -1 if there is none."""
+    if t > state.clock[NEWEST]:
+        return -1
+    n = state.count[N_RECENT]
+    for back in range(1, min(n, REMEMBERED) + 1):
+        place = (n - back) % REMEMBERED
+        if state.recent_t[place] == t:
+            return place
+    return -1
+
+
+@jit
+def _equal(known, values):
+    for c in range(known.shape[0]):
+        if not (known[c] == values[c] or (np.isnan(known[c]) and np.isnan(values[c]))):
+            return False
+    return True
+
+
+@jit
+def _leapt(state, settled, n, arrived, t, values, number):
+    """A time far ahead is accepted once the next sample follows it."""
+    clock, count = state.clock, state.count
+    held_t, held_arrived = clock[LEAP_T], clock[LEAP_ARRIVED]
+    if not 0.0 < t - held_t < STEP_S:
+        if not np.isnan(held_t):
+            count[IMPLAUSIBLE] += 1
+        clock[LEAP_ARRIVED], clock[LEAP_T], count[LEAP_NUMBER] = arrived, t, number
+        state.leap[:] = values
+        return n
+    clock[LEAP_T] = np.nan
+    _step(state, held_arrived, held_t)
+    offset, held = clock[OFFSET], count[LEAP_NUMBER]
+    n = _accept(state, settled, n, held_arrived, held_t + offset, state.leap, held)
+    return _accept(state, settled, n, arrived, t + offset, values, number)
+
+
+@jit
+def _went_back(state, settled, n, arrived, t, values, number):
+    """A past time is late, unless the source sends only such times: then its clock stepped."""
+    clock, count = state.clock, state.count
+    if np.isnan(clock[BACK_BEGUN]) or t <= clock[BACK_LAST]:
+        clock[BACK_BEGUN], count[N_BACK] = arrived, 0
+    clock[BACK_LAST] = t
+    count[N_BACK] += 1
+    if count[N_BACK] < BACK_SAMPLES or arrived - clock[BACK_BEGUN] < BACK_S:
+        count[LATE] += 1
+        state.late[count[N_LATE] % REMEMBERED] = t + clock[OFFSET]
+        count[N_LATE] += 1
+        return n
+    clock[BACK_BEGUN] = np.nan
+    _step(state, arrived, t)
+    return _accept(state, settled, n, arrived, t + clock[OFFSET], values, number)
+
+
+@jit
+def _step(state, arrived, t):
+    """After a step of the source's clock, time continues by arrival times after a gap."""
+    clock, count = state.clock, state.count
+    count[CLOCK_STEPS] += 1
+    passed = max(arrived - clock[NEWEST_ARRIVED], 2.0 * clock[DT])
+    clock[OFFSET] = clock[NEWEST] + passed - t
+    clock[GRID] = clock[NEWEST] + passed
+    count[START] = count[STOP] = count[N_RECENT] = count[N_STEPS] = count[N_LATE] = 0
+
+
+# --- the grid -------------------------------------------------------------------------------------
+
+
+@jit
+def _accept(state, settled, n, arrived, t, values, number):
+    clock, count = state.clock, state.count
+    count[ACCEPTED] += 1
+    place = count[N_RECENT] % REMEMBERED
+    state.recent_t[place] = t
+    state.recent[place] = values[: state.recent.shape[1]]
+    count[N_RECENT] += 1
+    if np.isnan(clock[GRID]):
+        clock[GRID] = t
+    if t < clock[NEWEST]:
+        count[OUT_OF_ORDER] += 1
+    else:
+        if np.isfinite(clock[NEWEST]):
+            _note_interval(state, t - clock[NEWEST])
+        clock[NEWEST], clock[NEWEST_ARRIVED] = t, arrived
+    at = count[STOP]
+    while at > count[START] and state.t[at - 1] > t:
+        state.t[at], state.arrived[at] = state.t[at - 1], state.arrived[at - 1]
+        state.number[at], state.values[at] = state.number[at - 1], state.values[at - 1]
+        at -= 1
+    state.t[at], state.arrived[at], state.number[at] = t, arrived, number
+    state.values[at] = values
+    count[STOP] += 1
+    return _advance(state, settled, n, arrived)[0]
+
+
+@jit
+def _note_interval(state, step):
+    """Update the usual interval: the lower median of the last steps."""
+    clock, count = state.clock, state.count
+    state.steps[count[N_STEPS] % INTERVALS] = step
+    count[N_STEPS] += 1
+    known = min(count[N_STEPS], INTERVALS)
+    clock[INTERVAL] = np.sort(state.steps[:known])[(known - 1) // 2]
+    if known < FEW_INTERVALS:
+        clock[INTERVAL] = min(clock[INTERVAL], clock[DT])
+
+
+@jit
+def _advance(state, settled, n, now):
+    """Settle grid times in order. Returns (settled samples, whether the room is full)."""
+    clock = state.clock
+    while not np.isnan(clock[GRID]) and _came_up_to(state, clock[GRID]):
+        if n == settled.t.shape[0]:
+            return n, True
+        done, settles = _settle(state, settled, n, clock[GRID], now)
+        n += settles
+        if not done:
+            break
+    return n, False
+
+
+@jit
+def _settle(state, settled, n, grid, now):
+    """Settle one grid time that samples have reached. Returns whether it did, and 1 with a sample.
+
+    Between neighbours too far apart is a gap, which is never bridged: after the longest wait the
+    grid restarts with the first sample after it.
+    """
+    clock, count = state.clock, state.count
+    dt = clock[DT]
+    following = _first_from(state, grid - ON_GRID * dt)
+    t = state.t[following]
+    if clock[INTERVAL] <= FASTER * dt and following > count[START]:
+        is_early = clock[NEWEST] < grid + dt - clock[INTERVAL]
+        if is_early and now < _deadline(state, grid, following):
+            return False, 0
+        known = _average(state, settled, n, grid, following)
+    elif abs(t - grid) <= ON_GRID * dt:
+        known = _as_received(state, settled, n, following)
+    else:
+        known = _between(state, settled, n, grid, following)
+    if not known:
+        if now < _deadline(state, grid, following):
+            return False, 0
+        count[MISSING] += max(1, int(np.rint((t - grid) / dt)))
+        clock[GRID] = t
+        count[START] = following
+        return True, 0
+    settled.shown[n] = now
+    settled.fault[n] = FINE
+    if clock[INTERVAL] > RATE_RATIO * dt:
+        _too_few(state, settled, n)
+    t = settled.t[n]
+    clock[GRID] = t + dt
+    if count[STOP] - count[START] > 1:
+        count[START] = max(count[START], _first_from(state, t - dt) - 1)
+    return True, 1
+
+
+@jit
+def _as_received(state, settled, n, row):
+    settled.t[n], settled.number[n] = state.t[row], state.number[row]
+    settled.values[n] = state.values[row]
+    return True
+
+
+@jit
+def _average(state, settled, n, grid, following):
+    """Hann's average over the interval to either side, with a local line, against aliasing.
+
+    Unknown values do not count. Returns whether the sample is known: not across a gap.
+    """
+    dt, n_channels = state.clock[DT], state.recent.shape[1]
+    first, stop = _first_from(state, grid - dt), _first_from(state, grid + dt)
+    if not first < following < stop:
+        return _between(state, settled, n, grid, following)
+    before, after = state.t[following - 1], state.t[following]
+    if after - before > GAP_RATIO * dt:
+        return False
+    nearest = following if after - grid < grid - before else following - 1
+    settled.t[n], settled.number[n] = grid, MADE
+    settled.values[n] = state.values[nearest]
+    for c in range(n_channels):
+        settled.values[n, c] = _local_line(state.t, state.values[:, c], first, stop, grid, dt)
+    return True
+
+
+@jit
+def _local_line(t, x, first, stop, at, width):
+    """Value at a time of the line through the rows first to stop, by Hann's weights.
+
+    Unknown values do not count; NaN without any.   width: [s] to either side.
+    """
+    s0 = s1 = s2 = sum_x = sum_tx = 0.0
+    for row in range(first, stop):
+        if np.isfinite(x[row]):
+            tau = t[row] - at
+            w = 1.0 + np.cos(np.pi * tau / width)
+            s0 += w
+            s1 += tau * w
+            s2 += tau * tau * w
+            sum_x += w * x[row]
+            sum_tx += tau * (w * x[row])
+    if not s0 > 0.0:
+        return np.nan
+    determinant = s0 * s2 - s1 * s1
+    if determinant <= 1e-12 * s0 * s2:
+        return sum_x / s0
+    return (s2 * sum_x - s1 * sum_tx) / determinant
+
+
+@jit
+def _between(state, settled, n, grid, following):
+    """Interpolated between two neighbours; unknown across a gap or if they came too late."""
+    clock, dt = state.clock, state.clock[DT]
+    t = state.t[following]
+    if following == state.count[START]:
+        return abs(t - grid) <= ON_GRID * dt and _as_received(state, settled, n, following)
+    before = state.t[following - 1]
+    is_gap = t - before > GAP_RATIO * max(clock[INTERVAL], dt)
+    if is_gap or t - grid > clock[DELAY]:
+        return False
+    share = (grid - before) / (t - before)
+    settled.t[n], settled.number[n] = grid, MADE
+    settled.values[n] = state.values[following if share > 0.5 else following - 1]
+    for c in range(state.recent.shape[1]):
+        y = state.values[following - 1, c]
+        settled.values[n, c] = y + share * (state.values[following, c] - y)
+    return True
+
+
+@jit
+def _too_few(state, settled, n):
+    """Mark a sample of a source that is too slow, or of which too many samples are late."""
+    clock, count = state.clock, state.count
+    known = min(count[N_STEPS], INTERVALS)
+    span = state.steps[:known].sum()
+    late = np.unique(state.late[: min(count[N_LATE], REMEMBERED)])
+    n_late = 0
+    for t in late:
+        n_late += clock[NEWEST] - span < t < clock[NEWEST]
+    is_late = span / (known + n_late) <= RATE_RATIO * clock[DT]
+    settled.fault[n] = TOO_MANY_LATE if is_late else SLOW_SOURCE
+    settled.about[n, 0], settled.about[n, 1] = clock[INTERVAL], n_late
+    settled.about[n, 2] = known + n_late
+    settled.values[n, : state.recent.shape[1]] = np.nan
+
+
+@jit
+def _came_up_to(state, grid):
+    """Whether a sample at or after a grid time was received."""
+    count = state.count
+    last = count[STOP] - 1
+    return last >= count[START] and state.t[last] >= grid - ON_GRID * state.clock[DT]
+
+
+@jit
+def _first_from(state, t):
+    """First waiting row at or after a time [s]."""
+    low, high = state.count[START], state.count[STOP]
+    while low < high:
+        middle = (low + high) // 2
+        if state.t[middle] < t:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@jit
+def _deadline(state, grid, following):
+    """Arrival time at which a grid time is given up: by the first arrival of a later sample."""
+    first = following
+    for row in range(following + 1, state.count[STOP]):
+        if state.arrived[row] < state.arrived[first]:
+            first = row
+    wait = state.clock[DELAY] - (state.t[first] - grid)
+    return state.arrived[first] + max(0.0, wait)

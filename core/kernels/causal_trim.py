@@ -1,0 +1,225 @@
+"""Finds manoeuvres and their trim, sample by sample, from the samples so far.
+
+A manoeuvre begins when a surface first departs from rest; trim is the mean of the rest before it.
+One compiled state machine serves a live source and a recording.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from core.kernels.compiled import jit
+from core.types import Array, Indices
+
+DEPARTED_SAMPLES = 2
+"""Consecutive samples of a departure, so that one outlier is none."""
+NOISES = 5.0
+"""A departure exceeds this many standard deviations of the rest."""
+LARGEST = 2.0
+"""The usual motion raises a departure to this many times the planned one at most."""
+TRAVEL = 2.0
+"""Surfaces rest if they travel less than this many departures within the trim segment."""
+
+MANOEUVRE, N_BEGUN, LENGTH, DEPARTED, N_SINCE, N_REST, N_FLOWN, N_CALM, HAS_TRIM = range(9)
+N_COUNT = 9
+"""Numbers of `count`: the manoeuvre in progress, 0 at rest; manoeuvres begun; its samples; samples
+departed; samples since trim was measured; samples in each memory; whether trim was measured since."""
+
+
+class TrimRule(NamedTuple):
+    """surfaces: (k,) columns of the surfaces.   threshold: (k,) departure of each [SI].
+    moving: (n_channels,) a channel that moves further within the calm memory has no trim.
+    n_trim, n_between: samples of the rest that count, between two measurements.
+    n_most: longest manoeuvre, if it is known; else 0.   n_settling: its shortest length if not.
+    n_usual: memory of the usual motion [samples].
+    """
+
+    surfaces: Indices
+    threshold: Array
+    moving: Array
+    n_trim: int
+    n_between: int
+    n_most: int
+    n_settling: int
+    n_usual: int
+
+
+class TrimState(NamedTuple):
+    """count: (N_COUNT,).   trim: (n_channels,) NaN where unknown.   limits: (k,) of a departure.
+    usual: (k,) mean square of the motion about the trim at rest.
+    rest, calm: (n, n_channels), flown: (n, k) the newest samples of the rest, of all, and of the
+    manoeuvre's surfaces; each begins anew at its end.
+    """
+
+    count: Indices
+    trim: Array
+    limits: Array
+    usual: Array
+    rest: Array
+    calm: Array
+    flown: Array
+
+
+@jit
+def follow(rule, state, y, number, level):
+    """Follow samples.
+
+    y: (n, n_channels) [SI].   Fills number: (n,) manoeuvre of each sample, 0 at rest; level:
+    (n, n_channels) the last trim, NaN where unknown.
+    """
+    for i in range(y.shape[0]):
+        _update(rule, state, y[i])
+        number[i] = state.count[MANOEUVRE]
+        for c in range(y.shape[1]):
+            level[i, c] = state.trim[c]
+
+
+@jit
+def begin(rule, state):
+    """Begin a manoeuvre with the trim so far. Returns False during a manoeuvre."""
+    count = state.count
+    if count[MANOEUVRE] > 0:
+        return False
+    if not count[HAS_TRIM]:
+        _set_trim(rule, state, min(count[N_REST], rule.n_trim))
+    count[HAS_TRIM] = 1
+    count[N_BEGUN] += 1
+    count[MANOEUVRE] = count[N_BEGUN]
+    count[DEPARTED] = count[LENGTH] = count[N_FLOWN] = 0
+    return True
+
+
+@jit
+def _update(rule, state, y):
+    count = state.count
+    _remember(state.calm, count, N_CALM, y)
+    if count[MANOEUVRE] and not _is_over(rule, state, y):
+        return
+    if count[HAS_TRIM] and _departs(rule, state, y):
+        begin(rule, state)
+        return
+    _remember(state.rest, count, N_REST, y)
+    count[N_SINCE] += 1
+    if count[N_SINCE] >= rule.n_between and count[N_REST] >= state.rest.shape[0]:
+        count[N_SINCE] = 0
+        _measure(rule, state)
+
+
+@jit
+def _remember(memory, count, which, y):
+    memory[count[which] % memory.shape[0]] = y
+    count[which] += 1
+
+
+@jit
+def _departs(rule, state, y):
+    """Whether a surface has left its trim."""
+    departed = False
+    for k in range(rule.surfaces.shape[0]):
+        c = rule.surfaces[k]
+        moved = abs(y[c] - state.trim[c])
+        departed |= moved > state.limits[k]
+        if moved <= state.limits[k]:
+            state.usual[k] += (moved * moved - state.usual[k]) / rule.n_usual
+    state.count[DEPARTED] = state.count[DEPARTED] + 1 if departed else 0
+    return state.count[DEPARTED] >= DEPARTED_SAMPLES
+
+
+@jit
+def _measure(rule, state):
+    """Measure trim from the rest without its newest part; unknown while the surfaces move."""
+    rests = True
+    for k in range(rule.surfaces.shape[0]):
+        known, lowest, highest, deviation = _spread(state.rest, state.count[N_REST], rule, k)
+        if known == 0:
+            continue
+        rests &= known == rule.n_trim
+        usual = min(NOISES * np.sqrt(state.usual[k]), LARGEST * rule.threshold[k])
+        state.limits[k] = max(rule.threshold[k], NOISES * deviation, usual)
+        rests &= highest - lowest <= TRAVEL * rule.threshold[k]
+    if rests:
+        _set_trim(rule, state, rule.n_trim)
+        state.count[HAS_TRIM] = 1
+    elif state.count[DEPARTED] == 0:
+        state.count[HAS_TRIM] = 0
+
+
+@jit
+def _spread(rest, n_rest, rule, k):
+    """Known values, lowest, highest and standard deviation of a surface in the counted rest."""
+    known, lowest, highest, total, size = 0, np.inf, -np.inf, 0.0, rest.shape[0]
+    for i in range(rule.n_trim):
+        value = rest[(n_rest + i) % size, rule.surfaces[k]]
+        if np.isfinite(value):
+            known += 1
+            lowest, highest, total = min(lowest, value), max(highest, value), total + value
+    mean, squares = total / max(known, 1), 0.0
+    for i in range(rule.n_trim):
+        value = rest[(n_rest + i) % size, rule.surfaces[k]]
+        if np.isfinite(value):
+            squares += (value - mean) ** 2
+    return known, lowest, highest, np.sqrt(squares / max(known, 1))
+
+
+@jit
+def _set_trim(rule, state, n):
+    """Trim of each channel: the mean of the n oldest samples of the rest.
+
+    A channel that moves before the newest part keeps the trim of an earlier rest; without one it is unknown.
+    """
+    size, n_rest = state.rest.shape[0], state.count[N_REST]
+    guard = size - rule.n_trim
+    oldest = n_rest if n_rest >= size else 0
+    for c in range(state.trim.shape[0]):
+        if _moves(state.calm, state.count[N_CALM], guard, c) > rule.moving[c]:
+            continue
+        total, known = 0.0, 0
+        for i in range(n):
+            value = state.rest[(oldest + i) % size, c]
+            if np.isfinite(value):
+                total += value
+                known += 1
+        state.trim[c] = total / known if known else np.nan
+
+
+@jit
+def _moves(calm, n_calm, guard, c):
+    """Extent of a channel over the calm memory; 0 where it is unknown throughout.
+
+    guard: newest samples that do not count, since a departure may have begun.
+    """
+    lowest, highest, size = np.inf, -np.inf, calm.shape[0]
+    for i in range(max(0, n_calm - size), n_calm - guard):
+        value = calm[i % size, c]
+        if np.isfinite(value):
+            lowest, highest = min(lowest, value), max(highest, value)
+    return max(0.0, highest - lowest)
+
+
+@jit
+def _is_over(rule, state, y):
+    """Whether the manoeuvre ended before this sample; then trim is measured again."""
+    count = state.count
+    count[LENGTH] += 1
+    size = state.flown.shape[0]
+    for k in range(rule.surfaces.shape[0]):
+        value = y[rule.surfaces[k]]
+        state.flown[count[N_FLOWN] % size, k] = value if np.isfinite(value) else 0.0
+    count[N_FLOWN] += 1
+    if rule.n_most:
+        over = count[LENGTH] > rule.n_most
+    else:
+        over = count[LENGTH] > rule.n_settling and _rests(rule, state)
+    if over:
+        count[MANOEUVRE] = count[HAS_TRIM] = count[N_REST] = 0
+    return over
+
+
+@jit
+def _rests(rule, state):
+    if state.count[N_FLOWN] < state.flown.shape[0]:
+        return False
+    for k in range(rule.surfaces.shape[0]):
+        if np.ptp(state.flown[:, k]) > rule.threshold[k]:
+            return False
+    return True
