@@ -1,4 +1,4 @@
-"""Received samples on the grid of the monitor, by those received so far.
+"""Arrivals samples on the grid of the monitor, by those received so far.
 
 The result depends only on the samples and their arrival times, so the same arrivals give the same
 bits later: from a flight's journal, or from a recording, all at once.
@@ -41,8 +41,8 @@ class Sample(NamedTuple):
     condition: tuple[float | None, ...] | None = None
 
 
-class Received(NamedTuple):
-    """Received samples, in order of arrival.
+class Arrivals(NamedTuple):
+    """Arrivals samples, in order of arrival.
 
     arrived: (n,) [s] of any monotonic clock.   t: (n,) of the source [s].   values: (n, 9) the
     channels, then the attitude [rad]; NaN where unknown.
@@ -68,7 +68,7 @@ class GridRows(NamedTuple):
 
 @dataclass
 class Counts:
-    """Received samples by kind."""
+    """Arrivals samples by kind."""
 
     accepted: int = 0
     """samples used"""
@@ -119,7 +119,7 @@ class CausalGrid:
             late=np.empty(kernel.REMEMBERED),
         )
         self._settled = _room(ROOM)
-        self._one = Received(np.empty(1), np.empty(1), np.empty((1, N_VALUES)))
+        self._one = Arrivals(np.empty(1), np.empty(1), np.empty((1, N_VALUES)))
         self._when = np.empty(1), np.empty(1, bool)
         compiled = self._state, self._settled
         self._receive_one = entry(kernel.receive, *compiled, *self._one, 0, *self._when)
@@ -135,7 +135,7 @@ class CausalGrid:
 
     @property
     def counts(self) -> Counts:
-        return Counts(*self._state.count[kernel.ACCEPTED :].tolist())
+        return Counts(*self._state.counts[kernel.ACCEPTED :].tolist())
 
     @property
     def deadline(self) -> float | None:
@@ -153,7 +153,7 @@ class CausalGrid:
     def push(self, arrived: float, sample: Sample) -> list[Sample]:
         """Add a received sample; return the grid samples settled by then, in order."""
         if sample.reason:
-            self._note(int(self._state.count[kernel.N_RECEIVED]), sample.reason)
+            self._note(int(self._state.counts[kernel.N_RECEIVED]), sample.reason)
         one = self._one
         one.arrived[0], one.t[0] = arrived, sample.t
         one.values[0, :N_CHANNELS] = sample.y
@@ -169,7 +169,7 @@ class CausalGrid:
         self._advance(now, lambda n: settled.extend(self._samples(n)))
         return settled
 
-    def receive(self, received: Received) -> tuple[GridRows, Array, Flags]:
+    def receive(self, received: Arrivals) -> tuple[GridRows, Array, Flags]:
         """Add received samples all at once, and settle them up to the last arrival.
 
         Returns the samples on the grid, and of each received one its flight time (n,) [s] and
@@ -191,7 +191,7 @@ class CausalGrid:
     def _receive(
         self,
         receive: Callable[..., tuple[int, int, int]],
-        received: Received,
+        received: Arrivals,
         add: Callable[[int], object],
         flight_t: Array,
         dated: Flags,

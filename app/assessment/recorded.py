@@ -19,7 +19,7 @@ from app.assessment.grid import (
     CausalGrid,
     Counts,
     GridRows,
-    Received,
+    Arrivals,
     joined,
 )
 from app.assessment.limits_history import InForceTimeline, LimitsHistory
@@ -193,7 +193,7 @@ def on_grid(repaired: RepairedTraces, dt: float, needed: Collection[str] = KEYS)
     for first, stop, arrival in zip(
         (0, *edges), (*edges, len(received.t)), (*begun, None), strict=True
     ):
-        rows, flight_t, _ = grid.receive(Received(*(part[first:stop] for part in received)))
+        rows, flight_t, _ = grid.receive(Arrivals(*(part[first:stop] for part in received)))
         parts.append(rows)
         times.append(flight_t)
         if arrival is not None:
@@ -234,13 +234,13 @@ def _recording(
     )
 
 
-def _by_arrival(flown: FlownOrder) -> Received:
+def _by_arrival(flown: FlownOrder) -> Arrivals:
     values = np.full((len(flown.arrived), N_VALUES), np.nan)
     t = next(iter(flown.traces.channels.values())).t
     for column, key in enumerate(READ):
         if key in flown.traces.channels:
             values[:, column] = flown.traces.channels[key].values
-    return Received(np.ascontiguousarray(flown.arrived), np.ascontiguousarray(t), values)
+    return Arrivals(np.ascontiguousarray(flown.arrived), np.ascontiguousarray(t), values)
 
 
 def _by_flight_time(traces: Traces, flight_t: Array) -> Traces:
@@ -255,7 +255,7 @@ def _by_flight_time(traces: Traces, flight_t: Array) -> Traces:
 
 def _by_time(
     traces: Traces, dt: float, needed: Collection[str]
-) -> tuple[Received, tuple[str, ...]]:
+) -> tuple[Arrivals, tuple[str, ...]]:
     """The samples of a file, in order of time, on the clock of the slowest needed channel."""
     clocks = {
         key: _clock(trace)
@@ -296,7 +296,7 @@ def _by_time(
         else "",
         _rate_note(steps[slowest], dt),
     )
-    return Received(np.ascontiguousarray(at), at, values), tuple(filter(None, notes))
+    return Arrivals(np.ascontiguousarray(at), at, values), tuple(filter(None, notes))
 
 
 def _rate_note(step: float, dt: float) -> str:

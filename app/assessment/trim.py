@@ -115,11 +115,11 @@ class CausalTrim:
     @property
     def manoeuvre(self) -> int:
         """Number of the current one; 0 at rest."""
-        return int(self._state.count[kernel.MANOEUVRE])
+        return int(self._state.counts[kernel.MANOEUVRE])
 
     @property
     def has_trim(self) -> bool:
-        return bool(self._state.count[kernel.HAS_TRIM])
+        return bool(self._state.counts[kernel.HAS_TRIM])
 
     @property
     def level(self) -> Array:
@@ -138,7 +138,7 @@ class CausalTrim:
                 if np.isnan(trim) and moves
             ]
             return moved(unknown) if unknown else RESTING
-        if self._state.count[kernel.N_REST] >= self.n_rest:
+        if self._state.counts[kernel.N_REST] >= self.n_rest:
             return MOVING
         needed = self.n_rest * self.planned.dt
         return f"trim is measured: it needs {needed:.3g} s of rest before the manoeuvre"

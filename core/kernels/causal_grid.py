@@ -34,7 +34,7 @@ N_CLOCK = 11
 START, STOP, N_STEPS, N_RECENT, N_LATE, N_BACK, N_RECEIVED, LEAP_NUMBER = range(8)
 ACCEPTED, REPEATED, OUT_OF_ORDER, LATE, MISSING, CLOCK_STEPS, IMPLAUSIBLE = range(8, 15)
 N_COUNT = 15
-"""Numbers of `count`. Rows START to STOP wait; the others count samples by kind."""
+"""Numbers of `counts`. Rows START to STOP wait; the others counts samples by kind."""
 FINE, SLOW_SOURCE, TOO_MANY_LATE = range(3)
 """Whether a settled sample is known, and why not."""
 MADE = -1
@@ -44,14 +44,14 @@ MADE = -1
 class GridState(NamedTuple):
     """The state of one source.
 
-    clock: (N_CLOCK,).   count: (N_COUNT,).   t, arrived: (n,) [s], number: (n,), values: (n, k) of
+    clock: (N_CLOCK,).   counts: (N_COUNT,).   t, arrived: (n,) [s], number: (n,), values: (n, k) of
     the waiting rows, by time; the first n_channels values are averaged, the others taken from the
     nearest row.   leap: (k,) of the held sample.   steps: (INTERVALS,) [s].   recent_t:
     (REMEMBERED,) [s], recent: (REMEMBERED, n_channels).   late: (REMEMBERED,) [s].
     """
 
     clock: Array
-    count: Indices
+    counts: Indices
     t: Array
     arrived: Array
     number: Indices
@@ -94,7 +94,7 @@ def receive(state, settled, arrived, t, values, first, flight_t, dated):
         room = max(room, _room_for(state))
         if n + room > settled.t.shape[0]:
             return i, n, room
-        if state.count[STOP] + 2 > state.t.shape[0] and not _compact(state):
+        if state.counts[STOP] + 2 > state.t.shape[0] and not _compact(state):
             return i, n, -1
         flight_t[i], dated[i] = _flight_time(state, arrived[i], t[i])
         n, _ = _advance(state, settled, n, arrived[i])
@@ -143,11 +143,11 @@ def _settle_alone(state, settled, n, until):
 @jit
 def _room_for(state):
     """Samples that the next received one may settle, at most."""
-    clock, count = state.clock, state.count
+    clock, counts = state.clock, state.counts
     if np.isnan(clock[GRID]):
         return 4
     each = GAP_RATIO * max(clock[INTERVAL], clock[DT]) / clock[DT] + 1.0
-    waiting = each * (count[STOP] - count[START] + 1)
+    waiting = each * (counts[STOP] - counts[START] + 1)
     ahead = max(0.0, clock[NEWEST] - clock[GRID]) / clock[DT]
     return int(min(waiting, ahead) + each) + 8
 
@@ -155,7 +155,7 @@ def _room_for(state):
 @jit
 def _compact(state):
     """Move the waiting rows to the front; false if they fill all the room."""
-    start, stop = state.count[START], state.count[STOP]
+    start, stop = state.counts[START], state.counts[STOP]
     if start == 0:
         return False
     for i in range(start, stop):
@@ -163,7 +163,7 @@ def _compact(state):
         state.arrived[i - start] = state.arrived[i]
         state.number[i - start] = state.number[i]
         state.values[i - start] = state.values[i]
-    state.count[START], state.count[STOP] = 0, stop - start
+    state.counts[START], state.counts[STOP] = 0, stop - start
     return stop - start + 2 <= state.t.shape[0]
 
 
@@ -215,16 +215,16 @@ def values_at(at, t, x, step, usual):
 
 @jit
 def _add(state, settled, n, arrived, t_sent, values):
-    clock, count = state.clock, state.count
-    number = count[N_RECEIVED]
-    count[N_RECEIVED] += 1
+    clock, counts = state.clock, state.counts
+    number = counts[N_RECEIVED]
+    counts[N_RECEIVED] += 1
     t = t_sent + clock[OFFSET]
     if np.isnan(clock[GRID]):
         return _accept(state, settled, n, arrived, t, values, number)
     known = _recent(state, t)
     if known >= 0:
         if _equal(state.recent[known], values):
-            count[REPEATED] += 1
+            counts[REPEATED] += 1
             return n
         return _went_back(state, settled, n, arrived, t_sent, values, number)
     if t - clock[NEWEST] > arrived - clock[NEWEST_ARRIVED] + STEP_S:
@@ -233,7 +233,7 @@ def _add(state, settled, n, arrived, t_sent, values):
         return _went_back(state, settled, n, arrived, t_sent, values, number)
     if not np.isnan(clock[LEAP_T]):
         clock[LEAP_T] = np.nan
-        count[IMPLAUSIBLE] += 1
+        counts[IMPLAUSIBLE] += 1
     clock[BACK_BEGUN] = np.nan
     return _accept(state, settled, n, arrived, t, values, number)
 
@@ -243,7 +243,7 @@ def _recent(state, t):
     """Place of a recent sample with this time, the newest first; -1 if there is none."""
     if t > state.clock[NEWEST]:
         return -1
-    n = state.count[N_RECENT]
+    n = state.counts[N_RECENT]
     for back in range(1, min(n, REMEMBERED) + 1):
         place = (n - back) % REMEMBERED
         if state.recent_t[place] == t:
@@ -262,17 +262,17 @@ def _equal(known, values):
 @jit
 def _leapt(state, settled, n, arrived, t, values, number):
     """A time far ahead is accepted once the next sample follows it."""
-    clock, count = state.clock, state.count
+    clock, counts = state.clock, state.counts
     held_t, held_arrived = clock[LEAP_T], clock[LEAP_ARRIVED]
     if not 0.0 < t - held_t < STEP_S:
         if not np.isnan(held_t):
-            count[IMPLAUSIBLE] += 1
-        clock[LEAP_ARRIVED], clock[LEAP_T], count[LEAP_NUMBER] = arrived, t, number
+            counts[IMPLAUSIBLE] += 1
+        clock[LEAP_ARRIVED], clock[LEAP_T], counts[LEAP_NUMBER] = arrived, t, number
         state.leap[:] = values
         return n
     clock[LEAP_T] = np.nan
     _step(state, held_arrived, held_t)
-    offset, held = clock[OFFSET], count[LEAP_NUMBER]
+    offset, held = clock[OFFSET], counts[LEAP_NUMBER]
     n = _accept(state, settled, n, held_arrived, held_t + offset, state.leap, held)
     return _accept(state, settled, n, arrived, t + offset, values, number)
 
@@ -280,15 +280,15 @@ def _leapt(state, settled, n, arrived, t, values, number):
 @jit
 def _went_back(state, settled, n, arrived, t, values, number):
     """A past time is late, unless the source sends only such times: then its clock stepped."""
-    clock, count = state.clock, state.count
+    clock, counts = state.clock, state.counts
     if np.isnan(clock[BACK_BEGUN]) or t <= clock[BACK_LAST]:
-        clock[BACK_BEGUN], count[N_BACK] = arrived, 0
+        clock[BACK_BEGUN], counts[N_BACK] = arrived, 0
     clock[BACK_LAST] = t
-    count[N_BACK] += 1
-    if count[N_BACK] < BACK_SAMPLES or arrived - clock[BACK_BEGUN] < BACK_S:
-        count[LATE] += 1
-        state.late[count[N_LATE] % REMEMBERED] = t + clock[OFFSET]
-        count[N_LATE] += 1
+    counts[N_BACK] += 1
+    if counts[N_BACK] < BACK_SAMPLES or arrived - clock[BACK_BEGUN] < BACK_S:
+        counts[LATE] += 1
+        state.late[counts[N_LATE] % REMEMBERED] = t + clock[OFFSET]
+        counts[N_LATE] += 1
         return n
     clock[BACK_BEGUN] = np.nan
     _step(state, arrived, t)
@@ -298,12 +298,12 @@ def _went_back(state, settled, n, arrived, t, values, number):
 @jit
 def _step(state, arrived, t):
     """After a step of the source's clock, time continues by arrival times after a gap."""
-    clock, count = state.clock, state.count
-    count[CLOCK_STEPS] += 1
+    clock, counts = state.clock, state.counts
+    counts[CLOCK_STEPS] += 1
     passed = max(arrived - clock[NEWEST_ARRIVED], 2.0 * clock[DT])
     clock[OFFSET] = clock[NEWEST] + passed - t
     clock[GRID] = clock[NEWEST] + passed
-    count[START] = count[STOP] = count[N_RECENT] = count[N_STEPS] = count[N_LATE] = 0
+    counts[START] = counts[STOP] = counts[N_RECENT] = counts[N_STEPS] = counts[N_LATE] = 0
 
 
 # --- the grid -------------------------------------------------------------------------------------
@@ -311,38 +311,38 @@ def _step(state, arrived, t):
 
 @jit
 def _accept(state, settled, n, arrived, t, values, number):
-    clock, count = state.clock, state.count
-    count[ACCEPTED] += 1
-    place = count[N_RECENT] % REMEMBERED
+    clock, counts = state.clock, state.counts
+    counts[ACCEPTED] += 1
+    place = counts[N_RECENT] % REMEMBERED
     state.recent_t[place] = t
     state.recent[place] = values[: state.recent.shape[1]]
-    count[N_RECENT] += 1
+    counts[N_RECENT] += 1
     if np.isnan(clock[GRID]):
         clock[GRID] = t
     if t < clock[NEWEST]:
-        count[OUT_OF_ORDER] += 1
+        counts[OUT_OF_ORDER] += 1
     else:
         if np.isfinite(clock[NEWEST]):
             _note_interval(state, t - clock[NEWEST])
         clock[NEWEST], clock[NEWEST_ARRIVED] = t, arrived
-    at = count[STOP]
-    while at > count[START] and state.t[at - 1] > t:
+    at = counts[STOP]
+    while at > counts[START] and state.t[at - 1] > t:
         state.t[at], state.arrived[at] = state.t[at - 1], state.arrived[at - 1]
         state.number[at], state.values[at] = state.number[at - 1], state.values[at - 1]
         at -= 1
     state.t[at], state.arrived[at], state.number[at] = t, arrived, number
     state.values[at] = values
-    count[STOP] += 1
+    counts[STOP] += 1
     return _advance(state, settled, n, arrived)[0]
 
 
 @jit
 def _note_interval(state, step):
     """Update the usual interval: the lower median of the last steps."""
-    clock, count = state.clock, state.count
-    state.steps[count[N_STEPS] % INTERVALS] = step
-    count[N_STEPS] += 1
-    known = min(count[N_STEPS], INTERVALS)
+    clock, counts = state.clock, state.counts
+    state.steps[counts[N_STEPS] % INTERVALS] = step
+    counts[N_STEPS] += 1
+    known = min(counts[N_STEPS], INTERVALS)
     clock[INTERVAL] = np.sort(state.steps[:known])[(known - 1) // 2]
     if known < FEW_INTERVALS:
         clock[INTERVAL] = min(clock[INTERVAL], clock[DT])
@@ -369,11 +369,11 @@ def _settle(state, settled, n, grid, now):
     Between neighbours too far apart is a gap, which is never bridged: after the longest wait the
     grid restarts with the first sample after it.
     """
-    clock, count = state.clock, state.count
+    clock, counts = state.clock, state.counts
     dt = clock[DT]
     following = _first_from(state, grid - ON_GRID * dt)
     t = state.t[following]
-    if clock[INTERVAL] <= FASTER * dt and following > count[START]:
+    if clock[INTERVAL] <= FASTER * dt and following > counts[START]:
         is_early = clock[NEWEST] < grid + dt - clock[INTERVAL]
         if is_early and now < _deadline(state, grid, following):
             return False, 0
@@ -385,9 +385,9 @@ def _settle(state, settled, n, grid, now):
     if not known:
         if now < _deadline(state, grid, following):
             return False, 0
-        count[MISSING] += max(1, int(np.rint((t - grid) / dt)))
+        counts[MISSING] += max(1, int(np.rint((t - grid) / dt)))
         clock[GRID] = t
-        count[START] = following
+        counts[START] = following
         return True, 0
     settled.shown[n] = now
     settled.fault[n] = FINE
@@ -395,8 +395,8 @@ def _settle(state, settled, n, grid, now):
         _too_few(state, settled, n)
     t = settled.t[n]
     clock[GRID] = t + dt
-    if count[STOP] - count[START] > 1:
-        count[START] = max(count[START], _first_from(state, t - dt) - 1)
+    if counts[STOP] - counts[START] > 1:
+        counts[START] = max(counts[START], _first_from(state, t - dt) - 1)
     return True, 1
 
 
@@ -411,7 +411,7 @@ def _as_received(state, settled, n, row):
 def _average(state, settled, n, grid, following):
     """Hann's average over the interval to either side, with a local line, against aliasing.
 
-    Unknown values do not count. Returns whether the sample is known: not across a gap.
+    Unknown values do not counts. Returns whether the sample is known: not across a gap.
     """
     dt, n_channels = state.clock[DT], state.recent.shape[1]
     first, stop = _first_from(state, grid - dt), _first_from(state, grid + dt)
@@ -432,7 +432,7 @@ def _average(state, settled, n, grid, following):
 def _local_line(t, x, first, stop, at, width):
     """Value at a time of the line through the rows first to stop, by Hann's weights.
 
-    Unknown values do not count; NaN without any.   width: [s] to either side.
+    Unknown values do not counts; NaN without any.   width: [s] to either side.
     """
     s0 = s1 = s2 = sum_x = sum_tx = 0.0
     for row in range(first, stop):
@@ -457,7 +457,7 @@ def _between(state, settled, n, grid, following):
     """Interpolated between two neighbours; unknown across a gap or if they came too late."""
     clock, dt = state.clock, state.clock[DT]
     t = state.t[following]
-    if following == state.count[START]:
+    if following == state.counts[START]:
         return abs(t - grid) <= ON_GRID * dt and _as_received(state, settled, n, following)
     before = state.t[following - 1]
     is_gap = t - before > GAP_RATIO * max(clock[INTERVAL], dt)
@@ -475,10 +475,10 @@ def _between(state, settled, n, grid, following):
 @jit
 def _too_few(state, settled, n):
     """Mark a sample of a source that is too slow, or of which too many samples are late."""
-    clock, count = state.clock, state.count
-    known = min(count[N_STEPS], INTERVALS)
+    clock, counts = state.clock, state.counts
+    known = min(counts[N_STEPS], INTERVALS)
     span = state.steps[:known].sum()
-    late = np.unique(state.late[: min(count[N_LATE], REMEMBERED)])
+    late = np.unique(state.late[: min(counts[N_LATE], REMEMBERED)])
     n_late = 0
     for t in late:
         n_late += clock[NEWEST] - span < t < clock[NEWEST]
@@ -492,15 +492,15 @@ def _too_few(state, settled, n):
 @jit
 def _came_up_to(state, grid):
     """Whether a sample at or after a grid time was received."""
-    count = state.count
-    last = count[STOP] - 1
-    return last >= count[START] and state.t[last] >= grid - ON_GRID * state.clock[DT]
+    counts = state.counts
+    last = counts[STOP] - 1
+    return last >= counts[START] and state.t[last] >= grid - ON_GRID * state.clock[DT]
 
 
 @jit
 def _first_from(state, t):
     """First waiting row at or after a time [s]."""
-    low, high = state.count[START], state.count[STOP]
+    low, high = state.counts[START], state.counts[STOP]
     while low < high:
         middle = (low + high) // 2
         if state.t[middle] < t:
@@ -514,7 +514,7 @@ def _first_from(state, t):
 def _deadline(state, grid, following):
     """Arrival time at which a grid time is given up: by the first arrival of a later sample."""
     first = following
-    for row in range(following + 1, state.count[STOP]):
+    for row in range(following + 1, state.counts[STOP]):
         if state.arrived[row] < state.arrived[first]:
             first = row
     wait = state.clock[DELAY] - (state.t[first] - grid)

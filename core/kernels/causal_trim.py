@@ -22,8 +22,9 @@ TRAVEL = 2.0
 
 MANOEUVRE, N_BEGUN, LENGTH, DEPARTED, N_SINCE, N_REST, N_FLOWN, N_CALM, HAS_TRIM = range(9)
 N_COUNT = 9
-"""Numbers of `count`: the manoeuvre in progress, 0 at rest; manoeuvres begun; its samples; samples
-departed; samples since trim was measured; samples in each memory; whether trim was measured since."""
+"""Numbers of `counts`: the manoeuvre in progress, 0 at rest; manoeuvres begun; its samples;
+samples departed; samples since trim was measured; samples in each memory; whether trim was measured
+since the last manoeuvre."""
 
 
 class TrimRule(NamedTuple):
@@ -45,13 +46,13 @@ class TrimRule(NamedTuple):
 
 
 class TrimState(NamedTuple):
-    """count: (N_COUNT,).   trim: (n_channels,) NaN where unknown.   limits: (k,) of a departure.
+    """counts: (N_COUNT,).   trim: (n_channels,) NaN where unknown.   limits: (k,) of a departure.
     usual: (k,) mean square of the motion about the trim at rest.
     rest, calm: (n, n_channels), flown: (n, k) the newest samples of the rest, of all, and of the
     manoeuvre's surfaces; each begins anew at its end.
     """
 
-    count: Indices
+    counts: Indices
     trim: Array
     limits: Array
     usual: Array
@@ -69,7 +70,7 @@ def follow(rule, state, y, number, level):
     """
     for i in range(y.shape[0]):
         _update(rule, state, y[i])
-        number[i] = state.count[MANOEUVRE]
+        number[i] = state.counts[MANOEUVRE]
         for c in range(y.shape[1]):
             level[i, c] = state.trim[c]
 
@@ -77,38 +78,38 @@ def follow(rule, state, y, number, level):
 @jit
 def begin(rule, state):
     """Begin a manoeuvre with the trim so far. Returns False during a manoeuvre."""
-    count = state.count
-    if count[MANOEUVRE] > 0:
+    counts = state.counts
+    if counts[MANOEUVRE] > 0:
         return False
-    if not count[HAS_TRIM]:
-        _set_trim(rule, state, min(count[N_REST], rule.n_trim))
-    count[HAS_TRIM] = 1
-    count[N_BEGUN] += 1
-    count[MANOEUVRE] = count[N_BEGUN]
-    count[DEPARTED] = count[LENGTH] = count[N_FLOWN] = 0
+    if not counts[HAS_TRIM]:
+        _set_trim(rule, state, min(counts[N_REST], rule.n_trim))
+    counts[HAS_TRIM] = 1
+    counts[N_BEGUN] += 1
+    counts[MANOEUVRE] = counts[N_BEGUN]
+    counts[DEPARTED] = counts[LENGTH] = counts[N_FLOWN] = 0
     return True
 
 
 @jit
 def _update(rule, state, y):
-    count = state.count
-    _remember(state.calm, count, N_CALM, y)
-    if count[MANOEUVRE] and not _is_over(rule, state, y):
+    counts = state.counts
+    _remember(state.calm, counts, N_CALM, y)
+    if counts[MANOEUVRE] and not _is_over(rule, state, y):
         return
-    if count[HAS_TRIM] and _departs(rule, state, y):
+    if counts[HAS_TRIM] and _departs(rule, state, y):
         begin(rule, state)
         return
-    _remember(state.rest, count, N_REST, y)
-    count[N_SINCE] += 1
-    if count[N_SINCE] >= rule.n_between and count[N_REST] >= state.rest.shape[0]:
-        count[N_SINCE] = 0
+    _remember(state.rest, counts, N_REST, y)
+    counts[N_SINCE] += 1
+    if counts[N_SINCE] >= rule.n_between and counts[N_REST] >= state.rest.shape[0]:
+        counts[N_SINCE] = 0
         _measure(rule, state)
 
 
 @jit
-def _remember(memory, count, which, y):
-    memory[count[which] % memory.shape[0]] = y
-    count[which] += 1
+def _remember(memory, counts, which, y):
+    memory[counts[which] % memory.shape[0]] = y
+    counts[which] += 1
 
 
 @jit
@@ -121,8 +122,8 @@ def _departs(rule, state, y):
         departed |= moved > state.limits[k]
         if moved <= state.limits[k]:
             state.usual[k] += (moved * moved - state.usual[k]) / rule.n_usual
-    state.count[DEPARTED] = state.count[DEPARTED] + 1 if departed else 0
-    return state.count[DEPARTED] >= DEPARTED_SAMPLES
+    state.counts[DEPARTED] = state.counts[DEPARTED] + 1 if departed else 0
+    return state.counts[DEPARTED] >= DEPARTED_SAMPLES
 
 
 @jit
@@ -130,7 +131,7 @@ def _measure(rule, state):
     """Measure trim from the rest without its newest part; unknown while the surfaces move."""
     rests = True
     for k in range(rule.surfaces.shape[0]):
-        known, lowest, highest, deviation = _spread(state.rest, state.count[N_REST], rule, k)
+        known, lowest, highest, deviation = _spread(state.rest, state.counts[N_REST], rule, k)
         if known == 0:
             continue
         rests &= known == rule.n_trim
@@ -139,9 +140,9 @@ def _measure(rule, state):
         rests &= highest - lowest <= TRAVEL * rule.threshold[k]
     if rests:
         _set_trim(rule, state, rule.n_trim)
-        state.count[HAS_TRIM] = 1
-    elif state.count[DEPARTED] == 0:
-        state.count[HAS_TRIM] = 0
+        state.counts[HAS_TRIM] = 1
+    elif state.counts[DEPARTED] == 0:
+        state.counts[HAS_TRIM] = 0
 
 
 @jit
@@ -165,13 +166,14 @@ def _spread(rest, n_rest, rule, k):
 def _set_trim(rule, state, n):
     """Trim of each channel: the mean of the n oldest samples of the rest.
 
-    A channel that moves before the newest part keeps the trim of an earlier rest; without one it is unknown.
+    A channel that moves before the newest part keeps the trim of an earlier rest; without one it
+    is unknown.
     """
-    size, n_rest = state.rest.shape[0], state.count[N_REST]
+    size, n_rest = state.rest.shape[0], state.counts[N_REST]
     guard = size - rule.n_trim
     oldest = n_rest if n_rest >= size else 0
     for c in range(state.trim.shape[0]):
-        if _moves(state.calm, state.count[N_CALM], guard, c) > rule.moving[c]:
+        if _moves(state.calm, state.counts[N_CALM], guard, c) > rule.moving[c]:
             continue
         total, known = 0.0, 0
         for i in range(n):
@@ -199,25 +201,25 @@ def _moves(calm, n_calm, guard, c):
 @jit
 def _is_over(rule, state, y):
     """Whether the manoeuvre ended before this sample; then trim is measured again."""
-    count = state.count
-    count[LENGTH] += 1
+    counts = state.counts
+    counts[LENGTH] += 1
     size = state.flown.shape[0]
     for k in range(rule.surfaces.shape[0]):
         value = y[rule.surfaces[k]]
-        state.flown[count[N_FLOWN] % size, k] = value if np.isfinite(value) else 0.0
-    count[N_FLOWN] += 1
+        state.flown[counts[N_FLOWN] % size, k] = value if np.isfinite(value) else 0.0
+    counts[N_FLOWN] += 1
     if rule.n_most:
-        over = count[LENGTH] > rule.n_most
+        over = counts[LENGTH] > rule.n_most
     else:
-        over = count[LENGTH] > rule.n_settling and _rests(rule, state)
+        over = counts[LENGTH] > rule.n_settling and _rests(rule, state)
     if over:
-        count[MANOEUVRE] = count[HAS_TRIM] = count[N_REST] = 0
+        counts[MANOEUVRE] = counts[HAS_TRIM] = counts[N_REST] = 0
     return over
 
 
 @jit
 def _rests(rule, state):
-    if state.count[N_FLOWN] < state.flown.shape[0]:
+    if state.counts[N_FLOWN] < state.flown.shape[0]:
         return False
     for k in range(rule.surfaces.shape[0]):
         if np.ptp(state.flown[:, k]) > rule.threshold[k]:
