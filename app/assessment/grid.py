@@ -138,6 +138,10 @@ class CausalGrid:
         return Counts(*self._state.counts[kernel.ACCEPTED :].tolist())
 
     @property
+    def n_clock_steps(self) -> int:
+        return int(self._state.counts[kernel.CLOCK_STEPS])
+
+    @property
     def deadline(self) -> float | None:
         """Arrival time at which a waiting grid time is given up; None if none waits."""
         due = self._deadline(self._state)

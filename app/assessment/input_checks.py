@@ -9,8 +9,8 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from app.assessment.manoeuvres import BEGINNING, OTHER, SHARE, SMALLEST
 from app.assessment.planned_test import SURFACES, PlannedTest
+from app.assessment.trim import BEGINNING, OTHER, SHARE, SMALLEST
 from core.channels import CHANNELS, N_CHANNELS
 from core.monitor.status import Level
 from core.types import Array

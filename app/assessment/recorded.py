@@ -16,10 +16,10 @@ import numpy.typing as npt
 from app.assessment.grid import (
     DELAY_INTERVALS,
     N_VALUES,
+    Arrivals,
     CausalGrid,
     Counts,
     GridRows,
-    Arrivals,
     joined,
 )
 from app.assessment.limits_history import InForceTimeline, LimitsHistory

@@ -34,7 +34,7 @@ N_CLOCK = 11
 START, STOP, N_STEPS, N_RECENT, N_LATE, N_BACK, N_RECEIVED, LEAP_NUMBER = range(8)
 ACCEPTED, REPEATED, OUT_OF_ORDER, LATE, MISSING, CLOCK_STEPS, IMPLAUSIBLE = range(8, 15)
 N_COUNT = 15
-"""Numbers of `counts`. Rows START to STOP wait; the others counts samples by kind."""
+"""Numbers of `counts`. Rows START to STOP wait; the others count samples by kind."""
 FINE, SLOW_SOURCE, TOO_MANY_LATE = range(3)
 """Whether a settled sample is known, and why not."""
 MADE = -1
@@ -411,7 +411,7 @@ def _as_received(state, settled, n, row):
 def _average(state, settled, n, grid, following):
     """Hann's average over the interval to either side, with a local line, against aliasing.
 
-    Unknown values do not counts. Returns whether the sample is known: not across a gap.
+    Unknown values do not count. Returns whether the sample is known: not across a gap.
     """
     dt, n_channels = state.clock[DT], state.recent.shape[1]
     first, stop = _first_from(state, grid - dt), _first_from(state, grid + dt)
@@ -432,7 +432,7 @@ def _average(state, settled, n, grid, following):
 def _local_line(t, x, first, stop, at, width):
     """Value at a time of the line through the rows first to stop, by Hann's weights.
 
-    Unknown values do not counts; NaN without any.   width: [s] to either side.
+    Unknown values do not count; NaN without any.   width: [s] to either side.
     """
     s0 = s1 = s2 = sum_x = sum_tx = 0.0
     for row in range(first, stop):

@@ -76,7 +76,7 @@ async def _fly(root: Path, trim: TrimRule, moments: list[tuple[float, bool, byte
         clock.advance(wait)
         before = flight.live.batches
         if by_datagram:
-            flight._receive_datagram(content)
+            flight._receive_datagram(content.splitlines(), "127.0.0.1")
         else:
             try:
                 taken = flight.receive(content, "websocket")
