@@ -33,7 +33,11 @@ def test_the_value_axis_widens_at_once_and_narrows_only_after_a_while(strips: Op
 def test_limits_are_always_in_view(strips: Open) -> None:
     low, high = run(
         strips(),
-        "const a = h.createValueAxis({ limits: [-0.5, 0.5] }); a.fit(0, 0.01, 0); return [a.low, a.high];",
+        """
+        const axis = h.createValueAxis({ limits: [-0.5, 0.5] });
+        axis.fit(0, 0.01, 0);
+        return [axis.low, axis.high];
+        """,
     )
     assert low < -0.5
     assert high > 0.5

@@ -449,6 +449,7 @@ def test_a_cut_connection_is_stale_at_once_and_resumes(own_fly: Fly, paused: boo
     page.route_web_socket(re.compile("/stream$"), pass_on)
     fly.watch(SAFE, ("loop", True), ("speed", 0.5))
     fly.gauge_says(CALM)
+    fly.number_is_shown()
     if paused:
         fly.page.keyboard.press(" ")
         expect(fly.page.locator(".strip-toolbar .chip")).to_have_text("PAUSED")
