@@ -189,9 +189,9 @@ def on_grid(repaired: RepairedTraces, dt: float, needed: Collection[str] = KEYS)
         received_traces, begun, delay = flown.traces, flown.begun, flown.delay
     grid = CausalGrid(dt, DELAY_INTERVALS * dt if delay is None else delay)
     parts, times, rows_begun = [], [], list[int]()
-    edges = np.searchsorted(received.arrived, begun, "right").tolist() if begun else []
+    edges = [n for _, n in begun]
     for first, stop, arrival in zip(
-        (0, *edges), (*edges, len(received.t)), (*begun, None), strict=True
+        (0, *edges), (*edges, len(received.t)), (*(a for a, _ in begun), None), strict=True
     ):
         rows, flight_t, _ = grid.receive(Arrivals(*(part[first:stop] for part in received)))
         parts.append(rows)

@@ -2,7 +2,7 @@
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -43,6 +43,7 @@ from core.monitor.assessment import STATES, State, Withdrawal
 from core.monitor.validity.flown_input import FlownInput, amplitude
 from core.types import Array, Flags
 
+USUAL = ScoringRecipe().to_plain()
 JUDGED_TOGETHER = 64
 """Release the mapped columns from memory after this many segments."""
 INVALID, WARMING_UP = STATES.index(State.INVALID), STATES.index(State.WARMING_UP)
@@ -76,6 +77,12 @@ def score_at_each(
     checked = [monitor.check_epsilon(epsilon) for epsilon in epsilons]
     levels = [(epsilon, monitor.alert_above(epsilon)) for epsilon in checked]
     flight = RecordedFlight.of(monitor, recorded, history)
+    if (
+        recorded.flown is not None
+        and recorded.flown.is_trimmed
+        and recipe.to_plain() | {"epsilon": None} == USUAL
+    ):
+        recipe = replace(recipe, trim=None, manoeuvres="entire")  # as in the flight
     selected, notes = segments(flight.recording, flight.planned, recipe, flight.followed)
     judged = _judge_all(flight, selected)
     outside = _outside(flight, judged)

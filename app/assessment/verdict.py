@@ -173,7 +173,9 @@ def _lead(monitor: Monitor, manoeuvre: ScoredManoeuvre) -> str:
     if manoeuvre.lead is None:
         return "none: no alert before the exceedance (a miss)"
     timely = "at least" if manoeuvre.outcome == "timely_alert" else "less than"
-    ahead = f"; up to {manoeuvre.look_ahead:.2g} s less in flight (resampling used later samples)"
+    ahead = (
+        f"; up to {manoeuvre.look_ahead:.2g} s less in flight, where samples wait for later ones"
+    )
     return (
         f"{lead_words(manoeuvre.lead)} s from the first alert, {timely} the promised "
         f"{monitor.lead:g} s"

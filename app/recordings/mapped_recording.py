@@ -11,6 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Self
 
+import numpy as np
+
 from app.telemetry.contents import Columns
 from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.mapping import Mapping
@@ -42,7 +44,9 @@ class MappedRecording:
         applied = None
         try:
             applied = apply_mapping(columns, mapping)
-            return cls(mapping, applied, replace(repair(applied), flown=_flown(columns, applied)))
+            flown = _flown(columns, applied)
+            repaired = repair(applied) if flown is None else _repaired(flown, applied)
+            return cls(mapping, applied, replace(repaired, flown=flown))
         except TelemetryError as error:
             return cls(mapping, applied, None, str(error))
 
@@ -72,9 +76,20 @@ def _flown(columns: Columns, applied: Traces) -> FlownOrder | None:
         columns.values(ARRIVED),
         about.get("delay"),
         about.get("trim") == "none",
-        tuple(about.get("begun", ())),
+        tuple((arrived, n) for arrived, n in about.get("begun", ())),
         about.get("ended"),
     )
+
+
+def _repaired(flown: FlownOrder, applied: Traces) -> RepairedTraces:
+    """The channels of a live flight, by arrival where the times of its source are useless."""
+    try:
+        return repair(applied)
+    except TelemetryError as error:
+        t = np.ascontiguousarray(flown.arrived)
+        channels = {key: replace(trace, t=t) for key, trace in applied.channels.items()}
+        note = f"Times are those of arrival, because {error}"
+        return repair(Traces(channels, (*applied.notes, note)))
 
 
 class RecentMappings:

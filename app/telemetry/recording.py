@@ -22,7 +22,7 @@ class Recording:
     columns: channel key -> its source in words.
     derived: keys of channels that were derived, not measured.
     notes: sentences on assumptions and repairs, oldest first.
-    look_ahead: how far resampling looks into the future [s]; 0 for samples as recorded.
+    look_ahead: how long a sample waits for later ones in flight [s].
     """
 
     t: Array

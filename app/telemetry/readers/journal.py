@@ -43,7 +43,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
         if header is None:
             raise TelemetryError("its first line is damaged: export the journal again")
         conditions, limits = _conditions(header), list[dict[str, Any]]()
-        begun, ended = list[float](), None
+        begun, ended = list[tuple[float, int]](), None
         rows = _Rows(writer, *_declared(header), frozenset(conditions.values()))
         while line := _line(file):
             number += 1
@@ -53,7 +53,8 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
             plain = _plain(line)
             if plain is not None and "b" not in plain:
                 limits += [plain["limits"]] if isinstance(plain.get("limits"), dict) else []
-                begun += [_number(plain.get("a"))] if plain.get("e") == "manoeuvre" else []
+                if plain.get("e") == "manoeuvre":
+                    begun.append((_number(plain.get("a")), rows.n))
                 ended = _number(plain.get("a")) if plain.get("e") == "end" else None
                 continue
             if plain is not None and rows.add(plain):
@@ -156,6 +157,11 @@ class _Rows:
         self._n_written, self._n = 0, 0
         self._examples: dict[str, str] = {}
         self._n_unequal: Counter[str] = Counter()
+
+    @property
+    def n(self) -> int:
+        """Rows so far."""
+        return len(self._arrived)
 
     def add(self, line: dict[str, Any]) -> bool:
         """Add a batch; return whether it is valid."""

@@ -19,7 +19,8 @@ class FlownOrder:
 
     traces: in order of arrival, on the clock of the source.   arrived: (n,) [s].
     delay: longest wait of a sample for others [s]; None for the usual one.   is_trimmed: whether
-    the samples were already from trim.   begun: when manoeuvres began by hand, as arrivals [s].
+    the samples were already from trim.   begun: when manoeuvres began by hand, arrival [s] and rows
+    before it.
     ended: when the flight ended [s]; None if its server was killed.
     """
 
@@ -27,7 +28,7 @@ class FlownOrder:
     arrived: Array
     delay: float | None = None
     is_trimmed: bool = False
-    begun: tuple[float, ...] = ()
+    begun: tuple[tuple[float, int], ...] = ()
     ended: float | None = None
 
 

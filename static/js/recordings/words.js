@@ -158,7 +158,7 @@ export function leadText(manoeuvre, promised) {
   if (lead === null || lead === undefined) return alerts.length ? "none before it" : "no alert";
   const enough = lead >= promised - 1e-9;
   const ahead = manoeuvre.look_ahead
-    ? `; up to ${figure(manoeuvre.look_ahead)} s less in flight (resampling used later samples)`
+    ? `; up to ${figure(manoeuvre.look_ahead)} s less in flight, where samples wait for later ones`
     : "";
   return `${leadSeconds(lead, 2)} s, ${enough ? "at least" : "less than"} ${figure(promised)} s${ahead}`;
 }
