@@ -77,11 +77,8 @@ def score_at_each(
     checked = [monitor.check_epsilon(epsilon) for epsilon in epsilons]
     levels = [(epsilon, monitor.alert_above(epsilon)) for epsilon in checked]
     flight = RecordedFlight.of(monitor, recorded, history)
-    if (
-        recorded.flown is not None
-        and recorded.flown.is_trimmed
-        and recipe.to_plain() | {"epsilon": None} == USUAL
-    ):
+    usual = recipe.to_plain() | {"epsilon": None} == USUAL
+    if recorded.flown is not None and recorded.flown.is_trimmed and usual:
         recipe = replace(recipe, trim=None, manoeuvres="entire")  # as in the flight
     selected, notes = segments(flight.recording, flight.planned, recipe, flight.followed)
     judged = _judge_all(flight, selected)

@@ -79,7 +79,7 @@ class ScoredManoeuvre:
     exceedance: the first recorded sample that exceeds a limit, from trim.
     recorded_exceedance: without one, the first that exceeds it as recorded, with bias and trim.
     lead: from the first alert to the exceedance [s]; None where either is missing.
-    look_ahead: how long a sample waits for later ones in flight [s]; its alert comes this much later.
+    look_ahead: how long a sample waits for later ones in flight [s]; alerts come this much later.
     withdrawn_t: time from which the monitor is withdrawn to the end [s]; None if it is not.
     withdrawn_reason: the reason known at that time; `validity` covers the whole manoeuvre.
     limits_in_force: of a limit set, in plain data, see InForceTimeline.intervals. They decide what

@@ -236,7 +236,7 @@ def test_seconds_of_the_day_come_with_the_time_of_day(monitor: Monitor) -> None:
 
 def test_look_ahead_of_resampling_is_reported_with_the_lead(monitor: Monitor) -> None:
     html = report(subject_of(monitor, [WARNED | {"look_ahead": 0.5}]))
-    assert "up to 0.5 s ahead: in flight an alert could come that much later" in html
+    assert "waits up to 0.5 s for later ones" in html
     assert "Resampling" not in report(subject_of(monitor, [WARNED]))
 
 
