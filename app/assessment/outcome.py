@@ -18,6 +18,34 @@ Outcome = Literal[
     "timely_alert", "late_alert", "missed", "false_alert", "quiet", "unseen", "invalid", "unknown"
 ]
 Alerts = tuple[tuple[float, float], ...]
+OutcomeLevel = Literal["ok", "caution", "alert", "off"]
+
+
+class Wording(NamedTuple):
+    """How every view shows an outcome: its sign, a short word, how urgent it is, and a sentence."""
+
+    sign: str
+    word: str
+    level: OutcomeLevel
+    text: str
+
+
+OUTCOMES: dict[Outcome, Wording] = {
+    "timely_alert": Wording(
+        "▲", "LIMIT EXCEEDED, warned in time", "caution", "limit exceeded, warned in time"
+    ),
+    "late_alert": Wording(
+        "▲", "LIMIT EXCEEDED, warned too late", "alert", "limit exceeded, warned too late"
+    ),
+    "missed": Wording("▲", "LIMIT EXCEEDED, no warning", "alert", "limit exceeded, no warning"),
+    "false_alert": Wording("◆", "FALSE ALERT", "caution", "alert, no limit exceeded"),
+    "quiet": Wording("✓", "QUIET", "ok", "no alert, no limit exceeded"),
+    "unseen": Wording("◇", "DATA MISSING", "caution", "data missing, no verdict"),
+    "invalid": Wording("✕", "INVALID", "off", "INVALID, no verdict"),
+    "unknown": Wording(
+        "◆", "UNKNOWN", "caution", "unknown: the monitor does not record its limits"
+    ),
+}
 GAP_RATIO = 1.5
 """Steps between recorded samples this many times the median count as a gap."""
 EXCEEDED = "LIMIT EXCEEDED"
@@ -202,6 +230,20 @@ def exceedance_verdict(
     if not exceeded:
         return f"{EXCEEDED} as recorded, not from trim" if recorded else ""
     return f"{EXCEEDED}, {warning_words(outcome, lead, promised)}"
+
+
+def wording_of(manoeuvre: Mapping[str, Any]) -> Wording:
+    """The wording of a stored manoeuvre (plain data); an exceedance comes first."""
+    wording = OUTCOMES[manoeuvre["outcome"]]
+    verdict = verdict_of(manoeuvre)
+    if not verdict:
+        return wording
+    if manoeuvre["exceedance"] is None:
+        word, text = f"{verdict}; {wording.word}", f"{verdict}; {wording.text}"
+        level: OutcomeLevel = "caution" if wording.level == "ok" else wording.level
+        return Wording("◆", word, level, text)
+    is_timely = manoeuvre["outcome"] == "timely_alert"
+    return Wording("▲", verdict, "caution" if is_timely else "alert", verdict)
 
 
 def verdict_of(manoeuvre: Mapping[str, Any], promised: float | None = None) -> str:

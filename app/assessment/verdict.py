@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from app.assessment.outcome import RecordedExceedance, lead_words
+from app.assessment.outcome import OUTCOMES, RecordedExceedance, lead_words
 from app.assessment.scored import OBSERVATIONS, ScoredManoeuvre, ScoredRecording
 from app.assessment.wording import alerts_above
 from app.telemetry.mapping.typed_rate import time_of_day
@@ -14,14 +14,6 @@ from core.monitor import Monitor
 from core.monitor.calibration import smallest_epsilon
 from core.monitor.validity.flown_input import amplitude_in_words
 
-OUTCOMES = {
-    "false_alert": "alert, no limit exceeded",
-    "quiet": "no alert, no limit exceeded",
-    "unseen": "data missing, no verdict",
-    "invalid": "INVALID, no verdict",
-    "unknown": "unknown: the monitor does not record the limits it was trained for",
-}
-"""For manoeuvres without an exceedance; for the others see exceedance_verdict."""
 MOST_LISTED = 20
 """Exceedances outside every manoeuvre that are printed."""
 NOTHING = "no sample assessed: see the state column of assessments.csv"
@@ -77,7 +69,7 @@ def _outcome(manoeuvre: ScoredManoeuvre) -> str:
     verdict = manoeuvre.exceedance_verdict
     if manoeuvre.exceedance is not None:
         return verdict
-    words = OUTCOMES[manoeuvre.outcome]
+    words = OUTCOMES[manoeuvre.outcome].text
     of = amplitude_of(manoeuvre.outcome, manoeuvre.amplitude)
     return f"{verdict}; {words} from trim{of}" if verdict else f"{words}{of}"
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from app.assessment import manoeuvres_in
-from app.assessment.outcome import verdict_of
+from app.assessment.outcome import OUTCOMES, verdict_of, wording_of
 from app.messages import limited_channels
 from app.recordings.reasons import reason
 from app.recordings.recordings import Recordings
@@ -45,7 +45,13 @@ def _answer(info: ScoringInfo, warnings: list[str], verified: bool) -> dict[str,
     specification = specification_from_plain(info.specification)
     plain = {key: value for key, value in asdict(info).items() if key not in OF_ITS_OWN}
     plain["manoeuvres"] = [
-        manoeuvre | {"exceedance_verdict": verdict_of(manoeuvre)} for manoeuvre in info.manoeuvres
+        manoeuvre
+        | {
+            "exceedance_verdict": verdict_of(manoeuvre),
+            "verdict": wording_of(manoeuvre)._asdict(),
+            "outcome_words": OUTCOMES[manoeuvre["outcome"]]._asdict(),
+        }
+        for manoeuvre in info.manoeuvres
     ]
     if info.damage:
         plain |= {key: [] for key in VERDICTS}

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
-from app.assessment.outcome import verdict_of
+from app.assessment.outcome import OUTCOMES, OutcomeLevel, wording_of
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.targets import TARGETS
 from core.channels import BY_KEY, KEYS
@@ -12,17 +12,8 @@ from core.monitor.validity.flown_input import amplitude_in_words
 
 Plain = Mapping[str, Any]
 
-OUTCOMES = {
-    "timely_alert": ("▲", "limit exceeded, warned in time", "caution"),
-    "late_alert": ("▲", "limit exceeded, warned too late", "bad"),
-    "missed": ("✕", "limit exceeded, no warning", "bad"),
-    "false_alert": ("△", "alert, no limit exceeded", "caution"),
-    "quiet": ("●", "no alert, no limit exceeded", "good"),
-    "unseen": ("◌", "data missing, no verdict", "caution"),
-    "invalid": ("▨", "invalid, no verdict", "invalid"),
-    "unknown": ("?", "unknown: the monitor does not record its limits", "caution"),
-}
-"""Sign, words and level of each outcome; see outcome_of."""
+LOOKS: dict[OutcomeLevel, str] = {"ok": "good", "alert": "bad", "off": "invalid"}
+"""Style of a level; of others, the level itself."""
 BY_INTEREST = (
     "missed",
     "late_alert",
@@ -40,14 +31,9 @@ MOST_NOTES = 40
 
 
 def outcome_of(manoeuvre: Plain) -> tuple[str, str, str]:
-    """Sign, words and level of the outcome of a manoeuvre; an exceedance comes first."""
-    sign, words, level = OUTCOMES[manoeuvre["outcome"]]
-    verdict = verdict_of(manoeuvre)
-    if not verdict:
-        return sign, words, level
-    if manoeuvre["exceedance"] is None:
-        return sign, f"{verdict}; {words}", "caution" if level == "good" else level
-    return sign, verdict, "caution" if manoeuvre["outcome"] == "timely_alert" else "bad"
+    """Sign, words and style of the outcome of a manoeuvre; an exceedance comes first."""
+    sign, _, level, text = wording_of(manoeuvre)
+    return sign, text, LOOKS.get(level, level)
 
 
 def headline(manoeuvres: Sequence[Plain], outside: Sequence[Plain] = ()) -> tuple[str, str]:
@@ -134,7 +120,7 @@ def worst(manoeuvres: Sequence[Plain]) -> list[tuple[str, str]]:
     for manoeuvre in manoeuvres:
         outcome = manoeuvre["outcome"]
         if outcome in ("missed", "late_alert"):
-            named.append((manoeuvre["name"], OUTCOMES[outcome][1]))
+            named.append((manoeuvre["name"], OUTCOMES[outcome].text))
         elif outcome == "invalid" and manoeuvre["exceedance"]:
             named.append((manoeuvre["name"], "limit exceeded, no verdict"))
         elif outcome == "unseen":

@@ -8,7 +8,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from app.assessment.limits_history import LimitPiece, pieces_of
-from app.assessment.outcome import lead_words
+from app.assessment.outcome import OUTCOMES, lead_words
 from app.assessment.planned_test import limits_of
 from app.assessment.verdict import amplitude_of
 from app.assessment.wording import PROMISED, alerts_above
@@ -92,7 +92,7 @@ def report(subject: ReportSubject) -> str:
         promised=sum(each is True for each in valid),
         withdrawn=sum(each is False for each in valid),
         unchecked=sum(each is None for each in valid),
-        outcomes=facts.OUTCOMES,
+        outcomes=OUTCOMES,
         alerts=facts.alerts(manoeuvres),
         mapping=facts.mapping_rows(scoring["mapping"], subject.rationales),
         mapped=subject.mapped,

@@ -7,7 +7,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from app.report.facts import MOST_NOTES, OUTCOMES, alerts, drawn, headline, notes, outcome_of
+from app.assessment.outcome import OUTCOMES
+from app.report.facts import MOST_NOTES, alerts, drawn, headline, notes, outcome_of
 from app.report.page import report
 from app.report.subject import ReportSubject
 from core.dataset import Dataset
@@ -105,7 +106,7 @@ def test_names_and_notes_are_escaped(monitor: Monitor) -> None:
 def test_every_outcome_and_hash_is_listed(subject: ReportSubject) -> None:
     html = report(subject)
     for outcome in ("timely_alert", "missed", "quiet", "invalid"):
-        assert OUTCOMES[outcome][1] in html
+        assert OUTCOMES[outcome].text in html
     assert "A limit was exceeded without a timely alert" in html
     assert "Look first at manoeuvre 2 (limit exceeded, no warning)" in html
     assert "It holds for 3 of the 4 manoeuvres" in html
