@@ -42,8 +42,8 @@ READ = (*KEYS, *ATTITUDE)
 CONDITION = ("V", "h")
 MISSING = {"state": STATES.index(State.INVALID), "alert": False, "manoeuvre": BETWEEN}
 """Fields of a time without a sample; the others are NaN."""
-SPARSE = 2 / 3
-"""A channel with a smaller share of known values has a clock of its own."""
+SPARSE = 1.5
+"""A channel whose usual step is this many times that of its rows has a clock of its own."""
 BLOCK = 65_536
 """Values that are checked at once."""
 MOST_SAMPLES = 10_000_000
@@ -311,11 +311,11 @@ def _rate_note(step: float, dt: float) -> str:
 
 
 def _clock(trace: Trace) -> tuple[Array, Array]:
-    """Times and values; only the known ones of a channel that has few."""
+    """Times and values; only the known ones of a channel that is slower than its rows."""
     known = np.isfinite(trace.values)
-    if np.count_nonzero(known) > SPARSE * len(known):
-        return trace.t, trace.values
-    return trace.t[known], trace.values[known]
+    if not known.all() and _usual_step(trace.t[known]) > SPARSE * _usual_step(trace.t):
+        return trace.t[known], trace.values[known]
+    return trace.t, trace.values
 
 
 def _usual_step(t: Array) -> float:

@@ -291,19 +291,16 @@ def _between(
 ) -> dict[str, npt.NDArray[Any]]:
     """The fields of SAMPLE in some rows, without assessments.
 
-    stops: the row behind each segment. Channels are from the trim that the flight had; where
-    manoeuvres are marked by hand, from that of the segment before.
+    stops: the row behind each segment. Channels are from the trim of the segment before; before the
+    first segment, from its own.
     """
     recording, n = flight.recording, rows.stop - rows.start
     unknown = np.full(n, np.nan)
     attitude = [
         recording.attitude[key][rows] if key in recording.attitude else unknown for key in ATTITUDE
     ]
-    if judged[0].segment.trim is not None:
-        trim = np.nan_to_num(flight.followed.level[rows])
-    else:
-        before = np.searchsorted(stops, np.arange(rows.start, rows.stop), side="right") - 1
-        trim = np.nan_to_num([each.trim for each in judged])[np.maximum(before, 0)]
+    before = np.searchsorted(stops, np.arange(rows.start, rows.stop), side="right") - 1
+    trim = np.nan_to_num([each.trim for each in judged])[np.maximum(before, 0)]
     return {
         "t": recording.t[rows],
         "y": recording.y[rows] - trim,

@@ -76,7 +76,7 @@ def _flown(columns: Columns, applied: Traces) -> FlownOrder | None:
         columns.values(ARRIVED),
         about.get("delay"),
         about.get("trim") == "none",
-        tuple((arrived, n) for arrived, n in about.get("begun", ())),
+        tuple((arrived, int(n)) for arrived, n in about.get("begun", ())),
         about.get("ended"),
     )
 

@@ -8,7 +8,7 @@ Rows are in the order of arrival; the time of arrival (`a` of each line) is a se
 
 from collections import Counter
 from datetime import UTC, datetime, timedelta
-from math import inf
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -43,7 +43,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
         if header is None:
             raise TelemetryError("its first line is damaged: export the journal again")
         conditions, limits = _conditions(header), list[dict[str, Any]]()
-        begun, ended = list[tuple[float, int]](), None
+        begun, ended = list[list[float]](), None
         rows = _Rows(writer, *_declared(header), frozenset(conditions.values()))
         while line := _line(file):
             number += 1
@@ -53,9 +53,10 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
             plain = _plain(line)
             if plain is not None and "b" not in plain:
                 limits += [plain["limits"]] if isinstance(plain.get("limits"), dict) else []
-                if plain.get("e") == "manoeuvre":
-                    begun.append((_number(plain.get("a")), rows.n))
-                ended = _number(plain.get("a")) if plain.get("e") == "end" else None
+                arrived = _number(plain.get("a"))
+                if plain.get("e") == "manoeuvre" and isfinite(arrived):
+                    begun.append([arrived, rows.n])
+                ended = arrived if plain.get("e") == "end" and isfinite(arrived) else None
                 continue
             if plain is not None and rows.add(plain):
                 n_good += 1
@@ -105,7 +106,9 @@ def _source(header: dict[str, Any]) -> dict[str, Any]:
     """How the samples were used: the delay [s], None for the usual one, and the trim."""
     source = header.get("source")
     source = source if isinstance(source, dict) else {}
-    return {"delay": source.get("delay"), "trim": source.get("trim", "detected")}
+    delay = _number(source.get("delay"))
+    trim = "none" if source.get("trim") == "none" else "detected"
+    return {"delay": delay if isfinite(delay) else None, "trim": trim}
 
 
 def _conditions(header: dict[str, Any]) -> dict[str, str]:

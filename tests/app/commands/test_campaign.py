@@ -99,7 +99,7 @@ def test_a_build_up_is_planned_cleared_flown_and_identified(
     assert run(campaign, "recipe", "-o", str(recipe)) == 0
     dataset = from_plain(DatasetRecipe(), json.loads(recipe.read_text())["dataset"])
     assert (
-        "identified from 60% (flight.csv, 5.00 to 11.00 s), 80% (" in dataset.aircraft.description
+        "identified from 60% (flight.csv, 5.10 to 11.00 s), 80% (" in dataset.aircraft.description
     )
 
 
