@@ -196,7 +196,7 @@ def schema(settings: Settings) -> str:
 
 
 def contents(settings: Settings) -> str:
-    """Every monitor, dataset, file, column and scoring against its digest."""
+    """Every monitor, dataset, file, column, scoring and flight against its digest."""
     url = make_url(settings.url)
     if url.get_backend_name() == "sqlite" and not Path(url.database or "").exists():
         return "none yet"
@@ -206,16 +206,17 @@ def contents(settings: Settings) -> str:
         open_store(settings.url, recover=False),
         RecordingFiles(settings.data_dir / "recordings"),
     )
-    numbers = Counter[str]()
+    numbers, unverified = Counter[str](), set[str]()
     try:
-        for item in all_items(store, files):
+        for item in all_items(store, files, unverified):
             if (damage := item.damage()) is not None:
                 raise Failed(str(damage))
             numbers[item.kind] += 1
     finally:
         store.close()
-    kinds = ("monitor", "dataset", "recording", "scoring")
-    return ", ".join(f"{numbers[kind]} {kind}s" for kind in kinds) + ", undamaged"
+    kinds = ("monitor", "dataset", "recording", "scoring", "flight")
+    old = f"; {len(unverified)} flights of an earlier version have no digests" if unverified else ""
+    return ", ".join(f"{numbers[kind]} {kind}s" for kind in kinds) + f", undamaged{old}"
 
 
 def port(settings: Settings) -> str:

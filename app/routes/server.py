@@ -47,7 +47,12 @@ class IntegrityReport(BaseModel):
         description="`begun`: quick check at the start; `checking` everything in the background; "
         "`checked`; `stopped` before the end"
     )
-    checked: int = Field(description="monitors, datasets, recordings and scorings checked so far")
+    checked: int = Field(
+        description="monitors, datasets, recordings, scorings and flights checked so far"
+    )
+    unverified: int = Field(
+        description="flights stored by an earlier version without digests: readable, not verified"
+    )
     damaged: list[Damage]
 
 
@@ -79,7 +84,12 @@ async def integrity(request: Request) -> IntegrityReport:
     """Damaged data, from the quick check at the start and the complete check after it."""
     known: Integrity = request.app.state.integrity
     damaged = await _damaged(request.app.state)
-    return IntegrityReport(state=known.state, checked=known.n_checked, damaged=damaged)
+    return IntegrityReport(
+        state=known.state,
+        checked=known.n_checked,
+        unverified=len(known.unverified),
+        damaged=damaged,
+    )
 
 
 async def _damaged(state: AppState) -> list[Damage]:

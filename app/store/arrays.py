@@ -24,7 +24,7 @@ def from_blob(blob: bytes) -> npt.NDArray:
             return np.load(io.BytesIO(blob), allow_pickle=False)
         except SystemError:  # CPython 3.11: numpy's header parser is not thread-safe
             return np.load(io.BytesIO(blob), allow_pickle=False)
-    except (ValueError, EOFError) as error:
+    except Exception as error:  # numpy's parser raises many kinds for a damaged header
         raise Damaged(
             f"a stored array is damaged ({error}): restore the database from a backup"
         ) from error

@@ -1,5 +1,10 @@
-"""Stored assessments of a flight: samples in one array, reasons as runs of samples."""
+"""Stored assessments of a flight: samples in one array, reasons as runs of samples.
 
+A chunk ends with a digest of its whole row, so that no changed bit is served. Chunks of earlier
+versions have none and stay readable.
+"""
+
+import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -7,8 +12,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from sqlalchemy import Row
 
 from app.store.arrays import from_blob, to_blob
+from app.store.database import Damaged, to_text
 from core.channels import N_CHANNELS
 from core.monitor.assessment import REASONS
 from core.types import Array
@@ -26,6 +33,7 @@ SAMPLE = np.dtype(
 """One assessed sample; `state` is an index into core.monitor.assessment.STATES."""
 DISPLAY = np.dtype([("p_value", "<f8"), ("alert", "?"), ("state", "u1")])
 """Result of a display monitor for one sample; fields as in SAMPLE."""
+DIGEST_BYTES = hashlib.sha256().digest_size
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +75,74 @@ class StoredAssessments:
 
     def __len__(self) -> int:
         return len(self.seq)
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """Consecutive samples of a flight, as read from one row."""
+
+    first_seq: int
+    samples: npt.NDArray
+    """(n,) of SAMPLE"""
+    reasons: list[str]
+    """(n,)"""
+    display: list[StoredDisplay]
+    is_verified: bool
+    """False for a chunk that was stored without a digest"""
+
+
+def chunk_row(
+    flight_id: str,
+    first_seq: int,
+    samples: npt.NDArray,
+    reasons: Sequence[str],
+    display: Sequence[StoredDisplay],
+) -> dict[str, Any]:
+    """Row of the samples from first_seq; its content ends with the digest."""
+    row = {
+        "flight_id": flight_id,
+        "first_seq": first_seq,
+        "last_seq": first_seq + len(samples) - 1,
+        "content": to_blob(samples),
+        "reasons": runs_of(samples["state"], reasons),
+        **display_columns(display),
+    }
+    return row | {"content": row["content"] + _digest(row)}
+
+
+def chunk_of(row: Row) -> Chunk:
+    """Reverse of `chunk_row`. Damaged if the row has changed since it was stored."""
+    values = dict(row._mapping)
+    content = values["content"]
+    without_digest = values | {"content": content[:-DIGEST_BYTES]}
+    is_verified = _digest(without_digest) == content[-DIGEST_BYTES:]
+    try:
+        samples = from_blob(content)
+        is_whole = samples.dtype == SAMPLE and len(samples) == row.last_seq - row.first_seq + 1
+        if not is_whole or not (is_verified or _ends_with_samples(content, samples)):
+            raise Damaged("its digest does not match")
+        reasons = reasons_of(samples["state"], row.reasons or ())
+        display = display_of(row.display, row.display_reasons)
+    except (Damaged, IndexError, TypeError, ValueError) as error:
+        raise Damaged(
+            f"samples {row.first_seq} to {row.last_seq} of flight {row.flight_id} are damaged: "
+            "restore a backup, or delete the flight"
+        ) from error
+    return Chunk(row.first_seq, samples, reasons, display, is_verified)
+
+
+def _digest(row: dict[str, Any]) -> bytes:
+    """SHA-256 of a row whose content has no digest yet."""
+    blobs = [row["content"], row["display"] or b""]
+    names = "flight_id", "first_seq", "last_seq", "reasons", "display_reasons"
+    plain = [*(row[name] for name in names), *(len(blob) for blob in blobs)]
+    return hashlib.sha256(b"".join([to_text(plain).encode(), *blobs])).digest()
+
+
+def _ends_with_samples(content: bytes, samples: npt.NDArray) -> bool:
+    """Whether nothing follows the array, as in chunks stored without a digest."""
+    header_bytes = 10 + int.from_bytes(content[8:10], "little")
+    return len(content) == header_bytes + samples.nbytes
 
 
 def pack(*fields: Any) -> npt.NDArray:

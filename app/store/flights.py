@@ -1,6 +1,6 @@
 """Stored flights, with their assessments in chunks of samples."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,18 +9,16 @@ import numpy.typing as npt
 from sqlalchemy import Connection, Select, bindparam, case, delete, func, insert, select, update
 
 from app.store.answers import note_deleted, was_deleted
-from app.store.arrays import from_blob, to_blob
 from app.store.assessments import (
     SAMPLE,
     StoredAssessments,
     StoredDisplay,
-    display_columns,
-    display_of,
+    chunk_of,
+    chunk_row,
     joined,
     pack,
-    reasons_of,
-    runs_of,
 )
+from app.store.database import Damaged
 from app.store.repository import Entry, Repository, check_deletable, columns, complete, fetch
 from app.store.tables import (
     assessment_chunks,
@@ -31,8 +29,13 @@ from app.store.tables import (
     now,
     recordings,
 )
+from core.monitor.assessment import STATES, State
 
 INTERRUPTED = "interrupted"
+DAMAGED = STATES.index(State.INVALID), "the stored samples are damaged: restore a backup"
+"""State and reason of a flight whose newest samples cannot be read."""
+ROWS_AT_ONCE = 100
+"""Chunks read at once by a check."""
 CHUNK = 1000
 """Maximum number of samples per blob."""
 
@@ -202,14 +205,13 @@ class FlightRepository(Repository):
         """
         samples = pack(t, y, p_value, alert, state, y_hat)
         chunks = [
-            {
-                "flight_id": flight_id,
-                "first_seq": first_seq + i,
-                "last_seq": first_seq + min(i + CHUNK, len(samples)) - 1,
-                "content": to_blob(samples[i : i + CHUNK]),
-                "reasons": runs_of(samples["state"][i : i + CHUNK], (reasons or ())[i : i + CHUNK]),
-                **display_columns([monitor.part(slice(i, i + CHUNK)) for monitor in display]),
-            }
+            chunk_row(
+                flight_id,
+                first_seq + i,
+                samples[i : i + CHUNK],
+                (reasons or ())[i : i + CHUNK],
+                [monitor.part(slice(i, i + CHUNK)) for monitor in display],
+            )
             for i in range(0, len(samples), CHUNK)
         ]
         if not chunks:
@@ -226,10 +228,9 @@ class FlightRepository(Repository):
     def assessments(
         self, flight_id: str, first_seq: int = 0, last_seq: int | None = None
     ) -> StoredAssessments:
-        """The stored samples first_seq to last_seq, both included."""
+        """The stored samples first_seq to last_seq, both included. Damaged."""
         chunk = assessment_chunks.c
-        of_display = chunk.display, chunk.display_reasons
-        query = select(chunk.first_seq, chunk.content, chunk.reasons, *of_display).where(
+        query = select(assessment_chunks).where(
             chunk.flight_id == flight_id, chunk.last_seq >= first_seq
         )
         if last_seq is not None:
@@ -237,20 +238,16 @@ class FlightRepository(Repository):
         with self._reading() as connection:
             fetch_flight(connection, flight_id)
             rows = connection.execute(query.order_by(chunk.first_seq)).all()
-        parts = [from_blob(row.content) for row in rows]
-        samples = np.concatenate([np.empty(0, SAMPLE), *parts])
-        reasons = [
-            text
-            for row, part in zip(rows, parts, strict=True)
-            for text in reasons_of(part["state"], row.reasons or ())
-        ]
-        numbers = [np.arange(len(p)) + row.first_seq for row, p in zip(rows, parts, strict=True)]
+        chunks = [chunk_of(row) for row in rows]
+        samples = np.concatenate([np.empty(0, SAMPLE), *(part.samples for part in chunks)])
+        reasons = [text for part in chunks for text in part.reasons]
+        numbers = [np.arange(len(part.samples)) + part.first_seq for part in chunks]
         seq = np.concatenate([np.empty(0, np.int64), *numbers])
         selected = slice(
             np.searchsorted(seq, first_seq),
             None if last_seq is None else np.searchsorted(seq, last_seq, "right"),
         )
-        display = joined([display_of(row.display, row.display_reasons) for row in rows])
+        display = joined([part.display for part in chunks])
         return StoredAssessments(
             seq=seq[selected],
             reasons=tuple(reasons[selected]),
@@ -258,20 +255,46 @@ class FlightRepository(Repository):
             **{name: np.ascontiguousarray(samples[name][selected]) for name in SAMPLE.names or ()},
         )
 
+    def check(self, flight_id: str, rest: Callable[[], None] = lambda: None) -> bool:
+        """Compare every chunk with its digest; return whether all have one. Damaged.
+
+        rest: called between pieces of work.
+        """
+        chunk, head, verified = assessment_chunks.c, -1, True
+        while True:
+            query = select(assessment_chunks).where(
+                chunk.flight_id == flight_id, chunk.first_seq > head
+            )
+            with self._reading() as connection:
+                fetch_flight(connection, flight_id)
+                query = query.order_by(chunk.first_seq).limit(ROWS_AT_ONCE)
+                rows = connection.execute(query).all()
+            for row in rows:
+                verified &= chunk_of(row).is_verified
+                rest()
+            if len(rows) < ROWS_AT_ONCE:
+                return verified
+            head = rows[-1].first_seq
+
     def last_states(self, flight_ids: Iterable[str]) -> dict[str, tuple[int, str]]:
-        """State code and reason of each flight's newest stored sample."""
+        """State code and reason of each flight's newest stored sample; DAMAGED where it is."""
         chunk, ids = assessment_chunks.c, set(flight_ids)
         newest = select(chunk.flight_id, func.max(chunk.last_seq).label("head"))
         head = newest.group_by(chunk.flight_id).subquery()
-        query = select(chunk.flight_id, chunk.content, chunk.reasons).join(
+        query = select(assessment_chunks).join(
             head, (head.c.flight_id == chunk.flight_id) & (head.c.head == chunk.last_seq)
         )
         with self._reading() as connection:
             rows = [row for row in connection.execute(query) if row.flight_id in ids]
         states = {}
-        for flight_id, content, runs in rows:
-            codes = from_blob(content)["state"]
-            states[flight_id] = int(codes[-1]), reasons_of(codes, runs or ())[-1]
+        for row in rows:
+            try:
+                newest_chunk = chunk_of(row)
+            except Damaged:
+                states[row.flight_id] = DAMAGED
+                continue
+            code = int(newest_chunk.samples["state"][-1])
+            states[row.flight_id] = code, newest_chunk.reasons[-1]
         return states
 
     def recover(self) -> None:
@@ -286,16 +309,13 @@ def _cut(connection: Connection, flight_id: str, head: int) -> None:
     """Delete the samples after `head`."""
     chunk = assessment_chunks.c
     beyond = (chunk.flight_id == flight_id) & (chunk.last_seq > head)
-    of_display = chunk.display, chunk.display_reasons
-    query = select(chunk.first_seq, chunk.content, chunk.reasons, *of_display).where(beyond)
-    rows = connection.execute(query.where(chunk.first_seq <= head)).all()
+    query = select(assessment_chunks).where(beyond, chunk.first_seq <= head)
+    parts = [chunk_of(row) for row in connection.execute(query)]
     connection.execute(delete(assessment_chunks).where(beyond))
-    for first, content, runs, *display in rows:
-        samples, rest = from_blob(content), slice(head + 1 - first)
-        texts, remaining = reasons_of(samples["state"], runs or ())[rest], samples[rest]
-        row = {"flight_id": flight_id, "first_seq": first, "last_seq": head}
-        row |= {"content": to_blob(remaining), "reasons": runs_of(remaining["state"], texts)}
-        row |= display_columns([monitor.part(rest) for monitor in display_of(*display)])
+    for part in parts:
+        rest = slice(head + 1 - part.first_seq)
+        display = [monitor.part(rest) for monitor in part.display]
+        row = chunk_row(flight_id, part.first_seq, part.samples[rest], part.reasons[rest], display)
         connection.execute(insert(assessment_chunks).values(**row))
 
 

@@ -29,7 +29,7 @@ PIECE_S = 0.01
 """Work between two rests [s]."""
 REST = 4.0
 """Rest after work, in units of its duration: this uses a fifth of one processor."""
-Kind = Literal["database", "monitor", "dataset", "recording", "scoring"]
+Kind = Literal["database", "monitor", "dataset", "recording", "scoring", "flight"]
 State = Literal["begun", "checking", "checked", "stopped"]
 
 
@@ -101,9 +101,16 @@ def small_items(store: Store, files: RecordingFiles) -> Iterator[Item]:
 
 
 def all_items(
-    store: Store, files: RecordingFiles, rest: Callable[[], None] = lambda: None
+    store: Store,
+    files: RecordingFiles,
+    unverified: set[str],
+    rest: Callable[[], None] = lambda: None,
 ) -> Iterator[Item]:
-    """All stored items except database pages. rest: called between pieces of work."""
+    """All stored items except database pages.
+
+    unverified: receives the ids of flights that were stored without digests.
+    rest: called between pieces of work.
+    """
     for monitor in store.monitors.all():
         yield Item("monitor", monitor.id, monitor.name, partial(store.monitors.file, monitor.id))
     for dataset in store.datasets.all():
@@ -115,6 +122,16 @@ def all_items(
         for scoring_id in sorted(store.scorings.ids(recording.id)):
             check = partial(_check_scoring, store, files, recording.id, scoring_id, rest)
             yield Item("scoring", scoring_id, f"of {recording.name}", check)
+    for flight in store.flights.all():
+        check = partial(_check_flight, store, flight.id, unverified, rest)
+        yield Item("flight", flight.id, f"of {flight.created[:19]}Z", check)
+
+
+def _check_flight(
+    store: Store, flight_id: str, unverified: set[str], rest: Callable[[], None]
+) -> None:
+    if not store.flights.check(flight_id, rest):
+        unverified.add(flight_id)
 
 
 def _check_scoring(
@@ -136,6 +153,8 @@ class Integrity:
         self.store, self.files = store, files
         self.state: State = "begun"
         self.n_checked = 0
+        self.unverified: set[str] = set()
+        """ids of flights that were stored without digests"""
         self._pace = Pace()
         self._known_damage: dict[tuple[Kind, str, str], Damage] = {}
         self._thread = threading.Thread(target=self._run, name="integrity", daemon=True)
@@ -177,7 +196,7 @@ class Integrity:
         pace = self._pace
         self._note_pages(check_pages(self.store.engine, pace.stopped, pace.rest))
         try:
-            for item in all_items(self.store, self.files, pace.rest):
+            for item in all_items(self.store, self.files, self.unverified, pace.rest):
                 self._check(item)
                 pace.rest()
         except Damaged as error:
@@ -226,6 +245,8 @@ class Integrity:
                     self.store.recordings.info(damage.id)
                 case "scoring":
                     return damage.id in self.store.scorings.ids()
+                case "flight":
+                    self.store.flights.info(damage.id)
         except NotFound:
             return False
         except StoreError:

@@ -4,10 +4,12 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from app.store import flights as stored_flights
+from app.store.assessments import DISPLAY, StoredDisplay
+from app.store.database import Damaged
 from app.store.store import Store
 from app.store.tables import assessment_chunks
 from core.monitor import Monitor
@@ -146,3 +148,32 @@ def test_alarms_are_numbered_and_acknowledged_once(store: Store, trained: Monito
     assert [(a.id, a.number, a.seq) for a in alarms] == [(raised[0], 1, 4), (raised[1], 2, 90)]
     assert alarms[1].acknowledged is alarms[1].by is None
     assert [a.number for a in store.alarms.of(other)] == [1]
+
+
+@settings(max_examples=examples(200), suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_no_changed_bit_of_a_stored_chunk_is_served(
+    long_lived: tuple[Store, str], data: st.DataObject
+) -> None:
+    store, monitor_id = long_lived
+    flight, n = store.flights.add({}, monitor_id, 0.1), 20
+    shown = StoredDisplay(np.zeros(n, DISPLAY), tuple("late" for _ in range(n)))
+    none = np.zeros((n, 6))
+    store.flights.append(
+        flight, 0, none[:, 0], none, none[:, 0], none[:, 0] > 0, [3] * n, none,
+        ["frozen"] * n, [shown],
+    )  # fmt: skip
+    name = data.draw(st.sampled_from(["content", "display", "reasons", "display_reasons"]))
+    with store.engine.begin() as connection:
+        where = f"FROM assessment_chunks WHERE flight_id = '{flight}'"
+        value = connection.exec_driver_sql(f"SELECT {name} {where}").scalar_one()
+        is_text = isinstance(value, str)
+        content = bytearray(value.encode() if is_text else value)
+        bit = data.draw(st.integers(0, 8 * len(content) - 1))
+        content[bit // 8] ^= 1 << bit % 8
+        changed = bytes(content).decode(errors="replace") if is_text else bytes(content)
+        change = f"UPDATE assessment_chunks SET {name} = ? WHERE flight_id = '{flight}'"
+        connection.exec_driver_sql(change, (changed,))
+    for read in (store.flights.assessments, store.flights.check):
+        with pytest.raises(Damaged):
+            read(flight)

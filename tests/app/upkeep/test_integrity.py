@@ -9,14 +9,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
-from sqlalchemy import update
+from sqlalchemy import select, update
 from starlette.testclient import TestClient
 
 from app.recordings.files import RecordingFiles
 from app.settings import Settings
+from app.store.assessments import DIGEST_BYTES
+from app.store.flights import DAMAGED
 from app.store.store import Store, open_store
-from app.store.tables import dataset_blocks, monitor_parts
+from app.store.tables import assessment_chunks, dataset_blocks, monitor_parts
 from app.upkeep import integrity
 from app.upkeep.integrity import Integrity, Pace, Stopped
 from core.dataset import Dataset
@@ -25,8 +28,12 @@ from tests.support.api import api, problem, store_of
 from tests.support.oscillator import Array
 from tests.support.patience import PATIENCE
 from tests.support.recorded import RECORDINGS, csv_of, uploaded
+from tests.support.stored import append, assert_says_its_number
 
-WHOLE = {"monitor", "dataset", "recording", "scoring"}
+WHOLE = {"monitor", "dataset", "recording", "scoring", "flight"}
+
+
+PARTS = {"monitor": monitor_parts, "dataset": dataset_blocks, "flight": assessment_chunks}
 
 
 class Kept(NamedTuple):
@@ -35,6 +42,7 @@ class Kept(NamedTuple):
     dataset: str
     recording: str
     scoring: str
+    flight: str
 
     @property
     def folder(self) -> Path:
@@ -51,7 +59,10 @@ def kept(tmp_path: Path, dataset: Dataset, flights: Array) -> Kept:
         recording = uploaded(client, csv_of(flights[0]))["id"]
         path = f"{RECORDINGS}/{recording}/scorings"
         scoring = client.post(path, json={"monitor": monitor}).json()["id"]
-    return Kept(tmp_path, monitor, dataset_id, recording, scoring)
+        flight = store_of(client).flights.add({"kind": "test"}, monitor, 0.1)
+        append(store_of(client), flight, 0, 30)
+        store_of(client).flights.end(flight)
+    return Kept(tmp_path, monitor, dataset_id, recording, scoring, flight)
 
 
 @pytest.fixture
@@ -106,6 +117,7 @@ def test_what_is_whole_is_found_whole(kept: Kept, store: Store) -> None:
         ("scoring", "scorings/*.tiles.npy"),
         ("monitor", ""),
         ("dataset", ""),
+        ("flight", ""),
     ],
 )
 def test_what_is_damaged_is_found_and_logged(
@@ -114,7 +126,7 @@ def test_what_is_damaged_is_found_and_logged(
     if name:
         flip(min(kept.folder.glob(name), key=lambda file: len(file.name)))
     else:
-        spoil_rows(store, monitor_parts if kind == "monitor" else dataset_blocks)
+        spoil_rows(store, PARTS[kind])
     with caplog.at_level(logging.ERROR, "forewarn"):
         known = checked(store, kept)
     ((damage),) = known.damaged()
@@ -210,3 +222,25 @@ def test_a_server_with_damaged_pages_starts_and_is_not_ready(kept: Kept) -> None
         assert answer.json()["damaged"]
         assert problem(client.get("/api/v1/flights"), 500).startswith("the database")
         assert client.get("/api/v1/monitors").status_code == 200
+
+
+def test_a_damaged_flight_is_refused_alone_and_can_be_deleted(kept: Kept, store: Store) -> None:
+    spoil_rows(store, assessment_chunks)
+    with api(kept.data_dir) as client:
+        path = f"/api/v1/flights/{kept.flight}"
+        answer = client.get(f"{path}/assessments")
+        assert "restore a backup" in problem(answer, 500)
+        assert answer.json()["type"] == "urn:forewarn:damaged"
+        (flight,) = client.get("/api/v1/flights").json()
+        assert (flight["status"], flight["reason"]) == ("invalid", DAMAGED[1])
+        assert client.delete(path).status_code == 204
+
+
+def test_flights_stored_without_digests_are_unverified(kept: Kept, store: Store) -> None:
+    with store.engine.begin() as connection:
+        content = connection.execute(select(assessment_chunks.c.content)).scalar_one()
+        without = content[:-DIGEST_BYTES]
+        connection.execute(update(assessment_chunks).values(content=without))
+    known = checked(store, kept)
+    assert (known.damaged(), known.unverified) == ([], {kept.flight})
+    assert_says_its_number(store.flights.assessments(kept.flight), np.arange(30))
