@@ -114,6 +114,7 @@ class CausalGrid:
             *_rows(WAITING),
             leap=np.empty(N_VALUES),
             steps=np.empty(kernel.INTERVALS),
+            ordered=np.empty(kernel.INTERVALS),
             recent_t=np.empty(kernel.REMEMBERED),
             recent=np.empty((kernel.REMEMBERED, N_CHANNELS)),
             late=np.empty(kernel.REMEMBERED),

@@ -38,6 +38,7 @@ from core.planned_test.collection import DatasetRecipe
 PACKAGES = ("numpy", "scipy", "numba", "fastapi", "uvicorn", "sqlalchemy", "viser", "websockets")
 TESTED = {
     "alembic": "1.20",
+    "anyio": "4.16",
     "control": "0.10",
     "fastapi": "0.165",
     "fastapi-offline": "1.7",

@@ -46,8 +46,9 @@ class GridState(NamedTuple):
 
     clock: (N_CLOCK,).   counts: (N_COUNT,).   t, arrived: (n,) [s], number: (n,), values: (n, k) of
     the waiting rows, by time; the first n_channels values are averaged, the others taken from the
-    nearest row.   leap: (k,) of the held sample.   steps: (INTERVALS,) [s].   recent_t:
-    (REMEMBERED,) [s], recent: (REMEMBERED, n_channels).   late: (REMEMBERED,) [s].
+    nearest row.   leap: (k,) of the held sample.   steps, ordered: (INTERVALS,) the newest
+    intervals, by arrival and by length [s].   recent_t: (REMEMBERED,) [s], recent:
+    (REMEMBERED, n_channels).   late: (REMEMBERED,) [s].
     """
 
     clock: Array
@@ -58,6 +59,7 @@ class GridState(NamedTuple):
     values: Array
     leap: Array
     steps: Array
+    ordered: Array
     recent_t: Array
     recent: Array
     late: Array
@@ -340,10 +342,23 @@ def _accept(state, settled, n, arrived, t, values, number):
 def _note_interval(state, step):
     """Update the usual interval: the lower median of the last steps."""
     clock, counts = state.clock, state.counts
-    state.steps[counts[N_STEPS] % INTERVALS] = step
-    counts[N_STEPS] += 1
+    ordered, place = state.ordered, counts[N_STEPS] % INTERVALS
     known = min(counts[N_STEPS], INTERVALS)
-    clock[INTERVAL] = np.sort(state.steps[:known])[(known - 1) // 2]
+    if known == INTERVALS:
+        known -= 1
+        gone = 0
+        while ordered[gone] != state.steps[place]:
+            gone += 1
+        for k in range(gone, known):
+            ordered[k] = ordered[k + 1]
+    at = known
+    while at > 0 and ordered[at - 1] > step:
+        ordered[at] = ordered[at - 1]
+        at -= 1
+    ordered[at], state.steps[place] = step, step
+    counts[N_STEPS] += 1
+    known += 1
+    clock[INTERVAL] = ordered[(known - 1) // 2]
     if known < FEW_INTERVALS:
         clock[INTERVAL] = min(clock[INTERVAL], clock[DT])
 
