@@ -190,6 +190,8 @@ async def _parts(app: FastAPI) -> AsyncIterator[None]:
         await asyncio.to_thread(finish, settings.data_dir)
         store = app.state.store = await asyncio.to_thread(open_store, settings.url)
         parts.callback(store.close)
+        await asyncio.to_thread(store.start)
+        parts.callback(store.stop)
         await asyncio.to_thread(store.reserve.make)
         await parts.enter_async_context(app.state.people.open(store))
         await parts.enter_async_context(app.state.audit.open(store))

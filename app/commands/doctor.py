@@ -28,6 +28,7 @@ from app.recordings.files import RecordingFiles
 from app.scene.server import SUBPROTOCOL
 from app.serving import Server, address_of, listen
 from app.settings import Settings, SettingsError
+from app.store.last_stop import LastStop
 from app.store.schema import current_revision, needs_upgrade, newest_revision
 from app.store.store import StoreError, open_store
 from app.upkeep.integrity import all_items
@@ -182,6 +183,8 @@ def data_directory(settings: Settings) -> str:
 def schema(settings: Settings) -> str:
     """The database's schema against the program's, and the database's integrity."""
     url = make_url(settings.url)
+    if older := LastStop(url).finding():
+        raise Failed(older)
     if url.get_backend_name() == "sqlite" and not Path(url.database or "").exists():
         return "no database yet: the first start creates it"
     revision = current_revision(url)

@@ -38,6 +38,9 @@ class Readiness(BaseModel):
     damaged: list[str] = Field(
         description="damaged items, which are not served; everything else is"
     )
+    older: str = Field(
+        description="one sentence if the database is older than at its last good stop, else empty"
+    )
 
 
 class IntegrityReport(BaseModel):
@@ -54,6 +57,9 @@ class IntegrityReport(BaseModel):
         description="flights stored by an earlier version without digests: readable, not verified"
     )
     damaged: list[Damage]
+    older: str = Field(
+        description="one sentence if the database is older than at its last good stop, else empty"
+    )
 
 
 @router.get("/healthz", tags=["health"])
@@ -68,6 +74,7 @@ async def readiness(request: Request) -> Readiness:
     state = request.app.state
     flights: Flights = state.flights
     details: dict[str, Any] = {"unwritten": flights.unwritten, "lost": flights.lost}
+    details["older"] = state.store.last_stop.older
     detail = await state.store_health.check()
     if not detail and flights.problem:
         detail = f"{flights.unwritten} samples of flights are not stored yet"
@@ -89,6 +96,7 @@ async def integrity(request: Request) -> IntegrityReport:
         checked=known.n_checked,
         unverified=len(known.unverified),
         damaged=damaged,
+        older=request.app.state.store.last_stop.older,
     )
 
 

@@ -219,12 +219,22 @@ def checkpoint(engine: Engine) -> None:
             raw.execute(f"PRAGMA busy_timeout = {BUSY_TIMEOUT_MS}")
 
 
-def touch(engine: Engine) -> None:
-    """Test writing without changing anything. StoreError if the database cannot be written."""
+def raise_counter(engine: Engine) -> int:
+    """Raise the counter that SQLite keeps in a database. StoreError if it cannot be written."""
     with writing(engine) as connection:
-        if is_sqlite(engine.url):
-            number = connection.exec_driver_sql("PRAGMA user_version").scalar_one()
-            connection.exec_driver_sql(f"PRAGMA user_version = {int(number)}")
+        if not is_sqlite(engine.url):
+            return 0
+        number = int(connection.exec_driver_sql("PRAGMA user_version").scalar_one()) + 1
+        connection.exec_driver_sql(f"PRAGMA user_version = {number}")
+        return number
+
+
+def counter(url: URL) -> int:
+    """The counter of a database; 0 if it does not exist yet. StoreError."""
+    if not is_sqlite(url) or (engine := read_only_engine(url)) is None:
+        return 0
+    with reading(engine) as connection:
+        return int(connection.exec_driver_sql("PRAGMA user_version").scalar_one())
 
 
 def reusable_bytes(engine: Engine) -> int | None:

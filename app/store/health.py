@@ -32,10 +32,10 @@ class StoreHealth:
         return self.fault
 
     async def repeat(self, is_needed: Callable[[], bool]) -> None:
-        """Check every CHECK_S while `is_needed()`; never returns."""
+        """Check every CHECK_S while `is_needed()` or after a write; never returns."""
         while True:
             await asyncio.sleep(CHECK_S)
-            if is_needed():
+            if is_needed() or self._store.has_written:
                 await self.check()
 
 

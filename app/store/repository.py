@@ -48,6 +48,7 @@ class Writer:
     def __init__(self, reserve: Reserve) -> None:
         self.reserve = reserve
         self.unfinished: Callable[[], None] | None = None
+        self.n_turns = 0
         self._lock = RLock()
 
     @contextmanager
@@ -61,6 +62,7 @@ class Writer:
                 except BaseException:
                     self.unfinished = work
                     raise
+            self.n_turns += 1
             yield
 
 

@@ -13,11 +13,12 @@ from app.store.alarms import AlarmRepository
 from app.store.answers import AnswerRepository
 from app.store.audit import AuditRepository
 from app.store.campaigns import CampaignRepository
-from app.store.database import Damaged, StoreError, address, damage, make_engine, touch
+from app.store.database import Damaged, StoreError, address, damage, make_engine
 from app.store.datasets import DatasetRepository
 from app.store.flight_markers import FlightMarkerRepository
 from app.store.flights import FlightRepository
 from app.store.jobs import JobRepository
+from app.store.last_stop import LastStop
 from app.store.limit_sets import LimitSetRepository
 from app.store.mappings import MappingRepository
 from app.store.markers import MarkerRepository
@@ -42,6 +43,8 @@ class Store:
         self._writer = Writer(self.reserve)
         shared = engine, self._writer
         self.engine = engine
+        self.last_stop = LastStop(engine.url)
+        self._n_noted = -1
         self.datasets = DatasetRepository(*shared)
         self.monitors = MonitorRepository(*shared)
         self.jobs = JobRepository(*shared)
@@ -78,9 +81,32 @@ class Store:
     def revision(self) -> str:
         return str(current_revision(self.engine.url))
 
+    def start(self) -> None:
+        """Report a database that is older than its last good stop; a server calls this first."""
+        try:
+            if older := self.last_stop.finding():
+                self.last_stop.older = older
+                LOG.error("%s", older)
+            self.touch()
+        except StoreError as error:
+            LOG.warning("the database cannot be compared with its last stop: %s", error)
+
+    def stop(self) -> None:
+        """Note a good stop."""
+        try:
+            self.last_stop.note(self.engine, stopped=True)
+        except StoreError as error:
+            LOG.warning("the stop was not noted: %s", error)
+
     def touch(self) -> None:
         """Test writing to the database. StoreError."""
-        touch(self.engine)
+        self._n_noted = self._writer.n_turns
+        self.last_stop.note(self.engine)
+
+    @property
+    def has_written(self) -> bool:
+        """Whether anything was written since the last `touch`."""
+        return self._n_noted != self._writer.n_turns
 
     def damage(self) -> list[str]:
         """Check the whole database; one line per fault."""

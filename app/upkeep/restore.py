@@ -16,6 +16,7 @@ from pathlib import Path
 
 from app.recordings.files import sync
 from app.store.database import StoreError, address, file_of
+from app.store.last_stop import ENDING
 from app.store.schema import migrations, revisions
 from app.upkeep.archive import DATABASE, JOURNALS, RECORDINGS, Archive, Manifest, open_archive
 from app.upkeep.backup import check_pages
@@ -149,7 +150,8 @@ def _clear(places: Iterable[Path]) -> None:
 
 
 def _files_of(database: Path) -> list[Path]:
-    return [database, *(database.with_name(database.name + end) for end in ("-wal", "-shm"))]
+    ends = "-wal", "-shm", ENDING
+    return [database, *(database.with_name(database.name + end) for end in ends)]
 
 
 def _has_content(path: Path) -> bool:

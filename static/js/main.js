@@ -45,14 +45,14 @@ function decoded(text) {
   }
 }
 
-/** Damaged data and a full disk are shown above every view. */
+/** Damaged data, a database that lost content and a full disk are shown above every view. */
 async function showDamage() {
   const element = document.querySelector("#damage");
   try {
-    const [{ damaged }, { warning }] = await Promise.all([api.get("/integrity"), api.get("/storage/space").catch(() => ({ warning: "" }))]);
-    element.hidden = damaged.length === 0 && !warning;
+    const [{ damaged, older }, { warning }] = await Promise.all([api.get("/integrity"), api.get("/storage/space").catch(() => ({ warning: "" }))]);
+    element.hidden = damaged.length === 0 && !older && !warning;
     if (damaged.length === 0) {
-      element.textContent = warning && `◆ Low disk space: ${warning}.`;
+      element.textContent = older ? `◆ Data missing: ${older}.` : warning && `◆ Low disk space: ${warning}.`;
       return;
     }
     const [{ kind, name, detail }] = damaged;

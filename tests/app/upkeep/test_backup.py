@@ -232,7 +232,7 @@ def test_a_database_that_a_server_has_open_is_not_replaced(kept: Kept, tmp_path:
     assert restored(kept, settings, replace=True) is not None
 
 
-@pytest.mark.parametrize("n_moves", range(6))
+@pytest.mark.parametrize("n_moves", range(7))
 def test_a_restore_that_dies_between_its_moves_is_completed_by_whoever_opens_next(
     kept: Kept, target: Settings, monkeypatch: pytest.MonkeyPatch, n_moves: int
 ) -> None:
@@ -252,7 +252,7 @@ def test_a_restore_that_dies_between_its_moves_is_completed_by_whoever_opens_nex
         try:
             restored(kept, target, replace=True)
         except KeyboardInterrupt:
-            assert n_moves < 5
+            assert n_moves < 6
             assert (target.data_dir / MOVES).exists()
     with api(target.data_dir) as client:
         assert len(client.get("/api/v1/recordings").json()) == 1
@@ -260,7 +260,8 @@ def test_a_restore_that_dies_between_its_moves_is_completed_by_whoever_opens_nex
     assert not finish(target.data_dir)
     assert kept_files(target.data_dir) >= kept_files(kept.data)
     (aside,) = target.data_dir.glob("replaced-*")
-    assert {path.name for path in aside.iterdir()} == {"forewarn.db", "recordings"}
+    names = {"forewarn.db", "forewarn.db.stop", "recordings"}
+    assert {path.name for path in aside.iterdir()} == names
 
 
 def test_what_was_made_in_the_middle_of_a_restore_is_not_lost_nor_taken_for_it(
