@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from app import json_codec
 from core.channels import CHANNELS, KEYS
 from core.flight_markers import FlightMarkerKey, FlightMarkerKind
+from core.limits.exceedance import ChannelExceedances, LatchedExceedance, MeasuredExceedance
 from core.limits.limits import Limits, Specification
 from core.monitor import Assessment
 from core.monitor.assessment import Cause, State
@@ -26,7 +27,6 @@ from core.monitor.peak_forecast import Ahead, NothingAhead, PeakAhead
 from core.monitor.status import AlarmKind, Level, Status
 
 Mode = Literal["live", "replay", "simulated"]
-Judged = Literal["from_trim", "recorded", "both"]
 Outputs = Annotated[list[float | None], Field(min_length=6, max_length=6)]
 
 
@@ -53,30 +53,6 @@ class ChannelLimit(Message):
     limit: float | None = Field(description="unsafe from this magnitude on, in `unit`")
 
 
-class MeasuredExceedance(Message):
-    """A measured exceedance of a limit; SI units, N_y in g."""
-
-    channel: str = Field(description="key of the channel furthest beyond its limit")
-    value: float
-    limit: float
-    judged: Judged = Field(
-        description="value that exceeds it: `from_trim`, which the monitor and every verdict use, "
-        "as `recorded`, or both"
-    )
-
-
-class ChannelExceedances(Message):
-    """The measured exceedances of a flight in one channel; SI units, N_y in g."""
-
-    channel: str = Field(description="key")
-    n: int = Field(description="number of exceedances")
-    first_t: float = Field(description="start of the first one [s]")
-    last_t: float = Field(description="start of the newest one [s]")
-    worst: float = Field(description="value furthest beyond the limit in force then")
-    worst_t: float = Field(description="[s]")
-    limit: float = Field(description="limit that the worst one exceeds")
-
-
 class Verdict(Message):
     """How a flight was warned of the limit that it exceeded; of a replay, as its recording."""
 
@@ -90,16 +66,6 @@ class Verdict(Message):
         description="`Warned 0.45 s before the limit` or `Missed: no alert before the limit`, "
         "shown beside the headline; empty where the monitor could not warn",
     )
-
-
-class LatchedExceedance(Message):
-    """An exceedance from trim that its strip shows until it is acknowledged and has ended."""
-
-    channel: str = Field(description="key")
-    t: float = Field(description="start [s]")
-    value: float = Field(description="largest value since, in the channel's `unit`")
-    over: bool = Field(description="whether the newest sample exceeds the limit")
-    acknowledged: bool
 
 
 class LimitsFrom(Message):

@@ -11,8 +11,8 @@ import numpy as np
 
 from core.channels import N_CHANNELS
 from core.kernels.compiled import cache_directory
+from core.limits.exceedance import exceeds
 from core.monitor import Monitor
-from core.monitor.validity.verdict import exceeds
 
 LOG = logging.getLogger("forewarn")
 COMPILED = "live"

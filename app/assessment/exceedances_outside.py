@@ -9,6 +9,7 @@ from app.assessment.limits_history import InForceTimeline
 from app.assessment.outcome import SAME_TIME, RecordedExceedance
 from app.telemetry.traces import Traces
 from core.channels import BY_KEY, CHANNELS
+from core.limits.exceedance import onsets
 from core.types import Array
 
 APART = 1.0
@@ -50,16 +51,16 @@ def exceedances_outside(
             number = np.maximum(np.searchsorted(starts - SAME_TIME, t, "right") - 1, 0)
             value = values - subtracted[number, c]
             limit = np.full(len(t), limits[c]) if timeline is None else timeline.at(t)[:, c]
-            over = np.isfinite(values) & (np.abs(value) >= limit)
+            over = onsets(t, value, limit)
             parts.append((t[over], number[over], value[over], limit[over]))
         t, number, value, limit = (np.concatenate(column) for column in zip(*parts, strict=True))
         inside = (t >= starts[number] - SAME_TIME) & (t <= ends[number] + SAME_TIME)
-        begins = np.diff(t, prepend=-np.inf) > APART
         exceedances += [
             RecordedExceedance(
                 float(t[i]), key, float(value[i]), None if timeline is None else float(limit[i])
             )
-            for i in np.flatnonzero(begins & ~inside)
+            for i in onsets(t, value, limit, APART)
+            if not inside[i]
         ]
     return tuple(sorted(exceedances, key=lambda exceedance: exceedance.t))
 

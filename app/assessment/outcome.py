@@ -9,6 +9,7 @@ import numpy as np
 
 from app.telemetry.traces import Traces
 from core.channels import CHANNELS
+from core.limits.exceedance import onsets
 from core.types import Array, Flags
 
 if TYPE_CHECKING:
@@ -139,8 +140,7 @@ def against_limits(
         value, recorded = values - trim[c], values + trace.bias
         limit = np.full(len(t), limits[c]) if timeline is None else timeline.at(t)[:, c]
         for judged, results in ((value, exceedances), (recorded, raw)):
-            over = np.flatnonzero(np.abs(judged) >= limit)
-            if len(over):
+            if len(over := onsets(t, judged, limit)):
                 i = over[0]
                 exceeded = None if timeline is None else float(limit[i])
                 results.append(RecordedExceedance(float(t[i]), key, float(judged[i]), exceeded))

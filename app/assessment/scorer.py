@@ -13,11 +13,11 @@ from app.assessment.planned_test import PlannedTest, limits_of, needed_channels,
 from app.assessment.trim import CausalTrim
 from core.channels import KEYS
 from core.kernels import assessing
+from core.limits.exceedance import exceeds
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import REASONS
 from core.monitor.monitor import Stream
 from core.monitor.peak_forecast import Ahead
-from core.monitor.validity.verdict import exceeds
 from core.types import Array
 
 TrimRule = Literal["detected", "none"]

@@ -21,7 +21,8 @@ from typing import Any
 from app.assessment.input_checks import DOUBT_KINDS, Doubt
 from app.flights.clock import Clock
 from app.flights.verdict import exceeds_from_trim
-from app.messages import Alarm, MeasuredExceedance
+from app.messages import Alarm
+from core.limits.exceedance import MeasuredExceedance
 from core.monitor import Assessment, State
 from core.monitor.assessment import Cause
 from core.monitor.status import ALARM_LEVELS, AlarmKind, Level

@@ -6,7 +6,6 @@ from typing import Any
 from pydantic import BaseModel, Field
 
 from app.flights.display_monitors import stated_delay
-from app.flights.exceedance import of_alarms
 from app.flights.verdict import (
     BEFORE,
     Circumstances,
@@ -18,11 +17,12 @@ from app.flights.verdict import (
     verdict,
     verdict_of_recording,
 )
-from app.messages import ChannelExceedances, MeasuredExceedance, Verdict
+from app.messages import Verdict
 from app.store.alarms import StoredAlarm
 from app.store.flights import FlightInfo
 from app.store.monitors import MonitorInfo
 from app.store.store import NotFound, Store
+from core.limits.exceedance import ChannelExceedances, MeasuredExceedance, of_alarms
 from core.monitor import State
 from core.monitor.assessment import STATES, Cause
 from core.monitor.status import Facts, Headline, Level, cause_of, headline

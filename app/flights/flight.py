@@ -19,7 +19,6 @@ from app.assessment.limits_in_force import InForceFrom, LimitsInForce, Requested
 from app.flights.alarms import Alarms
 from app.flights.clock import Clock, Timer
 from app.flights.display_monitors import DisplayMonitor, flown_monitor, no_rest
-from app.flights.exceedance import Exceedances
 from app.flights.flight_limits import status_of, to_store
 from app.flights.flight_markers import FlightMarkers
 from app.flights.recorder import Recorder
@@ -48,7 +47,6 @@ from app.messages import (
     LimitsStatus,
     LiveStatus,
     MarkerSet,
-    MeasuredExceedance,
     Mode,
     StateChange,
     StatusChange,
@@ -63,6 +61,7 @@ from app.messages import (
 from core.channels import KEYS
 from core.evaluation.certificate import warnings_of
 from core.flight_markers import FLIGHT_MARKERS, FlightMarkerKey
+from core.limits.exceedance import Exceedances, MeasuredExceedance
 from core.limits.limits import Specification, specification_to_plain
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import Cause

@@ -10,11 +10,12 @@ import numpy as np
 
 from app.flights.flight import Flight
 from app.flights.flight_markers import of_store
-from app.messages import Alarm, FlightMarker, MeasuredExceedance, plain_frame
+from app.messages import Alarm, FlightMarker, plain_frame
 from app.store.alarms import StoredAlarm
 from app.store.assessments import StoredDisplay
 from app.store.flights import FlightInfo
 from app.store.store import NotFound, Store
+from core.limits.exceedance import MeasuredExceedance
 from core.monitor import Assessment, State
 from core.monitor.assessment import STATES
 from core.monitor.status import cause_of

@@ -11,6 +11,7 @@ import logging
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
+from dataclasses import asdict
 from typing import Any, NamedTuple
 from zlib import crc32
 
@@ -19,12 +20,13 @@ import numpy.typing as npt
 
 from app.flights.clock import Clock, Timer
 from app.flights.flight_markers import to_store
-from app.messages import Alarm, ChannelExceedances, FlightMarker, LimitsFrom
+from app.messages import Alarm, FlightMarker, LimitsFrom
 from app.store.assessments import DISPLAY, StoredDisplay
 from app.store.health import StoreHealth
 from app.store.limit_sets import FlightLimits
 from app.store.store import NotFound, Store, StoreError
 from core.channels import N_CHANNELS
+from core.limits.exceedance import ChannelExceedances
 from core.monitor import Assessment
 from core.monitor.assessment import STATES
 from core.types import Array, Flags
@@ -221,7 +223,7 @@ class Recorder:
                 f"refuses them ({self.problem}); they are written as soon as it accepts them"
             )
         self._stop_timer()
-        result = [exceedance.model_dump() for exceedance in exceedances]
+        result = [asdict(exceedance) for exceedance in exceedances]
         limits = None if held is None else [limits.model_dump() for limits in held]
         end = self._store.flights.end
         await self._run(end, self._flight_id, status, exceeded_t, result, limits)
@@ -331,7 +333,7 @@ class Recorder:
             LOG.exception("flight %s: the store has no place for this", self._flight_id)
 
     def _write_alarm(self, alarm: Alarm) -> None:
-        exceedance = alarm.exceedance and alarm.exceedance.model_dump()
+        exceedance = alarm.exceedance and asdict(alarm.exceedance)
         about = alarm.kind, alarm.level, exceedance
         self._store.alarms.add(
             self._flight_id,

@@ -22,11 +22,11 @@ from app.flights.sources.track import SourceError
 from app.store.assessments import StoredAssessments
 from app.telemetry.journal import lines_of
 from core.channels import KEYS, N_CHANNELS
+from core.limits.exceedance import exceeds
 from core.monitor import Assessment, State
 from core.monitor.assessment import STATES
 from core.monitor.peak_forecast import Ahead
 from core.monitor.status import cause_of
-from core.monitor.validity.verdict import exceeds
 from core.simulation.attitude import DisplayAttitude
 from core.types import Array, Flags
 

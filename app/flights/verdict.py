@@ -17,8 +17,9 @@ from app.assessment.outcome import (
     verdict_of,
     warning_words,
 )
-from app.messages import MeasuredExceedance, Verdict
+from app.messages import Verdict
 from app.recipes.recipes import from_plain
+from core.limits.exceedance import MeasuredExceedance
 from core.monitor import State
 from core.monitor.assessment import REASONS, Cause
 from core.planned_test.collection import DatasetRecipe

@@ -19,7 +19,6 @@ from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.messages import (
     Alarm,
-    ChannelExceedances,
     FlightMarker,
     FlownMonitor,
     Frame,
@@ -47,6 +46,7 @@ from app.store.flights import FlightInfo, FlightInProgress
 from app.store.tokens import LOCAL
 from core.evaluation.certificate import UselessMonitor
 from core.flight_markers import FlightMarkerKey
+from core.limits.exceedance import ChannelExceedances
 from core.monitor import State
 from core.monitor.assessment import Cause
 from core.monitor.status import Facts, Level, Status, headline

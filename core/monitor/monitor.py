@@ -16,6 +16,7 @@ from core.kernels.innovation import NO_INNOVATION, Innovation
 from core.kernels.live_call import live_call, update_at
 from core.kernels.nearest import Tree, build
 from core.kernels.p_value import SIMPLE, Transduction, simple_p
+from core.limits.exceedance import exceeds
 from core.limits.limits import Specification, magnitudes_of, specification_to_plain
 from core.monitor.assessment import (
     REASONS,
@@ -38,7 +39,6 @@ from core.monitor.validity.support import NOT_CALIBRATED, Support, ValidityBasis
 from core.monitor.validity.verdict import (
     RunningValidity,
     ValidityVerdict,
-    exceeds,
     first_withdrawn,
     in_words,
     judge,

@@ -20,7 +20,6 @@ from app.assessment.rescoring import replay_line
 from app.assessment.scorer import CausalScorer, LiveAssessed, ReceivedExceedance, TrimRule
 from app.flights.alarms import REJOIN_S
 from app.flights.display_monitors import DisplayMonitor
-from app.flights.exceedance import exceedance
 from app.flights.flight import Angles, Flight, FlightPlan, stale_after
 from app.flights.flight_limits import to_store
 from app.flights.recorder import JOURNALLED_S
@@ -29,18 +28,11 @@ from app.flights.sources.lag import Lag
 from app.flights.sources.track import SourceError
 from app.flights.sources.udp import UdpAccess, UdpReceiver
 from app.flights.transport import NotPossible
-from app.messages import (
-    Alarm,
-    FlightMarker,
-    LiveChange,
-    LiveStatus,
-    ManoeuvreBegun,
-    MeasuredExceedance,
-    TransportState,
-)
+from app.messages import Alarm, FlightMarker, LiveChange, LiveStatus, ManoeuvreBegun, TransportState
 from app.telemetry.journal import Journal, JournalFull, Journals
 from app.telemetry.recording import TelemetryError
 from core.channels import KEYS
+from core.limits.exceedance import MeasuredExceedance, exceedance
 from core.monitor import Assessment, Monitor, State
 from core.monitor.peak_forecast import Ahead
 from core.simulation.attitude import DisplayAttitude

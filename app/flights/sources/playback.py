@@ -11,12 +11,10 @@ import numpy as np
 
 from app.assessment.input_checks import Doubt
 from app.assessment.limits_in_force import InForceFrom, Ruling
-from app.flights.exceedance import exceedance
 from app.flights.sources.track import Track
-from app.messages import MeasuredExceedance
+from core.limits.exceedance import MeasuredExceedance, exceedance, exceeds
 from core.monitor import Assessment, Monitor
 from core.monitor.peak_forecast import Ahead, RunningForecast
-from core.monitor.validity.verdict import exceeds
 from core.types import Array, Flags, Indices
 
 MOST_FOLLOWED = 1_000

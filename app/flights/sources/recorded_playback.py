@@ -15,14 +15,13 @@ from app.assessment.limits_in_force import InForceFrom, Ruling
 from app.assessment.outcome import SAME_TIME
 from app.assessment.planned_test import limits_of, needed_channels
 from app.flights.sources.playback import Angles, FollowedForecast, Script, onsets
-from app.messages import Judged, MeasuredExceedance
 from app.recordings.reasons import reason
 from core.channels import KEYS
+from core.limits.exceedance import Judged, MeasuredExceedance, exceeds
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import STATES, code_of
 from core.monitor.peak_forecast import Ahead
 from core.monitor.status import cause_of
-from core.monitor.validity.verdict import exceeds
 from core.simulation.attitude import WASH_OUT_S, DisplayAttitude
 from core.types import Array, Indices
 

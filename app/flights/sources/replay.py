@@ -11,7 +11,8 @@ from app.flights.alarms import gives_alarm
 from app.flights.flight import Flight, FlightPlan, stale_after
 from app.flights.sources.playback import Script
 from app.flights.transport import Due, NotPossible, Transport, TransportError
-from app.messages import MeasuredExceedance, TransportChange, TransportState, plain_frame
+from app.messages import TransportChange, TransportState, plain_frame
+from core.limits.exceedance import MeasuredExceedance
 from core.monitor import Assessment, State
 from core.monitor.peak_forecast import OVER, Ahead, NothingAhead
 from core.monitor.status import AlarmKind

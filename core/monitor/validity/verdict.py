@@ -31,13 +31,12 @@ from core.kernels.deviation import (
     follow,
     n_before,
 )
-from core.kernels.exceedance import exceeds_any
 from core.kernels.live_call import deviation_at, deviation_call
 from core.monitor.assessment import Assessment, Assessments, Withdrawal, code_of
 from core.monitor.validity.input_shape import WrongInput
 from core.monitor.validity.reasons import outside_training, too_little
 from core.monitor.validity.support import ValidityBasis
-from core.types import Array, Flags, Indices
+from core.types import Array, Indices
 
 
 @dataclass(frozen=True)
@@ -202,16 +201,6 @@ def _withdrawal(
     if (first := _first_outside(basis, largest, wrong)) is None:
         return None
     return Withdrawal(first, in_words(judge(basis, t, y, assessments, end=first).reasons))
-
-
-def exceeds(limits: Array, y: Array) -> Flags:
-    """(...,) whether a sample exceeds a limit; missing values do not.
-
-    limits: (6,).   y: (..., 6).
-    """
-    if y.ndim == 1:
-        return exceeds_any(limits, y)
-    return np.asarray((np.isfinite(y) & (np.abs(y) >= limits)).any(axis=-1))
 
 
 def in_words(reasons: Sequence[str]) -> str:

@@ -5,7 +5,7 @@ from functools import partial
 import pytest
 
 from app.flights.alarms import CLOSED_KEPT, REJOIN_S, Alarms
-from app.messages import MeasuredExceedance
+from core.limits.exceedance import MeasuredExceedance
 from core.monitor import Assessment, State
 from core.monitor.assessment import Cause
 from core.monitor.status import BETWEEN, Level, cause_of

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from app.flights.ended import records
-from app.flights.exceedance import Exceedances, exceedance
-from app.messages import ChannelExceedances, Hello
+from app.messages import Hello
 from core.channels import KEYS
+from core.limits.exceedance import ChannelExceedances, Exceedances, exceedance
 from tests.app.flights.test_flight_limits import Range
 from tests.app.flights.test_flight_limits import run as run_range
 from tests.support.flying import T, exact_monitor

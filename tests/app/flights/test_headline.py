@@ -12,12 +12,11 @@ import pytest
 from app.assessment.outcome import lead_words
 from app.flights.alarms import Alarms
 from app.flights.ended import records
-from app.flights.exceedance import exceedance
 from app.flights.sources.recorded_playback import RecordedScript
 from app.flights.verdict import Circumstances, longest_manoeuvre, verdict
-from app.messages import Judged, MeasuredExceedance
 from app.recipes.recipes import to_plain
 from app.store.alarms import StoredAlarm
+from core.limits.exceedance import Judged, MeasuredExceedance, exceedance
 from core.monitor import Assessment, State
 from core.monitor.assessment import REASONS, STATES
 from core.monitor.status import ALARM_LEVELS, BETWEEN, Level

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from core.channels import KEYS
 from core.dataset import Dataset
+from core.limits.exceedance import exceeds
 from core.monitor import Assessments, Monitor, MonitorRecipe, State, train
 from core.monitor.assessment import STATES
 from core.monitor.predictor import PREDICTORS
@@ -21,7 +22,7 @@ from core.monitor.score import SCORES
 from core.monitor.training import with_validity
 from core.monitor.validity.innovation import fit_innovation
 from core.monitor.validity.support import LEVEL, Support, SupportError, ValidityBasis, calibrate
-from core.monitor.validity.verdict import RunningValidity, deviation_of, exceeds
+from core.monitor.validity.verdict import RunningValidity, deviation_of
 from tests.support import oscillator
 from tests.support.oscillator import DT, N_SAMPLES, NY, TIMES, Array
 

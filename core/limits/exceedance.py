@@ -1,31 +1,112 @@
-"""Measured exceedances, judged from the channels alone."""
+"""The judge of limits: what exceeds them, when it began, its worst value and when it ended.
+
+A magnitude equal to its limit exceeds it; a missing value does not. Limits may change in time.
+"""
 
 from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from math import inf, isnan
 from operator import attrgetter
+from typing import Literal
 
 import numpy as np
 
-from app.messages import ChannelExceedances, Judged, LatchedExceedance, MeasuredExceedance
 from core.channels import KEYS
-from core.monitor.validity.verdict import exceeds
-from core.types import Array
+from core.kernels.exceedance import exceeds_any
+from core.types import Array, Flags, Indices
+
+Judged = Literal["from_trim", "recorded", "both"]
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredExceedance:
+    """A measured exceedance of a limit; SI units, N_y in g."""
+
+    __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
+
+    channel: str
+    """key of the channel furthest beyond its limit"""
+    value: float
+    limit: float
+    judged: Judged
+    """value that exceeds it: `from_trim`, which the monitor and every verdict use,
+    as `recorded`, or both"""
+
+
+@dataclass(slots=True)
+class ChannelExceedances:
+    """The measured exceedances of a flight in one channel; SI units, N_y in g."""
+
+    __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
+
+    channel: str
+    """key"""
+    n: int
+    """number of exceedances"""
+    first_t: float
+    """start of the first one [s]"""
+    last_t: float
+    """start of the newest one [s]"""
+    worst: float
+    """value furthest beyond the limit in force then"""
+    worst_t: float
+    """[s]"""
+    limit: float
+    """limit that the worst one exceeds"""
+
+
+@dataclass(slots=True)
+class LatchedExceedance:
+    """An exceedance from trim that its strip shows until it is acknowledged and has ended."""
+
+    __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
+
+    channel: str
+    """key"""
+    t: float
+    """start [s]"""
+    value: float
+    """largest value since, in the channel's `unit`"""
+    over: bool
+    """whether the newest sample exceeds the limit"""
+    acknowledged: bool
+
+
+def exceeds(limits: Array, y: Array) -> Flags:
+    """(...,) whether a sample exceeds a limit. limits: (n_channels,).   y: (..., n_channels)."""
+    if y.ndim == 1:
+        return exceeds_any(limits, y)
+    return np.asarray((np.isfinite(y) & (np.abs(y) >= limits)).any(axis=-1))
+
+
+def onsets(t: Array, value: Array, limit: Array | float, apart: float = 0.0) -> Indices:
+    """Samples of one channel at which an exceedance begins.
+
+    t, value: (n,).   limit: (n,) or one.   apart: [s] samples beyond the limit that are no further
+    apart belong to one exceedance; 0 for one exceedance per sample.
+    """
+    over = np.flatnonzero(np.isfinite(value) & (np.abs(value) >= limit))
+    return over[np.diff(t[over], prepend=-inf) > apart] if apart else over
 
 
 def exceedance(limits: Array | None, y: Array, recorded: Array) -> MeasuredExceedance | None:
     """The limit that a sample exceeds from trim, as recorded, or both; None if it exceeds none.
 
-    limits: (6,), None if unknown.   y: (6,) from trim.   recorded: (6,) including trim.
+    limits: (n_channels,), None if unknown.   y: from trim.   recorded: including trim.
     With several channels beyond their limits, the result names the furthest one.
     """
     if limits is None:
         return None
     if exceeds(limits, y):
-        judged: Judged = "both" if exceeds(limits, recorded) else "from_trim"
-        return _named(limits, y, judged)
-    if recorded is y:
+        return _furthest(limits, y, "both" if exceeds(limits, recorded) else "from_trim")
+    if recorded is y or not exceeds(limits, recorded):
         return None
-    return _named(limits, recorded, "recorded") if exceeds(limits, recorded) else None
+    return _furthest(limits, recorded, "recorded")
+
+
+def _furthest(limits: Array, y: Array, judged: Judged) -> MeasuredExceedance:
+    worst = int(np.nan_to_num(np.abs(y) / limits, posinf=0.0).argmax())
+    return MeasuredExceedance(KEYS[worst], float(y[worst]), float(limits[worst]), judged)
 
 
 class Exceedances:
@@ -48,7 +129,7 @@ class Exceedances:
 
     @property
     def latched(self) -> list[LatchedExceedance]:
-        return [latched.model_copy() for latched in self._latched.values()]
+        return [replace(latched) for latched in self._latched.values()]
 
     def restart(self) -> None:
         self._over.clear()
@@ -109,8 +190,7 @@ class Exceedances:
         if begins:
             begun.add(t)
         if known is None:
-            about = {"first_t": t, "last_t": t, "worst": value, "worst_t": t, "limit": limit}
-            self._of[key] = ChannelExceedances(channel=key, n=1, **about)
+            self._of[key] = ChannelExceedances(key, 1, t, t, value, t, limit)
             return
         known.n += begins
         known.first_t = min(known.first_t, t)
@@ -122,9 +202,7 @@ class Exceedances:
         for key, value in over.items():
             latched = self._latched.get(key)
             if latched is None:
-                latched = LatchedExceedance(
-                    channel=key, t=t, value=value, over=True, acknowledged=False
-                )
+                latched = LatchedExceedance(key, t, value, over=True, acknowledged=False)
                 self._latched[key] = latched
             latched.over = True
             latched.value = max(latched.value, value, key=abs)
@@ -143,13 +221,3 @@ def of_alarms(alarms: Iterable[tuple[float, MeasuredExceedance]]) -> list[Channe
     for t, named in alarms:
         log.pass_by(t, named)
     return log.of_channels
-
-
-def _named(limits: Array, y: Array, judged: Judged) -> MeasuredExceedance:
-    worst = int(np.nan_to_num(np.abs(y) / limits, posinf=0.0).argmax())
-    return MeasuredExceedance(
-        channel=KEYS[worst],
-        value=float(y[worst]),
-        limit=float(limits[worst]),
-        judged=judged,
-    )
