@@ -83,7 +83,7 @@ class Certificate:
             warnings.append(
                 f"the monitor is of no use: only {self.quiet} of safe flights stay valid and "
                 f"without an alert at epsilon {self.epsilon:.3g}, so alerts mean nothing; accept a "
-                "larger epsilon, or train for a shorter lead or with another method"
+                "larger epsilon, or train for a shorter warning lead time or with another method"
             )
         return warnings
 

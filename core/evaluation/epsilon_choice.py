@@ -127,8 +127,8 @@ def _by_targets(
     if beyond:
         raise ChoiceError(
             f"no epsilon keeps both targets; the closest: {both}; out of reach: "
-            f"{' and '.join(beyond)}. Accept more of either, or train for a shorter lead or with "
-            "another method"
+            f"{' and '.join(beyond)}. Accept more of either, or train for a shorter warning lead "
+            "time or with another method"
         )
     share = chosen.n_unsafe / (chosen.n_unsafe + chosen.n_safe)
     needed = max(

@@ -90,7 +90,7 @@ class SweepRecipe:
     imperfections: Literal["none", "usual"] = "none"
     """imperfections of a real flight: `none`, or `usual` noise and pilot's scatter."""
     leads_s: tuple[float, ...] = (0.25, 0.5, 0.75, 1.0)
-    """leads: warning lead times of the monitors [s]."""
+    """warning lead times: of the monitors [s]."""
     methods: tuple[str, ...] = tuple(METHODS)
     """methods compared: by name."""
     epsilon: Annotated[float, MISS_RATE] = 0.05
@@ -100,7 +100,7 @@ class SweepRecipe:
     n_unsafe: Annotated[int, Bounds(least=2)] = 200
     """unsafe rollouts for calibrating each monitor."""
     n_monitors: Annotated[int, Bounds(least=1)] = 3
-    """monitors of each method and lead: each from its own dataset."""
+    """monitors of each method and warning lead time: each from its own dataset."""
     n_test: Annotated[int, Bounds(least=1)] = 1000
     """fresh test flights of each monitor."""
     reactions_s: tuple[float, ...] = REACTIONS_S
@@ -278,7 +278,7 @@ def check_leads(recipe: SweepRecipe, tests: Mapping[str, DatasetRecipe]) -> None
         if longest >= test.maneuver.duration_s:
             raise ValueError(
                 f"leads_s={recipe.leads_s} was given: the manoeuvre of {name} lasts "
-                f"{test.maneuver.duration_s:g} s, choose shorter leads"
+                f"{test.maneuver.duration_s:g} s, choose shorter warning lead times"
             )
 
 

@@ -218,7 +218,7 @@ def check_lead(t_early: float, horizon: float) -> None:
     if t_early >= horizon:
         raise ValueError(
             f"t_early={t_early} s was given: the manoeuvre lasts {horizon:g} s, choose a "
-            "shorter lead"
+            "shorter warning lead time"
         )
 
 

@@ -78,8 +78,8 @@ def _hopeless(test: PlannedTestSweep) -> list[str]:
         return []
     return [
         "  no method lets safe flights pass "
-        f"{', '.join(f'{lead:g}' for lead in leads)} s ahead: use a shorter lead, or clear the "
-        "point before it is flown"
+        f"{', '.join(f'{lead:g}' for lead in leads)} s ahead: use a shorter warning lead time, or "
+        "clear the point before it is flown"
     ]
 
 

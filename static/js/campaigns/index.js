@@ -4,10 +4,11 @@
  * Exports  show(element, {id, query, api, navigate}) -> {close()}
  */
 
-import { ApiError, reason } from "../lib/api.js";
+import { fileInput, labelled } from "../forms/controls.js";
+import { ApiError } from "../lib/api.js";
 import { h } from "../lib/dom.js";
 import { guideLink } from "../lib/guide_link.js";
-import { scrolledTable } from "../lib/lists.js";
+import { table } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
 import { may, needs } from "../lib/me.js";
 import { moment } from "../lib/numbers.js";
@@ -17,9 +18,17 @@ import { showPlanning } from "./plan_form.js";
 import { stateChip } from "./states.js";
 import { watching } from "./watching.js";
 
+const COLUMNS = [
+  ["Name", ({ id, name }) => h("a", { href: `#/campaigns/${id}` }, name), "name campaign-name"],
+  ["Aircraft", ({ aircraft }) => aircraft.join("; "), "campaign-aircraft"],
+  ["Complete", ({ n_points: points, n_complete: complete }) => `${complete} of ${points}`, "number"],
+  ["Next point", ({ next }) => next ?? "none, all ended"],
+  ["State", ({ state }) => (state ? stateChip(state) : "–")],
+  ["Changed", ({ changed }) => moment(changed), "date"],
+];
+
 export function show(element, context) {
-  const query = context.query ?? new URLSearchParams();
-  if (context.id === "new" || query.has("add")) return showPlanning(element, context);
+  if (context.id === "new" || context.query.has("add")) return showPlanning(element, context);
   return context.id ? showCampaign(element, context) : showCampaigns(element, context);
 }
 
@@ -29,7 +38,7 @@ function showCampaigns(element, { api, navigate }) {
   async function build({ keep, again }) {
     const campaigns = await api.get("/campaigns");
     const content = campaigns.length
-      ? table(campaigns)
+      ? table({ columns: COLUMNS, items: campaigns })
       : empty(
           "No campaign yet",
           "A campaign is a build-up: points of growing amplitude, each cleared from the points flown before it, with a guarantee.",
@@ -52,46 +61,23 @@ function planning() {
   return may("POST /campaigns") ? link("Plan a campaign", "#/campaigns/new", true) : null;
 }
 
-function table(campaigns) {
-  const rows = campaigns.map(({ id, name, aircraft, n_points: points, n_complete: complete, next, state, changed }) =>
-    h(
-      "tr",
-      {},
-      h("th", { scope: "row", class: "campaign-name" }, h("a", { href: `#/campaigns/${id}` }, name)),
-      h("td", { class: "campaign-aircraft" }, aircraft.join("; ")),
-      h("td", { class: "number nowrap" }, `${complete} of ${points}`),
-      h("td", {}, next ?? "none, all ended"),
-      h("td", {}, state ? stateChip(state) : "–"),
-      h("td", { class: "dim nowrap" }, moment(changed)),
-    ),
-  );
-  const heads = [["Name"], ["Aircraft"], ["Complete", 1], ["Next point"], ["State"], ["Changed"]];
-  return scrolledTable({ heads, rows });
-}
-
 /** Opens a file that another server or the command line wrote. */
 function fileChoice(api, navigate) {
   const failure = errorLine();
-  const input = h("input", { type: "file", accept: ".json,application/json", id: "campaign-file", onchange: open });
+  const input = fileInput({
+    accept: ".json,application/json",
+    failure,
+    read: async (file) => {
+      const made = await api.post("/campaigns/file", parsed(await file.text(), file.name));
+      navigate(`#/campaigns/${made.id}`);
+    },
+  });
   return h(
     "section",
     { class: "panel stack-tight", ...needs("POST /campaigns/file") },
-    h("div", { class: "field" }, h("label", { for: "campaign-file" }, "Open a campaign file"), input),
+    labelled("Open a campaign file", input).element,
     failure.element,
   );
-
-  async function open() {
-    failure.show("");
-    const [file] = input.files;
-    if (!file) return;
-    try {
-      const made = await api.post("/campaigns/file", parsed(await file.text(), file.name));
-      navigate(`#/campaigns/${made.id}`);
-    } catch (error) {
-      failure.show(reason(error));
-      input.value = "";
-    }
-  }
 }
 
 function parsed(text, name) {

@@ -6,8 +6,9 @@
  *     running: its running job, if any.   again(): reloads the campaign.   isIdle(): nothing is typed or running
  */
 
+import { checkbox, fold, group, labelled, select, textInput } from "../forms/controls.js";
 import { decimal } from "../forms/decimals.js";
-import { ApiError, reason } from "../lib/api.js";
+import { reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
 import { createJobProgress } from "../lib/job_progress.js";
 import { factList, sentences } from "../lib/lists.js";
@@ -15,49 +16,55 @@ import { asksForToken, needs } from "../lib/me.js";
 import { figure, moment, percent } from "../lib/numbers.js";
 import { remember, remembered } from "../lib/storage.js";
 import { button, errorLine, link } from "../lib/view_states.js";
-import { predictedWords, promiseWords, stateChip } from "./states.js";
+import { failedWords, predictedWords, promiseWords, stateChip } from "./states.js";
 
 const NAME_KEY = "forewarn.name";
 const JOBS = { clearance: "Clearing", monitor: "Training a monitor for" };
+const PRIMARY = { class: "button button-primary" };
 
 export function nextPoint({ api, path, campaign, running, again }) {
   const point = campaign.points.find(({ name }) => name === campaign.next);
-  if (!point)
-    return { element: h("section", { class: "panel" }, h("h2", {}, "Every point is complete or aborted")), isIdle: () => true, close: () => {} };
-  const { name, state, clearing } = point;
+  if (!point) {
+    const element = h("section", { class: "panel" }, h("h2", {}, "Every point is complete or aborted"));
+    return { element, isIdle: () => true, close: () => {} };
+  }
+  const { name, state, clearing, monitor } = point;
+  const { is_first: isFirst } = campaign;
   let progress = null;
   const failure = errorLine();
-  const by = h("input", { type: "text", id: "decided-by", maxlength: 200, value: remembered(NAME_KEY) ?? "", onchange: () => remember(NAME_KEY, by.value.trim()) });
-  const why = h("input", { type: "text", id: "decided-why", maxlength: 2000 });
-  const boxes = campaign.checklist.map((_, k) => h("input", { type: "checkbox", id: `confirmed-${k}`, onchange: follow }));
+  const by = textInput({ maxlength: 200, value: remembered(NAME_KEY) ?? "", onchange: () => remember(NAME_KEY, by.value.trim()) });
+  const byField = labelled("your name", by);
+  const why = textInput({ maxlength: 2000 });
+  const whyField = labelled("reason", why);
+  const boxes = campaign.checklist.map(() => checkbox({ onchange: follow }));
   const flown = flownForm(api, act);
-  const confirm = button(campaign.is_first ? "Clear" : "Confirm as cleared", () => act("confirm"), { class: "button button-primary", ...needs("POST /campaigns/{}/confirm") });
-  const compute = button(clearing ? "Compute clearance again" : "Compute clearance", () => work("clearance", signed), { class: clearing ? "button" : "button button-primary", ...needs("POST /campaigns/{}/clearance") });
-  const train = button(point.monitor ? "Train its monitor again" : "Train a monitor", () => work("monitor", () => ({ point: name })), { class: "button", ...needs("POST /campaigns/{}/monitor") });
+  const decide = (word, action, look) => button(word, () => act(action), { ...look, ...needs(`POST /campaigns/{}/${action}`) });
+  const start = (word, kind, look) => button(word, () => work(kind), { ...look, ...needs(`POST /campaigns/{}/${kind}`) });
+  const confirm = decide(isFirst ? "Clear" : "Confirm as cleared", "confirm", PRIMARY);
+  const compute = start(clearing ? "Compute clearance again" : "Compute clearance", "clearance", clearing ? {} : PRIMARY);
+  const train = start(monitor ? "Train its monitor again" : "Train a monitor", "monitor");
   const stage = h("div", { class: "stack" });
+  const uncomputed = isFirst
+    ? "No flown step to compute from: engineering decision required."
+    : "Clearance not computed yet.";
   const element = h(
     "section",
     { class: "panel stack campaign-next", "data-state": state, "aria-label": "Next point" },
     h("div", { class: "row" }, h("h2", {}, `Next: ${name}, ${figure(point.peak_deg)} deg`), stateChip(state), last(point)),
-    clearing ? computed(clearing, point) : null,
-    clearing ? null : h("p", {}, campaign.is_first ? "No flown step to compute from: engineering decision required." : "Clearance not computed yet."),
+    failedBefore(campaign, point),
+    clearing ? computed(clearing, point) : h("p", {}, uncomputed),
     h("p", { class: "hint" }, passWords(point)),
     state === "on condition" ? checklist(campaign.checklist, boxes) : null,
-    h(
-      "div",
-      { class: "field-grid" },
-      asksForToken() ? null : h("div", { class: "field" }, h("label", { for: by.id }, "your name"), by),
-      h("div", { class: "field" }, h("label", { for: why.id }, "reason"), why),
-    ),
+    h("div", { class: "field-grid" }, asksForToken() ? null : byField.element, whyField.element),
     h(
       "div",
       { class: "row" },
-      state !== "cleared" && (campaign.is_first || state === "on condition") ? confirm : null,
-      campaign.is_first ? null : compute,
+      state !== "cleared" && (isFirst || state === "on condition") ? confirm : null,
+      isFirst ? null : compute,
       train,
-      state === "cleared" ? link("Fly live", `#/fly?kind=live${point.monitor ? `&monitor=${point.monitor}` : ""}`) : null,
-      state === "hold" ? null : button("Hold", () => act("hold"), needs("POST /campaigns/{}/hold")),
-      button("Abort", () => act("abort"), { class: "button button-danger", ...needs("POST /campaigns/{}/abort") }),
+      state === "cleared" ? link("Fly live", `#/fly?kind=live${monitor ? `&monitor=${monitor}` : ""}`) : null,
+      state === "hold" ? null : decide("Hold", "hold"),
+      decide("Abort", "abort", { class: "button button-danger" }),
     ),
     failure.element,
     stage,
@@ -65,40 +72,56 @@ export function nextPoint({ api, path, campaign, running, again }) {
   );
   follow();
   if (running) show(running);
-  return {
-    element,
-    isIdle: () => progress === null && !why.value && !boxes.some(({ checked }) => checked) && !flown.isTouched() && !element.contains(document.activeElement?.closest("input, select")),
-    close: () => progress?.close(),
-  };
+  return { element, isIdle, close: () => progress?.close() };
+
+  function isIdle() {
+    const isTyping = element.contains(document.activeElement?.closest("input, select"));
+    const isTouched = why.value || boxes.some(({ checked }) => checked) || flown.isTouched();
+    return progress === null && !isTouched && !isTyping;
+  }
 
   function follow() {
     confirm.disabled = !boxes.every(({ checked }) => checked);
   }
 
-  function signed() {
-    if (asksForToken()) return { point: name };
-    if (by.value.trim()) return { point: name, by: by.value.trim() };
-    by.focus();
-    throw new ApiError("No name was given: enter your name, which is stored with the decision.", 422);
+  /** Whether the decision has a name; it is stored with it. */
+  function isSigned() {
+    if (asksForToken() || by.value.trim()) return true;
+    byField.say("No name was given: enter your name, which is stored with the decision.");
+    byField.focus();
+    return false;
+  }
+
+  function decision() {
+    return { point: name, ...(!asksForToken() && { by: by.value.trim() }) };
   }
 
   async function act(action, more = {}) {
     failure.show("");
+    if (!isSigned()) return;
     try {
-      await api.post(`${path}/${action}`, { ...signed(), why: why.value.trim(), ...more });
+      await api.post(`${path}/${action}`, { ...decision(), why: why.value.trim(), ...more });
       again();
     } catch (error) {
-      failure.show(reason(error));
+      refuse(error);
     }
   }
 
-  async function work(what, asked) {
+  async function work(kind) {
     failure.show("");
+    if (kind === "clearance" && !isSigned()) return;
     try {
-      show(await api.post(`${path}/${what}`, asked()));
+      show(await api.post(`${path}/${kind}`, kind === "clearance" ? decision() : { point: name }));
     } catch (error) {
-      failure.show(reason(error));
+      refuse(error);
     }
+  }
+
+  function refuse(error) {
+    const words = reason(error);
+    if (!/ reason/.test(words)) return failure.show(words);
+    whyField.say(words);
+    return whyField.focus();
   }
 
   function show(job) {
@@ -115,6 +138,13 @@ export function nextPoint({ api, path, campaign, running, again }) {
     for (const control of [compute, train]) control.disabled = false;
     follow();
   }
+}
+
+/** The step flown before at the same condition, where it failed. */
+function failedBefore({ points }, { name, condition }) {
+  const before = points.slice(0, points.findIndex((point) => point.name === name));
+  const step = before.findLast((point) => point.condition === condition && point.flown);
+  return step && !step.flown.passed ? h("p", { class: "warning" }, h("strong", {}, failedWords(step))) : null;
 }
 
 function passWords({ passes_below: below, criteria }) {
@@ -152,28 +182,34 @@ function checklist(items, boxes) {
     "fieldset",
     { class: "panel stack-tight" },
     h("legend", {}, "Confirm before flight"),
-    items.map((item, k) => h("label", { class: "row campaign-check", for: boxes[k].id }, boxes[k], item)),
+    items.map((item, k) => h("label", { class: "row campaign-check" }, boxes[k], item)),
   );
 }
 
 function flownForm(api, send) {
-  const choice = h("select", { id: "flown-recording" });
-  const ends = ["start", "end"].map((key) => h("input", { type: "text", inputmode: "decimal", id: `flown-${key}`, placeholder: "as detected" }));
+  const choice = select([], {});
+  const chosen = labelled("recording", choice);
+  const ends = ["start of the trim segment", "end of the manoeuvre"].map((words) => {
+    const input = textInput({ inputmode: "decimal", placeholder: "as detected" });
+    const read = () => (input.value.trim() ? decimal(input.value) : null);
+    return { ...labelled(words, input, { unit: "s" }), input, read };
+  });
   const failure = errorLine();
-  const element = h(
-    "details",
-    { class: "fold", ontoggle: offer, ...needs("POST /campaigns/{}/flown") },
-    h("summary", {}, "Attach the flight recording"),
+  const element = fold(
+    "Attach the flight recording",
+    h("div", { class: "field-grid" }, [chosen, ...ends].map((field) => field.element)),
+    failure.element,
     h(
       "div",
-      { class: "field-grid" },
-      h("div", { class: "field" }, h("label", { for: choice.id }, "recording"), choice),
-      ["start of the trim segment", "end of the manoeuvre"].map((words, k) => h("div", { class: "field" }, h("label", { for: ends[k].id }, `${words} `, h("span", { class: "unit" }, "[s]")), ends[k])),
+      { class: "row" },
+      button("Complete", () => give("flown"), PRIMARY),
+      button("Aborted in flight", () => give("abort"), { class: "button button-danger", ...needs("POST /campaigns/{}/abort") }),
+      link("Upload a recording", "#/recordings"),
     ),
-    failure.element,
-    h("div", { class: "row" }, button("Complete", () => give("flown"), { class: "button button-primary" }), button("Aborted in flight", () => give("abort"), { class: "button button-danger", ...needs("POST /campaigns/{}/abort") }), link("Upload a recording", "#/recordings")),
   );
-  return { element, isTouched: () => choice.value !== "" || ends.some(({ value }) => value !== "") };
+  element.addEventListener("toggle", offer);
+  if ("data-refused" in needs("POST /campaigns/{}/flown")) element.dataset.refused = true;
+  return { element, isTouched: () => choice.value !== "" || ends.some(({ input }) => input.value !== "") };
 
   /** Load recordings on opening: the point's may be new. */
   async function offer() {
@@ -181,9 +217,10 @@ function flownForm(api, send) {
     failure.show("");
     try {
       const recordings = await api.get("/recordings");
+      const wordsOf = ({ name, created }) => (name.endsWith(" UTC") ? name : `${name}, ${moment(created)}`);
       choice.replaceChildren(
         h("option", { value: "" }, recordings.length ? "choose a recording" : "no recording yet"),
-        ...recordings.map(({ id, name, created }) => h("option", { value: id }, name.endsWith(" UTC") ? name : `${name}, ${moment(created)}`)),
+        ...recordings.map((recording) => h("option", { value: recording.id }, wordsOf(recording))),
       );
     } catch (error) {
       failure.show(reason(error));
@@ -191,16 +228,12 @@ function flownForm(api, send) {
   }
 
   function give(action) {
-    failure.show("");
-    if (!choice.value) {
-      failure.show("No recording is chosen: choose this point's recording, or upload it first.");
-      return;
-    }
-    const [start, end] = ends.map(({ value }) => (value.trim() ? decimal(value) : null));
-    if (Number.isNaN(start) || Number.isNaN(end)) {
-      failure.show("Start or end is not a number: enter seconds of the recording, or leave both empty.");
-      return;
-    }
+    const problems = [
+      [chosen, choice.value ? "" : "No recording is chosen: choose this point's recording, or upload it first."],
+      ...ends.map((end) => [end, Number.isNaN(end.read()) ? "Not a number: enter seconds of the recording, or leave it empty." : ""]),
+    ];
+    if (!group({}, () => problems).check()) return;
+    const [start, end] = ends.map(({ read }) => read());
     send(action, { recording: choice.value, start, end });
   }
 }

@@ -8,15 +8,34 @@ import { reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
 import { guideLink } from "../lib/guide_link.js";
 import { UNDER_WAY } from "../lib/job_progress.js";
-import { scrolledTable, sentences } from "../lib/lists.js";
+import { sentences, table } from "../lib/lists.js";
 import { loadingView } from "../lib/loading_view.js";
 import { needs } from "../lib/me.js";
 import { figure, moment, percent } from "../lib/numbers.js";
-import { askToConfirm, button, errorLine, link, loading, pageOf } from "../lib/view_states.js";
+import { deleteButton, link, loading, pageOf } from "../lib/view_states.js";
 import { buildUpFigure, derivativesFigure } from "./figures.js";
 import { nextPoint } from "./next_point.js";
 import { percentAtMost, predictedWords, reachedWords, stateChip } from "./states.js";
 import { watching } from "./watching.js";
+
+const NEW_TAB = { target: "_blank", rel: "noopener" };
+const OUTPUTS = ["β", "p", "r", "N_y"];
+const POINTS = [
+  ["Point", ({ name }) => name, "name"],
+  ["Amplitude [deg]", ({ peak_deg: peak }) => figure(peak), "number"],
+  ["State", ({ state }) => stateChip(state)],
+  ["Predicted", ({ clearing }) => predictedWords(clearing), "number campaign-words"],
+  ["Reached", (point) => (point.flown ? reachedWords(point) : "–"), "number campaign-words"],
+  ["Must stay below", ({ passes_below: below }) => percent(below, 0), "number"],
+  ["Stored", stored],
+  ["Decisions", ({ events }) => listOf(events.map(eventWords)), "campaign-events"],
+];
+const DERIVATIVES = [
+  ["Derivative", ({ name }) => name, "name"],
+  ["Before ± σ", ({ before: [mean, sigma] }) => `${figure(mean, 4)} ± ${figure(sigma, 2)}`, "number"],
+  ["After ± σ", ({ after: [mean, sigma] }) => `${figure(mean, 4)} ± ${figure(sigma, 2)}`, "number"],
+  ["Remaining σ", remaining, "number"],
+];
 
 export function showCampaign(element, { id, api, navigate }) {
   const path = `/campaigns/${encodeURIComponent(id)}`;
@@ -26,23 +45,34 @@ export function showCampaign(element, { id, api, navigate }) {
     const [campaign, jobs] = await Promise.all([api.get(path), api.get("/jobs")]);
     const running = jobs.find(({ status, request }) => UNDER_WAY.includes(status) && request.campaign === id);
     const next = keep(nextPoint({ api, path, campaign, running, again }));
-    const actions = [
-      link("All campaigns", "#/campaigns"),
-      h("a", { class: "button", href: `/api/v1${path}/report`, target: "_blank", rel: "noopener" }, "Card and report"),
-      h("a", { class: "button", href: `/api/v1${path}/file`, download: `campaign-${id}.json` }, "Download"),
-      h("a", { class: "button", href: `#/campaigns/${id}?add`, ...needs("POST /campaigns/{}/conditions") }, "Add a flight condition"),
-      guideLink("campaigns#clearance", "clearance"),
-      button("Delete", () => remove(campaign), { class: "button button-danger", ...needs("DELETE /campaigns/{}") }),
-    ];
+    const { points, conditions, exceeding_at_most: most } = campaign;
+    const isComputed = points.some(({ clearing }) => clearing);
     const page = pageOf(
       campaign.name,
-      actions,
+      [
+        link("All campaigns", "#/campaigns"),
+        h("a", { class: "button", href: `/api/v1${path}/report`, ...NEW_TAB }, "Card and report"),
+        h("a", { class: "button", href: `/api/v1${path}/file`, download: `campaign-${id}.json` }, "Download"),
+        h("a", { class: "button", href: `#/campaigns/${id}?add`, ...needs("POST /campaigns/{}/conditions") }, "Add a flight condition"),
+        guideLink("campaigns#clearance", "clearance"),
+        deleteButton({
+          api,
+          path,
+          what: `campaign “${campaign.name}”`,
+          consequence:
+            "Deletes the campaign and its decisions permanently. Recordings and monitors stay. Download its file first to keep a copy.",
+          done: () => navigate("#/campaigns"),
+        }),
+      ],
       h("p", { class: "dim" }, campaign.aircraft.join("; ")),
-      h("div", { class: "figures campaign-figures" }, next.element, campaign.conditions.map(({ name }) => buildUp(campaign, name))),
-      table(campaign),
-      campaign.points.some(({ clearing }) => clearing)
-        ? h("p", {}, `Probability that any computed clearance leads to an exceedance: at most ${percentAtMost(campaign.exceeding_at_most)}, over the simulated aircraft and flights.`)
-        : null,
+      h("div", { class: "figures campaign-figures" }, next.element, conditions.map(({ name }) => buildUp(points, name))),
+      table({ columns: POINTS, items: points, row: ({ name }) => ({ "data-point": name }) }),
+      isComputed &&
+        h(
+          "p",
+          {},
+          `Probability that any computed clearance leads to an exceedance: at most ${percentAtMost(most)}, over the simulated aircraft and flights.`,
+        ),
       campaign.n_complete ? derivatives(api, path) : null,
     );
     keep(watching(page, () => newer(campaign, next, again)));
@@ -56,63 +86,38 @@ export function showCampaign(element, { id, api, navigate }) {
     again();
     return "";
   }
-
-  function remove(campaign) {
-    askToConfirm(
-      `Delete the campaign “${campaign.name}”?`,
-      "Deletes the campaign and its decisions permanently. Recordings and monitors stay. Download its file first to keep a copy.",
-      "Delete permanently",
-      async () => {
-        await api.delete(path);
-        navigate("#/campaigns");
-      },
-    );
-  }
 }
 
-function buildUp({ points }, name) {
-  const flownThere = points.filter(({ condition }) => condition === name);
-  return h("section", { class: "panel" }, buildUpFigure(flownThere, name ? `Build-up at ${name}` : "Build-up"));
+function buildUp(points, name) {
+  const there = points.filter(({ condition }) => condition === name);
+  return h("section", { class: "panel" }, buildUpFigure(there, name ? `Build-up at ${name}` : "Build-up"));
 }
 
-function table({ points }) {
-  const rows = points.map((point) =>
-    h(
-      "tr",
-      { "data-point": point.name },
-      h("th", { scope: "row" }, point.name),
-      h("td", { class: "number" }, figure(point.peak_deg)),
-      h("td", {}, stateChip(point.state)),
-      h("td", { class: "number campaign-words" }, predictedWords(point.clearing)),
-      h("td", { class: "number campaign-words" }, point.flown ? reachedWords(point) : "–"),
-      h("td", { class: "number" }, percent(point.passes_below, 0)),
-      h("td", {}, links(point)),
-      h("td", { class: "campaign-events" }, point.events.length ? h("ul", { class: "sentences" }, point.events.map(eventItem)) : "–"),
-    ),
-  );
-  const heads = [["Point"], ["Amplitude [deg]", 1], ["State"], ["Predicted", 1], ["Reached", 1], ["Must stay below", 1], ["Stored"], ["Decisions"]];
-  return scrolledTable({ heads, rows });
+function eventWords({ state, by, at, words }) {
+  return [h("strong", {}, state), `: ${by}, ${moment(at)}${words && `; ${words}`}`];
 }
 
-function eventItem({ state, by, at, words }) {
-  return h("li", {}, h("strong", {}, state), `: ${by}, ${moment(at)}${words && `; ${words}`}`);
-}
-
-function links({ flown, monitor }) {
-  const parts = [
-    monitor && h("a", { href: `#/monitors/${monitor}` }, "monitor"),
-    flown?.flight && h("a", { href: `#/fly/${flown.flight}` }, "flight"),
+function stored({ flown, monitor }) {
+  const linked = (words, href, attributes = {}) => h("a", { class: "nowrap", href, ...attributes }, words);
+  const recording = flown?.recording;
+  const scorings = (flown?.scorings ?? []).flatMap((scoring, k, { length: n }) => {
+    const number = n > 1 ? ` ${k + 1}` : "";
+    return [
+      linked(`scoring${number}`, `#/recordings/${recording}?scoring=${scoring}`),
+      linked(`report${number}`, `/api/v1/recordings/${recording}/scorings/${scoring}/report`, NEW_TAB),
+    ];
+  });
+  return listOf([
+    monitor && linked("monitor", `#/monitors/${monitor}`),
+    flown?.flight && linked("flight", `#/fly/${flown.flight}`),
     flown?.recording_deleted && h("span", { class: "dim" }, "recording deleted"),
-    flown?.recording && h("a", { href: `#/recordings/${flown.recording}` }, "recording"),
-    ...(flown?.scorings ?? []).flatMap((scoring, k) => {
-      const number = flown.scorings.length > 1 ? ` ${k + 1}` : "";
-      return [
-        h("a", { href: `#/recordings/${flown.recording}?scoring=${scoring}` }, `scoring${number}`),
-        h("a", { href: `/api/v1/recordings/${flown.recording}/scorings/${scoring}/report`, target: "_blank", rel: "noopener" }, `report${number}`),
-      ];
-    }),
-  ].filter(Boolean);
-  return parts.length ? h("ul", { class: "sentences" }, parts.map((part) => h("li", { class: "nowrap" }, part))) : "–";
+    recording && linked("recording", `#/recordings/${recording}`),
+    ...scorings,
+  ]);
+}
+
+function listOf(parts) {
+  return sentences(parts.filter(Boolean)) ?? "–";
 }
 
 /** Loaded after the page is shown: identification takes a moment. */
@@ -125,20 +130,16 @@ function derivatives(api, path) {
   return element;
 }
 
+function remaining({ before, after, determined }) {
+  return [percent(after[1] / before[1], 0), determined ? null : h("span", { class: "list-mark" }, "not determined")];
+}
+
 function identified(condition) {
   const last = condition.after.at(-1);
   const uncertain = last.parameters.filter(({ before }) => before[1] > 0);
-  const rows = uncertain.map(({ name, before, after, determined }) =>
-    h(
-      "tr",
-      {},
-      h("th", { scope: "row" }, name),
-      h("td", { class: "number nowrap" }, `${figure(before[0], 4)} ± ${figure(before[1], 2)}`),
-      h("td", { class: "number nowrap" }, `${figure(after[0], 4)} ± ${figure(after[1], 2)}`),
-      h("td", { class: "number" }, percent(after[1] / before[1], 0), determined ? null : h("span", { class: "list-mark" }, "not determined")),
-    ),
+  const fits = last.sources.map(
+    (source, k) => `${source}: R² ${OUTPUTS.map((key, c) => `${key} ${figure(last.r2[k][c])}`).join(", ")}`,
   );
-  const fits = last.sources.map((source, k) => `${source}: R² ${["β", "p", "r", "N_y"].map((key, c) => `${key} ${figure(last.r2[k][c])}`).join(", ")}`);
   return h(
     "section",
     { class: "stack" },
@@ -146,7 +147,7 @@ function identified(condition) {
       "div",
       { class: "figures campaign-figures" },
       h("section", { class: "panel" }, derivativesFigure(condition)),
-      scrolledTable({ heads: [["Derivative"], ["Before ± σ", 1], ["After ± σ", 1], ["Remaining σ", 1]], rows }),
+      table({ columns: DERIVATIVES, items: uncertain }),
     ),
     sentences([...fits, `Mean squared distance from the expected aircraft: ${figure(last.distance)} (expected: about 1 or less).`]),
   );

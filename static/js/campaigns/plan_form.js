@@ -5,16 +5,15 @@
  *     query: name of a new campaign
  */
 
+import { createForm, fieldset, group, labelled, textInput } from "../forms/controls.js";
 import { decimals } from "../forms/decimals.js";
 import { createFields } from "../forms/form.js";
 import { createTestFields } from "../forms/planned_test.js";
-import { reason } from "../lib/api.js";
 import { loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
 import { guideLink } from "../lib/guide_link.js";
 import { loadingView } from "../lib/loading_view.js";
-import { needs } from "../lib/me.js";
-import { errorLine, link, pageOf } from "../lib/view_states.js";
+import { link, pageOf } from "../lib/view_states.js";
 
 const STEPS = "0.4 0.6 0.8 1";
 
@@ -25,64 +24,65 @@ export function showPlanning(element, { id, query, api, navigate }) {
 
   async function build() {
     const [catalog, campaign] = await Promise.all([loadCatalog(api), isNew ? null : api.get(`/campaigns/${id}`)]);
-    return pageOf(campaign ? `${campaign.name}: ${title.toLowerCase()}` : title, [guideLink("campaigns#on-the-page", "how to plan")], form({ api, catalog, campaign, navigate, title, given: query?.get("name") ?? "" }));
+    const heading = campaign ? `${campaign.name}: ${title.toLowerCase()}` : title;
+    const form = formOf({ api, catalog, campaign, navigate, title, given: query.get("name") ?? "" });
+    return pageOf(heading, [guideLink("campaigns#on-the-page", "how to plan")], form);
   }
 }
 
-function form({ api, catalog, campaign, navigate, title, given }) {
+function formOf({ api, catalog, campaign, navigate, title, given }) {
   const test = createTestFields({ api, catalog, initial: campaign?.conditions.at(-1).test });
   const { schema, default: usual } = catalog.recipes.clearance;
   const clearance = createFields(schema, usual, { catalog, path: "clearance" });
-  const text = (id, attributes) => h("input", { type: "text", id: `campaign-${id}`, ...attributes });
-  const name = text("name", { maxlength: 200, required: true, value: given });
-  const condition = text("condition", { maxlength: 200, placeholder: campaign ? "Mach 0.6, 5,000 ft" : "optional" });
-  const steps = text("steps", { inputmode: "decimal", value: STEPS });
-  const passes = text("passes", { inputmode: "decimal", value: "1" });
-  const criteria = text("criteria", { maxlength: 1000, placeholder: "optional" });
-  const failure = errorLine();
-  const route = campaign ? "POST /campaigns/{}/conditions" : "POST /campaigns";
-  const go = h("button", { class: "button button-primary", type: "submit", ...needs(route) }, campaign ? "Add points" : "Plan the campaign");
-  return h(
-    "form",
-    { class: "form", novalidate: true, onsubmit: send, "aria-label": title, "data-keeps-input": true },
-    h(
-      "fieldset",
-      { class: "panel stack" },
-      h("legend", {}, "1  The last point"),
-      h("p", { class: "hint" }, "The planned test at full amplitude. Earlier points use shares of this amplitude. Set the imperfections, noise and jitter expected in flight."),
-      test.main,
-      test.folded,
-    ),
-    h(
-      "fieldset",
-      { class: "panel stack" },
-      h("legend", {}, "2  Points"),
-      h(
-        "div",
-        { class: "field-grid" },
-        campaign ? null : labelled("name of the campaign", name),
-        labelled("flight condition", condition, "points are cleared only from steps flown at the same condition"),
-        labelled("steps, as shares of the amplitude", steps, "increasing, separated by spaces"),
-        labelled("pass below this share of a limit", passes, "1 is the limit itself"),
-        labelled("other pass criteria", criteria, "in words, judged by a person"),
+  const name = textInput({ maxlength: 200, required: true, value: given });
+  const condition = textInput({ maxlength: 200, placeholder: campaign ? "Mach 0.6, 5,000 ft" : "optional" });
+  const steps = textInput({ inputmode: "decimal", value: STEPS });
+  const passes = textInput({ inputmode: "decimal", value: "1" });
+  const criteria = textInput({ maxlength: 1000, placeholder: "optional" });
+  const named = labelled("name of the campaign", name);
+  const stepField = labelled("steps, as shares of the amplitude", steps, { hint: "increasing, separated by spaces" });
+  const where = campaign ? "condition" : "conditions.0";
+  const own = {
+    ...(campaign ? {} : { name: named }),
+    [`${where}.name`]: labelled("flight condition", condition, {
+      hint: "points are cleared only from steps flown at the same condition",
+    }),
+    [`${where}.steps`]: stepField,
+    [`${where}.passes_below`]: labelled("pass below this share of a limit", passes, { hint: "1 is the limit itself" }),
+    [`${where}.criteria`]: labelled("other pass criteria", criteria, { hint: "in words, judged by a person" }),
+  };
+  const nameCheck = () => (campaign || name.value.trim() ? [] : [[named, "No name was given: name the campaign."]]);
+  const back = campaign ? `#/campaigns/${campaign.id}` : "#/campaigns";
+  return createForm({
+    title,
+    word: campaign ? "Add points" : "Plan the campaign",
+    route: campaign ? "POST /campaigns/{}/conditions" : "POST /campaigns",
+    fields: [group({ ...own, amplitudes: stepField }, nameCheck), test.fields, clearance],
+    content: [
+      fieldset(
+        "1  The last point",
+        h(
+          "p",
+          { class: "hint" },
+          "The planned test at full amplitude. Earlier points use shares of this amplitude. Set the imperfections, noise and jitter expected in flight.",
+        ),
+        test.main,
+        test.folded,
       ),
-    ),
-    campaign
-      ? null
-      : h("details", { class: "panel fold" }, h("summary", {}, "How clearances are calibrated"), h("div", { class: "field-grid" }, clearance.keys.map(clearance.element))),
-    failure.element,
-    h("div", { class: "row form-end" }, go, link("Cancel", campaign ? `#/campaigns/${campaign.id}` : "#/campaigns")),
-  );
+      fieldset("2  Points", h("div", { class: "field-grid" }, Object.values(own).map((field) => field.element))),
+      !campaign &&
+        h(
+          "details",
+          { class: "panel fold" },
+          h("summary", {}, "How clearances are calibrated"),
+          h("div", { class: "field-grid" }, clearance.keys.map(clearance.element)),
+        ),
+    ],
+    beside: link("Cancel", back),
+    send,
+  }).element;
 
-  async function send(event) {
-    event.preventDefault();
-    failure.show("");
-    if (!campaign && !name.value.trim()) {
-      failure.show("No name was given: name the campaign.");
-      name.focus();
-      return;
-    }
-    if (![test.fields.check(), clearance.check()].every(Boolean)) return;
+  async function send() {
     const planned = {
       name: condition.value.trim(),
       dataset: test.fields.read(),
@@ -90,21 +90,9 @@ function form({ api, catalog, campaign, navigate, title, given }) {
       passes_below: Number(decimals(passes.value)[0]),
       criteria: criteria.value.trim(),
     };
-    go.disabled = true;
-    try {
-      const made = campaign
-        ? await api.post(`/campaigns/${campaign.id}/conditions`, planned)
-        : await api.post("/campaigns", { name: name.value.trim(), conditions: [planned], clearance: clearance.read() });
-      navigate(`#/campaigns/${made.id}`);
-    } catch (error) {
-      if (!test.fields.point(error.message)) clearance.point(error.message);
-      failure.show(reason(error));
-      failure.element.scrollIntoView({ block: "nearest" });
-      go.disabled = false;
-    }
+    const made = campaign
+      ? await api.post(`/campaigns/${campaign.id}/conditions`, planned)
+      : await api.post("/campaigns", { name: name.value.trim(), conditions: [planned], clearance: clearance.read() });
+    navigate(`#/campaigns/${made.id}`);
   }
-}
-
-function labelled(words, control, hint = "") {
-  return h("div", { class: "field" }, h("label", { for: control.id }, words), control, h("p", { class: "hint" }, hint));
 }

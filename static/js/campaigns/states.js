@@ -4,17 +4,18 @@
  * Exports
  *   stateChip(state) -> element
  *   predictedWords(clearing), reachedWords(point) -> text
+ *   failedWords(point) -> text          of a flown point that did not pass
  *   promiseWords(clearing) -> text      promise of its clearance
  *   percentAtMost(share) -> text        an upper bound
  */
 
-import { h } from "../lib/dom.js";
-import { figure, percent } from "../lib/numbers.js";
+import { percent } from "../lib/numbers.js";
+import { chip } from "../lib/view_states.js";
 
 const LEVELS = { planned: "off", "on condition": "caution", cleared: "ok", hold: "alert", complete: "advisory", aborted: "off" };
 
 export function stateChip(state) {
-  return h("span", { class: "chip", "data-level": LEVELS[state] }, state);
+  return chip(state, LEVELS[state]);
 }
 
 export function predictedWords(clearing) {
@@ -26,6 +27,11 @@ export function predictedWords(clearing) {
 export function reachedWords({ state, flown: { reached, exceeded, passed } }) {
   if (exceeded) return `▲ ${percent(reached, 0)}, exceeded ${exceeded}`;
   return passed ? percent(reached, 0) : `◆ ${percent(reached, 0)}, ${state === "aborted" ? "aborted" : "not passed"}`;
+}
+
+export function failedWords({ name, state, flown: { reached, exceeded } }) {
+  const fate = exceeded ? `exceeded ${exceeded}` : state === "aborted" ? "was aborted" : "did not pass";
+  return `${exceeded ? "▲" : "◆"} The step before, ${name}, ${fate}: it reached ${percent(reached, 0)} of a limit.`;
 }
 
 /** Rounded up, to stay a bound. */

@@ -1,24 +1,44 @@
 /**
- * Parts of every figure of datasets and monitors: a title with a key, and an axis of shares.
+ * Figures of datasets, monitors and campaigns: axes, series, rules, a key and a caption, declared as data.
  *
  * Exports
+ *   createFigure({title, words, label, x, y, height, series, rules}) -> figure, figure.rules: [{move(value, text)}]
+ *     x, y: axes of plot.js.   label: for screen readers.   words: below the key
+ *     series: [{look, line [[x, y]], band [[x, low, high]], mark, marks [[x, y]], words}]     look: a class;
+ *       marks: the line's points by default; words: in the key; one with words only explains another
+ *     rules: [{x | y, look, words}]     a line across
  *   framed(title, plot, key, words) -> <figure>
  *   keyOf([mark, words], ...) -> element     a line for each mark
- *   barKey(plot, safe, unsafe) -> element   the key of stacked bars: a line of words for each
- *   sample(name, mark) -> [svg]              a line of a key: class name, mark "cross", "circle", ...
- *   UNIT_SHARE   the axis of a share from 0 to 1.   SPARE   of an axis above its greatest value
+ *   barKey(plot, safe, unsafe) -> element    the key of stacked bars
+ *   sample(look, mark, hasLine) -> [svg]     a line of a key; mark "cross", "circle", ...
+ *   UNIT_SHARE, EPSILON   axes from 0 to 1.   SPARE   of an axis above its greatest value
  */
 
 import { h, svg } from "../lib/dom.js";
 import { percent } from "../lib/numbers.js";
-import { SHAPES } from "./plot.js";
+import { createPlot, SHAPES } from "./plot.js";
 
-export const UNIT_SHARE = {
-  domain: [0, 1],
-  format: (value) => percent(value, 0),
-  ticks: [0, 0.2, 0.4, 0.6, 0.8, 1],
-};
+const FROM_0_TO_1 = { domain: [0, 1], ticks: [0, 0.2, 0.4, 0.6, 0.8, 1] };
+export const UNIT_SHARE = { ...FROM_0_TO_1, format: (value) => percent(value, 0) };
+export const EPSILON = { ...FROM_0_TO_1, label: "epsilon, the accepted miss rate" };
 export const SPARE = 1.12;
+
+export function createFigure({ title, words, label, x, y, height, series, rules = [] }) {
+  const plot = createPlot({ x, y, label, height });
+  for (const { look, line = [], band, mark, marks = line } of series) {
+    if (band) plot.band(band, look);
+    if (line.length) plot.line(line, look);
+    if (mark) plot.marks(marks, mark, look);
+  }
+  const drawn = rules.map(({ x: at, y: level, look, words: text = "" }) =>
+    at === undefined ? plot.horizontal(level, look, text) : plot.vertical(at, look, text),
+  );
+  const explained = series.filter((entry) => entry.words);
+  const key = keyOf(...explained.map(({ look, mark, line, words: text }) => [sample(look, mark, line || !mark), text]));
+  const figure = framed(title, plot.svg, key, words);
+  figure.rules = drawn;
+  return figure;
+}
 
 export function framed(title, plot, key, words) {
   const caption = h(
@@ -32,31 +52,20 @@ export function framed(title, plot, key, words) {
 }
 
 export function keyOf(...entries) {
-  return h(
-    "span",
-    { class: "figure-key" },
-    entries.map(([draw, words]) =>
-      h(
-        "span",
-        {},
-        svg("svg", { viewBox: "0 0 34 14", class: "key-mark", "aria-hidden": "true" }, draw),
-        words,
-      ),
-    ),
+  const lines = entries.map(([drawn, words]) =>
+    h("span", {}, svg("svg", { viewBox: "0 0 34 14", class: "key-mark", "aria-hidden": "true" }, drawn), words),
   );
+  return h("span", { class: "figure-key" }, lines);
 }
 
 export function barKey(plot, safe, unsafe) {
-  const bar = (name, fill) =>
-    svg("rect", { x: 6, y: 2, width: 22, height: 11, class: name, ...fill });
-  return keyOf(
-    [bar("plot-safe-bar"), safe],
-    [bar("plot-unsafe-bar", { fill: plot.hatched }), unsafe],
-  );
+  const bar = (look, fill) => svg("rect", { x: 6, y: 2, width: 22, height: 11, class: look, ...fill });
+  return keyOf([bar("plot-safe-bar"), safe], [bar("plot-unsafe-bar", { fill: plot.hatched }), unsafe]);
 }
 
-export function sample(name, mark) {
-  const parts = [svg("path", { d: "M1 7H33", class: `plot-line ${name}` })];
-  if (mark) parts.push(svg("path", { d: SHAPES[mark], transform: "translate(17 7)", class: `plot-mark ${name}` }));
-  return parts;
+export function sample(look, mark, hasLine = true) {
+  return [
+    hasLine && svg("path", { d: "M1 7H33", class: `plot-line ${look}` }),
+    mark && svg("path", { d: SHAPES[mark], class: `plot-mark ${look}`, transform: "translate(17 7)" }),
+  ];
 }

@@ -8,113 +8,95 @@
 
 import { createFlightChart } from "../charts/live/flight_chart.js";
 import { limitedFirst } from "../charts/strips.js";
+import { fold, select } from "../forms/controls.js";
 import { reason } from "../lib/api.js";
 import { formatted, h } from "../lib/dom.js";
+import { factList } from "../lib/lists.js";
 import { figure } from "../lib/numbers.js";
-import { button, errorLine, link } from "../lib/view_states.js";
+import { button, errorLine, link, panel } from "../lib/view_states.js";
 
 export function createRolloutViewer({ api, catalog, dataset, monitors, navigate }) {
   const counts = { unsafe: dataset.n_unsafe, safe: dataset.n_safe };
-  const outcome = h(
-    "select",
+  const outcome = select(
+    Object.entries(counts).map(([key, n]) => n && [key, `${key} (${n})`]),
     { id: "rollout-outcome", onchange: () => pick(0) },
-    Object.keys(counts)
-      .filter((key) => counts[key])
-      .map((key) => h("option", { value: key }, `${key} (${counts[key]})`)),
   );
-  const index = h("input", {
-    type: "number",
-    id: "rollout-index",
-    min: 0,
-    step: 1,
-    value: 0,
-    onchange: () => pick(Number(index.value)),
-  });
+  const turnTo = () => pick(Number(index.value));
+  const index = h("input", { type: "number", id: "rollout-index", min: 0, step: 1, value: 0, onchange: turnTo });
   const words = h("p", { class: "rollout-words", role: "status" });
   const strips = h("div", { class: "rollout-strips" });
   const theta = h("div", {});
   const failure = errorLine();
-  const monitor = h(
-    "select",
+  const monitor = select(
+    monitors.map(({ id, name }) => [id, name]),
     { id: "replay-monitor", "aria-label": "monitor for the replay" },
-    monitors.map(({ id, name }) => h("option", { value: id }, name)),
   );
   const replay = monitors.length
-    ? h(
-        "div",
-        { class: "row" },
-        button("Replay with", fly, { class: "button button-primary" }),
-        h("div", { class: "field" }, monitor),
-      )
-    : h(
-        "div",
-        { class: "row" },
+    ? [button("Replay with", fly, { class: "button button-primary" }), h("div", { class: "field" }, monitor)]
+    : [
         h("span", { class: "hint" }, "Train a monitor to replay this rollout."),
         link("Train a monitor", `#/monitors/new?dataset=${dataset.id}`),
-      );
-  const element = h(
-    "section",
-    { class: "panel stack rollout-viewer", "aria-labelledby": "viewer-title" },
-    h("h2", { class: "panel-title", id: "viewer-title" }, "One rollout"),
-    h(
-      "div",
-      { class: "row rollout-pick" },
-      h("label", { for: "rollout-outcome" }, "outcome"),
-      h("div", { class: "field" }, outcome),
-      h("label", { for: "rollout-index" }, "number"),
-      h("div", { class: "field" }, index),
-      button("Previous", () => pick(Number(index.value) - 1), { class: "button button-small" }),
-      button("Next", () => pick(Number(index.value) + 1), { class: "button button-small" }),
-      h("div", { class: "spread" }, replay),
-    ),
-    words,
-    failure.element,
-    strips,
-    theta,
+      ];
+  const step = (word, by) => button(word, () => pick(Number(index.value) + by), { class: "button button-small" });
+  const element = panel(
+    "One rollout",
+    [
+      h(
+        "div",
+        { class: "row rollout-pick" },
+        h("label", { for: "rollout-outcome" }, "outcome"),
+        h("div", { class: "field" }, outcome),
+        h("label", { for: "rollout-index" }, "number"),
+        h("div", { class: "field" }, index),
+        step("Previous", -1),
+        step("Next", 1),
+        h("div", { class: "spread row" }, replay),
+      ),
+      words,
+      failure.element,
+      strips,
+      theta,
+    ],
+    { class: "panel stack rollout-viewer", "aria-label": "One rollout" },
   );
   let chart = null;
   let turn = 0;
-  let closed = false;
+  let isClosed = false;
   pick(0);
   return {
     element,
     close: () => {
-      closed = true;
+      isClosed = true;
       chart?.destroy();
     },
   };
 
   async function pick(wanted) {
-    const count = counts[outcome.value];
-    const chosen = Math.min(Math.max(Math.trunc(wanted) || 0, 0), count - 1);
+    const last = counts[outcome.value] - 1;
+    const chosen = Math.min(Math.max(Math.trunc(wanted) || 0, 0), last);
+    const first = outcome.value === "unsafe" ? 0 : dataset.n_unsafe;
     const mine = ++turn;
-    index.max = count - 1;
+    index.max = last;
     index.value = chosen;
     failure.show("");
     try {
-      const rollout = await api.get(
-        `/datasets/${dataset.id}/rollouts/${outcome.value === "unsafe" ? chosen : dataset.n_unsafe + chosen}`,
-      );
-      if (mine === turn && !closed) draw(rollout);
+      const rollout = await api.get(`/datasets/${dataset.id}/rollouts/${first + chosen}`);
+      if (mine === turn && !isClosed) draw(rollout);
     } catch (error) {
       failure.show(reason(error));
     }
   }
 
-  function draw({ telemetry, fail_index, theta: parameters }) {
+  function draw({ telemetry, fail_index: failed, theta: parameters }) {
     const { t } = telemetry;
-    const fails =
-      fail_index === null
-        ? `stays within its limits for ${figure(t.at(-1))} s`
-        : `fails at ${figure(t.at(-1))} s, where it is cut`;
-    words.textContent = `Rollout ${index.value}, ${outcome.value}: ${fails}. Point at the strips for values; cursors A and B show differences.`;
+    const end = figure(t.at(-1));
+    const fate = failed === null ? `stays within its limits for ${end} s` : `fails at ${end} s, where it is cut`;
+    words.textContent = `Rollout ${index.value}, ${outcome.value}: ${fate}. Point at the strips for values; cursors A and B show differences.`;
     chart?.destroy();
     const host = h("div", {});
     strips.replaceChildren(host);
-    const channels = catalog.channels.map((channel) => ({
-      ...channel,
-      limit: dataset.recipe.limits?.[channel.key] ?? null,
-    }));
+    const { limits } = dataset.recipe;
+    const channels = catalog.channels.map((channel) => ({ ...channel, limit: limits?.[channel.key] ?? null }));
     const { limited, others } = limitedFirst(channels);
     chart = createFlightChart(host, {
       channels,
@@ -125,35 +107,16 @@ export function createRolloutViewer({ api, catalog, dataset, monitors, navigate 
       history: t.length + 8,
     });
     chart.setTransport({ playing: false, speed: 1 });
-    chart.push(
-      t.map((time, k) => ({
-        t: time,
-        y: channels.map(({ key }) => telemetry[key][k]),
-        p_value: null,
-        alert: null,
-        state: "ok",
-      })),
-    );
+    const sampleAt = (k) => channels.map(({ key }) => telemetry[key][k]);
+    chart.push(t.map((time, k) => ({ t: time, y: sampleAt(k), p_value: null, alert: null, state: "ok" })));
     chart.setWindow(0, t.at(-1) + dataset.dt);
-    if (fail_index !== null) chart.setCursor(t[fail_index]);
-    theta.replaceChildren(thetaTable(parameters));
+    if (failed !== null) chart.setCursor(t[failed]);
+    const values = Object.entries(parameters).map(([name, value]) => [formatted(name), figure(value, 4)]);
+    theta.replaceChildren(fold("Uncertain parameters of this rollout", factList(values, "facts theta")));
   }
 
   function fly() {
-    navigate(
-      `#/fly?dataset=${dataset.id}&outcome=${outcome.value}&rollout=${index.value}&monitor=${monitor.value}`,
-    );
+    const query = `dataset=${dataset.id}&outcome=${outcome.value}&rollout=${index.value}&monitor=${monitor.value}`;
+    navigate(`#/fly?${query}`);
   }
-}
-
-function thetaTable(parameters) {
-  const cells = Object.entries(parameters).map(([name, value]) =>
-    h("div", {}, h("dt", {}, formatted(name)), h("dd", {}, figure(value, 4))),
-  );
-  return h(
-    "details",
-    { class: "fold" },
-    h("summary", {}, "Uncertain parameters of this rollout"),
-    h("dl", { class: "facts theta" }, cells),
-  );
 }

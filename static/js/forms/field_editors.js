@@ -3,89 +3,55 @@
  *
  * Exports
  *   beyondTitle(schema) -> string     the description without its title
- *   editorOf(key, schema, value, place) -> Editor
+ *   editorOf(key, schema, value, place) -> Editor: a Field of controls.js with
+ *     read() -> the value as the server wants it;   check() -> bool   shows what is wrong at the field
  *     place: {path, catalog, editors}; every editor enters itself in `editors` by its path
- *
- * Editor
- *   element           a .field
- *   read()            the value as the server wants it
- *   check() -> bool   shows what is wrong beside the field
- *   say(text)         shows a reason there; empty takes it away
- *   focus()
  */
 
 import { choiceName, labelOf, plainWords } from "../lib/catalog.js";
 import { formatted, h, put } from "../lib/dom.js";
 import { rounded } from "../lib/numbers.js";
 import { followUnits, shownIn } from "../lib/units.js";
-
-let fields = 0;
+import { checkbox, fieldOf, select, textInput } from "./controls.js";
 
 export function editorOf(key, schema, value, place) {
   const types = (schema.anyOf ?? [schema]).map(({ type }) => type);
-  if (schema.enum) return choice(key, schema, value, place);
-  if (types.includes("object")) return spread(key, schema, value, place);
-  if (types.includes("number") || types.includes("integer"))
-    return number(key, schema, value, place);
-  if (types[0] === "boolean") return flag(key, schema, value, place);
-  if (types[0] === "string") return words(key, schema, value, place);
-  return json(key, schema, value, place);
+  const field = (control, read, wrong) => editor(key, schema, place, control, read, wrong);
+  if (schema.enum) return choice(schema, value, field);
+  if (types.includes("object")) return spread(value, field);
+  if (types.includes("number") || types.includes("integer")) return number(key, schema, value, place, field);
+  if (types[0] === "boolean") {
+    const control = checkbox({ checked: Boolean(value) });
+    return field(control, () => control.checked);
+  }
+  if (types[0] === "string") {
+    const control = textInput({ value: value ?? "" });
+    return field(control, () => control.value);
+  }
+  return json(schema, value, field);
 }
 
-/** Label, control, hint and error of one parameter; `wrong()` is what is wrong, or "". */
-function field(key, schema, place, control, read, wrong = () => "") {
-  const id = `field-${++fields}`;
+/** wrong() is what is wrong, or "". */
+function editor(key, schema, place, control, read, wrong = () => "") {
   const { text, symbol } = labelOf(key, schema, place.catalog);
-  const failure = h("p", { class: "error", id: `${id}-error`, hidden: true });
-  const words = symbol ? "" : firstSentence(beyondTitle(schema)); // a channel's label says it
-  const hint = h("p", { class: "hint", id: `${id}-hint`, title: schema.description }, words);
-  control.id = id;
   control.name = place.path;
-  control.setAttribute("aria-describedby", `${id}-hint ${id}-error`);
-  const label = h(
-    "label",
-    { for: id },
-    formatted(text),
-    symbol ? [" ", formatted(symbol)] : null,
-    unitOf(key, schema, place.catalog),
-  );
-  const element = h(
-    "div",
-    { class: "field", "data-path": place.path },
-    label,
-    control,
-    hint,
-    failure,
-  );
-  const say = (reason) => {
-    failure.textContent = reason;
-    failure.hidden = !reason;
-    if (reason) control.setAttribute("aria-invalid", "true");
-    else control.removeAttribute("aria-invalid");
-  };
-  const editor = {
-    element,
-    hint,
-    read,
-    say,
-    check: () => {
-      const reason = wrong();
-      say(reason);
-      return !reason;
-    },
-    focus: () => {
-      for (
-        let outer = element.closest("details");
-        outer;
-        outer = outer.parentElement.closest("details")
-      )
-        outer.open = true;
-      control.focus();
-    },
-  };
-  control.addEventListener("change", () => editor.check());
-  place.editors.set(place.path, editor);
-  return editor;
+  const field = fieldOf(control, {
+    label: [formatted(text), symbol ? [" ", formatted(symbol)] : null, unitOf(key, schema, place.catalog)],
+    words: text,
+    hint: symbol ? "" : firstSentence(beyondTitle(schema)), // a channel's label says it
+    title: schema.description,
+    path: place.path,
+  });
+  const made = { ...field, read, check };
+  control.addEventListener("change", check);
+  place.editors.set(place.path, made);
+  return made;
+
+  function check() {
+    const reason = wrong();
+    field.say(reason);
+    return !reason;
+  }
 }
 
 function unitOf(key, schema, catalog) {
@@ -110,10 +76,10 @@ function firstSentence(words) {
     .replace(/\s*\[[^\]]+\]$/, "");
 }
 
-function number(key, schema, value, place) {
+function number(key, schema, value, place, field) {
   const parts = schema.anyOf ?? [schema];
   const kind = parts.find(({ type }) => type === "number" || type === "integer");
-  const optional = parts.some(({ type }) => type === "null");
+  const isOptional = parts.some(({ type }) => type === "null");
   const isInteger = kind.type === "integer";
   const low = kind.minimum ?? schema.minimum;
   const high = kind.maximum ?? schema.maximum;
@@ -123,7 +89,7 @@ function number(key, schema, value, place) {
     min: low,
     max: high,
     inputmode: "decimal",
-    placeholder: optional ? "none" : null,
+    placeholder: isOptional ? "none" : null,
   });
   const channel = place.catalog.channels.find((known) => known.key === key);
   const converts = channel && schema["x-unit"] === channel.unit;
@@ -145,10 +111,9 @@ function number(key, schema, value, place) {
     value = read();
     show();
   });
-  return field(key, schema, place, control, read, () => {
-    if (control.validity.badInput)
-      return "Not a number: write digits, with a point for decimals.";
-    if (read() === null) return optional ? "" : "Enter a number.";
+  return field(control, read, () => {
+    if (control.validity.badInput) return "Not a number: write digits, with a point for decimals.";
+    if (read() === null) return isOptional ? "" : "Enter a number.";
     if (isInteger && !Number.isInteger(read())) return "Enter a whole number.";
     if (low !== undefined && read() < low) return `Must be at least ${low}.`;
     if (high !== undefined && read() > high) return `Must be at most ${high}.`;
@@ -156,35 +121,14 @@ function number(key, schema, value, place) {
   });
 }
 
-function choice(key, schema, value, place) {
-  const control = h(
-    "select",
-    {},
-    schema.enum.map((name) => h("option", { value: name }, choiceName(schema, name))),
-  );
-  control.value = value;
-  return field(key, schema, place, control, () =>
-    schema.enum.find((name) => String(name) === control.value),
-  );
+function choice(schema, value, field) {
+  const control = select(schema.enum.map((name) => [name, choiceName(schema, name)]), { value });
+  return field(control, () => schema.enum.find((name) => String(name) === control.value));
 }
 
-function flag(key, schema, value, place) {
-  const control = h("input", { type: "checkbox", checked: Boolean(value) });
-  return field(key, schema, place, control, () => control.checked);
-}
-
-function words(key, schema, value, place) {
-  const control = h("input", { type: "text", value: value ?? "" });
-  return field(key, schema, place, control, () => control.value);
-}
-
-function json(key, schema, value, place) {
+function json(schema, value, field) {
   const rows = Array.isArray(value) && Array.isArray(value[0]) ? value.length : 1;
-  const control = h("textarea", {
-    rows: Math.min(rows + 1, 8),
-    spellcheck: "false",
-    class: "json",
-  });
+  const control = h("textarea", { rows: Math.min(rows + 1, 8), spellcheck: "false", class: "json" });
   control.value = written(value);
   const parsed = () => {
     try {
@@ -193,11 +137,10 @@ function json(key, schema, value, place) {
       return undefined;
     }
   };
-  const wrong = () => {
+  return field(control, parsed, () => {
     if (parsed() === undefined) return "Not JSON: write it like [[1, 0], [0, 1]].";
     return fits(parsed(), schema) ? "" : `Enter ${needed(schema)}.`;
-  };
-  return field(key, schema, place, control, parsed, wrong);
+  });
 }
 
 function written(value) {
@@ -208,65 +151,43 @@ function written(value) {
 function fits(value, schema) {
   if (schema.type === "array")
     return Array.isArray(value) && value.every((item) => fits(item, schema.items ?? {}));
-  if (schema.type === "number") return typeof value === "number";
-  if (schema.type === "string") return typeof value === "string";
+  if (schema.type === "number" || schema.type === "string") return typeof value === schema.type;
   return true;
 }
 
-function needed(schema) {
-  if (schema.type === "array")
-    return schema.items?.type === "array"
-      ? "rows of numbers, [[...], [...]]"
-      : `a list of ${schema.items?.type ?? "value"}s`;
-  return `a ${schema.type}`;
+function needed({ type, items }) {
+  if (type !== "array") return `a ${type}`;
+  return items?.type === "array" ? "rows of numbers, [[...], [...]]" : `a list of ${items?.type ?? "value"}s`;
 }
 
 /** One number for all, or one for each name. */
-function spread(key, schema, value, place) {
-  const byName = typeof value === "object" && value !== null ? { ...value } : {};
+function spread(value, field) {
+  const byName = typeof value === "object" && value !== null ? value : {};
   const names = Object.keys(byName);
-  const all = h("input", {
-    type: "number",
-    step: "any",
-    min: 0,
-    "aria-label": "one number for all",
-  });
-  const inputs = names.map((name) =>
-    h("input", { type: "number", step: "any", "aria-label": name, value: byName[name] }),
-  );
-  const cells = names.map((name, k) =>
-    h(
-      "label",
-      { class: "spread-cell" },
-      h("span", {}, formatted(name.replace("_beta", "_β").replace(/_d([ar])$/, "_δ$1"))),
-      inputs[k],
-    ),
-  );
+  const numeric = (attributes) => h("input", { type: "number", step: "any", ...attributes });
+  const all = numeric({ min: 0, "aria-label": "one number for all", value: typeof value === "number" ? value : 0.1 });
+  const inputs = names.map((name) => numeric({ "aria-label": name, value: byName[name] }));
+  const symbolOf = (name) => formatted(name.replace("_beta", "_β").replace(/_d([ar])$/, "_δ$1"));
+  const cells = names.map((name, k) => h("label", { class: "spread-cell" }, h("span", {}, symbolOf(name)), inputs[k]));
   const table = h("div", { class: "spread-table" }, cells);
-  const mode = h(
-    "select",
-    {},
-    names.length ? h("option", { value: "named" }, "one for each name") : null,
-    h("option", { value: "all" }, "one number for all"),
-  );
-  mode.value = names.length ? "named" : "all";
-  all.value = typeof value === "number" ? value : 0.1;
-  const turned = () => {
-    table.hidden = mode.value === "all";
-    all.hidden = mode.value !== "all";
-  };
-  const bad = (input) => input.value.trim() === "" || input.validity.badInput;
+  const ways = [names.length && ["named", "one for each name"], ["all", "one number for all"]];
+  const mode = select(ways, { value: names.length ? "named" : "all", onchange: turn });
+  const isBad = (input) => input.value.trim() === "" || input.validity.badInput;
   const read = () =>
     mode.value === "all"
       ? Number(all.value)
       : Object.fromEntries(names.map((name, k) => [name, Number(inputs[k].value)]));
-  const editor = field(key, schema, place, mode, read, () => {
-    const k = inputs.findIndex(bad);
-    if (mode.value === "all") return bad(all) ? "Enter a number." : "";
+  const made = field(mode, read, () => {
+    if (mode.value === "all") return isBad(all) ? "Enter a number." : "";
+    const k = inputs.findIndex(isBad);
     return k >= 0 ? `${names[k]} needs a number; 0 if it is certain.` : "";
   });
   mode.after(all, table);
-  mode.addEventListener("change", turned);
-  turned();
-  return editor;
+  turn();
+  return made;
+
+  function turn() {
+    table.hidden = mode.value === "all";
+    all.hidden = mode.value !== "all";
+  }
 }

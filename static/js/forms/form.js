@@ -11,16 +11,21 @@
  *   element(key)          the editor of one parameter, to be placed; a family's or an object's is
  *                         a fieldset with its parameters
  *   keys                  of all parameters, in the schema's order
- *   read() -> plain data, check() -> bool (shows reasons beside the fields, moves to the first)
- *   point(message)        shows the server's reason beside the field that it names, if any
+ *   read() -> plain data, check() -> bool (shows reasons at the fields, moves to the first)
+ *   editors               Map path -> Field, of those shown
  *   put(key, value)       shows another value of a family's member or of an object
  *   fields dispatch `change` and `input` events, which bubble
  */
 
+import { ApiError } from "../lib/api.js";
 import { aircraftCondition, labelOf, plainWords } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
+import { fold, pasteBox, select } from "./controls.js";
 import { beyondTitle, editorOf } from "./field_editors.js";
-import { createModelInput } from "./model_input.js";
+
+const NEEDED = ["a", "b", "c", "d", "uncertainty"];
+const KNOWN = [...NEEDED, "states", "altitude_m", "airspeed_mps"];
+const EXAMPLE = '{"A": [[...]], "B": [[...]], "C": [[...]], "D": [[...]], "uncertainty": {"spread": 0.1}}';
 
 export function createFields(schema, initial, { catalog, path, hidden = [], unfolded = [] }) {
   const editors = new Map();
@@ -30,28 +35,15 @@ export function createFields(schema, initial, { catalog, path, hidden = [], unfo
     keys: [...root.parts.keys()],
     read: root.read,
     check,
-    point,
+    editors,
     put: (key, value) => root.parts.get(key).put(value),
   };
 
   function check() {
-    const wrong = [...editors.values()].filter(
-      (editor) => editor.element.isConnected && !editor.check(),
-    );
+    const shown = [...editors.values()].filter(({ element }) => element.isConnected);
+    const wrong = shown.filter((editor) => !editor.check());
     wrong[0]?.focus();
     return wrong.length === 0;
-  }
-
-  function point(message) {
-    const named = message.charAt(0).toLowerCase() + message.slice(1);
-    const fits = [...editors.keys()].filter((key) =>
-      new RegExp(`^${key.replaceAll(".", "\\.")}\\b`).test(named),
-    );
-    const longest = fits.sort((a, b) => b.length - a.length)[0];
-    if (!longest) return false;
-    editors.get(longest).say(message);
-    editors.get(longest).focus();
-    return true;
   }
 }
 
@@ -77,25 +69,25 @@ function part(key, schema, value, place) {
   return editorOf(key, schema, value, place);
 }
 
+const isFold = (element) => element.matches("details");
+
 /** A nested object: folded, since its numbers seldom change; an open one is a fieldset. */
 function group(key, schema, value, place) {
   const { text } = labelOf(key, schema, place.catalog);
-  const isOpen = place.unfolded?.includes(key);
   const grid = h("div", { class: "field-grid" });
   const folds = h("div", {});
+  const content = [h("p", { class: "hint" }, beyondTitle(schema)), grid, folds];
+  const isOpen = place.unfolded?.includes(key);
+  const element = isOpen ? h("fieldset", {}, h("legend", {}, text), content) : fold(text, content);
+  element.dataset.path = place.path;
   let inner;
   put(value ?? {});
-  const words = h("p", { class: "hint" }, beyondTitle(schema));
-  const element = isOpen
-    ? h("fieldset", { "data-path": place.path }, h("legend", {}, text), words, grid, folds)
-    : h("details", { class: "fold", "data-path": place.path }, h("summary", {}, text), words, grid, folds);
   return { element, read: () => inner.read(), put };
 
   function put(values) {
     inner = objectParts(schema, values, place);
-    const elements = [...inner.parts.values()].map(({ element }) => element);
-    const isFold = (element) => element.matches("details");
-    grid.replaceChildren(...elements.filter((element) => !isFold(element)));
+    const elements = [...inner.parts.values()].map((editor) => editor.element);
+    grid.replaceChildren(...elements.filter((editor) => !isFold(editor)));
     folds.replaceChildren(...elements.filter(isFold));
   }
 }
@@ -104,17 +96,9 @@ function group(key, schema, value, place) {
 function family(key, schema, value, place) {
   const { label, entries } = place.catalog.families[schema["x-family"]];
   const isAircraft = schema["x-family"] === "aircraft";
-  const first = value?.kind ?? schema.default.kind;
-  const select = h(
-    "select",
-    {
-      "aria-label": label,
-      name: `${place.path}.kind`,
-      onchange: (event) => turn(event.target.value),
-    },
-    Object.values(entries).map((entry) =>
-      h("option", { value: entry.kind }, isAircraft ? aircraftCondition(entry) : entry.label),
-    ),
+  const choice = select(
+    Object.values(entries).map((entry) => [entry.kind, isAircraft ? aircraftCondition(entry) : entry.label]),
+    { "aria-label": label, name: `${place.path}.kind`, onchange: () => turn(choice.value) },
   );
   const words = h("p", { class: "hint" });
   const holder = h("div", { class: "stack-tight" });
@@ -122,74 +106,79 @@ function family(key, schema, value, place) {
     "fieldset",
     { "data-path": place.path },
     h("legend", {}, label),
-    h("div", { class: "field" }, select, words),
+    h("div", { class: "field" }, choice, words),
     holder,
   );
   let inner;
-  turn(first, value);
-  return { element, read: () => ({ kind: select.value, ...inner.read() }), put };
+  turn(value?.kind ?? schema.default.kind, value);
+  return { element, read: () => ({ kind: choice.value, ...inner.read() }), put };
 
   function put({ kind, ...given }) {
     turn(kind, { ...entries[kind].default, ...given });
   }
 
-  function turn(
-    kind,
-    given = schema.default.kind === kind ? schema.default : entries[kind].default,
-  ) {
-    select.value = kind;
+  function turn(kind, given = schema.default.kind === kind ? schema.default : entries[kind].default) {
+    choice.value = kind;
     words.textContent = plainWords(entries[kind].description);
     for (const path of [...place.editors.keys()])
       if (path.startsWith(`${place.path}.`)) place.editors.delete(path);
+    const { properties } = entries[kind].schema;
     // a published aircraft's `name` is its kind again
-    const hidden = Object.keys(entries[kind].schema.properties).filter(
-      (name) => entries[kind].default[name] === kind,
-    );
+    const hidden = Object.keys(properties).filter((name) => entries[kind].default[name] === kind);
     inner = objectParts(entries[kind].schema, given, place, hidden);
-    const { own, shared, folds } = sorted([...inner.parts], entries);
-    const model =
-      "a" in inner.read() && isAircraft
-        ? createModelInput((model) => turn(kind, { ...inner.read(), ...model }))
-        : null;
-    holder.replaceChildren(
-      ...[
-        model,
-        own.length ? h("div", { class: "field-grid" }, own) : null,
-        shared,
-        ...folds,
-      ].filter(Boolean),
-    );
+    const { own, shared, folds } = sorted([...inner.parts], Object.values(entries));
+    const parts = [
+      isAircraft && "a" in properties && modelInput((model) => turn(kind, { ...inner.read(), ...model })),
+      own.length && h("div", { class: "field-grid" }, own),
+      shared,
+      ...folds,
+    ];
+    holder.replaceChildren(...parts.filter(Boolean));
   }
 }
 
 /** A member's own parameters first; those that every member has are folded where they are many. */
-function sorted(parts, entries) {
-  const members = Object.values(entries);
-  const folds = parts
-    .filter(([, { element }]) => element.matches("details"))
-    .map(([, { element }]) => element);
-  const fields = parts.filter(([, { element }]) => !element.matches("details"));
-  const common = fields.filter(
-    ([key]) => members.length > 1 && members.every(({ schema }) => key in schema.properties),
-  );
+function sorted(parts, members) {
+  const elementsOf = (some) => some.map(([, { element }]) => element);
+  const fields = parts.filter(([, { element }]) => !isFold(element));
+  const common = fields.filter(([key]) => members.length > 1 && members.every(({ schema }) => key in schema.properties));
   const many = common.length > 2 ? common : [];
   const titles = many.map(([key]) => members[0].schema.properties[key].title);
-  const words = titles.join(", ");
-  const shared = many.length
-    ? h(
-        "details",
-        { class: "fold" },
-        h("summary", {}, words),
-        h(
-          "div",
-          { class: "field-grid" },
-          many.map(([, { element }]) => element),
-        ),
-      )
-    : null;
   return {
-    own: fields.filter((field) => !many.includes(field)).map(([, { element }]) => element),
-    shared,
-    folds,
+    own: elementsOf(fields.filter((field) => !many.includes(field))),
+    shared: many.length ? fold(titles.join(", "), h("div", { class: "field-grid" }, elementsOf(many))) : null,
+    folds: elementsOf(parts).filter(isFold),
   };
+}
+
+function modelInput(use) {
+  const box = pasteBox({
+    label: "your own model as JSON",
+    fileLabel: "your own model as a file",
+    hint: "Paste the model as JSON, or choose a file; its numbers then appear below.",
+    example: EXAMPLE,
+    word: "Use this model",
+    use: (text) => use(modelOf(text)),
+  });
+  return h("div", { class: "field model-input" }, box);
+}
+
+/** The user's own linear model, with its keys in small letters. ApiError. */
+function modelOf(text) {
+  const refused = (words) => new ApiError(words, 422);
+  let plain;
+  try {
+    plain = JSON.parse(text);
+  } catch (error) {
+    throw refused(`Not JSON (${error.message}): write it like ${EXAMPLE}.`);
+  }
+  if (typeof plain !== "object" || plain === null || Array.isArray(plain))
+    throw refused("A model is an object with A, B, C, D and uncertainty.");
+  const entries = Object.entries(plain).filter(([key]) => key !== "kind");
+  const model = { states: [], ...Object.fromEntries(entries.map(([key, value]) => [key.toLowerCase(), value])) };
+  const missing = NEEDED.filter((key) => !(key in model)).map((key) => (key.length > 1 ? key : key.toUpperCase()));
+  const strange = Object.keys(model).filter((key) => !KNOWN.includes(key));
+  if (missing.length) throw refused(`The model lacks ${missing.join(", ")}: it needs A, B, C, D and uncertainty.`);
+  if (strange.length) throw refused(`The model has unknown keys: ${strange.join(", ")}. Leave them out.`);
+  return model;
 }

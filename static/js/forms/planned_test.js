@@ -8,8 +8,9 @@
  *     initial: a recipe to begin with; else the default with noise, jitter, imperfections of a real
  *     flight and the usual number of failures, unless asFlown is false
  *   scatterOf(recipes, name) -> {key: value}     the pilot's scatter of a recipe; name: "default" | "as_flown"
+ *   isSimulated(dataset) -> bool     its recipe is known
  *
- * Choice   element, size (the editor of n_unsafe), read() -> id | recipe, check(), point(message),
+ * Choice   element, size (the editor of n_unsafe), read() -> id | recipe, check(), editors,
  *          failures() -> number of unsafe rollouts | null
  */
 
@@ -20,55 +21,33 @@ import { needs } from "../lib/me.js";
 import { figure, moment, percent } from "../lib/numbers.js";
 import { followUnits } from "../lib/units.js";
 import { button, errorLine } from "../lib/view_states.js";
+import { fieldset, fold, inWords, radio, select } from "./controls.js";
 import { createFields } from "./form.js";
 
 const SIZE = "n_unsafe";
 /** Set by the monitor where the test is simulated for one; a field only on the Datasets page. */
 const GROUPS = "groups";
 
+export const isSimulated = ({ recipe }) => Object.keys(recipe).length > 0;
+
 export function createTestFields({ api, catalog, initial, asFlown = true }) {
   const { schema, default: clean, usual } = catalog.recipes.dataset;
-  const fields = createFields(
-    schema,
-    { ...(asFlown && !initial ? usual : clean), ...initial },
-    { catalog, path: "dataset", unfolded: ["limits"] },
-  );
-  const properties = schema.properties;
+  const begun = { ...(asFlown && !initial ? usual : clean), ...initial };
+  const fields = createFields(schema, begun, { catalog, path: "dataset", unfolded: ["limits"] });
+  const { properties } = schema;
   const families = fields.keys.filter((key) => key !== GROUPS && properties[key]["x-family"]);
-  const rest = fields.keys.filter(
-    (key) => ![...families, SIZE, GROUPS, "limits"].includes(key),
-  );
+  const rest = fields.keys.filter((key) => ![...families, SIZE, GROUPS, "limits"].includes(key));
   const objects = rest.filter((key) => properties[key].properties);
-  const size = fields.element(SIZE);
-  if (!properties[SIZE].description)
-    size.append(
-      h(
-        "p",
-        { class: "hint" },
-        "Failures to simulate for calibration; more failures allow a smaller epsilon and less scatter",
-      ),
-    );
-  const main = h(
-    "div",
-    { class: "columns test-columns" },
-    families.map(fields.element),
-    fields.element("limits"),
-  );
-  const folded = h(
-    "details",
-    { class: "fold" },
-    h("summary", {}, "Sampling, noise, imperfections, seed, budget"),
-    h(
-      "div",
-      { class: "field-grid" },
-      rest.filter((key) => !objects.includes(key)).map(fields.element),
-    ),
+  const main = h("div", { class: "columns test-columns" }, [...families, "limits"].map(fields.element));
+  const folded = fold(
+    "Sampling, noise, imperfections, seed, budget",
+    h("div", { class: "field-grid" }, rest.filter((key) => !objects.includes(key)).map(fields.element)),
     imperfectionsChoice(fields, catalog.recipes.dataset),
     objects.map(fields.element),
   );
   beginWithUsualTest(fields, main, catalog);
   main.append(amplitudeSuggestion(fields, api));
-  return { fields, main, folded, size };
+  return { fields, main, folded, size: fields.element(SIZE) };
 }
 
 /** A new aircraft brings its control law, manoeuvre and limits, except those changed by hand. */
@@ -96,27 +75,17 @@ export function scatterOf(recipes, name) {
 
 /** Two buttons: noise, jitter and imperfections of a real flight, or none. */
 function imperfectionsChoice(fields, recipes) {
-  const ways = [
-    ["As in a real flight", "as_flown"],
-    ["None", "default"],
-  ];
-  const buttons = ways.map(([text, name]) =>
-    button(text, () => put(name), { class: "button button-small" }),
-  );
-  const words = h("span", { class: "hint" }, "Noise, jitter and imperfections");
-  return h("div", { class: "row" }, words, buttons);
-
-  function put(name) {
+  const put = (name) => {
     fields.put("maneuver", { ...fields.read().maneuver, ...scatterOf(recipes, name) });
     for (const key of Object.keys(recipes.default))
-      if (key !== "maneuver" && !same(recipes.default[key], recipes.as_flown[key]))
-        fields.put(key, recipes[name][key]);
-  }
+      if (key !== "maneuver" && !isSame(recipes.default[key], recipes.as_flown[key])) fields.put(key, recipes[name][key]);
+  };
+  const small = (words, name) => button(words, () => put(name), { class: "button button-small" });
+  const words = h("span", { class: "hint" }, "Noise, jitter and imperfections");
+  return h("div", { class: "row" }, words, small("As in a real flight", "as_flown"), small("None", "default"));
 }
 
-function same(a, b) {
-  return JSON.stringify(a) === JSON.stringify(b);
-}
+const isSame = (a, b) => JSON.stringify(a) === JSON.stringify(b);
 
 /** A button that fills in the amplitude at which a quarter of the rollouts exceed a limit. */
 function amplitudeSuggestion(fields, api) {
@@ -131,87 +100,66 @@ function amplitudeSuggestion(fields, api) {
     go.disabled = true;
     words.textContent = "Flying a pilot run…";
     try {
-      const suggestion = await api.post("/datasets/amplitude", fields.read());
-      fields.put("maneuver", suggestion.maneuver);
-      words.textContent = `${figure(suggestion.amplitude_deg)} deg: ${percent(suggestion.share, 0)} of ${suggestion.n_rollouts} pilot rollouts exceed a limit`;
+      const { maneuver, amplitude_deg: amplitude, share, n_rollouts: n } = await api.post("/datasets/amplitude", fields.read());
+      fields.put("maneuver", maneuver);
+      words.textContent = `${figure(amplitude)} deg: ${percent(share, 0)} of ${n} pilot rollouts exceed a limit`;
     } catch (error) {
       words.textContent = "";
-      failure.show(reason(error));
-    } finally {
-      go.disabled = false;
+      failure.show(inWords(fields.editors, reason(error)));
     }
+    go.disabled = false;
   }
 }
 
 export function datasetChoice({ api, catalog, datasets, chosen, initial, asFlown }) {
   const { fields, main, folded, size } = createTestFields({ api, catalog, initial, asFlown });
-  const select = h(
-    "select",
-    { "aria-label": "stored dataset" },
-    datasets.map(({ id, name, n_unsafe, created }) =>
-      h("option", { value: id }, `${name} (${n_unsafe} failures, ${moment(created)})`),
-    ),
+  const isStored = datasets.some(({ id }) => id === chosen);
+  const choice = select(
+    datasets.map(({ id, name, n_unsafe: n, created }) => [id, `${name} (${n} failures, ${moment(created)})`]),
+    { "aria-label": "stored dataset", onchange: turn, ...(isStored && { value: chosen }) },
   );
-  const stored = datasets.some(({ id }) => id === chosen);
-  if (stored) select.value = chosen;
-  const ways = ["simulate", "stored"].map((value) =>
-    h("input", {
-      type: "radio",
+  const ways = [
+    ["simulate", "Simulate a new test"],
+    ["stored", datasets.length ? "Use a stored dataset" : "Use a stored dataset (there is none yet)"],
+  ].map(([value, words]) =>
+    radio(words, {
       name: "source",
       value,
-      id: `source-${value}`,
-      checked: (value === "stored") === stored,
+      checked: (value === "stored") === isStored,
       disabled: value === "stored" && datasets.length === 0,
       onchange: turn,
     }),
   );
   const words = h("p", { class: "hint" });
-  const choice = h("div", { class: "field" }, select, words);
+  const stored = h("div", { class: "field" }, choice, words);
   const simulated = h("div", { class: "stack" }, main, folded);
-  const element = h(
-    "fieldset",
-    { class: "panel stack" },
-    h("legend", {}, "1  The planned test"),
-    h(
-      "div",
-      { class: "row", role: "radiogroup", "aria-label": "source of the rollouts" },
-      h("label", { class: "radio" }, ways[0], "Simulate a new test"),
-      h(
-        "label",
-        { class: "radio" },
-        ways[1],
-        datasets.length ? "Use a stored dataset" : "Use a stored dataset (there is none yet)",
-      ),
-    ),
-    choice,
+  const element = fieldset(
+    "1  The planned test",
+    h("div", { class: "row", role: "radiogroup", "aria-label": "source of the rollouts" }, ways),
+    stored,
     simulated,
   );
-  select.addEventListener("change", turn);
+  const fromStore = () => ways[1].querySelector("input").checked;
+  const dataset = () => datasets.find(({ id }) => id === choice.value);
   followUnits(words, turn);
   return {
     element,
     size,
-    read: () => (fromStore() ? select.value : fields.read()),
+    read: () => (fromStore() ? choice.value : fields.read()),
     check: () => fromStore() || fields.check(),
-    point: (message) => !fromStore() && fields.point(message),
-    failures: () =>
-      fromStore() ? datasets.find(({ id }) => id === select.value).n_unsafe : fields.read()[SIZE],
+    get editors() {
+      return fromStore() ? new Map() : fields.editors;
+    },
+    failures: () => (fromStore() ? dataset().n_unsafe : fields.read()[SIZE]),
   };
 
-  function fromStore() {
-    return ways[1].checked;
-  }
-
   function turn() {
-    choice.hidden = !fromStore();
+    stored.hidden = !fromStore();
     simulated.hidden = size.hidden = fromStore();
-    const dataset = datasets.find(({ id }) => id === select.value);
-    if (!dataset) return;
-    const { aircraft, maneuver, limits } = dataset.recipe;
-    const test = `${aircraftName(catalog, aircraft)}, ${kindName(catalog, "maneuver", maneuver)}`;
-    const limitText = limitWords(catalog, limits);
-    const counts = `${dataset.n_unsafe} unsafe and ${dataset.n_safe_met} safe rollouts`;
-    const text = `${test}, limit ${limitText}; ${counts}, one sample every ${figure(dataset.dt)} s.`;
-    words.replaceChildren(formatted(text));
+    if (!dataset()) return;
+    const { recipe, n_unsafe: unsafe, n_safe_met: safe, dt } = dataset();
+    const test = `${aircraftName(catalog, recipe.aircraft)}, ${kindName(catalog, "maneuver", recipe.maneuver)}`;
+    const counts = `${unsafe} unsafe and ${safe} safe rollouts, one sample every ${figure(dt)} s`;
+    words.replaceChildren(formatted(`${test}, limit ${limitWords(catalog, recipe.limits)}; ${counts}.`));
   }
 }

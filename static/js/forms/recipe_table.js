@@ -3,76 +3,54 @@
  *
  * Exports
  *   recipeTable(schema, plain, catalog) -> <dl>       nested objects and families indented
- *   rawRecipe(title, plain) -> <details>              the JSON, as the server takes it
+ *   rawRecipe(plain) -> <details>                     the JSON, as the server takes it
  */
 
 import { aircraftCondition, choiceName, labelOf } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
-import { figure } from "../lib/numbers.js";
+import { recipeList } from "../lib/lists.js";
+import { figure, trueMinus } from "../lib/numbers.js";
 import { magnitudeIn } from "../lib/units.js";
+import { fold } from "./controls.js";
 
 export function recipeTable(schema, plain, catalog) {
-  return h(
-    "dl",
-    { class: "recipe" },
-    Object.entries(schema.properties)
-      .filter(([key]) => key in plain)
-      .flatMap(([key, property]) => row(key, property, plain[key], catalog)),
-  );
+  const known = Object.entries(schema.properties).filter(([key]) => key in plain);
+  return recipeList(known.map(([key, property]) => row(key, property, plain[key], catalog)));
 }
 
 function row(key, property, value, catalog) {
   const { text, symbol, unit } = labelOf(key, property, catalog);
-  const term = h("dt", {}, formatted(text), symbol ? [" ", formatted(symbol)] : null);
+  const term = [formatted(text), symbol && [" ", formatted(symbol)]];
   const family = catalog.families[property["x-family"]];
-  if (family) {
-    const entry = family.entries[value.kind];
-    const { kind, ...parameters } = value;
-    const name = Object.fromEntries(
-      Object.entries(parameters).filter(([, parameter]) => parameter !== kind),
-    );
-    const inner =
-      entry && Object.keys(name).length ? recipeTable(entry.schema, name, catalog) : null;
-    return [h("dt", {}, family.label), h("dd", {}, nameOf(entry, property) ?? kind.replaceAll("_", " "), inner)];
-  }
+  if (family) return [family.label, memberOf(family, property, value, catalog)];
   if (property.properties) {
-    const told = Object.entries(value ?? {}).filter(
-      ([, parameter]) => parameter !== null && parameter !== 0,
-    );
-    return [
-      term,
-      h("dd", {}, told.length ? recipeTable(property, Object.fromEntries(told), catalog) : "none"),
-    ];
+    const given = Object.entries(value ?? {}).filter(([, parameter]) => parameter !== null && parameter !== 0);
+    return [term, given.length ? recipeTable(property, Object.fromEntries(given), catalog) : "none"];
   }
   const channel = catalog.channels.find((known) => known.key === key);
-  if (channel && typeof value === "number")
-    return [term, h("dd", {}, magnitudeIn(channel, value))];
-  if (property.enum) return [term, h("dd", {}, choiceName(property, value))];
-  return [term, h("dd", {}, words(value), unit && value !== null ? ` ${unit}` : "")];
+  if (channel && typeof value === "number") return [term, magnitudeIn(channel, value)];
+  if (property.enum) return [term, choiceName(property, value)];
+  return [term, [words(value), unit && value !== null ? ` ${unit}` : ""]];
 }
 
-function nameOf(entry, property) {
-  return entry && (property["x-family"] === "aircraft" ? aircraftCondition(entry) : entry.label);
+function memberOf({ entries }, property, { kind, ...parameters }, catalog) {
+  const entry = entries[kind];
+  if (!entry) return kind.replaceAll("_", " ");
+  const own = Object.entries(parameters).filter(([, parameter]) => parameter !== kind);
+  const name = property["x-family"] === "aircraft" ? aircraftCondition(entry) : entry.label;
+  return [name, own.length ? recipeTable(entry.schema, Object.fromEntries(own), catalog) : null];
 }
 
 function words(value) {
   if (value === null) return "none";
   if (typeof value === "number")
-    return Number.isInteger(value) ? value.toLocaleString("en") : figure(value, 6);
-  if (Array.isArray(value) && !value.length) return "none";
-  if (Array.isArray(value)) return JSON.stringify(value).replaceAll(",", ", ");
+    return trueMinus(Number.isInteger(value) ? value.toLocaleString("en") : figure(value, 6));
+  if (Array.isArray(value)) return value.length ? trueMinus(JSON.stringify(value).replaceAll(",", ", ")) : "none";
   if (typeof value === "object")
-    return Object.entries(value)
-      .map(([name, part]) => `${name} ${figure(part)}`)
-      .join(", ");
+    return Object.entries(value).map(([name, part]) => `${name} ${figure(part)}`).join(", ");
   return String(value).replaceAll("_", " ");
 }
 
-export function rawRecipe(title, plain) {
-  return h(
-    "details",
-    { class: "fold" },
-    h("summary", {}, title),
-    h("pre", { class: "json", tabindex: 0 }, JSON.stringify(plain, null, 1)),
-  );
+export function rawRecipe(plain) {
+  return fold("Recipe as JSON", h("pre", { class: "json", tabindex: 0 }, JSON.stringify(plain, null, 1)));
 }

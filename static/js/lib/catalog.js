@@ -4,6 +4,7 @@
  * Exports
  *   loadCatalog(api) -> Promise<catalog>     fetched once a page
  *   methodOf(catalog, recipe) -> method of a monitor's recipe; undefined for a combination without a name
+ *   methodWords(catalog, recipe)     its label, or its predictor and score
  *   aircraftName(catalog, part), kindName(catalog, family, part), limitWords(catalog, limits)
  *   aircraftCondition(entry), plainWords(description)
  *   choiceName(schema, value)     label of a parameter's value
@@ -25,6 +26,11 @@ export function loadCatalog(api) {
 
 export function methodOf({ methods }, { predictor, score }) {
   return methods.find((method) => method.predictor.kind === predictor.kind && method.score.kind === score.kind);
+}
+
+export function methodWords(catalog, recipe) {
+  const parts = ["predictor", "score"].map((part) => kindName(catalog, part, recipe[part]));
+  return methodOf(catalog, recipe)?.label ?? parts.join(", ");
 }
 
 export function aircraftName(catalog, part) {

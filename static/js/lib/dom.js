@@ -13,6 +13,8 @@
  * null and undefined are left out; `value`, `checked` and `disabled` are set as properties.
  */
 
+import { trueMinus } from "./numbers.js";
+
 const PROPERTIES = ["value", "checked", "disabled", "open", "indeterminate"];
 const ABSENT = [null, undefined, false];
 const SYMBOL = /(?<![\p{L}\w])(\p{L})_([\p{L}\w]+)/gu;
@@ -37,7 +39,7 @@ function built(element, attributes, children) {
 }
 
 export function formatted(words) {
-  const pieces = piecesOf(words).map(([text, index]) =>
+  const pieces = piecesOf(trueMinus(words)).map(([text, index]) =>
     index ? h("span", { class: "symbol" }, text, h("sub", {}, index)) : text,
   );
   return pieces.length === 1 && typeof pieces[0] !== "string" ? pieces[0] : h("span", {}, pieces);

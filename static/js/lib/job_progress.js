@@ -2,9 +2,10 @@
  * A running job: its step, its progress, and a button to cancel it.
  *
  * Exports
- *   createJobProgress({api, job, title, done, back}) -> {element, close()}
+ *   createJobProgress({api, job, title, done, back, worded}) -> {element, close()}
  *     done(result)   when the job has finished
  *     back()         from the button shown after a failure or a cancellation
+ *     worded(words)  the reason of a failure, as the page says it
  *   followInPlace({form, stage, keep, focus, api, job, title, done}) -> {back()}    the job's progress in
  *       place of its form; going back shows the form as it was, with the focus on `focus`
  *   jobList({api, kinds, done}) -> Promise<{element | null, close()}>    jobs of these kinds in progress, and
@@ -39,7 +40,7 @@ export function followInPlace({ form, stage, keep, focus, ...order }) {
   }
 }
 
-export function createJobProgress({ api, job, title, done, back }) {
+export function createJobProgress({ api, job, title, done, back, worded = (words) => words }) {
   const bar = h("progress", { class: "progress", "aria-label": "progress" });
   const message = h("p", { role: "status", class: "job-message" }, "waiting in the queue");
   const stop = button("Cancel", cancel, needs("POST /jobs/{}/cancel"));
@@ -79,7 +80,7 @@ export function createJobProgress({ api, job, title, done, back }) {
     if (status === "done") done(result);
     else
       fail(
-        `${WORDS[status] ?? status}${error ? `: ${error}` : status === "cancelled" ? ` (${words})` : ""}.`,
+        `${WORDS[status] ?? status}${error ? `: ${worded(error)}` : status === "cancelled" ? ` (${words})` : ""}.`,
       );
   }
 

@@ -12,6 +12,7 @@
  *   leadSeconds(lead, decimals 3) -> string     lead time [s], rounded down
  *   rounded(number) -> number     to as many digits as people write
  *   secondsText(t), durationText(seconds), bytesText(n)
+ *   trueMinus(text) -> string     a sentence of the server with "−4.66" for "-4.66"
  */
 
 const UNITS = ["bytes", "kB", "MB", "GB", "TB"];
@@ -26,7 +27,7 @@ export function interval([low, high], digits = 1) {
 
 export function figure(number, digits = 3) {
   if (number === null || number === undefined) return "–";
-  return String(Number(number.toPrecision(digits))).replace("-", "−");
+  return String(Number(number.toPrecision(digits))).replaceAll("-", "−");
 }
 
 export function rounded(number) {
@@ -98,4 +99,8 @@ export function durationText(seconds) {
 export function bytesText(n) {
   const power = n > 0 ? Math.min(UNITS.length - 1, Math.floor(Math.log10(n) / 3)) : 0;
   return `${power === 0 ? n : (n / 1000 ** power).toPrecision(3)} ${UNITS[power]}`;
+}
+
+export function trueMinus(text) {
+  return text.replace(/(?<![\p{L}\d.,\])_-])-(?=\.?\d)/gu, "−");
 }

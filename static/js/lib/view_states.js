@@ -6,12 +6,17 @@
  *   state(kind, title, text, ...actions) -> section    of a panel; kind "empty" | "loading" | "error"
  *   pageOf(title, ...) -> element        a scrolling page with its heading
  *   link(text, hash, primary), button(text, pressed, attributes)
+ *   panel(title, content, attributes) -> section    with its heading
+ *   chip(words, level, title) -> element
+ *   deleteButton({api, path, what, consequence, done, short}) -> <button>     asks first; done() after the deletion
+ *     path: of the resource.   what: "monitor “card 7”".   short: its name, for a small button in a list
  *   errorLine() -> {element, show(words)}     hidden while there are no words
  *   askToConfirm(question, consequence, word, act, stay) -> open dialog; it shows why act() failed
  */
 
 import { reason } from "./api.js";
 import { h } from "./dom.js";
+import { needs } from "./me.js";
 
 export function loading(text) {
   return h("div", { class: "state-loading", role: "status" }, h("p", {}, text));
@@ -48,6 +53,29 @@ export function link(text, hash, primary = false) {
 
 export function button(text, pressed, attributes = {}) {
   return h("button", { type: "button", class: "button", onclick: pressed, ...attributes }, text);
+}
+
+export function panel(title, content, attributes = {}) {
+  return h("section", { class: "panel stack-tight", ...attributes }, h("h2", { class: "panel-title" }, title), content);
+}
+
+export function chip(words, level, title = null) {
+  return h("span", { class: "chip", "data-level": level, title }, words);
+}
+
+export function deleteButton({ api, path, what, consequence, done, short = "" }) {
+  const route = `DELETE ${path.replace(/(\/[^/]+)\/[^/]+/g, "$1/{}")}`;
+  const look = short
+    ? { class: "button button-small", "aria-label": `Delete ${short}` }
+    : { class: "button button-danger" };
+  return button("Delete", ask, { ...look, ...needs(route) });
+
+  function ask() {
+    askToConfirm(`Delete the ${what}?`, consequence, "Delete permanently", async () => {
+      await api.delete(path);
+      await done();
+    });
+  }
 }
 
 export function errorLine() {

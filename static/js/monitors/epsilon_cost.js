@@ -19,41 +19,42 @@ const MEASURES = [
     name: "Missed failures",
     key: "miss",
     rate: "miss_rate",
+    bounds: "miss_interval",
     words: "of failing flights: valid, no timely alert",
   },
   {
     name: "Safe flights without a false alarm",
     key: "power",
     rate: "power",
+    bounds: "power_interval",
     words: "of safe flights: valid, no alert",
   },
   {
     name: "P(fail | alert)",
     key: "fail",
     rate: "fail_given_alert",
+    bounds: "fail_given_alert_interval",
     words: "of flights with an alert fail, at the simulated unsafe rate",
   },
 ];
+const SAME = 1e-9;
 
 export function createEpsilonCost({ monitor, calibrations, evaluation, changed }) {
   const points = pointsOf(monitor, evaluation);
-  const own = points.findIndex(({ epsilon }) => Math.abs(epsilon - monitor.epsilon) < 1e-9);
-  const slider = h("input", {
-    type: "range",
-    min: 0,
-    max: points.length - 1,
-    step: 1,
-    id: "epsilon",
-    class: "epsilon-slider",
-    oninput: move,
-  });
+  const own = points.findIndex(({ epsilon }) => Math.abs(epsilon - monitor.epsilon) < SAME);
+  const last = points.length - 1;
+  const slider = h("input", { type: "range", min: 0, max: last, step: 1, id: "epsilon", class: "epsilon-slider", oninput: move });
   slider.value = Math.max(own, 0);
   const reading = h("output", { for: "epsilon", class: "epsilon-reading" });
   const rule = h("p", { class: "dim" });
-  const rows = MEASURES.map(meter);
+  const meters = MEASURES.map(meter);
   const counts = h("p", { class: "hint", "data-counts": "" });
   const warnings = h("div");
   const guarantee = h("p", { class: "guarantee-number" });
+  const unmeasured = "Not measured: this monitor was not tested on fresh flights here. Train one like it to measure.";
+  const measured = evaluation
+    ? [h("div", { class: "meters" }, meters.map(({ row }) => row)), counts]
+    : h("p", { class: "hint" }, unmeasured);
   const element = h(
     "section",
     { class: "panel stack", "aria-labelledby": "epsilon-title" },
@@ -63,31 +64,16 @@ export function createEpsilonCost({ monitor, calibrations, evaluation, changed }
       h("h2", { class: "panel-title", id: "epsilon-title" }, "What an epsilon costs ", guideLink("what-the-numbers-mean#epsilon", "epsilon")),
       reading,
     ),
-    h(
-      "label",
-      { for: "epsilon", class: "hint" },
-      "epsilon: accepted share of missed failures",
-    ),
+    h("label", { for: "epsilon", class: "hint" }, "epsilon: accepted share of missed failures"),
     slider,
     h(
       "div",
       { class: "spread-ends hint" },
       h("span", {}, `${figure(points[0].epsilon)}: fewer misses, more alerts`),
-      h("span", {}, `more misses, fewer alerts: ${figure(points.at(-1).epsilon)}`),
+      h("span", {}, `more misses, fewer alerts: ${figure(points[last].epsilon)}`),
     ),
     rule,
-    evaluation
-      ? h(
-          "div",
-          { class: "meters" },
-          rows.map(({ row }) => row),
-        )
-      : h(
-          "p",
-          { class: "hint" },
-          "Not measured: this monitor was not tested on fresh flights here. Train one like it to measure.",
-        ),
-    evaluation && counts,
+    measured,
     warnings,
     guarantee,
     enough(monitor, calibrations.length),
@@ -107,14 +93,13 @@ export function createEpsilonCost({ monitor, calibrations, evaluation, changed }
     rule.textContent =
       `To keep this epsilon, the monitor alerts at risk > ${figure(alertAbove(epsilon, monitor.n_unsafe, promised))}: score at most ${levels(epsilon)} (rank ${k} of ${monitor.n_unsafe}).` +
       (Number(slider.value) === own ? " This is the monitor's own epsilon." : "");
-    for (const { show } of rows) show(point, epsilon);
+    for (const { show } of meters) show(point);
     if (evaluation) counts.textContent = countsInWords(point, evaluation);
     warnings.replaceChildren(...warningLines({ warnings: point.warnings ?? [] }));
     const [low, high] = scatter(epsilon, monitor.n_unsafe, promised);
-    const range = `${percent(low, 0)} and ${percent(high, 0)} (5–95 %)`;
     guarantee.textContent =
       `Promised ${promised === "average" ? "on average over calibration sets" : "with 95 % confidence in this monitor"}: at most ${percent(epsilon)} missed. ` +
-      `One monitor calibrated on ${failures(monitor, calibrations.length)} may miss between ${range}.` +
+      `One monitor calibrated on ${failures(monitor, calibrations.length)} may miss between ${percent(low, 0)} and ${percent(high, 0)} (5–95 %).` +
       (evaluation ? " See measured misses above." : "");
     changed({ epsilon, rank: k });
   }
@@ -144,40 +129,35 @@ function failures({ n_unsafe }, nGroups) {
 }
 
 function enough(monitor, nGroups) {
-  const { smallest_epsilon, recipe } = monitor;
-  const half = smallest_epsilon / 2;
+  const { smallest_epsilon: smallest, recipe } = monitor;
+  const half = Number((smallest / 2).toPrecision(2));
+  const each = nGroups > 1 ? " of each group" : "";
   return h(
     "p",
     { class: "hint" },
-    `${failures(monitor, nGroups)}: enough for ε ≥ ${figure(smallest_epsilon)}. For ε = ${figure(half, 2)}, train on at least ${neededFor(Number(half.toPrecision(2)), recipe.guarantee)}${nGroups > 1 ? " of each group" : ""}.`,
+    `${failures(monitor, nGroups)}: enough for ε ≥ ${figure(smallest)}. For ε = ${figure(half, 2)}, train on at least ${neededFor(half, recipe.guarantee)}${each}.`,
   );
 }
 
 /** Measurements at each epsilon: the grid, and the monitor's own epsilon. */
 function pointsOf(monitor, evaluation) {
-  if (!evaluation) {
-    const grid = Array.from({ length: 49 }, (_, k) => (k + 1) / 50).filter(
-      (epsilon) => epsilon >= monitor.smallest_epsilon,
-    );
-    return merged([...grid, monitor.epsilon].map((epsilon) => ({ epsilon })));
-  }
-  const { curves, at_epsilon: own } = evaluation;
-  return merged([
-    ...curves.epsilon.map((_, k) =>
-      Object.fromEntries(Object.entries(curves).map(([key, values]) => [key, values[k]])),
-    ),
-    own,
-  ]);
+  const points = evaluation ? measuredPoints(evaluation) : [...grid(monitor), { epsilon: monitor.epsilon }];
+  points.sort((a, b) => a.epsilon - b.epsilon);
+  return points.filter(({ epsilon }, k) => k === 0 || epsilon - points[k - 1].epsilon > SAME);
 }
 
-function merged(points) {
-  const sorted = points.sort((a, b) => a.epsilon - b.epsilon);
-  return sorted.filter(({ epsilon }, k) => k === 0 || epsilon - sorted[k - 1].epsilon > 1e-9);
+function measuredPoints({ curves, at_epsilon: own }) {
+  const at = (k) => Object.fromEntries(Object.entries(curves).map(([key, values]) => [key, values[k]]));
+  return [...curves.epsilon.map((_, k) => at(k)), own];
 }
 
-function meter({ name, key, rate, words }) {
+function grid({ smallest_epsilon: smallest }) {
+  const all = Array.from({ length: 49 }, (_, k) => ({ epsilon: (k + 1) / 50 }));
+  return all.filter(({ epsilon }) => epsilon >= smallest);
+}
+
+function meter({ name, key, rate, bounds, words }) {
   const value = h("strong", { class: "meter-value" });
-  const bounds = h("span", { class: "hint" });
   const range = svg("rect", { class: "meter-range", y: 3, height: 10 });
   const mark = svg("path", { class: "meter-mark" });
   const promise = svg("path", { class: "meter-promise" });
@@ -189,25 +169,23 @@ function meter({ name, key, rate, words }) {
     promise,
     mark,
   );
+  const shown = h("span", { class: "hint" });
   const row = h(
     "div",
     { class: "meter-row", "data-measure": key },
     h("span", { class: "meter-name" }, name),
     value,
     track,
-    h("span", { class: "meter-words" }, words, " ", bounds),
+    h("span", { class: "meter-words" }, words, " ", shown),
   );
   return { row, show };
 
-  function show(point, epsilon) {
-    const share = point[rate];
-    const known = share !== null && share !== undefined;
+  function show({ epsilon, [rate]: share, [bounds]: within }) {
+    const isKnown = share !== null && share !== undefined;
     value.textContent = percent(share);
-    bounds.textContent = known
-      ? `(95 %: ${interval(point[`${rate === "miss_rate" ? "miss" : rate}_interval`])})`
-      : "(no such flight)";
-    if (!known) return;
-    const [low, high] = point[`${rate === "miss_rate" ? "miss" : rate}_interval`];
+    shown.textContent = isKnown ? `(95 %: ${interval(within)})` : "(no such flight)";
+    if (!isKnown) return;
+    const [low, high] = within;
     range.setAttribute("x", 300 * low);
     range.setAttribute("width", Math.max(300 * (high - low), 1));
     mark.setAttribute("d", `M${300 * share} 0V16`);

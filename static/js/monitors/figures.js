@@ -1,5 +1,5 @@
 /**
- * Figures of a monitor and of a comparison of methods. Each function returns a <figure> with caption and key.
+ * Figures of a monitor and of a comparison of methods, each with caption and key.
  *
  * Exports
  *   calibrationFigure({alphas, n_unsafe, n_early, name}) -> figure, figure.mark({epsilon, rank})   name: of a group
@@ -11,125 +11,92 @@
  *       alike: share of safe flights with an alert at which the latter compares methods
  */
 
-import { barKey, framed, keyOf, sample, SPARE, UNIT_SHARE } from "../charts/figure.js";
+import { barKey, createFigure, EPSILON, framed, SPARE, UNIT_SHARE } from "../charts/figure.js";
 import { createPlot } from "../charts/plot.js";
-import { svg } from "../lib/dom.js";
 import { figure as number, percent } from "../lib/numbers.js";
 
 const METHOD_MARKS = ["circle", "square", "triangle", "diamond", "plus", "cross"];
 const CEILING = "ceiling";
+const MOST_MARKED = 120; // calibration scores with a mark each
+const PROMISE = { look: "plot-promise", line: [[0, 0], [1, 1]] };
+const QUIET = "safe flights without a false alarm";
 /** [s] Reaction time of the shown prevention: a pilot who waits for the call. */
 const USUAL_REACTION_S = 0.5;
+
+const every = (step, points, first = 0) => points.filter((_, k) => k % step === first);
+const bandOf = (at, intervals) => intervals.map(([low, high], k) => [at[k], low, high]);
 
 export function calibrationFigure({ alphas, n_unsafe, n_early, name }) {
   const finite = alphas.filter((alpha) => alpha !== null);
   const [low, high] = finite.length ? [finite[0], finite.at(-1)] : [-1, 1];
   const spare = 0.12 * (high - low || 1);
   const top = high + spare;
-  const plot = createPlot({
+  const early = alphas.slice(finite.length).map((_, k) => [finite.length + k + 1, top]);
+  const block = createFigure({
+    title: name ? `Calibration curve: ${name}` : "Calibration curve",
+    words: "Low scores are close to unsafe. A score at or below the threshold alerts: k of the failures lie there.",
+    label: `${n_unsafe} sorted calibration scores from ${number(low)} to ${number(high)}`,
     x: { label: "rank k of the failure, by score", domain: [0, n_unsafe + 1] },
     y: { label: "calibration score α", domain: [low - spare, top] },
-    label: `${n_unsafe} sorted calibration scores from ${number(low)} to ${number(high)}`,
+    series: [
+      {
+        look: "plot-step",
+        line: finite.flatMap((alpha, k) => [[k + 0.5, alpha], [k + 1.5, alpha]]),
+        mark: "circle",
+        marks: finite.length > MOST_MARKED ? [] : finite.map((alpha, k) => [k + 1, alpha]),
+        words: "one failure each",
+      },
+      { look: "plot-epsilon", words: "rank and threshold at epsilon" },
+      {
+        look: "plot-unsafe",
+        mark: "triangle",
+        marks: n_early ? early : [],
+        words: n_early && `${n_early} failed too early for a warning: above every score`,
+      },
+    ],
+    rules: [
+      { x: n_unsafe, look: "plot-epsilon" },
+      { y: high, look: "plot-epsilon plot-level" },
+    ],
   });
-  const steps = finite.flatMap((alpha, k) => [
-    [k + 0.5, alpha],
-    [k + 1.5, alpha],
-  ]);
-  plot.line(steps, "plot-step");
-  if (finite.length <= 120)
-    plot.marks(
-      finite.map((alpha, k) => [k + 1, alpha]),
-      "circle",
-      "plot-step",
-    );
-  if (n_early)
-    plot.marks(
-      alphas.slice(finite.length).map((_, k) => [finite.length + k + 1, top]),
-      "triangle",
-      "plot-unsafe",
-    );
-  const rank = plot.vertical(n_unsafe, "plot-epsilon", "");
-  const level = plot.horizontal(high, "plot-epsilon plot-level", "");
-  const key = keyOf(
-    [sample("plot-step", "circle"), "one failure each"],
-    [sample("plot-epsilon"), "rank and threshold at epsilon"],
-    ...(n_early
-      ? [
-          [
-            svg("path", { d: "M17 2.8L21 10.4H13z", class: "plot-mark plot-unsafe" }),
-            `${n_early} failed too early for a warning: above every score`,
-          ],
-        ]
-      : []),
-  );
-  const block = framed(
-    name ? `Calibration curve: ${name}` : "Calibration curve",
-    plot.svg,
-    key,
-    "Low scores are close to unsafe. A score at or below the threshold alerts: k of the failures lie there.",
-  );
+  const [rank, level] = block.rules;
   block.mark = ({ epsilon, rank: k }) => {
     const threshold = alphas[k - 1] ?? Infinity;
     rank.move(k, `k = ${k} of ${n_unsafe}, ε = ${number(epsilon)}`);
-    level.move(
-      Math.min(threshold, top),
-      Number.isFinite(threshold) ? `threshold ${number(threshold)}` : "every score alerts",
-    );
+    const words = Number.isFinite(threshold) ? `threshold ${number(threshold)}` : "every score alerts";
+    level.move(Math.min(threshold, top), words);
   };
   return block;
 }
 
 export function curvesFigure({ curves, n_unsafe, n_safe }) {
   const { epsilon } = curves;
-  const quiet = "safe flights without a false alarm";
-  const plot = createPlot({
-    x: {
-      label: "epsilon, the accepted miss rate",
-      domain: [0, 1],
-      ticks: [0, 0.2, 0.4, 0.6, 0.8, 1],
-    },
+  const seriesOf = (values, intervals, look, mark, words) => {
+    if (values[0] === null) return { look, mark, line: [], words };
+    const line = values.map((value, k) => [epsilon[k], value]);
+    return { look, line, band: bandOf(epsilon, intervals), mark, marks: every(4, line), words };
+  };
+  const block = createFigure({
+    title: `Miss rate, and ${QUIET}`,
+    words: `Measured on ${n_unsafe} failing and ${n_safe} safe fresh flights; bands are 95 % intervals.`,
+    label: `Miss rate and share of ${QUIET}, of ${n_unsafe} failing and ${n_safe} safe fresh flights against epsilon, with 95 % intervals`,
+    x: EPSILON,
     y: { label: "share of flights", ...UNIT_SHARE },
-    label: `Miss rate and share of ${quiet}, of ${n_unsafe} failing and ${n_safe} safe fresh flights against epsilon, with 95 % intervals`,
-  });
-  plot.line(
-    [
-      [0, 0],
-      [1, 1],
+    series: [
+      PROMISE,
+      seriesOf(curves.power, curves.power_interval, "plot-power", "circle", QUIET),
+      seriesOf(
+        curves.miss_rate,
+        curves.miss_interval,
+        "plot-miss",
+        "square",
+        "miss rate: valid failing flights without a timely alert",
+      ),
+      { look: PROMISE.look, words: "promise: miss = epsilon" },
     ],
-    "plot-promise",
-  );
-  for (const [what, name, shape] of [
-    ["power", "plot-power", "circle"],
-    ["miss", "plot-miss", "square"],
-  ]) {
-    const values = curves[what === "miss" ? "miss_rate" : "power"];
-    if (values[0] === null) continue;
-    plot.band(
-      curves[`${what}_interval`].map(([from, to], k) => [epsilon[k], from, to]),
-      name,
-    );
-    plot.line(
-      values.map((value, k) => [epsilon[k], value]),
-      name,
-    );
-    plot.marks(
-      values.map((value, k) => [epsilon[k], value]).filter((_, k) => k % 4 === 0),
-      shape,
-      name,
-    );
-  }
-  const at = plot.vertical(epsilon[0] ?? 0, "plot-epsilon", "");
-  const key = keyOf(
-    [sample("plot-power", "circle"), quiet],
-    [sample("plot-miss", "square"), "miss rate: valid failing flights without a timely alert"],
-    [sample("plot-promise"), "promise: miss = epsilon"],
-  );
-  const block = framed(
-    `Miss rate, and ${quiet}`,
-    plot.svg,
-    key,
-    `Measured on ${n_unsafe} failing and ${n_safe} safe fresh flights; bands are 95 % intervals.`,
-  );
+    rules: [{ x: epsilon[0] ?? 0, look: "plot-epsilon" }],
+  });
+  const [at] = block.rules;
   block.mark = ({ epsilon: chosen }) => at.move(chosen, `ε = ${number(chosen)}`);
   return block;
 }
@@ -142,12 +109,10 @@ export function leadFigure({ leads, lead, epsilon, n_unsafe }) {
     label: `Warning lead times of ${n_unsafe} failing flights: median ${number(median)} s, ${n_timely} at least ${number(lead)} s, ${n_without} without an alert`,
   });
   counts.forEach((count, k) => {
-    const late = edges[k + 1] <= lead + 1e-9;
-    if (count)
-      plot.bar(edges[k], edges[k + 1], 0, count, late ? "plot-unsafe-bar" : "plot-safe-bar");
+    const isLate = edges[k + 1] <= lead + 1e-9;
+    if (count) plot.bar(edges[k], edges[k + 1], 0, count, isLate ? "plot-unsafe-bar" : "plot-safe-bar");
   });
   plot.vertical(lead, "plot-limit", `promised ${number(lead)} s`);
-  const key = barKey(plot, "in time", "too late");
   const middle =
     median === null
       ? "No failing flight had an alert."
@@ -155,7 +120,7 @@ export function leadFigure({ leads, lead, epsilon, n_unsafe }) {
   return framed(
     `Warning lead times at ε = ${number(epsilon)}`,
     plot.svg,
-    key,
+    barKey(plot, "in time", "too late"),
     `${middle} ${n_timely} of ${n_unsafe} failing flights were warned in time, ${n_without} had no alert.`,
   );
 }
@@ -163,101 +128,76 @@ export function leadFigure({ leads, lead, epsilon, n_unsafe }) {
 export function preventionFigure({ prevention, epsilon }) {
   if (!prevention?.n_unsafe) return null;
   const { reactions_s: reactions, prevented, prevented_interval: intervals, n_unsafe } = prevention;
+  const { stopped, n_safe, caused } = prevention;
   const shares = prevented.map((count, k) => [reactions[k], count / n_unsafe]);
-  const plot = createPlot({
+  const harmed = Math.max(...caused);
+  return createFigure({
+    title: `Failures that an alert prevents, at ε = ${number(epsilon)}`,
+    words: `Safe flights stopped unnecessarily: ${stopped} of ${n_safe}${harmed ? `; stopping made up to ${harmed} of them fail` : ""}. Reaction times scatter by 30 %.`,
+    label: `Failures prevented: ${shares.map(([reaction, share]) => `${percent(share, 0)} at ${number(reaction)} s`).join(", ")}`,
     x: { label: "mean time from the alert to neutral controls [s]", domain: [0, reactions.at(-1) * 1.05] },
     y: { label: "share of failing flights prevented", ...UNIT_SHARE },
-    label: `Failures prevented: ${shares.map(([reaction, share]) => `${percent(share, 0)} at ${number(reaction)} s`).join(", ")}`,
+    series: [
+      {
+        look: "plot-power",
+        line: shares,
+        band: bandOf(reactions, intervals),
+        mark: "circle",
+        words: "flown again, with neutral controls after the reaction time",
+      },
+    ],
   });
-  plot.band(
-    intervals.map(([from, to], k) => [reactions[k], from, to]),
-    "plot-power",
-  );
-  plot.line(shares, "plot-power");
-  plot.marks(shares, "circle", "plot-power");
-  const { stopped, n_safe, caused } = prevention;
-  const harmed = Math.max(...caused);
-  return framed(
-    `Failures that an alert prevents, at ε = ${number(epsilon)}`,
-    plot.svg,
-    keyOf([sample("plot-power", "circle"), "flown again, with neutral controls after the reaction time"]),
-    `Safe flights stopped unnecessarily: ${stopped} of ${n_safe}${harmed ? `; stopping made up to ${harmed} of them fail` : ""}. Reaction times scatter by 30 %.`,
-  );
 }
 
 export function methodsFigure(methods, ranking, what) {
-  const name = what === "miss" ? "Miss rate" : "Safe flights without a false alarm";
-  const plot = createPlot({
-    x: {
-      label: "epsilon, the accepted miss rate",
-      domain: [0, 1],
-      ticks: [0, 0.2, 0.4, 0.6, 0.8, 1],
-    },
-    y: { label: name.toLowerCase(), ...UNIT_SHARE },
+  const isMiss = what === "miss";
+  const name = isMiss ? "Miss rate" : "Safe flights without a false alarm";
+  const seriesOf = (method, k) => {
+    const { epsilon, [isMiss ? "miss_rate" : "power"]: values, [`${what}_interval`]: intervals } = methods[method];
+    const line = values.map((value, i) => [epsilon[i], value]);
+    return {
+      look: `plot-method-${k}`,
+      line,
+      band: k === 0 ? bandOf(epsilon, intervals) : null,
+      mark: METHOD_MARKS[k % 5],
+      marks: every(5, line, k % 5),
+      words: method,
+    };
+  };
+  return createFigure({
+    title: `${name} against epsilon`,
+    words: `${isMiss ? "The promise is at or below the dotted line" : "Higher is better"}. Band: 95 % interval of the first method.`,
     label: `${name} of ${ranking.length} methods against epsilon`,
+    x: EPSILON,
+    y: { label: name.toLowerCase(), ...UNIT_SHARE },
+    series: [...(isMiss ? [PROMISE] : []), ...ranking.map(seriesOf)],
   });
-  if (what === "miss")
-    plot.line(
-      [
-        [0, 0],
-        [1, 1],
-      ],
-      "plot-promise",
-    );
-  ranking.forEach((method, k) => {
-    const { epsilon, [what === "miss" ? "miss_rate" : "power"]: values } = methods[method];
-    if (k === 0)
-      plot.band(
-        methods[method][`${what}_interval`].map(([from, to], i) => [epsilon[i], from, to]),
-        `plot-method-${k}`,
-      );
-    const points = values.map((value, i) => [epsilon[i], value]);
-    plot.line(points, `plot-method-${k}`);
-    plot.marks(
-      points.filter((_, i) => i % 5 === k % 5),
-      METHOD_MARKS[k % 5],
-      `plot-method-${k}`,
-    );
-  });
-  const key = keyOf(
-    ...ranking.map((method, k) => [sample(`plot-method-${k}`, METHOD_MARKS[k % 5]), method]),
-  );
-  const words =
-    what === "miss"
-      ? "The promise is at or below the dotted line. Band: 95 % interval of the first method."
-      : "Higher is better. Band: 95 % interval of the first method.";
-  return framed(`${name} against epsilon`, plot.svg, key, words);
 }
 
-export function leadsFigure({ cells, earliest_s: earliest }, recipe, what, alike) {
+export function leadsFigure({ cells, earliest_s: earliest }, { reactions_s: reactions, epsilon }, what, alike) {
   const isPower = what === "power_at_epsilon";
-  const at = recipe.reactions_s.reduce(
-    (best, time, k) =>
-      Math.abs(time - USUAL_REACTION_S) < Math.abs(recipe.reactions_s[best] - USUAL_REACTION_S) ? k : best,
-    0,
-  );
+  const distances = reactions.map((time) => Math.abs(time - USUAL_REACTION_S));
+  const at = distances.indexOf(Math.min(...distances));
   const name = isPower ? "Safe flights without a false alarm" : "Failures that the alert prevents";
-  const names = [...new Set(cells.map(({ method }) => method))];
-  const longest = Math.max(earliest, ...cells.map(({ lead }) => lead));
-  const plot = createPlot({
-    x: { label: "warning lead time [s]", domain: [0, 1.05 * longest] },
-    y: { label: isPower ? "share of safe flights" : "share of failing flights", ...UNIT_SHARE },
-    label: `${name} of ${names.length} methods against the warning lead time`,
-  });
-  plot.vertical(earliest, "plot-limit", "1 in 20 has failed");
-  const look = (method, k) => (method === CEILING ? ["plot-promise", "cross"] : [`plot-method-${k}`, METHOD_MARKS[k]]);
-  names.forEach((method, k) => {
-    const [line, mark] = look(method, k);
-    const points = cells
+  const methods = [...new Set(cells.map(({ method }) => method))];
+  const seriesOf = (method, k) => ({
+    look: method === CEILING ? "plot-promise" : `plot-method-${k}`,
+    mark: method === CEILING ? "cross" : METHOD_MARKS[k],
+    line: cells
       .filter((cell) => cell.method === method)
       .map((cell) => [cell.lead, isPower ? cell[what] : cell[what][at]])
-      .sort(([a], [b]) => a - b);
-    plot.line(points, line);
-    plot.marks(points, mark, line);
+      .sort(([a], [b]) => a - b),
+    words: method,
   });
-  const key = keyOf(...names.map((method, k) => [sample(...look(method, k)), method]));
-  const words = isPower
-    ? `Each method misses ${percent(recipe.epsilon, 0)} of the failing flights. Higher is better.`
-    : `Each method alerts on ${percent(alike, 0)} of the safe flights; controls are neutral ${number(recipe.reactions_s[at])} s after the alert. Compare methods by this figure.`;
-  return framed(`${name} against lead`, plot.svg, key, words);
+  return createFigure({
+    title: `${name} against warning lead time`,
+    words: isPower
+      ? `Each method misses ${percent(epsilon, 0)} of the failing flights. Higher is better.`
+      : `Each method alerts on ${percent(alike, 0)} of the safe flights; controls are neutral ${number(reactions[at])} s after the alert. Compare methods by this figure.`,
+    label: `${name} of ${methods.length} methods against the warning lead time`,
+    x: { label: "warning lead time [s]", domain: [0, 1.05 * Math.max(earliest, ...cells.map(({ lead }) => lead))] },
+    y: { label: isPower ? "share of safe flights" : "share of failing flights", ...UNIT_SHARE },
+    series: methods.map(seriesOf),
+    rules: [{ x: earliest, look: "plot-limit", words: "1 in 20 has failed" }],
+  });
 }

@@ -5,10 +5,20 @@
  * Exports  show(element, {id, query, api, navigate}) -> {close()}
  */
 
+import { fileInput } from "../forms/controls.js";
+import { aircraftName, kindName, loadCatalog } from "../lib/catalog.js";
+import { h } from "../lib/dom.js";
+import { guideLink } from "../lib/guide_link.js";
+import { jobList } from "../lib/job_progress.js";
+import { hiddenHead, table } from "../lib/lists.js";
+import { loadingView } from "../lib/loading_view.js";
+import { needs } from "../lib/me.js";
+import { warningMark } from "../lib/monitor_warnings.js";
+import { figure, moment, percent } from "../lib/numbers.js";
+import { button, empty, errorLine, link, pageOf } from "../lib/view_states.js";
 import { showCombining } from "./combine_form.js";
 import { showComparison } from "./compare_methods.js";
 import { showSweep } from "./lead_sweep.js";
-import { showMonitors } from "./list.js";
 import { showMonitor } from "./page.js";
 import { showTraining } from "./train_form.js";
 
@@ -16,5 +26,73 @@ const VIEWS = { new: showTraining, combine: showCombining, compare: showComparis
 
 export function show(element, context) {
   const view = context.id ? (VIEWS[context.id] ?? showMonitor) : showMonitors;
-  return view(element, { ...context, query: context.query ?? new URLSearchParams() });
+  return view(element, context);
+}
+
+function showMonitors(element, { api, navigate }) {
+  return loadingView(element, { title: "Monitors", text: "Loading monitors", build });
+
+  async function build({ keep, again }) {
+    const [catalog, monitors, datasets, jobs] = await Promise.all([
+      loadCatalog(api),
+      api.get("/monitors"),
+      api.get("/datasets"),
+      jobList({ api, kinds: ["monitor"], done: () => again() }),
+    ]);
+    keep(jobs);
+    const rates = new Map(datasets.map(({ id, unsafe_rate }) => [id, unsafe_rate]));
+    const training = () => link("Train a monitor", "#/monitors/new", true);
+    const content = monitors.length
+      ? listOf(monitors, rates, catalog)
+      : empty(
+          "No monitor yet",
+          "Train one: choose the aircraft and the manoeuvre. The rest has defaults, and training takes seconds to minutes.",
+          training(),
+          guideLink("first-monitor", "how to train a first monitor"),
+        );
+    const actions = [
+      training(),
+      monitors.length > 1 ? link("Combine monitors", "#/monitors/combine") : null,
+      link("Compare five methods", "#/monitors/compare"),
+      link("Lead-time study", "#/monitors/sweep"),
+      link("Limit sets", "#/limits"),
+      uploader(api, navigate),
+    ];
+    return pageOf("Monitors", actions, jobs.element, content);
+  }
+}
+
+function uploader(api, navigate) {
+  const failure = errorLine();
+  const input = fileInput({
+    accept: ".fwm",
+    class: "visually-hidden",
+    tabindex: -1,
+    "aria-label": "portable monitor file",
+    failure,
+    read: async (file) => {
+      const name = file.name.replace(/\.fwm$/, "").slice(0, 200) || "uploaded";
+      const { id } = await api.upload(`/monitors?name=${encodeURIComponent(name)}`, file);
+      navigate(`#/monitors/${id}`);
+    },
+  });
+  const choose = button("Upload a monitor file", () => input.click(), needs("POST /monitors"));
+  return h("div", { class: "row" }, choose, input, failure.element);
+}
+
+function listOf(monitors, rates, catalog) {
+  const fly = ({ id, name }) =>
+    h("a", { class: "button button-small", href: `#/fly?monitor=${id}`, "aria-label": `Fly ${name}` }, "Fly");
+  const columns = [
+    ["Name", (monitor) => [h("a", { href: `#/monitors/${monitor.id}` }, monitor.name), warningMark(monitor)], "name"],
+    ["Aircraft", ({ dataset_recipe: test }) => aircraftName(catalog, test.aircraft)],
+    ["Manoeuvre", ({ dataset_recipe: test }) => kindName(catalog, "maneuver", test.maneuver), "nowrap"],
+    ["Failures N", ({ n_unsafe }) => n_unsafe, "number"],
+    ["ε", ({ epsilon }) => figure(epsilon), "number"],
+    ["Warning lead time [s]", ({ lead }) => figure(lead), "number"],
+    ["Unsafe rate", ({ dataset_id: dataset }) => percent(rates.get(dataset)), "number"],
+    ["Created", ({ created }) => moment(created), "date"],
+    [hiddenHead("Fly"), fly],
+  ];
+  return table({ columns, items: monitors });
 }

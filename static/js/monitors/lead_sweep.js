@@ -4,177 +4,133 @@
  * Exports  showSweep(element, {query, api, navigate})     query: dataset, job (a past sweep)
  */
 
+import { checkbox, fieldset, group, labelled, select, textInput } from "../forms/controls.js";
 import { decimals } from "../forms/decimals.js";
 import { createFields } from "../forms/form.js";
-import { reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
-import { scrolledTable } from "../lib/lists.js";
-import { needs } from "../lib/me.js";
+import { table } from "../lib/lists.js";
 import { figure, interval, moment, percent } from "../lib/numbers.js";
-import { errorLine } from "../lib/view_states.js";
 import { leadsFigure } from "./figures.js";
-import { figureFiles, pastStudies, showStudyPage } from "./study_page.js";
+import { showStudyPage } from "./study_page.js";
 
-const TITLE = "Lead-time study";
-const ADDRESS = "#/monitors/sweep";
 const LISTS = ["tests", "methods", "leads_s", "reactions_s"];
-const NUMBERS = ["epsilon", "guarantee", "n_unsafe", "n_monitors", "n_test", "seed"];
+const NUMBERS = ["epsilon", "guarantee", "n_unsafe", "n_monitors", "n_test", "seed", "ceiling"];
 
 export function showSweep(element, context) {
   return showStudyPage(element, context, {
-    title: TITLE,
+    title: "Lead-time study",
+    kind: "sweep",
     guide: "method#how-early",
-    address: ADDRESS,
+    address: "#/monitors/sweep",
     loading: "Loading datasets and past studies",
-    working: "Training and testing monitors of each method and lead time",
+    working: "Training and testing monitors of each method and warning lead time",
     another: "New study",
+    past: {
+      title: "Past studies",
+      words: ({ tests, methods, leads_s: leads }) =>
+        `${tests.join(", ")}; ${methods.length} methods at ${leads.map((lead) => figure(lead)).join(", ")} s`,
+      none: ["No study yet", "Press Start the study to run the first one. It takes about a minute with the numbers above."],
+    },
     form,
     result,
   });
 }
 
-async function form({ catalog, api, query, navigate }) {
-  const [datasets, jobs] = await Promise.all([api.get("/datasets"), api.get("/jobs")]);
+function form({ catalog, datasets, chosen }) {
   const { schema, default: usual } = catalog.recipes.sweep;
   const fields = createFields(schema, usual, { catalog, path: "sweep", hidden: LISTS });
-  const source = testChoice(usual.tests, datasets, query.get("dataset"));
-  const methods = checkboxes("Methods", usual.methods, catalog.sweep_methods);
-  const leads = h("input", { type: "text", inputmode: "decimal", id: "sweep-leads", value: usual.leads_s.join(" ") });
-  const failure = errorLine();
-  const go = h("button", { class: "button button-primary", type: "submit", ...needs("POST /sweeps") }, "Start the study");
-  const asForm = h(
-    "form",
-    { class: "form", novalidate: true, onsubmit: send, onchange: follow, "aria-label": TITLE, "data-keeps-input": true },
-    h(
-      "fieldset",
-      { class: "panel stack" },
-      h("legend", {}, "1  Planned test"),
-      h("div", { class: "field" }, h("label", { for: "sweep-source" }, "aircraft and manoeuvre"), source.element),
-      h("div", { class: "field-grid" }, fields.element("imperfections")),
-    ),
-    h(
-      "fieldset",
-      { class: "panel stack" },
-      h("legend", {}, "2  Methods and warning lead times"),
-      methods.element,
-      h(
-        "div",
-        { class: "field" },
-        h("label", { for: "sweep-leads" }, "warning lead times ", h("span", { class: "unit" }, "[s]")),
-        leads,
-        h("p", { class: "hint" }, "up to twenty, separated by spaces"),
-      ),
-    ),
-    h(
-      "fieldset",
-      { class: "panel stack" },
-      h("legend", {}, "3  Size"),
-      h("div", { class: "field-grid" }, NUMBERS.map(fields.element), fields.element("ceiling")),
-    ),
-    failure.element,
-    h(
-      "div",
-      { class: "row" },
-      go,
-      h("span", { class: "hint" }, "Each monitor has its own training failures and takes about 0.1 s."),
-    ),
-  );
+  const source = testChoice(usual.tests, datasets, chosen);
+  const isDataset = () => datasets.some(({ id }) => id === source.value);
+  const boxes = usual.methods.map((name) => checkbox({ value: name, checked: true }));
+  const asked = () => boxes.filter(({ checked }) => checked).map(({ value }) => value);
+  const leads = textInput({ inputmode: "decimal", id: "sweep-leads", value: usual.leads_s.join(" ") });
+  const leadField = labelled("warning lead times", leads, { unit: "s", hint: "up to twenty, separated by spaces" });
+  const methods = methodChoice(boxes, catalog.sweep_methods);
+  source.addEventListener("change", follow);
   follow();
-  return [asForm, pastSweeps(jobs.filter(({ kind }) => kind === "sweep"))];
+  return {
+    path: "/sweeps",
+    word: "Start the study",
+    fields: [
+      fields,
+      group({ "sweep.leads_s": leadField, "sweep.methods": methods }, () => [
+        [methods, asked().length ? "" : "Choose at least one method."],
+      ]),
+    ],
+    content: [
+      fieldset(
+        "1  Planned test",
+        labelled("aircraft and manoeuvre", source).element,
+        h("div", { class: "field-grid" }, fields.element("imperfections")),
+      ),
+      fieldset("2  Methods and warning lead times", methods.element, leadField.element),
+      fieldset("3  Size", h("div", { class: "field-grid" }, NUMBERS.map(fields.element))),
+    ],
+    beside: "Each monitor has its own training failures and takes about 0.1 s.",
+    read,
+  };
 
   /** A dataset's recipe has its own imperfections. */
   function follow() {
-    fields.element("imperfections").hidden = source.isDataset();
+    fields.element("imperfections").hidden = isDataset();
   }
 
-  async function send(event) {
-    event.preventDefault();
-    if (!fields.check()) return;
+  function read() {
     const { tests, imperfections, ...rest } = fields.read();
-    const asked = {
+    const planned = { tests: source.value ? [source.value] : tests, imperfections };
+    return {
       ...rest,
-      ...source.read({ tests, imperfections }),
-      methods: methods.read(),
+      ...(isDataset() ? { dataset: source.value } : planned),
+      methods: asked(),
       leads_s: decimals(leads.value).map(Number),
     };
-    if (!asked.methods.length) return failure.show("Choose at least one method.");
-    go.disabled = true;
-    try {
-      const job = await api.post("/sweeps", asked);
-      navigate(`${ADDRESS}?job=${job.id}`);
-    } catch (error) {
-      fields.point(error.message);
-      failure.show(reason(error));
-      go.disabled = false;
-    }
   }
 }
 
 /** One of the program's planned tests, all of them, or the test of a stored dataset. */
 function testChoice(tests, datasets, chosen) {
-  const simulated = datasets.filter(({ recipe }) => Object.keys(recipe).length);
-  const element = h(
-    "select",
-    { id: "sweep-source" },
-    h("option", { value: "" }, `${tests.join(", ")}: rudder doublets with 1 s halves`),
-    tests.map((name) => h("option", { value: name }, `${name}: rudder doublet with 1 s halves`)),
-    simulated.length
-      ? h(
-          "optgroup",
-          { label: "planned test of a dataset" },
-          simulated.map(({ id, name, created }) => h("option", { value: id }, `${name} (${moment(created)})`)),
-        )
-      : null,
+  const stored = datasets.map(({ id, name, created }) => h("option", { value: id }, `${name} (${moment(created)})`));
+  return select(
+    [
+      ["", `${tests.join(", ")}: rudder doublets with 1 s halves`],
+      ...tests.map((name) => [name, `${name}: rudder doublet with 1 s halves`]),
+      stored.length && h("optgroup", { label: "planned test of a dataset" }, stored),
+    ],
+    { id: "sweep-source", value: datasets.some(({ id }) => id === chosen) ? chosen : "" },
   );
-  const isDataset = () => simulated.some(({ id }) => id === element.value);
-  if (simulated.some(({ id }) => id === chosen)) element.value = chosen;
+}
+
+/** A Field of checkboxes.   words: hint of each. */
+function methodChoice(boxes, words) {
+  const failure = h("p", { class: "error", role: "alert", hidden: true });
+  const rows = boxes.map((box, k) => {
+    const hint = h("span", { class: "hint", id: `method-words-${k}` }, words[box.value]);
+    box.setAttribute("aria-describedby", hint.id);
+    return h("div", { class: "row" }, h("label", { class: "row" }, box, box.value), hint);
+  });
   return {
-    element,
-    isDataset,
-    read: (planned) =>
-      isDataset() ? { dataset: element.value } : { ...planned, ...(element.value && { tests: [element.value] }) },
+    element: h("fieldset", { class: "stack-tight" }, h("legend", {}, "Methods"), rows, failure),
+    words: "methods",
+    say: (why) => {
+      failure.textContent = why;
+      failure.hidden = !why;
+    },
+    focus: () => boxes[0].focus(),
   };
 }
 
-/** words: hint of each name. */
-function checkboxes(legend, names, words) {
-  const boxes = names.map((name) => h("input", { type: "checkbox", value: name, checked: true }));
-  const element = h(
-    "fieldset",
-    { class: "stack-tight" },
-    h("legend", {}, legend),
-    boxes.map((box, k) => {
-      const hint = h("span", { class: "hint", id: `method-words-${k}` }, words[box.value]);
-      box.setAttribute("aria-describedby", hint.id);
-      return h("div", { class: "row" }, h("label", { class: "row" }, box, box.value), hint);
-    }),
-  );
-  return { element, read: () => boxes.filter(({ checked }) => checked).map(({ value }) => value) };
-}
-
-const pastSweeps = (jobs) =>
-  pastStudies(jobs, {
-    title: "Past studies",
-    address: ADDRESS,
-    words: ({ tests, methods, leads_s }) =>
-      `${tests.join(", ")}; ${methods.length} methods at ${leads_s.map((lead) => figure(lead)).join(", ")} s`,
-    none: ["No study yet", "Press Start the study to run the first one. It takes about a minute with the numbers above."],
-  });
-
-function result(job) {
-  const { recipe, tests, false_alarms_alike: alike } = job.result;
+function result({ result: { recipe, tests, false_alarms_alike: alike } }) {
   const words =
-    `${recipe.n_monitors} monitors of each method and lead, each calibrated on ${recipe.n_unsafe} failures and tested on ${recipe.n_test} fresh flights; ` +
+    `${recipe.n_monitors} monitors of each method and warning lead time, each calibrated on ${recipe.n_unsafe} failures and tested on ${recipe.n_test} fresh flights; ` +
     `promised miss rate ${figure(recipe.epsilon)} ${recipe.guarantee === "average" ? "on average" : "with 95 % confidence"}.`;
-  return [
-    h("p", {}, words),
-    Object.entries(tests).map(([name, test]) => planned(name, test, recipe, alike)),
-    figureFiles(job),
-  ];
+  return [h("p", {}, words), Object.entries(tests).map(([name, test]) => planned(name, test, recipe, alike))];
 }
 
 function planned(name, test, recipe, alike) {
   const hopeless = test.hopeless_s.map((lead) => figure(lead)).join(", ");
+  const figures = ["power_at_epsilon", "prevented_alike"].map((what) =>
+    h("section", { class: "panel" }, leadsFigure(test, recipe, what, alike)),
+  );
   return h(
     "section",
     { class: "stack", "data-test": name },
@@ -184,51 +140,33 @@ function planned(name, test, recipe, alike) {
       {},
       `${percent(test.unsafe_share, 0)} of the flights fail; 1 in 20 of these fails within ${figure(test.earliest_s)} s of the first input.`,
     ),
-    hopeless
-      ? h(
-          "p",
-          { class: "warning" },
-          h("strong", {}, `No method can warn ${hopeless} s ahead: `),
-          "almost every safe flight has an alert. Use a shorter lead time, or clear the point before it is flown.",
-        )
-      : null,
-    h(
-      "div",
-      { class: "figures" },
-      ["power_at_epsilon", "prevented_alike"].map((what) =>
-        h("section", { class: "panel" }, leadsFigure(test, recipe, what, alike)),
+    hopeless &&
+      h(
+        "p",
+        { class: "warning" },
+        h("strong", {}, `No method can warn ${hopeless} s ahead: `),
+        "almost every safe flight has an alert. Use a shorter warning lead time, or clear the point before it is flown.",
       ),
-    ),
-    table(test, recipe, alike),
+    h("div", { class: "figures" }, figures),
+    rates(test, recipe, alike),
   );
 }
 
-function table({ cells }, recipe, alike) {
-  const reactions = recipe.reactions_s.map((time) => [`${figure(time)} s`, true]);
-  const rows = cells.map((cell) =>
-    h(
-      "tr",
-      {},
-      h("td", { class: "number" }, figure(cell.lead)),
-      h("th", { scope: "row" }, cell.method),
-      h("td", { class: "number" }, percent(cell.miss_rate), h("br"), h("span", { class: "hint" }, interval(cell.miss_interval))),
-      h("td", { class: "number" }, percent(cell.power), h("br"), h("span", { class: "hint" }, interval(cell.power_interval))),
-      h("td", { class: "number" }, percent(cell.power_at_epsilon)),
-      cell.prevented_alike.map((share, k) =>
-        h("td", { class: "number" }, percent(share, 0), h("br"), h("span", { class: "hint" }, percent(cell.prevented[k], 0))),
-      ),
-    ),
-  );
-  const heads = [
-    ["Lead time [s]", true],
-    ["Method"],
-    ["missed", true],
-    ["no false alarm", true],
-    [`… at ${percent(recipe.epsilon, 0)} missed`, true],
+function rates({ cells }, recipe, alike) {
+  const above = (share, below) => [share, h("br"), h("span", { class: "hint" }, below)];
+  const reactions = recipe.reactions_s.map((time, k) => [
+    `${figure(time)} s`,
+    (cell) => above(percent(cell.prevented_alike[k], 0), percent(cell.prevented[k], 0)),
+    "number",
+  ]);
+  const columns = [
+    ["Warning lead time [s]", (cell) => figure(cell.lead), "number"],
+    ["Method", ({ method }) => method, "name"],
+    ["missed", (cell) => above(percent(cell.miss_rate), interval(cell.miss_interval)), "number"],
+    ["no false alarm", (cell) => above(percent(cell.power), interval(cell.power_interval)), "number"],
+    [`… at ${percent(recipe.epsilon, 0)} missed`, (cell) => percent(cell.power_at_epsilon), "number"],
+    ...reactions,
   ];
-  return scrolledTable({
-    heads: [...heads, ...reactions],
-    rows,
-    caption: `Missed: share of failing flights. No false alarm: share of safe flights. By reaction time: share of failures prevented if ${percent(alike, 0)} of the safe flights have an alert; below it, at the promised miss rate.`,
-  });
+  const caption = `Missed: share of failing flights. No false alarm: share of safe flights. By reaction time: share of failures prevented if ${percent(alike, 0)} of the safe flights have an alert; below it, at the promised miss rate.`;
+  return table({ columns, items: cells, caption });
 }

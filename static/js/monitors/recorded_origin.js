@@ -7,12 +7,13 @@
  *     changed(): another aircraft was chosen.   recipe: null until one is chosen
  */
 
+import { labelled, select } from "../forms/controls.js";
 import { scatterOf } from "../forms/planned_test.js";
 import { reason } from "../lib/api.js";
 import { aircraftCondition } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
 import { sentences } from "../lib/lists.js";
-import { errorLine } from "../lib/view_states.js";
+import { errorLine, panel } from "../lib/view_states.js";
 import { proposalOf } from "../recordings/training_offer.js";
 
 export async function recordedTest(api, id) {
@@ -27,36 +28,26 @@ export async function recordedTest(api, id) {
 export function createRecordedOrigin({ catalog, recorded, changed }) {
   const { recording, proposal, problem } = recorded;
   const failure = errorLine();
-  const select = h(
-    "select",
-    { id: "recorded-aircraft", onchange: changed },
-    h("option", { value: "" }, "choose the aircraft"),
-    Object.values(catalog.families.aircraft.entries).map((entry) => h("option", { value: entry.kind }, aircraftCondition(entry))),
-  );
   failure.show(problem);
-  const element = h(
-    "section",
+  const known = Object.values(catalog.families.aircraft.entries).map((entry) => [entry.kind, aircraftCondition(entry)]);
+  const choice = select([["", "choose the aircraft"], ...known], { id: "recorded-aircraft", onchange: changed });
+  const field = labelled("Which aircraft was flown?", choice, {
+    hint: "The form opens with this aircraft's usual test and what the recording shows.",
+  });
+  const element = panel(
+    ["For the recording ", h("a", { href: `#/recordings/${recording.id}` }, recording.name)],
+    [proposal && sentences(proposal.reasons.map(formatted)), field.element, failure.element],
     { class: "panel stack-tight recorded-origin", "aria-label": "From a recording" },
-    h("h2", { class: "panel-title" }, "For the recording ", h("a", { href: `#/recordings/${recording.id}` }, recording.name)),
-    proposal ? sentences(proposal.reasons.map(formatted)) : null,
-    h(
-      "div",
-      { class: "field" },
-      h("label", { for: select.id }, "Which aircraft was flown?"),
-      select,
-      h("p", { class: "hint" }, "The form opens with this aircraft's usual test and what the recording shows."),
-    ),
-    failure.element,
   );
   return { element, recipe };
 
   function recipe() {
-    if (!select.value) return null;
+    if (!choice.value) return null;
     const { dataset = {}, ...monitor } = proposal?.recipe ?? {};
     const { usual: recipeOf, default: clean } = catalog.recipes.monitor;
     return {
       recipe: { ...(recipeOf ?? clean), ...monitor },
-      dataset_recipe: testOf(catalog, select.value, dataset),
+      dataset_recipe: testOf(catalog, choice.value, dataset),
     };
   }
 }

@@ -2,54 +2,62 @@
  * A study of many monitors: its form with past studies, the running job, its result.
  *
  * Exports
- *   showStudyPage(element, {query, api, navigate}, page)     query: job (a past study)
- *     page: { title, guide, address, loading, working, another, form, result }
- *     guide: section of the guide.   form(context) -> nodes, context: {catalog, api, query, navigate}     result(job, catalog) -> nodes
- *   pastStudies(jobs, {title, address, words, none}) -> section     words(request); none: [title, text]
- *   figureFiles(job, hint) -> section
+ *   showStudyPage(element, {query, api, navigate}, page)     query: job (a past study), dataset
+ *     page: {title, kind, guide, address, loading, working, another, past, form, result}
+ *     guide: section of the guide.   kind: of its jobs.   past: {title, words(request), none: [title, text]}
+ *     form({catalog, api, datasets, chosen}) -> {path, route, word, fields, content, hint, read()}     the parts of its
+ *       form; chosen: id of a dataset;   read() -> the request.     result(job, catalog) -> nodes
  */
 
+import { createForm } from "../forms/controls.js";
+import { isSimulated } from "../forms/planned_test.js";
 import { loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
 import { guideLink } from "../lib/guide_link.js";
 import { createJobProgress } from "../lib/job_progress.js";
 import { loadingView } from "../lib/loading_view.js";
 import { moment } from "../lib/numbers.js";
-import { empty, link, pageOf } from "../lib/view_states.js";
+import { empty, link, pageOf, panel } from "../lib/view_states.js";
 
 export function showStudyPage(element, { query, api, navigate }, page) {
-  const { title, guide, address, loading, working, another, form, result } = page;
+  const { title, kind, guide, address, loading, working, another, past, form, result, hint } = page;
   return loadingView(element, { title, text: loading, build });
 
   async function build({ keep, again }) {
     const catalog = await loadCatalog(api);
+    const help = guideLink(guide, title);
     const id = query.get("job");
-    if (!id) return pageOf(title, [guideLink(guide, title)], await form({ catalog, api, query, navigate }));
+    if (!id) return pageOf(title, [help], await begin(catalog));
     const job = await api.get(`/jobs/${id}`);
-    const actions = [link(another, address), guideLink(guide, title)];
-    if (job.status === "done") return pageOf(title, actions, result(job, catalog));
+    const actions = [link(another, address), help];
+    if (job.status === "done") return pageOf(title, actions, result(job, catalog), figureFiles(job, hint));
     const progress = createJobProgress({ api, job, title: working, done: again, back: () => navigate(address) });
     return pageOf(title, actions, keep(progress).element);
   }
+
+  async function begin(catalog) {
+    const [datasets, jobs] = await Promise.all([api.get("/datasets"), api.get("/jobs")]);
+    const simulated = datasets.filter(isSimulated);
+    const { path, read, beside, ...parts } = form({ catalog, api, datasets: simulated, chosen: query.get("dataset") });
+    const send = async () => {
+      const job = await api.post(path, read());
+      navigate(`${address}?job=${job.id}`);
+    };
+    const made = createForm({ title, ...parts, route: `POST ${path}`, send, beside: h("span", { class: "hint" }, beside) });
+    return [made.element, pastStudies(jobs.filter((job) => job.kind === kind))];
+  }
+
+  function pastStudies(jobs) {
+    const rows = jobs.map(({ id, status, created, request }) =>
+      h("li", {}, h("a", { href: `${address}?job=${id}` }, moment(created)), ` ${status}, ${past.words(request)}`),
+    );
+    return panel(past.title, rows.length ? h("ul", {}, rows) : empty(...past.none));
+  }
 }
 
-export function pastStudies(jobs, { title, address, words, none }) {
-  const rows = jobs.map(({ id, status, created, request }) =>
-    h("li", {}, h("a", { href: `${address}?job=${id}` }, moment(created)), ` ${status}, ${words(request)}`),
-  );
-  const content = rows.length ? h("ul", {}, rows) : empty(...none);
-  return h("section", { class: "panel stack" }, h("h2", { class: "panel-title" }, title), content);
-}
-
-export function figureFiles({ id, result }, hint = null) {
+function figureFiles({ id, result }, hint = null) {
   const files = Object.entries(result.figures).map(([name, address]) =>
     h("li", {}, h("a", { href: address, download: name }, name)),
   );
-  return h(
-    "section",
-    { class: "panel" },
-    h("h2", { class: "panel-title" }, "For a report"),
-    hint && h("p", { class: "hint" }, hint),
-    h("ul", { "data-job": id }, files),
-  );
+  return panel("For a report", [hint && h("p", { class: "hint" }, hint), h("ul", { "data-job": id }, files)]);
 }

@@ -6,19 +6,18 @@
  *            recording (begin with what the server proposes for it)
  */
 
+import { createForm, fieldset, group, labelled, select, textInput } from "../forms/controls.js";
 import { createFields } from "../forms/form.js";
 import { datasetChoice } from "../forms/planned_test.js";
-import { reason } from "../lib/api.js";
 import { loadCatalog, methodOf } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
-import { followInPlace } from "../lib/job_progress.js";
 import { loadingView } from "../lib/loading_view.js";
-import { needs } from "../lib/me.js";
 import { figure } from "../lib/numbers.js";
-import { errorLine, link, pageOf } from "../lib/view_states.js";
+import { link, pageOf } from "../lib/view_states.js";
 import { leastFor, neededFor } from "./calibration_rule.js";
 import { createRecordedOrigin, recordedTest } from "./recorded_origin.js";
 
+const TITLE = "Train a monitor";
 const MAIN = ["t_early", "epsilon"];
 const TEST = {
   title: "test flights",
@@ -26,16 +25,11 @@ const TEST = {
   minimum: 0,
   maximum: 100000,
   default: 2000,
-  description:
-    "fresh flights that measure misses and false alarms; 0 for none.",
+  description: "fresh flights that measure misses and false alarms; 0 for none.",
 };
 
 export function showTraining(element, { query, api, navigate }) {
-  return loadingView(element, {
-    title: "Train a monitor",
-    text: "Loading aircraft and manoeuvres",
-    build,
-  });
+  return loadingView(element, { title: TITLE, text: "Loading aircraft and manoeuvres", build });
 
   async function build({ keep }) {
     const [catalog, datasets, like, recorded] = await Promise.all([
@@ -46,134 +40,77 @@ export function showTraining(element, { query, api, navigate }) {
     ]);
     const stage = h("div", { class: "stack" });
     const origin = recorded && createRecordedOrigin({ catalog, recorded, changed: fill });
-    let form = null;
+    const trained = ({ monitor }) =>
+      navigate(recorded ? `#/recordings/${recorded.recording.id}?monitor=${monitor}` : `#/monitors/${monitor}`);
     fill();
-    return pageOf("Train a monitor", [], origin?.element, stage);
+    return pageOf(TITLE, [], origin?.element, stage);
 
     function fill() {
       const begun = like ?? origin?.recipe() ?? null;
-      stage.replaceChildren();
-      if (origin && begun === null) return;
-      form = createTrainForm({ api, catalog, datasets, like: begun, chosen: query.get("dataset"), onsubmit: send });
-      stage.append(form.element);
-    }
-
-    async function send(event) {
-      event.preventDefault();
-      form.refuse("");
-      if (!form.check()) return;
-      form.setUsable(false);
-      try {
-        const job = await api.post("/monitors", form.read());
-        followInPlace({
-          form: form.element,
-          stage,
-          keep,
-          focus: form.go,
-          api,
-          job,
-          title: `Training “${job.request.name}”`,
-          done: ({ monitor }) => navigate(recorded ? `#/recordings/${recorded.recording.id}?monitor=${monitor}` : `#/monitors/${monitor}`),
-        });
-      } catch (error) {
-        form.point(error.message);
-        form.refuse(reason(error));
-      } finally {
-        form.setUsable(true);
-      }
+      const form = trainForm({ api, catalog, datasets, like: begun, chosen: query.get("dataset"), keep, trained });
+      stage.replaceChildren(...(origin && begun === null ? [] : [form]));
     }
   }
 }
 
 /** like: {recipe, dataset_recipe} to begin with, or null.   chosen: id of the dataset to begin with, or null. */
-function createTrainForm({ api, catalog, datasets, like, chosen, onsubmit }) {
-  const { schema } = catalog.recipes.monitor;
+function trainForm({ api, catalog, datasets, like, chosen, keep, trained }) {
+  const { schema, [like ? "default" : "usual"]: usual } = catalog.recipes.monitor;
   const withTest = { ...schema, properties: { ...schema.properties, n_test: TEST } };
-  const fields = createFields(
-    withTest,
-    { ...catalog.recipes.monitor[like ? "default" : "usual"], ...like?.recipe },
-    { catalog, path: "monitor" },
-  );
-  const source = datasetChoice({
-    api,
-    catalog,
-    datasets,
-    chosen,
-    initial: like?.dataset_recipe,
-  });
-  const method = h(
-    "select",
+  const fields = createFields(withTest, { ...usual, ...like?.recipe }, { catalog, path: "monitor" });
+  const source = datasetChoice({ api, catalog, datasets, chosen, initial: like?.dataset_recipe });
+  const method = select(
+    [
+      ...catalog.methods.map(({ kind, label }, k) => [kind, k === 0 ? `${label} (recommended)` : label]),
+      ["", "predictor and score chosen below"],
+    ],
     { id: "method", name: "method", oninput: choose },
-    catalog.methods.map(({ kind, label }, k) => h("option", { value: kind }, k === 0 ? `${label} (recommended)` : label)),
-    h("option", { value: "" }, "predictor and score chosen below"),
   );
-  const name = h("input", {
-    type: "text",
-    id: "monitor-name",
-    maxlength: 200,
-    placeholder: "optional",
-  });
-  const failure = errorLine();
+  const name = textInput({ id: "monitor-name", maxlength: 200, placeholder: "optional" });
+  const named = labelled("name of the monitor", name);
   const served = h("p", { class: "hint served" });
-  const go = h("button", { class: "button button-primary", type: "submit", ...needs("POST /monitors") }, "Train");
   const advanced = fields.keys.filter((key) => !MAIN.includes(key));
   const families = advanced.filter((key) => schema.properties[key]?.["x-family"]);
-  const element = h(
-    "form",
-    {
-      class: "form",
-      novalidate: true,
-      onsubmit,
-      oninput: follow,
-      onchange: follow,
-      "aria-label": "Train a monitor",
-      "data-keeps-input": true,
-    },
-    source.element,
-    h(
-      "fieldset",
-      { class: "panel" },
-      h("legend", {}, "2  Warning lead time and miss rate"),
-      h(
-        "div",
-        { class: "field-grid" },
-        MAIN.map(fields.element),
-        source.size,
-        h("div", { class: "field" }, h("label", { for: "method" }, "method"), method),
+  const { element, form } = createForm({
+    title: TITLE,
+    word: "Train",
+    route: "POST /monitors",
+    fields: [source, fields, group({ name: named })],
+    content: [
+      source.element,
+      fieldset(
+        "2  Warning lead time and miss rate",
         h(
           "div",
-          { class: "field" },
-          h("label", { for: "monitor-name" }, "name of the monitor"),
-          name,
+          { class: "field-grid" },
+          MAIN.map(fields.element),
+          source.size,
+          labelled("method", method).element,
+          named.element,
         ),
+        served,
       ),
-      served,
-    ),
-    h(
-      "details",
-      { class: "panel fold" },
-      h("summary", {}, "Predictor, score, groups, promise, calibration, test flights"),
-      h("div", { class: "columns" }, families.map(fields.element)),
       h(
-        "div",
-        { class: "field-grid" },
-        advanced.filter((key) => !families.includes(key)).map(fields.element),
+        "details",
+        { class: "panel fold" },
+        h("summary", {}, "Predictor, score, groups, promise, calibration, test flights"),
+        h("div", { class: "columns" }, families.map(fields.element)),
+        h("div", { class: "field-grid" }, advanced.filter((key) => !families.includes(key)).map(fields.element)),
       ),
-    ),
-    failure.element,
-    h(
-      "div",
-      { class: "row form-end" },
-      go,
+    ],
+    beside: [
       link("Cancel", "#/monitors"),
-      h(
-        "span",
-        { class: "hint" },
-        "Simulates, trains and tests. You can leave the page meanwhile.",
-      ),
-    ),
-  );
+      h("span", { class: "hint" }, "Simulates, trains and tests. You can leave the page meanwhile."),
+    ],
+    send: () => {
+      const given = name.value.trim();
+      return api.post("/monitors", { ...fields.read(), dataset: source.read(), ...(given && { name: given }) });
+    },
+    follow: { api, keep, title: ({ request }) => `Training “${request.name}”`, done: trained },
+  });
+  for (const event of ["input", "change"]) form.addEventListener(event, follow);
   follow();
+  return element;
 
   function choose() {
     const { predictor, score } = catalog.methods.find(({ kind }) => kind === method.value) ?? {};
@@ -183,38 +120,20 @@ function createTrainForm({ api, catalog, datasets, like, chosen, onsubmit }) {
 
   function follow() {
     const recipe = fields.read();
-    const { epsilon, guarantee } = recipe;
     method.value = methodOf(catalog, recipe)?.kind ?? "";
-    const n = source.failures();
-    const enough = n !== null && epsilon > 0 && n >= neededFor(epsilon, guarantee);
-    served.textContent =
-      !(epsilon > 0 && epsilon < 1) || n === null
-        ? ""
-        : enough
-          ? `${n} failures: enough for ε ≥ ${figure(leastFor(n, guarantee))}.`
-          : `ε = ${figure(epsilon)} needs at least ${neededFor(epsilon, guarantee)} unsafe rollouts, and ${n} are set: raise ε or the number of rollouts.`;
-    served.classList.toggle("error", !enough && served.textContent !== "");
+    const { words, isEnough } = servedWords(source.failures(), recipe);
+    served.textContent = words;
+    served.classList.toggle("error", !isEnough);
   }
+}
 
-  return {
-    element,
-    go,
-    check: () => [source.check(), fields.check()].every(Boolean),
-    read: () => ({
-      ...fields.read(),
-      dataset: source.read(),
-      ...(name.value.trim() && { name: name.value.trim() }),
-    }),
-    point: (message) => {
-      if (!source.point(message) && !fields.point(message))
-        element.querySelector("[aria-invalid]")?.focus();
-    },
-    refuse: (words) => {
-      failure.show(words);
-      failure.element.scrollIntoView({ block: "nearest" });
-    },
-    setUsable: (usable) => {
-      go.disabled = !usable;
-    },
-  };
+/** Whether n failures are enough for a recipe's epsilon. */
+function servedWords(n, { epsilon, guarantee }) {
+  if (!(epsilon > 0 && epsilon < 1) || n === null) return { words: "", isEnough: true };
+  const needed = neededFor(epsilon, guarantee);
+  const words =
+    n >= needed
+      ? `${n} failures: enough for ε ≥ ${figure(leastFor(n, guarantee))}.`
+      : `ε = ${figure(epsilon)} needs at least ${needed} unsafe rollouts, and ${n} are set: raise ε or the number of rollouts.`;
+  return { words, isEnough: n >= needed };
 }

@@ -4,14 +4,21 @@
  * Exports
  *   createDropZone({aircraft: [name], formats: [title], done}) -> {element, choose(), close()}
  *     choose(): opens the browser's file dialog.   done: see uploads.js
+ *   knownNames(id, names) -> {element, attributes}    names of aircraft to choose from while typing
  */
 
+import { labelled, textInput } from "../forms/controls.js";
 import { h } from "../lib/dom.js";
 import { needs } from "../lib/me.js";
 import { button } from "../lib/view_states.js";
 import { createUploads } from "./uploads.js";
 
 const LONGEST_NAME = 200;
+
+export function knownNames(id, names) {
+  const options = names.map((value) => h("option", { value }));
+  return { element: h("datalist", { id }, options), attributes: { list: id, maxlength: LONGEST_NAME, autocomplete: "off" } };
+}
 
 export function createDropZone({ aircraft, formats, done }) {
   const input = h("input", {
@@ -25,48 +32,23 @@ export function createDropZone({ aircraft, formats, done }) {
       input.value = "";
     },
   });
-  const name = h("input", {
-    type: "text",
-    id: "upload-aircraft",
-    list: "known-aircraft",
-    maxlength: LONGEST_NAME,
-    autocomplete: "off",
-    placeholder: "optional, such as PH-LAB",
-  });
-  const known = h(
-    "datalist",
-    { id: "known-aircraft" },
-    aircraft.map((value) => h("option", { value })),
-  );
+  const known = knownNames("known-aircraft", aircraft);
+  const name = textInput({ ...known.attributes, placeholder: "optional, such as PH-LAB" });
   const uploads = createUploads({ aircraft: () => name.value.trim(), done });
   const zone = h(
     "div",
     { class: "drop-zone", ...needs("POST /recordings") },
     h("p", { class: "drop-words" }, "Drop a recording anywhere on this page"),
-    h(
-      "div",
-      { class: "row" },
-      button("Choose a file", () => input.click(), { class: "button button-primary" }),
-      input,
-    ),
+    h("div", { class: "row" }, button("Choose a file", () => input.click(), { class: "button button-primary" }), input),
     formats.length ? h("p", { class: "hint" }, `Formats: ${formats.join(", ")}`) : null,
   );
+  const named = labelled("Aircraft", name, {
+    hint: "Forewarn remembers the mapping for this aircraft and proposes it next time.",
+  });
   const element = h(
     "section",
     { class: "panel stack", "aria-label": "Upload" },
-    h(
-      "div",
-      { class: "upload-columns" },
-      zone,
-      h(
-        "div",
-        { class: "field" },
-        h("label", { for: "upload-aircraft" }, "Aircraft"),
-        name,
-        known,
-        h("p", { class: "hint" }, "Forewarn remembers the mapping for this aircraft and proposes it next time."),
-      ),
-    ),
+    h("div", { class: "upload-columns" }, zone, h("div", {}, named.element, known.element)),
     uploads.element,
   );
   const handlers = { dragover, dragleave, drop };

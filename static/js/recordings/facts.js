@@ -4,55 +4,47 @@
  * Exports
  *   recordingFacts(recording, catalog) -> element
  *   createSignalList({api, recording}) -> element     every signal, with a plot on request
+ *   badRowsTable([{line, reason, text}]) -> element
+ *   formatTitle(catalog, key)
  */
 
 import { createMiniPlot } from "../charts/mini_plot.js";
 import { reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
-import { factList, sentences, tableHead } from "../lib/lists.js";
-import { bytesText, durationText, figure, moment, timeZero } from "../lib/numbers.js";
-import { button } from "../lib/view_states.js";
-import { badRows } from "./bad_rows.js";
-import { formatTitle } from "./list.js";
+import { factList, sentences, table } from "../lib/lists.js";
+import { bytesText, durationText, figure, moment, percent, timeZero } from "../lib/numbers.js";
+import { button, chip } from "../lib/view_states.js";
 import { nameParts } from "./mapping/signal_select.js";
 
 const SHOWN = 100; // signals listed without a filter
+const count = (n) => n.toLocaleString("en");
+
+export function formatTitle(catalog, key) {
+  return catalog.telemetry.formats.find((format) => format.key === key)?.title ?? key;
+}
 
 export function recordingFacts(recording, catalog) {
-  const { contents } = recording;
-  const rows = contents.groups.reduce((sum, group) => sum + group.n_rows, 0);
+  const { contents, same_as: twin, flight_id: flight } = recording;
   const entries = [
     ["Aircraft", recording.aircraft ?? "not recorded"],
     ["Format", formatTitle(catalog, recording.format)],
     ["Size", bytesText(recording.size)],
     ["Length", durationText(recording.duration ?? NaN)],
-    ["Samples", rows.toLocaleString("en")],
+    ["Samples", count(contents.groups.reduce((sum, group) => sum + group.n_rows, 0))],
     ["Rate", ratesOf(contents.groups)],
-    ["Signals", contents.signals.length.toLocaleString("en")],
+    ["Signals", count(contents.signals.length)],
     ["Begins", timeZero(contents.start)],
     ["Uploaded", moment(recording.created)],
   ];
-  const twin = recording.same_as
-    ? h(
-        "p",
-        {},
-        "Same file as ",
-        h("a", { href: `#/recordings/${recording.same_as}` }, "an earlier recording"),
-        ".",
-      )
-    : null;
-  const flown = recording.flight_id
-    ? h("p", {}, "Recorded from a live flight: ", h("a", { href: `#/fly/${recording.flight_id}` }, "open its record"), ".")
-    : null;
-  const remarks = [...contents.notes, ...contents.ignored.map((words) => `Skipped: ${words}`)];
+  const linked = (words, href, text) => h("p", {}, words, h("a", { href }, text), ".");
   return h(
     "section",
     { class: "panel stack-tight", "aria-label": "File" },
     factList(entries),
     h("p", { class: "dim" }, "SHA-256 ", h("span", { class: "hash" }, recording.digest)),
-    flown,
-    twin,
-    sentences(remarks),
+    flight && linked("Recorded from a live flight: ", `#/fly/${flight}`, "open its record"),
+    twin && linked("Same file as ", `#/recordings/${twin}`, "an earlier recording"),
+    sentences([...contents.notes, ...contents.ignored.map((words) => `Skipped: ${words}`)]),
     badRows(recording.bad_rows),
   );
 }
@@ -64,33 +56,51 @@ function ratesOf(groups) {
   return least === most ? `${least} Hz` : `${least} to ${most} Hz`;
 }
 
+/** Rows that could not be read, folded, with their number. */
+function badRows({ n, share, rows }) {
+  if (!n) return null;
+  const skipped = ` skipped, ${percent(share, share < 0.001 ? 3 : 1)} of the file: lines and reasons`;
+  return h(
+    "details",
+    { class: "fold bad-rows" },
+    h("summary", {}, chip(`◆ ${n} bad ${n === 1 ? "row" : "rows"}`, "caution"), skipped),
+    badRowsTable(rows),
+    n > rows.length ? h("p", { class: "hint" }, `First ${rows.length} of ${n}.`) : null,
+  );
+}
+
+export function badRowsTable(rows) {
+  const columns = [
+    ["Line", ({ line }) => count(line), "name number"],
+    ["Reason", ({ reason: why }) => why],
+    ["Text", ({ text }) => h("code", {}, text)],
+  ];
+  return h("div", { class: "bad-rows-table" }, table({ columns, items: rows, panel: false }));
+}
+
 export function createSignalList({ api, recording }) {
   const { signals, groups } = recording.contents;
-  const body = h("tbody", {});
-  const filter = h("input", {
-    type: "search",
-    "aria-label": "find a signal",
-    placeholder: "find a signal",
-    oninput: list,
-  });
+  const filter = h("input", { type: "search", "aria-label": "find a signal", placeholder: "find a signal", oninput: list });
+  const shown = h("div", {});
   const more = h("p", { class: "hint" });
+  const valueOf = (key) => (signal) => figure(signal[key], 4);
+  const columns = [
+    ["Signal", nameOf, "name"],
+    ["Unit", ({ unit }) => unit],
+    ["Values", ({ n }) => count(n), "number"],
+    ["Missing", ({ missing }) => (missing ? count(missing) : "none"), "number"],
+    ["Minimum", valueOf("min"), "number"],
+    ["Maximum", valueOf("max"), "number"],
+    ["Mean", valueOf("mean"), "number"],
+    ["Plot", plotOf],
+  ];
   list();
-  const heads = ["Signal", "Unit", "Values", "Missing", "Minimum", "Maximum", "Mean", "Plot"];
   return h(
     "details",
     { class: "panel fold signal-list" },
     h("summary", {}, `all ${signals.length} signals in the file`),
     signals.length > 12 ? h("div", { class: "field" }, filter) : null,
-    h(
-      "div",
-      { class: "table-scroll" },
-      h(
-        "table",
-        { class: "table" },
-        tableHead(heads.map((words, k) => [words, k > 1 && k < 7])),
-        body,
-      ),
-    ),
+    shown,
     more,
   );
 
@@ -99,58 +109,31 @@ export function createSignalList({ api, recording }) {
     const fits = signals
       .map((signal, number) => ({ ...signal, number }))
       .filter(({ name, description }) => `${name} ${description}`.toLowerCase().includes(wanted));
-    body.replaceChildren(...fits.slice(0, SHOWN).map(row));
-    more.textContent =
-      fits.length > SHOWN
-        ? `First ${SHOWN} of ${fits.length}. Type part of a name to find others.`
-        : "";
+    shown.replaceChildren(table({ columns, items: fits.slice(0, SHOWN), panel: false }));
+    const isLong = fits.length > SHOWN;
+    more.textContent = isLong ? `First ${SHOWN} of ${fits.length}. Type part of a name to find others.` : "";
   }
 
-  function row({ name, unit, group, description, n, missing, min, max, mean, number }) {
-    const place = h(
-      "td",
-      {},
-      button("Show", () => draw(place, name, number), {
-        class: "button button-small",
-        "aria-label": `Show ${name}`,
-      }),
-    );
+  function nameOf({ name, group, description }) {
     const [label, groupName] = nameParts(name, groups.length > 1 ? groups[group].name : "");
-    return h(
-      "tr",
-      {},
-      h(
-        "th",
-        { scope: "row" },
-        label,
-        h(
-          "span",
-          { class: "hint" },
-          [groupName, description]
-            .filter(Boolean)
-            .map((words) => ` ${words}`)
-            .join(","),
-        ),
-      ),
-      h("td", {}, unit),
-      h("td", { class: "number" }, n.toLocaleString("en")),
-      h("td", { class: "number" }, missing ? missing.toLocaleString("en") : "none"),
-      [min, max, mean].map((value) => h("td", { class: "number" }, figure(value, 4))),
-      place,
-    );
+    const words = [groupName, description].filter(Boolean).map((text) => ` ${text}`);
+    return [label, h("span", { class: "hint" }, words.join(","))];
   }
 
-  async function draw(place, name, number) {
-    const plot = createMiniPlot(name);
-    try {
-      const { low, high, unit, rows } = await api.get(
-        `/recordings/${recording.id}/signals/${number}/preview`,
-      );
-      const { min, max } = signals[number];
-      plot.show({ t: low.map((_, k) => k * rows), low, high, unit, min, max });
-      place.replaceChildren(plot.element);
-    } catch (error) {
-      place.replaceChildren(h("span", { class: "error" }, reason(error)));
+  function plotOf({ name, number, min, max }) {
+    const show = button("Show", draw, { class: "button button-small", "aria-label": `Show ${name}` });
+    const place = h("div", {}, show);
+    return place;
+
+    async function draw() {
+      const plot = createMiniPlot(name);
+      try {
+        const { low, high, unit, rows } = await api.get(`/recordings/${recording.id}/signals/${number}/preview`);
+        plot.show({ t: low.map((_, k) => k * rows), low, high, unit, min, max });
+        place.replaceChildren(plot.element);
+      } catch (error) {
+        place.replaceChildren(h("span", { class: "error" }, reason(error)));
+      }
     }
   }
 }

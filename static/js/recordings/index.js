@@ -5,16 +5,88 @@
  * Exports  show(element, {id, query, api, navigate}) -> {close()}
  */
 
+import { loadCatalog } from "../lib/catalog.js";
+import { h } from "../lib/dom.js";
+import { guideLink } from "../lib/guide_link.js";
+import { hiddenHead, table } from "../lib/lists.js";
+import { loadingView } from "../lib/loading_view.js";
+import { needs } from "../lib/me.js";
+import { bytesText, durationText, moment } from "../lib/numbers.js";
+import { button, chip, deleteButton, empty, link, pageOf } from "../lib/view_states.js";
 import { showComparedScorings } from "./compare/index.js";
-import { showRecordings } from "./list.js";
-import { showRecording } from "./page.js";
+import { createDropZone } from "./drop_zone.js";
+import { formatTitle } from "./facts.js";
+import { aircraftOf, deletion, showRecording } from "./page.js";
 import { showScoring } from "./scoring/page.js";
+import { mappingState } from "./words.js";
 
 export function show(element, context) {
-  const query = context.query ?? new URLSearchParams();
-  const given = { ...context, query };
-  if (!context.id) return showRecordings(element, given);
-  if (query.get("scoring")) return showScoring(element, given);
-  if (query.get("compare")) return showComparedScorings(element, given);
-  return showRecording(element, given);
+  const { id, query } = context;
+  if (!id) return showRecordings(element, context);
+  if (query.get("scoring")) return showScoring(element, context);
+  if (query.get("compare")) return showComparedScorings(element, context);
+  return showRecording(element, context);
+}
+
+function showRecordings(element, { api, navigate }) {
+  return loadingView(element, { title: "Recordings", text: "Loading recordings", build });
+
+  async function build({ keep }) {
+    const [catalog, recordings] = await Promise.all([loadCatalog(api), api.get("/recordings")]);
+    const formats = catalog.telemetry.formats.map(formatWords);
+    const zone = keep(createDropZone({ aircraft: aircraftOf(recordings), formats, done: arrived }));
+    const list = h("div", {}, listOf(recordings));
+    return pageOf("Recordings", [link("Storage", "#/storage")], zone.element, list);
+
+    async function arrived(uploaded, someFailed) {
+      if (uploaded.length === 1 && !someFailed) navigate(`#/recordings/${uploaded[0].id}`);
+      else await again();
+    }
+
+    async function again() {
+      list.replaceChildren(listOf(await api.get("/recordings")));
+    }
+
+    function listOf(all) {
+      if (all.length) return table({ columns: columnsOf(all), items: all, classes: "recording-table" });
+      return empty(
+        "No recording yet",
+        "A recording is a telemetry file from any recorder. Upload one, check which signal is which channel, then score it with a monitor.",
+        button("Choose a file", zone.choose, { class: "button button-primary", ...needs("POST /recordings") }),
+        guideLink("first-recording", "how to score a first recording"),
+      );
+    }
+
+    function columnsOf(all) {
+      return [
+        ["Name", (recording) => [h("a", { href: `#/recordings/${recording.id}` }, recording.name), twinMark(recording, all)], "name"],
+        ["Aircraft", ({ aircraft }) => aircraft ?? h("span", { class: "dim" }, "not recorded"), "nowrap"],
+        ["Length", ({ duration }) => durationText(duration), "number"],
+        ["Format", ({ format }) => formatTitle(catalog, format)],
+        ["Size", ({ size }) => bytesText(size), "number"],
+        ["Mapping", mappingChip],
+        ["Scorings", ({ n_scorings: n }) => n, "number"],
+        ["Uploaded", ({ created }) => moment(created), "dim"],
+        [hiddenHead("Delete"), (recording) => deleteButton({ api, ...deletion(recording), done: again, short: recording.name })],
+      ];
+    }
+  }
+}
+
+function mappingChip(recording) {
+  const { word, level, text } = mappingState(recording);
+  return chip(word, level, text);
+}
+
+/** Mark of a recording whose file was uploaded before. */
+function twinMark({ same_as: twin }, recordings) {
+  if (!twin) return null;
+  const earlier = recordings.find(({ id }) => id === twin);
+  const name = h("a", { href: `#/recordings/${twin}` }, earlier?.name ?? "an earlier one");
+  return h("span", { class: "list-mark" }, "same file as ", name);
+}
+
+function formatWords({ title, installed, experimental }) {
+  if (!installed) return `${title} (not installed)`;
+  return experimental ? `${title} (experimental)` : title;
 }

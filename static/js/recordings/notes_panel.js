@@ -1,5 +1,5 @@
 /**
- * Markers and notes on a recording: at the cursor, or from A to B.
+ * Markers and notes on a recording, at the cursor or from A to B: add, go to, edit, delete.
  *
  * Exports
  *   createNotesPanel({api, recording, place, go, changed}) -> {element, load(), quick(), moved()}
@@ -9,31 +9,35 @@
  *   laneOfMarkers(markers, row) -> [item]    for a chart's lane
  */
 
+import { textInput } from "../forms/controls.js";
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 import { keepDraft } from "../lib/drafts.js";
 import { needs } from "../lib/me.js";
 import { secondsText } from "../lib/numbers.js";
 import { button, errorLine } from "../lib/view_states.js";
-import { createNoteList, noteSign } from "./note_list.js";
+
+const LONGEST = 2000;
+const NONE = "No notes yet. Notes are stored with the recording and printed in its report.";
+const signOf = (kind) => (kind === "note" ? "■" : "▼");
+const small = (words, pressed, attributes = {}) => button(words, pressed, { class: "button button-small", ...attributes });
+const submit = (words) => h("button", { class: "button button-small", type: "submit" }, words);
+const noteInput = (attributes) => textInput({ maxlength: LONGEST, "aria-label": "text of the note", ...attributes });
+
+function timesOf({ t, end }, before = "") {
+  return end === null ? `${before}${secondsText(t)}` : `${secondsText(t)} to ${secondsText(end)}`;
+}
 
 export function createNotesPanel({ api, recording, place, go, changed }) {
   const path = `/recordings/${recording}/markers`;
   let markers = [];
-  const list = createNoteList({ go, save, remove });
-  const text = h("input", {
-    type: "text",
-    maxlength: 2000,
-    "aria-label": "text of the note",
-    placeholder: "what happened here?",
-  });
+  let editing = null;
+  const list = h("ul", { class: "note-list" });
+  const text = noteInput({ placeholder: "what happened here?" });
   const clear = keepDraft(text, path);
   const where = h("span", { class: "hint" });
-  const add = h("button", { class: "button button-small", type: "submit" }, "Add note");
-  const flag = button("Set marker", quick, {
-    class: "button button-small",
-    title: "Marker without text (key M on the strips)",
-  });
+  const add = submit("Add note");
+  const flag = small("Set marker", quick, { title: "Marker without text (key M on the strips)" });
   const failure = errorLine();
   const element = h(
     "section",
@@ -46,18 +50,16 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
       h("div", { class: "row" }, add, flag, where),
     ),
     failure.element,
-    list.element,
+    list,
   );
+  const load = () => attempt(async () => show(await api.get(path)));
   moved();
+  return { element, load, quick, moved };
 
   function moved() {
     const at = place();
-    put(where, at === null ? "Click on the strips to choose the time" : placeText(at));
+    put(where, at === null ? "Click on the strips to choose the time" : timesOf(at, "at "));
     add.disabled = flag.disabled = at === null;
-  }
-
-  function placeText({ t, end }) {
-    return end === null ? `at ${secondsText(t)}` : `${secondsText(t)} to ${secondsText(end)}`;
   }
 
   async function send(event) {
@@ -73,25 +75,22 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
     create({ ...place(), text: `marker ${n}`, kind: "marker" });
   }
 
-  function load() {
-    return attempt(async () => showMarkers(await api.get(path)));
-  }
-
   function create(marker) {
-    return attempt(async () => showMarkers([...markers, await api.post(path, marker)]));
+    return attempt(async () => show([...markers, await api.post(path, marker)]));
   }
 
-  function save({ id, t, end, kind }, text) {
+  function save({ id, t, end, kind }, words) {
     return attempt(async () => {
-      const saved = await api.put(`${path}/${id}`, { t, end, kind, text });
-      showMarkers(markers.map((marker) => (marker.id === id ? saved : marker)));
+      const saved = await api.put(`${path}/${id}`, { t, end, kind, text: words });
+      editing = null;
+      show(markers.map((marker) => (marker.id === id ? saved : marker)));
     });
   }
 
   function remove({ id }) {
     return attempt(async () => {
       await api.delete(`${path}/${id}`);
-      showMarkers(markers.filter((marker) => marker.id !== id));
+      show(markers.filter((marker) => marker.id !== id));
     });
   }
 
@@ -106,13 +105,49 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
     }
   }
 
-  function showMarkers(given) {
+  function show(given) {
     markers = [...given].sort((a, b) => a.t - b.t);
-    list.show(markers);
+    draw();
     changed(markers);
   }
 
-  return { element, load, quick, moved };
+  function draw() {
+    const rows = markers.map((marker) => (marker.id === editing ? editor(marker) : row(marker)));
+    list.replaceChildren(...(rows.length ? rows : [h("li", { class: "dim" }, NONE)]));
+  }
+
+  function edit(id) {
+    editing = id;
+    draw();
+    list.querySelector("input")?.focus();
+  }
+
+  function row(marker) {
+    const { id, kind, t, text: words } = marker;
+    const visit = { type: "button", class: "link-button note-time", onclick: () => go(t), title: "Go there" };
+    return h(
+      "li",
+      { class: "note", "data-kind": kind },
+      h("button", visit, `${signOf(kind)} ${timesOf(marker)}`),
+      h("span", { class: "note-text" }, words),
+      h(
+        "span",
+        { class: "note-acts" },
+        small("Edit", () => edit(id), { "aria-label": `Edit: ${words}` }),
+        small("Delete", () => remove(marker), { "aria-label": `Delete: ${words}` }),
+      ),
+    );
+  }
+
+  function editor(marker) {
+    const input = noteInput({ value: marker.text });
+    const onsubmit = (event) => {
+      event.preventDefault();
+      save(marker, input.value.trim() || marker.text);
+    };
+    const acts = h("div", { class: "row" }, submit("Save"), small("Cancel", () => edit(null)));
+    return h("li", { class: "note" }, h("form", { class: "note-form", onsubmit }, h("div", { class: "field" }, input), acts));
+  }
 }
 
 export function laneOfMarkers(markers, row) {
@@ -123,7 +158,7 @@ export function laneOfMarkers(markers, row) {
     start: t,
     end,
     text,
-    mark: noteSign(kind),
+    mark: signOf(kind),
     level: "plain",
     title: `${kind}, ${secondsText(t)}: ${text}`,
   }));

@@ -1,6 +1,10 @@
 /**
  * One recording: file, mapping, data quality, scorings, and the form that scores it.
- * Exports  showRecording(element, context).
+ *
+ * Exports
+ *   showRecording(element, context)
+ *   deletion(recording) -> {path, what, consequence}   for a deleteButton
+ *   aircraftOf(recordings) -> [name]
  */
 
 import { previewTiles } from "../charts/recorded/preview_tiles.js";
@@ -9,8 +13,7 @@ import { loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
 import { createKeepButton } from "../lib/keep_button.js";
 import { loadingView } from "../lib/loading_view.js";
-import { needs } from "../lib/me.js";
-import { askToConfirm, button, errorLine, link, pageOf } from "../lib/view_states.js";
+import { deleteButton, errorLine, link, pageOf, state } from "../lib/view_states.js";
 import { createSignalList, recordingFacts } from "./facts.js";
 import { createMappingSection } from "./mapping/section.js";
 import { createQualityStrip } from "./quality_strip.js";
@@ -21,9 +24,19 @@ import { readScorings } from "./scoring/source.js";
 const ROW_BINS = 120; // of the small plots
 const CHART_BINS = 1600; // of the chart to mark manoeuvres in
 
+export function aircraftOf(recordings) {
+  return [...new Set(recordings.map(({ aircraft }) => aircraft).filter(Boolean))].sort();
+}
+
+export function deletion({ id, name, n_scorings: n }) {
+  const also = n ? `, ${n} ${n === 1 ? "scoring" : "scorings"}` : "";
+  const consequence = `Deletes the file${also} and its notes permanently.`;
+  return { path: `/recordings/${id}`, what: `recording “${name}”`, consequence };
+}
+
 export function showRecording(element, { id, query, api, navigate }) {
   const trained = query.get("monitor");
-  let next = trained !== null; // or the mapping was just confirmed: scroll to the score form
+  let isNext = trained !== null; // or the mapping was just confirmed: scroll to the score form
   return loadingView(element, { title: "Recording", text: "Opening the recording", build });
 
   async function build({ keep, again }) {
@@ -34,56 +47,52 @@ export function showRecording(element, { id, query, api, navigate }) {
       api.get("/monitors"),
       api.get("/recordings"),
     ]);
-    const ready = recording.mapping_state === "confirmed" && !recording.problem;
-    const known = [...new Set(all.map(({ aircraft }) => aircraft).filter(Boolean))].sort();
+    const isReady = recording.mapping_state === "confirmed" && !recording.problem;
     const quality = createQualityStrip();
     quality.show(recording.quality, null);
     const used = new Set(trained ? [trained] : scorings.map(({ monitor }) => monitor));
-    const form = ready
-      ? keep(createScoreForm({ api, catalog, recording, monitors, used, scored }))
-      : null;
+    const form = isReady ? keep(createScoreForm({ api, catalog, recording, monitors, used, scored })) : null;
     const mapping = keep(
       createMappingSection({
         api,
         catalog,
         recording,
-        known,
-        bins: ready ? CHART_BINS : ROW_BINS,
+        known: aircraftOf(all),
+        bins: isReady ? CHART_BINS : ROW_BINS,
         previewed,
         confirmed: () => {
-          next = true;
+          isNext = true;
           again();
         },
       }),
     );
     const list = h("div", { class: "scorings" });
     fill(scorings);
-    if (form && next) requestAnimationFrame(() => form.reveal());
-    next = false;
+    if (form && isNext) requestAnimationFrame(() => form.reveal());
+    isNext = false;
     const failure = errorLine();
     const fail = (error) => failure.show(reason(error));
-    const actions = [
-      link("All recordings", "#/recordings"),
-      createKeepButton({ api, path: `/recordings/${id}`, keep: recording.keep, fail }),
-      button("Delete", () => remove(recording), { class: "button button-danger", ...needs("DELETE /recordings/{}") }),
-    ];
     return pageOf(
       recording.name,
-      actions,
+      [
+        link("All recordings", "#/recordings"),
+        createKeepButton({ api, path: `/recordings/${id}`, keep: recording.keep, fail }),
+        deleteButton({ api, ...deletion(recording), done: () => navigate("#/recordings") }),
+      ],
       failure.element,
       recordingFacts(recording, catalog),
       list,
       mapping.element,
       quality.element,
-      form?.element ?? waiting(),
+      form?.element ?? state("empty", "Score", "Confirm the mapping first."),
       createSignalList({ api, recording }),
     );
 
-    function previewed({ channels, quality: measured, problem }, edited) {
+    function previewed({ channels, quality: measured, problem }, isEdited) {
       const range = previewTiles(channels);
       quality.show(problem ? null : measured, range);
       if (range) form?.show(channels);
-      if (edited) form?.hold();
+      if (isEdited) form?.hold();
     }
 
     async function scored(made, someFailed) {
@@ -93,35 +102,8 @@ export function showRecording(element, { id, query, api, navigate }) {
     }
 
     function fill(shown) {
-      const table = createScoringList({
-        api,
-        recording,
-        scorings: shown,
-        changed: again,
-        navigate,
-      });
+      const table = createScoringList({ api, recording, scorings: shown, changed: again, navigate });
       list.replaceChildren(...(table ? [table] : []));
     }
   }
-
-  function remove({ name }) {
-    askToConfirm(
-      `Delete the recording “${name}”?`,
-      "Deletes the file, its scorings and notes permanently.",
-      "Delete permanently",
-      async () => {
-        await api.delete(`/recordings/${id}`);
-        navigate("#/recordings");
-      },
-    );
-  }
-}
-
-function waiting() {
-  return h(
-    "section",
-    { class: "state-empty" },
-    h("h2", {}, "Score"),
-    h("p", {}, "Confirm the mapping first."),
-  );
 }

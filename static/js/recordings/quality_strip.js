@@ -25,94 +25,55 @@ const LEAST = 0.35; // smallest width of an interval, in % of the strip
 const LISTED = 8;
 
 export function createQualityStrip() {
-  const element = h("section", {
-    class: "panel stack-tight quality",
-    "aria-label": "Data quality",
-  });
+  const element = h("section", { class: "panel stack-tight quality", "aria-label": "Data quality" });
+  const title = h("h2", { class: "panel-title" }, "Data quality");
+  return { element, show };
 
   function show(quality, range) {
-    const title = h("h2", { class: "panel-title" }, "Data quality");
-    if (!quality) {
-      element.replaceChildren(
-        title,
-        h("p", { class: "dim" }, "Available once the mapping can be applied."),
-      );
-      return;
-    }
-    const { faults } = quality;
-    const extent = range ?? extentOf(quality.clocks);
-    element.replaceChildren(
-      title,
-      extent
-        ? h(
-            "div",
-            { class: "quality-rows" },
-            kindsOf(faults).map((kind) => row(kind, faults, extent)),
-            axis(extent),
-          )
-        : "",
-      sentences(quality.sentences) ?? "",
-    );
+    const content = quality ? rowsOf(quality, range) : [h("p", { class: "dim" }, "Available once the mapping can be applied.")];
+    element.replaceChildren(title, ...content.filter(Boolean));
   }
+}
 
-  return { element, show };
+function rowsOf({ clocks, faults, sentences: texts }, range) {
+  const extent = range ?? extentOf(clocks);
+  const rows = extent && kindsOf(faults).map((kind) => row(kind, faults, extent));
+  return [extent && h("div", { class: "quality-rows" }, rows, axis(extent)), sentences(texts)];
 }
 
 function extentOf(clocks) {
   if (!clocks.length) return null;
-  return {
-    start: Math.min(...clocks.map(({ start }) => start)),
-    end: Math.max(...clocks.map(({ end }) => end)),
-  };
+  return { start: Math.min(...clocks.map(({ start }) => start)), end: Math.max(...clocks.map(({ end }) => end)) };
 }
+
+const kindOf = (kind) => kind.split(":")[0];
 
 /** Kinds of faults found, one a channel, and the usual kinds even without a fault. */
 function kindsOf(faults) {
-  const present = [...new Set(faults.map(({ kind }) => kind))];
-  const absent = Object.keys(ALWAYS).filter(
-    (kind) => !present.some((channelKind) => channelKind.split(":")[0] === kind),
-  );
   const order = Object.keys(ALWAYS);
-  return [...present, ...absent].sort(
-    (a, b) => order.indexOf(a.split(":")[0]) - order.indexOf(b.split(":")[0]),
-  );
+  const present = [...new Set(faults.map(({ kind }) => kind))];
+  const absent = order.filter((kind) => !present.some((found) => kindOf(found) === kind));
+  return [...present, ...absent].sort((a, b) => order.indexOf(kindOf(a)) - order.indexOf(kindOf(b)));
 }
 
 function row(kind, all, extent) {
   const faults = all.filter((fault) => fault.kind === kind);
   const total = faults.reduce((sum, { start, end }) => sum + end - start, 0);
-  const words = faults.length ? `${faults.length}, ${durationText(total)}` : "none";
   const share = (t) => (100 * (t - extent.start)) / (extent.end - extent.start || 1);
   const marks = faults.map(({ start, end }) => {
     const width = Math.max(LEAST, share(end) - share(start));
     return svg("rect", { x: Math.min(100 - width, share(start)), y: 0, width, height: 10 });
   });
-  const listed = faults
-    .slice(0, LISTED)
-    .map(({ start, end }) => `${formatTime(start, 0.01)} to ${formatTime(end, 0.01)} s`);
-  const more = faults.length > LISTED ? `, and ${faults.length - LISTED} more` : "";
+  const times = faults.slice(0, LISTED).map(({ start, end }) => `${formatTime(start, 0.01)} to ${formatTime(end, 0.01)} s`);
+  const title = times.join(", ") + (faults.length > LISTED ? `, and ${faults.length - LISTED} more` : "");
+  const track = { class: "quality-track", viewBox: "0 0 100 10", preserveAspectRatio: "none", "aria-hidden": true };
   return h(
     "div",
-    {
-      class: "quality-row",
-      "data-kind": kind,
-      "data-any": String(faults.length > 0),
-      title: listed.join(", ") + more,
-    },
+    { class: "quality-row", "data-kind": kind, "data-any": String(faults.length > 0), title },
     h("span", { class: "quality-name" }, nameOf(kind)),
-    svg(
-      "svg",
-      {
-        class: "quality-track",
-        viewBox: "0 0 100 10",
-        preserveAspectRatio: "none",
-        "aria-hidden": true,
-      },
-      svg("rect", { class: "quality-track-base", width: 100, height: 10 }),
-      marks,
-    ),
-    h("span", { class: "quality-words" }, words),
-    h("span", { class: "visually-hidden" }, listed.join(", ") + more),
+    svg("svg", track, svg("rect", { class: "quality-track-base", width: 100, height: 10 }), marks),
+    h("span", { class: "quality-words" }, faults.length ? `${faults.length}, ${durationText(total)}` : "none"),
+    h("span", { class: "visually-hidden" }, title),
   );
 }
 
@@ -125,15 +86,12 @@ function nameOf(kind) {
 function axis({ start, end }) {
   const ticks = niceTicks(start, end, 6).filter((t) => t < end - 0.04 * (end - start));
   const at = (t) => `left: ${(100 * (t - start)) / (end - start)}%`;
+  const words = ticks.map((t) => h("span", { style: at(t) }, formatTime(t, (end - start) / 6)));
   return h(
     "div",
     { class: "quality-row quality-axis", "aria-hidden": true },
     h("span", {}),
-    h(
-      "div",
-      { class: "quality-ticks" },
-      ticks.map((t) => h("span", { style: at(t) }, formatTime(t, (end - start) / 6))),
-    ),
+    h("div", { class: "quality-ticks" }, words),
     h("span", { class: "dim" }, "t [s]"),
   );
 }

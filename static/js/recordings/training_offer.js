@@ -12,6 +12,7 @@ import { formatted, h } from "../lib/dom.js";
 import { guideLink } from "../lib/guide_link.js";
 import { sentences } from "../lib/lists.js";
 import { needs } from "../lib/me.js";
+import { panel } from "../lib/view_states.js";
 
 export function proposalOf(api, recording) {
   return api.get(`/recordings/${encodeURIComponent(recording)}/training-proposal`);
@@ -35,12 +36,5 @@ export function createTrainingOffer({ api, recording, title, text }) {
       train.remove();
     },
   );
-  return h(
-    "section",
-    { class: "panel stack-tight training-offer", "aria-label": "Next step" },
-    h("h2", { class: "panel-title" }, title),
-    h("p", {}, text),
-    detail,
-    row,
-  );
+  return panel(title, [h("p", {}, text), detail, row], { "aria-label": "Next step" });
 }

@@ -10,47 +10,31 @@ import { address, noAnswer, reason, refusal } from "../lib/api.js";
 import { h } from "../lib/dom.js";
 import { bytesText } from "../lib/numbers.js";
 import { button } from "../lib/view_states.js";
-import { badRowsTable } from "./bad_rows.js";
+import { badRowsTable } from "./facts.js";
 
 const LONGEST_NAME = 200;
+const small = (label) => ({ class: "button button-small", "aria-label": label });
 
 export function createUploads({ aircraft, done }) {
   const rows = h("ul", { class: "uploads" });
   const sending = new Set();
   let uploaded = [];
+  const close = () => sending.forEach((upload) => upload.cancel());
+  return { element: rows, send: (files) => files.forEach(send), close };
 
   async function send(file) {
-    const bar = h("progress", {
-      class: "progress",
-      max: 1,
-      value: 0,
-      "aria-label": `sending ${file.name}`,
-    });
+    const bar = h("progress", { class: "progress", max: 1, value: 0, "aria-label": `sending ${file.name}` });
     const words = h("span", { class: "upload-words", role: "status" }, "starting");
-    const stop = button("Cancel", () => upload.cancel(), {
-      class: "button button-small",
-      "aria-label": `Cancel ${file.name}`,
-    });
-    const row = h(
-      "li",
-      { class: "upload", "data-status": "sending" },
-      h("span", { class: "upload-name" }, file.name),
-      words,
-      stop,
-      bar,
-    );
+    const stop = button("Cancel", () => upload.cancel(), small(`Cancel ${file.name}`));
+    const name = h("span", { class: "upload-name" }, file.name);
+    const row = h("li", { class: "upload", "data-status": "sending" }, name, words, stop, bar);
     rows.append(row);
     const craft = aircraft();
-    const query = new URLSearchParams({
-      name: file.name.slice(-LONGEST_NAME),
-      ...(craft && { aircraft: craft }),
-    });
-    const upload = sendFile(`/recordings?${query}`, file, ({ sent, total, reading }) => {
+    const query = new URLSearchParams({ name: file.name.slice(-LONGEST_NAME), ...(craft && { aircraft: craft }) });
+    const upload = sendFile(`/recordings?${query}`, file, ({ sent, total, isRead }) => {
       bar.value = total ? sent / total : 0;
-      if (reading) bar.removeAttribute("value");
-      words.textContent = reading
-        ? "sent; the server is reading it"
-        : `${bytesText(sent)} of ${bytesText(total)}`;
+      if (isRead) bar.removeAttribute("value");
+      words.textContent = isRead ? "sent; the server is reading it" : `${bytesText(sent)} of ${bytesText(total)}`;
     });
     sending.add(upload);
     try {
@@ -69,37 +53,23 @@ export function createUploads({ aircraft, done }) {
   }
 
   function refuse(row, file, error) {
-    const retry = error.status === 0 || error.status >= 500;
+    const isRetried = error.status === 0 || error.status >= 500;
     const again = () => {
       row.remove();
       send(file);
     };
     row.dataset.status = "refused";
     const badRows = error.problem?.bad_rows ?? [];
+    const dismiss = button("Dismiss", () => row.remove(), small(`Dismiss ${file.name}`));
+    const retry = isRetried && button("Try again", again, { class: "button button-small" });
     const parts = [
       h("span", { class: "upload-name" }, file.name),
-      h(
-        "span",
-        { class: "row" },
-        retry ? button("Try again", again, { class: "button button-small" }) : null,
-        button("Dismiss", () => row.remove(), {
-          class: "button button-small",
-          "aria-label": `Dismiss ${file.name}`,
-        }),
-      ),
+      h("span", { class: "row" }, retry, dismiss),
       h("p", { class: "error", role: "alert" }, withoutName(reason(error), file.name)),
-      badRows.length ? badRowsTable(badRows) : null,
+      badRows.length && badRowsTable(badRows),
     ];
     row.replaceChildren(...parts.filter(Boolean));
   }
-
-  return {
-    element: rows,
-    send: (files) => files.forEach(send),
-    close: () => {
-      for (const upload of sending) upload.cancel();
-    },
-  };
 }
 
 /** The server's sentence without the file name, which is shown above it. */
@@ -112,17 +82,17 @@ function withoutName(words, name) {
 /**
  * Send a file and report progress, which fetch cannot.
  *
- * changed({sent, total, reading}) [bytes]; reading: all bytes are sent.
+ * changed({sent, total, isRead}) [bytes]; isRead: all bytes are sent.
  * Returns {ended, cancel()}; ended: the answer, null if cancelled; rejects with an ApiError.
  */
 function sendFile(path, file, changed) {
   const request = new XMLHttpRequest();
   const ended = new Promise((resolve, reject) => {
     request.upload.addEventListener("progress", ({ loaded, total }) =>
-      changed({ sent: loaded, total, reading: false }),
+      changed({ sent: loaded, total, isRead: false }),
     );
     request.upload.addEventListener("load", () =>
-      changed({ sent: file.size, total: file.size, reading: true }),
+      changed({ sent: file.size, total: file.size, isRead: true }),
     );
     request.addEventListener("abort", () => resolve(null));
     request.addEventListener("error", () => reject(noAnswer()));

@@ -3,11 +3,15 @@
  *
  * Exports
  *   mappingState(recording) -> {word, level, text}
- *   outcomeOf(key) -> {word, level, mark, text}, outcomeChip(manoeuvre) -> element
+ *   outcomeOf(key) -> {word, level, mark, text}
+ *   outcomeChip(manoeuvre, {n, verdict}) -> element    of n alike
  *   verdictOf(manoeuvre) -> as outcomeOf, with the exceedance and the lead time of its warning
  *   AS_RECORDED   the strips' word for an exceedance in the values as recorded only
- *   outsideText({outside_exceedances, channels}) -> string    exceedances outside every manoeuvre, or ""
+ *   measuredBy(channels, key) -> channel
+ *   outsideText(scoring) -> string    exceedances outside every manoeuvre, or "";  outsideChip(scoring),
+ *     outsideLine(scoring, tag, classes) -> element | null
  *   validityWords(manoeuvre) -> {word, level, mark}
+ *   peakText(manoeuvre, alertAbove, isTimed)
  *   alertRule({epsilon, alert_above}) -> string    the risk that alerts, and the epsilon that it keeps
  *   requestWords(request) -> string             manoeuvres and trim of a request
  *   trimText(request) -> string               the reference of the channels
@@ -15,9 +19,10 @@
  *   leadText(manoeuvre, promised) -> string     warning lead time against the promised one
  */
 
-import { h } from "../lib/dom.js";
-import { figure, leadSeconds, secondsText } from "../lib/numbers.js";
+import { formatted, h } from "../lib/dom.js";
+import { figure, leadSeconds, riskText, secondsText } from "../lib/numbers.js";
 import { quantity } from "../lib/units.js";
+import { chip } from "../lib/view_states.js";
 import { TRIM_SEGMENT } from "./scoring/source.js";
 
 export const AS_RECORDED = "LIMIT AS RECORDED"; // an exceedance as recorded that is none relative to trim
@@ -37,49 +42,14 @@ export function mappingState({ mapping_state: state, confirmed_over: over }) {
 }
 
 const OUTCOMES = {
-  timely_alert: {
-    word: "LIMIT EXCEEDED, warned in time",
-    level: "caution",
-    mark: "▲",
-    text: "alert at least the warning lead time before the first exceedance",
-  },
-  late_alert: {
-    word: "LIMIT EXCEEDED, warned too late",
-    level: "alert",
-    mark: "▲",
-    text: "alert less than the warning lead time before the first exceedance",
-  },
-  missed: {
-    word: "LIMIT EXCEEDED, no warning",
-    level: "alert",
-    mark: "▲",
-    text: "an exceedance with no alert before it",
-  },
-  false_alert: {
-    word: "FALSE ALERT",
-    level: "caution",
-    mark: "◆",
-    text: "an alert, and no exceedance",
-  },
-  quiet: { word: "QUIET", level: "ok", mark: "✓", text: "no alert, and no exceedance" },
-  unseen: {
-    word: "DATA MISSING",
-    level: "caution",
-    mark: "◇",
-    text: "data missing: a limit may have been exceeded",
-  },
-  unknown: {
-    word: "UNKNOWN",
-    level: "caution",
-    mark: "◆",
-    text: "the monitor does not record its limits",
-  },
-  invalid: {
-    word: "INVALID",
-    level: "off",
-    mark: "✕",
-    text: "the monitor does not apply to this manoeuvre",
-  },
+  timely_alert: ["LIMIT EXCEEDED, warned in time", "caution", "▲", "alert at least the warning lead time before the first exceedance"],
+  late_alert: ["LIMIT EXCEEDED, warned too late", "alert", "▲", "alert less than the warning lead time before the first exceedance"],
+  missed: ["LIMIT EXCEEDED, no warning", "alert", "▲", "an exceedance with no alert before it"],
+  false_alert: ["FALSE ALERT", "caution", "◆", "an alert, and no exceedance"],
+  quiet: ["QUIET", "ok", "✓", "no alert, and no exceedance"],
+  unseen: ["DATA MISSING", "caution", "◇", "data missing: a limit may have been exceeded"],
+  unknown: ["UNKNOWN", "caution", "◆", "the monitor does not record its limits"],
+  invalid: ["INVALID", "off", "✕", "the monitor does not apply to this manoeuvre"],
 };
 
 const NEITHER = {
@@ -88,16 +58,15 @@ const NEITHER = {
 };
 
 export function outcomeOf(key) {
-  const word = String(key ?? "not recorded")
-    .replaceAll("_", " ")
-    .toUpperCase();
-  return OUTCOMES[key] ?? { word, level: "caution", mark: "◆", text: "" };
+  const unknown = () => [String(key ?? "not recorded").replaceAll("_", " ").toUpperCase(), "caution", "◆", ""];
+  const [word, level, mark, text] = OUTCOMES[key] ?? unknown();
+  return { word, level, mark, text };
 }
 
-/** An exceedance comes first, and is never green. */
-export function outcomeChip(manoeuvre) {
-  const { word, level, mark, text } = verdictOf(manoeuvre);
-  return h("span", { class: "chip", "data-level": level, title: text }, `${mark} ${word}`);
+/** Of one manoeuvre or several alike. An exceedance comes first, and is never green. */
+export function outcomeChip(manoeuvre, { n = 1, verdict = verdictOf(manoeuvre) } = {}) {
+  const { word, level, mark, text } = verdict;
+  return chip(`${mark} ${n > 1 ? `${n} × ` : ""}${word}`, level, text);
 }
 
 /** The server words an exceedance. One in the values as recorded only is put before the outcome. */
@@ -108,21 +77,41 @@ export function verdictOf({ outcome, exceedance, exceedance_verdict: words }) {
   return { ...verdict, word: words, level: outcome === "timely_alert" ? "caution" : "alert", mark: "▲", text: NEITHER[outcome] ?? verdict.text };
 }
 
+/** symbol: of the channel. */
+export function measuredBy(channels, key) {
+  return channels.find((channel) => channel.key === key) ?? { symbol: key };
+}
+
 export function outsideText({ outside_exceedances: outside, channels }) {
   if (!outside.length) return "";
   const parts = outside.map(({ t, channel, value }) => {
-    const measured = channels.find(({ key }) => key === channel) ?? { symbol: channel };
+    const measured = measuredBy(channels, channel);
     return `${measured.symbol} exceeds its limit outside every manoeuvre: ${quantity(measured, value)} at ${secondsText(t)}`;
   });
   return `${parts.join("; ")}.`;
 }
 
+export function outsideChip(scoring) {
+  const title = outsideText(scoring);
+  return title ? chip("◆ EXCEEDANCE OUTSIDE", "caution", title) : null;
+}
+
+export function outsideLine(scoring, tag, classes) {
+  const words = outsideText(scoring);
+  return words ? h(tag, { class: classes, role: "note" }, "◆ ", formatted(words)) : null;
+}
+
 export function validityWords({ validity: { valid }, outcome }) {
-  if (valid === true && outcome === "unseen")
-    return { word: "applicable where recorded", level: "caution", mark: "◇" };
+  if (valid === true && outcome === "unseen") return { word: "applicable where recorded", level: "caution", mark: "◇" };
   if (valid === true) return { word: "applicable", level: "ok", mark: "✓" };
   if (valid === false) return { word: "INVALID", level: "off", mark: "✕" };
   return { word: "unknown", level: "caution", mark: "◆" };
+}
+
+export function peakText({ outcome, peak_risk: risk, peak_t: t }, alertAbove, isTimed = false) {
+  if (isWithdrawn({ outcome })) return "withdrawn";
+  if (risk === null || risk === undefined) return "–";
+  return `${riskText(risk, alertAbove)}${isTimed ? ` at ${secondsText(t)}` : ""}`;
 }
 
 export function alertRule({ epsilon, alert_above: above }) {

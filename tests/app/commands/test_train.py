@@ -235,7 +235,7 @@ def test_a_predictor_alone_has_the_score_that_goes_with_it(capsys, options, meth
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--t-early", "9"], "the manoeuvre lasts 6 s, choose a shorter lead"),
+        (["--t-early", "9"], "the manoeuvre lasts 6 s, choose a shorter warning lead time"),
         (["--epsilon", "0.001"], "needs at least 2995 unsafe rollouts"),
     ],
 )

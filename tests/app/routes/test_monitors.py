@@ -124,7 +124,7 @@ def test_a_lead_longer_than_a_stored_datasets_manoeuvre_is_refused_at_once(clien
     order = {"dataset": stored, "t_early": lasts, "epsilon": 0.2} | AVERAGE
     before = store_of(client).jobs.all()
     words = problem(client.post("/api/v1/monitors", json=order), 422)
-    assert f"the manoeuvre lasts {lasts:g} s, choose a shorter lead" in words
+    assert f"the manoeuvre lasts {lasts:g} s, choose a shorter warning lead time" in words
     assert store_of(client).jobs.all() == before
 
 

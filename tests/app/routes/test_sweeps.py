@@ -72,7 +72,7 @@ def test_a_sweep_of_a_dataset_uses_its_planned_test(client):
     [
         ({"tests": ["Concorde"]}, "planned test 'Concorde' was given: choose F-16"),
         ({"leads_s": []}, "give at least one time above 0 s"),
-        ({"leads_s": [9.0]}, "choose shorter leads"),
+        ({"leads_s": [9.0]}, "choose shorter warning lead times"),
         ({"n_monitors": 1000}, "n_monitors is 1000: this server allows at most 100"),
         ({"speed": 1}, "sweep has no 'speed'"),
         ({"n_test": "many"}, "sweep.n_test is 'many': give a number"),

@@ -193,7 +193,9 @@ def test_the_servers_refusal_is_shown_where_it_belongs(
     page.locator("summary", has_text="length of the trim segment").click()
     duration.fill("-1")
     page.get_by_role("button", name="Train", exact=True).click()
-    expect(page.locator('form > [role="alert"]')).to_contain_text("-1")
+    error = page.locator('[data-path="dataset.maneuver.duration_s"] .error')
+    expect(error).to_have_text(re.compile("^Length of the rollout is −1.0; give a finite"))
+    expect(duration).to_be_focused()
     expect(page.get_by_role("button", name="Train", exact=True)).to_be_enabled()
 
 

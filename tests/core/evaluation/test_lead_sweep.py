@@ -149,7 +149,7 @@ def test_impossible_sweeps_are_refused(wrong: dict, words: str) -> None:
 
 
 def test_a_lead_as_long_as_the_manoeuvre_is_refused_before_any_flight() -> None:
-    with pytest.raises(ValueError, match="the manoeuvre of F-16 lasts 6 s, choose shorter leads"):
+    with pytest.raises(ValueError, match="the manoeuvre of F-16 lasts 6 s, choose shorter warning"):
         sweep(replace(SMALL, leads_s=(0.25, 6.0)))
 
 

@@ -6,22 +6,22 @@
  *     query: compare=sid,rid:sid,...   scorings of recording `id`, or of others
  */
 
+import { select } from "../../forms/controls.js";
+import { reason } from "../../lib/api.js";
 import { aircraftName, kindName, loadCatalog } from "../../lib/catalog.js";
 import { h } from "../../lib/dom.js";
 import { loadingView } from "../../lib/loading_view.js";
+import { warningWords } from "../../lib/monitor_warnings.js";
+import { figure } from "../../lib/numbers.js";
 import { followUnits } from "../../lib/units.js";
-import { link, pageOf } from "../../lib/view_states.js";
-import { readScoring } from "../scoring/source.js";
+import { button, errorLine, link, pageOf } from "../../lib/view_states.js";
+import { readScoring, readScorings } from "../scoring/source.js";
 import { createOverlay } from "./overlay.js";
-import { createScoringPicker } from "./scoring_picker.js";
 import { compareTable } from "./table.js";
 
 export function showComparedScorings(element, { id, query, api, navigate }) {
-  const references = query
-    .get("compare")
-    .split(",")
-    .filter(Boolean)
-    .map((text) => referenceOf(text, id));
+  const given = query.get("compare").split(",").filter(Boolean);
+  const references = given.map((text) => referenceOf(text, id));
   return loadingView(element, { title: "Compare", text: "Loading scorings", build });
 
   async function build({ keep }) {
@@ -30,27 +30,11 @@ export function showComparedScorings(element, { id, query, api, navigate }) {
       api.get("/recordings"),
       api.get("/monitors"),
     ]);
-    const planned = new Map(monitors.map(({ id, dataset_recipe: { aircraft, maneuver } }) => [
-      id,
-      `${aircraftName(catalog, aircraft)}, ${kindName(catalog, "maneuver", maneuver)}`,
-    ]));
-    const names = new Map(recordings.map((recording) => [recording.id, recording.name]));
-    const compared = await Promise.all(
-      references.map(async ({ recording, scoring }, k) => {
-        const [{ mapping }, scored] = await Promise.all([
-          api.get(`/recordings/${recording}`),
-          readScoring(api, recording, scoring),
-        ]);
-        return {
-          letter: String.fromCharCode(65 + k),
-          recordingName: names.get(recording) ?? recording,
-          planned: planned.get(scored.monitor) ?? "planned test not recorded",
-          scoring: scored,
-          mapping,
-        };
-      }),
-    );
-    const picker = createScoringPicker({ api, recordings, taken: references, add });
+    const plannedFor = ({ aircraft, maneuver }) =>
+      `${aircraftName(catalog, aircraft)}, ${kindName(catalog, "maneuver", maneuver)}`;
+    const planned = new Map(monitors.map((monitor) => [monitor.id, plannedFor(monitor.dataset_recipe)]));
+    const names = new Map(recordings.map(({ id: recording, name }) => [recording, name]));
+    const compared = await Promise.all(references.map(read));
     const overlay = keep(createOverlay({ api, compared }));
     const table = h("div", {});
     const tabulate = () => table.replaceChildren(compareTable(compared, { remove: compared.length > 1 ? remove : null }));
@@ -58,13 +42,23 @@ export function showComparedScorings(element, { id, query, api, navigate }) {
       "Compare",
       [link("Recording", `#/recordings/${id}`)],
       followUnits(table, tabulate),
-      picker.element,
+      scoringPicker({ api, recordings, taken: references, add: (reference) => go([...references, reference]) }),
       overlay.element,
     );
-  }
 
-  function add(reference) {
-    go([...references, reference]);
+    async function read({ recording, scoring: number }, k) {
+      const [{ mapping }, scoring] = await Promise.all([
+        api.get(`/recordings/${recording}`),
+        readScoring(api, recording, number),
+      ]);
+      return {
+        letter: String.fromCharCode(65 + k),
+        recordingName: names.get(recording) ?? recording,
+        planned: planned.get(scoring.monitor) ?? "planned test not recorded",
+        scoring,
+        mapping,
+      };
+    }
   }
 
   function remove(k) {
@@ -84,4 +78,49 @@ function referenceOf(text, recording) {
   return parts.length > 1
     ? { recording: parts[0], scoring: parts[1] }
     : { recording, scoring: text };
+}
+
+/** Choose a scoring of any recording.   taken: [{recording, scoring}] not offered */
+function scoringPicker({ api, recordings, taken, add }) {
+  const scored = recordings.filter(({ n_scorings: n }) => n > 0);
+  const recording = select(scored.map(({ id, name }) => [id, name]), { id: "pick-recording", onchange: fill });
+  const scoring = select([], { id: "pick-scoring" });
+  const go = button("Add", () => add({ recording: recording.value, scoring: scoring.value }));
+  const failure = errorLine();
+  if (taken.length) recording.value = taken[0].recording;
+  fill();
+  return h(
+    "section",
+    { class: "panel", "aria-label": "Add a scoring" },
+    h(
+      "div",
+      { class: "row picker-row" },
+      h("label", { for: "pick-recording" }, "Add a scoring of"),
+      h("div", { class: "field" }, recording),
+      h("label", { for: "pick-scoring" }, "by"),
+      h("div", { class: "field" }, scoring),
+      go,
+    ),
+    failure.element,
+  );
+
+  async function fill() {
+    go.disabled = true;
+    failure.show("");
+    scoring.replaceChildren();
+    const id = recording.value;
+    if (!id) return;
+    try {
+      const all = await readScorings(api, id);
+      if (recording.value !== id) return;
+      const isTaken = (number) => taken.some((pair) => pair.recording === id && pair.scoring === number);
+      const left = all.filter((one) => !isTaken(one.id));
+      const wordsOf = (one) => `${one.monitor_name} at ε ${figure(one.epsilon)} ${warningWords(one)}`;
+      const options = left.map((one) => h("option", { value: one.id }, wordsOf(one)));
+      scoring.replaceChildren(...(left.length ? options : [h("option", { value: "" }, "all are shown already")]));
+      go.disabled = left.length === 0;
+    } catch (error) {
+      failure.show(reason(error));
+    }
+  }
 }

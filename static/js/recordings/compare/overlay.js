@@ -6,9 +6,11 @@
  */
 
 import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
+import { select } from "../../forms/controls.js";
 import { h } from "../../lib/dom.js";
 import { figure, secondsText } from "../../lib/numbers.js";
 import { followUnits } from "../../lib/units.js";
+import { panel } from "../../lib/view_states.js";
 import { laneOf, manoeuvresOf } from "../scoring/events.js";
 import { scoringSource, stripOrder } from "../scoring/source.js";
 
@@ -18,81 +20,54 @@ const NAMES = ["first", "second"];
 export function createOverlay({ api, compared }) {
   const host = h("div", { class: "scored-chart" });
   const key = h("div", { class: "figure-key overlay-key" });
+  const isOne = new Set(compared.map(({ scoring }) => scoring.recording)).size === 1;
   let chart = null;
   const sides = compared.slice(0, 2).map((_, k) => sideOf(k));
-  const element = h(
-    "section",
-    { class: "panel stack-tight", "aria-label": "Overlay", "data-keeps-input": true },
-    h(
-      "h2",
-      { class: "panel-title" },
-      compared.length > 1 ? "Overlay" : "Overlay: add another scoring",
-    ),
-    h(
-      "div",
-      { class: "row overlay-choice" },
-      sides.map((side) => side.element),
-    ),
-    key,
-    host,
+  const element = panel(
+    compared.length > 1 ? "Overlay" : "Overlay: add another scoring",
+    [h("div", { class: "row overlay-choice" }, sides.map((side) => side.element)), key, host],
+    { "aria-label": "Overlay", "data-keeps-input": true },
   );
   followUnits(element, () => draw(chart !== null));
   return { element, close: () => chart?.destroy() };
 
   function sideOf(k) {
-    const which = h(
-      "select",
-      { "aria-label": k ? "second scoring" : "first scoring", onchange: () => turn() },
-      compared.map(({ letter, scoring }, n) =>
-        h(
-          "option",
-          { value: n },
-          `${letter}: ${scoring.monitor_name}, ε ${figure(scoring.epsilon)}`,
-        ),
-      ),
+    const which = select(
+      compared.map(({ letter, scoring }, n) => [n, `${letter}: ${scoring.monitor_name}, ε ${figure(scoring.epsilon)}`]),
+      { "aria-label": `${NAMES[k]} scoring`, onchange: turn, value: k },
     );
-    const from = h("select", { "aria-label": `start of the ${NAMES[k]} scoring`, onchange: () => draw() });
-    which.value = String(k);
-    const turn = (redraw = true) => {
-      const { scoring } = compared[Number(which.value)];
+    const from = select([], { "aria-label": `start of the ${NAMES[k]} scoring`, onchange: () => draw() });
+    const chosen = () => compared[Number(which.value)];
+    const manoeuvre = () => (from.value === OWN ? null : chosen().scoring.manoeuvres[Number(from.value)]);
+    fill();
+    const element = h(
+      "span",
+      { class: "row" },
+      h("div", { class: "field" }, which),
+      h("span", { class: "dim" }, "from"),
+      h("div", { class: "field" }, from),
+    );
+    return { element, chosen, manoeuvre };
+
+    function fill() {
+      const { manoeuvres } = chosen().scoring;
       from.replaceChildren(
         h("option", { value: OWN }, "the recording's own time"),
-        ...scoring.manoeuvres.map(({ name, start }, n) =>
-          h("option", { value: String(n) }, `${name}, at ${secondsText(start)}`),
-        ),
+        ...manoeuvres.map(({ name, start }, n) => h("option", { value: n }, `${name}, at ${secondsText(start)}`)),
       );
-      from.value = oneRecording() || !scoring.manoeuvres.length ? OWN : "0";
-      if (redraw) draw();
-    };
-    turn(false);
-    return {
-      element: h(
-        "span",
-        { class: "row" },
-        h("div", { class: "field" }, which),
-        h("span", { class: "dim" }, "from"),
-        h("div", { class: "field" }, from),
-      ),
-      chosen: () => compared[Number(which.value)],
-      manoeuvre: () =>
-        from.value === OWN
-          ? null
-          : compared[Number(which.value)].scoring.manoeuvres[Number(from.value)],
-      offset: (scoring) => (from.value === OWN ? 0 : scoring.manoeuvres[Number(from.value)].start),
-    };
-  }
+      from.value = isOne || !manoeuvres.length ? OWN : "0";
+    }
 
-  function oneRecording() {
-    return new Set(compared.map(({ scoring }) => scoring.recording)).size === 1;
+    function turn() {
+      fill();
+      draw();
+    }
   }
 
   /** again: only the units changed; window and cursors stay. */
   function draw(again = false) {
     chart?.destroy();
-    const shown = sides.map((side) => {
-      const compared = side.chosen();
-      return { ...compared, offset: side.offset(compared.scoring) };
-    });
+    const shown = sides.map((side) => ({ ...side.chosen(), offset: side.manoeuvre()?.start ?? 0 }));
     const [{ scoring: below }] = shown;
     chart = createRecordingChart(host, {
       channels: below.channels,
@@ -127,16 +102,8 @@ export function createOverlay({ api, compared }) {
 
   function keyOf({ letter, recordingName, scoring, offset }, k) {
     const when = offset ? `, t = 0 at ${secondsText(offset)}` : "";
-    return h(
-      "span",
-      {},
-      h("span", { class: `key-line key-line-${k}`, "aria-hidden": true }),
-      h(
-        "span",
-        {},
-        `${letter} ${k ? "(dashed)" : "(full line)"}: ${recordingName}, ${scoring.monitor_name} at ε ${figure(scoring.epsilon)}${when}`,
-      ),
-    );
+    const words = `${letter} ${k ? "(dashed)" : "(full line)"}: ${recordingName}, ${scoring.monitor_name} at ε ${figure(scoring.epsilon)}${when}`;
+    return h("span", {}, h("span", { class: `key-line key-line-${k}`, "aria-hidden": true }), h("span", {}, words));
   }
 }
 

@@ -8,81 +8,67 @@
  *       manoeuvres of one recording are matched by time, those of different recordings by order
  */
 
-import { formatted, h } from "../../lib/dom.js";
-import { recipeList } from "../../lib/lists.js";
+import { h } from "../../lib/dom.js";
+import { recipeList, table } from "../../lib/lists.js";
 import { warningMark } from "../../lib/monitor_warnings.js";
-import { figure, riskText, secondsText } from "../../lib/numbers.js";
-import { button } from "../../lib/view_states.js";
+import { figure, secondsText } from "../../lib/numbers.js";
+import { button, panel } from "../../lib/view_states.js";
 import { earlierMapping } from "../mapping/changes.js";
-import {
-  firstAlertText,
-  isWithdrawn,
-  leadText,
-  outcomeChip,
-  outsideText,
-  validityWords,
-} from "../words.js";
+import { firstAlertText, leadText, outcomeChip, outsideLine, peakText, validityWords } from "../words.js";
+
+const hintLine = (...content) => h("span", { class: "hint hint-line" }, content);
 
 export function compareTable(compared, { remove }) {
   const scorings = compared.map(({ scoring }) => scoring);
-  const rows = rowsOf(scorings);
-  const several = new Set(scorings.map(({ recording }) => recording)).size > 1;
-  const heads = compared.map(({ letter, recordingName, planned, scoring, mapping }, k) =>
-    h(
-      "th",
-      { scope: "col" },
-      h(
-        "div",
-        { class: "compare-head" },
-        h("span", { class: "compare-letter" }, letter),
-        h(
-          "span",
-          {},
-          h(
-            "a",
-            { href: `#/recordings/${scoring.recording}?scoring=${scoring.id}` },
-            scoring.monitor_name,
-          ),
-          ` at ε ${figure(scoring.epsilon)}`,
-          warningMark(scoring),
-          h("span", { class: "hint hint-line" }, planned),
-          h(
-            "span",
-            { class: "hint hint-line" },
-            `${several ? `${recordingName}, ` : ""}warning lead time ${figure(scoring.lead)} s`,
-          ),
-          earlierMapping(scoring, mapping),
-          outside(scoring),
-        ),
-        remove
-          ? button("✕", () => remove(k), {
-              class: "button button-small",
-              "aria-label": `Remove ${letter}`,
-              title: "Remove",
-            })
-          : null,
-      ),
-    ),
-  );
+  const isOne = new Set(scorings.map(({ recording }) => recording)).size === 1;
+  const columns = compared.map((each, k) => [headOf(each, isOne, remove && (() => remove(k))), (row) => outcome(scorings[k], row[k])]);
+  const shown = table({
+    columns: [["Manoeuvre", (row) => manoeuvreOf(row, scorings, isOne), "name"], ...columns],
+    items: rowsOf(scorings),
+    classes: "compare-table",
+    panel: false,
+  });
+  return panel("Side by side", shown, { "aria-label": "Outcomes" });
+}
+
+function headOf({ letter, recordingName, planned, scoring, mapping }, isOne, remove) {
+  const name = h("a", { href: `#/recordings/${scoring.recording}?scoring=${scoring.id}` }, scoring.monitor_name);
+  const words = [
+    name,
+    ` at ε ${figure(scoring.epsilon)}`,
+    warningMark(scoring),
+    hintLine(planned),
+    hintLine(`${isOne ? "" : `${recordingName}, `}warning lead time ${figure(scoring.lead)} s`),
+    earlierMapping(scoring, mapping),
+    outsideLine(scoring, "span", "hint hint-line outside-line"),
+  ];
+  const look = { class: "button button-small", "aria-label": `Remove ${letter}`, title: "Remove" };
   return h(
-    "section",
-    { class: "panel stack-tight", "aria-label": "Outcomes" },
-    h("h2", { class: "panel-title" }, "Side by side"),
-    h(
-      "div",
-      { class: "table-scroll" },
-      h(
-        "table",
-        { class: "table compare-table" },
-        h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Manoeuvre"), heads)),
-        h(
-          "tbody",
-          {},
-          rows.map((row) => rowElement(row, scorings)),
-        ),
-      ),
-    ),
+    "div",
+    { class: "compare-head" },
+    h("span", { class: "compare-letter" }, letter),
+    h("span", {}, words),
+    remove && button("✕", remove, look),
   );
+}
+
+function manoeuvreOf(row, scorings, isOne) {
+  const first = row.findIndex((n) => n >= 0);
+  const { name, start, end } = scorings[first].manoeuvres[row[first]];
+  return [name, isOne && hintLine(`${secondsText(start)} to ${secondsText(end)}`)];
+}
+
+function outcome(scoring, n) {
+  if (n < 0) return h("span", { class: "dim" }, "not scored");
+  const manoeuvre = scoring.manoeuvres[n];
+  const { p_value: p } = manoeuvre.validity;
+  const lines = [
+    ["warning lead time", leadText(manoeuvre, scoring.lead)],
+    ["first alert", firstAlertText(manoeuvre)],
+    ["peak risk", peakText(manoeuvre, scoring.alert_above)],
+    ["applicability", `${validityWords(manoeuvre).word}${p === null || p === undefined ? "" : `, p-value ${figure(p, 2)}`}`],
+  ];
+  return [outcomeChip(manoeuvre), recipeList(lines, "recipe compare-lines")];
 }
 
 export function rowsOf(scorings) {
@@ -103,57 +89,9 @@ export function rowsOf(scorings) {
   return rows;
 }
 
-function outside(scoring) {
-  const words = outsideText(scoring);
-  return words ? h("span", { class: "hint hint-line outside-line" }, "◆ ", formatted(words)) : null;
-}
-
-function peakText(manoeuvre, alertAbove) {
-  if (isWithdrawn(manoeuvre)) return "withdrawn";
-  const { peak_risk: risk } = manoeuvre;
-  return risk === null ? "–" : riskText(risk, alertAbove);
-}
-
 function same(other, n, recording, manoeuvre, number) {
   if (other.recording !== recording) return n === number;
   const { start, end } = other.manoeuvres[n];
   const overlap = Math.min(end, manoeuvre.end) - Math.max(start, manoeuvre.start);
   return overlap > 0.5 * Math.min(end - start, manoeuvre.end - manoeuvre.start);
-}
-
-function rowElement(row, scorings) {
-  const first = row.findIndex((n) => n >= 0);
-  const { name, start, end } = scorings[first].manoeuvres[row[first]];
-  const differ = new Set(scorings.map(({ recording }) => recording)).size > 1;
-  return h(
-    "tr",
-    {},
-    h(
-      "th",
-      { scope: "row" },
-      name,
-      differ
-        ? null
-        : h("span", { class: "hint hint-line" }, `${secondsText(start)} to ${secondsText(end)}`),
-    ),
-    row.map((n, k) => cell(scorings[k], n)),
-  );
-}
-
-function cell(scoring, n) {
-  if (n < 0) return h("td", { class: "dim" }, "not scored");
-  const manoeuvre = scoring.manoeuvres[n];
-  const { validity } = manoeuvre;
-  const { word } = validityWords(manoeuvre);
-  const p =
-    validity.p_value === null || validity.p_value === undefined
-      ? ""
-      : `, p-value ${figure(validity.p_value, 2)}`;
-  const lines = [
-    ["warning lead time", leadText(manoeuvre, scoring.lead)],
-    ["first alert", firstAlertText(manoeuvre)],
-    ["peak risk", peakText(manoeuvre, scoring.alert_above)],
-    ["applicability", `${word}${p}`],
-  ];
-  return h("td", {}, outcomeChip(manoeuvre), recipeList(lines, "recipe compare-lines"));
 }

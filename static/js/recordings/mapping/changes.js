@@ -4,11 +4,12 @@
  * Exports
  *   earlierMapping(scoring, mapping) -> chip | null     mapping: the recording's present one
  *   changedChannels(before, now) -> [key]               "time" if a clock differs
+ *   PLAIN    a channel's source without a signal
  */
 
-import { h } from "../../lib/dom.js";
+import { chip } from "../../lib/view_states.js";
 
-const PLAIN = { signal: "", unit: "", sign: 1, bias: 0, derivation: "" };
+export const PLAIN = { signal: "", unit: "", sign: 1, bias: 0, derivation: "" };
 const PLAIN_TIME = { signal: "", unit: "s", rate: 0, start: 0 };
 
 export function earlierMapping({ mapping, channels }, now) {
@@ -16,26 +17,17 @@ export function earlierMapping({ mapping, channels }, now) {
   if (!changed.length) return null;
   const names = changed.map((key) => channels.find((channel) => channel.key === key)?.label ?? key);
   const title = `The mapping of ${names.join(", ")} has changed since. Score the recording again to compare.`;
-  return h("span", { class: "chip", "data-level": "caution", title }, "◆ earlier mapping");
+  return chip("◆ earlier mapping", "caution", title);
 }
 
 export function changedChannels(before, now) {
   if (!before || !now) return [];
-  const changed = differing(
-    before.channels,
-    now.channels,
-    (source) => source && { ...PLAIN, ...source },
-  );
-  const clocks = differing(
-    before.times,
-    now.times,
-    (source) => source && { ...PLAIN_TIME, ...source },
-  );
-  return clocks.length ? [...changed, "time"] : changed;
+  const clocks = differing(before.times, now.times, PLAIN_TIME);
+  return [...differing(before.channels, now.channels, PLAIN), ...(clocks.length ? ["time"] : [])];
 }
 
 function differing(before = {}, now = {}, plain) {
   const keys = [...new Set([...Object.keys(before), ...Object.keys(now)])];
-  const text = (source) => JSON.stringify(Object.entries(plain(source ?? null) ?? {}).sort());
+  const text = (source) => JSON.stringify(Object.entries(source ? { ...plain, ...source } : {}).sort());
   return keys.filter((key) => text(before[key]) !== text(now[key]));
 }

@@ -9,85 +9,77 @@
  *     confirmed(recording)                      the server has stored it
  */
 
-import { reason } from "../../lib/api.js";
+import { checkbox, pasteBox, textInput } from "../../forms/controls.js";
+import { ApiError, reason } from "../../lib/api.js";
 import { h } from "../../lib/dom.js";
 import { guideLink } from "../../lib/guide_link.js";
 import { needs } from "../../lib/me.js";
-import { button, errorLine } from "../../lib/view_states.js";
+import { button, chip, errorLine } from "../../lib/view_states.js";
+import { knownNames } from "../drop_zone.js";
 import { mappingState } from "../words.js";
-import { createMappingFile } from "./mapping_file.js";
 import { createMappingTable } from "./table.js";
 
 const REST = 250; // [ms] from the last correction to its preview
+const NO_MAPPING = "This is not a mapping: give the mapping.json that the command line writes.";
 
-export function createMappingSection({
-  api,
-  catalog,
-  recording,
-  known,
-  bins,
-  previewed,
-  confirmed,
-}) {
+export function createMappingSection({ api, catalog, recording, known, bins, previewed, confirmed }) {
   const path = `/recordings/${recording.id}`;
   let timer = 0;
   let turn = 0;
   let closed = false;
+  let edited = false;
   let table = createMappingTable({ catalog, recording, changed: previewLater });
   const shown = h("div", {}, table.element);
   const problem = errorLine();
-  const aircraft = h("input", {
-    type: "text",
-    id: "map-aircraft",
-    list: "map-known-aircraft",
-    maxlength: 200,
-    autocomplete: "off",
-    value: recording.aircraft ?? "",
-    oninput: adapt,
-  });
-  const remember = h("input", { type: "checkbox", id: "map-remember", checked: true });
+  const names = knownNames("map-known-aircraft", known);
+  const aircraft = textInput({ id: "map-aircraft", ...names.attributes, value: recording.aircraft ?? "", oninput: adapt });
+  const remember = checkbox({ id: "map-remember", checked: true });
   const rememberWords = h("span", {});
-  const again = recording.mapping_state === "confirmed";
-  const confirm = button(again ? "Confirm the change" : "Confirm the mapping", put, {
+  const isAgain = recording.mapping_state === "confirmed";
+  const confirm = button(isAgain ? "Confirm the change" : "Confirm the mapping", put, {
     class: "button button-primary",
     ...needs("PUT /recordings/{}/mapping"),
   });
   const { word, level, text } = mappingState(recording);
-  let edited = false;
+  const file = pasteBox({
+    label: "mapping as text",
+    fileLabel: "mapping file",
+    hint: "Choose a mapping.json, or paste its content.",
+    example: '{"channels": {"beta": {"signal": …',
+    word: "Use this mapping",
+    use: (given) => use(readMapping(given)),
+  });
   const element = h(
     "details",
-    { class: "panel stack mapping", open: !again, "data-keeps-input": true },
+    { class: "panel stack mapping", open: !isAgain, "data-keeps-input": true },
     h(
       "summary",
       { class: "step-title" },
       h("h2", { class: "panel-title" }, "Mapping"),
-      h("span", { class: "chip", "data-level": level }, word),
+      chip(word, level),
       h("span", { class: "dim" }, summaryOf(recording, text, catalog)),
     ),
     shown,
-    createMappingFile({ use }),
+    h("details", { class: "fold map-file", "data-keeps-input": true }, h("summary", {}, "use a mapping file"), file),
     problem.element,
     h(
       "div",
       { class: "row map-end" },
       guideLink("first-recording#mapping", "mapping"),
       h("label", { for: "map-aircraft" }, "Aircraft"),
-      h(
-        "div",
-        { class: "field" },
-        aircraft,
-        h(
-          "datalist",
-          { id: "map-known-aircraft" },
-          known.map((value) => h("option", { value })),
-        ),
-      ),
+      h("div", { class: "field" }, aircraft, names.element),
       h("label", { class: "radio" }, remember, rememberWords),
       h("span", { class: "spread" }, confirm),
     ),
   );
   adapt();
   preview(table.read());
+  return { element, close };
+
+  function close() {
+    closed = true;
+    clearTimeout(timer);
+  }
 
   function adapt() {
     const name = aircraft.value.trim();
@@ -135,27 +127,16 @@ export function createMappingSection({
   async function put() {
     clearTimeout(timer);
     confirm.disabled = true;
+    const name = aircraft.value.trim();
+    const isRemembered = remember.checked && !remember.disabled;
     try {
-      const name = aircraft.value.trim();
-      const body = {
-        mapping: table.read(),
-        remember: remember.checked && !remember.disabled,
-        ...(name && { aircraft: name }),
-      };
+      const body = { mapping: table.read(), remember: isRemembered, ...(name && { aircraft: name }) };
       confirmed(await api.put(`${path}/mapping`, body));
     } catch (error) {
       showProblem(reason(error));
       confirm.disabled = false;
     }
   }
-
-  return {
-    element,
-    close: () => {
-      closed = true;
-      clearTimeout(timer);
-    },
-  };
 }
 
 function summaryOf({ mapping, missing }, text, catalog) {
@@ -168,4 +149,29 @@ function summaryOf({ mapping, missing }, text, catalog) {
     .map(({ label }) => label);
   if (labels.length) parts.push(`without ${labels.join(", ")}`);
   return parts.filter(Boolean).join(", ");
+}
+
+/** A mapping without empty entries. ApiError. */
+function readMapping(text) {
+  const { channels = {}, times = {} } = parsed(text);
+  return {
+    channels: filled(channels, ({ signal, derivation }) => signal || derivation),
+    times: filled(times, ({ signal, rate }) => signal || rate),
+  };
+}
+
+function parsed(text) {
+  let plain;
+  try {
+    plain = JSON.parse(text);
+  } catch {
+    throw new ApiError(NO_MAPPING, 422);
+  }
+  const mapping = plain?.mapping ?? plain;
+  if (!mapping?.channels && !mapping?.times) throw new ApiError(NO_MAPPING, 422);
+  return mapping;
+}
+
+function filled(entries, by) {
+  return Object.fromEntries(Object.entries(entries).filter(([, source]) => source && by(source)));
 }

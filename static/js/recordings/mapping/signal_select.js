@@ -8,68 +8,44 @@
  *   nameParts(name, group) -> [name within the group, group]
  */
 
+import { select } from "../../forms/controls.js";
 import { h } from "../../lib/dom.js";
 
 const MANY = 60; // above this many signals the full list is filled when it is opened
 
-export function createSignalSelect({
-  id,
-  label,
-  signals,
-  groups,
-  likely,
-  derivable,
-  none,
-  chosen,
-  changed,
-}) {
+export function createSignalSelect({ id, label, signals, groups, likely, derivable, none, chosen, changed }) {
   const named = new Map(signals.map((signal) => [signal.name, signal]));
   const first = likely.filter((name) => named.has(name));
   const current = chosen.startsWith("signal:") ? chosen.slice(7) : "";
   if (current && !first.includes(current)) first.unshift(current);
+  const groupOf = (words, options) => (options.length ? h("optgroup", { label: words }, options) : null);
   const others = h("optgroup", { label: first.length ? "All signals" : "Signals" });
-  const select = h(
-    "select",
-    {
-      id,
-      "aria-label": label,
-      onchange: () => changed(select.value),
-      onfocus: fill,
-      onpointerdown: fill,
-    },
-    h("option", { value: "" }, none),
-    first.length ? h("optgroup", { label: "Likely" }, first.map(optionOf)) : null,
-    derivable.length
-      ? h(
-          "optgroup",
-          { label: "Derive it" },
-          derivable.map(({ key, title }) => h("option", { value: `derive:${key}` }, title)),
-        )
-      : null,
-    others,
-  );
+  const derivations = derivable.map(({ key, title }) => h("option", { value: `derive:${key}` }, title));
+  const element = select([["", none], groupOf("Likely", first.map(optionOf)), groupOf("Derive it", derivations), others], {
+    id,
+    "aria-label": label,
+    onchange: () => changed(element.value),
+    onfocus: fill,
+    onpointerdown: fill,
+  });
   if (signals.length <= MANY) fill();
-  select.value = chosen;
-  if (chosen && select.value !== chosen) {
-    select.append(
-      h("option", { value: chosen }, `${chosen.replace(/^\w+:/, "")} (not in this file)`),
-    );
-    select.value = chosen;
+  element.value = chosen;
+  if (chosen && element.value !== chosen) {
+    element.append(h("option", { value: chosen }, `${chosen.replace(/^\w+:/, "")} (not in this file)`));
+    element.value = chosen;
   }
-  return select;
+  return element;
 
   function fill() {
     if (others.childElementCount) return;
-    others.append(
-      ...signals.filter(({ name }) => !first.includes(name)).map(({ name }) => optionOf(name)),
-    );
+    const rest = signals.filter(({ name }) => !first.includes(name));
+    others.append(...rest.map(({ name }) => optionOf(name)));
   }
 
   function optionOf(name) {
     const { unit, group } = named.get(name) ?? { unit: "", group: 0 };
-    const [label, groupName] = nameParts(name, groups.length > 1 ? groups[group].name : "");
-    const words = `${label}${unit ? ` [${unit}]` : ""}${groupName ? `, ${groupName}` : ""}`;
-    return h("option", { value: `signal:${name}` }, words);
+    const [words, groupName] = nameParts(name, groups.length > 1 ? groups[group].name : "");
+    return h("option", { value: `signal:${name}` }, `${words}${unit && ` [${unit}]`}${groupName && `, ${groupName}`}`);
   }
 }
 

@@ -7,6 +7,7 @@
  *     warnings: {key: [sentence]}
  */
 
+import { select } from "../../forms/controls.js";
 import { h } from "../../lib/dom.js";
 import { createMappingRow } from "./row.js";
 import { createTimeRows } from "./time_rows.js";
@@ -22,16 +23,10 @@ const HEADS = [
 ];
 
 export function createMappingTable({ catalog, recording, changed }) {
-  const { mapping, contents, rationales, alternatives, derivable } = recording;
-  const measured = new Set(catalog.channels.map(({ key }) => key));
-  const time = createTimeRows({
-    times: mapping.times,
-    contents,
-    rationales,
-    units: catalog.telemetry.time_units,
-    changed: report,
-  });
-  const rows = catalog.telemetry.targets.map((target) =>
+  const { mapping, contents, rationales, alternatives, derivable, mapping_state: state } = recording;
+  const { targets, time_units: units } = catalog.telemetry;
+  const time = createTimeRows({ times: mapping.times, contents, rationales, units, changed: report });
+  const rows = targets.map((target) =>
     createMappingRow({
       target,
       source: mapping.channels[target.key] ?? null,
@@ -39,46 +34,34 @@ export function createMappingTable({ catalog, recording, changed }) {
       rationale: rationales[target.key],
       likely: alternatives[target.key] ?? [],
       derivable: derivable[target.key] ?? [],
-      state: recording.mapping_state,
+      state,
       over: recording.confirmed_over?.[target.key] ?? [],
       needed: recording.missing.includes(target.key),
       changed: report,
     }),
   );
-  const main = rows.filter(({ key }) => measured.has(key));
+  const measured = new Set(catalog.channels.map(({ key }) => key));
   const others = rows.filter(({ key }) => !measured.has(key));
   const mapped = others.filter((row) => row.read() !== null);
-  const more = h(
-    "ul",
-    { class: "map-rows" },
-    mapped.map((row) => row.element),
-  );
-  const another = h(
-    "select",
-    { class: "map-another", "aria-label": "map another quantity", onchange: addAnother },
-    h("option", { value: "" }, "Map another quantity"),
-    catalog.telemetry.targets
-      .filter(({ key }) => others.some((row) => row.key === key && !mapped.includes(row)))
-      .map(({ key, label }) => h("option", { value: key }, label)),
-  );
-  const head = h(
-    "div",
-    { class: "map-head", "aria-hidden": true },
-    HEADS.map(([part, words]) => h("span", { class: `map-${part}` }, words)),
-  );
+  const listOf = (some) => h("ul", { class: "map-rows" }, some.map((row) => row.element));
+  const more = listOf(mapped);
+  const unmapped = others.filter((row) => !mapped.includes(row));
+  const labels = new Map(targets.map(({ key, label }) => [key, label]));
+  const another = select([["", "Map another quantity"], ...unmapped.map(({ key }) => [key, labels.get(key)])], {
+    class: "map-another",
+    "aria-label": "map another quantity",
+    onchange: addAnother,
+  });
+  const head = HEADS.map(([part, words]) => h("span", { class: `map-${part}` }, words));
   const element = h(
     "div",
     { class: "map-table" },
-    head,
+    h("div", { class: "map-head", "aria-hidden": true }, head),
     time.element,
-    h(
-      "ul",
-      { class: "map-rows" },
-      main.map((row) => row.element),
-    ),
+    listOf(rows.filter((row) => !others.includes(row))),
     h(
       "details",
-      { class: "fold map-more", open: recording.mapping_state !== "confirmed" },
+      { class: "fold map-more", open: state !== "confirmed" },
       h("summary", {}, `attitude, airspeed, altitude and others: ${mapped.length} mapped`),
       h(
         "p",
@@ -101,9 +84,7 @@ export function createMappingTable({ catalog, recording, changed }) {
   }
 
   function read() {
-    const channels = rows
-      .map((row) => [row.key, row.read()])
-      .filter(([, source]) => source !== null);
+    const channels = rows.map((row) => [row.key, row.read()]).filter(([, source]) => source !== null);
     return { channels: Object.fromEntries(channels), times: time.read() };
   }
 
@@ -113,11 +94,8 @@ export function createMappingTable({ catalog, recording, changed }) {
 
   function show(channels, warnings = {}) {
     for (const row of rows) row.show(channels[row.key], warnings[row.key]);
-    const groups = rows
-      .map((row) => row.read()?.signal)
-      .filter(Boolean)
-      .map(groupOf);
-    time.show(new Set(groups));
+    const used = rows.map((row) => row.read()?.signal).filter(Boolean);
+    time.show(new Set(used.map(groupOf)));
   }
 
   function groupOf(name) {

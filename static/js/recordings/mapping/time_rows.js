@@ -6,120 +6,111 @@
  *     times: of the mapping.   units: of time.   used: Set of group names
  */
 
+import { select as selectOf, textInput } from "../../forms/controls.js";
 import { h } from "../../lib/dom.js";
-import { confidence } from "./confidence.js";
+import { figure } from "../../lib/numbers.js";
+import { cell, channelCell, confidence, setByYou } from "./cells.js";
 import { createSignalSelect } from "./signal_select.js";
-import { rateText, readRate } from "./typed_rate.js";
 
 const BY_RATE = "derive:rate";
+const RATE =
+  /^(\d+(?:[.,]\d*)?) *(?:hz|1\/s|samples\/s)?(?: +from +(?:(?:(\d{1,2}):)?([0-5]?\d):)?(\d+(?:[.,]\d*)?) *(?:s|z|utc)?)?$/i;
+const MINUTE = 60;
+const DAY = 86400;
 
 export function createTimeRows({ times, contents, rationales, units, changed }) {
   const now = structuredClone(times);
-  const edited = new Set();
   const rows = new Map(contents.groups.map((group, number) => [group.name, rowOf(group, number)]));
   const element = h("ul", { class: "map-rows time-rows" }, [...rows.values()]);
+  return { element, read: () => now, show };
+
+  function show(used) {
+    for (const [group, row] of rows) row.hidden = rows.size > 1 && !used.has(group);
+  }
 
   function rowOf({ name: group, n_rows: n, rate }, number) {
-    const ofGroup = contents.signals.filter((signal) => signal.group === number);
     const words = group ? `time of ${group}` : "time";
     const rationale = rationales[`t:${group}`];
-    const verdict = h("div", { class: "map-verdict" });
+    const verdict = h("div", { class: "map-verdict" }, rationale && confidence(rationale));
     const select = createSignalSelect({
       id: `map-time-${number}`,
       label: `signal of ${words}`,
-      signals: ofGroup,
+      signals: contents.signals.filter((signal) => signal.group === number),
       groups: [],
       likely: [],
       derivable: [{ key: "rate", title: "count rows at a fixed rate" }],
       none: "choose one",
       chosen: chosenOf(now[group]),
-      changed: (value) => {
-        const byRate = value === BY_RATE;
-        if (byRate) typed();
-        else if (value) now[group] = { signal: value.slice(7), unit: now[group]?.unit ?? "s" };
-        else delete now[group];
-        show(byRate);
-        change();
-      },
+      changed: choose,
     });
-    const rateInput = h("input", {
-      type: "text",
+    const rateInput = textInput({
       "aria-label": `rate of ${words}`,
       placeholder: "50 Hz from 12:31:05",
       value: now[group]?.rate ? rateText(now[group]) : "",
-      oninput: () => {
-        typed();
-        change();
-      },
+      oninput: () => set(readRate(rateInput.value)),
     });
-    const unit = h(
-      "select",
-      {
-        "aria-label": `unit of ${words}`,
-        onchange: () => {
-          if (now[group]) now[group].unit = unit.value;
-          change();
-        },
-      },
-      [...new Set([...units, now[group]?.unit].filter(Boolean))].map((name) =>
-        h("option", { value: name }, name),
-      ),
-    );
-    unit.value = now[group]?.unit ?? "s";
-    const say = () => {
-      if (edited.has(group)) verdict.replaceChildren(h("span", { class: "dim" }, "set by you"));
-      else if (rationale) verdict.replaceChildren(confidence(rationale));
-    };
-    const change = () => {
-      edited.add(group);
-      say();
-      changed();
-    };
+    const known = [...new Set([...units, now[group]?.unit].filter(Boolean))];
+    const unit = selectOf(known.map((name) => [name, name]), {
+      "aria-label": `unit of ${words}`,
+      value: now[group]?.unit ?? "s",
+      onchange: () => set(now[group] && { ...now[group], unit: unit.value }),
+    });
     const unitCell = h("div", { class: "map-cell map-unit" });
-    const show = (byRate) =>
-      unitCell.replaceChildren(
-        h("span", { class: "map-label" }, byRate ? "rate" : "unit"),
-        byRate ? rateInput : unit,
-      );
-    const typed = () => {
-      const source = readRate(rateInput.value);
-      if (source) now[group] = source;
-      else delete now[group];
-    };
-    show(Boolean(now[group]?.rate));
-    say();
-    const rateWords = `${n.toLocaleString("en")} samples${rate ? ` at ${Number(rate.toPrecision(4))} Hz` : ""}`;
+    place(Boolean(now[group]?.rate));
     return h(
       "li",
       { class: "map-row map-time", "data-group": group },
-      h(
-        "div",
-        { class: "map-cell map-channel" },
-        h("span", { class: "map-symbol" }, h("span", { class: "symbol" }, "t")),
-        h("span", {}, words),
-      ),
-      h(
-        "div",
-        { class: "map-cell map-signal" },
-        h("span", { class: "map-label" }, "signal"),
-        select,
-      ),
+      channelCell(h("span", { class: "symbol" }, "t"), words),
+      cell("signal", "signal", select),
       unitCell,
-      h("div", { class: "map-cell map-confidence" }, verdict),
-      h("div", { class: "map-cell map-plot dim" }, rateWords),
+      cell("confidence", "", verdict),
+      cell("plot dim", "", `${n.toLocaleString("en")} samples${rate ? ` at ${figure(rate, 4)} Hz` : ""}`),
     );
-  }
 
-  return {
-    element,
-    read: () => now,
-    show: (used) => {
-      for (const [group, row] of rows) row.hidden = rows.size > 1 && !used.has(group);
-    },
-  };
+    function choose(value) {
+      const isByRate = value === BY_RATE;
+      place(isByRate);
+      if (isByRate) set(readRate(rateInput.value));
+      else set(value && { signal: value.slice(7), unit: now[group]?.unit ?? "s" });
+    }
+
+    /** source: of the times, or nothing where none is known. */
+    function set(source) {
+      if (source) now[group] = source;
+      else delete now[group];
+      verdict.replaceChildren(setByYou());
+      changed();
+    }
+
+    function place(isByRate) {
+      const label = h("span", { class: "map-label" }, isByRate ? "rate" : "unit");
+      unitCell.replaceChildren(label, isByRate ? rateInput : unit);
+    }
+  }
 }
 
 function chosenOf(source) {
   if (!source) return "";
   return source.rate ? BY_RATE : `signal:${source.signal}`;
+}
+
+/** {signal, unit, rate, start} of "50 Hz from 12:31:05"; null where it is no rate. */
+function readRate(text) {
+  const match = RATE.exec(text.trim());
+  if (!match) return null;
+  const [rate, hours, minutes, seconds] = match.slice(1).map(numberOf);
+  const outOfDay = match[3] !== undefined && (hours > 23 || seconds >= MINUTE);
+  if (outOfDay || rate <= 0) return null;
+  return { signal: "", unit: "s", rate, start: 3600 * hours + MINUTE * minutes + seconds };
+}
+
+function rateText({ rate, start }) {
+  if (!start) return `${rate} Hz`;
+  if (start < MINUTE || start >= DAY) return `${rate} Hz from ${start} s`;
+  const clock = new Date(Math.round(1000 * start)).toISOString().slice(11, 23);
+  return `${rate} Hz from ${clock.replace(/\.?0*$/, "")}`;
+}
+
+function numberOf(text) {
+  return text === undefined ? 0 : Number(text.replace(",", "."));
 }

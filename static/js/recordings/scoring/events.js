@@ -13,15 +13,13 @@
 import { STATE_WORDS } from "../../lib/states.js";
 import { riskText, secondsText } from "../../lib/numbers.js";
 import { magnitudeIn, quantity } from "../../lib/units.js";
-import { AS_RECORDED, verdictOf } from "../words.js";
+import { AS_RECORDED, measuredBy, verdictOf } from "../words.js";
 
 export function eventsOf({ manoeuvres, outside_exceedances: outside, channels, alert_above: alertAbove, limits_in_force: inForce }) {
   return [
     ...(inForce ?? []).map(ofLimits),
-    ...manoeuvres.flatMap((manoeuvre, k) => ofManoeuvre(manoeuvre, k, channels, alertAbove)),
-    ...outside.map((exceedance) =>
-      ofExceedance(exceedance, channels, " outside every manoeuvre"),
-    ),
+    ...manoeuvres.flatMap((manoeuvre, k) => ofManoeuvre(manoeuvre, channels, alertAbove).map((event) => ({ ...event, manoeuvre: k }))),
+    ...outside.map((exceedance) => ofExceedance(exceedance, channels, " outside every manoeuvre")),
   ].sort((a, b) => a.t - b.t);
 }
 
@@ -32,50 +30,30 @@ function ofLimits({ start, name, version, case: condition, limits }) {
 }
 
 function ofExceedance({ t, channel, value, limit = null }, channels, where = "") {
-  const measured = channels.find(({ key }) => key === channel) ?? { symbol: channel };
+  const measured = measuredBy(channels, channel);
   const beside = limit === null ? "" : `, limit ${magnitudeIn(measured, limit)}`;
-  const words = `${quantity(measured, value)}${beside}`;
-  return { t, text: `${measured.symbol} exceeds its limit${where}: ${words}`, level: "caution" };
+  return { t, text: `${measured.symbol} exceeds its limit${where}: ${quantity(measured, value)}${beside}`, level: "caution" };
 }
 
-function ofManoeuvre(
-  { name, start, alerts, exceedance, recorded_exceedance: raw, peak_t: t, peak_risk: risk, validity, withdrawn_t: withdrawn, limits_in_force: inForce = [] },
-  manoeuvre,
-  channels,
-  alertAbove,
-) {
-  const events = [{ t: start, text: `${name} begins`, level: "", manoeuvre }];
-  if (validity.valid === false && (withdrawn !== null || inForce.length === 0)) {
-    events.push({
-      t: withdrawn ?? start,
-      text: `${name} is INVALID: risk withdrawn from here`,
-      level: "caution",
-      manoeuvre,
-    });
-  }
-  for (const [from, to] of alerts) {
-    events.push({
-      t: from,
-      text: to > from ? `alert until ${secondsText(to)}` : "alert, one sample",
-      level: "alert",
-      manoeuvre,
-    });
-  }
-  if (exceedance) {
-    events.push({ ...ofExceedance(exceedance, channels), manoeuvre });
-  }
-  if (raw) {
-    events.push({ ...ofExceedance(raw, channels, " as recorded, but not relative to trim"), manoeuvre });
-  }
-  if (validity.valid !== false && Number.isFinite(t) && t > start) {
-    events.push({
-      t,
-      text: `peak risk of ${name}: ${riskText(risk, alertAbove)}`,
-      level: "",
-      manoeuvre,
-    });
-  }
-  return events;
+function ofManoeuvre(manoeuvre, channels, alertAbove) {
+  const { name, start, alerts, exceedance, recorded_exceedance: raw, peak_t: peak, peak_risk: risk, validity } = manoeuvre;
+  const alertText = (from, to) => (to > from ? `alert until ${secondsText(to)}` : "alert, one sample");
+  const withdrawn = withdrawnAt(manoeuvre);
+  const isPeak = validity.valid !== false && Number.isFinite(peak) && peak > start;
+  return [
+    { t: start, text: `${name} begins`, level: "" },
+    withdrawn !== null && { t: withdrawn, text: `${name} is INVALID: risk withdrawn from here`, level: "caution" },
+    ...alerts.map(([from, to]) => ({ t: from, text: alertText(from, to), level: "alert" })),
+    exceedance && ofExceedance(exceedance, channels),
+    raw && ofExceedance(raw, channels, " as recorded, but not relative to trim"),
+    isPeak && { t: peak, text: `peak risk of ${name}: ${riskText(risk, alertAbove)}`, level: "" },
+  ].filter(Boolean);
+}
+
+/** When the risk was withdrawn; null where it was not. Limits that are not in force are marked on their own. */
+function withdrawnAt({ start, validity, withdrawn_t: t, limits_in_force: inForce = [] }) {
+  const isWithdrawn = validity.valid === false && (t !== null || inForce.length === 0);
+  return isWithdrawn ? (t ?? start) : null;
 }
 
 export function flagsOf({ manoeuvres }) {
@@ -88,12 +66,18 @@ export function limitsInForceOf({ limits_in_force: inForce }, offset = 0) {
 }
 
 export function manoeuvresOf({ manoeuvres }, offset = 0) {
-  return manoeuvres.map(({ start, end, validity, withdrawn_t: withdrawn, limits_in_force: inForce = [] }) => ({
-    start: start - offset,
-    end: end - offset,
-    withdrawn: validity.valid === false && (withdrawn !== null || inForce.length === 0) ? (withdrawn ?? start) - offset : null,
-    silent: inForce.filter(({ reason }) => reason !== "").map(({ start: from, end: to, limits }) => ({ start: from - offset, end: to - offset, word: wordOf(limits) })),
-  }));
+  return manoeuvres.map((manoeuvre) => {
+    const { start, end, limits_in_force: inForce = [] } = manoeuvre;
+    const withdrawn = withdrawnAt(manoeuvre);
+    return {
+      start: start - offset,
+      end: end - offset,
+      withdrawn: withdrawn === null ? null : withdrawn - offset,
+      silent: inForce
+        .filter(({ reason }) => reason !== "")
+        .map(({ start: from, end: to, limits }) => ({ start: from - offset, end: to - offset, word: wordOf(limits) })),
+    };
+  });
 }
 
 const wordOf = (limits) => (limits === null ? STATE_WORDS.limits_unknown : STATE_WORDS.not_applicable);

@@ -10,6 +10,7 @@
 
 import { previewTiles } from "../../charts/recorded/preview_tiles.js";
 import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
+import { radio } from "../../forms/controls.js";
 import { reason } from "../../lib/api.js";
 import { h } from "../../lib/dom.js";
 import { followUnits } from "../../lib/units.js";
@@ -21,6 +22,7 @@ const WAYS = [
   ["entire", "The entire recording as one"],
   ["marked", "Marked by hand"],
 ];
+const SURFACES = ["delta_r", "delta_a"]; // drawn first: they show where a manoeuvre begins
 
 export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
   let way = "detected";
@@ -30,36 +32,13 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
   const chart = createPreviewChart(catalog, recording.id);
   const hint = h("p", { class: "hint", role: "status" });
   const marked = createManoeuvreTable({ changed: () => showManoeuvres() });
-  const mark = button(
-    "Mark by dragging",
-    () => press(mark.getAttribute("aria-pressed") !== "true"),
-    { "aria-pressed": "false" },
-  );
-  const byHand = h(
-    "div",
-    { class: "stack-tight", hidden: true },
-    h(
-      "div",
-      { class: "row" },
-      mark,
-      button("Add the manoeuvre from A to B", addMarked),
-      button("Copy the detected ones", () => marked.set(detected), { class: "button" }),
-    ),
-    marked.element,
-  );
+  const toggle = () => press(mark.getAttribute("aria-pressed") !== "true");
+  const mark = button("Mark by dragging", toggle, { "aria-pressed": "false" });
+  const add = button("Add the manoeuvre from A to B", addMarked);
+  const copy = button("Copy the detected ones", () => marked.set(detected));
+  const byHand = h("div", { class: "stack-tight", hidden: true }, h("div", { class: "row" }, mark, add, copy), marked.element);
   const radios = WAYS.map(([value, words]) =>
-    h(
-      "label",
-      { class: "radio" },
-      h("input", {
-        type: "radio",
-        name: "manoeuvres",
-        value,
-        checked: value === way,
-        onchange: () => turnTo(value),
-      }),
-      words,
-    ),
+    radio(words, { name: "manoeuvres", value, checked: value === way, onchange: () => turnTo(value) }),
   );
   const element = h(
     "fieldset",
@@ -70,11 +49,21 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
     chart.element,
     byHand,
   );
-
   followUnits(element, () => {
     chart.draw();
     showManoeuvres();
   });
+  return {
+    element,
+    show: (channels) => {
+      chart.show(channels);
+      showManoeuvres();
+    },
+    refresh,
+    read: () => (way === "marked" ? marked.read() : way),
+    check: () => way !== "marked" || marked.check(),
+    close: chart.close,
+  };
 
   function turnTo(value) {
     way = value;
@@ -93,18 +82,16 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
     const mine = ++turn;
     const id = monitor();
     if (id === null) return;
-    refusal = "";
+    let found = [];
+    let why = "";
     try {
-      const answer = await api.get(`/recordings/${recording.id}/manoeuvres?monitor=${id}`);
-      if (mine !== turn) return;
-      detected = answer;
-      showManoeuvres();
+      found = await api.get(`/recordings/${recording.id}/manoeuvres?monitor=${id}`);
     } catch (error) {
-      if (mine !== turn) return;
-      detected = [];
-      refusal = reason(error);
-      showManoeuvres();
+      why = reason(error);
     }
+    if (mine !== turn) return;
+    [detected, refusal] = [found, why];
+    showManoeuvres();
   }
 
   function addMarked() {
@@ -140,18 +127,6 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
       return "No manoeuvre like the monitor's was detected. Mark one by hand, or score the entire recording.";
     return `${shown.length} detected from aileron and rudder; each begins a little before its first input.`;
   }
-
-  return {
-    element,
-    show: (channels) => {
-      chart.show(channels);
-      showManoeuvres();
-    },
-    refresh,
-    read: () => (way === "marked" ? marked.read() : way),
-    check: () => way !== "marked" || marked.check(),
-    close: chart.close,
-  };
 }
 
 /** Chart of the recording, to mark manoeuvres in. */
@@ -182,7 +157,7 @@ function createPreviewChart(catalog, recording) {
     if (!known.length) return;
     chart = createRecordingChart(element, {
       channels: known.map((channel) => ({ ...channel, limit: null })),
-      order: [...known].sort((a, b) => rank(a) - rank(b)).map(({ key }) => key),
+      order: [...new Set([...SURFACES.filter((key) => key in channels), ...known.map(({ key }) => key)])],
       sources: [{ load: async () => tiles, start, end, dt, manoeuvres: null }],
       label: "Recording with its manoeuvres",
       key: `${recording} ${start} ${end}`,
@@ -215,9 +190,4 @@ function laneItem({ start, end, name }, k) {
   const text = name || `manoeuvre ${k + 1}`;
   const title = `${text}, ${start.toFixed(2)} to ${end.toFixed(2)} s`;
   return { id: `marked-${k}`, row: 0, start, end, text, level: "plain", title, quiet: true };
-}
-
-/** Surfaces first: they show where a manoeuvre begins. */
-function rank({ key }) {
-  return ["delta_r", "delta_a"].indexOf(key) === -1 ? 2 : ["delta_r", "delta_a"].indexOf(key);
 }

@@ -5,62 +5,45 @@
  *   createManoeuvreTable({changed}) -> {element, add(manoeuvre), set(manoeuvres), read() -> [{start, end, name}], check()}
  */
 
+import { textInput } from "../../forms/controls.js";
 import { decimal } from "../../forms/decimals.js";
 import { h } from "../../lib/dom.js";
-import { hiddenHead, tableHead } from "../../lib/lists.js";
+import { hiddenHead, table } from "../../lib/lists.js";
 import { button, errorLine } from "../../lib/view_states.js";
 
 export function createManoeuvreTable({ changed }) {
   let manoeuvres = [];
-  const body = h("tbody", {});
   const failure = errorLine();
-  const empty = h(
-    "p",
-    { class: "dim" },
-    "No manoeuvre marked yet: drag over one in the chart, then add it.",
-  );
-  const table = h(
-    "table",
-    { class: "table manoeuvre-rows" },
-    tableHead([["Name"], ["From [s]"], ["To [s]"], hiddenHead("Remove")]),
-    body,
-  );
-  const element = h(
-    "div",
-    { class: "stack-tight" },
-    empty,
-    h("div", { class: "table-scroll" }, table),
-    failure.element,
-  );
-  render();
+  const shown = h("div", {});
+  const element = h("div", { class: "stack-tight" }, shown, failure.element);
+  const none = h("p", { class: "dim" }, "No manoeuvre marked yet: drag over one in the chart, then add it.");
+  const field = (content) => h("div", { class: "field" }, content);
+  const columns = [
+    ["Name", (manoeuvre, k) => field(nameInput(manoeuvre, k))],
+    ["From [s]", (manoeuvre, k) => field(timeInput(manoeuvre, k, "start"))],
+    ["To [s]", (manoeuvre, k) => field(timeInput(manoeuvre, k, "end"))],
+    [hiddenHead("Remove"), removeButton],
+  ];
+  set([]);
+  return {
+    element,
+    check,
+    set,
+    add: (manoeuvre) => set([...manoeuvres, manoeuvre]),
+    read: () => manoeuvres.map(({ start, end, name }) => ({ start, end, ...(name && { name }) })),
+  };
 
-  function render() {
-    manoeuvres.sort((a, b) => a.start - b.start);
-    body.replaceChildren(...manoeuvres.map(row));
-    empty.hidden = manoeuvres.length > 0;
-    table.hidden = manoeuvres.length === 0;
+  function set(given) {
+    manoeuvres = given.map((manoeuvre) => ({ ...manoeuvre })).sort((a, b) => a.start - b.start);
+    shown.replaceChildren(
+      manoeuvres.length ? table({ columns, items: manoeuvres, classes: "manoeuvre-rows", panel: false }) : none,
+    );
     failure.show("");
     changed();
   }
 
-  function row(manoeuvre, k) {
-    const number = (key, words) =>
-      h("input", {
-        type: "text",
-        inputmode: "decimal",
-        value: Number(manoeuvre[key].toFixed(3)),
-        "aria-label": `${words} of manoeuvre ${k + 1} in seconds`,
-        onchange: (event) => {
-          const { value } = event.target;
-          const given = decimal(value);
-          if (Number.isFinite(given)) manoeuvre[key] = given;
-          render();
-          if (!Number.isFinite(given))
-            say(`“${value}” was given: the ${words} is a number of seconds.`);
-        },
-      });
-    const name = h("input", {
-      type: "text",
+  function nameInput(manoeuvre, k) {
+    return textInput({
       value: manoeuvre.name,
       maxlength: 200,
       placeholder: `manoeuvre ${k + 1}`,
@@ -70,56 +53,37 @@ export function createManoeuvreTable({ changed }) {
         changed();
       },
     });
-    const remove = () => {
-      manoeuvres = manoeuvres.filter((other) => other !== manoeuvre);
-      render();
-    };
-    const cell = (content) => h("td", {}, h("div", { class: "field" }, content));
-    return h(
-      "tr",
-      {},
-      cell(name),
-      cell(number("start", "start")),
-      cell(number("end", "end")),
-      h(
-        "td",
-        {},
-        button("Remove", remove, {
-          class: "button button-small",
-          "aria-label": `Remove manoeuvre ${k + 1}`,
-        }),
-      ),
-    );
+  }
+
+  function timeInput(manoeuvre, k, key) {
+    return textInput({
+      inputmode: "decimal",
+      value: Number(manoeuvre[key].toFixed(3)),
+      "aria-label": `${key} of manoeuvre ${k + 1} in seconds`,
+      onchange: ({ target: { value } }) => {
+        const given = decimal(value);
+        if (Number.isFinite(given)) manoeuvre[key] = given;
+        set(manoeuvres);
+        if (!Number.isFinite(given)) failure.show(`“${value}” was given: the ${key} is a number of seconds.`);
+      },
+    });
+  }
+
+  function removeButton(manoeuvre, k) {
+    const remove = () => set(manoeuvres.filter((other) => other !== manoeuvre));
+    return button("Remove", remove, { class: "button button-small", "aria-label": `Remove manoeuvre ${k + 1}` });
   }
 
   function check() {
-    const wrong =
-      manoeuvres.length === 0
-        ? "Mark at least one manoeuvre, or choose another option."
-        : manoeuvres.some(({ start, end }) => end <= start)
-          ? "A manoeuvre must end after it begins."
-          : manoeuvres.some(({ start }, k) => k > 0 && start < manoeuvres[k - 1].end)
-            ? "Two manoeuvres overlap: end the first before the second begins."
-            : "";
-    say(wrong);
+    const wrong = wrongOf(manoeuvres);
+    failure.show(wrong);
     return wrong === "";
   }
+}
 
-  function say(wrong) {
-    failure.show(wrong);
-  }
-
-  return {
-    element,
-    check,
-    add: (manoeuvre) => {
-      manoeuvres.push({ ...manoeuvre });
-      render();
-    },
-    set: (given) => {
-      manoeuvres = given.map((manoeuvre) => ({ ...manoeuvre }));
-      render();
-    },
-    read: () => manoeuvres.map(({ start, end, name }) => ({ start, end, ...(name && { name }) })),
-  };
+function wrongOf(manoeuvres) {
+  const overlaps = ({ start }, k) => k > 0 && start < manoeuvres[k - 1].end;
+  if (manoeuvres.length === 0) return "Mark at least one manoeuvre, or choose another option.";
+  if (manoeuvres.some(({ start, end }) => end <= start)) return "A manoeuvre must end after it begins.";
+  return manoeuvres.some(overlaps) ? "Two manoeuvres overlap: end the first before the second begins." : "";
 }

@@ -2,11 +2,13 @@
  * Choose monitors, each with one epsilon or several. The newest monitor that fits the recording is preselected.
  *
  * Exports
- *   createMonitorChoice({api, recording, monitors, used, catalog, changed, none}) -> {element, ready, first() -> id | null, check(), close()}
+ *   createMonitorChoice({api, recording, monitors, used, catalog, changed, none}) -> Choice
  *     used: Set of ids that are preselected.   none(): no monitor fits
- *     ready: Promise, until a monitor was looked for.   first: id of the first monitor chosen.   check() -> [{monitor, epsilon}]; null if an entry is wrong, with the reason shown
+ *   Choice   element, ready: Promise, until a monitor was looked for;   first() -> id of the first monitor chosen | null
+ *     check() -> Promise<bool>   shows what is wrong;   requests() -> [{monitor, epsilon}];   close()
  */
 
+import { checkbox, textInput } from "../../forms/controls.js";
 import { decimals } from "../../forms/decimals.js";
 import { reason } from "../../lib/api.js";
 import { aircraftName, kindName, limitWords } from "../../lib/catalog.js";
@@ -19,32 +21,38 @@ import { errorLine } from "../../lib/view_states.js";
 const MOST_TRIED = 20; // monitors, the newest first
 
 export function createMonitorChoice({ api, recording, monitors, used, catalog, changed, none }) {
-  let touched = false;
+  let isTouched = false;
   const failure = errorLine();
   const rows = monitors.map((monitor) => rowOf(monitor, used.has(monitor.id)));
   const status = h("p", { class: "hint", role: "status" });
+  const items = rows.map((row) => row.element);
   const element = h(
     "fieldset",
     { class: "stack-tight" },
     h("legend", {}, "Monitors"),
-    rows.length
-      ? h(
-          "ul",
-          { class: "monitor-choice" },
-          rows.map((row) => row.element),
-        )
-      : h("p", { class: "dim" }, "No monitor yet."),
+    rows.length ? h("ul", { class: "monitor-choice" }, items) : h("p", { class: "dim" }, "No monitor yet."),
     status,
     failure.element,
   );
-  const ready = rows.some(({ box }) => box.checked) ? Promise.resolve() : preselect();
+  const chosen = () => rows.filter(({ box }) => box.checked);
+  const ready = chosen().length ? Promise.resolve() : preselect();
+  return {
+    element,
+    ready,
+    check,
+    requests: () => chosen().flatMap(requestsOf),
+    first: () => chosen()[0]?.monitor.id ?? null,
+    close: () => {
+      isTouched = true;
+    },
+  };
 
   /** Choose the newest monitor that finds its manoeuvre in the recording. */
   async function preselect() {
     for (const row of rows.slice(0, MOST_TRIED)) {
-      if (touched) return;
+      if (isTouched) return;
       const manoeuvres = await manoeuvresFor(row);
-      if (touched) return;
+      if (isTouched) return;
       if (manoeuvres.length) {
         row.turn(true);
         return;
@@ -63,23 +71,21 @@ export function createMonitorChoice({ api, recording, monitors, used, catalog, c
     }
   }
 
-  function rowOf(monitor, checked) {
+  function rowOf(monitor, isChecked) {
     const { aircraft, maneuver, limits } = monitor.dataset_recipe;
-    const box = h("input", {
-      type: "checkbox",
+    const box = checkbox({
       id: `choose-${monitor.id}`,
-      checked,
+      checked: isChecked,
       onchange: () => {
-        touched = true;
+        isTouched = true;
         turn(box.checked);
       },
     });
-    const epsilons = h("input", {
-      type: "text",
+    const epsilons = textInput({
       inputmode: "decimal",
       class: "narrow",
       value: monitor.epsilon,
-      disabled: !checked,
+      disabled: !isChecked,
       "aria-label": `epsilons of ${monitor.name}, separated by spaces`,
       oninput: () => {
         epsilons.removeAttribute("aria-invalid");
@@ -87,76 +93,65 @@ export function createMonitorChoice({ api, recording, monitors, used, catalog, c
       },
     });
     const marks = h("span", {}, warningMark(monitor));
+    const refused = h("span", { class: "monitor-refused" });
+    const limitCell = h("span", {});
+    followUnits(limitCell, () => limitCell.replaceChildren(formatted(limitWords(catalog, limits))));
+    const item = h(
+      "li",
+      {},
+      h("label", { class: "monitor-name", for: box.id }, box, h("span", {}, monitor.name)),
+      h(
+        "span",
+        { class: "hint monitor-about" },
+        `${aircraftName(catalog, aircraft)}, ${kindName(catalog, "maneuver", maneuver)}, `,
+        limitCell,
+        `; ${figure(monitor.lead)} s ahead, every ${figure(monitor.dt)} s`,
+        marks,
+        refused,
+      ),
+      h("span", { class: "field field-inline" }, h("span", {}, "ε"), epsilons),
+    );
+    return { monitor, box, epsilons, refused, turn, element: item, given: () => decimals(epsilons.value) };
+
     /** Warnings depend on epsilon: show those of the epsilons that are typed. */
-    const warn = async () => {
+    async function warn() {
       const asked = epsilons.value;
       const warned = await warningsAt(api, monitor, decimals(asked).map(Number));
       if (asked === epsilons.value) marks.replaceChildren(...[warningMark(warned)].filter(Boolean));
-    };
-    const refused = h("span", { class: "monitor-refused" });
-    const turn = (chosen) => {
-      box.checked = chosen;
-      epsilons.disabled = !chosen;
+    }
+
+    function turn(isChosen) {
+      box.checked = isChosen;
+      epsilons.disabled = !isChosen;
       failure.show("");
       changed();
-    };
-    const limitCell = h("span", {});
-    followUnits(limitCell, () => limitCell.replaceChildren(formatted(limitWords(catalog, limits))));
-    return {
-      monitor,
-      box,
-      epsilons,
-      refused,
-      turn,
-      element: h(
-        "li",
-        {},
-        h("label", { class: "monitor-name", for: box.id }, box, h("span", {}, monitor.name)),
-        h(
-          "span",
-          { class: "hint monitor-about" },
-          `${aircraftName(catalog, aircraft)}, ${kindName(catalog, "maneuver", maneuver)}, `,
-          limitCell,
-          `; ${figure(monitor.lead)} s ahead, every ${figure(monitor.dt)} s`,
-          marks,
-          refused,
-        ),
-        h("span", { class: "field field-inline" }, h("span", {}, "ε"), epsilons),
-      ),
-    };
-  }
-
-  function check() {
-    const chosen = rows.filter(({ box }) => box.checked);
-    const requests = [];
-    let wrong = chosen.length ? "" : "Choose at least one monitor.";
-    for (const { monitor, epsilons } of chosen) {
-      const given = decimals(epsilons.value);
-      const bad = given.find((text) => !(Number(text) > 0 && Number(text) < 1));
-      const small = given.find((text) => Number(text) < monitor.smallest_epsilon * (1 - 1e-9));
-      if (!given.length || bad)
-        wrong = `${monitor.name}: ${given.length ? `“${epsilons.value.trim()}”` : "no ε"} was given; enter numbers between 0 and 1.`;
-      else if (small)
-        wrong = `${monitor.name}: ${small} was given, and its ${monitor.n_unsafe} failures are enough for ε ≥ ${figure(monitor.smallest_epsilon)}. Raise ε, or train on more failures.`;
-      if (!given.length || bad || small) {
-        epsilons.setAttribute("aria-invalid", "true");
-        epsilons.focus();
-        break;
-      }
-      for (const text of new Set(given)) requests.push({ monitor, epsilon: Number(text) });
     }
-    failure.show(wrong);
-    if (wrong) failure.element.scrollIntoView({ block: "center" });
-    return wrong ? null : requests;
   }
 
-  return {
-    element,
-    check,
-    ready,
-    close: () => {
-      touched = true;
-    },
-    first: () => rows.find(({ box }) => box.checked)?.monitor.id ?? null,
-  };
+  async function check() {
+    await ready;
+    const wrong = chosen().find((row) => wrongOf(row));
+    const none = chosen().length ? "" : "Choose at least one monitor.";
+    const words = wrong ? `${wrong.monitor.name}: ${wrongOf(wrong)}` : none;
+    failure.show(words);
+    if (wrong) wrong.epsilons.setAttribute("aria-invalid", "true");
+    wrong?.epsilons.focus();
+    if (words) failure.element.scrollIntoView({ block: "center" });
+    return words === "";
+  }
+}
+
+/** What is wrong with the epsilons of a monitor, or "". */
+function wrongOf({ monitor, epsilons, given }) {
+  const numbers = given();
+  const isBad = numbers.some((text) => !(Number(text) > 0 && Number(text) < 1));
+  if (!numbers.length || isBad)
+    return `${numbers.length ? `“${epsilons.value.trim()}”` : "no ε"} was given; enter numbers between 0 and 1.`;
+  const small = numbers.find((text) => Number(text) < monitor.smallest_epsilon * (1 - 1e-9));
+  if (small === undefined) return "";
+  return `${small} was given, and its ${monitor.n_unsafe} failures are enough for ε ≥ ${figure(monitor.smallest_epsilon)}. Raise ε, or train on more failures.`;
+}
+
+function requestsOf({ monitor, given }) {
+  return [...new Set(given())].map((text) => ({ monitor, epsilon: Number(text) }));
 }

@@ -4,24 +4,25 @@
  */
 
 import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
+import { createDisplayChoice } from "../../fly/display_choice.js";
 import { reason } from "../../lib/api.js";
 import { formatted, h } from "../../lib/dom.js";
 import { createEventList } from "../../lib/event_list.js";
 import { guideLink } from "../../lib/guide_link.js";
+import { recipeList, sentences } from "../../lib/lists.js";
 import { loadingView } from "../../lib/loading_view.js";
 import { needs } from "../../lib/me.js";
 import { warningMark } from "../../lib/monitor_warnings.js";
-import { figure } from "../../lib/numbers.js";
+import { figure, moment } from "../../lib/numbers.js";
 import { startFlight } from "../../lib/start_flight.js";
+import { magnitudeIn } from "../../lib/units.js";
 import { button, empty, errorLine, link, pageOf } from "../../lib/view_states.js";
-import { createDisplayChoice } from "../../fly/display_choice.js";
 import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
 import { createTrainingOffer } from "../training_offer.js";
-import { alertRule, outsideText, trimText, verdictOf } from "../words.js";
+import { alertRule, outcomeChip, outsideChip, trimText, verdictOf } from "../words.js";
 import { eventsOf, flagsOf, laneOf, limitsInForceOf, manoeuvresOf } from "./events.js";
-import { scoringFacts } from "./facts.js";
 import { createSensorTable, sensorChip } from "./sensor_table.js";
-import { readScoring, scoringSource, stripOrder } from "./source.js";
+import { readScoring, readScorings, scoringSource, stripOrder, TRIM_SEGMENT } from "./source.js";
 import { createVerdictTable } from "./verdict_table.js";
 
 const WIDE = 4; // windows longer than this many manoeuvres are too wide to show its events
@@ -30,6 +31,9 @@ const EXPORTS = [
   ["parquet", "Parquet"],
   ["mat", "MAT"],
 ];
+const TRIMS = { [TRIM_SEGMENT]: "mean of each manoeuvre's trim segment", null: "not subtracted" };
+const WAYS = { detected: "detected from control activity", entire: "the entire recording as one" };
+const LISTED = " Listed: monitors that scored this recording with the same manoeuvres and their own ε.";
 
 export function showScoring(element, { id, query, api, navigate }) {
   return loadingView(element, { title: "Scored recording", text: "Opening the scoring", build });
@@ -39,7 +43,7 @@ export function showScoring(element, { id, query, api, navigate }) {
       api.get(`/recordings/${id}`),
       readScoring(api, id, query.get("scoring")),
       api.get("/monitors"),
-      api.get(`/recordings/${id}/scorings`),
+      readScorings(api, id),
     ]);
     const display = displayOf(scoring, monitors, scorings);
     const { manoeuvres } = scoring;
@@ -53,27 +57,33 @@ export function showScoring(element, { id, query, api, navigate }) {
     });
     for (const event of [...events].reverse()) log.add(event);
     const verdicts = createVerdictTable(scoring, { show: visitManoeuvre });
-    const chart = keepChart();
-    const notes = createNotesPanel({
-      api,
-      recording: id,
-      place,
-      go: (t) => visit({ t }),
-      changed: showMarkers,
+    const chart = createRecordingChart(host, {
+      channels: scoring.channels,
+      order: stripOrder(scoring.channels),
+      sources: [{ ...scoringSource(api, scoring), manoeuvres: manoeuvresOf(scoring) }],
+      alertAbove: scoring.alert_above,
+      held: limitsInForceOf(scoring),
+      flags: flagsOf(scoring),
+      label: `${recording.name} as ${scoring.monitor_name} assessed it`,
+      key: scoring.id,
+      chosen: ({ t, manoeuvre }) => (manoeuvre === undefined ? visit({ t }) : visitManoeuvre(manoeuvre)),
+      went: visit,
     });
-    const stop = chart.window.subscribe(notes.moved);
-    keep({ close: stop });
+    keep({ close: chart.destroy });
+    const notes = createNotesPanel({ api, recording: id, place, go: (t) => visit({ t }), changed: showMarkers });
+    keep({ close: chart.window.subscribe(notes.moved) });
     host.addEventListener("keydown", (event) => {
-      if (
-        event.key.toLowerCase() === "m" &&
-        event.target === host &&
-        !event.ctrlKey &&
-        !event.metaKey
-      )
-        notes.quick();
+      const isPlain = !event.ctrlKey && !event.metaKey && event.target === host;
+      if (isPlain && event.key.toLowerCase() === "m") notes.quick();
     });
     notes.load();
     chart.setEvents(events);
+    const none = empty(
+      "No manoeuvre",
+      "No manoeuvre was detected. Mark one by hand, or score the entire recording.",
+      link("Score again", `#/recordings/${id}`, true),
+    );
+    const isInvalid = manoeuvres.some(({ validity }) => validity.valid === false);
     return pageOf(
       recording.name,
       actions({ api, navigate }, scoring, display),
@@ -89,55 +99,28 @@ export function showScoring(element, { id, query, api, navigate }) {
           h("h2", { class: "panel-title" }, "Outcome of each manoeuvre ", guideLink("what-the-numbers-mean#after-the-flight", "outcomes after the flight")),
           h("span", { class: "dim" }, `values are ${trimText(scoring.request)}`),
         ),
-        manoeuvres.length
-          ? verdicts.element
-          : empty(
-              "No manoeuvre",
-              "No manoeuvre was detected. Mark one by hand, or score the entire recording.",
-              link("Score again", `#/recordings/${id}`, true),
-            ),
+        manoeuvres.length ? verdicts.element : none,
       ),
-      manoeuvres.some(({ validity }) => validity.valid === false)
-        ? createTrainingOffer({
-            api,
-            recording: id,
-            title: "INVALID: the monitor was trained for another test",
-            text: "Its guarantee does not cover this manoeuvre. Train a monitor for the manoeuvre that was flown, then score the recording again.",
-          })
-        : null,
+      isInvalid &&
+        createTrainingOffer({
+          api,
+          recording: id,
+          title: "INVALID: the monitor was trained for another test",
+          text: "Its guarantee does not cover this manoeuvre. Train a monitor for the manoeuvre that was flown, then score the recording again.",
+        }),
       createSensorTable(scoring),
       scoringFacts(scoring),
     );
 
-    function keepChart() {
-      const made = createRecordingChart(host, {
-        channels: scoring.channels,
-        order: stripOrder(scoring.channels),
-        sources: [{ ...scoringSource(api, scoring), manoeuvres: manoeuvresOf(scoring) }],
-        alertAbove: scoring.alert_above,
-        held: limitsInForceOf(scoring),
-        flags: flagsOf(scoring),
-        label: `${recording.name} as ${scoring.monitor_name} assessed it`,
-        key: scoring.id,
-        chosen: (item) =>
-          item.manoeuvre === undefined ? visit({ t: item.t }) : visitManoeuvre(item.manoeuvre),
-        went: visit,
-      });
-      keep({ close: made.destroy });
-      return made;
-    }
-
     function showMarkers(markers) {
-      const more = laneOfMarkers(markers, 1);
-      chart.setLane([...laneOf(manoeuvres), ...more]);
+      chart.setLane([...laneOf(manoeuvres), ...laneOfMarkers(markers, 1)]);
       chart.setEvents([...events, ...markers.map(({ t }) => ({ t }))]);
     }
 
     /** From A to B if both cursors are set, else the pinned cursor. */
     function place() {
       const { a, b } = chart.window.marks;
-      if (Number.isFinite(a) && Number.isFinite(b) && a !== b)
-        return { t: Math.min(a, b), end: Math.max(a, b) };
+      if (Number.isFinite(a) && Number.isFinite(b) && a !== b) return { t: Math.min(a, b), end: Math.max(a, b) };
       const t = chart.window.pinned;
       return Number.isFinite(t) ? { t, end: null } : null;
     }
@@ -145,11 +128,10 @@ export function showScoring(element, { id, query, api, navigate }) {
     /** Show an event, in the window of its manoeuvre unless the present window shows it well. */
     function visit({ t, manoeuvre: number }) {
       const view = chart.window.view();
-      const manoeuvre =
-        manoeuvres[number] ?? manoeuvres.find(({ start, end }) => t >= start && t <= end);
+      const manoeuvre = manoeuvres[number] ?? manoeuvres.find(({ start, end }) => t >= start && t <= end);
       const isVisible = t >= view.start && t <= view.end;
-      const wide = manoeuvre && view.end - view.start > WIDE * (manoeuvre.end - manoeuvre.start);
-      if (manoeuvre && (wide || !isVisible)) visitManoeuvre(manoeuvres.indexOf(manoeuvre));
+      const isWide = manoeuvre && view.end - view.start > WIDE * (manoeuvre.end - manoeuvre.start);
+      if (manoeuvre && (isWide || !isVisible)) visitManoeuvre(manoeuvres.indexOf(manoeuvre));
       chart.setCursor(t);
     }
 
@@ -165,30 +147,27 @@ export function showScoring(element, { id, query, api, navigate }) {
 /** Monitors to replay beside the scoring's: those that scored the recording at their own epsilon. */
 function displayOf({ monitor, epsilon }, monitors, scorings) {
   const scorer = monitors.find(({ id }) => id === monitor);
-  const known = monitors.filter(({ id, epsilon: usual }) => id === monitor || scorings.some((other) => other.monitor === id && other.epsilon === usual));
-  const display = createDisplayChoice(scorer === undefined ? [] : known, " Listed: monitors that scored this recording with the same manoeuvres and their own ε.");
+  const hasScored = ({ id, epsilon: usual }) => scorings.some((other) => other.monitor === id && other.epsilon === usual);
+  const known = monitors.filter((other) => other.id === monitor || hasScored(other));
+  const display = createDisplayChoice(scorer === undefined ? [] : known, LISTED);
   if (scorer === undefined) display.element.hidden = true;
   else display.adapt({ ...scorer, epsilon });
   return display;
 }
 
 function actions({ api, navigate }, scoring, display) {
-  const { id: number, recording: id } = scoring;
+  const { id: number, recording: id, monitor, epsilon } = scoring;
   const base = `/api/v1/recordings/${id}/scorings/${number}`;
   const failure = errorLine();
   const replay = button("Replay", fly, { class: "button button-primary", ...needs("POST /flights") });
+  const exports = EXPORTS.map(([format, words]) =>
+    h("a", { class: "button", href: `${base}/export?format=${format}`, download: true }, words),
+  );
   return [
     replay,
     h("a", { class: "button", href: `${base}/report`, target: "_blank" }, "Report"),
-    h(
-      "span",
-      { class: "exports", role: "group", "aria-label": "Export" },
-      h("span", { class: "dim" }, "Export"),
-      EXPORTS.map(([format, words]) =>
-        h("a", { class: "button", href: `${base}/export?format=${format}`, download: true }, words),
-      ),
-    ),
-    link("Compare", `#/recordings/${id}?compare=${scoring.id}`),
+    h("span", { class: "exports", role: "group", "aria-label": "Export" }, h("span", { class: "dim" }, "Export"), exports),
+    link("Compare", `#/recordings/${id}?compare=${number}`),
     link("Recording", `#/recordings/${id}`),
     failure.element,
   ];
@@ -196,8 +175,7 @@ function actions({ api, navigate }, scoring, display) {
   async function fly() {
     replay.disabled = true;
     try {
-      const source = { kind: "recording", recording: id, scoring: scoring.id };
-      const { monitor, epsilon } = scoring;
+      const source = { kind: "recording", recording: id, scoring: number };
       await startFlight({ api, navigate }, { source, monitor, monitors: display.chosen(), epsilon });
     } catch (error) {
       failure.show(reason(error));
@@ -209,36 +187,58 @@ function actions({ api, navigate }, scoring, display) {
 function summary(scoring) {
   const { monitor_name: name, monitor, lead, manoeuvres, request } = scoring;
   const counts = Map.groupBy(manoeuvres, (manoeuvre) => verdictOf(manoeuvre).word);
-  const chips = [...counts.values()].map(({ length: n, 0: first }) => {
-    const { word, level, mark, text } = verdictOf(first);
-    return h(
-      "span",
-      { class: "chip", "data-level": level, title: text },
-      `${mark} ${n > 1 ? `${n} × ` : ""}${word}`,
-    );
-  });
-  const outside = outsideText(scoring);
+  const fact = (words, ...content) => h("span", {}, h("span", { class: "dim" }, words), content);
   return h(
     "div",
     { class: "row scored-summary" },
-    chips,
-    outside
-      ? h(
-          "span",
-          { class: "chip", "data-level": "caution", title: outside },
-          "◆ EXCEEDANCE OUTSIDE",
-        )
-      : null,
+    [...counts.values()].map(({ length: n, 0: first }) => outcomeChip(first, { n })),
+    outsideChip(scoring),
     sensorChip(scoring),
-    h(
-      "span",
-      {},
-      h("span", { class: "dim" }, "Monitor "),
-      h("a", { href: `#/monitors/${monitor}` }, name),
-      warningMark(scoring),
-    ),
+    fact("Monitor ", h("a", { href: `#/monitors/${monitor}` }, name), warningMark(scoring)),
     h("span", {}, formatted(alertRule(scoring))),
-    h("span", {}, h("span", { class: "dim" }, "promised lead time "), `${figure(lead)} s`),
-    h("span", {}, h("span", { class: "dim" }, "channels are "), trimText(request)),
+    fact("warning lead time ", `${figure(lead)} s`),
+    fact("channels are ", trimText(request)),
   );
+}
+
+/** How a scoring was made: hashes, request, mapping, processing. */
+function scoringFacts({ request, quality, notes, mapping, channels, ...scoring }) {
+  const rows = [
+    ["Samples, SHA-256", scoring.digest, true],
+    ["Monitor, SHA-256", scoring.monitor_digest, true],
+    ["Scored", moment(scoring.created)],
+    ["Samples", `${scoring.n_samples.toLocaleString("en")}, every ${figure(scoring.dt)} s`],
+    ["Trim", TRIMS[request.trim] ?? `mean of ${request.trim} s before the first input`],
+    ["Manoeuvres", WAYS[request.manoeuvres] ?? `${request.manoeuvres.length} marked by hand`],
+  ];
+  const sources = channels.map((channel) => [
+    `${channel.label} ${channel.symbol}`,
+    sourceText(mapping.channels[channel.key], channel),
+  ]);
+  const texts = [...notes, ...(quality?.sentences ?? [])];
+  const part = (title, content) => [h("h3", {}, title), content];
+  return h(
+    "details",
+    { class: "panel fold" },
+    h("summary", {}, "how this scoring was made: hashes, mapping, processing"),
+    h(
+      "div",
+      { class: "columns recipe-columns" },
+      h(
+        "div",
+        { class: "stack-tight" },
+        part("Request (same request, same samples)", recipeList(rows)),
+        part("Mapping", recipeList(sources)),
+      ),
+      h("div", { class: "stack-tight" }, part("Processing", sentences(texts) ?? h("p", { class: "dim" }, "None."))),
+    ),
+  );
+}
+
+function sourceText(source, channel) {
+  if (!source) return "not recorded";
+  if (source.derivation) return `derived (${source.derivation.replaceAll("_", " ")})`;
+  const sign = source.sign === -1 ? "−" : "";
+  const bias = source.bias ? `, bias of ${magnitudeIn(channel, source.bias)} removed` : "";
+  return `${sign}${source.signal} in ${source.unit}${bias}`;
 }

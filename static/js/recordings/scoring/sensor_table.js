@@ -8,15 +8,24 @@
 
 import { formatted, h } from "../../lib/dom.js";
 import { guideLink } from "../../lib/guide_link.js";
-import { tableHead } from "../../lib/lists.js";
+import { table } from "../../lib/lists.js";
 import { figure, formatValue } from "../../lib/numbers.js";
 import { followUnits, magnitude, shownIn } from "../../lib/units.js";
+import { chip } from "../../lib/view_states.js";
 
-const HEADS = [["Compared"], ["Scale"], ["Bias"], ["Delay"]];
+const checksOf = (quality) => quality?.compatibility ?? [];
 
 export function createSensorTable({ quality, channels }) {
   const checks = checksOf(quality);
   if (!checks.length) return null;
+  const channelOf = ({ channel }) => channels.find(({ key }) => key === channel);
+  const columns = [
+    ["Compared", ({ title }) => title, "name"],
+    ["Scale", ({ scale, unchecked }) => (scale ? interval(scale, figure) : h("span", { class: "dim" }, `not checked: ${unchecked}`))],
+    ["Bias", (check) => check.scale && biasOf(check.bias, channelOf(check))],
+    ["Delay", ({ scale, delay }) => scale && (delay ? `${interval(delay, (t) => formatValue(t))} s` : "–")],
+  ];
+  const shown = table({ columns, items: checks, group: withRemarks, classes: "sensor-table", panel: false });
   return h(
     "section",
     { class: "panel stack-tight", "aria-label": "Data compatibility" },
@@ -24,61 +33,23 @@ export function createSensorTable({ quality, channels }) {
       "div",
       { class: "row" },
       h("h2", { class: "panel-title" }, "Data compatibility ", guideLink("first-recording#what-is-checked", "what is checked")),
-      h(
-        "span",
-        { class: "dim" },
-        "Sensors compared by kinematics, with 95 % intervals. Changes no verdict.",
-      ),
+      h("span", { class: "dim" }, "Sensors compared by kinematics, with 95 % intervals. Changes no verdict."),
     ),
     h("p", { class: "hint" }, `${quality.compatibility_tolerances}.`),
-    h(
-      "div",
-      { class: "table-scroll" },
-      h(
-        "table",
-        { class: "table table-cards sensor-table" },
-        tableHead(HEADS),
-        checks.map((check) => bodyOf(check, channels)),
-      ),
-    ),
+    shown,
   );
 }
 
 export function sensorChip({ quality }) {
   const remarks = checksOf(quality).flatMap((check) => check.remarks);
-  if (!remarks.length) return null;
-  const title = `${remarks.join("; ")}.`;
-  return h("span", { class: "chip", "data-level": "caution", title }, "◆ DATA COMPATIBILITY: SEE REMARKS");
+  return remarks.length ? chip("◆ DATA COMPATIBILITY: SEE REMARKS", "caution", `${remarks.join("; ")}.`) : null;
 }
 
-function checksOf(quality) {
-  return quality?.compatibility ?? [];
-}
-
-function bodyOf({ channel, title, scale, bias, delay, unchecked, remarks }, channels) {
-  const cells = scale
-    ? [
-        cell(1, interval(scale, figure)),
-        cell(2, biasOf(bias, channels.find(({ key }) => key === channel))),
-        cell(3, delay ? `${interval(delay, (t) => formatValue(t))} s` : "–"),
-      ]
-    : h("td", { colspan: HEADS.length - 1, class: "dim" }, `not checked: ${unchecked}`);
-  return h(
-    "tbody",
-    { "data-remarked": String(remarks.length > 0) },
-    h("tr", {}, h("th", { scope: "row" }, title), cells),
-    remarks.map((words) =>
-      h(
-        "tr",
-        { class: "verdict-why" },
-        h("td", { colspan: HEADS.length, class: "sensor-remark" }, "◆ ", formatted(words)),
-      ),
-    ),
+function withRemarks({ remarks }, row) {
+  const lines = remarks.map((words) =>
+    h("tr", { class: "verdict-why" }, h("td", { colspan: row.children.length, class: "sensor-remark" }, "◆ ", formatted(words))),
   );
-}
-
-function cell(k, content) {
-  return h("td", { "data-label": HEADS[k][0] }, h("span", {}, content));
+  return h("tbody", { "data-remarked": String(remarks.length > 0) }, row, lines);
 }
 
 function biasOf(bias, channel) {

@@ -17,13 +17,12 @@ import { limitedFirst } from "../../charts/strips.js";
 export const TRIM_SEGMENT = "trim_segment";
 const MOST_BINS = 4000;
 
-export function readScoring(api, recording, id) {
-  const path = `/recordings/${encodeURIComponent(recording)}/scorings/${encodeURIComponent(id)}`;
-  return api.get(path);
-}
-
 export function readScorings(api, recording) {
   return api.get(`/recordings/${encodeURIComponent(recording)}/scorings`);
+}
+
+export function readScoring(api, recording, id) {
+  return api.get(`/recordings/${encodeURIComponent(recording)}/scorings/${encodeURIComponent(id)}`);
 }
 
 export function scoringSource(api, { recording, id, start, end, dt }, offset = 0) {

@@ -1,0 +1,242 @@
+/**
+ * Controls of every form, and how a form sends and shows why it was refused.
+ *
+ * Exports
+ *   select([[value, words]], attributes) -> <select>    an entry may be a node;   attributes.value: the chosen one
+ *   textInput(attributes), radio(words, attributes), checkbox(attributes)
+ *   fieldOf(control, {label, words, hint, path}) -> Field     {element, words, say(reason), focus()}
+ *     label: nodes.   words: the label in a sentence
+ *   labelled(label, control, {hint, unit}) -> Field
+ *   fieldset(title, ...content)    a numbered part of a form
+ *   fold(summary, ...content) -> <details>
+ *   fileInput({read(file) -> Promise, failure, ...attributes}) -> <input>    failure: an error line
+ *   pasteBox({label, fileLabel, hint, example, word, use(text) -> Promise}) -> [node]    text as pasted, or of a file
+ *   group({path: Field}, checks() -> [[Field, reason or ""]]) -> fields of createForm
+ *   refusal({fields, refuse}, error)    shows the error at the field that it names, else by refuse(words)
+ *   inWords(editors, message) -> string    with the labels in place of the program's names;  editors: Map path -> Field
+ *   createForm({title, word, route, content, fields, send, beside, classes, follow}) -> {element, go, refuse(words)}
+ *     fields: [{check() -> bool or Promise, editors}]     send() -> Promise; rejects with the reason
+ *     beside: nodes after the button.   follow: {api, keep, title(job), done(result, back)} where send() gives a job
+ */
+
+import { reason } from "../lib/api.js";
+import { h } from "../lib/dom.js";
+import { followInPlace } from "../lib/job_progress.js";
+import { needs } from "../lib/me.js";
+import { trueMinus } from "../lib/numbers.js";
+import { button, errorLine } from "../lib/view_states.js";
+
+let controls = 0;
+
+export function select(entries, { value, ...attributes } = {}) {
+  const options = entries
+    .filter(Boolean)
+    .map((entry) => (Array.isArray(entry) ? h("option", { value: entry[0] }, entry[1]) : entry));
+  const element = h("select", attributes, options);
+  if (value !== undefined) element.value = value;
+  return element;
+}
+
+export const textInput = (attributes = {}) => h("input", { type: "text", ...attributes });
+
+export const checkbox = (attributes = {}) => h("input", { type: "checkbox", ...attributes });
+
+export function radio(words, attributes, ...more) {
+  return h("label", { class: "radio" }, h("input", { type: "radio", ...attributes }), words, more);
+}
+
+export function fieldOf(control, { label, words, hint = "", title = null, path = null }) {
+  control.id ||= `field-${++controls}`;
+  const { id } = control;
+  const failure = h("p", { class: "error", id: `${id}-error`, hidden: true });
+  control.setAttribute("aria-describedby", `${id}-hint ${id}-error`);
+  control.addEventListener("input", () => say("")); // not on leaving it: what is about to be clicked would move
+  const element = h(
+    "div",
+    { class: "field", "data-path": path },
+    h("label", { for: id }, label),
+    control,
+    h("p", { class: "hint", id: `${id}-hint`, title }, hint),
+    failure,
+  );
+  return { element, words, say, focus };
+
+  function say(why) {
+    failure.textContent = why;
+    failure.hidden = !why;
+    if (why) control.setAttribute("aria-invalid", "true");
+    else control.removeAttribute("aria-invalid");
+  }
+
+  function focus() {
+    for (let outer = element.closest("details"); outer; outer = outer.parentElement.closest("details"))
+      outer.open = true;
+    control.focus();
+  }
+}
+
+export function labelled(label, control, { hint, unit } = {}) {
+  const words = [label, unit && h("span", { class: "unit" }, ` [${unit}]`)];
+  return fieldOf(control, { label: words, words: label, hint });
+}
+
+export function group(editors, checks = () => []) {
+  return { editors: new Map(Object.entries(editors)), check };
+
+  function check() {
+    const results = checks();
+    for (const [field, why] of results) field.say(why);
+    const [wrong] = results.find(([, why]) => why) ?? [];
+    wrong?.focus();
+    return wrong === undefined;
+  }
+}
+
+export function fieldset(title, ...content) {
+  return h("fieldset", { class: "panel stack" }, h("legend", {}, title), content);
+}
+
+export function fold(summary, ...content) {
+  return h("details", { class: "fold" }, h("summary", {}, summary), content);
+}
+
+export function fileInput({ read, failure, ...attributes }) {
+  const input = h("input", { type: "file", ...attributes, onchange: take });
+  return input;
+
+  async function take() {
+    const [file] = input.files;
+    if (!file) return;
+    failure.show("");
+    try {
+      await read(file);
+    } catch (error) {
+      failure.show(reason(error));
+    }
+    input.value = "";
+  }
+}
+
+export function pasteBox({ label, fileLabel, hint, example, word, use }) {
+  const failure = errorLine();
+  const text = h("textarea", { rows: 4, spellcheck: "false", class: "json", placeholder: example, "aria-label": label });
+  const file = fileInput({
+    accept: ".json,application/json",
+    "aria-label": fileLabel,
+    failure,
+    read: async (chosen) => {
+      text.value = await chosen.text();
+      await use(text.value);
+    },
+  });
+  const act = async () => {
+    failure.show("");
+    text.removeAttribute("aria-invalid");
+    try {
+      await use(text.value);
+    } catch (error) {
+      failure.show(reason(error));
+      text.setAttribute("aria-invalid", "true");
+    }
+  };
+  return [
+    h("p", { class: "hint" }, hint),
+    h("div", { class: "field" }, text),
+    h("div", { class: "row" }, button(word, act, { class: "button button-small" }), file),
+    failure.element,
+  ];
+}
+
+const lowered = (text) => text.charAt(0).toLowerCase() + text.slice(1);
+const raised = (text) => text.charAt(0).toUpperCase() + text.slice(1);
+const keyOf = (path) => path.split(".").at(-1);
+const escaped = (text) => text.replaceAll(".", "\\.");
+
+/** Names that people do not write; others name a parameter only before "=". */
+const isProgramName = (name) => /[_.]|^dt$/.test(name);
+
+/** Where a sentence names a parameter; Infinity where it does not. */
+function placeOf(path, sentence) {
+  if (new RegExp(`^${escaped(path)}(?!\\w)`).test(sentence)) return -path.length;
+  const key = keyOf(path);
+  const place = sentence.search(new RegExp(`(?<!\\w)${key}${isProgramName(key) ? "(?!\\w)" : "="}`));
+  return place < 0 ? Infinity : place;
+}
+
+function fieldNamed(editors, message) {
+  const places = [...editors].map(([path, field]) => [placeOf(path, lowered(message)), field]);
+  const [place, field] = places.reduce((best, other) => (other[0] < best[0] ? other : best), [Infinity, null]);
+  return Number.isFinite(place) ? field : null;
+}
+
+export function inWords(editors, message) {
+  const names = [...editors].flatMap(([path, { words }]) => [[path, words], [keyOf(path), words]]);
+  names.sort(([a], [b]) => b.length - a.length);
+  const [prefix] = lowered(message).match(/^[\w.]+(?=: )/) ?? [];
+  const isPart = prefix !== undefined && [...editors.keys()].some((path) => path.startsWith(`${prefix}.`));
+  let sentence = isPart ? message.slice(prefix.length + 2) : lowered(message);
+  for (const [name, words] of names) {
+    const found = new RegExp(`(?<![\\w.])${escaped(name)}(=${isProgramName(name) ? "|(?![\\w.])" : ""})`, "g");
+    sentence = sentence.replace(found, (_, sign) => (sign ? `${words} ` : words));
+  }
+  return trueMinus(message === lowered(message) ? sentence : raised(sentence));
+}
+
+export function refusal({ fields, refuse }, error) {
+  const editors = new Map(fields.flatMap((part) => [...part.editors]));
+  const message = reason(error);
+  const words = inWords(editors, message);
+  const field = error.status === 422 ? fieldNamed(editors, message) : null;
+  if (!field?.element.isConnected || field.element.closest("[hidden]")) return refuse(words);
+  field.say(words);
+  return field.focus();
+}
+
+export function createForm({ title, word, route, content, fields = [], send, beside, classes = "form", follow }) {
+  const failure = errorLine();
+  const go = h("button", { class: "button button-primary", type: "submit", ...needs(route) }, word);
+  const form = h(
+    "form",
+    { class: classes, novalidate: true, onsubmit: submit, "aria-label": title, "data-keeps-input": true },
+    content,
+    failure.element,
+    h("div", { class: classes === "form" ? "row form-end" : "row" }, go, beside),
+  );
+  const stage = follow ? h("div", { class: "stack" }, form) : form;
+  return { element: stage, form, go, refuse };
+
+  function refuse(words) {
+    failure.show(words);
+    if (words) failure.element.scrollIntoView({ block: "nearest" });
+  }
+
+  async function submit(event) {
+    event.preventDefault();
+    refuse("");
+    const checked = await Promise.all(fields.map((part) => part.check()));
+    if (!checked.every(Boolean)) return;
+    go.disabled = true;
+    try {
+      const job = await send();
+      if (follow) watch(job);
+    } catch (error) {
+      refusal({ fields, refuse }, error);
+    }
+    go.disabled = false;
+  }
+
+  function watch(job) {
+    const { title: titleOf, done, ...rest } = follow;
+    const editors = new Map(fields.flatMap((part) => [...part.editors]));
+    const progress = followInPlace({
+      ...rest,
+      form,
+      stage,
+      focus: go,
+      job,
+      title: titleOf(job),
+      worded: (words) => inWords(editors, words),
+      done: (result) => done(result, progress.back),
+    });
+  }
+}
