@@ -6,7 +6,7 @@
 import { createAlarmPanel } from "/static/js/fly/alarm_panel.js";
 import { decimal, decimals } from "/static/js/forms/decimals.js";
 import { changedChannels } from "/static/js/recordings/mapping/changes.js";
-import { outcomeOf, validityWords } from "/static/js/recordings/words.js";
+import { validityWords } from "/static/js/recordings/words.js";
 import { createRingBuffer } from "/static/js/charts/live/ring_buffer.js";
 import { createRiskGauge } from "/static/js/fly/assessment/risk_gauge.js";
 import { riskText } from "/static/js/lib/numbers.js";
@@ -103,7 +103,7 @@ Object.assign(window, {
   harness: {
     chart, gauge, timeline, tone, feed, frame, sample, pixels, loopStats, riskText,
     createRingBuffer, createTimeline, createValueAxis, createTone, createAlarmPanel,
-    decimal, decimals, changedChannels, outcomeOf, validityWords, EPSILON, CHANNELS,
+    decimal, decimals, changedChannels, validityWords, EPSILON, CHANNELS,
     draw: (wall) => chart.update(wall),
   },
 });

@@ -3,19 +3,16 @@
  *
  * Exports
  *   mappingState(recording) -> {word, level, text}
- *   outcomeOf(key) -> {word, level, mark, text}
- *   outcomeChip(manoeuvre, {n, verdict}) -> element    of n alike
- *   verdictOf(manoeuvre) -> as outcomeOf, with the exceedance and the lead time of its warning
+ *   outcomeChip(manoeuvre, n) -> element
  *   AS_RECORDED   the strips' word for an exceedance in the values as recorded only
  *   measuredBy(channels, key) -> channel
- *   outsideText(scoring) -> string    exceedances outside every manoeuvre, or "";  outsideChip(scoring),
- *     outsideLine(scoring, tag, classes) -> element | null
+ *   outsideChip(scoring), outsideLine(scoring, tag, classes) -> element | null    exceedances outside every manoeuvre
  *   validityWords(manoeuvre) -> {word, level, mark}
  *   peakText(manoeuvre, alertAbove, isTimed)
  *   alertRule({epsilon, alert_above}) -> string    the risk that alerts, and the epsilon that it keeps
  *   requestWords(request) -> string             manoeuvres and trim of a request
  *   trimText(request) -> string               the reference of the channels
- *   isWithdrawn(manoeuvre), firstAlertText(manoeuvre)
+ *   firstAlertText(manoeuvre)
  *   leadText(manoeuvre, promised) -> string     warning lead time against the promised one
  */
 
@@ -41,40 +38,9 @@ export function mappingState({ mapping_state: state, confirmed_over: over }) {
   return { word: "confirmed over a warning", level: "caution", text };
 }
 
-const OUTCOMES = {
-  timely_alert: ["LIMIT EXCEEDED, warned in time", "caution", "▲", "alert at least the warning lead time before the first exceedance"],
-  late_alert: ["LIMIT EXCEEDED, warned too late", "alert", "▲", "alert less than the warning lead time before the first exceedance"],
-  missed: ["LIMIT EXCEEDED, no warning", "alert", "▲", "an exceedance with no alert before it"],
-  false_alert: ["FALSE ALERT", "caution", "◆", "an alert, and no exceedance"],
-  quiet: ["QUIET", "ok", "✓", "no alert, and no exceedance"],
-  unseen: ["DATA MISSING", "caution", "◇", "data missing: a limit may have been exceeded"],
-  unknown: ["UNKNOWN", "caution", "◆", "the monitor does not record its limits"],
-  invalid: ["INVALID", "off", "✕", "the monitor does not apply to this manoeuvre"],
-};
-
-const NEITHER = {
-  invalid: "the monitor does not apply to this manoeuvre: neither a miss nor a catch",
-  unseen: "part of the manoeuvre was not recorded: neither a miss nor a catch",
-};
-
-export function outcomeOf(key) {
-  const unknown = () => [String(key ?? "not recorded").replaceAll("_", " ").toUpperCase(), "caution", "◆", ""];
-  const [word, level, mark, text] = OUTCOMES[key] ?? unknown();
-  return { word, level, mark, text };
-}
-
-/** Of one manoeuvre or several alike. An exceedance comes first, and is never green. */
-export function outcomeChip(manoeuvre, { n = 1, verdict = verdictOf(manoeuvre) } = {}) {
-  const { word, level, mark, text } = verdict;
-  return chip(`${mark} ${n > 1 ? `${n} × ` : ""}${word}`, level, text);
-}
-
-/** The server words an exceedance. One in the values as recorded only is put before the outcome. */
-export function verdictOf({ outcome, exceedance, exceedance_verdict: words }) {
-  const verdict = outcomeOf(outcome);
-  if (!words) return verdict;
-  if (!exceedance) return { ...verdict, word: `${words}; ${verdict.word}`, level: "caution", mark: "◆" };
-  return { ...verdict, word: words, level: outcome === "timely_alert" ? "caution" : "alert", mark: "▲", text: NEITHER[outcome] ?? verdict.text };
+/** The server words the outcome of each manoeuvre; an exceedance comes first.   n: alike */
+export function outcomeChip({ verdict: { sign, word, level, text } }, n = 1) {
+  return chip(`${sign} ${n > 1 ? `${n} × ` : ""}${word}`, level, text);
 }
 
 /** symbol: of the channel. */
@@ -82,7 +48,7 @@ export function measuredBy(channels, key) {
   return channels.find((channel) => channel.key === key) ?? { symbol: key };
 }
 
-export function outsideText({ outside_exceedances: outside, channels }) {
+function outsideText({ outside_exceedances: outside, channels }) {
   if (!outside.length) return "";
   const parts = outside.map(({ t, channel, value }) => {
     const measured = measuredBy(channels, channel);
@@ -131,7 +97,7 @@ export function trimText({ trim }) {
   return trim === null ? "as recorded, no trim subtracted" : "deviations from trim";
 }
 
-export function isWithdrawn({ outcome }) {
+function isWithdrawn({ outcome }) {
   return outcome === "invalid";
 }
 

@@ -5,6 +5,7 @@ from typing import Any
 
 from playwright.sync_api import Page, expect
 
+from app.assessment.outcome import OUTCOMES
 from core.monitor import Monitor
 from tests.browser.recorded_site import RecordedSite
 from tests.browser.recordings.scored_chart import drawn, pixels, press
@@ -62,7 +63,9 @@ def test_an_exceedance_outside_every_manoeuvre_is_told(
 ) -> None:
     path = f"/recordings/{recording}/scorings/{scoring['id']}"
     exceedance = {"t": 0.2, "channel": "Ny", "value": -0.21}
-    manoeuvres = [{**scoring["manoeuvres"][0], "outcome": "unseen"}]
+    words = OUTCOMES["unseen"]._asdict()
+    unseen = {"outcome": "unseen", "verdict": words, "outcome_words": words}
+    manoeuvres = [scoring["manoeuvres"][0] | unseen]
     told = {**scoring, "outside_exceedances": [exceedance], "manoeuvres": manoeuvres}
     page.route(f"**/api/v1{path}", lambda route: route.fulfill(json=told))
     page.goto(f"{site.http}/#{path.replace('/scorings/', '?scoring=')}")

@@ -13,7 +13,7 @@
 import { STATE_WORDS } from "../../lib/states.js";
 import { riskText, secondsText } from "../../lib/numbers.js";
 import { magnitudeIn, quantity } from "../../lib/units.js";
-import { AS_RECORDED, measuredBy, verdictOf } from "../words.js";
+import { AS_RECORDED, measuredBy } from "../words.js";
 
 export function eventsOf({ manoeuvres, outside_exceedances: outside, channels, alert_above: alertAbove, limits_in_force: inForce }) {
   return [
@@ -85,7 +85,7 @@ const wordOf = (limits) => (limits === null ? STATE_WORDS.limits_unknown : STATE
 export function laneOf(manoeuvres, { row = 0, offset = 0, id = "manoeuvre" } = {}) {
   return manoeuvres.map((manoeuvre, k) => {
     const { name, start, end } = manoeuvre;
-    const { word, level, mark, text } = verdictOf(manoeuvre);
+    const { word, level, sign, text } = manoeuvre.verdict;
     return {
       id: `${id}-${k}`,
       manoeuvre: k,
@@ -94,7 +94,7 @@ export function laneOf(manoeuvres, { row = 0, offset = 0, id = "manoeuvre" } = {
       end: end - offset,
       text: `${name}: ${word}`,
       short: `${k + 1}`,
-      mark,
+      mark: sign,
       level,
       title: `${name}: ${word}, ${text}`,
     };

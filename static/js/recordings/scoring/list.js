@@ -12,7 +12,7 @@ import { warningMark } from "../../lib/monitor_warnings.js";
 import { figure, moment, riskText } from "../../lib/numbers.js";
 import { button, chip, deleteButton, panel } from "../../lib/view_states.js";
 import { earlierMapping } from "../mapping/changes.js";
-import { outcomeChip, outcomeOf, outsideChip, requestWords, verdictOf } from "../words.js";
+import { outcomeChip, outsideChip, requestWords } from "../words.js";
 
 const MOST_CHIPS = 4;
 
@@ -107,8 +107,7 @@ function countChips(manoeuvres) {
   const hasExceeded = (manoeuvre) => Boolean(manoeuvre.exceedance ?? manoeuvre.recorded_exceedance);
   const alike = Map.groupBy(manoeuvres, (manoeuvre) => `${manoeuvre.outcome} ${hasExceeded(manoeuvre)}`);
   return [...alike.values()].map(({ length: n, 0: first }) => {
-    const verdict = verdictOf(first);
-    const { word } = first.lead === null ? verdict : outcomeOf(first.outcome); // their lead times differ
-    return chip(`${verdict.mark} ${n} × ${word}`, verdict.level);
+    const { word } = first.lead === null ? first.verdict : first.outcome_words; // their lead times differ
+    return outcomeChip({ verdict: { ...first.verdict, word } }, n);
   });
 }

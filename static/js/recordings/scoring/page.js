@@ -19,7 +19,7 @@ import { magnitudeIn } from "../../lib/units.js";
 import { button, empty, errorLine, link, pageOf } from "../../lib/view_states.js";
 import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
 import { createTrainingOffer } from "../training_offer.js";
-import { alertRule, outcomeChip, outsideChip, trimText, verdictOf } from "../words.js";
+import { alertRule, outcomeChip, outsideChip, trimText } from "../words.js";
 import { eventsOf, flagsOf, laneOf, limitsInForceOf, manoeuvresOf } from "./events.js";
 import { createSensorTable, sensorChip } from "./sensor_table.js";
 import { readScoring, readScorings, scoringSource, stripOrder, TRIM_SEGMENT } from "./source.js";
@@ -186,12 +186,12 @@ function actions({ api, navigate }, scoring, display) {
 
 function summary(scoring) {
   const { monitor_name: name, monitor, lead, manoeuvres, request } = scoring;
-  const counts = Map.groupBy(manoeuvres, (manoeuvre) => verdictOf(manoeuvre).word);
+  const counts = Map.groupBy(manoeuvres, ({ verdict }) => verdict.word);
   const fact = (words, ...content) => h("span", {}, h("span", { class: "dim" }, words), content);
   return h(
     "div",
     { class: "row scored-summary" },
-    [...counts.values()].map(({ length: n, 0: first }) => outcomeChip(first, { n })),
+    [...counts.values()].map(({ length: n, 0: first }) => outcomeChip(first, n)),
     outsideChip(scoring),
     sensorChip(scoring),
     fact("Monitor ", h("a", { href: `#/monitors/${monitor}` }, name), warningMark(scoring)),

@@ -16,7 +16,6 @@ import {
   leadText,
   measuredBy,
   outcomeChip,
-  outcomeOf,
   outsideLine,
   peakText,
   validityWords,
@@ -63,7 +62,8 @@ export function createVerdictTable(scoring, { show }) {
   /** Filter by outcome. */
   function filter() {
     const counts = [...Map.groupBy(manoeuvres, ({ outcome }) => outcome)];
-    const entries = counts.map(([key, { length: n }]) => [key, `${outcomeOf(key).word.toLowerCase()} (${n})`]);
+    const wordOf = ({ outcome_words: { word } }) => word.toLowerCase();
+    const entries = counts.map(([key, alike]) => [key, `${wordOf(alike[0])} (${alike.length})`]);
     const showOutcome = () =>
       bodies.forEach((body, k) => {
         body.hidden = choice.value !== "" && manoeuvres[k].outcome !== choice.value;
