@@ -205,6 +205,7 @@ def test_a_point_aborted_in_flight_links_to_its_recording(
     expect(row).to_contain_text(re.compile("◆ 66.%, aborted"))
     expect(row).to_contain_text("Ann")
     expect(row.get_by_role("link", name="recording")).to_be_visible()
+    expect(campaign.next).to_contain_text("The step before, 50%, was aborted: it reached 66")
 
 
 def test_the_list_follows_what_is_decided(campaign: Campaign) -> None:
