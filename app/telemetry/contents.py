@@ -24,6 +24,8 @@ LONGEST_NAME, LONGEST_TEXT = 200, 500
 """Most characters of a name, and of a description or note."""
 MOST_LISTED = 100
 """Most bad rows that are listed; the others are only counted."""
+BAD_ROWS_ALLOWED = 3
+"""Bad rows that are allowed even in a small table, if twice as many are good."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,43 @@ class BadRow:
     line: int
     reason: str
     text: str = ""
+
+
+@dataclass
+class BadRows:
+    """The bad rows so far. share: largest share of all rows."""
+
+    share: float
+    n: int = 0
+    listed: list[BadRow] = field(default_factory=list)
+
+    def add(self, line: int, reason: str, text: str) -> None:
+        self.n += 1
+        if len(self.listed) < MOST_LISTED:
+            shown = text if text.isprintable() else ascii(text[:200])[1:-1]
+            self.listed.append(BadRow(line, reason, shown[:80]))
+
+    def check(self, n_good: int, share_read: float = 1.0) -> None:
+        """Raise TelemetryError if there are too many.
+
+        share_read: of the file. Before its end it is only refused with a clear excess.
+        """
+        expected = (n_good + self.n) / share_read * (1.0 if share_read == 1.0 else 1.5)
+        few = min(BAD_ROWS_ALLOWED, n_good // 2)
+        if self.n <= max(self.share * expected, few):
+            return
+        first = "; ".join(f"line {row.line}: {row.reason}" for row in self.listed[:5])
+        rows = f"{n_good + self.n} rows" + (" so far" if share_read < 1.0 else "")
+        raise TelemetryError(
+            f"{self.n} of the {rows} cannot be read, more than {100 * self.share:g} % ({first}"
+            f"{'; ...' if self.n > 5 else ''}): repair them or export the file again"
+        )
+
+    def notes(self, n_good: int) -> list[str]:
+        if not self.n:
+            return []
+        percent = 100 * self.n / (n_good + self.n)
+        return [f"Dropped {self.n} of {n_good + self.n} rows ({percent:.2g} %) as unreadable."]
 
 
 @dataclass(frozen=True)
@@ -103,6 +142,7 @@ class ColumnWriter:
     most_bytes: int
     bad_share: float = 0.01
     notes: tuple[str, ...] = ()
+    bad: BadRows = field(init=False)
     _groups: list[Group] = field(default_factory=list)
     _times: dict[int, str] = field(default_factory=dict)
     _signals: list[Signal] = field(default_factory=list)
@@ -110,6 +150,9 @@ class ColumnWriter:
     _numbers: dict[str, int] = field(default_factory=dict)
     """By used name, the last number appended to it."""
     _bytes: int = 0
+
+    def __post_init__(self) -> None:
+        self.bad = BadRows(self.bad_share)
 
     def add_group(self, name: str = "", *, rate: float = 0.0, start: float = 0.0) -> int:
         """Start a group; return its number. rate, start: as in Group."""
@@ -169,8 +212,6 @@ class ColumnWriter:
         file_format: str,
         *,
         start: str = "",
-        bad_rows: tuple[BadRow, ...] = (),
-        n_bad_rows: int = 0,
         ignored: tuple[str, ...] = (),
         notes: tuple[str, ...] = (),
         limits: tuple[dict[str, Any], ...] = (),
@@ -195,8 +236,8 @@ class ColumnWriter:
             groups=tuple(groups),
             signals=tuple(self._signals),
             start=start,
-            bad_rows=bad_rows[:MOST_LISTED],
-            n_bad_rows=n_bad_rows or len(bad_rows),
+            bad_rows=tuple(self.bad.listed),
+            n_bad_rows=self.bad.n,
             ignored=tuple(printable(text, LONGEST_TEXT) for text in ignored),
             notes=tuple(printable(text, LONGEST_TEXT) for text in (*self.notes, *notes)),
             limits=limits,

@@ -4,13 +4,13 @@ A reader is a module with `read(path, writer) -> Contents`. It is imported in th
 it (app.telemetry.reading).
 """
 
+import codecs
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path, PurePath
 
 from app.telemetry.contents import ColumnWriter, Contents
-from app.telemetry.readers.text_tables.blocks import wide_encoding
 from app.telemetry.recording import TelemetryError
 
 READERS = "app.telemetry.readers"
@@ -102,6 +102,18 @@ def _is_ch10(head: bytes) -> bool:
 def _is_journal(head: bytes) -> bool:
     line = head.partition(b"\n")[0]
     return line.startswith(b'{"format":') and b'"flight":' in line and b'"began":' in line
+
+
+def wide_encoding(head: bytes) -> str:
+    """UTF-16 by its byte order mark, or by zeros in every other byte; else ""."""
+    if head.startswith(codecs.BOM_UTF16_LE):
+        return "utf-16-le"
+    if head.startswith(codecs.BOM_UTF16_BE):
+        return "utf-16-be"
+    even, odd = head[::2].count(0), head[1::2].count(0)
+    if max(even, odd) > 0.4 * len(head) and min(even, odd) == 0:
+        return "utf-16-le" if odd else "utf-16-be"
+    return ""
 
 
 def _is_text(head: bytes) -> bool:

@@ -17,7 +17,6 @@ import numpy as np
 
 from app.telemetry.contents import ColumnWriter, Contents
 from app.telemetry.readers.signal_tables import listed
-from app.telemetry.readers.text_tables.rows import BadRows
 from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import TARGETS
 from app.telemetry.units import convert
@@ -37,7 +36,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
 
     An incomplete last line is dropped; so are damaged lines, up to the writer's share.
     """
-    bad, notes, n_good, number = BadRows(writer.bad_share), list[str](), 0, 1
+    bad, notes, n_good, number = writer.bad, list[str](), 0, 1
     with path.open("rb") as file:
         header = _plain(_line(file))
         if header is None:
@@ -68,8 +67,6 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
     return writer.finish(
         "journal",
         start=_time_zero(header, rows.zero),
-        bad_rows=tuple(bad.listed),
-        n_bad_rows=bad.n,
         ignored=listed(ignored),
         notes=(*notes, *bad.notes(n_good)),
         limits=tuple(limits),

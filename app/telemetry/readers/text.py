@@ -1,20 +1,29 @@
 """Read text tables with comma, semicolon, tab, bar or blanks between cells."""
 
+from collections.abc import Iterator
 from itertools import chain
+from math import nan
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 
 from app.telemetry.contents import ColumnWriter, Contents
-from app.telemetry.readers.text_tables.blocks import blocks, pieces
-from app.telemetry.readers.text_tables.layout import Layout, find_layout
-from app.telemetry.readers.text_tables.parser import BlockParser, Rows, finite
-from app.telemetry.readers.text_tables.rows import BadRows, RowReader
-from app.telemetry.readers.text_tables.times import Array, ElapsedTime, times_of
+from app.telemetry.readers.text_tables.blocks import BLOCK_SIZE, Columns, blocks, parsed, pieces
+from app.telemetry.readers.text_tables.layout import (
+    MISSING,
+    Layout,
+    TextColumn,
+    cells,
+    comment,
+    find_layout,
+    number,
+)
+from app.telemetry.readers.text_tables.times import ElapsedTime, times_of
+from core.types import Array
 
 HEAD_BYTES = 2**18
-PIECE_BYTES = 2**16
+PIECE_BYTES = 2**14
 """A block that cannot be parsed is retried in pieces of this size, then row by row."""
 
 
@@ -34,8 +43,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
         for at, block in chain([(layout.first_line, rows)], stream):
             table.add(at, block)
             if (share := file.tell() / size) < 1.0:
-                table.bad.check(table.n_rows, share)
-    table.bad.check(table.n_rows)
+                writer.bad.check(table.n_rows, share)
     return table.finish()
 
 
@@ -48,45 +56,48 @@ def decoded(text: bytes) -> str:
 
 
 class _Table:
-    """Passes the columns of a table from blocks of text to the writer."""
+    """Passes the columns of a table from blocks of text to the writer.
+
+    A block of good rows is parsed at once; of any other, each bad row is found and dropped.
+    """
 
     def __init__(self, layout: Layout, writer: ColumnWriter) -> None:
-        self._columns, self._notes, self._writer = layout.columns, layout.notes, writer
+        self._layout, self._columns, self._writer = layout, layout.columns, writer
         self._wanted = [i for i, column in enumerate(layout.columns) if column.kind != "text"]
         self._clocks = {
             i: ElapsedTime(c.form, c.example) for i, c in enumerate(layout.columns) if c.form
         }
-        self._parser = BlockParser(layout)
-        self.bad = BadRows(writer.bad_share)
-        unfilled = {i for i in self._wanted if not layout.columns[i].example}
-        self._rows = RowReader(layout, self.bad, unfilled)
+        self._unfilled = {i for i in self._wanted if not layout.columns[i].example}
+        """Columns without a number so far; a cell of text makes one a column of text."""
+        self._turned_text: dict[int, tuple[int, str]] = {}
+        """By such a column, the line and cell of its first text."""
         self.n_rows = 0
         group = writer.add_group()
         # times as text are the table's time, unless they repeat from row to row
         fine = next((i for i in self._clocks if not layout.columns[i].coarse), None)
         self._clock = self._clocks.get(fine if fine is not None else min(self._clocks, default=-1))
-        self._signals = {
-            i: writer.add_signal(
-                group, layout.columns[i].name, layout.columns[i].unit, time=i == fine
-            )
-            for i in self._wanted
-        }
+        self._signals = [*self._wanted]
+        for i in self._signals:
+            column = layout.columns[i]
+            writer.add_signal(group, column.name, column.unit, time=i == fine)
 
     def add(self, line: int, block: bytes) -> None:
         """Append the good rows of a block of whole lines; its first line has number `line`."""
-        parts = self._parsed(line, block)
-        for i, signal in self._signals.items():
-            values = [self._values(i, part) for part in parts]
-            self._writer.append(signal, np.concatenate(values) if values else ())
-        self.n_rows += sum(part.n for part in parts)
+        parts = [*self._parts(line, block, BLOCK_SIZE)]
+        for signal, values in enumerate(np.concatenate(parts, axis=1) if parts else ()):
+            self._writer.append(signal, values)
+        self.n_rows += sum(part.shape[1] for part in parts)
 
     def finish(self) -> Contents:
+        """Complete the columns. TelemetryError if too many rows are bad or too few good."""
+        bad = self._writer.bad
+        bad.check(self.n_rows)
         ignored = [
             f"{column.name}: text such as {column.example!a}"
             for column in self._columns
             if column.kind == "text" and column.example
         ]
-        for i, (line, cell) in self._rows.turned_text.items():
+        for i, (line, cell) in self._turned_text.items():
             ignored.append(f"{self._columns[i].name}: text from line {line} on, {cell[:40]!a}")
         times = [n for i, c in self._clocks.items() for n in c.notes(self._columns[i].name)]
         coarse = [
@@ -97,51 +108,73 @@ class _Table:
         return self._writer.finish(
             "csv",
             start=self._clock.start() if self._clock else "",
-            bad_rows=tuple(self.bad.listed),
-            n_bad_rows=self.bad.n,
             ignored=tuple(ignored),
-            notes=(*self._notes, *times, *coarse, *self.bad.notes(self.n_rows)),
+            notes=(*self._layout.notes, *times, *coarse, *bad.notes(self.n_rows)),
         )
 
-    def _parsed(self, line: int, block: bytes) -> list[Rows]:
+    def _parts(self, line: int, block: bytes, size: int) -> Iterator[Array]:
+        """The signals (signals, n) of a block, or of its pieces if it has bad rows."""
         try:
-            return [self._with_fill(self._parser.parse(block, self._wanted))]
+            n, columns = parsed(block, self._layout, self._wanted)
         except ValueError:
-            pass
-        parts = []
-        for at, piece in pieces(line, block, PIECE_BYTES):
-            try:
-                part = self._with_fill(self._parser.parse(piece, self._wanted))
-            except ValueError:
-                part = self._row_by_row(at, piece)
-            parts.append(part)
-        return parts
+            if size > PIECE_BYTES:
+                for at, piece in pieces(line, block, PIECE_BYTES):
+                    yield from self._parts(at, piece, PIECE_BYTES)
+                return
+            n, columns = self._row_by_row(line, block)
+        part = np.full((len(self._signals), n), nan)
+        for k, i in enumerate(self._signals):
+            values = columns.get(i, nan)
+            part[k] = self._clocks[i].seconds(values) if isinstance(values, tuple) else values
+            if i in self._unfilled and not np.isnan(part[k]).all():
+                self._unfilled.discard(i)
+        yield part
 
-    def _row_by_row(self, line: int, piece: bytes) -> Rows:
-        rows = self._rows.read(line, decoded(piece), self._wanted)
-        columns = zip(*rows, strict=True) if rows else ()
-        result = Rows(len(rows), {})
-        for i, values in zip(self._wanted, columns, strict=False):
-            form = self._columns[i].form
-            if form:
-                result.columns[i] = times_of(
-                    pa.chunked_array([pa.array(values, pa.string())]), form
-                )
+    def _row_by_row(self, line: int, piece: bytes) -> tuple[int, Columns]:
+        """The good rows; the others are noted with their faults."""
+        sign, rows = comment(self._layout.delimiter), list[list[float | str | None]]()
+        for at, text in enumerate(decoded(piece).split("\n"), line):
+            if text.strip(" \t\f\v\x1a") and not sign.match(text):
+                try:
+                    rows.append(self._values(at, text))
+                except ValueError as error:
+                    self._writer.bad.add(at, str(error), text)
+        columns: dict[int, Array | tuple] = {}
+        for i, values in zip(self._wanted, zip(*rows, strict=True), strict=False):
+            if form := self._columns[i].form:
+                columns[i] = times_of(pa.chunked_array([pa.array(values, pa.string())]), form)
             else:
-                result.columns[i] = finite(np.array(values, float))
-        self._wanted = [i for i in self._wanted if i not in self._rows.turned_text]
-        return result
+                columns[i] = np.array(values, float)
+        self._wanted = [i for i in self._wanted if i not in self._turned_text]
+        return len(rows), columns
 
-    def _with_fill(self, part: Rows) -> Rows:
-        """The rows, after noting which columns now have numbers."""
-        unfilled = self._rows.unfilled
-        unfilled -= {
-            i for i in unfilled & part.columns.keys() if not np.isnan(part.columns[i]).all()
-        }
-        return part
+    def _values(self, line: int, text: str) -> list[float | str | None]:
+        """Numbers, or times as text with None if missing; ValueError with the fault of the row."""
+        row, width = cells(text, self._layout.delimiter), len(self._columns)
+        if len(row) == width - 1 and self._columns[-1].is_padding:
+            row.append("")
+        if len(row) != width and not (len(row) == width + 1 and not row[-1]):
+            raise ValueError(f"{len(row)} cells instead of {width}")
+        values: list[float | str | None] = []
+        for i in self._wanted:
+            column, cell = self._columns[i], row[i]
+            if column.form:
+                if cell not in MISSING and not column.form.parts(cell):
+                    raise ValueError(_not_a(column.form.title, column, cell))
+                values.append(None if cell in MISSING else cell)
+                continue
+            value = number(cell, self._layout.decimal)
+            if value is None:
+                if i not in self._unfilled:
+                    raise ValueError(_not_a("number", column, cell))
+                self._turned_text.setdefault(i, (line, cell))
+            values.append(nan if value is None or i in self._turned_text else value)
+        filled = zip(self._wanted, values, strict=True)
+        self._unfilled -= {i for i, v in filled if v == v and i not in self._turned_text}
+        return values
 
-    def _values(self, i: int, part: Rows) -> Array:
-        values = part.columns.get(i)
-        if values is None:
-            return np.full(part.n, np.nan)
-        return self._clocks[i].seconds(values) if isinstance(values, tuple) else values
+
+def _not_a(expected: str, column: TextColumn, cell: str) -> str:
+    if "\ufffd" in cell or "\0" in cell:
+        return f"unreadable bytes in column {column.name}"
+    return f"{cell[:40]!a} in column {column.name} is not a {expected}"

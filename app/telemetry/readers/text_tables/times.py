@@ -1,5 +1,6 @@
-"""Convert columns of times as text to seconds since the first time."""
+"""Times as text: dates, days of the year and clocks, as seconds since the first time."""
 
+import re
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
@@ -9,14 +10,87 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute
 
-from app.telemetry.readers.text_tables.time_forms import DAY, RANGES, SECOND, YEAR, TimeForm
 from core.types import Array, Flags
 
+SECOND = 1_000_000_000
+DAY = 86_400 * SECOND
+YEAR = 365 * DAY
+CLOCK = (
+    r"(?P<hour>\d{1,2}):(?P<minute>\d{2}):(?P<second>\d{2})(?:[.,](?P<fraction>\d{1,9})\d*)?"
+    r"\s?(?P<zone>Z|UTC|GMT|[+-]\d{2}(?::?\d{2})?)?"
+)
+RANGES = {
+    "year": (1900, 2150),  # differences in nanoseconds have 64 bits
+    "month": (1, 12),
+    "day": (1, 31),
+    "ordinal": (1, 366),
+    "hour": (0, 24),
+    "minute": (0, 59),
+    "second": (0, 60),
+}
 Nanoseconds = npt.NDArray[np.int64]
 Times = tuple[Nanoseconds, Flags]
 """(n,) since 1970 or the zero of the form [ns], and (n,) whether they are known."""
 compute: Any = pyarrow.compute
 """Typed as Any, because pyarrow creates its functions on import."""
+
+
+@dataclass(frozen=True)
+class TimeForm:
+    """A form of times. period: after which the text repeats [ns], 0 for never.
+
+    plain: prefix that makes the text ISO 8601, None if there is none.
+    """
+
+    title: str
+    pattern: str
+    period: int = 0
+    plain: str | None = None
+
+    def parts(self, cell: str) -> dict[str, str | None] | None:
+        """The parts of a time in this form, each number within its range; None for others."""
+        match = re.fullmatch(self.pattern, cell, re.ASCII)
+        parts = match.groupdict() if match else {}
+        in_range = all(RANGES[n][0] <= int(parts[n]) <= RANGES[n][1] for n in RANGES if n in parts)
+        return parts if parts and in_range else None
+
+
+TIME_FORMS = (
+    TimeForm(
+        "date and time",
+        rf"(?P<year>\d{{4}})[-/](?P<month>\d{{1,2}})[-/](?P<day>\d{{1,2}})(?:T| +){CLOCK}",
+        plain="",
+    ),
+    TimeForm(
+        "date and time",
+        rf"(?P<day>\d{{1,2}})\.(?P<month>\d{{1,2}})\.(?P<year>\d{{4}})(?:T| +){CLOCK}",
+    ),
+    TimeForm(
+        "year, day of the year and time",
+        rf"(?P<year>\d{{4}})[-:/ ](?P<ordinal>\d{{3}})[-:T ]{CLOCK}",
+    ),
+    TimeForm("day of the year and time", rf"(?P<ordinal>\d{{1,3}})[-:/T ]{CLOCK}", YEAR),
+    TimeForm("time of day", CLOCK, DAY, plain="1970-01-01T"),
+    TimeForm(
+        "time of day",
+        r"(?P<hour>\d{1,2}):(?P<minute>\d{2}):(?P<second>\d{2}):(?P<fraction>\d{3,9})",
+        DAY,
+    ),
+    TimeForm(
+        "time in minutes and seconds",
+        r"(?P<minute>\d{1,2}):(?P<second>\d{2})[.,](?P<fraction>\d{1,9})",
+        3600 * SECOND,
+    ),
+)
+
+
+def is_time(cell: str) -> bool:
+    return ":" in cell and any(form.parts(cell) for form in TIME_FORMS)
+
+
+def form_of(cells: list[str]) -> TimeForm:
+    """The form of most of the cells."""
+    return max(TIME_FORMS, key=lambda form: sum(form.parts(cell) is not None for cell in cells))
 
 
 def times_of(texts: pa.ChunkedArray, form: TimeForm) -> Times:
@@ -32,21 +106,25 @@ def times_of(texts: pa.ChunkedArray, form: TimeForm) -> Times:
     is_bad = known & ~compute.is_valid(matched).to_numpy()
     if is_bad.any():
         raise ValueError(f"row {int(is_bad.argmax())} is not a {form.title}")
-    names = [matched.type.field(i).name for i in range(matched.type.num_fields)]
-    parts = {name: compute.struct_field(matched, name) for name in names}
-    numbers = {
-        name: _integers(compute.utf8_rpad(part, 9, "0") if name == "fraction" else part, known)
-        for name, part in parts.items()
-        if name != "zone"
-    }
-    return _since_zero(numbers, known) - _zone(parts.get("zone")), known
-
-
-def _since_zero(part: dict[str, Nanoseconds], known: npt.NDArray) -> Nanoseconds:
-    """Times [ns] from the parts; ValueError if one is out of its range."""
+    parts: dict[str, Nanoseconds] = {}
+    for column in matched.type:
+        part = compute.fill_null(compute.struct_field(matched, column.name), "")
+        if column.name == "zone":
+            offsets = {text: _offset(text) for text in part.unique().to_pylist()}
+            parts["zone"] = np.array([offsets[text] for text in part.to_pylist()], np.int64)
+            continue
+        if column.name == "fraction":
+            part = compute.utf8_rpad(part, 9, "0")
+        filled = compute.if_else(compute.equal(part, ""), "0", part)
+        parts[column.name] = compute.cast(filled, pa.int64()).to_numpy()
     for name, (low, high) in RANGES.items():
-        if name in part and ((part[name] > high) | (part[name] < low))[known].any():
+        if name in parts and ((parts[name] > high) | (parts[name] < low))[known].any():
             raise ValueError(f"a {name} out of {low} to {high}")
+    return np.where(known, _since_zero(parts), 0), known
+
+
+def _since_zero(part: dict[str, Nanoseconds]) -> Nanoseconds:
+    """Times [ns] from their parts, in UTC if the zone is known."""
     zero = np.int64(0)
     days = part["ordinal"] - 1 if "ordinal" in part else zero
     if "year" in part:
@@ -54,30 +132,15 @@ def _since_zero(part: dict[str, Nanoseconds], known: npt.NDArray) -> Nanoseconds
         days = days + months.astype("M8[M]").astype("M8[D]").astype(np.int64)
         days = days + part["day"] - 1 if "day" in part else days
     seconds = ((days * 24 + part.get("hour", zero)) * 60 + part["minute"]) * 60 + part["second"]
-    return seconds * SECOND + part.get("fraction", zero)
+    return seconds * SECOND + part.get("fraction", zero) - part.get("zone", zero)
 
 
-def _zone(texts: pa.ChunkedArray | None) -> Nanoseconds | int:
-    """Offset of the clock from UTC [ns]."""
-    if texts is None:
-        return 0
-    offsets = {text: _offset(text) for text in texts.unique().to_pylist()}
-    if len(offsets) == 1:
-        return next(iter(offsets.values()))
-    return np.array([offsets[text] for text in texts.to_pylist()], np.int64)
-
-
-def _offset(zone: str | None) -> int:
-    if not zone or zone[0] not in "+-":
+def _offset(zone: str) -> int:
+    """Offset of a clock from UTC [ns]."""
+    if zone[:1] not in ("+", "-"):
         return 0
     digits = zone[1:].replace(":", "").ljust(4, "0")
-    minutes = int(digits[:2]) * 60 + int(digits[2:])
-    return (-1 if zone[0] == "-" else 1) * minutes * 60 * SECOND
-
-
-def _integers(texts: pa.ChunkedArray, known: npt.NDArray) -> Nanoseconds:
-    filled = compute.if_else(compute.equal(texts, ""), "0", texts)
-    return np.where(known, compute.fill_null(compute.cast(filled, pa.int64()), 0).to_numpy(), 0)
+    return int(zone[0] + "1") * (int(digits[:2]) * 60 + int(digits[2:])) * 60 * SECOND
 
 
 @dataclass
@@ -122,7 +185,7 @@ class ElapsedTime:
             return ""
         text = str(np.datetime64(self.origin, "ns"))
         text = text.rstrip("0").rstrip(".") if "." in text else text
-        text += "Z" * self.form.has_zone(self.example)
+        text += "Z" * bool((self.form.parts(self.example) or {}).get("zone"))
         if not self.form.period:
             return text
         clock = text.partition("T")[2]
