@@ -32,13 +32,18 @@ export function nextPoint({ api, path, campaign, running, again }) {
   const { is_first: isFirst } = campaign;
   let progress = null;
   const failure = errorLine();
-  const by = textInput({ maxlength: 200, value: remembered(NAME_KEY) ?? "", onchange: () => remember(NAME_KEY, by.value.trim()) });
+  const by = textInput({
+    maxlength: 200,
+    value: remembered(NAME_KEY) ?? "",
+    onchange: () => remember(NAME_KEY, by.value.trim()),
+  });
   const byField = labelled("your name", by);
   const why = textInput({ maxlength: 2000 });
   const whyField = labelled("reason", why);
   const boxes = campaign.checklist.map(() => checkbox({ onchange: follow }));
   const flown = flownForm(api, act);
-  const decide = (word, action, look) => button(word, () => act(action), { ...look, ...needs(`POST /campaigns/{}/${action}`) });
+  const decide = (word, action, look) =>
+    button(word, () => act(action), { ...look, ...needs(`POST /campaigns/{}/${action}`) });
   const start = (word, kind, look) => button(word, () => work(kind), { ...look, ...needs(`POST /campaigns/{}/${kind}`) });
   const confirm = decide(isFirst ? "Clear" : "Confirm as cleared", "confirm", PRIMARY);
   const compute = start(clearing ? "Compute clearance again" : "Compute clearance", "clearance", clearing ? {} : PRIMARY);
@@ -197,13 +202,20 @@ function flownForm(api, send) {
   const failure = errorLine();
   const element = fold(
     "Attach the flight recording",
-    h("div", { class: "field-grid" }, [chosen, ...ends].map((field) => field.element)),
+    h(
+      "div",
+      { class: "field-grid" },
+      [chosen, ...ends].map((field) => field.element),
+    ),
     failure.element,
     h(
       "div",
       { class: "row" },
       button("Complete", () => give("flown"), PRIMARY),
-      button("Aborted in flight", () => give("abort"), { class: "button button-danger", ...needs("POST /campaigns/{}/abort") }),
+      button("Aborted in flight", () => give("abort"), {
+        class: "button button-danger",
+        ...needs("POST /campaigns/{}/abort"),
+      }),
       link("Upload a recording", "#/recordings"),
     ),
   );

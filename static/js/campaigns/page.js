@@ -53,7 +53,11 @@ export function showCampaign(element, { id, api, navigate }) {
         link("All campaigns", "#/campaigns"),
         h("a", { class: "button", href: `/api/v1${path}/report`, ...NEW_TAB }, "Card and report"),
         h("a", { class: "button", href: `/api/v1${path}/file`, download: `campaign-${id}.json` }, "Download"),
-        h("a", { class: "button", href: `#/campaigns/${id}?add`, ...needs("POST /campaigns/{}/conditions") }, "Add a flight condition"),
+        h(
+          "a",
+          { class: "button", href: `#/campaigns/${id}?add`, ...needs("POST /campaigns/{}/conditions") },
+          "Add a flight condition",
+        ),
         guideLink("campaigns#clearance", "clearance"),
         deleteButton({
           api,
@@ -65,7 +69,12 @@ export function showCampaign(element, { id, api, navigate }) {
         }),
       ],
       h("p", { class: "dim" }, campaign.aircraft.join("; ")),
-      h("div", { class: "figures campaign-figures" }, next.element, conditions.map(({ name }) => buildUp(points, name))),
+      h(
+        "div",
+        { class: "figures campaign-figures" },
+        next.element,
+        conditions.map(({ name }) => buildUp(points, name)),
+      ),
       table({ columns: POINTS, items: points, row: ({ name }) => ({ "data-point": name }) }),
       isComputed &&
         h(

@@ -12,7 +12,14 @@
 import { percent } from "../lib/numbers.js";
 import { chip } from "../lib/view_states.js";
 
-const LEVELS = { planned: "off", "on condition": "caution", cleared: "ok", hold: "alert", complete: "advisory", aborted: "off" };
+const LEVELS = {
+  planned: "off",
+  "on condition": "caution",
+  cleared: "ok",
+  hold: "alert",
+  complete: "advisory",
+  aborted: "off",
+};
 
 export function stateChip(state) {
   return chip(state, LEVELS[state]);

@@ -100,7 +100,12 @@ function amplitudeSuggestion(fields, api) {
     go.disabled = true;
     words.textContent = "Flying a pilot run…";
     try {
-      const { maneuver, amplitude_deg: amplitude, share, n_rollouts: n } = await api.post("/datasets/amplitude", fields.read());
+      const {
+        maneuver,
+        amplitude_deg: amplitude,
+        share,
+        n_rollouts: n,
+      } = await api.post("/datasets/amplitude", fields.read());
       fields.put("maneuver", maneuver);
       words.textContent = `${figure(amplitude)} deg: ${percent(share, 0)} of ${n} pilot rollouts exceed a limit`;
     } catch (error) {

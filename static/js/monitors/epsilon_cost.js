@@ -43,7 +43,15 @@ export function createEpsilonCost({ monitor, calibrations, evaluation, changed }
   const points = pointsOf(monitor, evaluation);
   const own = points.findIndex(({ epsilon }) => Math.abs(epsilon - monitor.epsilon) < SAME);
   const last = points.length - 1;
-  const slider = h("input", { type: "range", min: 0, max: last, step: 1, id: "epsilon", class: "epsilon-slider", oninput: move });
+  const slider = h("input", {
+    type: "range",
+    min: 0,
+    max: last,
+    step: 1,
+    id: "epsilon",
+    class: "epsilon-slider",
+    oninput: move,
+  });
   slider.value = Math.max(own, 0);
   const reading = h("output", { for: "epsilon", class: "epsilon-reading" });
   const rule = h("p", { class: "dim" });
@@ -61,7 +69,12 @@ export function createEpsilonCost({ monitor, calibrations, evaluation, changed }
     h(
       "div",
       { class: "row" },
-      h("h2", { class: "panel-title", id: "epsilon-title" }, "What an epsilon costs ", guideLink("what-the-numbers-mean#epsilon", "epsilon")),
+      h(
+        "h2",
+        { class: "panel-title", id: "epsilon-title" },
+        "What an epsilon costs ",
+        guideLink("what-the-numbers-mean#epsilon", "epsilon"),
+      ),
       reading,
     ),
     h("label", { for: "epsilon", class: "hint" }, "epsilon: accepted share of missed failures"),
@@ -115,7 +128,9 @@ export function createEpsilonCost({ monitor, calibrations, evaluation, changed }
 
 /** Each test flight is in one count. Flights called INVALID are neither missed nor quiet. */
 function countsInWords({ misses, withdrawn, false_alerts, safe_withdrawn }, { n_unsafe, n_safe }) {
-  const among = (total, parts) => parts.map(([n, words]) => `${n.toLocaleString("en")} ${words}`).join(", ") + `, of ${total.toLocaleString("en")}`;
+  const among = (total, parts) =>
+    parts.map(([n, words]) => `${n.toLocaleString("en")} ${words}`).join(", ") +
+    `, of ${total.toLocaleString("en")}`;
   if (withdrawn === undefined || safe_withdrawn === undefined)
     return "Flights called INVALID were not counted; they are among those without an alert.";
   return (

@@ -59,9 +59,16 @@ export function showMonitor(element, { id, api, navigate }) {
     return pageOf(
       monitor.name,
       [
-        button("Fly", () => navigate(`#/fly?monitor=${id}&epsilon=${cost.epsilon}`), { class: "button button-primary" }),
+        button("Fly", () => navigate(`#/fly?monitor=${id}&epsilon=${cost.epsilon}`), {
+          class: "button button-primary",
+        }),
         h("a", { class: "button", href: `/api/v1/monitors/${id}/file`, download: true }, "Download"),
-        evaluation && h("a", { class: "button", href: `/api/v1/monitors/${id}/certificate`, target: "_blank" }, "Certificate"),
+        evaluation &&
+          h(
+            "a",
+            { class: "button", href: `/api/v1/monitors/${id}/certificate`, target: "_blank" },
+            "Certificate",
+          ),
         predictor?.kind !== "combination" && again(),
         deleteButton({
           api,
@@ -172,7 +179,10 @@ function groups(evaluation, calibration, catalog) {
 
 function guarantee(monitor, { groups: promised, alphas }) {
   const lead = figure(monitor.lead);
-  const holds = monitor.recipe.guarantee === "95%" ? "with 95 % confidence in this monitor" : "on average over calibration sets";
+  const holds =
+    monitor.recipe.guarantee === "95%"
+      ? "with 95 % confidence in this monitor"
+      : "on average over calibration sets";
   const points = [
     `The promise holds ${holds}, for flights like the simulated ones: this aircraft with its uncertainty, this manoeuvre, this simulated pilot.`,
     `Timely: at least ${lead} s before the first exceedance. Later alerts do not count.`,

@@ -58,7 +58,10 @@ function testOf(catalog, kind, shown) {
   const { usual_test: test, default: aircraft } = catalog.families.aircraft.entries[kind];
   const usual = { ...dataset.usual, ...test, aircraft: { kind, ...aircraft } };
   usual.maneuver = { ...usual.maneuver, ...scatterOf(dataset, "as_flown") };
-  const merged = Object.entries(shown).map(([key, value]) => [key, isSame(usual[key], value) ? { ...usual[key], ...value } : value]);
+  const merged = Object.entries(shown).map(([key, value]) => [
+    key,
+    isSame(usual[key], value) ? { ...usual[key], ...value } : value,
+  ]);
   return { ...usual, ...Object.fromEntries(merged) };
 }
 

@@ -59,7 +59,14 @@ function showRecordings(element, { api, navigate }) {
 
     function columnsOf(all) {
       return [
-        ["Name", (recording) => [h("a", { href: `#/recordings/${recording.id}` }, recording.name), twinMark(recording, all)], "name"],
+        [
+          "Name",
+          (recording) => [
+            h("a", { href: `#/recordings/${recording.id}` }, recording.name),
+            twinMark(recording, all),
+          ],
+          "name",
+        ],
         ["Aircraft", ({ aircraft }) => aircraft ?? h("span", { class: "dim" }, "not recorded"), "nowrap"],
         ["Length", ({ duration }) => durationText(duration), "number"],
         ["Format", ({ format }) => formatTitle(catalog, format)],
@@ -67,7 +74,10 @@ function showRecordings(element, { api, navigate }) {
         ["Mapping", mappingChip],
         ["Scorings", ({ n_scorings: n }) => n, "number"],
         ["Uploaded", ({ created }) => moment(created), "dim"],
-        [hiddenHead("Delete"), (recording) => deleteButton({ api, ...deletion(recording), done: again, short: recording.name })],
+        [
+          hiddenHead("Delete"),
+          (recording) => deleteButton({ api, ...deletion(recording), done: again, short: recording.name }),
+        ],
       ];
     }
   }

@@ -146,7 +146,11 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
       save(marker, input.value.trim() || marker.text);
     };
     const acts = h("div", { class: "row" }, submit("Save"), small("Cancel", () => edit(null)));
-    return h("li", { class: "note" }, h("form", { class: "note-form", onsubmit }, h("div", { class: "field" }, input), acts));
+    return h(
+      "li",
+      { class: "note" },
+      h("form", { class: "note-form", onsubmit }, h("div", { class: "field" }, input), acts),
+    );
   }
 }
 

@@ -30,7 +30,9 @@ export function createQualityStrip() {
   return { element, show };
 
   function show(quality, range) {
-    const content = quality ? rowsOf(quality, range) : [h("p", { class: "dim" }, "Available once the mapping can be applied.")];
+    const content = quality
+      ? rowsOf(quality, range)
+      : [h("p", { class: "dim" }, "Available once the mapping can be applied.")];
     element.replaceChildren(title, ...content.filter(Boolean));
   }
 }

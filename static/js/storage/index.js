@@ -25,7 +25,11 @@ export function show(element, { api }) {
     const failure = errorLine();
     return pageOf(
       "Storage",
-      [link("Flights", "#/fly"), link("Recordings", "#/recordings"), guideLink("keeping-data#what-takes-the-space", "what takes the space")],
+      [
+        link("Flights", "#/fly"),
+        link("Recordings", "#/recordings"),
+        guideLink("keeping-data#what-takes-the-space", "what takes the space"),
+      ],
       space.warning ? h("p", { class: "error", role: "alert" }, sentence(space.warning)) : null,
       h("section", { class: "panel", "aria-label": "Disk" }, factList(factsOf(space, sizes))),
       table({ columns: KINDS, items: kinds }),
@@ -58,7 +62,14 @@ export function show(element, { api }) {
 
     function keepButton({ kind, id, name, keep }) {
       const fail = (error) => failure.show(reason(error));
-      return createKeepButton({ api, path: `/${PATHS[kind]}/${id}`, keep, fail, name, attributes: { class: "button button-small" } });
+      return createKeepButton({
+        api,
+        path: `/${PATHS[kind]}/${id}`,
+        keep,
+        fail,
+        name,
+        attributes: { class: "button button-small" },
+      });
     }
   }
 }

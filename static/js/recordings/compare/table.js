@@ -21,7 +21,10 @@ const hintLine = (...content) => h("span", { class: "hint hint-line" }, content)
 export function compareTable(compared, { remove }) {
   const scorings = compared.map(({ scoring }) => scoring);
   const isOne = new Set(scorings.map(({ recording }) => recording)).size === 1;
-  const columns = compared.map((each, k) => [headOf(each, isOne, remove && (() => remove(k))), (row) => outcome(scorings[k], row[k])]);
+  const columns = compared.map((each, k) => [
+    headOf(each, isOne, remove && (() => remove(k))),
+    (row) => outcome(scorings[k], row[k]),
+  ]);
   const shown = table({
     columns: [["Manoeuvre", (row) => manoeuvreOf(row, scorings, isOne), "name"], ...columns],
     items: rowsOf(scorings),

@@ -110,7 +110,9 @@ export function createMappingRow(row) {
     }
     if (isEdited) return [setByYou()];
     if (state !== "confirmed") return rationale ? [confidence(rationale)] : [];
-    return over.length ? [chip("▲ confirmed over a warning", "caution"), hint(over.join("; "))] : [chip("✓ confirmed", "ok")];
+    return over.length
+      ? [chip("▲ confirmed over a warning", "caution"), hint(over.join("; "))]
+      : [chip("✓ confirmed", "ok")];
   }
 
   function missingWords() {

@@ -15,10 +15,18 @@ import { riskText, secondsText } from "../../lib/numbers.js";
 import { magnitudeIn, quantity } from "../../lib/units.js";
 import { AS_RECORDED, measuredBy } from "../words.js";
 
-export function eventsOf({ manoeuvres, outside_exceedances: outside, channels, alert_above: alertAbove, limits_in_force: inForce }) {
+export function eventsOf({
+  manoeuvres,
+  outside_exceedances: outside,
+  channels,
+  alert_above: alertAbove,
+  limits_in_force: inForce,
+}) {
   return [
     ...(inForce ?? []).map(ofLimits),
-    ...manoeuvres.flatMap((manoeuvre, k) => ofManoeuvre(manoeuvre, channels, alertAbove).map((event) => ({ ...event, manoeuvre: k }))),
+    ...manoeuvres.flatMap((manoeuvre, k) =>
+      ofManoeuvre(manoeuvre, channels, alertAbove).map((event) => ({ ...event, manoeuvre: k })),
+    ),
     ...outside.map((exceedance) => ofExceedance(exceedance, channels, " outside every manoeuvre")),
   ].sort((a, b) => a.t - b.t);
 }

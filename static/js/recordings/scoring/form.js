@@ -101,7 +101,12 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
 }
 
 function trimChoice() {
-  const seconds = textInput({ inputmode: "decimal", value: 2, class: "narrow", "aria-label": "seconds before the first input" });
+  const seconds = textInput({
+    inputmode: "decimal",
+    value: 2,
+    class: "narrow",
+    "aria-label": "seconds before the first input",
+  });
   const failure = h("p", { class: "error", role: "alert", hidden: true });
   const trims = TRIMS.map(([value, words]) =>
     radio(

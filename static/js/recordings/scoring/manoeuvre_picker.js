@@ -36,7 +36,12 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
   const mark = button("Mark by dragging", toggle, { "aria-pressed": "false" });
   const add = button("Add the manoeuvre from A to B", addMarked);
   const copy = button("Copy the detected ones", () => marked.set(detected));
-  const byHand = h("div", { class: "stack-tight", hidden: true }, h("div", { class: "row" }, mark, add, copy), marked.element);
+  const byHand = h(
+    "div",
+    { class: "stack-tight", hidden: true },
+    h("div", { class: "row" }, mark, add, copy),
+    marked.element,
+  );
   const radios = WAYS.map(([value, words]) =>
     radio(words, { name: "manoeuvres", value, checked: value === way, onchange: () => turnTo(value) }),
   );

@@ -96,7 +96,12 @@ export function showScoring(element, { id, query, api, navigate }) {
         h(
           "div",
           { class: "row" },
-          h("h2", { class: "panel-title" }, "Outcome of each manoeuvre ", guideLink("what-the-numbers-mean#after-the-flight", "outcomes after the flight")),
+          h(
+            "h2",
+            { class: "panel-title" },
+            "Outcome of each manoeuvre ",
+            guideLink("what-the-numbers-mean#after-the-flight", "outcomes after the flight"),
+          ),
           h("span", { class: "dim" }, `values are ${trimText(scoring.request)}`),
         ),
         manoeuvres.length ? verdicts.element : none,

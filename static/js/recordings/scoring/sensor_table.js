@@ -21,7 +21,11 @@ export function createSensorTable({ quality, channels }) {
   const channelOf = ({ channel }) => channels.find(({ key }) => key === channel);
   const columns = [
     ["Compared", ({ title }) => title, "name"],
-    ["Scale", ({ scale, unchecked }) => (scale ? interval(scale, figure) : h("span", { class: "dim" }, `not checked: ${unchecked}`))],
+    [
+      "Scale",
+      ({ scale, unchecked }) =>
+        scale ? interval(scale, figure) : h("span", { class: "dim" }, `not checked: ${unchecked}`),
+    ],
     ["Bias", (check) => check.scale && biasOf(check.bias, channelOf(check))],
     ["Delay", ({ scale, delay }) => scale && (delay ? `${interval(delay, (t) => formatValue(t))} s` : "–")],
   ];
@@ -32,7 +36,12 @@ export function createSensorTable({ quality, channels }) {
     h(
       "div",
       { class: "row" },
-      h("h2", { class: "panel-title" }, "Data compatibility ", guideLink("first-recording#what-is-checked", "what is checked")),
+      h(
+        "h2",
+        { class: "panel-title" },
+        "Data compatibility ",
+        guideLink("first-recording#what-is-checked", "what is checked"),
+      ),
       h("span", { class: "dim" }, "Sensors compared by kinematics, with 95 % intervals. Changes no verdict."),
     ),
     h("p", { class: "hint" }, `${quality.compatibility_tolerances}.`),
@@ -47,7 +56,11 @@ export function sensorChip({ quality }) {
 
 function withRemarks({ remarks }, row) {
   const lines = remarks.map((words) =>
-    h("tr", { class: "verdict-why" }, h("td", { colspan: row.children.length, class: "sensor-remark" }, "◆ ", formatted(words))),
+    h(
+      "tr",
+      { class: "verdict-why" },
+      h("td", { colspan: row.children.length, class: "sensor-remark" }, "◆ ", formatted(words)),
+    ),
   );
   return h("tbody", { "data-remarked": String(remarks.length > 0) }, row, lines);
 }
