@@ -222,6 +222,6 @@ def _rests(rule, state):
     if state.counts[N_FLOWN] < state.flown.shape[0]:
         return False
     for k in range(rule.surfaces.shape[0]):
-        if np.ptp(state.flown[:, k]) > rule.threshold[k]:
+        if np.ptp(state.flown[:, k]) > TRAVEL * rule.threshold[k]:
             return False
     return True
