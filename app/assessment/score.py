@@ -40,6 +40,7 @@ from app.telemetry.timing.repair import RepairedTraces
 from core.channels import KEYS
 from core.monitor import Assessments, Monitor
 from core.monitor.assessment import STATES, State, Withdrawal
+from core.monitor.calibration import smallest_epsilon
 from core.monitor.validity.flown_input import FlownInput, amplitude
 from core.types import Array, Flags
 
@@ -325,6 +326,7 @@ def _verdict(
     part = samples[first : last + 1]
     known = np.isfinite(part["p_value"])
     peak = int(np.nanargmax(part["p_value"])) if known.any() else None
+    rises = peak is not None and part["p_value"][peak] > smallest_epsilon(flight.monitor.n_unsafe)
     alerts = runs(part["t"], part["alert"])
     limited, promised = judged.limited, flight.monitor.lead
     withdrawal, own = judged.withdrawal, judged.own
@@ -361,7 +363,7 @@ def _verdict(
         outcome="invalid" if peak is None else result,
         guarantee=guarantee(flight.monitor, judged.validity, epsilon),
         peak_risk=None if peak is None else float(part["p_value"][peak]),
-        peak_t=None if peak is None else float(part["t"][peak]),
+        peak_t=float(part["t"][peak]) if rises else None,
         alerts=alerts,
         exceedance=limited.exceedance,
         recorded_exceedance=limited.as_recorded if limited.exceedance is None else None,

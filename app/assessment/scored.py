@@ -74,7 +74,8 @@ class ScoredManoeuvre:
 
     start, end: [s].   first, last: numbers of its samples, both included.
     trim: subtracted from each channel, in order; None where unknown.
-    peak_risk, peak_t: largest p-value and its time [s]; None where nothing was assessed.
+    peak_risk, peak_t: largest p-value and its time [s]; None where nothing was assessed, the time
+    also where no p-value exceeds the smallest possible one.
     alerts: first and last time of each run of alerts [s].
     exceedance: the first recorded sample that exceeds a limit, from trim.
     recorded_exceedance: without one, the first that exceeds it as recorded, with bias and trim.

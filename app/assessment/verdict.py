@@ -11,7 +11,6 @@ from core.channels import BY_KEY, CHANNELS
 from core.clearance.equation_error import Estimate
 from core.clearance.sensors import TOLERANCES, SensorCheck
 from core.monitor import Monitor
-from core.monitor.calibration import smallest_epsilon
 from core.monitor.validity.flown_input import amplitude_in_words
 
 MOST_LISTED = 20
@@ -133,8 +132,8 @@ def _risk(
     peak: float,
     of_day: bool,
 ) -> Iterator[str]:
-    least = peak <= smallest_epsilon(monitor.n_unsafe)
-    when = ", never above the smallest value" if least else f" at {manoeuvre.peak_t:.2f} s"
+    t = manoeuvre.peak_t
+    when = ", never above the smallest value" if t is None else f" at {t:.2f} s"
     yield f"  peak risk          {peak:.3f}{when}"
     above = alerts_above(scored.epsilon, scored.alert_above, monitor.recipe.guarantee)
     yield f"  alerts above       {above}"

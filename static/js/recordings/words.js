@@ -77,7 +77,7 @@ export function validityWords({ validity: { valid }, outcome }) {
 export function peakText({ outcome, peak_risk: risk, peak_t: t }, alertAbove, isTimed = false) {
   if (isWithdrawn({ outcome })) return "withdrawn";
   if (risk === null || risk === undefined) return "–";
-  return `${riskText(risk, alertAbove)}${isTimed ? ` at ${secondsText(t)}` : ""}`;
+  return `${riskText(risk, alertAbove)}${isTimed && t !== null ? ` at ${secondsText(t)}` : ""}`;
 }
 
 export function alertRule({ epsilon, alert_above: above }) {
