@@ -8,9 +8,10 @@ from app.assessment.assessed_segment import AssessedSegment, largest
 from app.assessment.coverage import lost_samples
 from app.assessment.planned_test import SURFACE_NAMES, SURFACES, PlannedTest, first_direction
 from app.assessment.scored import Check
-from app.assessment.trim import RESTS, TRIM_SHARE
+from app.assessment.trim import largest_at_rest
 from core.channels import CHANNELS, KEYS
 from core.kernels.causal_grid import RATE_RATIO
+from core.kernels.innovation import N_RESPONSES
 from core.types import Array
 
 SPEED_SHARE = 0.1
@@ -22,8 +23,6 @@ DEGREES = 30.0
 FLOWN_SHARE = 0.3
 """Share of the planned amplitude. A planned input that moves less was not flown; a surface that
 should stay still and moves more makes it another manoeuvre."""
-N_RESPONSES = 4
-"""Channels before the surfaces."""
 ASSESSED_SHARE = 0.9
 """Share of the counted samples that must be assessed for the guarantee to apply."""
 LONGER = 2.0
@@ -186,8 +185,8 @@ def trim(assessed: AssessedSegment) -> Check:
     rest = assessed.recording.y[segment.rest, :N_RESPONSES]
     known = np.isfinite(rest)
     spread = rest.max(0, initial=-np.inf, where=known) - rest.min(0, initial=np.inf, where=known)
-    largest = np.maximum(TRIM_SHARE * assessed.monitor.training_max_abs[:N_RESPONSES], RESTS)
-    share = np.where(assessed.needed[:N_RESPONSES], spread / largest, 0.0)
+    most = largest_at_rest(assessed.monitor.training_max_abs[:N_RESPONSES])
+    share = np.where(assessed.needed[:N_RESPONSES], spread / most, 0.0)
     worst = int(share.argmax())
     moved = f"{CHANNELS[worst].key} moves by {CHANNELS[worst].read(spread[worst], 2)} in it"
     if share[worst] > 1.0:

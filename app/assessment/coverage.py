@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.assessment.outcome import GAP_RATIO, SAME_TIME, Alerts, Hole, Limited, RecordedExceedance
+from app.assessment.grid import missing_after
+from app.assessment.outcome import SAME_TIME, Alerts, Hole, Limited, RecordedExceedance
 from core.monitor import Assessments
 from core.monitor.assessment import STATES, State
 from core.types import Array, Flags
@@ -37,9 +38,7 @@ def lost_samples(assessments: Assessments, dt: float) -> Lost:
     begun = assessments.state != WARMING_UP
     first = int(begun.argmax()) if begun.any() else len(begun)
     lost = (assessments.state != OK) & (np.arange(len(begun)) >= first)
-    steps = np.diff(assessments.t, append=assessments.t[-1]) / dt
-    absent = np.where(steps > GAP_RATIO, np.rint(steps) - 1.0, 0.0).astype(np.int64)
-    row = np.repeat(np.arange(len(begun)), 1 + absent)
+    row = np.repeat(np.arange(len(begun)), 1 + missing_after(assessments.t, dt))
     since = np.arange(len(row)) - np.searchsorted(row, row)
     return Lost(
         assessments.t[row] + since * dt,

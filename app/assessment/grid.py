@@ -1,10 +1,10 @@
-"""Arrivals samples on the grid of the monitor, by those received so far.
+"""Received samples on the grid of the monitor, by those received so far.
 
 The result depends only on the samples and their arrival times, so the same arrivals give the same
 bits later: from a flight's journal, or from a recording, all at once.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from math import isfinite, isnan, nan
 from typing import NamedTuple
@@ -14,9 +14,9 @@ import numpy as np
 from app.telemetry.recording import ATTITUDE
 from core.channels import N_CHANNELS
 from core.kernels import causal_grid as kernel
-from core.kernels.causal_grid import GridState, Settled
+from core.kernels.causal_grid import GridState
 from core.kernels.compiled import entry
-from core.types import Array, Flags, Indices
+from core.types import Array, Indices
 
 Angles = tuple[float, float, float]
 DELAY_INTERVALS = 1.5
@@ -42,7 +42,7 @@ class Sample(NamedTuple):
 
 
 class Arrivals(NamedTuple):
-    """Arrivals samples, in order of arrival.
+    """Received samples, in order of arrival.
 
     arrived: (n,) [s] of any monotonic clock.   t: (n,) of the source [s].   values: (n, 9) the
     channels, then the attitude [rad]; NaN where unknown.
@@ -57,18 +57,16 @@ class GridRows(NamedTuple):
     """Samples on the grid.
 
     t: (n,) [s].   shown: (n,) arrival time at which each was settled [s].   values: (n, 9).
-    reasons: of the samples that are unknown, by their row.
     """
 
     t: Array
     shown: Array
     values: Array
-    reasons: dict[int, str]
 
 
 @dataclass
 class Counts:
-    """Arrivals samples by kind."""
+    """Received samples by kind."""
 
     accepted: int = 0
     """samples used"""
@@ -105,28 +103,24 @@ class CausalGrid:
 
     def __init__(self, dt: float, delay: float) -> None:
         self.dt, self.delay = dt, delay
-        clock = np.full(kernel.N_CLOCK, np.nan)
+        clock = np.full(kernel.N_CLOCK + N_VALUES, np.nan)
         clock[[kernel.DT, kernel.DELAY, kernel.OFFSET, kernel.INTERVAL]] = dt, delay, 0.0, dt
         clock[[kernel.NEWEST, kernel.NEWEST_ARRIVED]] = -np.inf
         self._state = GridState(
             clock,
             np.zeros(kernel.N_COUNT, np.int64),
-            *_rows(WAITING),
-            leap=np.empty(N_VALUES),
-            steps=np.empty(kernel.INTERVALS),
-            ordered=np.empty(kernel.INTERVALS),
-            recent_t=np.empty(kernel.REMEMBERED),
-            recent=np.empty((kernel.REMEMBERED, N_CHANNELS)),
+            rows=np.empty((WAITING, kernel.VALUES + N_VALUES)),
+            steps=np.empty((2, kernel.INTERVALS)),
+            recent=np.empty((kernel.REMEMBERED, 1 + N_CHANNELS)),
             late=np.empty(kernel.REMEMBERED),
         )
         self._settled = _room(ROOM)
         self._one = Arrivals(np.empty(1), np.empty(1), np.empty((1, N_VALUES)))
-        self._when = np.empty(1), np.empty(1, bool)
+        self._flight_t = np.empty((1, 2))
         compiled = self._state, self._settled
-        self._receive_one = entry(kernel.receive, *compiled, *self._one, 0, *self._when)
+        self._receive_one = entry(kernel.receive, *compiled, *self._one, 0, self._flight_t)
         self._advance_to = entry(kernel.advance, *compiled, 0.0)
         self._deadline = entry(kernel.deadline, self._state)
-        self._flight_time = entry(kernel.flight_time, self._state, 0.0, 0.0)
         self._reasons: dict[int, str] = {}
 
     @property
@@ -148,12 +142,14 @@ class CausalGrid:
         due = self._deadline(self._state)
         return None if isnan(due) else due
 
-    def flight_time(self, arrived: float, t: float) -> tuple[float, bool]:
-        """Flight time of a source's time t [s], and whether that is plausible; if not, by arrival.
+    @property
+    def pushed_at(self) -> tuple[float, bool]:
+        """Flight time of the sample pushed last [s], and whether the source's time is plausible.
 
-        Call it before the sample is pushed.
+        If it is not, the time is by arrival.
         """
-        return self._flight_time(self._state, float(arrived), float(t))
+        t, is_plausible = self._flight_t[0].tolist()
+        return t, bool(is_plausible)
 
     def push(self, arrived: float, sample: Sample) -> list[Sample]:
         """Add a received sample; return the grid samples settled by then, in order."""
@@ -163,98 +159,74 @@ class CausalGrid:
         one.arrived[0], one.t[0] = arrived, sample.t
         one.values[0, :N_CHANNELS] = sample.y
         one.values[0, N_CHANNELS:] = sample.attitude or nan
-        settled: list[Sample] = []
-        about = one, lambda n: settled.extend(self._samples(n)), *self._when
-        self._receive(self._receive_one, *about)
-        return settled
+        added = self._add(self._receive_one, one, self._flight_t)
+        return [sample for n in added for sample in self._samples(n)]
 
     def advance(self, now: float) -> list[Sample]:
         """Return the grid samples settled at `now`, in order."""
-        settled: list[Sample] = []
-        self._advance(now, lambda n: settled.extend(self._samples(n)))
-        return settled
+        return [sample for n in self._settle(now) for sample in self._samples(n)]
 
-    def receive(self, received: Arrivals) -> tuple[GridRows, Array, Flags]:
+    def receive(self, received: Arrivals) -> tuple[GridRows, Array]:
         """Add received samples all at once, and settle them up to the last arrival.
 
-        Returns the samples on the grid, and of each received one its flight time (n,) [s] and
-        whether that is plausible; if not, it is by arrival.
+        Returns the samples on the grid, and the flight time of each received one (n,) [s].
         """
         self._settled = _room(2 * len(received.t) + ROOM)
-        parts, n = [], len(received.t)
-        flight_t, dated = np.empty(n), np.empty(n, bool)
-        about = received, lambda n: parts.append(self._part(n)), flight_t, dated
-        self._receive(kernel.receive, *about)
-        return joined(parts), flight_t, dated
+        flight_t = np.empty((len(received.t), 2))
+        added = self._add(kernel.receive, received, flight_t)
+        return joined([self._part(n) for n in added]), flight_t[:, 0]
 
     def settle(self, now: float) -> GridRows:
         """The samples that are settled at `now`, all at once."""
-        parts: list[GridRows] = []
-        self._advance(now, lambda n: parts.append(self._part(n)))
-        return joined(parts)
+        return joined([self._part(n) for n in self._settle(now)])
 
-    def _receive(
-        self,
-        receive: Callable[..., tuple[int, int, int]],
-        received: Arrivals,
-        add: Callable[[int], object],
-        flight_t: Array,
-        dated: Flags,
-    ) -> None:
+    def _add(
+        self, receive: Callable[..., tuple[int, int, int]], received: Arrivals, flight_t: Array
+    ) -> Iterator[int]:
+        """Add samples; yield how many are settled, each time that there are some."""
         first, n = 0, len(received.t)
         while first < n:
-            first, n_settled, room = receive(
-                self._state, self._settled, *received, first, flight_t, dated
-            )
+            first, n_settled, room = receive(self._state, self._settled, *received, first, flight_t)
             if n_settled:
-                add(n_settled)
+                yield n_settled
             if room < 0:
                 self._grow()
-            elif room > len(self._settled.t):
+            elif room > len(self._settled):
                 self._settled = _room(2 * room)
 
-    def _advance(self, now: float, add: Callable[[int], object]) -> None:
+    def _settle(self, now: float) -> Iterator[int]:
         more = True
         while more:
             n_settled, more = self._advance_to(self._state, self._settled, float(now))
             if n_settled:
-                add(n_settled)
+                yield n_settled
 
     def _grow(self) -> None:
         """Double the room of the waiting rows."""
-        old = self._state
-        rows = _rows(2 * len(old.t))
-        for before, after in zip((old.t, old.arrived, old.number, old.values), rows, strict=True):
-            after[: len(before)] = before
-        t, arrived, number, values = rows
-        self._state = old._replace(t=t, arrived=arrived, number=number, values=values)
+        old = self._state.rows
+        rows = np.empty((2 * len(old), old.shape[1]))
+        rows[: len(old)] = old
+        self._state = self._state._replace(rows=rows)
 
     def _samples(self, n: int) -> list[Sample]:
-        settled = self._settled
+        settled = self._settled[:n]
+        channels = settled[:, kernel.SETTLED_VALUES : kernel.SETTLED_VALUES + N_CHANNELS].copy()
         return [
-            Sample(t, y, _angles(values[N_CHANNELS:].tolist()), self._reason(k, number))
-            for k, (t, number) in enumerate(
-                zip(settled.t[:n].tolist(), settled.number[:n].tolist(), strict=True)
-            )
-            for values in (settled.values[k].copy(),)
-            for y in (values[:N_CHANNELS],)
+            Sample(row[kernel.T], y, _angles(row[-len(ATTITUDE) :]), self._reason(row))
+            for row, y in zip(settled.tolist(), channels, strict=True)
         ]
 
     def _part(self, n: int) -> GridRows:
         """A copy of the settled samples."""
-        settled = self._settled
-        faulty = np.flatnonzero(settled.fault[:n])
-        reasons = {k: self._reason(k, MADE) for k in faulty.tolist()}
-        return GridRows(
-            settled.t[:n].copy(), settled.shown[:n].copy(), settled.values[:n].copy(), reasons
-        )
+        settled = self._settled[:n]
+        t, shown = settled[:, kernel.T].copy(), settled[:, kernel.SHOWN].copy()
+        return GridRows(t, shown, settled[:, kernel.SETTLED_VALUES :].copy())
 
-    def _reason(self, k: int, number: int) -> str:
-        """Why settled sample k is unknown; empty if it is known."""
-        fault = int(self._settled.fault[k])
-        if not fault:
-            return self._reasons.get(number, "") if self._reasons else ""
-        interval, n_late, n = self._settled.about[k].tolist()
+    def _reason(self, row: list[float]) -> str:
+        """Why a settled sample is unknown; empty if it is known."""
+        number, fault, interval, n_late, n = row[kernel.NUMBER : kernel.SETTLED_VALUES]
+        if fault == kernel.FINE:
+            return self._reasons.get(int(number), "")
         if fault == kernel.TOO_MANY_LATE:
             return (
                 f"{n_late:.0f} of the last {n:.0f} samples came too late to be used, when later "
@@ -272,42 +244,23 @@ class CausalGrid:
             del self._reasons[next(iter(self._reasons))]
 
 
-MADE = kernel.MADE
-
-
 def _angles(angles: list[float]) -> Angles | None:
     phi, theta, psi = angles
     return (phi, theta, psi) if isfinite(phi) and isfinite(theta) else None
 
 
-def _rows(n: int) -> tuple[Array, Array, Indices, Array]:
-    return np.empty(n), np.empty(n), np.empty(n, np.int64), np.empty((n, N_VALUES))
-
-
-def _room(n: int) -> Settled:
-    return Settled(
-        np.empty(n),
-        np.empty(n),
-        np.empty((n, N_VALUES)),
-        np.empty(n, np.int64),
-        np.empty(n, np.int64),
-        np.empty((n, 3)),
-    )
+def _room(n: int) -> Array:
+    return np.empty((n, kernel.SETTLED_VALUES + N_VALUES))
 
 
 def joined(parts: list[GridRows]) -> GridRows:
     """The samples of several parts, in order."""
-    if len(parts) == 1:
-        return parts[0]
     if not parts:
-        return GridRows(np.empty(0), np.empty(0), np.empty((0, N_VALUES)), {})
-    starts = np.cumsum([0, *(len(part.t) for part in parts)]).tolist()
-    reasons = {
-        start + k: reason
-        for start, part in zip(starts, parts, strict=False)
-        for k, reason in part.reasons.items()
-    }
-    t, shown, values = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in GridRows._fields[:3]
-    )
-    return GridRows(t, shown, values, reasons)
+        return GridRows(np.empty(0), np.empty(0), np.empty((0, N_VALUES)))
+    return parts[0] if len(parts) == 1 else GridRows(*map(np.concatenate, zip(*parts, strict=True)))
+
+
+def missing_after(t: Array, dt: float) -> Indices:
+    """Times without a sample after each sample of the grid. t: (n,) [s].   dt: [s]."""
+    steps = np.diff(t, append=t[-1]) / dt
+    return np.where(steps > kernel.GAP_RATIO, np.rint(steps) - 1.0, 0.0).astype(np.int64)

@@ -10,8 +10,9 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 
 from app.assessment.planned_test import SURFACES, PlannedTest
-from app.assessment.trim import BEGINNING, OTHER, SHARE, SMALLEST
+from app.assessment.trim import BEGINNING, OTHER, RESTS, SHARE, SMALLEST
 from core.channels import CHANNELS, N_CHANNELS
+from core.kernels.innovation import N_RESPONSES
 from core.monitor.status import Level
 from core.types import Array
 
@@ -33,10 +34,6 @@ GROWS = 2.0
 """A motion that no surface explains grows by this factor over the smallest one since."""
 NOISES, RESOLUTIONS = 8.0, 2.0
 """A motion exceeds this many standard deviations of the noise, and steps of the channel."""
-SMALLEST_RESPONSE = 0.005
-"""[rad, rad/s, g] Smaller motion always counts as rest."""
-N_RESPONSES = 4
-"""Channels before the surfaces."""
 
 FROZEN_S, FEWEST = 1.0, 3
 """Identical samples for longer than this [s], and more than this many, are frozen."""
@@ -254,7 +251,7 @@ class _Surfaces:
 
     def __init__(self, recent: _Recent, planned: PlannedTest, usual: Array, by_hand: bool) -> None:
         self._recent = recent
-        self._moves = np.maximum(MOVES * usual[:N_RESPONSES], SMALLEST_RESPONSE)
+        self._moves = np.maximum(MOVES * usual[:N_RESPONSES], RESTS)
         amplitudes = planned.amplitudes
         self._is_planned = (amplitudes > 0.0) | (amplitudes.max() == 0.0)
         an_input = max(BEGINNING * SHARE * OTHER * amplitudes.max(), SMALLEST)

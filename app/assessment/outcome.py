@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from app.telemetry.traces import Traces
+from app.telemetry.traces import GAP_RATIO, Traces
 from core.channels import CHANNELS
 from core.limits.exceedance import onsets
 from core.types import Array, Flags
@@ -47,8 +47,6 @@ OUTCOMES: dict[Outcome, Wording] = {
         "◆", "UNKNOWN", "caution", "unknown: the monitor does not record its limits"
     ),
 }
-GAP_RATIO = 1.5
-"""Steps between recorded samples this many times the median count as a gap."""
 EXCEEDED = "LIMIT EXCEEDED"
 UNWARNED: dict[Outcome, str] = {
     "invalid": "INVALID, no verdict",

@@ -122,3 +122,8 @@ def read_channels(monitor: Monitor, *, scored: bool = False) -> Flags:
 def needed_channels(monitor: Monitor, limits: Array) -> Flags:
     """(6,) whether the monitor needs a channel: the score uses it, or it has a limit."""
     return read_channels(monitor, scored=True) | np.isfinite(limits)
+
+
+def input_of(y: Array, needed: Flags) -> Array:
+    """Samples (..., 6) as the monitor reads them: 0 for a missing channel that it does not need."""
+    return np.where(needed | np.isfinite(y), y, 0.0)

@@ -18,9 +18,9 @@ from app.assessment.grid import (
     N_VALUES,
     Arrivals,
     CausalGrid,
-    Counts,
     GridRows,
     joined,
+    missing_after,
 )
 from app.assessment.limits_history import InForceTimeline, LimitsHistory
 from app.assessment.planned_test import PlannedTest, needed_channels, planned_test
@@ -33,7 +33,7 @@ from app.telemetry.timing.quality import Quality
 from app.telemetry.timing.repair import FlownOrder, RepairedTraces
 from app.telemetry.traces import Trace, Traces
 from core.channels import KEYS, N_CHANNELS
-from core.kernels.causal_grid import FASTER, GAP_RATIO, ON_GRID, RATE_RATIO, values_at
+from core.kernels.causal_grid import FASTER, ON_GRID, RATE_RATIO, values_at
 from core.monitor import Monitor, State
 from core.monitor.assessment import STATES
 from core.types import Array, Flags, Indices
@@ -74,13 +74,12 @@ class MissingChannels(TelemetryError):
 class OnGrid(NamedTuple):
     """A recording on a grid.
 
-    judged: every received sample, by flight time, to judge the limits.   counts: of received ones.
+    judged: every received sample, by flight time, to judge the limits.
     begun: for each manoeuvre begun by hand, the row that it begins with.
     """
 
     recording: Recording
     judged: Traces
-    counts: Counts
     begun: tuple[int, ...] = ()
 
 
@@ -101,7 +100,6 @@ class RecordedFlight:
     quality: Quality
     recording: Recording
     followed: Followed
-    n_rest: int
     needed: Flags
     notes: tuple[str, ...]
     timeline: InForceTimeline | None = None
@@ -109,9 +107,8 @@ class RecordedFlight:
     @cached_property
     def place(self) -> Indices:
         """(n,) place of each sample in a table that also has the times without a sample."""
-        steps = np.diff(self.recording.t) / self.monitor.dt
-        missing = np.where(steps > GAP_RATIO, np.rint(steps) - 1.0, 0.0).astype(np.int64)
-        return np.arange(len(self.recording.t)) + np.concatenate([[0], np.cumsum(missing)])
+        missing = np.cumsum(missing_after(self.recording.t, self.monitor.dt))
+        return np.arange(len(missing)) + np.concatenate([[0], missing[:-1]])
 
     def spread(self, samples: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
         """A table of samples with a row for each time without one, which is INVALID."""
@@ -156,7 +153,6 @@ class RecordedFlight:
             quality,
             grid.recording,
             followed,
-            trim.n_rest,
             needed,
             tuple(notes),
             None if history is None else history.timeline([monitor.limits]),
@@ -193,7 +189,7 @@ def on_grid(repaired: RepairedTraces, dt: float, needed: Collection[str] = KEYS)
     for first, stop, arrival in zip(
         (0, *edges), (*edges, len(received.t)), (*(a for a, _ in begun), None), strict=True
     ):
-        rows, flight_t, _ = grid.receive(Arrivals(*(part[first:stop] for part in received)))
+        rows, flight_t = grid.receive(Arrivals(*(part[first:stop] for part in received)))
         parts.append(rows)
         times.append(flight_t)
         if arrival is not None:
@@ -211,7 +207,7 @@ def on_grid(repaired: RepairedTraces, dt: float, needed: Collection[str] = KEYS)
         judged = _by_flight_time(received_traces, np.concatenate(times))
     ahead = float((rows.shown - rows.t).max()) if flown is None else 0.0
     recording = _recording(rows, repaired.traces, (*repaired.traces.notes, *notes), ahead)
-    return OnGrid(recording, judged, grid.counts, tuple(rows_begun))
+    return OnGrid(recording, judged, tuple(rows_begun))
 
 
 def _recording(

@@ -21,6 +21,7 @@ from app.assessment.outcome import (
     outcome,
     runs,
 )
+from app.assessment.planned_test import input_of
 from app.assessment.recipe import Interval, ScoringRecipe
 from app.assessment.recorded import RecordedFlight
 from app.assessment.scored import (
@@ -172,7 +173,7 @@ def _judge(flight: RecordedFlight, segment: Segment) -> JudgedSegment:
     y = recorded.y[segment.first : stop] - trim
     start = begin if segment.onset is None else max(0, begin - monitor.recipe.n_delay - 1)
     streamed = recorded.y[start:stop] - trim
-    y_read = np.where(flight.needed | np.isfinite(streamed), streamed, 0.0)
+    y_read = input_of(streamed, flight.needed)
     whole = monitor.assess(recorded.t[start:stop], y_read, withdraw=False)
     assessments = whole.from_sample(begin - start)
     t = assessments.t

@@ -9,7 +9,13 @@ import numpy as np
 from app.assessment.grid import DELAY_INTERVALS, Angles, CausalGrid, Counts, Sample
 from app.assessment.input_checks import Doubt, InputChecks
 from app.assessment.limits_in_force import ConditionHold, LimitsInForce, LimitsRule, Ruling
-from app.assessment.planned_test import PlannedTest, limits_of, needed_channels, planned_test
+from app.assessment.planned_test import (
+    PlannedTest,
+    input_of,
+    limits_of,
+    needed_channels,
+    planned_test,
+)
 from app.assessment.trim import CausalTrim
 from core.channels import KEYS
 from core.kernels import assessing
@@ -91,7 +97,7 @@ class GridMonitor:
 
     def _read(self, y: Array) -> Array:
         """Input of the monitor: 0 for a missing channel that it does not need."""
-        return y if self._needs_all else np.where(self.needed | np.isfinite(y), y, 0.0)
+        return y if self._needs_all else input_of(y, self.needed)
 
     def _explained(self, assessment: Assessment, sample: Sample, y: Array) -> Assessment:
         """Add to the reason which channels are missing or have no trim, or why all are."""
@@ -201,17 +207,18 @@ class CausalScorer:
         """Add a received sample; return the samples that it settles. source: its name."""
         if sample.condition is not None:
             self._conditions.note(sample.t, sample.condition)
-        dated = self._grid.flight_time(arrived, sample.t)
-        self._checks.push(arrived, dated[0], sample.y, source, self.manoeuvre > 0)
+        n_steps = self._grid.n_clock_steps
+        settled = self._grid.push(arrived, sample)
+        t, is_dated = self._grid.pushed_at
+        self._checks.push(arrived, t, sample.y, source, self.manoeuvre > 0)
         if self._limits is not None:
             y = sample.y if self._trim is None else sample.y - np.nan_to_num(self._trim.level)
             if exceeds(self._limits, y) or (y is not sample.y and exceeds(self._limits, sample.y)):
-                self._exceedances.append(ReceivedExceedance(*dated, y, sample.y, self._limits))
-        n_steps = self._grid.n_clock_steps
-        settled = [*map(self._assess, self._grid.push(arrived, sample))]
+                about = y, sample.y, self._limits
+                self._exceedances.append(ReceivedExceedance(t, is_dated, *about))
         if self._grid.n_clock_steps > n_steps:
             self._checks.restart()
-        return settled
+        return [*map(self._assess, settled)]
 
     def pop_exceedances(self) -> list[ReceivedExceedance]:
         """Samples beyond a limit that were received since the last call, in order of arrival."""

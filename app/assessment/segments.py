@@ -1,6 +1,5 @@
 """The segments of a recording to score, each with the rest that gives its trim."""
 
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -10,10 +9,8 @@ from app.assessment.recipe import Interval, ScoringRecipe, in_words
 from app.assessment.scored import MOST_MANOEUVRES
 from app.assessment.trim import GUARD_S, Followed
 from app.telemetry.recording import Recording, TelemetryError
+from core.kernels.causal_grid import ON_GRID
 from core.types import Array
-
-ON_GRID = 1e-6
-"""Share of a step within which a time counts as the sample's."""
 
 
 class Segment(NamedTuple):
@@ -73,8 +70,7 @@ def detected_segments(
     planned: PlannedTest, recipe: ScoringRecipe, followed: Followed
 ) -> tuple[Segment, ...]:
     """The manoeuvres as they begin and end in flight, each with its trim segment before it."""
-    edges = np.flatnonzero(np.diff(followed.number, prepend=0, append=0))
-    runs = [(a, b) for a, b in pairwise(edges.tolist()) if followed.number[a]]
+    runs = followed.manoeuvres
     _check_number(len(runs))
     n_trim, guard = round(planned.trim_segment_s / planned.dt), round(GUARD_S / planned.dt)
     detected, before = list[Segment](), 0

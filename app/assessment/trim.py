@@ -1,5 +1,6 @@
 """The manoeuvres of a flight and their trim, from the samples so far."""
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -47,6 +48,12 @@ class Followed(NamedTuple):
 
     number: Indices
     level: Array
+
+    @property
+    def manoeuvres(self) -> list[tuple[int, int]]:
+        """First sample of each manoeuvre, and the one after its last."""
+        edges = np.flatnonzero(np.diff(self.number, prepend=0, append=0)).tolist()
+        return [(begin, end) for begin, end in pairwise(edges) if self.number[begin]]
 
 
 class CausalTrim:
@@ -101,7 +108,7 @@ class CausalTrim:
 
         The next larger power of two, so that other monitors of the same test measure the same trim.
         """
-        moving = np.maximum(TRIM_SHARE * monitor.training_max_abs, RESTS)
+        moving = largest_at_rest(monitor.training_max_abs)
         moving = 2.0 ** np.ceil(np.log2(moving))
         moving[SURFACES,] = np.inf
         moving[~needed_channels(monitor, limits_of(monitor))] = np.inf
@@ -162,6 +169,11 @@ class CausalTrim:
 
 def _unfilled(n: int) -> Followed:
     return Followed(np.empty(n, np.int64), np.empty((n, N_CHANNELS)))
+
+
+def largest_at_rest(usual: Array) -> Array:
+    """Extent of each channel that still counts as rest. usual: its largest in training."""
+    return np.maximum(TRIM_SHARE * usual, RESTS)
 
 
 def moved(keys: list[str]) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from app.assessment.input_checks import Doubt
 from app.assessment.limits_in_force import InForceFrom, Ruling
-from app.assessment.planned_test import limits_of, needed_channels
+from app.assessment.planned_test import input_of, limits_of, needed_channels
 from app.assessment.rescoring import ShownSample, rescored
 from app.flights.flight import stale_after
 from app.flights.recorder import CODES
@@ -114,7 +114,7 @@ class ShownFlight(Script):
         first, y, code = self._first, self.y(k), int(self.samples["state"][k])
         if k < first:
             y = self.recorded(k) - (self.recorded(first) - self.y(first))
-        y = np.where(self._needed | np.isfinite(y), y, 0.0)
+        y = input_of(y, self._needed)
         if STATES[code] is State.INVALID and np.isfinite(y).all():
             code = CODES[State.OK]
         return float(self.samples["t"][k]), y, code

@@ -5,7 +5,6 @@ The recording does not name its aircraft and seldom its limits, so a person comp
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 from math import ceil
 from typing import Any, NamedTuple
 
@@ -158,11 +157,9 @@ def _largest_input(recording: Recording, dt: float) -> Input | None:
     sizes = np.full(2, 0.5 * np.ptp(surfaces, axis=0).max())
     unknown = PlannedTest(dt, np.full(len(KEYS), np.inf))
     followed = CausalTrim(unknown, sizes=sizes).follow(recording.y)
-    edges = np.flatnonzero(np.diff(followed.number, prepend=0, append=0)).tolist()
     inputs = [
         _input(recording.t, surfaces, followed.level[onset, SURFACES], sizes, onset, stop, dt)
-        for onset, stop in pairwise(edges)
-        if followed.number[onset]
+        for onset, stop in followed.manoeuvres
     ]
     return max(inputs, key=lambda found: abs(found.peak_deg), default=None)
 

@@ -35,6 +35,10 @@ START, STOP, N_STEPS, N_RECENT, N_LATE, N_BACK, N_RECEIVED, LEAP_NUMBER = range(
 ACCEPTED, REPEATED, OUT_OF_ORDER, LATE, MISSING, CLOCK_STEPS, IMPLAUSIBLE = range(8, 15)
 N_COUNT = 15
 """Numbers of `counts`. Rows START to STOP wait; the others count samples by kind."""
+T, ARRIVED, NUMBER, VALUES = range(4)
+"""Columns of a waiting row; the values are last."""
+SHOWN, FAULT, ABOUT, SETTLED_VALUES = 1, 3, 4, 7
+"""Columns of a settled sample beside T and NUMBER; the values are last."""
 FINE, SLOW_SOURCE, TOO_MANY_LATE = range(3)
 """Whether a settled sample is known, and why not."""
 MADE = -1
@@ -42,63 +46,44 @@ MADE = -1
 
 
 class GridState(NamedTuple):
-    """The state of one source.
+    """The state of one source, in few arrays, since each call counts references to all of them.
 
-    clock: (N_CLOCK,).   counts: (N_COUNT,).   t, arrived: (n,) [s], number: (n,), values: (n, k) of
-    the waiting rows, by time; the first n_channels values are averaged, the others taken from the
-    nearest row.   leap: (k,) of the held sample.   steps, ordered: (INTERVALS,) the newest
-    intervals, by arrival and by length [s].   recent_t: (REMEMBERED,) [s], recent:
-    (REMEMBERED, n_channels).   late: (REMEMBERED,) [s].
+    clock: (N_CLOCK + k,), the values of the held sample last.   counts: (N_COUNT,).
+    rows: (n, VALUES + k) the waiting rows by time: time, arrival [s], number, values; the first
+    n_channels values are averaged, the others taken from the nearest row.
+    steps: (2, INTERVALS) the newest intervals by arrival, and by length [s].
+    recent: (REMEMBERED, 1 + n_channels) newest samples: time [s], channels.
+    late: (REMEMBERED,) times of late samples [s].
     """
 
     clock: Array
     counts: Indices
-    t: Array
-    arrived: Array
-    number: Indices
-    values: Array
-    leap: Array
+    rows: Array
     steps: Array
-    ordered: Array
-    recent_t: Array
     recent: Array
     late: Array
 
 
-class Settled(NamedTuple):
-    """Room for settled samples.
-
-    t: (n,) [s].   shown: (n,) arrival time at which it was settled [s].   values: (n, k).
-    number: (n,) of the received sample that it is, or MADE.   fault: (n,).   about: (n, 3) where it
-    is not FINE: interval [s], late samples, all samples.
-    """
-
-    t: Array
-    shown: Array
-    values: Array
-    number: Indices
-    fault: Indices
-    about: Array
-
-
 @jit
-def receive(state, settled, arrived, t, values, first, flight_t, dated):
+def receive(state, settled, arrived, t, values, first, flight_t):
     """Add received samples from number `first` on.
 
-    arrived, t: (n,) [s].   values: (n, k).
-    flight_t, dated: (n,) filled with the flight time of each sample, and whether it is plausible;
-    if not, the time is by arrival.
+    settled: (n, SETTLED_VALUES + k) filled: time, arrival time at which it was settled [s], number
+    of the received sample that it is, or MADE, fault; where it is not FINE, the interval [s], late
+    samples and all samples; values.
+    arrived, t: (n,) [s].   values: (n, k).   flight_t: (n, 2) filled with the flight time of each
+    sample, and whether the source's time is plausible; if not, it is by arrival.
     Returns (next sample to add, settled samples, room that the next one may need).
     """
     n = 0
     for i in range(first, t.shape[0]):
         n, room = _settle_alone(state, settled, n, arrived[i])
         room = max(room, _room_for(state))
-        if n + room > settled.t.shape[0]:
+        if n + room > settled.shape[0]:
             return i, n, room
-        if state.counts[STOP] + 2 > state.t.shape[0] and not _compact(state):
+        if state.counts[STOP] + 2 > state.rows.shape[0] and not _compact(state):
             return i, n, -1
-        flight_t[i], dated[i] = _flight_time(state, arrived[i], t[i])
+        flight_t[i, 0], flight_t[i, 1] = _flight_time(state, arrived[i], t[i])
         n, _ = _advance(state, settled, n, arrived[i])
         n = _add(state, settled, n, arrived[i], t[i], values[i])
     return t.shape[0], n, 0
@@ -120,12 +105,6 @@ def deadline(state):
     if np.isnan(grid) or not _came_up_to(state, grid):
         return np.nan
     return _deadline(state, grid, _first_from(state, grid - ON_GRID * state.clock[DT]))
-
-
-@jit
-def flight_time(state, arrived, t):
-    """Flight time of a sample before it is added [s], and whether it is plausible."""
-    return _flight_time(state, arrived, t)
 
 
 @jit
@@ -161,12 +140,9 @@ def _compact(state):
     if start == 0:
         return False
     for i in range(start, stop):
-        state.t[i - start] = state.t[i]
-        state.arrived[i - start] = state.arrived[i]
-        state.number[i - start] = state.number[i]
-        state.values[i - start] = state.values[i]
+        state.rows[i - start] = state.rows[i]
     state.counts[START], state.counts[STOP] = 0, stop - start
-    return stop - start + 2 <= state.t.shape[0]
+    return stop - start + 2 <= state.rows.shape[0]
 
 
 @jit
@@ -175,8 +151,8 @@ def _flight_time(state, arrived, t):
     t += clock[OFFSET]
     expected = clock[NEWEST] + arrived - clock[NEWEST_ARRIVED]
     if np.isnan(clock[GRID]) or t <= expected + STEP_S:
-        return t, True
-    return expected, False
+        return t, 1.0
+    return expected, 0.0
 
 
 @jit
@@ -225,7 +201,7 @@ def _add(state, settled, n, arrived, t_sent, values):
         return _accept(state, settled, n, arrived, t, values, number)
     known = _recent(state, t)
     if known >= 0:
-        if _equal(state.recent[known], values):
+        if _equal(state.recent[known, 1:], values):
             counts[REPEATED] += 1
             return n
         return _went_back(state, settled, n, arrived, t_sent, values, number)
@@ -248,7 +224,7 @@ def _recent(state, t):
     n = state.counts[N_RECENT]
     for back in range(1, min(n, REMEMBERED) + 1):
         place = (n - back) % REMEMBERED
-        if state.recent_t[place] == t:
+        if state.recent[place, 0] == t:
             return place
     return -1
 
@@ -270,12 +246,12 @@ def _leapt(state, settled, n, arrived, t, values, number):
         if not np.isnan(held_t):
             counts[IMPLAUSIBLE] += 1
         clock[LEAP_ARRIVED], clock[LEAP_T], counts[LEAP_NUMBER] = arrived, t, number
-        state.leap[:] = values
+        clock[N_CLOCK:] = values
         return n
     clock[LEAP_T] = np.nan
     _step(state, held_arrived, held_t)
     offset, held = clock[OFFSET], counts[LEAP_NUMBER]
-    n = _accept(state, settled, n, held_arrived, held_t + offset, state.leap, held)
+    n = _accept(state, settled, n, held_arrived, held_t + offset, clock[N_CLOCK:], held)
     return _accept(state, settled, n, arrived, t + offset, values, number)
 
 
@@ -316,8 +292,8 @@ def _accept(state, settled, n, arrived, t, values, number):
     clock, counts = state.clock, state.counts
     counts[ACCEPTED] += 1
     place = counts[N_RECENT] % REMEMBERED
-    state.recent_t[place] = t
-    state.recent[place] = values[: state.recent.shape[1]]
+    state.recent[place, 0] = t
+    state.recent[place, 1:] = values[: state.recent.shape[1] - 1]
     counts[N_RECENT] += 1
     if np.isnan(clock[GRID]):
         clock[GRID] = t
@@ -327,13 +303,12 @@ def _accept(state, settled, n, arrived, t, values, number):
         if np.isfinite(clock[NEWEST]):
             _note_interval(state, t - clock[NEWEST])
         clock[NEWEST], clock[NEWEST_ARRIVED] = t, arrived
-    at = counts[STOP]
-    while at > counts[START] and state.t[at - 1] > t:
-        state.t[at], state.arrived[at] = state.t[at - 1], state.arrived[at - 1]
-        state.number[at], state.values[at] = state.number[at - 1], state.values[at - 1]
+    at, rows = counts[STOP], state.rows
+    while at > counts[START] and rows[at - 1, T] > t:
+        rows[at] = rows[at - 1]
         at -= 1
-    state.t[at], state.arrived[at], state.number[at] = t, arrived, number
-    state.values[at] = values
+    rows[at, T], rows[at, ARRIVED], rows[at, NUMBER] = t, arrived, number
+    rows[at, VALUES:] = values
     counts[STOP] += 1
     return _advance(state, settled, n, arrived)[0]
 
@@ -342,12 +317,13 @@ def _accept(state, settled, n, arrived, t, values, number):
 def _note_interval(state, step):
     """Update the usual interval: the lower median of the last steps."""
     clock, counts = state.clock, state.counts
-    ordered, place = state.ordered, counts[N_STEPS] % INTERVALS
+    steps, ordered = state.steps[0], state.steps[1]
+    place = counts[N_STEPS] % INTERVALS
     known = min(counts[N_STEPS], INTERVALS)
     if known == INTERVALS:
         known -= 1
         gone = 0
-        while ordered[gone] != state.steps[place]:
+        while ordered[gone] != steps[place]:
             gone += 1
         for k in range(gone, known):
             ordered[k] = ordered[k + 1]
@@ -355,7 +331,7 @@ def _note_interval(state, step):
     while at > 0 and ordered[at - 1] > step:
         ordered[at] = ordered[at - 1]
         at -= 1
-    ordered[at], state.steps[place] = step, step
+    ordered[at], steps[place] = step, step
     counts[N_STEPS] += 1
     known += 1
     clock[INTERVAL] = ordered[(known - 1) // 2]
@@ -368,7 +344,7 @@ def _advance(state, settled, n, now):
     """Settle grid times in order. Returns (settled samples, whether the room is full)."""
     clock = state.clock
     while not np.isnan(clock[GRID]) and _came_up_to(state, clock[GRID]):
-        if n == settled.t.shape[0]:
+        if n == settled.shape[0]:
             return n, True
         done, settles = _settle(state, settled, n, clock[GRID], now)
         n += settles
@@ -387,7 +363,7 @@ def _settle(state, settled, n, grid, now):
     clock, counts = state.clock, state.counts
     dt = clock[DT]
     following = _first_from(state, grid - ON_GRID * dt)
-    t = state.t[following]
+    t = state.rows[following, T]
     if clock[INTERVAL] <= FASTER * dt and following > counts[START]:
         is_early = clock[NEWEST] < grid + dt - clock[INTERVAL]
         if is_early and now < _deadline(state, grid, following):
@@ -404,11 +380,10 @@ def _settle(state, settled, n, grid, now):
         clock[GRID] = t
         counts[START] = following
         return True, 0
-    settled.shown[n] = now
-    settled.fault[n] = FINE
+    settled[n, SHOWN], settled[n, FAULT] = now, FINE
     if clock[INTERVAL] > RATE_RATIO * dt:
         _too_few(state, settled, n)
-    t = settled.t[n]
+    t = settled[n, T]
     clock[GRID] = t + dt
     if counts[STOP] - counts[START] > 1:
         counts[START] = max(counts[START], _first_from(state, t - dt) - 1)
@@ -417,8 +392,8 @@ def _settle(state, settled, n, grid, now):
 
 @jit
 def _as_received(state, settled, n, row):
-    settled.t[n], settled.number[n] = state.t[row], state.number[row]
-    settled.values[n] = state.values[row]
+    settled[n, T], settled[n, NUMBER] = state.rows[row, T], state.rows[row, NUMBER]
+    settled[n, SETTLED_VALUES:] = state.rows[row, VALUES:]
     return True
 
 
@@ -428,18 +403,19 @@ def _average(state, settled, n, grid, following):
 
     Unknown values do not count. Returns whether the sample is known: not across a gap.
     """
-    dt, n_channels = state.clock[DT], state.recent.shape[1]
+    dt, rows = state.clock[DT], state.rows
     first, stop = _first_from(state, grid - dt), _first_from(state, grid + dt)
     if not first < following < stop:
         return _between(state, settled, n, grid, following)
-    before, after = state.t[following - 1], state.t[following]
+    before, after = rows[following - 1, T], rows[following, T]
     if after - before > GAP_RATIO * dt:
         return False
     nearest = following if after - grid < grid - before else following - 1
-    settled.t[n], settled.number[n] = grid, MADE
-    settled.values[n] = state.values[nearest]
-    for c in range(n_channels):
-        settled.values[n, c] = _local_line(state.t, state.values[:, c], first, stop, grid, dt)
+    settled[n, T], settled[n, NUMBER] = grid, MADE
+    settled[n, SETTLED_VALUES:] = rows[nearest, VALUES:]
+    for c in range(state.recent.shape[1] - 1):
+        x = rows[:, VALUES + c]
+        settled[n, SETTLED_VALUES + c] = _local_line(rows[:, T], x, first, stop, grid, dt)
     return True
 
 
@@ -470,20 +446,20 @@ def _local_line(t, x, first, stop, at, width):
 @jit
 def _between(state, settled, n, grid, following):
     """Interpolated between two neighbours; unknown across a gap or if they came too late."""
-    clock, dt = state.clock, state.clock[DT]
-    t = state.t[following]
+    clock, dt, rows = state.clock, state.clock[DT], state.rows
+    t = rows[following, T]
     if following == state.counts[START]:
         return abs(t - grid) <= ON_GRID * dt and _as_received(state, settled, n, following)
-    before = state.t[following - 1]
+    before = rows[following - 1, T]
     is_gap = t - before > GAP_RATIO * max(clock[INTERVAL], dt)
     if is_gap or t - grid > clock[DELAY]:
         return False
     share = (grid - before) / (t - before)
-    settled.t[n], settled.number[n] = grid, MADE
-    settled.values[n] = state.values[following if share > 0.5 else following - 1]
-    for c in range(state.recent.shape[1]):
-        y = state.values[following - 1, c]
-        settled.values[n, c] = y + share * (state.values[following, c] - y)
+    settled[n, T], settled[n, NUMBER] = grid, MADE
+    settled[n, SETTLED_VALUES:] = rows[following if share > 0.5 else following - 1, VALUES:]
+    for c in range(state.recent.shape[1] - 1):
+        y = rows[following - 1, VALUES + c]
+        settled[n, SETTLED_VALUES + c] = y + share * (rows[following, VALUES + c] - y)
     return True
 
 
@@ -492,16 +468,28 @@ def _too_few(state, settled, n):
     """Mark a sample of a source that is too slow, or of which too many samples are late."""
     clock, counts = state.clock, state.counts
     known = min(counts[N_STEPS], INTERVALS)
-    span = state.steps[:known].sum()
-    late = np.unique(state.late[: min(counts[N_LATE], REMEMBERED)])
-    n_late = 0
-    for t in late:
-        n_late += clock[NEWEST] - span < t < clock[NEWEST]
+    span = 0.0
+    for k in range(known):
+        span += state.steps[0, k]
+    late = state.late[: min(counts[N_LATE], REMEMBERED)]
+    n_late = _different(late, clock[NEWEST] - span, clock[NEWEST])
     is_late = span / (known + n_late) <= RATE_RATIO * clock[DT]
-    settled.fault[n] = TOO_MANY_LATE if is_late else SLOW_SOURCE
-    settled.about[n, 0], settled.about[n, 1] = clock[INTERVAL], n_late
-    settled.about[n, 2] = known + n_late
-    settled.values[n, : state.recent.shape[1]] = np.nan
+    settled[n, FAULT] = TOO_MANY_LATE if is_late else SLOW_SOURCE
+    settled[n, ABOUT], settled[n, ABOUT + 1] = clock[INTERVAL], n_late
+    settled[n, ABOUT + 2] = known + n_late
+    settled[n, SETTLED_VALUES : SETTLED_VALUES + state.recent.shape[1] - 1] = np.nan
+
+
+@jit
+def _different(times, after, before):
+    """Different times between two others."""
+    n = 0
+    for k in range(times.shape[0]):
+        is_new = after < times[k] < before
+        for earlier in range(k):
+            is_new &= times[earlier] != times[k]
+        n += is_new
+    return n
 
 
 @jit
@@ -509,7 +497,7 @@ def _came_up_to(state, grid):
     """Whether a sample at or after a grid time was received."""
     counts = state.counts
     last = counts[STOP] - 1
-    return last >= counts[START] and state.t[last] >= grid - ON_GRID * state.clock[DT]
+    return last >= counts[START] and state.rows[last, T] >= grid - ON_GRID * state.clock[DT]
 
 
 @jit
@@ -518,7 +506,7 @@ def _first_from(state, t):
     low, high = state.counts[START], state.counts[STOP]
     while low < high:
         middle = (low + high) // 2
-        if state.t[middle] < t:
+        if state.rows[middle, T] < t:
             low = middle + 1
         else:
             high = middle
@@ -530,7 +518,7 @@ def _deadline(state, grid, following):
     """Arrival time at which a grid time is given up: by the first arrival of a later sample."""
     first = following
     for row in range(following + 1, state.counts[STOP]):
-        if state.arrived[row] < state.arrived[first]:
+        if state.rows[row, ARRIVED] < state.rows[first, ARRIVED]:
             first = row
-    wait = state.clock[DELAY] - (state.t[first] - grid)
-    return state.arrived[first] + max(0.0, wait)
+    wait = state.clock[DELAY] - (state.rows[first, T] - grid)
+    return state.rows[first, ARRIVED] + max(0.0, wait)

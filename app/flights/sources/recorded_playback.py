@@ -13,7 +13,7 @@ import numpy.typing as npt
 from app.assessment.limits_history import InForceTimeline
 from app.assessment.limits_in_force import InForceFrom, Ruling
 from app.assessment.outcome import SAME_TIME
-from app.assessment.planned_test import limits_of, needed_channels
+from app.assessment.planned_test import input_of, limits_of, needed_channels
 from app.flights.sources.playback import Angles, FollowedForecast, Script, onsets
 from app.recordings.reasons import reason
 from core.channels import KEYS
@@ -95,7 +95,7 @@ class RecordedScript(Script):
 
     def _followed_sample(self, k: int) -> tuple[float, Array, int]:
         """Sample k as the monitor read it, also if the limits in force withdrew its assessment."""
-        y, code = np.where(self._needed, self.y(k), 0.0), int(self._samples["state"][k])
+        y, code = input_of(self.y(k), self._needed), int(self._samples["state"][k])
         if STATES[code] is State.INVALID and np.isfinite(y).all():
             code = code_of(State.OK)
         return float(self.t[k]), y, code
