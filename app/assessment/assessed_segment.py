@@ -8,8 +8,7 @@ import numpy as np
 
 from app.assessment.planned_test import PlannedTest
 from app.assessment.segments import Segment
-from app.telemetry.recording import Recording
-from app.telemetry.traces import Traces
+from app.telemetry.recording import Recording, Traces
 from core.monitor import Assessments, Monitor
 from core.types import Array, Flags
 

@@ -13,10 +13,9 @@ from app.assessment.grid import Angles, Sample
 from app.telemetry.mapping.applying import derivation_order
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
-from app.telemetry.plausibility import BOUNDS
 from app.telemetry.readers.journal import TIMES
 from app.telemetry.recording import ATTITUDE, TelemetryError
-from app.telemetry.targets import TARGETS
+from app.telemetry.targets import BOUNDS, TARGETS
 from app.telemetry.units import convert
 from core.channels import KEYS
 from core.limits.limit_sets import CONDITION_KEYS, ConditionKey

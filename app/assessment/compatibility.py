@@ -4,14 +4,14 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from app.telemetry.mapping.motion.motion import (
+from app.telemetry.mapping.motion import (
     FULL_TURNS,
     LEADERS,
     STEP,
     on_even_times,
     windows_of_motion,
 )
-from app.telemetry.traces import Traces
+from app.telemetry.recording import Traces
 from core.clearance.equation_error import CORRELATED_S
 from core.clearance.sensors import NAMES, SensorCheck, SensorReadings, check_sensors
 from core.types import Array

@@ -7,7 +7,7 @@ import numpy as np
 
 from app.assessment.limits_history import InForceTimeline
 from app.assessment.outcome import SAME_TIME, RecordedExceedance
-from app.telemetry.traces import Traces
+from app.telemetry.recording import Traces
 from core.channels import BY_KEY, CHANNELS
 from core.limits.exceedance import onsets
 from core.types import Array

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from app.telemetry.traces import GAP_RATIO, Traces
+from app.telemetry.recording import GAP_RATIO, Traces
 from core.channels import CHANNELS
 from core.limits.exceedance import onsets
 from core.types import Array, Flags

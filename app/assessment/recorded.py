@@ -28,10 +28,9 @@ from app.assessment.scored import BETWEEN
 from app.assessment.trim import CausalTrim, Followed
 from app.telemetry.contents import release
 from app.telemetry.mapping.derivations import DERIVATIONS
-from app.telemetry.recording import ATTITUDE, Recording, TelemetryError
+from app.telemetry.recording import ATTITUDE, Recording, TelemetryError, Trace, Traces
 from app.telemetry.timing.quality import Quality
 from app.telemetry.timing.repair import FlownOrder, RepairedTraces
-from app.telemetry.traces import Trace, Traces
 from core.channels import KEYS, N_CHANNELS
 from core.kernels.causal_grid import FASTER, ON_GRID, RATE_RATIO, values_at
 from core.monitor import Monitor, State

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from app.assessment.outcome import OUTCOMES, RecordedExceedance, lead_words
 from app.assessment.scored import OBSERVATIONS, ScoredManoeuvre, ScoredRecording
 from app.assessment.wording import alerts_above
-from app.telemetry.mapping.typed_rate import time_of_day
+from app.telemetry.mapping.mapping import time_of_day
 from app.telemetry.targets import TARGETS
 from core.channels import BY_KEY, CHANNELS
 from core.clearance.equation_error import Estimate

@@ -12,9 +12,8 @@ from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.mapping import Mapping
 from app.telemetry.mapping.proposal import Proposal, propose
 from app.telemetry.reading import columns_of
-from app.telemetry.recording import ATTITUDE, TelemetryError
+from app.telemetry.recording import ATTITUDE, GAP_RATIO, TelemetryError, Trace
 from app.telemetry.timing.repair import repair
-from app.telemetry.traces import GAP_RATIO, Trace
 from app.telemetry.units import convert
 from core.channels import KEYS
 from core.types import Array

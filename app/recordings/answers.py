@@ -11,10 +11,10 @@ from app.store.recordings import MappedColumns
 from app.store.store import NotFound
 from app.telemetry.contents import Contents
 from app.telemetry.mapping.applying import applicable
+from app.telemetry.mapping.checks import find_warnings
 from app.telemetry.mapping.mapping import Mapping
-from app.telemetry.mapping.mapping_warnings import find_warnings
+from app.telemetry.recording import Trace, Traces
 from app.telemetry.targets import TARGETS
-from app.telemetry.traces import Trace, Traces
 from core.channels import KEYS
 from core.types import Array
 

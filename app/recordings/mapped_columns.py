@@ -16,9 +16,8 @@ from app.telemetry.contents import Columns, Contents
 from app.telemetry.mapping.derivations import DERIVATIONS, Derivation
 from app.telemetry.mapping.mapping import Mapping
 from app.telemetry.mapping.proposal import propose
-from app.telemetry.recording import TelemetryError
+from app.telemetry.recording import TelemetryError, Traces
 from app.telemetry.timing.quality import Quality
-from app.telemetry.traces import Traces
 from core.clearance.sensors import TOLERANCES
 
 BLOCK = 2**18

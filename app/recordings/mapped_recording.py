@@ -16,11 +16,10 @@ import numpy as np
 from app.telemetry.contents import Columns
 from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.mapping import Mapping
-from app.telemetry.plausibility import plausible
 from app.telemetry.readers.journal import ARRIVED
-from app.telemetry.recording import TelemetryError
+from app.telemetry.recording import TelemetryError, Traces
+from app.telemetry.targets import plausible
 from app.telemetry.timing.repair import FlownOrder, RepairedTraces, repair
-from app.telemetry.traces import Traces
 
 MOST_BYTES = 2**28
 """Limit of the memory; a larger recording is mapped again each time."""

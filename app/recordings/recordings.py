@@ -23,8 +23,8 @@ from app.store.recordings import MappedColumns
 from app.store.store import NotFound, Store, StoreError
 from app.store.tables import new_id
 from app.telemetry.contents import Columns, open_columns
+from app.telemetry.mapping.checks import find_warnings
 from app.telemetry.mapping.mapping import Mapping
-from app.telemetry.mapping.mapping_warnings import find_warnings
 from app.telemetry.reading import read_file, warm_up
 from app.telemetry.recording import TelemetryError
 

@@ -12,10 +12,9 @@ from app.assessment.planned_test import planned_test
 from app.recordings.mapped_recording import MappedRecording
 from app.recordings.mapping_memory import MappingMemory
 from app.telemetry.contents import Columns, Contents
-from app.telemetry.mapping.mapping import Mapping, TimeSource, mapping_template
-from app.telemetry.mapping.motion.signs import CONVENTION
+from app.telemetry.mapping.mapping import Mapping, TimeSource, mapping_template, rate_words
 from app.telemetry.mapping.proposal import Proposal, propose
-from app.telemetry.mapping.typed_rate import rate_words
+from app.telemetry.mapping.signs import CONVENTION
 from app.telemetry.reading import columns_of
 from app.telemetry.recording import TelemetryError
 from app.telemetry.timing.repair import RepairedTraces

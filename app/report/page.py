@@ -16,8 +16,7 @@ from app.recipes.labels import choice_label, kind_label
 from app.recipes.recipes import to_plain
 from app.report import facts, figures
 from app.report.subject import PROPOSED, ReportSubject
-from app.telemetry.mapping.mapping import TimeSource
-from app.telemetry.mapping.typed_rate import counts_the_day, time_of_day
+from app.telemetry.mapping.mapping import TimeSource, counts_the_day, time_of_day
 from core import __version__
 from core.channels import CHANNELS, Channel, significant
 from core.evaluation.certificate import certificate, warnings_of

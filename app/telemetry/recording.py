@@ -1,4 +1,4 @@
-"""A recording: measured channels over time in SI units."""
+"""Measured channels over time in SI units: as recorded, and on one clock."""
 
 from dataclasses import dataclass, field
 
@@ -33,3 +33,32 @@ class Recording:
     derived: frozenset[str] = frozenset()
     notes: tuple[str, ...] = ()
     look_ahead: float = 0.0
+
+
+GAP_RATIO = 1.5
+"""A longer step between samples, in usual steps, is a gap."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """One channel. t: (n,) [s] as recorded, in any order.   values: (n,), NaN where missing.
+
+    group: of the file; channels of one group share their times, as one array.
+    source: signal or derivation in words.   derived: not measured.
+    bias: subtracted from the recorded values, in the channel's unit.
+    """
+
+    t: Array
+    values: Array
+    group: str = ""
+    source: str = ""
+    derived: bool = False
+    bias: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Traces:
+    """Channels of a file by key of TARGETS. notes: assumptions and changes, oldest first."""
+
+    channels: dict[str, Trace]
+    notes: tuple[str, ...] = field(default=())

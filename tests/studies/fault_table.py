@@ -17,8 +17,8 @@ import numpy as np
 from app.assessment.score import score
 from app.telemetry.contents import ColumnWriter, open_columns
 from app.telemetry.mapping.proposal import Proposal, propose
+from app.telemetry.recording import Trace, Traces
 from app.telemetry.timing.repair import RepairedTraces, repair
-from app.telemetry.traces import Trace, Traces
 from core.channels import KEYS
 from core.clearance.sensors import GRAVITY
 from core.monitor import Monitor, train

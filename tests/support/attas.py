@@ -9,8 +9,8 @@ import pytest
 from app.assessment import ScoredRecording, ScoringRecipe
 from app.assessment import score as score_repaired
 from app.jobs.training import train_and_test
+from app.telemetry.recording import Trace, Traces
 from app.telemetry.timing.repair import repair
-from app.telemetry.traces import Trace, Traces
 from core.channels import KEYS
 from core.limits.limits import Limits
 from core.monitor import Monitor, MonitorRecipe

@@ -64,7 +64,7 @@ def request_of(options: argparse.Namespace) -> tuple[ScoreRequest, MappingMemory
     """The request, and the memory of the aircraft's mapping if one is named."""
     from app.commands.output.scores import read_mapping
     from app.recordings.scored_file import ScoreRequest
-    from app.telemetry.mapping.typed_rate import read_rate
+    from app.telemetry.mapping.mapping import read_rate
 
     epsilons = tuple(map(_epsilon, ",".join(options.epsilon).split(","))) if options.epsilon else ()
     request = ScoreRequest(

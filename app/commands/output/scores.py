@@ -19,9 +19,8 @@ from app.recordings.exports import export
 from app.recordings.mapping_memory import MappingMemory
 from app.recordings.scored_file import Scored, ScoredFile, ScoreRequest, UnmappedFile, score_file
 from app.telemetry.contents import Contents
-from app.telemetry.mapping.mapping import ChannelSource, Mapping
+from app.telemetry.mapping.mapping import ChannelSource, Mapping, counts_the_day
 from app.telemetry.mapping.proposal import Proposal
-from app.telemetry.mapping.typed_rate import counts_the_day
 from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import TARGETS
 from core.channels import Channel

@@ -9,12 +9,9 @@ import numpy as np
 from app.telemetry.contents import Columns, Signal, release
 from app.telemetry.mapping.derivations import DERIVATIONS, derive
 from app.telemetry.mapping.group_times import dead_time, no_clock, repeated_time
-from app.telemetry.mapping.mapping import ChannelSource, Mapping
-from app.telemetry.mapping.typed_rate import rate_words
-from app.telemetry.plausibility import plausible
-from app.telemetry.recording import TelemetryError
-from app.telemetry.targets import TARGETS
-from app.telemetry.traces import Trace, Traces
+from app.telemetry.mapping.mapping import ChannelSource, Mapping, rate_words
+from app.telemetry.recording import TelemetryError, Trace, Traces
+from app.telemetry.targets import TARGETS, plausible
 from app.telemetry.units import convert, spelled
 from core.types import Array
 

@@ -3,10 +3,8 @@
 from dataclasses import dataclass, field, replace
 
 from app.telemetry.contents import Columns, Signal
-from app.telemetry.mapping.extent import Extent, extent_of
-from app.telemetry.mapping.magnitudes import plausible_units, unit_is_plausible
-from app.telemetry.mapping.naming.descriptions import rates_by_letter, signal_matches
-from app.telemetry.mapping.naming.names import NameMatch
+from app.telemetry.mapping.magnitudes import Extent, extent_of, plausible_units, unit_is_plausible
+from app.telemetry.mapping.names import NameMatch, rates_by_letter, signal_matches
 from app.telemetry.targets import TARGETS
 from app.telemetry.units import NOT_GIVEN, PLAIN, factor, fits, spelled
 from core.channels import KEYS

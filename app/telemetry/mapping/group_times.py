@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.telemetry.contents import Columns, Signal
-from app.telemetry.mapping.extent import FEW
+from app.telemetry.mapping.magnitudes import FEW
 from app.telemetry.mapping.mapping import TimeSource
-from app.telemetry.mapping.naming.names import name_matches
+from app.telemetry.mapping.names import name_matches
 from app.telemetry.units import NOT_GIVEN, factor, fits, spelled
 from core.types import Array
 

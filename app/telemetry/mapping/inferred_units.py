@@ -14,12 +14,12 @@ import numpy as np
 
 from app.telemetry.contents import Columns
 from app.telemetry.mapping.candidates import Candidate
-from app.telemetry.mapping.extent import extent_of
-from app.telemetry.mapping.magnitudes import COMMON, RULED_OUT, is_seldom, unit_weights
+from app.telemetry.mapping.magnitudes import COMMON, RULED_OUT, extent_of, is_seldom, unit_weights
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
-from app.telemetry.mapping.motion.as_recorded import angles_of_quaternion, motion_as_recorded
-from app.telemetry.mapping.motion.unit_relations import (
+from app.telemetry.mapping.recorded_motion import (
     UnitRelation,
+    angles_of_quaternion,
+    motion_as_recorded,
     relation_of_mach,
     relation_of_normal,
     relation_of_turn,

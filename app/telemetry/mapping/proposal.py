@@ -11,6 +11,7 @@ from app.telemetry.mapping.candidates import (
     assign,
     find_candidates,
 )
+from app.telemetry.mapping.checks import check_against_motion
 from app.telemetry.mapping.derivations import DERIVATIONS, ways
 from app.telemetry.mapping.group_times import (
     DOUBTED,
@@ -20,14 +21,11 @@ from app.telemetry.mapping.group_times import (
     repeated_time,
 )
 from app.telemetry.mapping.inferred_units import decide_units
-from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
-from app.telemetry.mapping.motion.motion_checks import check_against_motion
-from app.telemetry.mapping.motion.rate_choice import choose_rates
-from app.telemetry.mapping.motion.signs import CONVENTION
-from app.telemetry.mapping.naming.descriptions import signal_matches
-from app.telemetry.mapping.proposal_builder import ProposalBuilder, Rationale
-from app.telemetry.mapping.remembering import recall
-from app.telemetry.mapping.typed_rate import EXAMPLE, rate_words
+from app.telemetry.mapping.mapping import EXAMPLE, ChannelSource, Mapping, TimeSource, rate_words
+from app.telemetry.mapping.names import signal_matches
+from app.telemetry.mapping.proposal_builder import ProposalBuilder, Rationale, recall
+from app.telemetry.mapping.recorded_motion import choose_rates
+from app.telemetry.mapping.signs import CONVENTION
 from app.telemetry.targets import TARGETS
 from core.channels import KEYS
 from core.simulation.attitude import SurfaceSigns

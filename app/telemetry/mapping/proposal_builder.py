@@ -1,9 +1,16 @@
-"""Build a proposed mapping: every entry has a confidence and reasons."""
+"""Build a proposed mapping: every entry has a confidence and reasons.
+
+Entries that a person confirmed for an earlier file of the same recorder come first.
+"""
 
 from dataclasses import dataclass, field, replace
 
 from app.telemetry.contents import Columns
+from app.telemetry.mapping.derivations import DERIVATIONS
+from app.telemetry.mapping.magnitudes import extent_of
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
+from app.telemetry.targets import TARGETS
+from app.telemetry.units import fits, spelled
 
 MOST_CONFIDENT = 0.99
 
@@ -54,3 +61,77 @@ class ProposalBuilder:
         most = min(MOST_CONFIDENT, max(self.most_confident.get(key, 1.0), before.confidence))
         confidence = round(min(1.0 - factor * (1.0 - before.confidence), most), 4)
         self.rationales[key] = Rationale(confidence, (*before.reasons, reason))
+
+
+CONFIDENCE = 0.98
+
+
+def recall(builder: ProposalBuilder, remembered: Mapping, aircraft: str) -> None:
+    """Use each confirmed entry whose signals the file has; otherwise record the reason."""
+    origin = f"as confirmed for {aircraft}" if aircraft else "as confirmed before"
+    _times(builder, remembered, origin)
+    for key, source in remembered.channels.items():
+        if not source.signal:
+            continue
+        if obstacle := _obstacle(builder, key, source.signal, source.unit):
+            builder.rationales[key] = Rationale(0.0, (f"not {origin}: {obstacle}",))
+            continue
+        builder.assign(key, source, CONFIDENCE, origin)
+        builder.confirmed.add(key)
+        unit = spelled(builder.columns.signal(source.signal).unit)
+        if unit and fits(unit, TARGETS[key].unit) and unit != spelled(source.unit):
+            reason = f"the file now gives {unit} where {source.unit} was confirmed: check the unit"
+            builder.comment(key, reason, 0.5)
+    _derived(builder, remembered, origin)
+
+
+def _times(builder: ProposalBuilder, remembered: Mapping, origin: str) -> None:
+    contents = builder.columns.contents
+    rows = {signal.name: contents.groups[signal.group].n_rows for signal in contents.signals}
+    for group in contents.groups:
+        source = remembered.times.get(group.name)
+        if source and source.rate and not group.time:
+            builder.times[group.name] = replace(source, start=group.start)  # of this file
+            builder.rationales[f"t:{group.name}"] = Rationale(CONFIDENCE, (origin,))
+        elif source and rows.get(source.signal) == group.n_rows and fits(source.unit, "s"):
+            builder.times[group.name] = source
+            builder.rationales[f"t:{group.name}"] = Rationale(CONFIDENCE, (origin,))
+
+
+def _obstacle(builder: ProposalBuilder, key: str, name: str, unit: str) -> str:
+    """Why a confirmed signal cannot be used in this file; "" if it can."""
+    contents = builder.columns.contents
+    try:
+        signal = builder.columns.signal(name)
+    except KeyError:
+        return f"the file has no signal {name}"
+    if not fits(unit, TARGETS[key].unit):
+        return f"{unit!r} is not a unit of {TARGETS[key].label}"
+    if contents.groups[signal.group].name not in builder.times:
+        return f"{name} has no time"
+    extent = extent_of(builder.columns.values(name))
+    return f"all {extent.n} rows of {name} are empty" if extent.empty else ""
+
+
+def _derived(builder: ProposalBuilder, remembered: Mapping, origin: str) -> None:
+    """Assign confirmed derivations, each as soon as its inputs are mapped."""
+    pending = {key: source for key, source in remembered.channels.items() if source.derivation}
+    while True:
+        ready = [key for key, source in pending.items() if not _lacking(builder, key, source)]
+        if not ready:
+            break
+        for key in ready:
+            builder.assign(key, pending.pop(key), CONFIDENCE, f"{origin}: derived")
+            builder.confirmed.add(key)
+    for key, source in pending.items():
+        lacking = _lacking(builder, key, source)
+        builder.rationales[key] = Rationale(
+            0.0, (f"not {origin}: missing {' and '.join(lacking)}",)
+        )
+
+
+def _lacking(builder: ProposalBuilder, key: str, source: ChannelSource) -> list[str]:
+    way = DERIVATIONS.get(source.derivation)
+    if way is None or way.target != key:
+        return [f"a derivation {source.derivation!r}"]
+    return [need for need in way.needs if need not in builder.channels]

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from app.telemetry.recording import GAP_RATIO
 from app.telemetry.timing.quality import ChannelQuality, Fault, faults
-from app.telemetry.traces import GAP_RATIO
 from core.types import Array, Flags, Indices
 
 FROZEN = 2.0

@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from app.telemetry.recording import TelemetryError
-from app.telemetry.traces import GAP_RATIO
+from app.telemetry.recording import GAP_RATIO, TelemetryError
 from core.types import Array, Flags, Indices
 
 Same = Callable[[Indices, Indices], Flags]

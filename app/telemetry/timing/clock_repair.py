@@ -6,11 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from app.telemetry.contents import release
-from app.telemetry.recording import TelemetryError
+from app.telemetry.recording import GAP_RATIO, TelemetryError
 from app.telemetry.timing.clock_faults import WRAPS, OrderedClock, in_order
 from app.telemetry.timing.quality import ClockQuality, Fault, faults
 from app.telemetry.timing.rounded_clock import evened
-from app.telemetry.traces import GAP_RATIO
 from core.types import Array, Flags, Indices
 
 NO_TIME = 1e12

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.telemetry.plausibility import BOUNDS
-from app.telemetry.targets import TARGETS
+from app.telemetry.targets import BOUNDS, TARGETS
 from core.types import Array
 
 MOST_FAULTS = 500

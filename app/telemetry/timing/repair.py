@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.telemetry.contents import release
-from app.telemetry.plausibility import implausible, without
+from app.telemetry.recording import Trace, Traces
+from app.telemetry.targets import implausible, without
 from app.telemetry.timing.channel_quality import channel_quality
 from app.telemetry.timing.clock_repair import on_one_clock, ordered, repair_clock
 from app.telemetry.timing.quality import ChannelQuality, ClockQuality, Fault, Quality, faults
-from app.telemetry.traces import Trace, Traces
 from core.types import Array
 
 

@@ -8,8 +8,8 @@ import pytest
 from app.assessment import compatibility as module
 from app.assessment.compatibility import compatibility
 from app.assessment.verdict import sensors
+from app.telemetry.recording import Trace, Traces
 from app.telemetry.timing.repair import repair
-from app.telemetry.traces import Trace, Traces
 from core.clearance.sensors import SensorCheck
 from tests.support.attas import record
 

@@ -16,7 +16,7 @@ from app.assessment.exceedances_outside import (
 from app.assessment.outcome import Hole, Limited, RecordedExceedance
 from app.assessment.verdict import verdict
 from app.report.facts import headline
-from app.telemetry.traces import Trace, Traces
+from app.telemetry.recording import Trace, Traces
 from core.channels import KEYS
 from core.monitor import Assessments, Monitor
 from core.monitor.assessment import STATES, State

@@ -13,9 +13,8 @@ from app.assessment.planned_test import needed_channels, planned_test
 from app.assessment.trim import GUARD_S
 from app.assessment.verdict import verdict
 from app.report import facts
-from app.telemetry.recording import TelemetryError
+from app.telemetry.recording import TelemetryError, Trace, Traces
 from app.telemetry.timing.repair import repair
-from app.telemetry.traces import Trace, Traces
 from core.channels import KEYS
 from core.limits.limits import Limits
 from core.monitor import Monitor, MonitorRecipe

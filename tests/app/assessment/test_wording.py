@@ -12,7 +12,7 @@ from app.assessment.outcome import Limited, Peak, RecordedExceedance, against_li
 from app.assessment.scored import ScoredManoeuvre, Validity
 from app.assessment.verdict import verdict
 from app.assessment.wording import remarks, withdrawn
-from app.telemetry.traces import Trace, Traces
+from app.telemetry.recording import Trace, Traces
 from core.channels import KEYS
 from core.monitor import Assessments
 

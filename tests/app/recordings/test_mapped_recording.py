@@ -12,8 +12,13 @@ from app.recordings import mapped_recording
 from app.recordings.mapped_recording import MappedRecording, RecentMappings
 from app.recordings.scored_file import ScoreRequest, score_file
 from app.telemetry.mapping import applying
-from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource, mapping_template
-from app.telemetry.mapping.typed_rate import read_rate
+from app.telemetry.mapping.mapping import (
+    ChannelSource,
+    Mapping,
+    TimeSource,
+    mapping_template,
+    read_rate,
+)
 from app.telemetry.recording import TelemetryError
 from app.telemetry.timing import repair as repairing
 from core.channels import KEYS

@@ -3,10 +3,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.telemetry.mapping.derivations import DERIVATIONS, derive, ways
-from app.telemetry.mapping.motion.slopes import HALF_WINDOW_S, slopes, values_at
+from app.telemetry.mapping.derivations import (
+    DERIVATIONS,
+    HALF_WINDOW_S,
+    derive,
+    slopes,
+    values_at,
+    ways,
+)
+from app.telemetry.recording import Trace
 from app.telemetry.targets import TARGETS
-from app.telemetry.traces import Trace
 from core.channels import KEYS
 from tests.support.tables import quaternion
 

@@ -3,7 +3,7 @@
 import pytest
 
 from app.telemetry.contents import ColumnWriter, Signal, open_columns
-from app.telemetry.mapping.naming.descriptions import signal_matches
+from app.telemetry.mapping.names import signal_matches
 from app.telemetry.mapping.proposal import propose
 from app.telemetry.units import spelled
 from core.channels import KEYS

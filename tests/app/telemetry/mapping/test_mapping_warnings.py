@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from app.telemetry.mapping.applying import apply_mapping
+from app.telemetry.mapping.checks import find_warnings
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
-from app.telemetry.mapping.mapping_warnings import find_warnings
 from app.telemetry.recording import TelemetryError
 from core.channels import KEYS
 from tests.support.tables import columns_of, flight

@@ -7,11 +7,10 @@ from hypothesis import strategies as st
 
 from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.mapping import ChannelSource
-from app.telemetry.mapping.motion.motion import LONG, motion
-from app.telemetry.mapping.motion.sideslip_balance import sideslip_balance
-from app.telemetry.mapping.motion.signs import CONVENTION, find_signs
+from app.telemetry.mapping.motion import LONG, motion, sideslip_balance
 from app.telemetry.mapping.proposal import propose
-from app.telemetry.traces import Trace, Traces
+from app.telemetry.mapping.signs import CONVENTION, find_signs
+from app.telemetry.recording import Trace, Traces
 from core.channels import KEYS
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.attitude import SurfaceSigns, surface_signs

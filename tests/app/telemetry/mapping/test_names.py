@@ -2,8 +2,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.telemetry.mapping.naming.names import name_matches
-from app.telemetry.mapping.naming.vocabulary import MEANINGS
+from app.telemetry.mapping.names import name_matches
+from app.telemetry.mapping.vocabulary import MEANINGS
 from app.telemetry.targets import TARGETS
 from app.telemetry.units import spelled
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from app.telemetry.mapping.applying import apply_mapping
-from app.telemetry.mapping.extent import extent_of
+from app.telemetry.mapping.magnitudes import extent_of
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.mapping.proposal import propose
 from app.telemetry.recording import TelemetryError

@@ -6,9 +6,15 @@ import numpy as np
 import pytest
 
 from app.telemetry.mapping.applying import apply_mapping
-from app.telemetry.mapping.mapping import Mapping, TimeSource
+from app.telemetry.mapping.mapping import (
+    Mapping,
+    TimeSource,
+    counts_the_day,
+    rate_words,
+    read_rate,
+    time_of_day,
+)
 from app.telemetry.mapping.proposal import propose
-from app.telemetry.mapping.typed_rate import counts_the_day, rate_words, read_rate, time_of_day
 from app.telemetry.recording import TelemetryError
 from tests.support.clocks import EVEN, N
 from tests.support.recorded_files import read

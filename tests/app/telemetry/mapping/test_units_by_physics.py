@@ -5,8 +5,8 @@ import pytest
 
 from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
-from app.telemetry.mapping.motion.as_recorded import turn_of
 from app.telemetry.mapping.proposal import propose
+from app.telemetry.mapping.recorded_motion import turn_of
 from core.simulation.published import MODELS
 from tests.support.tables import columns_of, flight, quaternion
 

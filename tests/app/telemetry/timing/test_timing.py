@@ -9,12 +9,11 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from app.telemetry.recording import TelemetryError
+from app.telemetry.recording import TelemetryError, Trace, Traces
 from app.telemetry.timing.clock_faults import WRAPS
 from app.telemetry.timing.quality import MOST_FAULTS, Fault, Quality
 from app.telemetry.timing.repair import repair
 from app.telemetry.timing.rounded_clock import evened
-from app.telemetry.traces import Trace, Traces
 from core.types import Array
 from tests.support.repetition import examples
 

@@ -1,24 +1,139 @@
-"""Physical relations that show units a file does not give: ratios that are known in SI.
+"""What the motion in the raw numbers of a file shows before units are known.
 
 A roll rate is the slope of the bank angle, beta-dot follows minus the yaw rate and g/V times side
 force and bank, N_z is near 1 g, and airspeed over Mach number is the speed of sound. The raw
 numbers show such a ratio times a quotient of units.
 """
 
+from collections.abc import Collection
+from collections.abc import Mapping as AnyMapping
 from dataclasses import dataclass
 from math import exp, hypot, log, pi, sqrt
 
 import numpy as np
 
 from app.telemetry.contents import Columns, Signal
-from app.telemetry.mapping.extent import extent_of
-from app.telemetry.mapping.motion.as_recorded import TURNS, WRAP
-from app.telemetry.mapping.motion.motion import Motion
-from app.telemetry.mapping.motion.sideslip_balance import LARGEST, sideslip_balance
-from app.telemetry.mapping.motion.signs import ANGLE_OF, CLEAR, FOLLOWS
-from app.telemetry.mapping.naming.spelling import spellings
-from app.telemetry.mapping.naming.vocabulary import MACH, NORMAL_ACCELERATION
+from app.telemetry.mapping.applying import apply_mapping
+from app.telemetry.mapping.candidates import PROPOSED, Candidate, Candidates
+from app.telemetry.mapping.magnitudes import extent_of
+from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
+from app.telemetry.mapping.motion import LARGEST, Motion, motion, sideslip_balance
+from app.telemetry.mapping.names import is_derived
+from app.telemetry.mapping.signs import ANGLE_OF, CLEAR, FOLLOWS
+from app.telemetry.mapping.spelling import spellings
+from app.telemetry.mapping.vocabulary import MACH, NORMAL_ACCELERATION
+from app.telemetry.recording import TelemetryError
+from app.telemetry.targets import TARGETS
 from app.telemetry.units import STANDARD_GRAVITY, factor, fits
+from core.types import Array
+
+MOST = 1_000_000
+"""Samples that are searched for a jump of an angle."""
+WRAP = 0.02
+"""Deviation of a jump from a full turn, as a share of the turn."""
+QUATERNION = ("q0", "q1", "q2", "q3")
+TURNS = {"rad": 2.0 * pi, "deg": 360.0}
+
+
+def motion_as_recorded(
+    columns: Columns, times: AnyMapping[str, TimeSource], names: AnyMapping[str, str]
+) -> tuple[Motion | None, dict[str, str]]:
+    """The motion of signals, and the unit of each angle that jumps by a full turn.
+
+    names: key of TARGETS -> signal of the file. Attitude from a quaternion is in radians.
+    """
+    units: dict[str, str] = {}
+    for key in ("phi", "psi"):
+        if key in names and (unit := turn_of(columns.values(names[key]))):
+            units[key] = unit
+    of_quaternion = angles_of_quaternion(names)
+    derived = {key: ChannelSource(derivation=f"{key}_from_quaternion") for key in of_quaternion}
+    mapping = Mapping(
+        {key: ChannelSource(name, TARGETS[key].unit) for key, name in names.items()} | derived,
+        dict(times),
+    )
+    try:
+        traces = apply_mapping(columns, mapping)
+    except TelemetryError:
+        return None, units
+    turns = units | dict.fromkeys(of_quaternion, "rad")
+    return motion(traces, {key: TURNS[unit] for key, unit in turns.items()}), units
+
+
+def angles_of_quaternion(names: Collection[str]) -> tuple[str, ...]:
+    """Angles that are not recorded but follow from a quaternion."""
+    is_complete = set(QUATERNION) <= set(names)
+    return tuple(key for key in ("phi", "psi") if is_complete and key not in names)
+
+
+def turn_of(values: Array) -> str:
+    """The unit of an angle that jumps by a full turn; "" if it does not jump."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        jumps = np.abs(np.diff(values[:MOST]))
+    for unit, turn in TURNS.items():
+        near = np.abs(jumps / turn - 1.0) < WRAP
+        # most large jumps must be full turns, otherwise they are spikes
+        if near.any() and near.sum() >= 0.5 * np.count_nonzero(jumps > 0.5 * turn):
+            return unit
+    return ""
+
+
+CLEARER = 0.1
+"""Least gain in correlation for another signal; filters and noise make less difference."""
+MOST_TRIED = 6
+
+
+def choose_rates(
+    columns: Columns, before: Mapping, candidates: Candidates, assigned: dict[str, Candidate]
+) -> dict[str, Candidate]:
+    """Replace a rate by another signal that follows the derivative of its angle clearly better.
+
+    Rates that were derived from the angle would follow it best, so they do not replace others.
+    before: channels with confirmed sources, and the times of the groups.
+    """
+    chosen = dict(assigned)
+    for key, angle in ANGLE_OF.items():
+        names = {other: before.channels[other].signal for other in before.channels}
+        names |= {other: candidate.signal.name for other, candidate in chosen.items()}
+        of_angle = {other: names[other] for other in (angle, *QUATERNION) if names.get(other)}
+        if key not in chosen or angle not in (*of_angle, *angles_of_quaternion(of_angle)):
+            continue
+        used = {candidate.signal.name for other, candidate in chosen.items() if other != key}
+        rivals = [
+            candidate
+            for candidate in candidates.by_key[key]
+            if candidate.certainty >= PROPOSED
+            and candidate.signal.name not in used
+            and (candidate is chosen[key] or not is_derived(candidate.signal.name))
+        ][:MOST_TRIED]
+        if len(rivals) < 2 or chosen[key] not in rivals:
+            continue
+        follows = {
+            rival.signal.name: _follows(columns, before, key, rival, of_angle) for rival in rivals
+        }
+        best = max(rivals, key=lambda rival: follows[rival.signal.name])
+        current = chosen[key].signal.name
+        if follows[best.signal.name] ** 2 < FOLLOWS:
+            continue
+        if follows[best.signal.name] > follows[current] + CLEARER:
+            chosen[key] = best.because(
+                f"it follows d({angle})/dt with a correlation of {follows[best.signal.name]:.2f}, "
+                f"{current} with only {follows[current]:.2f}"
+            )
+    return chosen
+
+
+def _follows(
+    columns: Columns, before: Mapping, key: str, rate: Candidate, of_angle: dict[str, str]
+) -> float:
+    """Magnitude of the correlation between a signal and the derivative of its angle."""
+    angle, names = ANGLE_OF[key], of_angle | {key: rate.signal.name}
+    moves, _ = motion_as_recorded(columns, before.times, names)
+    if moves is None or angle not in moves.values:
+        return 0.0
+    effect = moves.effects(moves.values[key], {angle: moves.rates[angle]}).get(angle)
+    return sqrt(max(effect.share, 0.0)) if effect else 0.0
+
 
 SIDE_FORCE_CLEAR = 0.6
 """Least share of the lateral acceleration that the sideslip must explain."""

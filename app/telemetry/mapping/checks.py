@@ -1,0 +1,251 @@
+"""Check a mapping against the file and the motion that it implies: units, signs, gravity and bias.
+
+A proposal is corrected. A person's mapping only gets warnings: an aircraft may be unusual, and a
+file may state a wrong unit.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from app.telemetry.contents import Columns
+from app.telemetry.mapping.applying import ANY_NUMBERS, apply_mapping, part_of
+from app.telemetry.mapping.magnitudes import extent_of
+from app.telemetry.mapping.mapping import ChannelSource, Mapping
+from app.telemetry.mapping.motion import Motion, motion
+from app.telemetry.mapping.names import name_matches
+from app.telemetry.mapping.proposal_builder import ProposalBuilder
+from app.telemetry.mapping.signs import (
+    ANGLE_OF,
+    SignEvidence,
+    find_signs,
+    gravity_effect,
+    quiet_bias,
+)
+from app.telemetry.recording import TelemetryError, Trace, Traces
+from app.telemetry.targets import TARGETS, plausible
+from app.telemetry.units import factor, fits, spelled
+from core.channels import KEYS
+from core.simulation.attitude import SurfaceSigns
+
+SURFACES = ("delta_a", "delta_r")
+LEFT, RIGHT = "delta_a_left", "delta_a_right"
+ALIKE = 0.6
+"""Two ailerons with a higher correlation have the same sign convention."""
+
+
+def check_against_motion(builder: ProposalBuilder, expected: SurfaceSigns) -> None:
+    """Correct a proposed mapping and comment on it. Confirmed channels only get comments.
+
+    expected: response of the aircraft to positive deflections.
+    """
+    traces = _applied(builder)
+    if traces is None:
+        return
+    if _oppose_ailerons(builder, traces):
+        traces = _applied(builder) or traces
+    moves = motion(traces)
+    if moves is not None:
+        bank = builder.channels.get("phi")
+        _check_signs(builder, moves, expected)
+        same_bank = 1 if builder.channels.get("phi") == bank else -1
+        _take_out_gravity(builder, moves, same_bank)
+    _remove_bias(builder)
+
+
+def _check_signs(builder: ProposalBuilder, moves: Motion, expected: SurfaceSigns) -> None:
+    signs = find_signs(moves, expected, yaw_is_known="r" in builder.confirmed)
+    for key, evidence in signs.items():
+        _check_sign(builder, key, evidence)
+    for key in SURFACES:
+        if key in builder.channels and key not in signs:
+            builder.comment(key, "its sign cannot be verified from the motion", 0.98)
+
+
+def _applied(builder: ProposalBuilder) -> Traces | None:
+    try:
+        traces = apply_mapping(builder.columns, builder.mapping)
+    except TelemetryError:
+        return None
+    return replace(traces, channels={k: plausible(k, x) for k, x in traces.channels.items()})
+
+
+def _oppose_ailerons(builder: ProposalBuilder, traces: Traces) -> bool:
+    """Reverse the left aileron if both move alike; real ailerons move in opposition."""
+    if not {LEFT, RIGHT} <= traces.channels.keys() or {LEFT, RIGHT} & builder.confirmed:
+        return False
+    left, right = traces.channels[LEFT], traces.channels[RIGHT]
+    if left.t is not right.t:
+        return False
+    known = np.isfinite(left.values) & np.isfinite(right.values)
+    pair = np.array([left.values[known], right.values[known]])
+    if known.sum() < 2 or not pair.std(axis=1).all():
+        return False
+    correlation = float(np.corrcoef(pair).ravel()[1])
+    if not correlation > ALIKE:
+        return False
+    builder.change(LEFT, sign=-builder.channels[LEFT].sign)
+    builder.comment(
+        LEFT, f"reversed: it moves like the right aileron (correlation {correlation:.2f})"
+    )
+    return True
+
+
+def _check_sign(builder: ProposalBuilder, key: str, evidence: SignEvidence) -> None:
+    """Reverse a channel, or add the evidence for its sign."""
+    if key in ANGLE_OF and builder.channels[key].derivation:
+        return  # it is derived from this angle
+    if key in builder.confirmed or (key == "phi" and builder.channels[key].derivation):
+        if evidence.sign < 0 and evidence.proven:
+            builder.comment(key, f"but according to the motion it is {evidence.text}", 0.6)
+        return
+    if evidence.sign < 0:
+        builder.change(key, sign=-builder.channels[key].sign)
+        builder.comment(key, evidence.text, 0.95 if evidence.proven else 0.6)
+    elif evidence.proven:
+        builder.support(key, evidence.text, 0.6)
+    else:
+        builder.comment(key, evidence.text, 0.8)
+
+
+def _take_out_gravity(builder: ProposalBuilder, moves: Motion, same_bank: int) -> None:
+    """Remove gravity from a lateral acceleration that contains it.
+
+    same_bank: -1 if the bank angle was reversed in between.
+    """
+    source = builder.channels.get("Ny")
+    if source is None or not source.signal or "Ny" in builder.confirmed or "Ay" in builder.channels:
+        return
+    effect = gravity_effect(moves)
+    if effect is None:
+        return
+    slope = source.sign * same_bank * effect.slope
+    why = (
+        f"it follows {slope:+.2f} g times sin(phi) cos(theta), which explains "
+        f"{effect.share:.0%} of the variation left by the other channels"
+    )
+    if slope < 0.0:
+        reason = f"{why}: it is reversed and contains gravity, or was flown in steady sideslips"
+        builder.comment("Ny", reason, 0.6)
+        return
+    before = builder.rationales["Ny"]
+    builder.assign("Ay", source, before.confidence, *before.reasons, why)
+    derived = ChannelSource(derivation="Ny_without_gravity")
+    reason = f"derived, because {source.signal} contains gravity: {why}"
+    builder.assign("Ny", derived, round(0.8 * before.confidence, 4), reason)
+
+
+def _remove_bias(builder: ProposalBuilder) -> None:
+    """Remove the bias that an accelerometer shows in the quiet first seconds."""
+    if "Ny" not in builder.channels or "Ny" in builder.confirmed:
+        return
+    try:
+        trace = apply_mapping(builder.columns, part_of(builder.mapping, "Ny")).channels["Ny"]
+    except TelemetryError:
+        return
+    if bias := quiet_bias(trace):
+        builder.change("Ny", bias=bias.value)
+        builder.comment("Ny", f"removed a {bias.text}", 0.4 if bias.like_gravity else 0.85)
+
+
+MappingWarnings = dict[str, list[str]]
+"""Sentences by channel."""
+
+
+@ANY_NUMBERS
+def find_warnings(columns: Columns, mapping: Mapping, applied: Traces | None) -> MappingWarnings:
+    """Return sentences by channel, only for channels with warnings.
+
+    applied: the mapped channels; None if the mapping cannot be applied.
+    """
+    warnings: MappingWarnings = {key: [] for key in TARGETS if key in mapping.channels}
+    for key in warnings:
+        source = mapping.channels[key]
+        if source.signal:
+            warnings[key] += [*_used_twice(mapping, key), *_other_unit(columns, key, source)]
+    if applied is not None:
+        channels = {key: plausible(key, trace) for key, trace in applied.channels.items()}
+        for key in KEYS:
+            if key in channels and (source := mapping.channels[key]).bias:
+                warnings[key] += _off_centre(key, source, channels[key])
+        moves = motion(replace(applied, channels=channels))
+        if moves is not None:
+            _warn_of_signs(warnings, mapping, moves)
+        if "Ny" in channels and mapping.channels["Ny"].signal:
+            warnings["Ny"] += _warn_of_lateral(channels["Ny"], moves)
+    return {key: sentences for key, sentences in warnings.items() if sentences}
+
+
+def _used_twice(mapping: Mapping, key: str) -> list[str]:
+    name = mapping.channels[key].signal
+    others = [
+        TARGETS[other].label
+        for other, source in mapping.channels.items()
+        if other != key and source.signal == name
+    ]
+    others += [f"the time{f' of {g}' if g else ''}" for g, t in mapping.times.items()
+               if t.signal == name]  # fmt: skip
+    return [f"{name} is also mapped to {' and '.join(others)}"] if others else []
+
+
+def _other_unit(columns: Columns, key: str, source: ChannelSource) -> list[str]:
+    """Warn if the chosen unit differs from that of the file, or else of the name."""
+    try:
+        signal = columns.signal(source.signal)
+    except KeyError:
+        return []
+    target, chosen = TARGETS[key], spelled(source.unit)
+    where, unit = "the file", spelled(signal.unit)
+    if not unit:
+        of_name = (match.unit for match in name_matches(signal.name) if match.key == key)
+        where, unit = "its name", spelled(next((text for text in of_name if text), ""))
+    if not unit or not fits(chosen, target.unit) or chosen == f"{unit}/s":
+        return []
+    given = f"{where} gives {signal.name} in {unit}"
+    if not fits(unit, target.unit):
+        return [f"{given}, which is not a unit of {target.label}"]
+    if np.isclose(factor(unit, target.unit), factor(chosen, target.unit), rtol=1e-6):
+        return []
+    return [f"{given}, not in {chosen}"]
+
+
+def _off_centre(key: str, source: ChannelSource, trace: Trace) -> list[str]:
+    """Warn if removing the bias moves a channel away from zero by more than it varies."""
+    extent = extent_of(trace.values)
+    if extent.empty:
+        return []
+    after = extent.middle
+    before = after + source.bias
+    if abs(after) <= abs(before) or abs(after) <= 0.5 * (extent.highest - extent.lowest):
+        return []
+    read = TARGETS[key].read
+    return [
+        f"removing the bias takes it from about {read(before)} to {read(after)}, away from zero"
+    ]
+
+
+def _warn_of_signs(warnings: MappingWarnings, mapping: Mapping, moves: Motion) -> None:
+    for key, evidence in find_signs(moves).items():
+        if key in ANGLE_OF and mapping.channels[key].derivation:
+            continue  # it is derived from this angle
+        if evidence.sign < 0 and evidence.proven:
+            warnings[key].append(f"according to the motion it is {evidence.text}")
+        if evidence.times != 1.0:
+            angle = ANGLE_OF[key]
+            text = f"{key} is {evidence.times:.3g} times d({angle})/dt: one unit is wrong"
+            warnings[key].append(text)
+            warnings[angle].append(text)
+
+
+def _warn_of_lateral(trace: Trace, moves: Motion | None) -> list[str]:
+    """Warn about gravity or a bias in the channel mapped to N_y."""
+    warnings = []
+    effect = gravity_effect(moves) if moves is not None else None
+    if effect is not None and effect.slope > 0.0:
+        warnings.append(
+            f"it follows {effect.slope:+.2f} g times sin(phi) cos(theta), so it contains gravity: "
+            f"map it to {TARGETS['Ay'].label} and derive N_y"
+        )
+    if bias := quiet_bias(trace):
+        warnings.append(bias.text)
+    return warnings

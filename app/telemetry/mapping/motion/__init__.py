@@ -1,1 +1,0 @@
-"""Check a mapping against the motion of the aircraft: units, signs, gravity and bias."""

@@ -1,1 +1,0 @@
-"""What a signal is by its name: its words, its unit, and what flight test calls the channels."""
