@@ -58,6 +58,7 @@ from app.messages import (
     plain_frame,
     validity_word,
 )
+from app.scene.shown import Shown
 from core.channels import KEYS
 from core.evaluation.certificate import warnings_of
 from core.flight_markers import FLIGHT_MARKERS, FlightMarkerKey
@@ -67,6 +68,7 @@ from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import Cause
 from core.monitor.peak_forecast import Ahead
 from core.monitor.status import Facts, Headline, Level, headline
+from core.simulation.attitude import Attitude
 from core.types import Array
 
 if TYPE_CHECKING:
@@ -591,13 +593,23 @@ class Flight(ABC):
             watcher.wake()
         if self.scene is None or self._pose is None or self._assessment is None:
             return
-        (attitude, y), p_value, alert = self._pose, self._assessment.p_value, self._assessment.alert
-        if self.state is State.STALE:
-            p_value = alert = None
-        angles = y.item(BETA), y.item(DELTA_A), y.item(DELTA_R)
-        risk = p_value, self._alert_above, alert, self.state, self.reason
-        about = self._facts, self._assessment.cause
-        self._use_scene(lambda scene: scene.show(self.t, attitude, *angles, *risk, *about))
+        (attitude, y), assessment = self._pose, self._assessment
+        is_stale = self.state is State.STALE
+        shown = Shown(
+            self.t,
+            Attitude(*attitude),
+            y.item(BETA),
+            y.item(DELTA_A),
+            y.item(DELTA_R),
+            None if is_stale else assessment.p_value,
+            self._alert_above,
+            bool(assessment.alert) and not is_stale,
+            self.state,
+            self.reason,
+            facts=self._facts,
+            cause=assessment.cause,
+        )
+        self._use_scene(lambda scene: scene.show(shown))
 
     def _miss(self, seconds: float) -> None:
         """Become stale: no sample came for this time [s]."""

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from app.scene.shown import Colour
 from core.simulation.aircraft import AircraftClass
 
 Vertices = npt.NDArray[np.float32]
 Faces = npt.NDArray[np.uint32]
 Point = tuple[float, float, float]
-Colour = tuple[int, int, int]
 FILE = Path(__file__).with_name("airframes.npz")
 SPAN = 10.4
 """[m]"""

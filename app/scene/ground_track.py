@@ -8,9 +8,10 @@ from math import cos, exp, sin
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
-from app.scene.airframes import SPAN, Colour
-from app.scene.quaternion import body_to_earth, matrix
+from app.scene.airframes import SPAN
+from app.scene.shown import Colour
 from core.simulation.attitude import Attitude, wrapped
 from core.types import Array
 
@@ -23,6 +24,11 @@ LONGEST_STEP_S = 1.0
 TRAIL_POINTS, TRAIL_STEP_S = 48, 0.12
 TIPS: Array = np.array([(-3.2, -3.2), (-SPAN / 2, SPAN / 2), (0.0, 0.0)])
 """Left and right wing tip, body axes [m]; (3, 2)."""
+
+
+def body_to_earth(phi: float, theta: float, psi: float) -> Rotation:
+    """Body axes to north-east-down: heading, then pitch, then bank [rad]."""
+    return Rotation.from_euler("ZYX", (psi, theta, phi))
 
 
 class GroundTrack:
@@ -49,7 +55,7 @@ class GroundTrack:
         self.heading = wrapped(self.heading + lag * (1.0 - exp(-step / CHASE_S)))
         course = attitude.psi + beta
         self.place += DISPLAY_SPEED * step * np.array((cos(course), sin(course)))
-        self._tips = matrix(body_to_earth(*attitude)) @ TIPS
+        self._tips = body_to_earth(*attitude).as_matrix() @ TIPS
         self._tips[:2] += self.place[:, None]
         self._colour = colour
         if not self._trail or t - self._trail[-1][0] >= TRAIL_STEP_S:

@@ -4,37 +4,44 @@ The world is north-east-down, in metres, seen by a camera behind the aircraft. T
 drawn true, surfaces and sideslip exaggerated. The aircraft stays in place and the ground moves.
 """
 
-from html import escape
-from math import pi, sqrt
-from typing import Any, NamedTuple
+from itertools import pairwise
+from math import cos, pi, sin, sqrt
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import viser
+from scipy.spatial.transform import Rotation
 
-from app.scene.airframes import Colour, Part, airframe
-from app.scene.ground_track import TRAIL_POINTS, GroundTrack
-from app.scene.quaternion import body_to_earth, product, turn
-from app.scene.shapes import arrow, circle, compass, slip_scale, torus, tube
-from core.monitor.assessment import Cause, State
-from core.monitor.status import Facts, Headline, Level, Status, headline, in_words
+from app.scene.airframes import Part, airframe
+from app.scene.ground_track import TRAIL_POINTS, GroundTrack, body_to_earth
+from app.scene.shown import (
+    ALERT,
+    CALM,
+    CAUTION,
+    COLOURS,
+    EXAGGERATION,
+    FAINT,
+    GHOST,
+    GREY,
+    GRID,
+    INK,
+    LIMIT,
+    VELOCITY,
+    Colour,
+    Shown,
+    caption,
+    label,
+    readout,
+    tone,
+)
+from core.monitor.assessment import State
 from core.simulation.aircraft import AircraftClass
-from core.simulation.attitude import Attitude, SurfaceSigns
+from core.simulation.attitude import SurfaceSigns
+from core.types import Array
 
-CALM: Colour = (24, 156, 144)
-ALERT: Colour = (255, 40, 32)
-CAUTION: Colour = (228, 142, 12)
-ADVISORY: Colour = (72, 136, 236)
-GREY: Colour = (128, 132, 140)
-GHOST: Colour = (92, 95, 101)
-INK: Colour = (124, 135, 149)
-FAINT: Colour = (96, 104, 116)
-VELOCITY: Colour = (72, 132, 236)
-LIMIT: Colour = (232, 160, 8)
-GRID: Colour = (104, 114, 128)
-"""Visible on a dark and on a light sky: the sky is the page's background, in the viewer's theme."""
-
-EXAGGERATION = 3.0
-"""Factor of the drawn surface angles and sideslip; shown in the scene."""
+Lines = npt.NDArray[np.float32]
+"""(n, 2, 3) [m]."""
 WIDEST = pi / 4
 """Largest drawn surface angle [rad]."""
 DOWN = (0.0, 0.0, 1.0)
@@ -46,117 +53,17 @@ COLUMN_AT, COLUMN_HEIGHT, COLUMN_RADIUS = (-4.3, -11.75, -1.2), 7.0, 0.5
 CAMERA_AT, LOOKS_AT, FIELD_OF_VIEW = (-28.0, 7.8, -16.1), (-0.8, -2.2, -2.6), 0.75
 """Compass and column fill a picture that is a quarter wider than high."""
 
-LONGEST_DETAIL, LONGEST_LABEL = 120, 36
 TICKS = {"none": 0.0, "quarter": 0.25, "half": 0.5, "whole": 1.0}
 NUMBERED = ("none", "quarter", "whole")
 """Ticks with a number, far enough apart for the smallest scene."""
-
-
-COLOURS = {
-    Level.WARNING: ALERT,
-    Level.CAUTION: CAUTION,
-    Level.ADVISORY: ADVISORY,
-    Level.NONE: CALM,
+LETTERS = {
+    "N": ((-1, -1, 1, -1), (1, -1, -1, 1), (-1, 1, 1, 1)),
+    "E": ((-1, -1, 1, -1), (1, -1, 1, 1), (0, -1, 0, 0.6), (-1, -1, -1, 1)),
+    "S": ((1, 1, 1, -1), (1, -1, 0, -1), (0, -1, 0, 1), (0, 1, -1, 1), (-1, 1, -1, -1)),
+    "W": ((1, -1, -1, -0.5), (-1, -0.5, 0.4, 0), (0.4, 0, -1, 0.5), (-1, 0.5, 1, 1)),
 }
-"""Colours of ring and words: red is for warnings only."""
-
-
-class Shown(NamedTuple):
-    """All that a picture depends on; see Scene.show."""
-
-    t: float
-    attitude: Attitude
-    beta: float
-    delta_a: float
-    delta_r: float
-    p_value: float | None
-    alert_above: float
-    alert: bool
-    state: State
-    reason: str
-    paused: bool = False
-    facts: Facts | None = None
-    cause: Cause | None = None
-
-    @property
-    def headline(self) -> Headline:
-        """The flight's headline; by default that of the sample alone."""
-        return headline(self._sampled() if self.facts is None else self.facts)
-
-    def _sampled(self) -> Facts:
-        unknown = self.state is State.OK and self.p_value is None
-        return Facts(
-            alert=self.alert,
-            stale=self.state is State.STALE,
-            invalid=self.state is State.INVALID or unknown,
-            warming_up=self.state is State.WARMING_UP,
-        )
-
-
-class Caption(NamedTuple):
-    """Words of a scene: headline, risk if known, and detail."""
-
-    word: str
-    risk: str
-    detail: str
-
-
-def caption(shown: Shown) -> Caption:
-    """A number only for an assessed sample; a word unless the flight is calm."""
-    now = shown.headline
-    both = "" if now.status is Status.OK else in_words(now, shown.cause)
-    if shown.state is not State.OK or shown.p_value is None:
-        return Caption(both, "", shown.reason or "no risk known")
-    word = f"{both}{' PAUSED' * shown.paused}".strip()
-    return Caption(
-        word,
-        f"RISK {as_text(shown.p_value, shown.alert_above)}",
-        f"alert above {shown.alert_above:.3g}",
-    )
-
-
-def label(shown: Shown) -> str:
-    """As much of the caption as fits the narrowest scene, the current status in any case."""
-    words, now = caption(shown), shown.headline
-    first = in_words(now._replace(exceeded_t=None), shown.cause)
-    headline = in_words(now, shown.cause)
-    texts = (f"{words.word} {words.risk}".strip(), words.word, headline, first)
-    return next((text for text in texts if len(text) <= LONGEST_LABEL), first)
-
-
-def as_text(p_value: float, alert_above: float) -> str:
-    """Two decimals, or more where rounding would give 0 or cross the threshold."""
-    text = ""
-    for digits in range(2, 6):
-        text = f"{p_value:.{digits}f}"
-        if float(text) > 0.0 and (float(text) > alert_above) == (p_value > alert_above):
-            break
-    return text
-
-
-def readout(words: Caption, colour: Colour) -> str:
-    """The words as HTML for viser's panel; `detail` is escaped since it may be external text."""
-    tint = f"rgb{colour}"
-    style = f"background:{tint};color:#0b0f14;padding:0 8px;margin:0 -8px 2px;border-radius:4px"
-    word = f'<div style="{style};font-size:24px;font-weight:800">{words.word}</div>'
-    small = '<span style="font-size:12px;font-weight:400;color:#cdd6e0">(higher is worse)</span>'
-    large = f"white-space:nowrap;font-size:20px;font-weight:700;color:{tint}"
-    risk = f'<div style="{large}">{words.risk} {small}</div>'
-    return (
-        '<div style="font-family:system-ui,sans-serif;padding:0 12px 4px;line-height:1.3">'
-        + word * bool(words.word)
-        + risk * bool(words.risk)
-        + f'<div style="font-size:13px">{escape(words.detail[:LONGEST_DETAIL])}</div>'
-        '<div style="font-size:11px;opacity:.7">surfaces and sideslip drawn '
-        f"×{EXAGGERATION:g}</div></div>"
-    )
-
-
-def tone(shown: Shown) -> Colour:
-    """Colour of the risk: calm, alert, or grey if unknown."""
-    if shown.state is not State.OK or shown.p_value is None:
-        return GREY
-    return ALERT if shown.alert else CALM
+"""Strokes from (outward, clockwise) to (outward, clockwise), in half letter sizes."""
+NO_SHADOW: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
 
 
 def height(p_value: float) -> float:
@@ -207,6 +114,14 @@ class Picture:
 
     # --- building -------------------------------------------------------------------------------
 
+    def _add_lines(
+        self, name: str, points: Lines, colour: Colour, thickness: float, **place: Any
+    ) -> viser.LineSegmentsHandle:
+        """thickness: in pixels."""
+        return self._server.scene.add_line_segments(
+            name, points, colour, thickness=thickness, thickness_units="screen", **place
+        )
+
     def _add_world(self) -> None:
         scene = self._server.scene
         self._chase = scene.add_frame("/chase", show_axes=False)
@@ -225,19 +140,10 @@ class Picture:
             shadow_opacity=0.0,
             position=(0.0, 0.0, GROUND_BELOW),
         )
-        self._ring = scene.add_line_segments(
-            "/chase/ring", circle(RING_RADIUS), CALM, thickness=2.0, thickness_units="screen"
-        )
-        scene.add_line_segments(
-            "/chase/compass", compass(RING_RADIUS), INK, thickness=1.5, thickness_units="screen"
-        )
-        self._trail = scene.add_line_segments(
-            "/chase/trail",
-            np.zeros((2 * TRAIL_POINTS, 2, 3)),
-            np.zeros((2 * TRAIL_POINTS, 2, 3), np.uint8),
-            thickness=2.0,
-            thickness_units="screen",
-        )
+        self._ring = self._add_lines("/chase/ring", circle(RING_RADIUS), CALM, 2.0)
+        self._add_lines("/chase/compass", compass(RING_RADIUS), INK, 1.5)
+        trail = np.zeros((2 * TRAIL_POINTS, 2, 3), np.float32)
+        self._trail = self._add_lines("/chase/trail", trail, GRID, 2.0)
 
     def _add_aircraft(self) -> None:
         scene = self._server.scene
@@ -250,23 +156,17 @@ class Picture:
                 part.faces,
                 color=part.colour,
                 position=part.hinge,
-                cast_shadow=False,
-                receive_shadow=False,
+                **NO_SHADOW,
             )
             self._parts[part.name] = part, node
-        scene.add_line_segments(
-            "/chase/aircraft/slip_scale",
-            slip_scale(self._alpha0, EXAGGERATION),
-            INK,
-            thickness=1.5,
-            thickness_units="screen",
-        )
-        self._velocity = scene.add_mesh_simple(
+        self._add_lines("/chase/aircraft/slip_scale", slip_scale(self._alpha0), INK, 1.5)
+        self._velocity = scene.add_arrows(
             "/chase/aircraft/velocity",
-            *arrow(),
-            color=VELOCITY,
-            cast_shadow=False,
-            receive_shadow=False,
+            np.array([[(8.2, 0.0, 0.0), (14.6, 0.0, 0.0)]]),
+            VELOCITY,
+            shaft_radius=0.11,
+            head_radius=0.34,
+            head_length=1.6,
         )
         self._slip = scene.add_label(
             "/chase/aircraft/slip",
@@ -279,30 +179,23 @@ class Picture:
     def _add_column(self) -> None:
         scene = self._server.scene
         scene.add_frame("/column", show_axes=False, position=COLUMN_AT)
-        common: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
-        glass = tube(COLUMN_RADIUS * 1.35)
-        scene.add_mesh_simple(
+        scene.add_cylinder(
             "/column/glass",
-            *glass,
-            color=INK,
+            COLUMN_RADIUS * 1.35,
+            COLUMN_HEIGHT,
+            INK,
             opacity=0.14,
-            scale=(1.0, 1.0, COLUMN_HEIGHT),
+            position=(0.0, 0.0, -COLUMN_HEIGHT / 2),
             side="double",
-            **common,
+            **NO_SHADOW,
         )
-        self._fill = scene.add_mesh_simple(
-            "/column/fill", *tube(COLUMN_RADIUS), color=GREY, visible=False, **common
+        self._fill = scene.add_cylinder(
+            "/column/fill", COLUMN_RADIUS, 1.0, GREY, visible=False, **NO_SHADOW
         )
+        ring = circle(COLUMN_RADIUS * 1.35)
         for name, p_value in TICKS.items():
             at = (0.0, 0.0, -height(p_value))
-            scene.add_line_segments(
-                f"/column/{name}",
-                circle(COLUMN_RADIUS * 1.35),
-                INK,
-                thickness=1.2,
-                thickness_units="screen",
-                position=at,
-            )
+            self._add_lines(f"/column/{name}", ring, INK, 1.2, position=at)
             if name in NUMBERED:
                 scene.add_label(
                     f"/column/{name}_label",
@@ -311,8 +204,8 @@ class Picture:
                     anchor="center-left",
                     position=(0.0, 1.6 * COLUMN_RADIUS, at[2]),
                 )
-        self._threshold = scene.add_mesh_simple(
-            "/column/threshold", *torus(COLUMN_RADIUS * 1.75, 0.09), color=LIMIT, **common
+        self._threshold = scene.add_line_segments(
+            "/column/threshold", circle(COLUMN_RADIUS * 1.75), LIMIT, thickness=0.18
         )
         self._threshold_label = scene.add_label(
             "/column/threshold_label", "", font_screen_scale=0.9, anchor="center-right"
@@ -333,14 +226,14 @@ class Picture:
         track = self._track
         track.advance(shown.t, shown.attitude, shown.beta, colour)
         north, east = -(track.place % SECTION)
-        self._set(self._chase, wxyz=turn(DOWN, -track.heading))
+        self._set(self._chase, wxyz=turned(DOWN, -track.heading))
         self._set(self._ground, position=(float(north), float(east), GROUND_BELOW))
         self._trail.points, self._trail.colors = track.trail(GRID)
 
     def _pose(self, shown: Shown) -> None:
         """Attitude, surfaces and velocity; grey if the telemetry is stale or invalid."""
         lost = shown.state in (State.STALE, State.INVALID)
-        self._set(self._aircraft, wxyz=body_to_earth(*shown.attitude))
+        self._set(self._aircraft, wxyz=wxyz(body_to_earth(*shown.attitude)))
         roll = self._signs.aileron * _drawn(shown.delta_a)
         turns = {
             "right_aileron": -roll,  # trailing edge up rolls right
@@ -350,10 +243,10 @@ class Picture:
         for name, (part, node) in self._parts.items():
             self._set(node, color=GHOST if lost else part.colour)
             if name in turns:
-                self._set(node, wxyz=turn(part.axis, turns[name]))
-        yaw = turn(DOWN, _drawn(shown.beta))
-        pitch = turn((0.0, 1.0, 0.0), -self._alpha0)
-        self._set(self._velocity, wxyz=product(pitch, yaw), color=GHOST if lost else VELOCITY)
+                self._set(node, wxyz=turned(part.axis, turns[name]))
+        wind = Rotation.from_euler("YZ", (-self._alpha0, _drawn(shown.beta)))
+        self._set(self._velocity, wxyz=wxyz(wind))
+        self._paint(self._velocity, GHOST if lost else VELOCITY)
         beta = "" if lost else f"β {np.rad2deg(shown.beta):+.1f}°"
         self._set(self._slip, text=beta, visible=not lost)
 
@@ -361,23 +254,36 @@ class Picture:
         """Column, threshold ring, level ring and words."""
         known = colour != GREY
         level = height(shown.p_value) if known and shown.p_value is not None else COLUMN_HEIGHT
-        self._set(self._fill, color=colour, scale=(1.0, 1.0, max(level, 0.02)), visible=True)
+        level = max(level, 0.02)
+        self._set(self._fill, color=colour, scale=(1.0, 1.0, level), visible=True)
+        self._set(self._fill, position=(0.0, 0.0, -level / 2))
         at = (0.0, 0.0, -height(shown.alert_above))
         self._set(self._threshold, position=at)
         beside = (0.0, -2.2 * COLUMN_RADIUS, at[2])
         self._set(self._threshold_label, text=f"> {shown.alert_above:.3g}", position=beside)
         urgent = COLOURS[shown.headline.level]
-        self._paint_ring(urgent)
+        self._paint(self._ring, urgent)
+        self._set(self._ring, thickness=5.0 if urgent in (ALERT, CAUTION) else 2.0)
         words = caption(shown)
         self._set(self._headline, text=label(shown))
         self._set(self._readout, content=readout(words, urgent))
 
-    def _paint_ring(self, colour: Colour) -> None:
-        key = id(self._ring), "colors"
+    def _paint(self, node: Any, colour: Colour) -> None:
+        key = id(node), "colors"
         if self._sent.get(key) != colour:
             self._sent[key] = colour
-            self._ring.colors = np.array(colour, np.uint8)
-            self._ring.thickness = 5.0 if colour in (ALERT, CAUTION) else 2.0
+            node.colors = np.array(colour, np.uint8)
+
+
+def wxyz(rotation: Rotation) -> tuple[float, ...]:
+    """The quaternion of a rotation as viser uses it, from a child's frame to its parent's."""
+    x, y, z, w = rotation.as_quat().tolist()
+    return w, x, y, z
+
+
+def turned(axis: tuple[float, float, float], angle: float) -> tuple[float, ...]:
+    """The quaternion of a right-handed turn about a unit vector by an angle [rad]."""
+    return wxyz(Rotation.from_rotvec(np.multiply(angle, axis)))
 
 
 def _drawn(angle: float) -> float:
@@ -397,3 +303,41 @@ def _stage(server: viser.ViserServer) -> None:
         scene.add_light_directional(f"/light/{name}", intensity=1.3, position=at)
     camera = server.initial_camera
     camera.position, camera.look_at, camera.fov = CAMERA_AT, LOOKS_AT, FIELD_OF_VIEW
+
+
+def circle(radius: float, n: int = 96) -> Lines:
+    """A level circle."""
+    angle = np.linspace(0.0, 2 * pi, n + 1)
+    ring = np.stack((radius * np.cos(angle), radius * np.sin(angle), 0 * angle), 1)
+    return np.stack((ring[:-1], ring[1:]), 1).astype(np.float32)
+
+
+def compass(radius: float) -> Lines:
+    """Marks outside a circle each 10 and 30 degrees, and the letters of the quarters."""
+    lines: list[tuple[Array, Array]] = []
+    for k in range(36):
+        out = np.array((cos(k * pi / 18), sin(k * pi / 18), 0.0))
+        lines.append((radius * out, (radius + (0.45 if k % 3 else 0.9)) * out))
+    for quarter, strokes in enumerate(LETTERS.values()):
+        out = np.array((cos(quarter * pi / 2), sin(quarter * pi / 2), 0.0))
+        up, right = 0.65 * out, 0.45 * np.array((-out[1], out[0], 0.0))
+        middle = (radius + 2.0) * out
+        for u0, v0, u1, v1 in strokes:
+            lines.append((middle + u0 * up + v0 * right, middle + u1 * up + v1 * right))
+    return np.array(lines, np.float32)
+
+
+def slip_scale(alpha0: float, radius: float = 15.0) -> Lines:
+    """An arc ahead of the nose with marks at 0, 5 and 10 degrees of sideslip to both sides."""
+
+    def at(distance: float, beta_deg: float) -> tuple[float, float, float]:
+        angle = np.deg2rad(EXAGGERATION * beta_deg)
+        ahead = distance * cos(angle)
+        return ahead * cos(alpha0), distance * sin(angle), ahead * sin(alpha0)
+
+    degrees = np.linspace(-10.0, 10.0, 25)
+    lines = [(at(radius, a), at(radius, b)) for a, b in pairwise(degrees.tolist())]
+    for beta_deg in (-10.0, -5.0, 0.0, 5.0, 10.0):
+        inner = radius - (0.5 if beta_deg else 1.0)
+        lines.append((at(inner, beta_deg), at(radius + 0.5, beta_deg)))
+    return np.array(lines, np.float32)

@@ -13,9 +13,10 @@ from contextlib import asynccontextmanager, contextmanager
 from math import isfinite
 from typing import Self
 
-from app.scene.picture import Picture, Shown
+from app.scene.picture import Picture
 from app.scene.server import address, open_server
-from core.monitor.assessment import Cause, State
+from app.scene.shown import Shown
+from core.monitor.assessment import State
 from core.monitor.status import Facts
 from core.simulation.aircraft import AircraftClass
 from core.simulation.attitude import Attitude, SurfaceSigns
@@ -28,8 +29,6 @@ MAX_SCENES = 64
 LOG = logging.getLogger("forewarn")
 
 Clock = Callable[[], float]
-_Pose = tuple[float, tuple[float, float, float], float, float, float]
-_Sample = tuple[float | None, float, bool | None, State | str, str, Facts | None, Cause | None]
 NOTHING_YET = Shown(
     0.0, Attitude(0.0, 0.0, 0.0), 0.0, 0.0, 0.0, None, 1.0, False, State.STALE, "no sample yet"
 )
@@ -54,8 +53,6 @@ class Scene:
         self._clock, self._stale_after_s = clock, stale_after_s
         self._lock, self._latest = threading.RLock(), threading.Lock()
         self._shown, self._shown_at = NOTHING_YET, clock()
-        self._pose: _Pose = NOTHING_YET[:5]
-        self._latest_sample: _Sample | None = None
         self._drawn: Shown | None = None
         self._watchers: list[Callable[[], object]] = []
         self._closed = False
@@ -67,34 +64,17 @@ class Scene:
             raise
         self.address = address(self._server)
 
-    def show(
-        self,
-        t: float,
-        attitude: tuple[float, float, float],
-        beta: float,
-        delta_a: float,
-        delta_r: float,
-        p_value: float | None,
-        alert_above: float,
-        alert: bool | None,
-        state: State | str,
-        reason: str = "",
-        facts: Facts | None = None,
-        cause: Cause | None = None,
-    ) -> None:
+    def show(self, shown: Shown) -> None:
         """Show this state at the next drawing; it replaces one that was not drawn yet.
 
-        t: flight time [s].   attitude: phi, theta, psi [rad].   beta, delta_a, delta_r: [rad].
-        p_value, alert: None unless state is `ok`; `ok` without a finite p-value shows as INVALID.
-        facts: decide the flight's headline; by default those of this sample alone.
-        cause: special cause of an invalid sample.   Non-finite angles keep the last pose.
-        No effect after `close`. Costs a microsecond or two and never waits.
+        Non-finite angles keep the last pose. No effect after `close`. Costs a microsecond or two
+        and never waits.
         """
         with self._latest:
-            if isfinite(t + sum(attitude) + beta + delta_a + delta_r):
-                self._pose = t, attitude, beta, delta_a, delta_r
-            self._latest_sample = p_value, alert_above, alert, state, reason, facts, cause
-            self._shown_at = self._clock()
+            t, attitude, beta, delta_a, delta_r = shown[:5]
+            if not isfinite(t + sum(attitude) + beta + delta_a + delta_r):
+                shown = Shown(*self._shown[:5], *shown[5:])
+            self._shown, self._shown_at = shown, self._clock()
 
     def wait(self, stale_after_s: float) -> None:
         """Set the time without a sample after which the scene is STALE [s]; the wait restarts."""
@@ -104,12 +84,12 @@ class Scene:
     def restate(self, facts: Facts) -> None:
         """Change the facts of the headline without a sample."""
         with self._latest:
-            self._shown = self._newest()._replace(facts=facts)
+            self._shown = self._shown._replace(facts=facts)
 
     def hold(self) -> None:
         """The flight is paused: show PAUSED, not STALE, until the next `show`."""
         with self._latest:
-            self._shown = self._newest()._replace(paused=True)
+            self._shown = self._shown._replace(paused=True)
 
     def draw(self) -> bool:
         """Update the picture. Returns whether anything was new."""
@@ -123,23 +103,10 @@ class Scene:
             self._drawn = shown
             return True
 
-    def _newest(self) -> Shown:
-        """The newest state, built on demand; needs the lock."""
-        if self._latest_sample is not None:
-            t, attitude, beta, delta_a, delta_r = self._pose
-            p_value, alert_above, alert, state, reason, facts, cause = self._latest_sample
-            if p_value is not None and not isfinite(p_value):
-                p_value = None
-            assessment = p_value, alert_above, bool(alert), State(state), reason
-            pose = t, Attitude(*attitude), beta, delta_a, delta_r
-            self._shown = Shown(*pose, *assessment, facts=facts, cause=cause)
-            self._latest_sample = None
-        return self._shown
-
     def _now(self) -> Shown:
         """The state to draw: the newest one, or STALE if that is too old."""
         with self._latest:
-            shown_at, shown, stale_after_s = self._shown_at, self._newest(), self._stale_after_s
+            shown_at, shown, stale_after_s = self._shown_at, self._shown, self._stale_after_s
         silent = self._clock() - shown_at
         if silent <= stale_after_s or shown.paused or shown.state is State.STALE:
             return shown

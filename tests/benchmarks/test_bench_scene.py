@@ -10,6 +10,7 @@ from websockets.typing import Origin
 
 from app.scene.scene import Scenes
 from app.scene.server import SUBPROTOCOL
+from core.simulation.attitude import Attitude
 from tests.support.scene_site import scene_site, show
 
 pytestmark = pytest.mark.benchmark
@@ -34,7 +35,12 @@ def test_showing_and_drawing():
     tracemalloc.stop()
 
     def move(k: int) -> None:
-        show(scene, 0.05 * k, attitude=(0.01 * (k % 40), 0.05, 0.002 * k), p_value=0.001 * (k % 99))
+        show(
+            scene,
+            0.05 * k,
+            attitude=Attitude(0.01 * (k % 40), 0.05, 0.002 * k),
+            p_value=0.001 * (k % 99),
+        )
 
     showing = per_call(move, 5000)
     drawing = per_call(lambda k: (move(k), scene.draw()), 1000) - showing
@@ -58,7 +64,7 @@ def test_watchers_through_the_proxy():
         ]
         begun, used = time.perf_counter(), time.process_time()
         for k in range(100):
-            show(scene, 0.05 * k, attitude=(0.01 * (k % 40), 0.05, 0.002 * k))
+            show(scene, 0.05 * k, attitude=Attitude(0.01 * (k % 40), 0.05, 0.002 * k))
             time.sleep(0.05)
         took, cpu = time.perf_counter() - begun, time.process_time() - used
         received = 0

@@ -10,15 +10,28 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from app.scene.airframes import SPAN, Colour, Part, Point
-from app.scene.shapes import Skin, loft
-from core.types import Array
+from app.scene.airframes import SPAN, Part, Point
+from app.scene.shown import Colour
+from core.types import Array, Indices
+
+Skin = tuple[Array, Indices]
 
 HULL: Colour = (52, 61, 74)
 HULL_LIGHT: Colour = (84, 97, 115)
 HULL_DARK: Colour = (22, 26, 33)
 GLASS: Colour = (16, 58, 82)
 SURFACE: Colour = (150, 166, 186)
+
+
+def loft(sections: Array, closed: bool = True) -> Skin:
+    """Skin over sections (n_sections, n_points, 3), each a ring if `closed`, else an open line."""
+    n, m = sections.shape[:2]
+    columns = m if closed else m - 1
+    row, column = np.divmod(np.arange((n - 1) * columns), columns)
+    a, b = row * m + column, row * m + (column + 1) % m
+    c, d = a + m, b + m
+    faces = np.stack((np.stack((a, b, c), 1), np.stack((b, d, c), 1)), 1).reshape(-1, 3)
+    return sections.reshape(-1, 3), faces
 
 
 def cap(ring: Array, flip: bool = False) -> Skin:

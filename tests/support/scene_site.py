@@ -13,6 +13,9 @@ from fastapi.responses import HTMLResponse
 
 from app.routes.scene import scene_router
 from app.scene.scene import Scene, Scenes
+from app.scene.shown import Shown
+from core.monitor.assessment import State
+from core.simulation.attitude import Attitude
 
 NEVER = 1e9
 FRAME = """<link rel="icon" href="data:,"><body style="margin:0">
@@ -65,14 +68,14 @@ def show(scene: Scene, t: float = 1.0, **changes) -> None:
     """Show a calm moment of a doublet, with changes."""
     calm = {
         "t": t,
-        "attitude": (radians(12.0), radians(3.0), radians(8.0)),
+        "attitude": Attitude(radians(12.0), radians(3.0), radians(8.0)),
         "beta": radians(1.5),
         "delta_a": radians(2.0),
         "delta_r": radians(-4.0),
         "p_value": 0.04,
         "alert_above": 0.1,
         "alert": False,
-        "state": "ok",
+        "state": State.OK,
         "reason": "",
     }
-    scene.show(**(calm | changes))
+    scene.show(Shown(**(calm | changes)))

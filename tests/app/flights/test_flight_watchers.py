@@ -1,6 +1,5 @@
 """What a flight's watchers and its scene are told, whatever becomes of them."""
 
-from typing import Any
 
 import numpy as np
 import pytest
@@ -104,7 +103,7 @@ class Stage:
         self.held = 0
         self.waits: list[float] = []
 
-    def show(self, *what: Any) -> None:
+    def show(self, what: tuple) -> None:
         self.shown.append(what)
 
     def hold(self) -> None:

@@ -33,7 +33,7 @@ class Theatre:
     def open(self, *what: Any) -> "Theatre":
         return self
 
-    def show(self, *what: Any) -> None:
+    def show(self, what: tuple[Any, ...]) -> None:
         self.shown.append(what)
 
     def close(self, *what: Any) -> None: ...

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from app.catalog import catalog
 from app.scene.airframes import SPAN, Part, airframe
-from app.scene.quaternion import matrix, turn
 from core.simulation.aircraft import AIRCRAFT
 from tests.support.airframe_shapes import AIRFRAMES
 
@@ -21,7 +21,7 @@ def corners(part: Part) -> np.ndarray:
 
 def turned(part: Part, angle: float) -> np.ndarray:
     """Vertices in body axes after a turn about the hinge."""
-    return part.vertices @ matrix(turn(part.axis, angle)).T + part.hinge
+    return Rotation.from_rotvec(np.multiply(angle, part.axis)).apply(part.vertices) + part.hinge
 
 
 def mean_move(part: Part, angle: float) -> np.ndarray:

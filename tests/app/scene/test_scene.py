@@ -4,13 +4,9 @@ import threading
 import pytest
 from websockets.sync.client import connect
 
-from app.scene.picture import (
-    Shown,
-)
 from app.scene.scene import Scene, Scenes, TooManyScenes
-from app.scene.server import (
-    credentials,
-)
+from app.scene.server import credentials
+from app.scene.shown import Shown
 from tests.support.scene_site import show
 
 

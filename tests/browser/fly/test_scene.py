@@ -1,6 +1,8 @@
 import pytest
 from playwright.sync_api import Page
 
+from core.monitor.assessment import State
+from core.simulation.attitude import Attitude
 from tests.support.scene_site import Site, scene_site, show
 
 EXPECTED = [
@@ -80,18 +82,18 @@ def test_the_scene_shows_the_state_in_colour_and_words(page: Page, site: Site, a
     page.get_by_text("(higher is worse)").wait_for()
     page.get_by_text("drawn ×3").wait_for()
 
-    show(scene, 3.05, p_value=0.42, alert=True, beta=0.1, attitude=(-0.5, 0.05, 0.1))
+    show(scene, 3.05, p_value=0.42, alert=True, beta=0.1, attitude=Attitude(-0.5, 0.05, 0.1))
     settles(page, ALERT, "ALERT")
     page.get_by_text("RISK 0.42").wait_for()
 
-    show(scene, 9.0, p_value=None, alert=None, state="stale", reason="no sample for 1 s")
+    show(scene, 9.0, p_value=None, alert=False, state=State.STALE, reason="no sample for 1 s")
     settles(page, SILENT, "STALE")
     page.get_by_text("no sample for 1 s").wait_for()
     assert page.get_by_text("RISK").count() == 0
 
-    show(scene, 9.05, p_value=None, alert=None, state="invalid", reason="beta is not finite")
+    show(scene, 9.05, p_value=None, alert=False, state=State.INVALID, reason="beta is not finite")
     settles(page, SILENT, "INVALID")
-    show(scene, 9.10, p_value=None, alert=None, state="warming_up")
+    show(scene, 9.10, p_value=None, alert=False, state=State.WARMING_UP)
     settles(page, {"red": [0, 0], "teal": [0, 60]}, "WARMING UP")
     show(scene, 9.15)
     settles(page, CALM, "RISK 0.04")
