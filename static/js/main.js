@@ -6,13 +6,12 @@
  * after a question mark (#/fly?monitor=3f9a); navigate("#/fly/3f9a") opens another view.
  */
 
-import { api } from "./lib/api.js";
+import { api, loadMe } from "./lib/api.js";
 import { createDemonstrationBar, demonstration } from "./lib/demonstration.js";
 import { h } from "./lib/dom.js";
-import { loadMe } from "./lib/me.js";
+import { state } from "./lib/elements.js";
+import { chooseSI, isSI, tellUnits } from "./lib/numbers.js";
 import { remember, remembered } from "./lib/storage.js";
-import { chooseSI, isSI, tellUnits } from "./lib/units.js";
-import { state } from "./lib/view_states.js";
 
 const VIEWS = {
   "": { title: "Start", guide: "", load: () => import("./start/index.js") },
@@ -102,7 +101,7 @@ function guideOf(name, id) {
 function failure(view, error) {
   const text = `${error?.message ?? error}. Reload the page; if that does not help, restart the server.`;
   return [
-    h("h1", { class: "visually-hidden" }, view),
+    h("h1.visually-hidden", view),
     state("error", "This view could not be opened", text),
   ];
 }

@@ -11,7 +11,7 @@ from core.channels import BY_KEY
 from tests.browser.site import open_site
 
 UNITS = """async ([channel, value]) => {
-    const { chooseSI, magnitudeIn, quantity } = await import("/js/lib/units.js");
+    const { chooseSI, magnitudeIn, quantity } = await import("/js/lib/numbers.js");
     const said = (si) => (chooseSI(si), [quantity(channel, value), magnitudeIn(channel, value)]);
     return [said(false), said(true)];
 }"""

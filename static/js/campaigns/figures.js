@@ -1,10 +1,4 @@
-/**
- * Figures of a campaign.
- *
- * Exports
- *   buildUpFigure(points, title)              predicted and flown peaks over amplitude, with the limit
- *   derivativesFigure({condition, after})     each derivative after each point, in prior standard deviations
- */
+/** Figures of a campaign: build-up over amplitude, and derivatives after each point in prior standard deviations. */
 
 import { createFigure, SPARE } from "../charts/figure.js";
 

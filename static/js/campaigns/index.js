@@ -1,18 +1,10 @@
-/**
- * Campaigns: #/campaigns lists; #/campaigns/new plans one; #/campaigns/{id} is one, with ?add to add a flight condition.
- *
- * Exports  show(element, {id, query, api, navigate}) -> {close()}
- */
+/** Campaigns: #/campaigns lists; #/campaigns/new plans one; #/campaigns/{id} is one, with ?add to add a flight condition. */
 
 import { fileInput, labelled } from "../forms/controls.js";
-import { ApiError } from "../lib/api.js";
+import { ApiError, may, needs } from "../lib/api.js";
 import { h } from "../lib/dom.js";
-import { guideLink } from "../lib/guide_link.js";
-import { table } from "../lib/lists.js";
-import { loadingView } from "../lib/loading_view.js";
-import { may, needs } from "../lib/me.js";
+import { empty, errorLine, guideLink, link, loadingView, pageOf, table } from "../lib/elements.js";
 import { moment } from "../lib/numbers.js";
-import { empty, errorLine, link, pageOf } from "../lib/view_states.js";
 import { showCampaign } from "./page.js";
 import { showPlanning } from "./plan_form.js";
 import { stateChip } from "./states.js";
@@ -73,8 +65,8 @@ function fileChoice(api, navigate) {
     },
   });
   return h(
-    "section",
-    { class: "panel stack-tight", ...needs("POST /campaigns/file") },
+    "section.panel.stack-tight",
+    { ...needs("POST /campaigns/file") },
     labelled("Open a campaign file", input).element,
     failure.element,
   );

@@ -1,21 +1,17 @@
 /**
  * The next point of a campaign: its state, clearance, checklist and actions.
  *
- * Exports
- *   nextPoint({api, path, campaign, running, again}) -> {element, isIdle(), close()}
- *     running: its running job, if any.   again(): reloads the campaign.   isIdle(): nothing is typed or running
+ * running: its running job, if any.   again(): reloads the campaign.   isIdle(): nothing is typed or running
  */
 
 import { checkbox, fold, group, labelled, select, textInput } from "../forms/controls.js";
 import { decimal } from "../forms/decimals.js";
-import { reason } from "../lib/api.js";
+import { asksForToken, needs, reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
+import { button, errorLine, factList, link, sentences } from "../lib/elements.js";
 import { createJobProgress } from "../lib/job_progress.js";
-import { factList, sentences } from "../lib/lists.js";
-import { asksForToken, needs } from "../lib/me.js";
 import { figure, moment, percent } from "../lib/numbers.js";
 import { remember, remembered } from "../lib/storage.js";
-import { button, errorLine, link } from "../lib/view_states.js";
 import { failedWords, predictedWords, promiseWords, stateChip } from "./states.js";
 
 const NAME_KEY = "forewarn.name";
@@ -25,7 +21,7 @@ const PRIMARY = { class: "button button-primary" };
 export function nextPoint({ api, path, campaign, running, again }) {
   const point = campaign.points.find(({ name }) => name === campaign.next);
   if (!point) {
-    const element = h("section", { class: "panel" }, h("h2", {}, "Every point is complete or aborted"));
+    const element = h("section.panel", h("h2", "Every point is complete or aborted"));
     return { element, isIdle: () => true, close: () => {} };
   }
   const { name, state, clearing, monitor } = point;
@@ -48,22 +44,21 @@ export function nextPoint({ api, path, campaign, running, again }) {
   const confirm = decide(isFirst ? "Clear" : "Confirm as cleared", "confirm", PRIMARY);
   const compute = start(clearing ? "Compute clearance again" : "Compute clearance", "clearance", clearing ? {} : PRIMARY);
   const train = start(monitor ? "Train its monitor again" : "Train a monitor", "monitor");
-  const stage = h("div", { class: "stack" });
+  const stage = h("div.stack");
   const uncomputed = isFirst
     ? "No flown step to compute from: engineering decision required."
     : "Clearance not computed yet.";
   const element = h(
-    "section",
-    { class: "panel stack campaign-next", "data-state": state, "aria-label": "Next point" },
-    h("div", { class: "row" }, h("h2", {}, `Next: ${name}, ${figure(point.peak_deg)} deg`), stateChip(state), last(point)),
+    "section.panel.stack.campaign-next",
+    { "data-state": state, "aria-label": "Next point" },
+    h("div.row", h("h2", `Next: ${name}, ${figure(point.peak_deg)} deg`), stateChip(state), last(point)),
     failedBefore(campaign, point),
-    clearing ? computed(clearing, point) : h("p", {}, uncomputed),
-    h("p", { class: "hint" }, passWords(point)),
+    clearing ? computed(clearing, point) : h("p", uncomputed),
+    h("p.hint", passWords(point)),
     state === "on condition" ? checklist(campaign.checklist, boxes) : null,
-    h("div", { class: "field-grid" }, asksForToken() ? null : byField.element, whyField.element),
+    h("div.field-grid", asksForToken() ? null : byField.element, whyField.element),
     h(
-      "div",
-      { class: "row" },
+      "div.row",
       state !== "cleared" && (isFirst || state === "on condition") ? confirm : null,
       isFirst ? null : compute,
       train,
@@ -149,7 +144,7 @@ export function nextPoint({ api, path, campaign, running, again }) {
 function failedBefore({ points }, { name, condition }) {
   const before = points.slice(0, points.findIndex((point) => point.name === name));
   const step = before.findLast((point) => point.condition === condition && point.flown);
-  return step && !step.flown.passed ? h("p", { class: "warning" }, h("strong", {}, failedWords(step))) : null;
+  return step && !step.flown.passed ? h("p.warning", h("strong", failedWords(step))) : null;
 }
 
 function passWords({ passes_below: below, criteria }) {
@@ -159,7 +154,7 @@ function passWords({ passes_below: below, criteria }) {
 
 function last({ events }) {
   const event = events.at(-1);
-  return event ? h("span", { class: "dim" }, `${event.by}, ${moment(event.at)}`) : null;
+  return event ? h("span.dim", `${event.by}, ${moment(event.at)}`) : null;
 }
 
 function computed(clearing, { peak_deg: peak }) {
@@ -171,23 +166,21 @@ function computed(clearing, { peak_deg: peak }) {
     ["Computed from", steps.join(", ")],
   ];
   return h(
-    "div",
-    { class: "stack-tight" },
+    "div.stack-tight",
     factList(facts),
-    withdrawn.length ? h("div", { class: "warning" }, h("strong", {}, "Clearance withdrawn:"), sentences(withdrawn)) : null,
-    h("p", {}, promiseWords(clearing)),
+    withdrawn.length ? h("div.warning", h("strong", "Clearance withdrawn:"), sentences(withdrawn)) : null,
+    h("p", promiseWords(clearing)),
     amplitude === null
       ? null
-      : h("p", {}, `Largest recommended amplitude: ${figure(amplitude)} deg (this point: ${figure(peak)} deg). A separate promise: at that amplitude at most ${percent(recipe.epsilon)} of aircraft exceed a limit.`),
+      : h("p", `Largest recommended amplitude: ${figure(amplitude)} deg (this point: ${figure(peak)} deg). A separate promise: at that amplitude at most ${percent(recipe.epsilon)} of aircraft exceed a limit.`),
   );
 }
 
 function checklist(items, boxes) {
   return h(
-    "fieldset",
-    { class: "panel stack-tight" },
-    h("legend", {}, "Confirm before flight"),
-    items.map((item, k) => h("label", { class: "row campaign-check" }, boxes[k], item)),
+    "fieldset.panel.stack-tight",
+    h("legend", "Confirm before flight"),
+    items.map((item, k) => h("label.row.campaign-check", boxes[k], item)),
   );
 }
 
@@ -203,14 +196,12 @@ function flownForm(api, send) {
   const element = fold(
     "Attach the flight recording",
     h(
-      "div",
-      { class: "field-grid" },
+      "div.field-grid",
       [chosen, ...ends].map((field) => field.element),
     ),
     failure.element,
     h(
-      "div",
-      { class: "row" },
+      "div.row",
       button("Complete", () => give("flown"), PRIMARY),
       button("Aborted in flight", () => give("abort"), {
         class: "button button-danger",

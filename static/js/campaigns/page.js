@@ -1,18 +1,10 @@
-/**
- * One campaign: next point, build-up, table of points, identified aircraft.
- *
- * Exports  showCampaign(element, {id, api, navigate})
- */
+/** One campaign: next point, build-up, table of points, identified aircraft. */
 
-import { reason } from "../lib/api.js";
+import { needs, reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
-import { guideLink } from "../lib/guide_link.js";
+import { deleteButton, guideLink, link, loading, loadingView, pageOf, sentences, table } from "../lib/elements.js";
 import { UNDER_WAY } from "../lib/job_progress.js";
-import { sentences, table } from "../lib/lists.js";
-import { loadingView } from "../lib/loading_view.js";
-import { needs } from "../lib/me.js";
 import { figure, moment, percent } from "../lib/numbers.js";
-import { deleteButton, link, loading, pageOf } from "../lib/view_states.js";
 import { buildUpFigure, derivativesFigure } from "./figures.js";
 import { nextPoint } from "./next_point.js";
 import { percentAtMost, predictedWords, reachedWords, stateChip } from "./states.js";
@@ -51,11 +43,11 @@ export function showCampaign(element, { id, api, navigate }) {
       campaign.name,
       [
         link("All campaigns", "#/campaigns"),
-        h("a", { class: "button", href: `/api/v1${path}/report`, ...NEW_TAB }, "Card and report"),
-        h("a", { class: "button", href: `/api/v1${path}/file`, download: `campaign-${id}.json` }, "Download"),
+        h("a.button", { href: `/api/v1${path}/report`, ...NEW_TAB }, "Card and report"),
+        h("a.button", { href: `/api/v1${path}/file`, download: `campaign-${id}.json` }, "Download"),
         h(
-          "a",
-          { class: "button", href: `#/campaigns/${id}?add`, ...needs("POST /campaigns/{}/conditions") },
+          "a.button",
+          { href: `#/campaigns/${id}?add`, ...needs("POST /campaigns/{}/conditions") },
           "Add a flight condition",
         ),
         guideLink("campaigns#clearance", "clearance"),
@@ -68,10 +60,9 @@ export function showCampaign(element, { id, api, navigate }) {
           done: () => navigate("#/campaigns"),
         }),
       ],
-      h("p", { class: "dim" }, campaign.aircraft.join("; ")),
+      h("p.dim", campaign.aircraft.join("; ")),
       h(
-        "div",
-        { class: "figures campaign-figures" },
+        "div.figures.campaign-figures",
         next.element,
         conditions.map(({ name }) => buildUp(points, name)),
       ),
@@ -79,7 +70,6 @@ export function showCampaign(element, { id, api, navigate }) {
       isComputed &&
         h(
           "p",
-          {},
           `Probability that any computed clearance leads to an exceedance: at most ${percentAtMost(most)}, over the simulated aircraft and flights.`,
         ),
       campaign.n_complete ? derivatives(api, path) : null,
@@ -99,15 +89,15 @@ export function showCampaign(element, { id, api, navigate }) {
 
 function buildUp(points, name) {
   const there = points.filter(({ condition }) => condition === name);
-  return h("section", { class: "panel" }, buildUpFigure(there, name ? `Build-up at ${name}` : "Build-up"));
+  return h("section.panel", buildUpFigure(there, name ? `Build-up at ${name}` : "Build-up"));
 }
 
 function eventWords({ state, by, at, words }) {
-  return [h("strong", {}, state), `: ${by}, ${moment(at)}${words && `; ${words}`}`];
+  return [h("strong", state), `: ${by}, ${moment(at)}${words && `; ${words}`}`];
 }
 
 function stored({ flown, monitor }) {
-  const linked = (words, href, attributes = {}) => h("a", { class: "nowrap", href, ...attributes }, words);
+  const linked = (words, href, attributes = {}) => h("a.nowrap", { href, ...attributes }, words);
   const recording = flown?.recording;
   const scorings = (flown?.scorings ?? []).flatMap((scoring, k, { length: n }) => {
     const number = n > 1 ? ` ${k + 1}` : "";
@@ -119,7 +109,7 @@ function stored({ flown, monitor }) {
   return listOf([
     monitor && linked("monitor", `#/monitors/${monitor}`),
     flown?.flight && linked("flight", `#/fly/${flown.flight}`),
-    flown?.recording_deleted && h("span", { class: "dim" }, "recording deleted"),
+    flown?.recording_deleted && h("span.dim", "recording deleted"),
     recording && linked("recording", `#/recordings/${recording}`),
     ...scorings,
   ]);
@@ -131,16 +121,16 @@ function listOf(parts) {
 
 /** Loaded after the page is shown: identification takes a moment. */
 function derivatives(api, path) {
-  const element = h("div", { class: "stack" }, loading("Identifying the aircraft"));
+  const element = h("div.stack", loading("Identifying the aircraft"));
   api.get(`${path}/derivatives`).then(
     (conditions) => element.replaceChildren(...conditions.map(identified)),
-    (error) => element.replaceChildren(h("p", { class: "error", role: "alert" }, reason(error))),
+    (error) => element.replaceChildren(h("p.error", { role: "alert" }, reason(error))),
   );
   return element;
 }
 
 function remaining({ before, after, determined }) {
-  return [percent(after[1] / before[1], 0), determined ? null : h("span", { class: "list-mark" }, "not determined")];
+  return [percent(after[1] / before[1], 0), determined ? null : h("span.list-mark", "not determined")];
 }
 
 function identified(condition) {
@@ -150,12 +140,10 @@ function identified(condition) {
     (source, k) => `${source}: R² ${OUTPUTS.map((key, c) => `${key} ${figure(last.r2[k][c])}`).join(", ")}`,
   );
   return h(
-    "section",
-    { class: "stack" },
+    "section.stack",
     h(
-      "div",
-      { class: "figures campaign-figures" },
-      h("section", { class: "panel" }, derivativesFigure(condition)),
+      "div.figures.campaign-figures",
+      h("section.panel", derivativesFigure(condition)),
       table({ columns: DERIVATIVES, items: uncertain }),
     ),
     sentences([...fits, `Mean squared distance from the expected aircraft: ${figure(last.distance)} (expected: about 1 or less).`]),

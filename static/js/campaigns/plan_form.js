@@ -1,9 +1,4 @@
-/**
- * Plan a campaign, or add points at another flight condition.
- *
- * Exports  showPlanning(element, {id, query, api, navigate})     id: "new", or the campaign's
- *     query: name of a new campaign
- */
+/** Plan a campaign, or add points at another flight condition.   query: name of a new campaign */
 
 import { createForm, fieldset, group, labelled, textInput } from "../forms/controls.js";
 import { decimals } from "../forms/decimals.js";
@@ -11,9 +6,7 @@ import { createFields } from "../forms/form.js";
 import { createTestFields } from "../forms/planned_test.js";
 import { loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
-import { guideLink } from "../lib/guide_link.js";
-import { loadingView } from "../lib/loading_view.js";
-import { link, pageOf } from "../lib/view_states.js";
+import { guideLink, link, loadingView, pageOf } from "../lib/elements.js";
 
 const STEPS = "0.4 0.6 0.8 1";
 
@@ -62,20 +55,18 @@ function formOf({ api, catalog, campaign, navigate, title, given }) {
       fieldset(
         "1  The last point",
         h(
-          "p",
-          { class: "hint" },
+          "p.hint",
           "The planned test at full amplitude. Earlier points use shares of this amplitude. Set the imperfections, noise and jitter expected in flight.",
         ),
         test.main,
         test.folded,
       ),
-      fieldset("2  Points", h("div", { class: "field-grid" }, Object.values(own).map((field) => field.element))),
+      fieldset("2  Points", h("div.field-grid", Object.values(own).map((field) => field.element))),
       !campaign &&
         h(
-          "details",
-          { class: "panel fold" },
-          h("summary", {}, "How clearances are calibrated"),
-          h("div", { class: "field-grid" }, clearance.keys.map(clearance.element)),
+          "details.panel.fold",
+          h("summary", "How clearances are calibrated"),
+          h("div.field-grid", clearance.keys.map(clearance.element)),
         ),
     ],
     beside: link("Cancel", back),

@@ -1,16 +1,7 @@
-/**
- * Words and levels of the points of a campaign.
- *
- * Exports
- *   stateChip(state) -> element
- *   predictedWords(clearing), reachedWords(point) -> text
- *   failedWords(point) -> text          of a flown point that did not pass
- *   promiseWords(clearing) -> text      promise of its clearance
- *   percentAtMost(share) -> text        an upper bound
- */
+/** Words and levels of the points of a campaign. */
 
+import { chip } from "../lib/elements.js";
 import { percent } from "../lib/numbers.js";
-import { chip } from "../lib/view_states.js";
 
 const LEVELS = {
   planned: "off",

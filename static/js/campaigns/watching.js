@@ -1,14 +1,12 @@
 /**
  * Keep a page up to date with others' decisions, and mark it when it may be out of date.
  *
- * Exports
- *   watching(page, look) -> {close()}
- *     page: while it may be out of date, a line at its top says so and its states are dim
- *     look() -> Promise<string>    asks the server; why the page is out of date, or ""
+ * page: while it may be out of date, a line at its top says so and its states are dim
+ * look() -> Promise<string>    asks the server; why the page is out of date, or ""
  */
 
 import { reason } from "../lib/api.js";
-import { errorLine } from "../lib/view_states.js";
+import { errorLine } from "../lib/elements.js";
 
 /** [ms] Interval of the requests, and longest time without an answer. */
 const LOOK_EVERY = 5000;

@@ -8,7 +8,7 @@
  */
 
 import { h, svg } from "../lib/dom.js";
-import { followUnits, magnitude, shownIn } from "../lib/units.js";
+import { followUnits, magnitude, shownIn } from "../lib/numbers.js";
 
 const [WIDTH, HEIGHT, PAD] = [240, 44, 4];
 

@@ -20,8 +20,7 @@
  */
 
 import { h, put, symbolNodes } from "../lib/dom.js";
-import { figure, formatTime, formatValue } from "../lib/numbers.js";
-import { reading, shownIn } from "../lib/units.js";
+import { figure, formatTime, formatValue, reading, shownIn } from "../lib/numbers.js";
 import { isBeyond, limitText } from "./strips.js";
 
 export const NOTHING = { low: NaN, high: NaN };

@@ -2,7 +2,7 @@
  * What a strip shows: a channel or the risk, its limits and its value axis.
  *
  * A channel is {key, symbol, unit, label, limits: [low, high] | null} and how people read it, see
- * ../lib/units.js; `limit` is short for limits of -limit and +limit. Either end may be infinite.
+ * ../lib/numbers.js; `limit` is short for limits of -limit and +limit. Either end may be infinite.
  *
  * @typedef {object} Strip
  * @property {string} key  of the channel, or "risk"   @property {boolean} risk
@@ -20,7 +20,7 @@
  *   limitedFirst(channels) -> {limited: [key], others: [key]}
  */
 
-import { magnitude, magnitudeIn, shownIn } from "../lib/units.js";
+import { magnitude, magnitudeIn, shownIn } from "../lib/numbers.js";
 import { createRiskAxis, createValueAxis } from "./value_axis.js";
 
 const RISK = { key: "risk", symbol: "risk", unit: "", label: "higher is worse" };

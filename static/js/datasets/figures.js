@@ -1,24 +1,16 @@
-/**
- * Figures of a dataset.
- *
- * Exports
- *   rolloutFigure({catalog, limits, rollouts, n_unsafe, n_safe})     a channel, coloured by outcome
- *   peakFigure({limit, edges, unsafe, safe}, channel)
- *   sampleRollouts(api, id) -> Promise<[rollout]>     the first MOST of each outcome
- */
+/** Figures of a dataset: a channel's rollouts coloured by outcome, and their peaks. */
 
 import { barKey, framed, keyOf, sample, SPARE } from "../charts/figure.js";
 import { createPlot } from "../charts/plot.js";
 import { select } from "../forms/controls.js";
 import { h } from "../lib/dom.js";
-import { figure as number } from "../lib/numbers.js";
-import { magnitudeIn, shownIn } from "../lib/units.js";
+import { figure as number, magnitudeIn, shownIn } from "../lib/numbers.js";
 
 const MOST = 40;
 
 export function rolloutFigure({ catalog, limits, rollouts, n_unsafe, n_safe }) {
   const limited = catalog.channels.filter(({ key }) => limits?.[key] != null);
-  const holder = h("div", {});
+  const holder = h("div");
   const choice = select(
     catalog.channels.map(({ key, symbol, label }) => [key, `${symbol}, ${label}`]),
     { "aria-label": "channel", onchange: draw, value: (limited[0] ?? catalog.channels[0]).key },
@@ -30,7 +22,7 @@ export function rolloutFigure({ catalog, limits, rollouts, n_unsafe, n_safe }) {
     [sample("plot-limit"), "limit"],
   );
   draw();
-  return framed("Rollouts by outcome", [h("div", { class: "field field-inline figure-choice" }, choice), holder], key);
+  return framed("Rollouts by outcome", [h("div.field.field-inline.figure-choice", choice), holder], key);
 
   function draw() {
     const channel = catalog.channels.find((entry) => entry.key === choice.value);

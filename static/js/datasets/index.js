@@ -1,18 +1,12 @@
-/**
- * The Datasets page: #/datasets lists; #/datasets/new simulates one; #/datasets/{id} is one dataset.
- *
- * Exports  show(element, {id, query, api, navigate}) -> {close()}
- */
+/** The Datasets page: #/datasets lists; #/datasets/new simulates one; #/datasets/{id} is one dataset. */
 
 import { createForm, fieldset, group, labelled, textInput } from "../forms/controls.js";
 import { createTestFields } from "../forms/planned_test.js";
 import { aircraftName, kindName, limitWords, loadCatalog } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
+import { empty, link, loadingView, pageOf, table } from "../lib/elements.js";
 import { jobList } from "../lib/job_progress.js";
-import { table } from "../lib/lists.js";
-import { loadingView } from "../lib/loading_view.js";
 import { moment, percent } from "../lib/numbers.js";
-import { empty, link, pageOf } from "../lib/view_states.js";
 import { showDataset } from "./page.js";
 
 export function show(element, context) {
@@ -72,7 +66,7 @@ function showSimulation(element, { api, navigate }) {
       word: "Simulate",
       route: "POST /datasets",
       fields: [fields, group({ name: named })],
-      content: fieldset("The planned test", main, h("div", { class: "field-grid" }, size, named.element), folded),
+      content: fieldset("The planned test", main, h("div.field-grid", size, named.element), folded),
       beside: link("Cancel", "#/datasets"),
       send: () => {
         const given = name.value.trim();

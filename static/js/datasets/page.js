@@ -4,10 +4,8 @@ import { isSimulated } from "../forms/planned_test.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
 import { aircraftName, kindName, limitWords, loadCatalog } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
-import { factList, recipeList } from "../lib/lists.js";
-import { loadingView } from "../lib/loading_view.js";
+import { deleteButton, factList, link, loadingView, pageOf, panel, recipeList } from "../lib/elements.js";
 import { figure, moment, percent } from "../lib/numbers.js";
-import { deleteButton, link, pageOf, panel } from "../lib/view_states.js";
 import { peakFigure, rolloutFigure, sampleRollouts } from "./figures.js";
 import { createRolloutViewer } from "./rollout_viewer.js";
 
@@ -38,7 +36,7 @@ export function showDataset(element, { id, api, navigate }) {
       [
         link("Train a monitor", `#/monitors/new?dataset=${id}`, true),
         link("Compare five methods", `#/monitors/compare?dataset=${id}`),
-        h("a", { class: "button", href: `/api/v1/datasets/${id}/arrays`, download: `dataset-${id}.npz` }, "Download arrays"),
+        h("a.button", { href: `/api/v1/datasets/${id}/arrays`, download: `dataset-${id}.npz` }, "Download arrays"),
         deleteButton({
           api,
           path: `/datasets/${id}`,
@@ -49,9 +47,8 @@ export function showDataset(element, { id, api, navigate }) {
       ],
       facts(dataset, users, catalog),
       h(
-        "div",
-        { class: "figures" },
-        figures.map((block) => h("section", { class: "panel" }, block)),
+        "div.figures",
+        figures.map((block) => h("section.panel", block)),
       ),
       viewer.element,
       details(dataset, catalog),
@@ -86,11 +83,10 @@ function details(dataset, catalog) {
   ];
   return panel("Recipe", [
     h(
-      "div",
-      { class: "columns recipe-columns" },
+      "div.columns.recipe-columns",
       isKnown
         ? recipeTable(catalog.recipes.dataset.schema, dataset.recipe, catalog)
-        : h("p", {}, "Not simulated here: the recipe is not recorded."),
+        : h("p", "Not simulated here: the recipe is not recorded."),
       recipeList(origin),
     ),
     isKnown ? rawRecipe(dataset.recipe) : null,

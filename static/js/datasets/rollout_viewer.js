@@ -1,19 +1,12 @@
-/**
- * Inspect one rollout of a dataset: strips with cursors, parameters, replay.
- *
- * Exports
- *   createRolloutViewer({api, catalog, dataset, monitors, navigate}) -> {element, close()}
- *     monitors: those that can assess it, the best first
- */
+/** Inspect one rollout of a dataset: strips with cursors, parameters, replay by `monitors`, the best first. */
 
 import { createFlightChart } from "../charts/live/flight_chart.js";
 import { limitedFirst } from "../charts/strips.js";
 import { fold, select } from "../forms/controls.js";
 import { reason } from "../lib/api.js";
 import { formatted, h } from "../lib/dom.js";
-import { factList } from "../lib/lists.js";
+import { button, errorLine, factList, link, panel } from "../lib/elements.js";
 import { figure } from "../lib/numbers.js";
-import { button, errorLine, link, panel } from "../lib/view_states.js";
 
 export function createRolloutViewer({ api, catalog, dataset, monitors, navigate }) {
   const counts = { unsafe: dataset.n_unsafe, safe: dataset.n_safe };
@@ -23,18 +16,18 @@ export function createRolloutViewer({ api, catalog, dataset, monitors, navigate 
   );
   const turnTo = () => pick(Number(index.value));
   const index = h("input", { type: "number", id: "rollout-index", min: 0, step: 1, value: 0, onchange: turnTo });
-  const words = h("p", { class: "rollout-words", role: "status" });
-  const strips = h("div", { class: "rollout-strips" });
-  const theta = h("div", {});
+  const words = h("p.rollout-words", { role: "status" });
+  const strips = h("div.rollout-strips");
+  const theta = h("div");
   const failure = errorLine();
   const monitor = select(
     monitors.map(({ id, name }) => [id, name]),
     { id: "replay-monitor", "aria-label": "monitor for the replay" },
   );
   const replay = monitors.length
-    ? [button("Replay with", fly, { class: "button button-primary" }), h("div", { class: "field" }, monitor)]
+    ? [button("Replay with", fly, { class: "button button-primary" }), h("div.field", monitor)]
     : [
-        h("span", { class: "hint" }, "Train a monitor to replay this rollout."),
+        h("span.hint", "Train a monitor to replay this rollout."),
         link("Train a monitor", `#/monitors/new?dataset=${dataset.id}`),
       ];
   const step = (word, by) => button(word, () => pick(Number(index.value) + by), { class: "button button-small" });
@@ -42,15 +35,14 @@ export function createRolloutViewer({ api, catalog, dataset, monitors, navigate 
     "One rollout",
     [
       h(
-        "div",
-        { class: "row rollout-pick" },
+        "div.row.rollout-pick",
         h("label", { for: "rollout-outcome" }, "outcome"),
-        h("div", { class: "field" }, outcome),
+        h("div.field", outcome),
         h("label", { for: "rollout-index" }, "number"),
-        h("div", { class: "field" }, index),
+        h("div.field", index),
         step("Previous", -1),
         step("Next", 1),
-        h("div", { class: "spread row" }, replay),
+        h("div.spread.row", replay),
       ),
       words,
       failure.element,
@@ -93,7 +85,7 @@ export function createRolloutViewer({ api, catalog, dataset, monitors, navigate 
     const fate = failed === null ? `stays within its limits for ${end} s` : `fails at ${end} s, where it is cut`;
     words.textContent = `Rollout ${index.value}, ${outcome.value}: ${fate}. Point at the strips for values; cursors A and B show differences.`;
     chart?.destroy();
-    const host = h("div", {});
+    const host = h("div");
     strips.replaceChildren(host);
     const { limits } = dataset.recipe;
     const channels = catalog.channels.map((channel) => ({ ...channel, limit: limits?.[channel.key] ?? null }));

@@ -23,14 +23,12 @@
  *   close()              silence
  */
 
-import { shownState } from "../lib/states.js";
-import { reason } from "../lib/api.js";
+import { needs, reason } from "../lib/api.js";
 import { h, put, symbolNodes } from "../lib/dom.js";
-import { needs } from "../lib/me.js";
-import { sentence } from "../lib/monitor_warnings.js";
-import { figure, leadSeconds, riskText } from "../lib/numbers.js";
-import { magnitudeIn, quantity } from "../lib/units.js";
-import { errorLine } from "../lib/view_states.js";
+import { errorLine } from "../lib/elements.js";
+import { sentence } from "../lib/monitors.js";
+import { figure, leadSeconds, magnitudeIn, quantity, riskText } from "../lib/numbers.js";
+import { shownState } from "../lib/states.js";
 import { CAUTION_WORDS, cautionText, waitingOf } from "./panels.js";
 
 const GOES_ON = {

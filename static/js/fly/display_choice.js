@@ -7,7 +7,7 @@
  */
 
 import { h } from "../lib/dom.js";
-import { warningMark } from "../lib/monitor_warnings.js";
+import { warningMark } from "../lib/monitors.js";
 import { leadSeconds } from "../lib/numbers.js";
 
 export function createDisplayChoice(monitors, more = "") {

@@ -13,11 +13,11 @@
  *   event(limits, t) -> event    for the list of events; t: when the condition began to hold [s]
  */
 
+import { may } from "../lib/api.js";
 import { loadCatalog } from "../lib/catalog.js";
 import { h, put, symbolNodes } from "../lib/dom.js";
-import { may } from "../lib/me.js";
-import { magnitudeIn } from "../lib/units.js";
-import { askToConfirm } from "../lib/view_states.js";
+import { askToConfirm } from "../lib/elements.js";
+import { magnitudeIn } from "../lib/numbers.js";
 
 const CHANGE = "PUT /flights/{}/limits";
 

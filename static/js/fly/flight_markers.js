@@ -17,9 +17,8 @@
  *   shortcuts()      [[key, meaning, request]] for the list of keys
  */
 
-import { reason } from "../lib/api.js";
+import { needs, reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
-import { needs } from "../lib/me.js";
 import { LEVEL_OF } from "./headline.js";
 
 const SET = "POST /flights/{}/markers";

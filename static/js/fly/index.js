@@ -6,7 +6,7 @@
 
 import { reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
-import { state } from "../lib/view_states.js";
+import { state } from "../lib/elements.js";
 import { showLiveFlight } from "./live_flight.js";
 import { showFlightRecord } from "./record.js";
 import { showFlightStart } from "./start.js";

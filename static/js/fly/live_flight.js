@@ -11,9 +11,9 @@
 import { reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 import { addDrawer } from "../lib/draw_loop.js";
+import { askToConfirm, state as stateOf } from "../lib/elements.js";
 import { createEventList } from "../lib/event_list.js";
-import { sentence } from "../lib/monitor_warnings.js";
-import { askToConfirm, state as stateOf } from "../lib/view_states.js";
+import { sentence } from "../lib/monitors.js";
 import { createAlarmPanel } from "./alarm_panel.js";
 import { createAssessmentDisplay } from "./assessment/assessment_display.js";
 import { createBackfill } from "./backfill.js";
@@ -21,16 +21,24 @@ import { createConnection } from "./connection.js";
 import { createFlightLimits } from "./flight_limits.js";
 import { createFlightMarkers, markerEvent, markerFlag } from "./flight_markers.js";
 import { LEVEL_OF, staleText, textOf } from "./headline.js";
-import { acknowledgementOf, alertText, createFlightPanels, exceedanceText, limitsOf, recordedFlag, sourceText } from "./panels.js";
 import { createLivePanel } from "./live_panel.js";
+import {
+  acknowledgementOf,
+  alertText,
+  createFlightPanels,
+  exceedanceText,
+  limitsOf,
+  recordedFlag,
+  sourceText,
+} from "./panels.js";
 import { createReplayNotes } from "./playback/replay_notes.js";
-import { createSceneFrame } from "./scene_frame.js";
 import { createSeekHistory } from "./playback/seek_history.js";
+import { createTransportBar } from "./playback/transport_bar.js";
+import { createSceneFrame } from "./scene_frame.js";
 import { bindShortcuts, createShortcutList } from "./shortcuts.js";
 import { createSourceAddress } from "./source_address.js";
 import { createStatusStrip } from "./status_strip.js";
 import { bindMuteButton, createTone } from "./tone.js";
-import { createTransportBar } from "./playback/transport_bar.js";
 
 const STATUS_EVERY = 200; // ms
 const tone = createTone(); // one for the page: a browser lets it sound after the first touch

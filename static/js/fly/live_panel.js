@@ -17,9 +17,8 @@
  *   begin()                  for its key
  */
 
-import { reason as reasonOf } from "../lib/api.js";
+import { may, needs, reason as reasonOf } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
-import { may, needs } from "../lib/me.js";
 import { leadSeconds } from "../lib/numbers.js";
 
 const BEGIN = "POST /flights/{}/manoeuvre";

@@ -15,10 +15,9 @@
  *   sourceText(source, name) -> string
  */
 
-import { withdrawnWord } from "../lib/states.js";
 import { h, symbolNodes } from "../lib/dom.js";
-import { riskText } from "../lib/numbers.js";
-import { magnitudeIn, quantity } from "../lib/units.js";
+import { magnitudeIn, quantity, riskText } from "../lib/numbers.js";
+import { withdrawnWord } from "../lib/states.js";
 import { AS_RECORDED } from "../recordings/words.js";
 
 const WIDEST = 60; // s

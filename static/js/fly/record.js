@@ -8,23 +8,28 @@
  */
 
 import { createFlightChart } from "../charts/live/flight_chart.js";
-import { ApiError, reason } from "../lib/api.js";
+import { ApiError, needs, reason } from "../lib/api.js";
 import { h, put, symbolNodes } from "../lib/dom.js";
+import { askToConfirm, createKeepButton, state } from "../lib/elements.js";
 import { createEventList } from "../lib/event_list.js";
-import { createKeepButton } from "../lib/keep_button.js";
-import { needs } from "../lib/me.js";
-import { warningLines } from "../lib/monitor_warnings.js";
-import { secondsText } from "../lib/numbers.js";
-import { startFlight } from "../lib/start_flight.js";
-import { magnitudeIn, quantity } from "../lib/units.js";
-import { askToConfirm, state } from "../lib/view_states.js";
+import { startFlight, warningLines } from "../lib/monitors.js";
+import { magnitudeIn, quantity, secondsText } from "../lib/numbers.js";
+import { summaryLines } from "./assessment/risk_ahead.js";
+import { createRiskGauge } from "./assessment/risk_gauge.js";
 import { putLines } from "./flight_limits.js";
 import { markerEvent, markerFlag, markerText } from "./flight_markers.js";
 import { LEVEL_OF, resultOf } from "./headline.js";
 import { beginningEvent, beginningFlag, lossText } from "./live_panel.js";
-import { acknowledgementOf, alertText, createFlightPanels, exceedanceText, recordedFlag, sourceText, waitingOf, windowOf } from "./panels.js";
-import { summaryLines } from "./assessment/risk_ahead.js";
-import { createRiskGauge } from "./assessment/risk_gauge.js";
+import {
+  acknowledgementOf,
+  alertText,
+  createFlightPanels,
+  exceedanceText,
+  recordedFlag,
+  sourceText,
+  waitingOf,
+  windowOf,
+} from "./panels.js";
 import { createStatusStrip } from "./status_strip.js";
 
 const HOW = {

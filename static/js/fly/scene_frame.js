@@ -10,8 +10,8 @@
  */
 
 import { h } from "../lib/dom.js";
+import { state } from "../lib/elements.js";
 import { remember, remembered } from "../lib/storage.js";
-import { state } from "../lib/view_states.js";
 
 const KEY = "forewarn.scene";
 

@@ -7,8 +7,8 @@
  *   createShortcutList(urgent) -> {dialog, open()}     urgent() -> [[key, what]], asked for when it opens
  */
 
+import { may } from "../lib/api.js";
 import { h } from "../lib/dom.js";
-import { may } from "../lib/me.js";
 
 const STEER = "POST /flights/{}/transport";
 /** [title, [key, what it does, the request that it sends, if any]]. */

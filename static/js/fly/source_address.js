@@ -7,8 +7,8 @@
  *     toggle(): opens or closes it; returns whether it is open
  */
 
+import { asksForToken } from "../lib/api.js";
 import { h, put, symbolNodes } from "../lib/dom.js";
-import { asksForToken } from "../lib/me.js";
 
 const ANY = /^(0\.0\.0\.0|\[::\]):/; // every address of the server
 const COPIED = 1500; // ms that the button shows it

@@ -6,16 +6,13 @@
  *     query: kind, monitor, dataset, outcome, rollout, seed fill in the form (#/fly?monitor=3f9a)
  */
 
-import { reason } from "../lib/api.js";
+import { asksForToken, may, needs, reason } from "../lib/api.js";
 import { demonstration } from "../lib/demonstration.js";
 import { h, put } from "../lib/dom.js";
-import { canFly, fittingMonitor } from "../lib/fitting_monitor.js";
+import { button, errorLine, link, state } from "../lib/elements.js";
 import { jobList } from "../lib/job_progress.js";
-import { asksForToken, may, needs } from "../lib/me.js";
-import { warningLines, warningMark, warningsAt, warningWords } from "../lib/monitor_warnings.js";
+import { canFly, fittingMonitor, startFlight, warningLines, warningMark, warningsAt, warningWords } from "../lib/monitors.js";
 import { leadSeconds, moment } from "../lib/numbers.js";
-import { startFlight } from "../lib/start_flight.js";
-import { button, errorLine, link, state } from "../lib/view_states.js";
 import { guarantee } from "./alarm_panel.js";
 import { createDisplayChoice } from "./display_choice.js";
 import { createLimitChoice } from "./flight_limits.js";

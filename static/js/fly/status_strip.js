@@ -18,7 +18,7 @@
  */
 
 import { h, put } from "../lib/dom.js";
-import { sentence, warningWords } from "../lib/monitor_warnings.js";
+import { sentence, warningWords } from "../lib/monitors.js";
 import { LEVEL_OF, textOf } from "./headline.js";
 
 const RECORD = "Whether the server stores the flight; samples waiting for its disk, and samples lost";

@@ -1,30 +1,23 @@
 /**
  * Controls of every form, and how a form sends and shows why it was refused.
  *
- * Exports
- *   select([[value, words]], attributes) -> <select>    an entry may be a node;   attributes.value: the chosen one
- *   textInput(attributes), radio(words, attributes), checkbox(attributes)
- *   fieldOf(control, {label, words, hint, path}) -> Field     {element, words, say(reason), focus()}
- *     label: nodes.   words: the label in a sentence
- *   labelled(label, control, {hint, unit}) -> Field
- *   fieldset(title, ...content)    a numbered part of a form
- *   fold(summary, ...content) -> <details>
- *   fileInput({read(file) -> Promise, failure, ...attributes}) -> <input>    failure: an error line
- *   pasteBox({label, fileLabel, hint, example, word, use(text) -> Promise}) -> [node]    text as pasted, or of a file
- *   group({path: Field}, checks() -> [[Field, reason or ""]]) -> fields of createForm
- *   refusal({fields, refuse}, error)    shows the error at the field that it names, else by refuse(words)
- *   inWords(editors, message) -> string    with the labels in place of the program's names;  editors: Map path -> Field
- *   createForm({title, word, route, content, fields, send, beside, classes, follow}) -> {element, go, refuse(words)}
+ * select([[value, words]], attributes)    an entry may be a node;   attributes.value: the chosen one
+ * Field: {element, words, say(reason), focus()}     fieldOf(control, {label: nodes, words: the label in a sentence})
+ * fileInput({read(file) -> Promise, failure, ...attributes})    failure: an error line
+ * pasteBox({..., use(text) -> Promise})    text as pasted, or of a file
+ * group({path: Field}, checks() -> [[Field, reason or ""]]) -> fields of createForm
+ * refusal({fields, refuse}, error)    shows the error at the field that it names, else by refuse(words)
+ * inWords(editors, message)    with the labels in place of the program's names;  editors: Map path -> Field
+ * createForm({title, word, route, content, fields, send, beside, classes, follow}) -> {element, form, go, refuse(words)}
  *     fields: [{check() -> bool or Promise, editors}]     send() -> Promise; rejects with the reason
  *     beside: nodes after the button.   follow: {api, keep, title(job), done(result, back)} where send() gives a job
  */
 
-import { reason } from "../lib/api.js";
+import { needs, reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
+import { button, errorLine } from "../lib/elements.js";
 import { followInPlace } from "../lib/job_progress.js";
-import { needs } from "../lib/me.js";
 import { trueMinus } from "../lib/numbers.js";
-import { button, errorLine } from "../lib/view_states.js";
 
 let controls = 0;
 
@@ -42,21 +35,21 @@ export const textInput = (attributes = {}) => h("input", { type: "text", ...attr
 export const checkbox = (attributes = {}) => h("input", { type: "checkbox", ...attributes });
 
 export function radio(words, attributes, ...more) {
-  return h("label", { class: "radio" }, h("input", { type: "radio", ...attributes }), words, more);
+  return h("label.radio", h("input", { type: "radio", ...attributes }), words, more);
 }
 
 export function fieldOf(control, { label, words, hint = "", title = null, path = null }) {
   control.id ||= `field-${++controls}`;
   const { id } = control;
-  const failure = h("p", { class: "error", id: `${id}-error`, hidden: true });
+  const failure = h("p.error", { id: `${id}-error`, hidden: true });
   control.setAttribute("aria-describedby", `${id}-hint ${id}-error`);
   control.addEventListener("input", () => say("")); // not on leaving it: what is about to be clicked would move
   const element = h(
-    "div",
-    { class: "field", "data-path": path },
+    "div.field",
+    { "data-path": path },
     h("label", { for: id }, label),
     control,
-    h("p", { class: "hint", id: `${id}-hint`, title }, hint),
+    h("p.hint", { id: `${id}-hint`, title }, hint),
     failure,
   );
   return { element, words, say, focus };
@@ -76,7 +69,7 @@ export function fieldOf(control, { label, words, hint = "", title = null, path =
 }
 
 export function labelled(label, control, { hint, unit } = {}) {
-  const words = [label, unit && h("span", { class: "unit" }, ` [${unit}]`)];
+  const words = [label, unit && h("span.unit", ` [${unit}]`)];
   return fieldOf(control, { label: words, words: label, hint });
 }
 
@@ -93,11 +86,11 @@ export function group(editors, checks = () => []) {
 }
 
 export function fieldset(title, ...content) {
-  return h("fieldset", { class: "panel stack" }, h("legend", {}, title), content);
+  return h("fieldset.panel.stack", h("legend", title), content);
 }
 
 export function fold(summary, ...content) {
-  return h("details", { class: "fold" }, h("summary", {}, summary), content);
+  return h("details.fold", h("summary", summary), content);
 }
 
 export function fileInput({ read, failure, ...attributes }) {
@@ -140,9 +133,9 @@ export function pasteBox({ label, fileLabel, hint, example, word, use }) {
     }
   };
   return [
-    h("p", { class: "hint" }, hint),
-    h("div", { class: "field" }, text),
-    h("div", { class: "row" }, button(word, act, { class: "button button-small" }), file),
+    h("p.hint", hint),
+    h("div.field", text),
+    h("div.row", button(word, act, { class: "button button-small" }), file),
     failure.element,
   ];
 }
@@ -194,7 +187,7 @@ export function refusal({ fields, refuse }, error) {
 
 export function createForm({ title, word, route, content, fields = [], send, beside, classes = "form", follow }) {
   const failure = errorLine();
-  const go = h("button", { class: "button button-primary", type: "submit", ...needs(route) }, word);
+  const go = h("button.button.button-primary", { type: "submit", ...needs(route) }, word);
   const form = h(
     "form",
     { class: classes, novalidate: true, onsubmit: submit, "aria-label": title, "data-keeps-input": true },
@@ -202,7 +195,7 @@ export function createForm({ title, word, route, content, fields = [], send, bes
     failure.element,
     h("div", { class: classes === "form" ? "row form-end" : "row" }, go, beside),
   );
-  const stage = follow ? h("div", { class: "stack" }, form) : form;
+  const stage = follow ? h("div.stack", form) : form;
   return { element: stage, form, go, refuse };
 
   function refuse(words) {

@@ -1,10 +1,7 @@
 /**
  * Numbers as people type them: a comma is a decimal mark too.
  *
- * Exports
- *   decimal(text) -> number       NaN where it is none
- *   decimals(text) -> [text]      of several, apart by spaces, semicolons or commas, as Number
- *                                 reads them: "0,05 0.1" is two
+ * decimal(text) -> number, NaN where it is none.   decimals("0,05 0.1") -> ["0.05", "0.1"], as Number reads them
  */
 
 const COMMA = /^[+−-]?\d*,\d+$/;

@@ -1,17 +1,13 @@
 /**
  * Editors of single parameters from JSON schema: number, choice, text, JSON, map of numbers.
  *
- * Exports
- *   beyondTitle(schema) -> string     the description without its title
- *   editorOf(key, schema, value, place) -> Editor: a Field of controls.js with
- *     read() -> the value as the server wants it;   check() -> bool   shows what is wrong at the field
+ * editorOf(key, schema, value, place) -> Field with read() -> the value as the server wants it, and check() -> bool
  *     place: {path, catalog, editors}; every editor enters itself in `editors` by its path
  */
 
 import { choiceName, labelOf, plainWords } from "../lib/catalog.js";
 import { formatted, h, put } from "../lib/dom.js";
-import { rounded } from "../lib/numbers.js";
-import { followUnits, shownIn } from "../lib/units.js";
+import { followUnits, rounded, shownIn } from "../lib/numbers.js";
 import { checkbox, fieldOf, select, textInput } from "./controls.js";
 
 export function editorOf(key, schema, value, place) {
@@ -55,7 +51,7 @@ function editor(key, schema, place, control, read, wrong = () => "") {
 }
 
 function unitOf(key, schema, catalog) {
-  const words = h("span", { class: "unit" });
+  const words = h("span.unit");
   return followUnits(words, () => {
     const { unit } = labelOf(key, schema, catalog);
     put(words, unit && ` [${unit}]`);
@@ -168,8 +164,8 @@ function spread(value, field) {
   const all = numeric({ min: 0, "aria-label": "one number for all", value: typeof value === "number" ? value : 0.1 });
   const inputs = names.map((name) => numeric({ "aria-label": name, value: byName[name] }));
   const symbolOf = (name) => formatted(name.replace("_beta", "_β").replace(/_d([ar])$/, "_δ$1"));
-  const cells = names.map((name, k) => h("label", { class: "spread-cell" }, h("span", {}, symbolOf(name)), inputs[k]));
-  const table = h("div", { class: "spread-table" }, cells);
+  const cells = names.map((name, k) => h("label.spread-cell", h("span", symbolOf(name)), inputs[k]));
+  const table = h("div.spread-table", cells);
   const ways = [names.length && ["named", "one for each name"], ["all", "one number for all"]];
   const mode = select(ways, { value: names.length ? "named" : "all", onchange: turn });
   const isBad = (input) => input.value.trim() === "" || input.validity.badInput;

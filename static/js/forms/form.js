@@ -1,20 +1,12 @@
 /**
  * A recipe's form, built from the catalog's JSON schema.
  *
- * Exports
- *   createFields(schema, initial, {catalog, path, hidden, unfolded}) -> Fields
+ * createFields(schema, initial, {catalog, path, hidden, unfolded}) -> Fields
  *     initial: the recipe as plain data; missing values are the schema's defaults.
  *     path: the server's name for it ("dataset", "monitor").   hidden: keys left out of the form.
  *     unfolded: objects shown open as a fieldset.
- *
- * Fields
- *   element(key)          the editor of one parameter, to be placed; a family's or an object's is
- *                         a fieldset with its parameters
- *   keys                  of all parameters, in the schema's order
- *   read() -> plain data, check() -> bool (shows reasons at the fields, moves to the first)
- *   editors               Map path -> Field, of those shown
- *   put(key, value)       shows another value of a family's member or of an object
- *   fields dispatch `change` and `input` events, which bubble
+ * Fields: element(key), keys, read() -> plain data, check() -> bool, editors (Map path -> Field, of those shown),
+ *     put(key, value) shows another value of a family's member or of an object
  */
 
 import { ApiError } from "../lib/api.js";
@@ -74,11 +66,11 @@ const isFold = (element) => element.matches("details");
 /** A nested object: folded, since its numbers seldom change; an open one is a fieldset. */
 function group(key, schema, value, place) {
   const { text } = labelOf(key, schema, place.catalog);
-  const grid = h("div", { class: "field-grid" });
-  const folds = h("div", {});
-  const content = [h("p", { class: "hint" }, beyondTitle(schema)), grid, folds];
+  const grid = h("div.field-grid");
+  const folds = h("div");
+  const content = [h("p.hint", beyondTitle(schema)), grid, folds];
   const isOpen = place.unfolded?.includes(key);
-  const element = isOpen ? h("fieldset", {}, h("legend", {}, text), content) : fold(text, content);
+  const element = isOpen ? h("fieldset", h("legend", text), content) : fold(text, content);
   element.dataset.path = place.path;
   let inner;
   put(value ?? {});
@@ -100,13 +92,13 @@ function family(key, schema, value, place) {
     Object.values(entries).map((entry) => [entry.kind, isAircraft ? aircraftCondition(entry) : entry.label]),
     { "aria-label": label, name: `${place.path}.kind`, onchange: () => turn(choice.value) },
   );
-  const words = h("p", { class: "hint" });
-  const holder = h("div", { class: "stack-tight" });
+  const words = h("p.hint");
+  const holder = h("div.stack-tight");
   const element = h(
     "fieldset",
     { "data-path": place.path },
-    h("legend", {}, label),
-    h("div", { class: "field" }, choice, words),
+    h("legend", label),
+    h("div.field", choice, words),
     holder,
   );
   let inner;
@@ -129,7 +121,7 @@ function family(key, schema, value, place) {
     const { own, shared, folds } = sorted([...inner.parts], Object.values(entries));
     const parts = [
       isAircraft && "a" in properties && modelInput((model) => turn(kind, { ...inner.read(), ...model })),
-      own.length && h("div", { class: "field-grid" }, own),
+      own.length && h("div.field-grid", own),
       shared,
       ...folds,
     ];
@@ -146,7 +138,7 @@ function sorted(parts, members) {
   const titles = many.map(([key]) => members[0].schema.properties[key].title);
   return {
     own: elementsOf(fields.filter((field) => !many.includes(field))),
-    shared: many.length ? fold(titles.join(", "), h("div", { class: "field-grid" }, elementsOf(many))) : null,
+    shared: many.length ? fold(titles.join(", "), h("div.field-grid", elementsOf(many))) : null,
     folds: elementsOf(parts).filter(isFold),
   };
 }
@@ -160,7 +152,7 @@ function modelInput(use) {
     word: "Use this model",
     use: (text) => use(modelOf(text)),
   });
-  return h("div", { class: "field model-input" }, box);
+  return h("div.field.model-input", box);
 }
 
 /** The user's own linear model, with its keys in small letters. ApiError. */

@@ -1,26 +1,17 @@
 /**
  * The planned test of a form: a stored dataset, or the recipe of one to simulate.
  *
- * Exports
- *   createTestFields({api, catalog, initial, asFlown}) -> {fields, main, folded, size}   parts of a dataset's recipe
- *   datasetChoice({api, catalog, datasets, chosen, initial, asFlown}) -> Choice
- *     chosen: id of the stored dataset to begin with
- *     initial: a recipe to begin with; else the default with noise, jitter, imperfections of a real
- *     flight and the usual number of failures, unless asFlown is false
- *   scatterOf(recipes, name) -> {key: value}     the pilot's scatter of a recipe; name: "default" | "as_flown"
- *   isSimulated(dataset) -> bool     its recipe is known
- *
- * Choice   element, size (the editor of n_unsafe), read() -> id | recipe, check(), editors,
- *          failures() -> number of unsafe rollouts | null
+ * initial: a recipe to begin with; else the default with noise, jitter, imperfections of a real flight and the usual
+ *     number of failures, unless asFlown is false
+ * datasetChoice(...) -> {element, size (editor of n_unsafe), read() -> id | recipe, check(), editors,
+ *     failures() -> number of unsafe rollouts | null}     chosen: id of the stored dataset to begin with
  */
 
-import { reason } from "../lib/api.js";
+import { needs, reason } from "../lib/api.js";
 import { aircraftName, kindName, limitWords } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
-import { needs } from "../lib/me.js";
-import { figure, moment, percent } from "../lib/numbers.js";
-import { followUnits } from "../lib/units.js";
-import { button, errorLine } from "../lib/view_states.js";
+import { button, errorLine } from "../lib/elements.js";
+import { figure, followUnits, moment, percent } from "../lib/numbers.js";
 import { fieldset, fold, inWords, radio, select } from "./controls.js";
 import { createFields } from "./form.js";
 
@@ -38,10 +29,10 @@ export function createTestFields({ api, catalog, initial, asFlown = true }) {
   const families = fields.keys.filter((key) => key !== GROUPS && properties[key]["x-family"]);
   const rest = fields.keys.filter((key) => ![...families, SIZE, GROUPS, "limits"].includes(key));
   const objects = rest.filter((key) => properties[key].properties);
-  const main = h("div", { class: "columns test-columns" }, [...families, "limits"].map(fields.element));
+  const main = h("div.columns.test-columns", [...families, "limits"].map(fields.element));
   const folded = fold(
     "Sampling, noise, imperfections, seed, budget",
-    h("div", { class: "field-grid" }, rest.filter((key) => !objects.includes(key)).map(fields.element)),
+    h("div.field-grid", rest.filter((key) => !objects.includes(key)).map(fields.element)),
     imperfectionsChoice(fields, catalog.recipes.dataset),
     objects.map(fields.element),
   );
@@ -81,18 +72,18 @@ function imperfectionsChoice(fields, recipes) {
       if (key !== "maneuver" && !isSame(recipes.default[key], recipes.as_flown[key])) fields.put(key, recipes[name][key]);
   };
   const small = (words, name) => button(words, () => put(name), { class: "button button-small" });
-  const words = h("span", { class: "hint" }, "Noise, jitter and imperfections");
-  return h("div", { class: "row" }, words, small("As in a real flight", "as_flown"), small("None", "default"));
+  const words = h("span.hint", "Noise, jitter and imperfections");
+  return h("div.row", words, small("As in a real flight", "as_flown"), small("None", "default"));
 }
 
 const isSame = (a, b) => JSON.stringify(a) === JSON.stringify(b);
 
 /** A button that fills in the amplitude at which a quarter of the rollouts exceed a limit. */
 function amplitudeSuggestion(fields, api) {
-  const words = h("span", { class: "hint", role: "status" });
+  const words = h("span.hint", { role: "status" });
   const failure = errorLine();
   const go = button("Suggest amplitude", suggest, { class: "button button-small", ...needs("POST /datasets/amplitude") });
-  return h("div", { class: "field suggestion" }, h("div", { class: "row" }, go, words), failure.element);
+  return h("div.field.suggestion", h("div.row", go, words), failure.element);
 
   async function suggest() {
     failure.show("");
@@ -135,12 +126,12 @@ export function datasetChoice({ api, catalog, datasets, chosen, initial, asFlown
       onchange: turn,
     }),
   );
-  const words = h("p", { class: "hint" });
-  const stored = h("div", { class: "field" }, choice, words);
-  const simulated = h("div", { class: "stack" }, main, folded);
+  const words = h("p.hint");
+  const stored = h("div.field", choice, words);
+  const simulated = h("div.stack", main, folded);
   const element = fieldset(
     "1  The planned test",
-    h("div", { class: "row", role: "radiogroup", "aria-label": "source of the rollouts" }, ways),
+    h("div.row", { role: "radiogroup", "aria-label": "source of the rollouts" }, ways),
     stored,
     simulated,
   );

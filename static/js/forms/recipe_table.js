@@ -1,16 +1,9 @@
-/**
- * A recipe to read: every parameter with its unit, as the catalog calls it.
- *
- * Exports
- *   recipeTable(schema, plain, catalog) -> <dl>       nested objects and families indented
- *   rawRecipe(plain) -> <details>                     the JSON, as the server takes it
- */
+/** A recipe to read: every parameter with its unit, as the catalog calls it; nested objects and families indented. */
 
 import { aircraftCondition, choiceName, labelOf } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
-import { recipeList } from "../lib/lists.js";
-import { figure, trueMinus } from "../lib/numbers.js";
-import { magnitudeIn } from "../lib/units.js";
+import { recipeList } from "../lib/elements.js";
+import { figure, magnitudeIn, trueMinus } from "../lib/numbers.js";
 import { fold } from "./controls.js";
 
 export function recipeTable(schema, plain, catalog) {
@@ -52,5 +45,5 @@ function words(value) {
 }
 
 export function rawRecipe(plain) {
-  return fold("Recipe as JSON", h("pre", { class: "json", tabindex: 0 }, JSON.stringify(plain, null, 1)));
+  return fold("Recipe as JSON", h("pre.json", { tabindex: 0 }, JSON.stringify(plain, null, 1)));
 }

@@ -1,16 +1,10 @@
 /**
- * The server's REST interface: paths below /api/v1, JSON both ways, errors as one sentence.
+ * The server's REST interface: paths below /api/v1, JSON both ways, errors as one sentence; and who may use it.
  *
- * Exports
- *   api.get(path), api.post(path, body), api.put(path, body), api.delete(path) -> Promise<plain data>
- *   api.upload(path, file) -> Promise<plain data>      a file as application/octet-stream
- *   api.watchJob(id, changed) -> {ended: Promise<job>, close()}
- *       changed(job) now and at each change, by server-sent events; `ended` resolves with the ended
- *       job (done, failed, cancelled, interrupted), or rejects with an ApiError
- *   ApiError   message: what happened and what to do; status (0: no answer), kind, problem
- *   reason(error) -> string    the sentence to show for any error
- *   address(path) -> string    with /api/v1
- *   refusal(status, problem) -> ApiError    of a problem document;  noAnswer() -> ApiError
+ * api.watchJob(id, changed) -> {ended: Promise<job>, close()}     by server-sent events; changed(job) now and at each
+ *     change; `ended` resolves with the ended job (done, failed, cancelled, interrupted), or rejects with an ApiError
+ * may("POST /flights/{}/end")    by the server's own table; true until it has answered. It checks every request itself
+ * needs(route) -> attributes     hide an element whose request the role does not allow
  *
  * `path` is "/monitors", or as in a Location header "/api/v1/jobs/3f9a".
  */
@@ -114,3 +108,27 @@ export const api = {
   upload: (path, file) => call("POST", path, file, "application/octet-stream"),
   watchJob,
 };
+
+let me = null;
+
+export async function loadMe(api) {
+  try {
+    me = await api.get("/me");
+  } catch {
+    me = null; // the view reports that the server does not answer
+  }
+  return me;
+}
+
+export function may(route) {
+  const [method, path] = route.split(" ");
+  return me === null || me.allowed.includes(`${method} /api/v1${path}`);
+}
+
+export function asksForToken() {
+  return me !== null && me.name !== "local";
+}
+
+export function needs(route) {
+  return may(route) ? {} : { "data-refused": true };
+}

@@ -1,18 +1,6 @@
-/**
- * The server's catalog and the names in it.
- *
- * Exports
- *   loadCatalog(api) -> Promise<catalog>     fetched once a page
- *   methodOf(catalog, recipe) -> method of a monitor's recipe; undefined for a combination without a name
- *   methodWords(catalog, recipe)     its label, or its predictor and score
- *   aircraftName(catalog, part), kindName(catalog, family, part), limitWords(catalog, limits)
- *   aircraftCondition(entry), plainWords(description)
- *   choiceName(schema, value)     label of a parameter's value
- *   labelOf(key, schema, catalog) -> {text, symbol, unit}
- *       from the schema's title, unit and the catalog's channels: kr -> yaw damper gain k_r, s
- */
+/** The server's catalog, fetched once a page, and the names in it. */
 
-import { magnitudeIn, shownIn } from "./units.js";
+import { magnitudeIn, shownIn } from "./numbers.js";
 
 let catalog = null;
 

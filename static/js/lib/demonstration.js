@@ -1,14 +1,9 @@
 /**
  * The live demonstration of this server, as it is prepared and once it flies.
  *
- * Exports
- *   demonstration.latest        {phase, step, share, elapsed, remaining, flight, problem}; null where none was started
- *   demonstration.follow(api)   asks the server, again and again until it flies or failed
- *   demonstration.start(api) -> Promise    trains and flies it
- *   demonstration.ended() -> Promise     once it flies; rejects with the reason where it failed
- *   demonstration.subscribe(listener) -> unsubscribe
- *   progressWords(progress) -> string
- *   createDemonstrationBar(element, {navigate}) -> {goneTo(hash)}    the slim bar below the masthead
+ * demonstration.latest        {phase, step, share, elapsed, remaining, flight, problem}; null where none was started
+ * demonstration.follow(api)   asks the server, again and again until it flies or failed;   start(api) trains and flies it
+ * demonstration.ended() -> Promise     once it flies; rejects with the reason where it failed
  */
 
 import { ApiError } from "./api.js";
@@ -81,8 +76,8 @@ function coarse(seconds) {
 }
 
 export function createDemonstrationBar(element, { navigate }) {
-  const words = h("span", { class: "preparing-words", role: "status" });
-  const bar = h("progress", { class: "preparing-bar", max: 1, "aria-label": "Live demonstration" });
+  const words = h("span.preparing-words", { role: "status" });
+  const bar = h("progress.preparing-bar", { max: 1, "aria-label": "Live demonstration" });
   const watch = h("button", { type: "button", class: "button button-small button-primary", hidden: true, onclick: () => navigate(address()) }, "Watch it");
   const dismiss = h("button", { type: "button", class: "button button-small", hidden: true, "aria-label": "Dismiss", onclick: leave }, "×");
   element.append(words, bar, watch, dismiss);

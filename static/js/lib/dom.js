@@ -1,16 +1,14 @@
 /**
  * Elements in one expression.
  *
- * Exports
- *   h(tag, attributes, ...children) -> HTMLElement      children: nodes, text, lists; null and false are left out
- *   svg(tag, attributes, ...children) -> SVGElement
- *   put(element, text)           changes the text only where it differs
- *   symbolNodes(symbol) -> Node[]     "N_y" as N with subscript y
- *   formatted(words) -> Node     "|N_y| < 0.5 g" with y as a subscript
- *   piecesOf(words) -> [[text, index]]     the same, cut at each symbol
- *
- * Attributes that are functions become listeners (`onclick`), true is an empty attribute, false,
- * null and undefined are left out; `value`, `checked` and `disabled` are set as properties.
+ * h("tag.class.class", attributes, ...children), svg(...)     attributes may be left out
+ *     children: nodes, text, lists; null and false are left out.   Attributes that are functions become listeners
+ *     (`onclick`), true is an empty attribute, false, null and undefined are left out; `value`, `checked` and
+ *     `disabled` are set as properties
+ * put(element, text)           changes the text only where it differs
+ * symbolNodes(symbol) -> Node[]     "N_y" as N with subscript y
+ * formatted(words) -> Node     "|N_y| < 0.5 g" with y as a subscript
+ * piecesOf(words) -> [[text, index]]     the same, cut at each symbol; the index is empty for what is no symbol
  */
 
 import { trueMinus } from "./numbers.js";
@@ -20,15 +18,19 @@ const ABSENT = [null, undefined, false];
 const SYMBOL = /(?<![\p{L}\w])(\p{L})_([\p{L}\w]+)/gu;
 const SVG = "http://www.w3.org/2000/svg";
 
-export function h(tag, attributes = {}, ...children) {
-  return built(document.createElement(tag), attributes, children);
+export function h(selector, ...parts) {
+  return built((tag) => document.createElement(tag), selector, parts);
 }
 
-export function svg(tag, attributes = {}, ...children) {
-  return built(document.createElementNS(SVG, tag), attributes, children);
+export function svg(selector, ...parts) {
+  return built((tag) => document.createElementNS(SVG, tag), selector, parts);
 }
 
-function built(element, attributes, children) {
+function built(create, selector, parts) {
+  const [tag, ...classes] = selector.split(".");
+  const element = create(tag);
+  const [attributes, children] = parts[0]?.constructor === Object ? [parts[0], parts.slice(1)] : [{}, parts];
+  element.classList.add(...classes);
   element.append(...children.flat(3).filter((child) => !ABSENT.includes(child)));
   for (const [name, value] of Object.entries(attributes)) {
     if (typeof value === "function") element.addEventListener(name.replace(/^on/, ""), value);
@@ -40,18 +42,17 @@ function built(element, attributes, children) {
 
 export function formatted(words) {
   const pieces = piecesOf(trueMinus(words)).map(([text, index]) =>
-    index ? h("span", { class: "symbol" }, text, h("sub", {}, index)) : text,
+    index ? h("span.symbol", text, h("sub", index)) : text,
   );
-  return pieces.length === 1 && typeof pieces[0] !== "string" ? pieces[0] : h("span", {}, pieces);
+  return pieces.length === 1 && typeof pieces[0] !== "string" ? pieces[0] : h("span", pieces);
 }
 
 export function symbolNodes(symbol) {
   const [head, tail] = symbol.split("_");
   const base = document.createTextNode(head);
-  return tail === undefined ? [base] : [base, h("sub", {}, tail)];
+  return tail === undefined ? [base] : [base, h("sub", tail)];
 }
 
-/** Text cut at its symbols: [text, index], the index empty for what is no symbol. */
 export function piecesOf(words) {
   const pieces = [];
   let end = 0;

@@ -1,9 +1,8 @@
 /**
  * Events by time, newest first: alerts, exceedances, changes of state, acknowledgements.
  *
- * Exports
- *   createEventList(element, {go, label, most}) -> {add(event), times(level) -> [t], showUntil(t), clear()}
- *     go(t)    called when an event is chosen.   label: of the list.   most: events kept
+ * createEventList(element, {go, label, most}) -> {add(event), times(level) -> [t], showUntil(t), clear()}
+ *     go(t)    called when an event is chosen.   most: events kept
  *     showUntil(t)    events later than t [s] move below a heading of their own until t reaches them
  *     event: {t [s] | null, at, when, text, level "alert" | "caution" | "", seen}; at: sort key, t by default;
  *     when: shown in place of t. A repeated event (in a loop) is counted, not listed again; `seen` is not counted
@@ -15,15 +14,14 @@ import { formatTime } from "./numbers.js";
 const SAME = 1e-6; // s
 
 export function createEventList(element, { go, label = "Events, newest first", most = 300 }) {
-  const title = h("h2", { class: "event-title" }, "Events");
-  const list = h("ol", { class: "event-list", "aria-live": "off", "aria-label": label });
+  const title = h("h2.event-title", "Events");
+  const list = h("ol.event-list", { "aria-live": "off", "aria-label": label });
   const empty = h(
-    "p",
-    { class: "dim" },
+    "p.dim",
     "Alerts, exceedances and changes of state appear here. Choose one to go to its time.",
   );
-  const later = h("ol", { class: "event-list event-later", "aria-live": "off", "aria-label": "Later than the time shown" });
-  const ahead = h("section", { hidden: true }, h("h3", { class: "event-later-title" }, "Later than the time shown"), later);
+  const later = h("ol.event-list.event-later", { "aria-live": "off", "aria-label": "Later than the time shown" });
+  const ahead = h("section", { hidden: true }, h("h3.event-later-title", "Later than the time shown"), later);
   element.append(title, empty, list, ahead);
   const known = new Map();
   const timeOf = new WeakMap(); // sort keys of items; null for none
@@ -61,15 +59,15 @@ export function createEventList(element, { go, label = "Events, newest first", m
       place(again);
       return;
     }
-    const count = h("span", { class: "event-count" });
+    const count = h("span.event-count");
     const parts = [
-      h("span", { class: "event-time" }, when ?? (t === null ? "" : `${formatTime(t, 0.01)} s`)),
-      h("span", { class: "event-text" }, text.split(/(\s+)/).map(formatted)),
+      h("span.event-time", when ?? (t === null ? "" : `${formatTime(t, 0.01)} s`)),
+      h("span.event-text", text.split(/(\s+)/).map(formatted)),
       count,
     ];
     const body =
       t === null
-        ? h("div", { class: "event-body" }, ...parts)
+        ? h("div.event-body", ...parts)
         : h(
             "button",
             {
@@ -80,7 +78,7 @@ export function createEventList(element, { go, label = "Events, newest first", m
             },
             ...parts,
           );
-    const item = h("li", { class: "event", "data-level": level }, body);
+    const item = h("li.event", { "data-level": level }, body);
     const event = { item, count, times: 1, t, at, level };
     known.set(key, event);
     place(event);

@@ -1,23 +1,16 @@
 /**
  * A running job: its step, its progress, and a button to cancel it.
  *
- * Exports
- *   createJobProgress({api, job, title, done, back, worded}) -> {element, close()}
- *     done(result)   when the job has finished
- *     back()         from the button shown after a failure or a cancellation
- *     worded(words)  the reason of a failure, as the page says it
- *   followInPlace({form, stage, keep, focus, api, job, title, done}) -> {back()}    the job's progress in
- *       place of its form; going back shows the form as it was, with the focus on `focus`
- *   jobList({api, kinds, done}) -> Promise<{element | null, close()}>    jobs of these kinds in progress, and
- *       the newest that did not finish
- *   UNDER_WAY    states of a job in progress
+ * createJobProgress({api, job, title, done, back, worded}) -> {element, close()}
+ *     done(result), back() after a failure or a cancellation;   worded(words): the reason of a failure, as the page says it
+ * followInPlace(...) -> {back()}    the job's progress in place of its form
+ * jobList({api, kinds, done}) -> Promise<{element | null, close()}>    jobs in progress, and the newest that did not finish
  */
 
-import { reason } from "./api.js";
+import { needs, reason } from "./api.js";
 import { h } from "./dom.js";
-import { needs } from "./me.js";
+import { button, errorLine } from "./elements.js";
 import { moment } from "./numbers.js";
-import { button, errorLine } from "./view_states.js";
 
 export const UNDER_WAY = ["queued", "running"];
 const WORDS = {
@@ -41,18 +34,18 @@ export function followInPlace({ form, stage, keep, focus, ...order }) {
 }
 
 export function createJobProgress({ api, job, title, done, back, worded = (words) => words }) {
-  const bar = h("progress", { class: "progress", "aria-label": "progress" });
+  const bar = h("progress.progress", { "aria-label": "progress" });
   const message = h("p", { role: "status", class: "job-message" }, "waiting in the queue");
   const stop = button("Cancel", cancel, needs("POST /jobs/{}/cancel"));
   const failure = errorLine();
   const element = h(
-    "section",
-    { class: "panel stack job", "data-job": job.id, "data-status": job.status },
-    h("h2", { class: "panel-title" }, title),
+    "section.panel.stack.job",
+    { "data-job": job.id, "data-status": job.status },
+    h("h2.panel-title", title),
     message,
     bar,
     failure.element,
-    h("div", { class: "row" }, stop),
+    h("div.row", stop),
   );
   const watch = api.watchJob(job.id, changed);
   watch.ended.then(ended, failed);
@@ -116,7 +109,7 @@ export async function jobList({ api, kinds, done }) {
     unfinished(jobs.filter(({ kind }) => kinds.includes(kind))),
   ].filter(Boolean);
   return {
-    element: parts.length ? h("div", { class: "stack" }, parts) : null,
+    element: parts.length ? h("div.stack", parts) : null,
     close: () => shown.forEach(({ close }) => close()),
   };
 }
@@ -128,16 +121,14 @@ function unfinished(jobs) {
   const rows = lost.map((job) =>
     h(
       "li",
-      {},
       `${moment(job.created)}, ${titleOf(job)}: ${job.status}, `,
-      h("span", { class: "dim" }, job.error ?? ""),
+      h("span.dim", job.error ?? ""),
     ),
   );
   return h(
-    "details",
-    { class: "fold" },
-    h("summary", {}, `${lost.length} that did not finish`),
-    h("ul", {}, rows),
+    "details.fold",
+    h("summary", `${lost.length} that did not finish`),
+    h("ul", rows),
   );
 }
 

@@ -1,19 +1,19 @@
 /**
- * Numbers, times and sizes as people read them.
+ * Numbers, times, sizes and units as people read them: degrees, deg/s and g, or SI by choice. Values sent and received
+ * are always in a channel's own `unit`; only this module converts. A missing value is a dash.
  *
- * Exports
- *   percent(share, digits 1), interval([low, high]), figure(number, digits 3), moment(iso)
- *   timeZero(start)                when a recording begins, as far as known
- *   formatValue(value, decimals 3) -> string     a reading with a true minus; a dash when missing
- *   formatTime(t, step) -> string    "12.50", "3:05" from two minutes on, "1:03:05" from an
- *       hour on; as fine as `step` [s] needs
- *   riskText(risk, alertAbove) -> string     two or three digits; more where rounding would put
- *       the risk on the wrong side of the alert level
- *   leadSeconds(lead, decimals 3) -> string     lead time [s], rounded down
- *   rounded(number) -> number     to as many digits as people write
- *   secondsText(t), durationText(seconds), bytesText(n)
- *   trueMinus(text) -> string     a sentence of the server with "−4.66" for "-4.66"
+ * formatTime(t, step)    "12.50", "3:05" from two minutes on, "1:03:05" from an hour on; as fine as `step` [s] needs
+ * riskText(risk, alertAbove)    more digits where rounding would put the risk on the wrong side of the alert level
+ * leadSeconds(lead)    [s], rounded down.   rounded(number): to as many digits as people write
+ * trueMinus(text)      a sentence of the server with "−4.66" for "-4.66"
+ * shownIn(channel) -> {unit, factor, decimals}     factor times the value in `unit`; a channel as the server publishes it
+ * quantity(channel, value)     a reading with its unit;   magnitudeIn(channel, value)   a limit, without trailing zeros
+ * followUnits(element, draw) -> element     draws now, and again when other units are chosen
+ * tellUnits(page) -> bool    redraws the followers on a page with input to keep ([data-keeps-input]);
+ *     false on any other page, which must be opened again
  */
+
+import { remember, remembered } from "./storage.js";
 
 const UNITS = ["bytes", "kB", "MB", "GB", "TB"];
 
@@ -103,4 +103,54 @@ export function bytesText(n) {
 
 export function trueMinus(text) {
   return text.replace(/(?<![\p{L}\d.,\])_-])-(?=\.?\d)/gu, "−");
+}
+
+const KEY = "forewarn.units";
+const SI_DECIMALS = 3;
+
+let si = remembered(KEY) === "SI";
+
+export function isSI() {
+  return si;
+}
+
+export function chooseSI(flag) {
+  si = flag;
+  remember(KEY, si ? "SI" : "degrees");
+}
+
+export function followUnits(element, draw) {
+  element.dataset.units = "";
+  element.addEventListener("units", draw);
+  draw();
+  return element;
+}
+
+export function tellUnits(page) {
+  if (page.querySelector("[data-keeps-input]") === null) return false;
+  for (const follower of page.querySelectorAll("[data-units]")) follower.dispatchEvent(new Event("units"));
+  return true;
+}
+
+export function shownIn({ unit = "", display_unit, display_factor, display_decimals }) {
+  return si || display_factor === undefined
+    ? { unit, factor: 1, decimals: SI_DECIMALS }
+    : { unit: display_unit, factor: display_factor, decimals: display_decimals };
+}
+
+export function reading(channel, value) {
+  const { factor, decimals } = shownIn(channel);
+  return formatValue(value * factor, decimals);
+}
+
+export function quantity(channel, value) {
+  return `${reading(channel, value)} ${shownIn(channel).unit}`.trim();
+}
+
+export function magnitude(channel, value, digits = 4) {
+  return figure(value * shownIn(channel).factor, digits);
+}
+
+export function magnitudeIn(channel, value) {
+  return `${magnitude(channel, value)} ${shownIn(channel).unit}`.trim();
 }

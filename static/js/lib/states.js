@@ -1,13 +1,4 @@
-/**
- * Words of a sample's states, where the page words them itself.
- *
- * Exports
- *   STATE_WORDS                       {state: word}
- *   WITHDRAWN                         causes of an invalid sample with a word of their own
- *   shownState({state, cause}) -> string    "not_assessed" between the manoeuvres of a recording
- *   stripState({state, cause}) -> string    the same, and the cause where the limits in force are not the monitor's
- *   withdrawnWord(cause) -> string | null    "NOT APPLICABLE" or "LIMITS UNKNOWN", of an invalid sample
- */
+/** Words of a sample's states, where the page words them itself. */
 
 export const STATE_WORDS = {
   ok: "OK",

@@ -1,10 +1,4 @@
-/**
- * Choices that the browser remembers, where it allows that.
- *
- * Exports
- *   remembered(key) -> string | null
- *   remember(key, value)     where storage is forbidden, the choice lasts until the page closes
- */
+/** What the browser remembers: choices, where it allows that, else until the page closes; and drafts of text. */
 
 export function remembered(key) {
   try {
@@ -20,4 +14,15 @@ export function remember(key, value) {
   } catch {
     // forbidden
   }
+}
+
+const drafts = new Map();
+
+export function keepDraft(input, key) {
+  input.value = drafts.get(key) ?? "";
+  input.addEventListener("input", () => drafts.set(key, input.value));
+  return () => {
+    drafts.delete(key);
+    input.value = "";
+  };
 }

@@ -1,18 +1,15 @@
 /**
  * Form of a limit set's next version: flight conditions, each with its limits.
  *
- * Exports
- *   createLimitForm({catalog, newest, word, route, send}) -> form
- *     newest: the version to begin with; null for a new set, which also needs a name
- *     word: text of the button.   route: its request; without permission for it the form is hidden
- *     send(version) -> Promise    rejects with the reason
+ * newest: the version to begin with; null for a new set, which also needs a name
+ * route: its request; without permission for it the form is hidden.   send(version) -> Promise
  */
 
 import { createForm, group, labelled, textInput } from "../forms/controls.js";
 import { createFields } from "../forms/form.js";
+import { needs } from "../lib/api.js";
 import { h } from "../lib/dom.js";
-import { needs } from "../lib/me.js";
-import { button } from "../lib/view_states.js";
+import { button } from "../lib/elements.js";
 
 const NEW = { name: "", ranges: {}, limits: undefined };
 
@@ -20,7 +17,7 @@ export function createLimitForm({ catalog, newest, word, route, send }) {
   const name = textInput({ maxlength: 200, required: true });
   const why = textInput({ maxlength: 2000 });
   const named = labelled("Name", name);
-  const holder = h("div", { class: "stack" });
+  const holder = h("div.stack");
   let cases = [];
   (newest?.cases ?? [{ ...NEW, name: "any condition" }]).forEach(add);
   const own = newest === null ? { name: named } : {};
@@ -34,15 +31,14 @@ export function createLimitForm({ catalog, newest, word, route, send }) {
       { check: () => cases.every((each) => each.check()), editors: new Map() },
     ],
     content: [
-      h("h2", {}, newest === null ? "New limit set" : "Next version"),
+      h("h2", newest === null ? "New limit set" : "Next version"),
       h(
-        "p",
-        { class: "hint" },
+        "p.hint",
         "A version never changes, and each flight records its version. Conditions must not overlap; an empty field is unbounded.",
       ),
       newest === null ? named.element : null,
       holder,
-      h("div", { class: "row" }, button("Add a condition", () => add(NEW))),
+      h("div.row", button("Add a condition", () => add(NEW))),
       labelled("Reason", why).element,
     ],
     send: () => {
@@ -81,16 +77,14 @@ function createCase(catalog, { name, ranges, limits }, remove) {
   const away = button("Remove this condition", remove, { class: "button button-small" });
   const element = h(
     "fieldset",
-    {},
-    h("legend", {}, "Condition"),
+    h("legend", "Condition"),
     named.element,
     h(
-      "div",
-      { class: "limit-ranges" },
+      "div.limit-ranges",
       ends.map((end) => end.element),
     ),
-    h("div", { class: "field-grid" }, fields.keys.map(fields.element)),
-    h("div", { class: "row" }, away),
+    h("div.field-grid", fields.keys.map(fields.element)),
+    h("div.row", away),
   );
   const own = group({}, () => [
     [named, title.value.trim() ? "" : "The condition has no name: enter one."],
@@ -110,12 +104,11 @@ function rangeOf({ key, label, unit }, given = ["", ""]) {
     h("input", { type: "number", step: "any", value: given[end] ?? "", "aria-label": `${label} ${word}` }),
   );
   const [low, high] = inputs;
-  const failure = h("p", { class: "error", role: "alert", hidden: true });
+  const failure = h("p.error", { role: "alert", hidden: true });
   const element = h(
-    "div",
-    { class: "field" },
-    h("span", {}, label, h("span", { class: "unit" }, unit && ` [${unit}]`)),
-    h("div", { class: "row limit-range" }, "from", low, "below", high),
+    "div.field",
+    h("span", label, h("span.unit", unit && ` [${unit}]`)),
+    h("div.row.limit-range", "from", low, "below", high),
     failure,
   );
   const isBad = () => inputs.some(({ validity }) => validity.badInput);

@@ -1,17 +1,10 @@
-/**
- * Limit sets: #/limits lists them and creates one; #/limits/{id} shows its versions and adds the next.
- *
- * Exports  show(element, {id, api, navigate}) -> {close()}
- */
+/** Limit sets: #/limits lists them and creates one; #/limits/{id} shows its versions and adds the next. */
 
+import { needs } from "../lib/api.js";
 import { limitWords, loadCatalog } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
-import { guideLink } from "../lib/guide_link.js";
-import { table } from "../lib/lists.js";
-import { loadingView } from "../lib/loading_view.js";
-import { needs } from "../lib/me.js";
+import { button, empty, guideLink, link, loadingView, pageOf, panel, table } from "../lib/elements.js";
 import { moment } from "../lib/numbers.js";
-import { button, empty, link, pageOf, panel } from "../lib/view_states.js";
 import { createLimitForm } from "./form.js";
 
 const COLUMNS = [
@@ -82,7 +75,7 @@ function versionPanel({ version, by, created, text, cases }, catalog) {
   ];
   return panel(
     `Version ${version}`,
-    [h("p", {}, `By ${by}, ${moment(created)}${text ? `: ${text}` : ""}`), table({ columns, items: cases, panel: false })],
+    [h("p", `By ${by}, ${moment(created)}${text ? `: ${text}` : ""}`), table({ columns, items: cases, panel: false })],
     { "aria-label": `Version ${version}` },
   );
 }

@@ -3,14 +3,12 @@
  *
  * guarantee: "average" over calibration sets, or "95%" confidence in this monitor.
  *
- * Exports
- *   rank(epsilon, n, guarantee) -> k                alert iff score <= alpha_(k); n + 1: always
- *   alertAbove(epsilon, n, guarantee) -> risk       the same rule, as a risk
- *   threshold(epsilon, alphas, guarantee) -> score  alphas sorted, null: failed too early for a warning
- *   neededFor(epsilon, guarantee) -> n              fewest failures that are enough for epsilon
- *   leastFor(n, guarantee) -> epsilon               smallest that n failures are enough for
- *   scatter(epsilon, n, guarantee) -> [low, high]   5 to 95 % quantiles of the miss rate of monitors
- *       calibrated on n failures
+ * rank(epsilon, n, guarantee) -> k                alert iff score <= alpha_(k); n + 1: always
+ * alertAbove(epsilon, n, guarantee) -> risk       the same rule, as a risk
+ * threshold(epsilon, alphas, guarantee) -> score  alphas sorted, null: failed too early for a warning
+ * neededFor(epsilon, guarantee) -> n              fewest failures that are enough for epsilon
+ * leastFor(n, guarantee) -> epsilon               smallest that n failures are enough for
+ * scatter(epsilon, n, guarantee) -> [low, high]   5 to 95 % quantiles of the miss rate of monitors calibrated on n failures
  */
 
 const DOUBT = 0.05;

@@ -1,16 +1,10 @@
-/**
- * Choose an epsilon from fresh flights: to keep two targets, or by the cost of a miss.
- *
- * Exports
- *   createEpsilonChoice({api, id, catalog, navigate, keep}) -> element      id: of the monitor
- */
+/** Choose an epsilon from fresh flights: to keep two targets, or by the cost of a miss. */
 
 import { createForm, labelled, select } from "../forms/controls.js";
 import { createFields } from "../forms/form.js";
 import { h } from "../lib/dom.js";
-import { guideLink } from "../lib/guide_link.js";
+import { button, guideLink } from "../lib/elements.js";
 import { figure, percent } from "../lib/numbers.js";
-import { button } from "../lib/view_states.js";
 
 const KEYS = { targets: ["most_missed", "most_false_alarms"], cost: ["cost_of_miss"] };
 const count = (n) => n.toLocaleString("en");
@@ -26,17 +20,17 @@ export function createEpsilonChoice({ api, id, catalog, navigate, keep }) {
     { id: "epsilon-way", onchange: show },
   );
   const unasked = () => KEYS[way.value === "cost" ? "targets" : "cost"];
-  const outcome = h("div", { class: "stack", role: "status" });
+  const outcome = h("div.stack", { role: "status" });
   const { element } = createForm({
     title: "Choose an epsilon",
     word: "Fly and choose",
     route: "POST /monitors/{}/epsilon",
     classes: "stack",
     fields: [fields],
-    content: h("div", { class: "field-grid" }, labelled("Choose", way).element, fields.keys.map(fields.element)),
+    content: h("div.field-grid", labelled("Choose", way).element, fields.keys.map(fields.element)),
     beside: [
       guideLink("first-monitor#choose-an-epsilon", "how to choose an epsilon"),
-      h("span", { class: "hint" }, "Half of the fresh flights choose epsilon, the other half certify it."),
+      h("span.hint", "Half of the fresh flights choose epsilon, the other half certify it."),
     ],
     send: () => {
       outcome.replaceChildren();
@@ -50,13 +44,13 @@ export function createEpsilonChoice({ api, id, catalog, navigate, keep }) {
       done: (choice, back) => {
         back();
         const fly = () => navigate(`#/fly?monitor=${id}&epsilon=${choice.epsilon}`);
-        outcome.replaceChildren(...choiceWords(choice), h("div", { class: "row" }, button("Fly it with this epsilon", fly)));
+        outcome.replaceChildren(...choiceWords(choice), h("div.row", button("Fly it with this epsilon", fly)));
       },
     },
   });
   element.append(outcome);
   show();
-  return h("details", { class: "panel fold" }, h("summary", {}, "Choose an epsilon from fresh flights"), element);
+  return h("details.panel.fold", h("summary", "Choose an epsilon from fresh flights"), element);
 
   function show() {
     for (const keys of Object.values(KEYS)) for (const key of keys) fields.element(key).hidden = unasked().includes(key);
@@ -66,10 +60,9 @@ export function createEpsilonChoice({ api, id, catalog, navigate, keep }) {
 function choiceWords(choice) {
   const { epsilon, misses, n_unsafe: unsafe, false_alerts: alerts, n_safe: safe, most_missed, most_false, cost } = choice;
   return [
-    h("p", {}, h("strong", {}, `ε = ${figure(epsilon)}`), `: the monitor alerts at risk above ${figure(choice.alert_above)}.`),
+    h("p", h("strong", `ε = ${figure(epsilon)}`), `: the monitor alerts at risk above ${figure(choice.alert_above)}.`),
     h(
       "p",
-      {},
       `Missed: ${percent(misses / unsafe)} of ${count(unsafe)} failing fresh flights. False alarms: ${percent(alerts / safe)} of ${count(safe)} safe ones. With 95 % confidence, at most ${percent(most_missed)} and ${percent(most_false)}. ${calledInvalid(choice)}`,
       cost === null ? "" : ` Mean cost of a flight: ${figure(cost)} false alarms.`,
     ),

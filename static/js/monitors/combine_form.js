@@ -1,8 +1,4 @@
-/**
- * Combine monitors of one planned test: choose members and lead time; then the job, then the new monitor's page.
- *
- * Exports  showCombining(element, {api, navigate})
- */
+/** Combine monitors of one planned test: choose members and lead time; then the job, then the new monitor's page. */
 
 import { checkbox, createForm, fieldset, group, labelled, select, textInput } from "../forms/controls.js";
 import { createFields } from "../forms/form.js";
@@ -10,12 +6,9 @@ import { isSimulated } from "../forms/planned_test.js";
 import { ApiError } from "../lib/api.js";
 import { aircraftName, kindName, loadCatalog, methodWords } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
-import { guideLink } from "../lib/guide_link.js";
-import { table } from "../lib/lists.js";
-import { loadingView } from "../lib/loading_view.js";
-import { warningMark } from "../lib/monitor_warnings.js";
+import { empty, guideLink, link, loadingView, pageOf, table } from "../lib/elements.js";
+import { warningMark } from "../lib/monitors.js";
 import { figure } from "../lib/numbers.js";
-import { empty, link, pageOf } from "../lib/view_states.js";
 
 const TITLE = "Combine monitors";
 
@@ -63,15 +56,14 @@ function formOf({ catalog, members, api, navigate, keep }) {
       fieldset(
         "1  Members",
         h(
-          "p",
-          { class: "hint" },
+          "p.hint",
           "The combination shows the highest risk of its members and is calibrated as a whole. All members need the same planned test.",
         ),
         h("div", { onchange: follow }, memberTable(members, boxes, catalog)),
       ),
       fieldset(
         "2  Promise",
-        h("div", { class: "field-grid" }, leadField.element, fields.keys.map(fields.element), named.element),
+        h("div.field-grid", leadField.element, fields.keys.map(fields.element), named.element),
       ),
     ],
     beside: link("Cancel", "#/monitors"),
@@ -90,7 +82,7 @@ function formOf({ catalog, members, api, navigate, keep }) {
     const before = lead.value;
     const leads = [...new Set(chosen().map((member) => member.lead))].sort((a, b) => a - b);
     const options = leads.map((value) => h("option", { value }, figure(value)));
-    lead.replaceChildren(...(options.length ? options : [h("option", {}, "choose members first")]));
+    lead.replaceChildren(...(options.length ? options : [h("option", "choose members first")]));
     if (leads.map(String).includes(before)) lead.value = before;
     lead.disabled = leads.length === 0;
   }
@@ -109,7 +101,7 @@ function formOf({ catalog, members, api, navigate, keep }) {
 
 function memberTable(members, boxes, catalog) {
   const ticked = (monitor, k) =>
-    h("label", { class: "row", for: boxes[k].id }, boxes[k], monitor.name, warningMark(monitor));
+    h("label.row", { for: boxes[k].id }, boxes[k], monitor.name, warningMark(monitor));
   const columns = [
     ["Member", ticked],
     ["Aircraft", ({ dataset_recipe: test }) => aircraftName(catalog, test.aircraft)],

@@ -1,15 +1,11 @@
-/**
- * The paper's study: five methods on one planned test.
- *
- * Exports  showComparison(element, {query, api, navigate})     query: dataset, job (a past study)
- */
+/** The paper's study: five methods on one planned test.   query: dataset, job (a past study) */
 
 import { fieldset } from "../forms/controls.js";
 import { createFields } from "../forms/form.js";
 import { datasetChoice } from "../forms/planned_test.js";
 import { choiceName } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
-import { table } from "../lib/lists.js";
+import { table } from "../lib/elements.js";
 import { figure, interval, percent } from "../lib/numbers.js";
 import { methodsFigure } from "./figures.js";
 import { showStudyPage } from "./study_page.js";
@@ -51,7 +47,7 @@ function form({ catalog, api, datasets, chosen }) {
       source.size,
       fieldset(
         "2  Size",
-        h("div", { class: "field-grid" }, ["n_monitors", "n_test"].map(sizes.element)),
+        h("div.field-grid", ["n_monitors", "n_test"].map(sizes.element)),
         sizes.element("monitor"),
       ),
     ],
@@ -68,8 +64,8 @@ function result({ result: study, request }, catalog) {
     `${recipe.n_monitors} monitors of each method, each calibrated on ${recipe.dataset.n_unsafe} failures and tested on ${recipe.n_test} fresh flights; ` +
     `${percent(study.unsafe_rate)} of flights unsafe; warning lead time ${figure(study.lead_s)} s; calibration ${chosen("calibration")}; scaling of the channels ${chosen("scaling")}. ` +
     "The method with most safe flights without a false alarm comes first. The ranking holds for this aircraft and manoeuvre only.";
-  const panels = ["power", "miss"].map((what) => h("section", { class: "panel" }, methodsFigure(methods, ranking, what)));
-  return [h("p", {}, words), h("div", { class: "figures" }, panels), rates(methods, ranking)];
+  const panels = ["power", "miss"].map((what) => h("section.panel", methodsFigure(methods, ranking, what)));
+  return [h("p", words), h("div.figures", panels), rates(methods, ranking)];
 }
 
 function rates(methods, ranking) {
@@ -86,9 +82,9 @@ function rates(methods, ranking) {
 function shares(method, k) {
   const hint = `${interval(method.miss_interval[k], 0)} / ${interval(method.power_interval[k], 0)}`;
   return [
-    h("strong", {}, `${percent(method.miss_rate[k], 0)} / ${percent(method.power[k], 0)}`),
+    h("strong", `${percent(method.miss_rate[k], 0)} / ${percent(method.power[k], 0)}`),
     h("br"),
-    h("span", { class: "hint" }, hint),
+    h("span.hint", hint),
   ];
 }
 

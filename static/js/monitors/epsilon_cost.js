@@ -1,16 +1,13 @@
 /**
  * What an epsilon costs: a slider, with the rates measured on fresh flights at each epsilon.
  *
- * Exports
- *   createEpsilonCost({monitor, calibrations, evaluation, changed}) -> {element, epsilon}
- *     calibrations: one, or one for each group of failing flights
- *     evaluation: null if the monitor was not tested here
- *     changed({epsilon, rank})   at once and at each move
+ * calibrations: one, or one for each group of failing flights.   evaluation: null if the monitor was not tested here
+ * changed({epsilon, rank})   at once and at each move
  */
 
 import { h, svg } from "../lib/dom.js";
-import { guideLink } from "../lib/guide_link.js";
-import { warningLines } from "../lib/monitor_warnings.js";
+import { guideLink } from "../lib/elements.js";
+import { warningLines } from "../lib/monitors.js";
 import { figure, interval, percent } from "../lib/numbers.js";
 import { alertAbove, neededFor, rank, scatter, threshold } from "./calibration_rule.js";
 
@@ -54,24 +51,23 @@ export function createEpsilonCost({ monitor, calibrations, evaluation, changed }
   });
   slider.value = Math.max(own, 0);
   const reading = h("output", { for: "epsilon", class: "epsilon-reading" });
-  const rule = h("p", { class: "dim" });
+  const rule = h("p.dim");
   const meters = MEASURES.map(meter);
-  const counts = h("p", { class: "hint", "data-counts": "" });
+  const counts = h("p.hint", { "data-counts": "" });
   const warnings = h("div");
-  const guarantee = h("p", { class: "guarantee-number" });
+  const guarantee = h("p.guarantee-number");
   const unmeasured = "Not measured: this monitor was not tested on fresh flights here. Train one like it to measure.";
   const measured = evaluation
-    ? [h("div", { class: "meters" }, meters.map(({ row }) => row)), counts]
-    : h("p", { class: "hint" }, unmeasured);
+    ? [h("div.meters", meters.map(({ row }) => row)), counts]
+    : h("p.hint", unmeasured);
   const element = h(
-    "section",
-    { class: "panel stack", "aria-labelledby": "epsilon-title" },
+    "section.panel.stack",
+    { "aria-labelledby": "epsilon-title" },
     h(
-      "div",
-      { class: "row" },
+      "div.row",
       h(
-        "h2",
-        { class: "panel-title", id: "epsilon-title" },
+        "h2.panel-title",
+        { id: "epsilon-title" },
         "What an epsilon costs ",
         guideLink("what-the-numbers-mean#epsilon", "epsilon"),
       ),
@@ -80,10 +76,9 @@ export function createEpsilonCost({ monitor, calibrations, evaluation, changed }
     h("label", { for: "epsilon", class: "hint" }, "epsilon: accepted share of missed failures"),
     slider,
     h(
-      "div",
-      { class: "spread-ends hint" },
-      h("span", {}, `${figure(points[0].epsilon)}: fewer misses, more alerts`),
-      h("span", {}, `more misses, fewer alerts: ${figure(points[last].epsilon)}`),
+      "div.spread-ends.hint",
+      h("span", `${figure(points[0].epsilon)}: fewer misses, more alerts`),
+      h("span", `more misses, fewer alerts: ${figure(points[last].epsilon)}`),
     ),
     rule,
     measured,
@@ -148,8 +143,7 @@ function enough(monitor, nGroups) {
   const half = Number((smallest / 2).toPrecision(2));
   const each = nGroups > 1 ? " of each group" : "";
   return h(
-    "p",
-    { class: "hint" },
+    "p.hint",
     `${failures(monitor, nGroups)}: enough for ε ≥ ${figure(smallest)}. For ε = ${figure(half, 2)}, train on at least ${neededFor(half, recipe.guarantee)}${each}.`,
   );
 }
@@ -172,26 +166,26 @@ function grid({ smallest_epsilon: smallest }) {
 }
 
 function meter({ name, key, rate, bounds, words }) {
-  const value = h("strong", { class: "meter-value" });
-  const range = svg("rect", { class: "meter-range", y: 3, height: 10 });
-  const mark = svg("path", { class: "meter-mark" });
-  const promise = svg("path", { class: "meter-promise" });
+  const value = h("strong.meter-value");
+  const range = svg("rect.meter-range", { y: 3, height: 10 });
+  const mark = svg("path.meter-mark");
+  const promise = svg("path.meter-promise");
   const track = svg(
-    "svg",
-    { class: "meter", viewBox: "0 0 300 16", preserveAspectRatio: "none", "aria-hidden": "true" },
-    svg("rect", { class: "meter-track", y: 6, width: 300, height: 4 }),
+    "svg.meter",
+    { viewBox: "0 0 300 16", preserveAspectRatio: "none", "aria-hidden": "true" },
+    svg("rect.meter-track", { y: 6, width: 300, height: 4 }),
     range,
     promise,
     mark,
   );
-  const shown = h("span", { class: "hint" });
+  const shown = h("span.hint");
   const row = h(
-    "div",
-    { class: "meter-row", "data-measure": key },
-    h("span", { class: "meter-name" }, name),
+    "div.meter-row",
+    { "data-measure": key },
+    h("span.meter-name", name),
     value,
     track,
-    h("span", { class: "meter-words" }, words, " ", shown),
+    h("span.meter-words", words, " ", shown),
   );
   return { row, show };
 

@@ -1,14 +1,10 @@
 /**
  * Figures of a monitor and of a comparison of methods, each with caption and key.
  *
- * Exports
- *   calibrationFigure({alphas, n_unsafe, n_early, name}) -> figure, figure.mark({epsilon, rank})   name: of a group
- *   curvesFigure(evaluation) -> figure, figure.mark({epsilon})     miss rate and safe flights without a false alarm
- *   leadFigure(evaluation)                   time from the alert to the failure
- *   preventionFigure(evaluation)             share of failures prevented, by reaction time; null if not simulated
- *   methodsFigure(methods, ranking, what)    what: "miss" or "power" of a study
- *   leadsFigure(test, recipe, what, alike)   what: "power_at_epsilon" or "prevented_alike" of a sweep's planned test;
- *       alike: share of safe flights with an alert at which the latter compares methods
+ * calibrationFigure and curvesFigure have mark({epsilon, rank}).   preventionFigure: null if not simulated
+ * methodsFigure(methods, ranking, what)    what: "miss" or "power" of a study
+ * leadsFigure(test, recipe, what, alike)   what: "power_at_epsilon" or "prevented_alike" of a sweep's planned test;
+ *     alike: share of safe flights with an alert at which the latter compares methods
  */
 
 import { barKey, createFigure, EPSILON, framed, SPARE, UNIT_SHARE } from "../charts/figure.js";

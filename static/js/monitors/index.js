@@ -1,21 +1,16 @@
 /**
  * The Monitors page: #/monitors lists; #/monitors/new trains one, #/monitors/combine combines several,
  * #/monitors/compare compares five methods, #/monitors/sweep lead times; #/monitors/{id} is one monitor.
- *
- * Exports  show(element, {id, query, api, navigate}) -> {close()}
  */
 
 import { fileInput } from "../forms/controls.js";
+import { needs } from "../lib/api.js";
 import { aircraftName, kindName, loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
-import { guideLink } from "../lib/guide_link.js";
+import { button, empty, errorLine, guideLink, hiddenHead, link, loadingView, pageOf, table } from "../lib/elements.js";
 import { jobList } from "../lib/job_progress.js";
-import { hiddenHead, table } from "../lib/lists.js";
-import { loadingView } from "../lib/loading_view.js";
-import { needs } from "../lib/me.js";
-import { warningMark } from "../lib/monitor_warnings.js";
+import { warningMark } from "../lib/monitors.js";
 import { figure, moment, percent } from "../lib/numbers.js";
-import { button, empty, errorLine, link, pageOf } from "../lib/view_states.js";
 import { showCombining } from "./combine_form.js";
 import { showComparison } from "./compare_methods.js";
 import { showSweep } from "./lead_sweep.js";
@@ -77,12 +72,12 @@ function uploader(api, navigate) {
     },
   });
   const choose = button("Upload a monitor file", () => input.click(), needs("POST /monitors"));
-  return h("div", { class: "row" }, choose, input, failure.element);
+  return h("div.row", choose, input, failure.element);
 }
 
 function listOf(monitors, rates, catalog) {
   const fly = ({ id, name }) =>
-    h("a", { class: "button button-small", href: `#/fly?monitor=${id}`, "aria-label": `Fly ${name}` }, "Fly");
+    h("a.button.button-small", { href: `#/fly?monitor=${id}`, "aria-label": `Fly ${name}` }, "Fly");
   const columns = [
     ["Name", (monitor) => [h("a", { href: `#/monitors/${monitor.id}` }, monitor.name), warningMark(monitor)], "name"],
     ["Aircraft", ({ dataset_recipe: test }) => aircraftName(catalog, test.aircraft)],

@@ -1,14 +1,10 @@
-/**
- * Lead-time study: how early each method can warn on a planned test, and at what cost.
- *
- * Exports  showSweep(element, {query, api, navigate})     query: dataset, job (a past sweep)
- */
+/** Lead-time study: how early each method can warn on a planned test, and at what cost.   query: dataset, job (a past sweep) */
 
 import { checkbox, fieldset, group, labelled, select, textInput } from "../forms/controls.js";
 import { decimals } from "../forms/decimals.js";
 import { createFields } from "../forms/form.js";
 import { h } from "../lib/dom.js";
-import { table } from "../lib/lists.js";
+import { table } from "../lib/elements.js";
 import { figure, interval, moment, percent } from "../lib/numbers.js";
 import { leadsFigure } from "./figures.js";
 import { showStudyPage } from "./study_page.js";
@@ -61,10 +57,10 @@ function form({ catalog, datasets, chosen }) {
       fieldset(
         "1  Planned test",
         labelled("aircraft and manoeuvre", source).element,
-        h("div", { class: "field-grid" }, fields.element("imperfections")),
+        h("div.field-grid", fields.element("imperfections")),
       ),
       fieldset("2  Methods and warning lead times", methods.element, leadField.element),
-      fieldset("3  Size", h("div", { class: "field-grid" }, NUMBERS.map(fields.element))),
+      fieldset("3  Size", h("div.field-grid", NUMBERS.map(fields.element))),
     ],
     beside: "Each monitor has its own training failures and takes about 0.1 s.",
     read,
@@ -102,14 +98,14 @@ function testChoice(tests, datasets, chosen) {
 
 /** A Field of checkboxes.   words: hint of each. */
 function methodChoice(boxes, words) {
-  const failure = h("p", { class: "error", role: "alert", hidden: true });
+  const failure = h("p.error", { role: "alert", hidden: true });
   const rows = boxes.map((box, k) => {
-    const hint = h("span", { class: "hint", id: `method-words-${k}` }, words[box.value]);
+    const hint = h("span.hint", { id: `method-words-${k}` }, words[box.value]);
     box.setAttribute("aria-describedby", hint.id);
-    return h("div", { class: "row" }, h("label", { class: "row" }, box, box.value), hint);
+    return h("div.row", h("label.row", box, box.value), hint);
   });
   return {
-    element: h("fieldset", { class: "stack-tight" }, h("legend", {}, "Methods"), rows, failure),
+    element: h("fieldset.stack-tight", h("legend", "Methods"), rows, failure),
     words: "methods",
     say: (why) => {
       failure.textContent = why;
@@ -123,37 +119,35 @@ function result({ result: { recipe, tests, false_alarms_alike: alike } }) {
   const words =
     `${recipe.n_monitors} monitors of each method and warning lead time, each calibrated on ${recipe.n_unsafe} failures and tested on ${recipe.n_test} fresh flights; ` +
     `promised miss rate ${figure(recipe.epsilon)} ${recipe.guarantee === "average" ? "on average" : "with 95 % confidence"}.`;
-  return [h("p", {}, words), Object.entries(tests).map(([name, test]) => planned(name, test, recipe, alike))];
+  return [h("p", words), Object.entries(tests).map(([name, test]) => planned(name, test, recipe, alike))];
 }
 
 function planned(name, test, recipe, alike) {
   const hopeless = test.hopeless_s.map((lead) => figure(lead)).join(", ");
   const figures = ["power_at_epsilon", "prevented_alike"].map((what) =>
-    h("section", { class: "panel" }, leadsFigure(test, recipe, what, alike)),
+    h("section.panel", leadsFigure(test, recipe, what, alike)),
   );
   return h(
-    "section",
-    { class: "stack", "data-test": name },
-    h("h2", {}, name),
+    "section.stack",
+    { "data-test": name },
+    h("h2", name),
     h(
       "p",
-      {},
       `${percent(test.unsafe_share, 0)} of the flights fail; 1 in 20 of these fails within ${figure(test.earliest_s)} s of the first input.`,
     ),
     hopeless &&
       h(
-        "p",
-        { class: "warning" },
-        h("strong", {}, `No method can warn ${hopeless} s ahead: `),
+        "p.warning",
+        h("strong", `No method can warn ${hopeless} s ahead: `),
         "almost every safe flight has an alert. Use a shorter warning lead time, or clear the point before it is flown.",
       ),
-    h("div", { class: "figures" }, figures),
+    h("div.figures", figures),
     rates(test, recipe, alike),
   );
 }
 
 function rates({ cells }, recipe, alike) {
-  const above = (share, below) => [share, h("br"), h("span", { class: "hint" }, below)];
+  const above = (share, below) => [share, h("br"), h("span.hint", below)];
   const reactions = recipe.reactions_s.map((time, k) => [
     `${figure(time)} s`,
     (cell) => above(percent(cell.prevented_alike[k], 0), percent(cell.prevented[k], 0)),

@@ -1,16 +1,25 @@
-/** One monitor: its promise, its results on fresh flights, figures, recipe and file. Exports  showMonitor. */
+/** One monitor: its promise, its results on fresh flights, figures, recipe and file. */
 
 import { rolloutFigure, sampleRollouts } from "../datasets/figures.js";
 import { isSimulated } from "../forms/planned_test.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
 import { aircraftName, kindName, limitWords, loadCatalog, methodWords } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
-import { guideLink } from "../lib/guide_link.js";
-import { factList, recipeList, table } from "../lib/lists.js";
-import { loadingView } from "../lib/loading_view.js";
-import { warningLines } from "../lib/monitor_warnings.js";
+import {
+  button,
+  deleteButton,
+  empty,
+  factList,
+  guideLink,
+  link,
+  loadingView,
+  pageOf,
+  panel,
+  recipeList,
+  table,
+} from "../lib/elements.js";
+import { warningLines } from "../lib/monitors.js";
 import { figure, interval, moment, percent } from "../lib/numbers.js";
-import { button, deleteButton, empty, link, pageOf, panel } from "../lib/view_states.js";
 import { createEpsilonChoice } from "./choose_epsilon.js";
 import { createEpsilonCost } from "./epsilon_cost.js";
 import { calibrationFigure, curvesFigure, leadFigure, preventionFigure } from "./figures.js";
@@ -62,11 +71,11 @@ export function showMonitor(element, { id, api, navigate }) {
         button("Fly", () => navigate(`#/fly?monitor=${id}&epsilon=${cost.epsilon}`), {
           class: "button button-primary",
         }),
-        h("a", { class: "button", href: `/api/v1/monitors/${id}/file`, download: true }, "Download"),
+        h("a.button", { href: `/api/v1/monitors/${id}/file`, download: true }, "Download"),
         evaluation &&
           h(
-            "a",
-            { class: "button", href: `/api/v1/monitors/${id}/certificate`, target: "_blank" },
+            "a.button",
+            { href: `/api/v1/monitors/${id}/certificate`, target: "_blank" },
             "Certificate",
           ),
         predictor?.kind !== "combination" && again(),
@@ -84,9 +93,8 @@ export function showMonitor(element, { id, api, navigate }) {
       cost.element,
       isKnown ? createEpsilonChoice({ api, id, catalog, navigate, keep }) : null,
       h(
-        "div",
-        { class: "figures" },
-        figures.filter(Boolean).map((block) => h("section", { class: "panel" }, block)),
+        "div.figures",
+        figures.filter(Boolean).map((block) => h("section.panel", block)),
       ),
       guarantee(monitor, calibration),
       details(monitor, calibration, catalog),
@@ -123,11 +131,10 @@ function facts({ monitor, calibration, dataset, evaluation, catalog }) {
 /** A table of counts with its explanation; each row is a kind of flight. */
 function counted(title, columns, items, hint) {
   return h(
-    "div",
-    { class: "stack" },
-    h("h2", { class: "panel-title" }, title),
+    "div.stack",
+    h("h2.panel-title", title),
     table({ columns, items, panel: false }),
-    h("p", { class: "hint" }, hint),
+    h("p.hint", hint),
   );
 }
 
@@ -195,8 +202,8 @@ function guarantee(monitor, { groups: promised, alphas }) {
   return panel(
     ["What is guaranteed ", guideLink("what-the-numbers-mean#what-is-promised-and-what-is-not", "the guarantee")],
     [
-      h("p", { class: "promise" }, "P(no timely alert | the flight fails) ≤ epsilon"),
-      h("ul", {}, points.filter(Boolean).map((point) => h("li", {}, point))),
+      h("p.promise", "P(no timely alert | the flight fails) ≤ epsilon"),
+      h("ul", points.filter(Boolean).map((point) => h("li", point))),
     ],
   );
 }
@@ -222,15 +229,14 @@ function details(monitor, { members }, catalog) {
     ["Sample interval", `${figure(monitor.dt)} s`],
     ...members.map((member, k) => [`Member ${k + 1}`, memberWords(member)]),
   ];
-  const part = (title, content) => [h("h3", {}, title), content];
+  const part = (title, content) => [h("h3", title), content];
   const recipe = recipeTable(catalog.recipes.monitor.schema, monitor.recipe, catalog);
   const test = recipeTable(catalog.recipes.dataset.schema, monitor.dataset_recipe, catalog);
   return panel("Recipe", [
     h(
-      "div",
-      { class: "columns recipe-columns" },
-      h("div", { class: "stack-tight" }, part("Monitor", recipe), part("Origin", recipeList(origin))),
-      h("div", { class: "stack-tight" }, part("Planned test", test)),
+      "div.columns.recipe-columns",
+      h("div.stack-tight", part("Monitor", recipe), part("Origin", recipeList(origin))),
+      h("div.stack-tight", part("Planned test", test)),
     ),
     rawRecipe({ ...monitor.recipe, dataset: monitor.dataset_recipe }),
   ]);

@@ -1,19 +1,11 @@
-/**
- * Train a monitor for a recording: what the server proposes, and the question which aircraft was flown.
- *
- * Exports
- *   recordedTest(api, id) -> Promise<{recording, proposal | null, problem}>
- *   createRecordedOrigin({catalog, recorded, changed}) -> {element, recipe() -> {recipe, dataset_recipe} | null}
- *     changed(): another aircraft was chosen.   recipe: null until one is chosen
- */
+/** Train a monitor for a recording: what the server proposes, and the question which aircraft was flown. */
 
 import { labelled, select } from "../forms/controls.js";
 import { scatterOf } from "../forms/planned_test.js";
 import { reason } from "../lib/api.js";
 import { aircraftCondition } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
-import { sentences } from "../lib/lists.js";
-import { errorLine, panel } from "../lib/view_states.js";
+import { errorLine, panel, sentences } from "../lib/elements.js";
 import { proposalOf } from "../recordings/training_offer.js";
 
 export async function recordedTest(api, id) {

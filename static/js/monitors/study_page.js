@@ -1,23 +1,19 @@
 /**
- * A study of many monitors: its form with past studies, the running job, its result.
+ * A study of many monitors: its form with past studies, the running job, its result.   query: job (a past study), dataset
  *
- * Exports
- *   showStudyPage(element, {query, api, navigate}, page)     query: job (a past study), dataset
- *     page: {title, kind, guide, address, loading, working, another, past, form, result}
+ * page: {title, kind, guide, address, loading, working, another, past, form, result}
  *     guide: section of the guide.   kind: of its jobs.   past: {title, words(request), none: [title, text]}
- *     form({catalog, api, datasets, chosen}) -> {path, route, word, fields, content, hint, read()}     the parts of its
- *       form; chosen: id of a dataset;   read() -> the request.     result(job, catalog) -> nodes
+ *     form({catalog, api, datasets, chosen}) -> {path, word, fields, content, beside, read()}     chosen: id of a dataset
+ *     result(job, catalog) -> nodes
  */
 
 import { createForm } from "../forms/controls.js";
 import { isSimulated } from "../forms/planned_test.js";
 import { loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
-import { guideLink } from "../lib/guide_link.js";
+import { empty, guideLink, link, loadingView, pageOf, panel } from "../lib/elements.js";
 import { createJobProgress } from "../lib/job_progress.js";
-import { loadingView } from "../lib/loading_view.js";
 import { moment } from "../lib/numbers.js";
-import { empty, link, pageOf, panel } from "../lib/view_states.js";
 
 export function showStudyPage(element, { query, api, navigate }, page) {
   const { title, kind, guide, address, loading, working, another, past, form, result, hint } = page;
@@ -43,21 +39,21 @@ export function showStudyPage(element, { query, api, navigate }, page) {
       const job = await api.post(path, read());
       navigate(`${address}?job=${job.id}`);
     };
-    const made = createForm({ title, ...parts, route: `POST ${path}`, send, beside: h("span", { class: "hint" }, beside) });
+    const made = createForm({ title, ...parts, route: `POST ${path}`, send, beside: h("span.hint", beside) });
     return [made.element, pastStudies(jobs.filter((job) => job.kind === kind))];
   }
 
   function pastStudies(jobs) {
     const rows = jobs.map(({ id, status, created, request }) =>
-      h("li", {}, h("a", { href: `${address}?job=${id}` }, moment(created)), ` ${status}, ${past.words(request)}`),
+      h("li", h("a", { href: `${address}?job=${id}` }, moment(created)), ` ${status}, ${past.words(request)}`),
     );
-    return panel(past.title, rows.length ? h("ul", {}, rows) : empty(...past.none));
+    return panel(past.title, rows.length ? h("ul", rows) : empty(...past.none));
   }
 }
 
 function figureFiles({ id, result }, hint = null) {
   const files = Object.entries(result.figures).map(([name, address]) =>
-    h("li", {}, h("a", { href: address, download: name }, name)),
+    h("li", h("a", { href: address, download: name }, name)),
   );
-  return panel("For a report", [hint && h("p", { class: "hint" }, hint), h("ul", { "data-job": id }, files)]);
+  return panel("For a report", [hint && h("p.hint", hint), h("ul", { "data-job": id }, files)]);
 }

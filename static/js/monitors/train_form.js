@@ -1,9 +1,7 @@
 /**
  * Train a monitor: the form, then the job, then the monitor's page.
  *
- * Exports  showTraining(element, {query, api, navigate})
- *     query: dataset (train on it), like (begin with the recipe of that monitor),
- *            recording (begin with what the server proposes for it)
+ * query: dataset (train on it), like (begin with the recipe of that monitor), recording (begin with what the server proposes)
  */
 
 import { createForm, fieldset, group, labelled, select, textInput } from "../forms/controls.js";
@@ -11,9 +9,8 @@ import { createFields } from "../forms/form.js";
 import { datasetChoice } from "../forms/planned_test.js";
 import { loadCatalog, methodOf } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
-import { loadingView } from "../lib/loading_view.js";
+import { link, loadingView, pageOf } from "../lib/elements.js";
 import { figure } from "../lib/numbers.js";
-import { link, pageOf } from "../lib/view_states.js";
 import { leastFor, neededFor } from "./calibration_rule.js";
 import { createRecordedOrigin, recordedTest } from "./recorded_origin.js";
 
@@ -38,7 +35,7 @@ export function showTraining(element, { query, api, navigate }) {
       query.get("like") ? api.get(`/monitors/${query.get("like")}`) : null,
       query.get("recording") ? recordedTest(api, query.get("recording")) : null,
     ]);
-    const stage = h("div", { class: "stack" });
+    const stage = h("div.stack");
     const origin = recorded && createRecordedOrigin({ catalog, recorded, changed: fill });
     const trained = ({ monitor }) =>
       navigate(recorded ? `#/recordings/${recorded.recording.id}?monitor=${monitor}` : `#/monitors/${monitor}`);
@@ -68,7 +65,7 @@ function trainForm({ api, catalog, datasets, like, chosen, keep, trained }) {
   );
   const name = textInput({ id: "monitor-name", maxlength: 200, placeholder: "optional" });
   const named = labelled("name of the monitor", name);
-  const served = h("p", { class: "hint served" });
+  const served = h("p.hint.served");
   const advanced = fields.keys.filter((key) => !MAIN.includes(key));
   const families = advanced.filter((key) => schema.properties[key]?.["x-family"]);
   const { element, form } = createForm({
@@ -81,8 +78,7 @@ function trainForm({ api, catalog, datasets, like, chosen, keep, trained }) {
       fieldset(
         "2  Warning lead time and miss rate",
         h(
-          "div",
-          { class: "field-grid" },
+          "div.field-grid",
           MAIN.map(fields.element),
           source.size,
           labelled("method", method).element,
@@ -91,16 +87,15 @@ function trainForm({ api, catalog, datasets, like, chosen, keep, trained }) {
         served,
       ),
       h(
-        "details",
-        { class: "panel fold" },
-        h("summary", {}, "Predictor, score, groups, promise, calibration, test flights"),
-        h("div", { class: "columns" }, families.map(fields.element)),
-        h("div", { class: "field-grid" }, advanced.filter((key) => !families.includes(key)).map(fields.element)),
+        "details.panel.fold",
+        h("summary", "Predictor, score, groups, promise, calibration, test flights"),
+        h("div.columns", families.map(fields.element)),
+        h("div.field-grid", advanced.filter((key) => !families.includes(key)).map(fields.element)),
       ),
     ],
     beside: [
       link("Cancel", "#/monitors"),
-      h("span", { class: "hint" }, "Simulates, trains and tests. You can leave the page meanwhile."),
+      h("span.hint", "Simulates, trains and tests. You can leave the page meanwhile."),
     ],
     send: () => {
       const given = name.value.trim();

@@ -1,16 +1,9 @@
-/**
- * Upload recordings: drop files anywhere on the page, or choose them. Each shows its progress.
- *
- * Exports
- *   createDropZone({aircraft: [name], formats: [title], done}) -> {element, choose(), close()}
- *     choose(): opens the browser's file dialog.   done: see uploads.js
- *   knownNames(id, names) -> {element, attributes}    names of aircraft to choose from while typing
- */
+/** Upload recordings: drop files anywhere on the page, or choose them. Each shows its progress. */
 
 import { labelled, textInput } from "../forms/controls.js";
+import { needs } from "../lib/api.js";
 import { h } from "../lib/dom.js";
-import { needs } from "../lib/me.js";
-import { button } from "../lib/view_states.js";
+import { button } from "../lib/elements.js";
 import { createUploads } from "./uploads.js";
 
 const LONGEST_NAME = 200;
@@ -36,19 +29,19 @@ export function createDropZone({ aircraft, formats, done }) {
   const name = textInput({ ...known.attributes, placeholder: "optional, such as PH-LAB" });
   const uploads = createUploads({ aircraft: () => name.value.trim(), done });
   const zone = h(
-    "div",
-    { class: "drop-zone", ...needs("POST /recordings") },
-    h("p", { class: "drop-words" }, "Drop a recording anywhere on this page"),
-    h("div", { class: "row" }, button("Choose a file", () => input.click(), { class: "button button-primary" }), input),
-    formats.length ? h("p", { class: "hint" }, `Formats: ${formats.join(", ")}`) : null,
+    "div.drop-zone",
+    { ...needs("POST /recordings") },
+    h("p.drop-words", "Drop a recording anywhere on this page"),
+    h("div.row", button("Choose a file", () => input.click(), { class: "button button-primary" }), input),
+    formats.length ? h("p.hint", `Formats: ${formats.join(", ")}`) : null,
   );
   const named = labelled("Aircraft", name, {
     hint: "Forewarn remembers the mapping for this aircraft and proposes it next time.",
   });
   const element = h(
-    "section",
-    { class: "panel stack", "aria-label": "Upload" },
-    h("div", { class: "upload-columns" }, zone, h("div", {}, named.element, known.element)),
+    "section.panel.stack",
+    { "aria-label": "Upload" },
+    h("div.upload-columns", zone, h("div", named.element, known.element)),
     uploads.element,
   );
   const handlers = { dragover, dragleave, drop };

@@ -1,19 +1,10 @@
-/**
- * An uploaded file: its facts, what reading it left out, its signals.
- *
- * Exports
- *   recordingFacts(recording, catalog) -> element
- *   createSignalList({api, recording}) -> element     every signal, with a plot on request
- *   badRowsTable([{line, reason, text}]) -> element
- *   formatTitle(catalog, key)
- */
+/** An uploaded file: its facts, what reading it left out, its signals. */
 
 import { createMiniPlot } from "../charts/mini_plot.js";
 import { reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
-import { factList, sentences, table } from "../lib/lists.js";
+import { button, chip, factList, sentences, table } from "../lib/elements.js";
 import { bytesText, durationText, figure, moment, percent, timeZero } from "../lib/numbers.js";
-import { button, chip } from "../lib/view_states.js";
 import { nameParts } from "./mapping/signal_select.js";
 
 const SHOWN = 100; // signals listed without a filter
@@ -36,12 +27,12 @@ export function recordingFacts(recording, catalog) {
     ["Begins", timeZero(contents.start)],
     ["Uploaded", moment(recording.created)],
   ];
-  const linked = (words, href, text) => h("p", {}, words, h("a", { href }, text), ".");
+  const linked = (words, href, text) => h("p", words, h("a", { href }, text), ".");
   return h(
-    "section",
-    { class: "panel stack-tight", "aria-label": "File" },
+    "section.panel.stack-tight",
+    { "aria-label": "File" },
     factList(entries),
-    h("p", { class: "dim" }, "SHA-256 ", h("span", { class: "hash" }, recording.digest)),
+    h("p.dim", "SHA-256 ", h("span.hash", recording.digest)),
     flight && linked("Recorded from a live flight: ", `#/fly/${flight}`, "open its record"),
     twin && linked("Same file as ", `#/recordings/${twin}`, "an earlier recording"),
     sentences([...contents.notes, ...contents.ignored.map((words) => `Skipped: ${words}`)]),
@@ -61,11 +52,10 @@ function badRows({ n, share, rows }) {
   if (!n) return null;
   const skipped = ` skipped, ${percent(share, share < 0.001 ? 3 : 1)} of the file: lines and reasons`;
   return h(
-    "details",
-    { class: "fold bad-rows" },
-    h("summary", {}, chip(`◆ ${n} bad ${n === 1 ? "row" : "rows"}`, "caution"), skipped),
+    "details.fold.bad-rows",
+    h("summary", chip(`◆ ${n} bad ${n === 1 ? "row" : "rows"}`, "caution"), skipped),
     badRowsTable(rows),
-    n > rows.length ? h("p", { class: "hint" }, `First ${rows.length} of ${n}.`) : null,
+    n > rows.length ? h("p.hint", `First ${rows.length} of ${n}.`) : null,
   );
 }
 
@@ -73,16 +63,16 @@ export function badRowsTable(rows) {
   const columns = [
     ["Line", ({ line }) => count(line), "name number"],
     ["Reason", ({ reason: why }) => why],
-    ["Text", ({ text }) => h("code", {}, text)],
+    ["Text", ({ text }) => h("code", text)],
   ];
-  return h("div", { class: "bad-rows-table" }, table({ columns, items: rows, panel: false }));
+  return h("div.bad-rows-table", table({ columns, items: rows, panel: false }));
 }
 
 export function createSignalList({ api, recording }) {
   const { signals, groups } = recording.contents;
   const filter = h("input", { type: "search", "aria-label": "find a signal", placeholder: "find a signal", oninput: list });
-  const shown = h("div", {});
-  const more = h("p", { class: "hint" });
+  const shown = h("div");
+  const more = h("p.hint");
   const valueOf = (key) => (signal) => figure(signal[key], 4);
   const columns = [
     ["Signal", nameOf, "name"],
@@ -96,10 +86,9 @@ export function createSignalList({ api, recording }) {
   ];
   list();
   return h(
-    "details",
-    { class: "panel fold signal-list" },
-    h("summary", {}, `all ${signals.length} signals in the file`),
-    signals.length > 12 ? h("div", { class: "field" }, filter) : null,
+    "details.panel.fold.signal-list",
+    h("summary", `all ${signals.length} signals in the file`),
+    signals.length > 12 ? h("div.field", filter) : null,
     shown,
     more,
   );
@@ -117,12 +106,12 @@ export function createSignalList({ api, recording }) {
   function nameOf({ name, group, description }) {
     const [label, groupName] = nameParts(name, groups.length > 1 ? groups[group].name : "");
     const words = [groupName, description].filter(Boolean).map((text) => ` ${text}`);
-    return [label, h("span", { class: "hint" }, words.join(","))];
+    return [label, h("span.hint", words.join(","))];
   }
 
   function plotOf({ name, number, min, max }) {
     const show = button("Show", draw, { class: "button button-small", "aria-label": `Show ${name}` });
-    const place = h("div", {}, show);
+    const place = h("div", show);
     return place;
 
     async function draw() {
@@ -132,7 +121,7 @@ export function createSignalList({ api, recording }) {
         plot.show({ t: low.map((_, k) => k * rows), low, high, unit, min, max });
         place.replaceChildren(plot.element);
       } catch (error) {
-        place.replaceChildren(h("span", { class: "error" }, reason(error)));
+        place.replaceChildren(h("span.error", reason(error)));
       }
     }
   }

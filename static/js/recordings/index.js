@@ -1,18 +1,13 @@
 /**
  * The Recordings page: #/recordings lists and uploads; #/recordings/{id} is one recording,
  * with ?monitor={mid} chosen to score it, with ?scoring={sid} one of its scorings, with ?compare={sid},{rid}:{sid} several side by side.
- *
- * Exports  show(element, {id, query, api, navigate}) -> {close()}
  */
 
+import { needs } from "../lib/api.js";
 import { loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
-import { guideLink } from "../lib/guide_link.js";
-import { hiddenHead, table } from "../lib/lists.js";
-import { loadingView } from "../lib/loading_view.js";
-import { needs } from "../lib/me.js";
+import { button, chip, deleteButton, empty, guideLink, hiddenHead, link, loadingView, pageOf, table } from "../lib/elements.js";
 import { bytesText, durationText, moment } from "../lib/numbers.js";
-import { button, chip, deleteButton, empty, link, pageOf } from "../lib/view_states.js";
 import { showComparedScorings } from "./compare/index.js";
 import { createDropZone } from "./drop_zone.js";
 import { formatTitle } from "./facts.js";
@@ -35,7 +30,7 @@ function showRecordings(element, { api, navigate }) {
     const [catalog, recordings] = await Promise.all([loadCatalog(api), api.get("/recordings")]);
     const formats = catalog.telemetry.formats.map(formatWords);
     const zone = keep(createDropZone({ aircraft: aircraftOf(recordings), formats, done: arrived }));
-    const list = h("div", {}, listOf(recordings));
+    const list = h("div", listOf(recordings));
     return pageOf("Recordings", [link("Storage", "#/storage")], zone.element, list);
 
     async function arrived(uploaded, someFailed) {
@@ -67,7 +62,7 @@ function showRecordings(element, { api, navigate }) {
           ],
           "name",
         ],
-        ["Aircraft", ({ aircraft }) => aircraft ?? h("span", { class: "dim" }, "not recorded"), "nowrap"],
+        ["Aircraft", ({ aircraft }) => aircraft ?? h("span.dim", "not recorded"), "nowrap"],
         ["Length", ({ duration }) => durationText(duration), "number"],
         ["Format", ({ format }) => formatTitle(catalog, format)],
         ["Size", ({ size }) => bytesText(size), "number"],
@@ -93,7 +88,7 @@ function twinMark({ same_as: twin }, recordings) {
   if (!twin) return null;
   const earlier = recordings.find(({ id }) => id === twin);
   const name = h("a", { href: `#/recordings/${twin}` }, earlier?.name ?? "an earlier one");
-  return h("span", { class: "list-mark" }, "same file as ", name);
+  return h("span.list-mark", "same file as ", name);
 }
 
 function formatWords({ title, installed, experimental }) {

@@ -1,27 +1,22 @@
 /**
  * Markers and notes on a recording, at the cursor or from A to B: add, go to, edit, delete.
  *
- * Exports
- *   createNotesPanel({api, recording, place, go, changed}) -> {element, load(), quick(), moved()}
- *     place() -> {t, end | null} | null    of the chart's cursors.   go(t)
- *     changed([marker])    after each change.   quick(): adds a marker without text at the cursor
- *     moved(): the cursors moved
- *   laneOfMarkers(markers, row) -> [item]    for a chart's lane
+ * place() -> {t, end | null} | null    of the chart's cursors.   changed([marker])    after each change
+ * quick(): adds a marker without text at the cursor.   moved(): the cursors moved
  */
 
 import { textInput } from "../forms/controls.js";
-import { reason } from "../lib/api.js";
+import { needs, reason } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
-import { keepDraft } from "../lib/drafts.js";
-import { needs } from "../lib/me.js";
+import { button, errorLine } from "../lib/elements.js";
 import { secondsText } from "../lib/numbers.js";
-import { button, errorLine } from "../lib/view_states.js";
+import { keepDraft } from "../lib/storage.js";
 
 const LONGEST = 2000;
 const NONE = "No notes yet. Notes are stored with the recording and printed in its report.";
 const signOf = (kind) => (kind === "note" ? "■" : "▼");
 const small = (words, pressed, attributes = {}) => button(words, pressed, { class: "button button-small", ...attributes });
-const submit = (words) => h("button", { class: "button button-small", type: "submit" }, words);
+const submit = (words) => h("button.button.button-small", { type: "submit" }, words);
 const noteInput = (attributes) => textInput({ maxlength: LONGEST, "aria-label": "text of the note", ...attributes });
 
 function timesOf({ t, end }, before = "") {
@@ -32,22 +27,22 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
   const path = `/recordings/${recording}/markers`;
   let markers = [];
   let editing = null;
-  const list = h("ul", { class: "note-list" });
+  const list = h("ul.note-list");
   const text = noteInput({ placeholder: "what happened here?" });
   const clear = keepDraft(text, path);
-  const where = h("span", { class: "hint" });
+  const where = h("span.hint");
   const add = submit("Add note");
   const flag = small("Set marker", quick, { title: "Marker without text (key M on the strips)" });
   const failure = errorLine();
   const element = h(
-    "section",
-    { class: "event-panel notes-panel", "aria-label": "Notes" },
-    h("h2", { class: "event-title" }, "Notes and markers"),
+    "section.event-panel.notes-panel",
+    { "aria-label": "Notes" },
+    h("h2.event-title", "Notes and markers"),
     h(
-      "form",
-      { class: "note-form", onsubmit: send, "aria-label": "Add a note", ...needs("POST /recordings/{}/markers") },
-      h("div", { class: "field" }, text),
-      h("div", { class: "row" }, add, flag, where),
+      "form.note-form",
+      { onsubmit: send, "aria-label": "Add a note", ...needs("POST /recordings/{}/markers") },
+      h("div.field", text),
+      h("div.row", add, flag, where),
     ),
     failure.element,
     list,
@@ -113,7 +108,7 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
 
   function draw() {
     const rows = markers.map((marker) => (marker.id === editing ? editor(marker) : row(marker)));
-    list.replaceChildren(...(rows.length ? rows : [h("li", { class: "dim" }, NONE)]));
+    list.replaceChildren(...(rows.length ? rows : [h("li.dim", NONE)]));
   }
 
   function edit(id) {
@@ -126,13 +121,12 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
     const { id, kind, t, text: words } = marker;
     const visit = { type: "button", class: "link-button note-time", onclick: () => go(t), title: "Go there" };
     return h(
-      "li",
-      { class: "note", "data-kind": kind },
+      "li.note",
+      { "data-kind": kind },
       h("button", visit, `${signOf(kind)} ${timesOf(marker)}`),
-      h("span", { class: "note-text" }, words),
+      h("span.note-text", words),
       h(
-        "span",
-        { class: "note-acts" },
+        "span.note-acts",
         small("Edit", () => edit(id), { "aria-label": `Edit: ${words}` }),
         small("Delete", () => remove(marker), { "aria-label": `Delete: ${words}` }),
       ),
@@ -145,11 +139,10 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
       event.preventDefault();
       save(marker, input.value.trim() || marker.text);
     };
-    const acts = h("div", { class: "row" }, submit("Save"), small("Cancel", () => edit(null)));
+    const acts = h("div.row", submit("Save"), small("Cancel", () => edit(null)));
     return h(
-      "li",
-      { class: "note" },
-      h("form", { class: "note-form", onsubmit }, h("div", { class: "field" }, input), acts),
+      "li.note",
+      h("form.note-form", { onsubmit }, h("div.field", input), acts),
     );
   }
 }

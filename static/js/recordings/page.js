@@ -1,19 +1,10 @@
-/**
- * One recording: file, mapping, data quality, scorings, and the form that scores it.
- *
- * Exports
- *   showRecording(element, context)
- *   deletion(recording) -> {path, what, consequence}   for a deleteButton
- *   aircraftOf(recordings) -> [name]
- */
+/** One recording: file, mapping, data quality, scorings, and the form that scores it. */
 
 import { previewTiles } from "../charts/recorded/preview_tiles.js";
 import { reason } from "../lib/api.js";
 import { loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
-import { createKeepButton } from "../lib/keep_button.js";
-import { loadingView } from "../lib/loading_view.js";
-import { deleteButton, errorLine, link, pageOf, state } from "../lib/view_states.js";
+import { createKeepButton, deleteButton, errorLine, link, loadingView, pageOf, state } from "../lib/elements.js";
 import { createSignalList, recordingFacts } from "./facts.js";
 import { createMappingSection } from "./mapping/section.js";
 import { createQualityStrip } from "./quality_strip.js";
@@ -66,7 +57,7 @@ export function showRecording(element, { id, query, api, navigate }) {
         },
       }),
     );
-    const list = h("div", { class: "scorings" });
+    const list = h("div.scorings");
     fill(scorings);
     if (form && isNext) requestAnimationFrame(() => form.reveal());
     isNext = false;

@@ -1,15 +1,13 @@
 /**
  * Data quality over time: gaps, repeated, missing and frozen samples.
  *
- * Exports
- *   createQualityStrip() -> {element, show(quality | null, {start, end} | null)}
- *     quality: {clocks: [{start, end}], faults: [{start, end, kind}],
- *       sentences: [text]}, times in [s]; kind "gap", "missing:beta", ...
+ * show({clocks: [{start, end}], faults: [{start, end, kind}], sentences: [text]} | null, {start, end} | null)
+ *     times in [s];  kind "gap", "missing:beta", ...
  */
 
 import { niceTicks } from "../charts/plot.js";
 import { h, svg } from "../lib/dom.js";
-import { sentences } from "../lib/lists.js";
+import { sentences } from "../lib/elements.js";
 import { durationText, formatTime } from "../lib/numbers.js";
 
 const ALWAYS = {
@@ -25,14 +23,14 @@ const LEAST = 0.35; // smallest width of an interval, in % of the strip
 const LISTED = 8;
 
 export function createQualityStrip() {
-  const element = h("section", { class: "panel stack-tight quality", "aria-label": "Data quality" });
-  const title = h("h2", { class: "panel-title" }, "Data quality");
+  const element = h("section.panel.stack-tight.quality", { "aria-label": "Data quality" });
+  const title = h("h2.panel-title", "Data quality");
   return { element, show };
 
   function show(quality, range) {
     const content = quality
       ? rowsOf(quality, range)
-      : [h("p", { class: "dim" }, "Available once the mapping can be applied.")];
+      : [h("p.dim", "Available once the mapping can be applied.")];
     element.replaceChildren(title, ...content.filter(Boolean));
   }
 }
@@ -40,7 +38,7 @@ export function createQualityStrip() {
 function rowsOf({ clocks, faults, sentences: texts }, range) {
   const extent = range ?? extentOf(clocks);
   const rows = extent && kindsOf(faults).map((kind) => row(kind, faults, extent));
-  return [extent && h("div", { class: "quality-rows" }, rows, axis(extent)), sentences(texts)];
+  return [extent && h("div.quality-rows", rows, axis(extent)), sentences(texts)];
 }
 
 function extentOf(clocks) {
@@ -70,12 +68,12 @@ function row(kind, all, extent) {
   const title = times.join(", ") + (faults.length > LISTED ? `, and ${faults.length - LISTED} more` : "");
   const track = { class: "quality-track", viewBox: "0 0 100 10", preserveAspectRatio: "none", "aria-hidden": true };
   return h(
-    "div",
-    { class: "quality-row", "data-kind": kind, "data-any": String(faults.length > 0), title },
-    h("span", { class: "quality-name" }, nameOf(kind)),
-    svg("svg", track, svg("rect", { class: "quality-track-base", width: 100, height: 10 }), marks),
-    h("span", { class: "quality-words" }, faults.length ? `${faults.length}, ${durationText(total)}` : "none"),
-    h("span", { class: "visually-hidden" }, title),
+    "div.quality-row",
+    { "data-kind": kind, "data-any": String(faults.length > 0), title },
+    h("span.quality-name", nameOf(kind)),
+    svg("svg", track, svg("rect.quality-track-base", { width: 100, height: 10 }), marks),
+    h("span.quality-words", faults.length ? `${faults.length}, ${durationText(total)}` : "none"),
+    h("span.visually-hidden", title),
   );
 }
 
@@ -90,10 +88,10 @@ function axis({ start, end }) {
   const at = (t) => `left: ${(100 * (t - start)) / (end - start)}%`;
   const words = ticks.map((t) => h("span", { style: at(t) }, formatTime(t, (end - start) / 6)));
   return h(
-    "div",
-    { class: "quality-row quality-axis", "aria-hidden": true },
-    h("span", {}),
-    h("div", { class: "quality-ticks" }, words),
-    h("span", { class: "dim" }, "t [s]"),
+    "div.quality-row.quality-axis",
+    { "aria-hidden": true },
+    h("span"),
+    h("div.quality-ticks", words),
+    h("span.dim", "t [s]"),
   );
 }

@@ -1,33 +1,27 @@
-/**
- * Uploads in progress, and why a file was refused.
- *
- * Exports
- *   createUploads({aircraft() -> name | "", done}) -> {element, send(files), close()}
- *     done([recording], someFailed)   all uploads have ended; these succeeded
- */
+/** Uploads in progress, and why a file was refused.   done([recording], someFailed)   all uploads have ended; these succeeded */
 
 import { address, noAnswer, reason, refusal } from "../lib/api.js";
 import { h } from "../lib/dom.js";
+import { button } from "../lib/elements.js";
 import { bytesText } from "../lib/numbers.js";
-import { button } from "../lib/view_states.js";
 import { badRowsTable } from "./facts.js";
 
 const LONGEST_NAME = 200;
 const small = (label) => ({ class: "button button-small", "aria-label": label });
 
 export function createUploads({ aircraft, done }) {
-  const rows = h("ul", { class: "uploads" });
+  const rows = h("ul.uploads");
   const sending = new Set();
   let uploaded = [];
   const close = () => sending.forEach((upload) => upload.cancel());
   return { element: rows, send: (files) => files.forEach(send), close };
 
   async function send(file) {
-    const bar = h("progress", { class: "progress", max: 1, value: 0, "aria-label": `sending ${file.name}` });
-    const words = h("span", { class: "upload-words", role: "status" }, "starting");
+    const bar = h("progress.progress", { max: 1, value: 0, "aria-label": `sending ${file.name}` });
+    const words = h("span.upload-words", { role: "status" }, "starting");
     const stop = button("Cancel", () => upload.cancel(), small(`Cancel ${file.name}`));
-    const name = h("span", { class: "upload-name" }, file.name);
-    const row = h("li", { class: "upload", "data-status": "sending" }, name, words, stop, bar);
+    const name = h("span.upload-name", file.name);
+    const row = h("li.upload", { "data-status": "sending" }, name, words, stop, bar);
     rows.append(row);
     const craft = aircraft();
     const query = new URLSearchParams({ name: file.name.slice(-LONGEST_NAME), ...(craft && { aircraft: craft }) });
@@ -63,9 +57,9 @@ export function createUploads({ aircraft, done }) {
     const dismiss = button("Dismiss", () => row.remove(), small(`Dismiss ${file.name}`));
     const retry = isRetried && button("Try again", again, { class: "button button-small" });
     const parts = [
-      h("span", { class: "upload-name" }, file.name),
-      h("span", { class: "row" }, retry, dismiss),
-      h("p", { class: "error", role: "alert" }, withoutName(reason(error), file.name)),
+      h("span.upload-name", file.name),
+      h("span.row", retry, dismiss),
+      h("p.error", { role: "alert" }, withoutName(reason(error), file.name)),
       badRows.length && badRowsTable(badRows),
     ];
     row.replaceChildren(...parts.filter(Boolean));

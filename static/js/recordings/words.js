@@ -1,25 +1,8 @@
-/**
- * Words, levels and signs for recordings and scorings.
- *
- * Exports
- *   mappingState(recording) -> {word, level, text}
- *   outcomeChip(manoeuvre, n) -> element
- *   AS_RECORDED   the strips' word for an exceedance in the values as recorded only
- *   measuredBy(channels, key) -> channel
- *   outsideChip(scoring), outsideLine(scoring, tag, classes) -> element | null    exceedances outside every manoeuvre
- *   validityWords(manoeuvre) -> {word, level, mark}
- *   peakText(manoeuvre, alertAbove, isTimed)
- *   alertRule({epsilon, alert_above}) -> string    the risk that alerts, and the epsilon that it keeps
- *   requestWords(request) -> string             manoeuvres and trim of a request
- *   trimText(request) -> string               the reference of the channels
- *   firstAlertText(manoeuvre)
- *   leadText(manoeuvre, promised) -> string     warning lead time against the promised one
- */
+/** Words, levels and signs for recordings and scorings. */
 
 import { formatted, h } from "../lib/dom.js";
-import { figure, leadSeconds, riskText, secondsText } from "../lib/numbers.js";
-import { quantity } from "../lib/units.js";
-import { chip } from "../lib/view_states.js";
+import { chip } from "../lib/elements.js";
+import { figure, leadSeconds, quantity, riskText, secondsText } from "../lib/numbers.js";
 import { TRIM_SEGMENT } from "./scoring/source.js";
 
 export const AS_RECORDED = "LIMIT AS RECORDED"; // an exceedance as recorded that is none relative to trim

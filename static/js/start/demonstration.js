@@ -8,10 +8,10 @@
 
 import { guarantee } from "../fly/alarm_panel.js";
 import { showLiveFlight } from "../fly/live_flight.js";
+import { may } from "../lib/api.js";
 import { demonstration } from "../lib/demonstration.js";
 import { formatted, h } from "../lib/dom.js";
-import { may } from "../lib/me.js";
-import { button, errorLine, failure, link } from "../lib/view_states.js";
+import { button, errorLine, failure, link } from "../lib/elements.js";
 import { storyOf } from "./picture.js";
 import { createRecordedFlight } from "./recorded_flight.js";
 

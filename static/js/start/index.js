@@ -4,13 +4,11 @@
  * Exports  show(element, {api, navigate}) -> {close()}
  */
 
-import { reason } from "../lib/api.js";
+import { may, needs, reason } from "../lib/api.js";
 import { demonstration } from "../lib/demonstration.js";
 import { h } from "../lib/dom.js";
-import { canFly, fittingMonitor } from "../lib/fitting_monitor.js";
-import { may, needs } from "../lib/me.js";
-import { startFlight } from "../lib/start_flight.js";
-import { button, errorLine, link } from "../lib/view_states.js";
+import { button, errorLine, link } from "../lib/elements.js";
+import { canFly, fittingMonitor, startFlight } from "../lib/monitors.js";
 import { scoreExample } from "./example.js";
 import { drawPicture } from "./picture.js";
 

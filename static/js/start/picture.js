@@ -8,7 +8,7 @@
  */
 
 import { h, svg } from "../lib/dom.js";
-import { magnitudeIn } from "../lib/units.js";
+import { magnitudeIn } from "../lib/numbers.js";
 
 const [WIDTH, HEIGHT, PAD] = [640, 210, 8];
 const UNTIL = 3; // s

@@ -1,18 +1,10 @@
-/**
- * Storage: disk use of database and recordings, the largest and oldest flights and recordings, and retention.
- *
- * Exports  show(element, {api}) -> {close()}
- */
+/** Storage: disk use of database and recordings, the largest and oldest flights and recordings, and retention. */
 
 import { reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
-import { guideLink } from "../lib/guide_link.js";
-import { createKeepButton } from "../lib/keep_button.js";
-import { factList, table } from "../lib/lists.js";
-import { loadingView } from "../lib/loading_view.js";
-import { sentence } from "../lib/monitor_warnings.js";
+import { createKeepButton, errorLine, factList, guideLink, link, loadingView, pageOf, table } from "../lib/elements.js";
+import { sentence } from "../lib/monitors.js";
 import { bytesText, moment } from "../lib/numbers.js";
-import { errorLine, link, pageOf } from "../lib/view_states.js";
 
 const PAGES = { flight: "fly", recording: "recordings" };
 const PATHS = { flight: "flights", recording: "recordings" };
@@ -30,20 +22,19 @@ export function show(element, { api }) {
         link("Recordings", "#/recordings"),
         guideLink("keeping-data#what-takes-the-space", "what takes the space"),
       ],
-      space.warning ? h("p", { class: "error", role: "alert" }, sentence(space.warning)) : null,
-      h("section", { class: "panel", "aria-label": "Disk" }, factList(factsOf(space, sizes))),
+      space.warning ? h("p.error", { role: "alert" }, sentence(space.warning)) : null,
+      h("section.panel", { "aria-label": "Disk" }, factList(factsOf(space, sizes))),
       table({ columns: KINDS, items: kinds }),
       failure.element,
       listOf("Largest flights and recordings", largest),
       listOf("Oldest flights and recordings", oldest),
       h(
-        "p",
-        { class: "dim" },
-        h("code", {}, "forewarn retain"),
+        "p.dim",
+        h("code", "forewarn retain"),
         " deletes old data, daily if ",
-        h("code", {}, "FOREWARN_RETAIN_DAYS"),
+        h("code", "FOREWARN_RETAIN_DAYS"),
         " or ",
-        h("code", {}, "FOREWARN_RETAIN_GB"),
+        h("code", "FOREWARN_RETAIN_GB"),
         " is set. Data kept permanently are never deleted.",
       ),
     );
@@ -57,7 +48,7 @@ export function show(element, { api }) {
         ["Ended or uploaded", ({ since }) => moment(since), "date"],
         ["Retention", keepButton],
       ];
-      return h("section", { class: "stack-tight" }, h("h2", {}, title), table({ columns, items }));
+      return h("section.stack-tight", h("h2", title), table({ columns, items }));
     }
 
     function keepButton({ kind, id, name, keep }) {

@@ -184,7 +184,7 @@ def test_the_example_recording_is_scored_once(page: Page, used: RecordedSite):
 
 def test_a_monitor_that_can_be_simulated_is_preselected(page: Page, used: RecordedSite):
     choice = """async () => {
-        const { fittingMonitor } = await import("/js/lib/fitting_monitor.js");
+        const { fittingMonitor } = await import("/js/lib/monitors.js");
         const monitor = (id, dataset_recipe, warnings = []) => ({ id, dataset_recipe, warnings });
         const f16 = { aircraft: {} };
         return [

@@ -44,8 +44,7 @@
  * a jump in seq (frames the server left out for display) as SKIPPED.
  */
 
-import { leadSeconds } from "../../lib/numbers.js";
-import { quantity, reading } from "../../lib/units.js";
+import { leadSeconds, quantity, reading } from "../../lib/numbers.js";
 import { STATE_WORDS, stripState, WITHDRAWN } from "../../lib/states.js";
 import { cursorButtons, keysHelp, layOut } from "../layout.js";
 import { createStripChart } from "../strip_chart.js";

@@ -30,9 +30,8 @@
 
 import { reason } from "../../lib/api.js";
 import { h } from "../../lib/dom.js";
-import { durationText, formatTime, formatValue } from "../../lib/numbers.js";
-import { shownIn } from "../../lib/units.js";
-import { button } from "../../lib/view_states.js";
+import { button } from "../../lib/elements.js";
+import { durationText, formatTime, formatValue, shownIn } from "../../lib/numbers.js";
 import { cursorButtons, keysHelp, layOut } from "../layout.js";
 import { NOTHING, rangeText } from "../readings.js";
 import { createStripChart } from "../strip_chart.js";

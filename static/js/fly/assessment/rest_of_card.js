@@ -10,8 +10,7 @@
  */
 
 import { h, symbolNodes } from "../../lib/dom.js";
-import { percent } from "../../lib/numbers.js";
-import { magnitudeIn } from "../../lib/units.js";
+import { magnitudeIn, percent } from "../../lib/numbers.js";
 
 const WORST = ["predicted", "possible", "none"];
 const UNKNOWN = {

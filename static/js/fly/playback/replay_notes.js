@@ -11,11 +11,10 @@
  *     moved(t): the flight is at t [s]; events up to t are listed
  */
 
-import { reason } from "../../lib/api.js";
+import { may, needs, reason } from "../../lib/api.js";
 import { h, put } from "../../lib/dom.js";
-import { keepDraft } from "../../lib/drafts.js";
-import { may, needs } from "../../lib/me.js";
-import { errorLine } from "../../lib/view_states.js";
+import { errorLine } from "../../lib/elements.js";
+import { keepDraft } from "../../lib/storage.js";
 import { readScoring } from "../../recordings/scoring/source.js";
 
 const NOTE = "POST /recordings/{}/markers";

@@ -17,9 +17,8 @@
  *   keys                 {key: act} for the page's shortcuts
  */
 
-import { reason } from "../../lib/api.js";
+import { may, needs, reason } from "../../lib/api.js";
 import { h, put } from "../../lib/dom.js";
-import { may, needs } from "../../lib/me.js";
 
 const STEER = "POST /flights/{}/transport";
 const SPEEDS = [0.1, 0.2, 0.5, 1, 2, 5, 10];

@@ -1,20 +1,12 @@
-/**
- * Several scorings side by side, of one recording or several, and two of them overlaid.
- *
- * Exports
- *   showComparedScorings(element, {id, query, api, navigate})
- *     query: compare=sid,rid:sid,...   scorings of recording `id`, or of others
- */
+/** Several scorings side by side, and two of them overlaid.   query: compare=sid,rid:sid,...   of recording `id`, or of others */
 
 import { select } from "../../forms/controls.js";
 import { reason } from "../../lib/api.js";
 import { aircraftName, kindName, loadCatalog } from "../../lib/catalog.js";
 import { h } from "../../lib/dom.js";
-import { loadingView } from "../../lib/loading_view.js";
-import { warningWords } from "../../lib/monitor_warnings.js";
-import { figure } from "../../lib/numbers.js";
-import { followUnits } from "../../lib/units.js";
-import { button, errorLine, link, pageOf } from "../../lib/view_states.js";
+import { button, errorLine, link, loadingView, pageOf } from "../../lib/elements.js";
+import { warningWords } from "../../lib/monitors.js";
+import { figure, followUnits } from "../../lib/numbers.js";
 import { readScoring, readScorings } from "../scoring/source.js";
 import { createOverlay } from "./overlay.js";
 import { compareTable } from "./table.js";
@@ -36,7 +28,7 @@ export function showComparedScorings(element, { id, query, api, navigate }) {
     const names = new Map(recordings.map(({ id: recording, name }) => [recording, name]));
     const compared = await Promise.all(references.map(read));
     const overlay = keep(createOverlay({ api, compared }));
-    const table = h("div", {});
+    const table = h("div");
     const tabulate = () => table.replaceChildren(compareTable(compared, { remove: compared.length > 1 ? remove : null }));
     return pageOf(
       "Compare",
@@ -90,15 +82,14 @@ function scoringPicker({ api, recordings, taken, add }) {
   if (taken.length) recording.value = taken[0].recording;
   fill();
   return h(
-    "section",
-    { class: "panel", "aria-label": "Add a scoring" },
+    "section.panel",
+    { "aria-label": "Add a scoring" },
     h(
-      "div",
-      { class: "row picker-row" },
+      "div.row.picker-row",
       h("label", { for: "pick-recording" }, "Add a scoring of"),
-      h("div", { class: "field" }, recording),
+      h("div.field", recording),
       h("label", { for: "pick-scoring" }, "by"),
-      h("div", { class: "field" }, scoring),
+      h("div.field", scoring),
       go,
     ),
     failure.element,

@@ -1,16 +1,10 @@
-/**
- * Two scorings overlaid, each aligned at its own time, such as the start of a manoeuvre.
- *
- * Exports
- *   createOverlay({api, compared}) -> {element, close()}      compared: [{letter, recordingName, scoring}]
- */
+/** Two scorings overlaid, each aligned at its own time, such as the start of a manoeuvre. */
 
 import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
 import { select } from "../../forms/controls.js";
 import { h } from "../../lib/dom.js";
-import { figure, secondsText } from "../../lib/numbers.js";
-import { followUnits } from "../../lib/units.js";
-import { panel } from "../../lib/view_states.js";
+import { panel } from "../../lib/elements.js";
+import { figure, followUnits, secondsText } from "../../lib/numbers.js";
 import { laneOf, manoeuvresOf } from "../scoring/events.js";
 import { scoringSource, stripOrder } from "../scoring/source.js";
 
@@ -18,14 +12,14 @@ const OWN = "own"; // aligned by the times of the recordings
 const NAMES = ["first", "second"];
 
 export function createOverlay({ api, compared }) {
-  const host = h("div", { class: "scored-chart" });
-  const key = h("div", { class: "figure-key overlay-key" });
+  const host = h("div.scored-chart");
+  const key = h("div.figure-key.overlay-key");
   const isOne = new Set(compared.map(({ scoring }) => scoring.recording)).size === 1;
   let chart = null;
   const sides = compared.slice(0, 2).map((_, k) => sideOf(k));
   const element = panel(
     compared.length > 1 ? "Overlay" : "Overlay: add another scoring",
-    [h("div", { class: "row overlay-choice" }, sides.map((side) => side.element)), key, host],
+    [h("div.row.overlay-choice", sides.map((side) => side.element)), key, host],
     { "aria-label": "Overlay", "data-keeps-input": true },
   );
   followUnits(element, () => draw(chart !== null));
@@ -41,11 +35,10 @@ export function createOverlay({ api, compared }) {
     const manoeuvre = () => (from.value === OWN ? null : chosen().scoring.manoeuvres[Number(from.value)]);
     fill();
     const element = h(
-      "span",
-      { class: "row" },
-      h("div", { class: "field" }, which),
-      h("span", { class: "dim" }, "from"),
-      h("div", { class: "field" }, from),
+      "span.row",
+      h("div.field", which),
+      h("span.dim", "from"),
+      h("div.field", from),
     );
     return { element, chosen, manoeuvre };
 
@@ -103,7 +96,7 @@ export function createOverlay({ api, compared }) {
   function keyOf({ letter, recordingName, scoring, offset }, k) {
     const when = offset ? `, t = 0 at ${secondsText(offset)}` : "";
     const words = `${letter} ${k ? "(dashed)" : "(full line)"}: ${recordingName}, ${scoring.monitor_name} at ε ${figure(scoring.epsilon)}${when}`;
-    return h("span", {}, h("span", { class: `key-line key-line-${k}`, "aria-hidden": true }), h("span", {}, words));
+    return h("span", h("span", { class: `key-line key-line-${k}`, "aria-hidden": true }), h("span", words));
   }
 }
 
@@ -112,5 +105,5 @@ function limitsDiffer(scorings) {
     JSON.stringify([channels.map(({ limit }) => limit), above]),
   );
   const words = "The strips show limits, ε, alerts and manoeuvres of the first scoring.";
-  return h("span", {}, new Set(limits).size > 1 ? words : "");
+  return h("span", new Set(limits).size > 1 ? words : "");
 }

@@ -1,22 +1,19 @@
 /**
  * Outcomes by manoeuvre, one column for each scoring.
  *
- * Exports
- *   compareTable(compared, {remove(k) | null}) -> element
- *     compared: [{letter, recordingName, planned, scoring, mapping}]   mapping: the recording's present one
- *   rowsOf(scorings) -> [[number of a manoeuvre | -1 for each scoring]]
- *       manoeuvres of one recording are matched by time, those of different recordings by order
+ * compared: [{letter, recordingName, planned, scoring, mapping}]   mapping: the recording's present one
+ * rowsOf(scorings) -> [[number of a manoeuvre | -1 for each scoring]]
+ *     manoeuvres of one recording are matched by time, those of different recordings by order
  */
 
 import { h } from "../../lib/dom.js";
-import { recipeList, table } from "../../lib/lists.js";
-import { warningMark } from "../../lib/monitor_warnings.js";
+import { button, panel, recipeList, table } from "../../lib/elements.js";
+import { warningMark } from "../../lib/monitors.js";
 import { figure, secondsText } from "../../lib/numbers.js";
-import { button, panel } from "../../lib/view_states.js";
 import { earlierMapping } from "../mapping/changes.js";
 import { firstAlertText, leadText, outcomeChip, outsideLine, peakText, validityWords } from "../words.js";
 
-const hintLine = (...content) => h("span", { class: "hint hint-line" }, content);
+const hintLine = (...content) => h("span.hint.hint-line", content);
 
 export function compareTable(compared, { remove }) {
   const scorings = compared.map(({ scoring }) => scoring);
@@ -47,10 +44,9 @@ function headOf({ letter, recordingName, planned, scoring, mapping }, isOne, rem
   ];
   const look = { class: "button button-small", "aria-label": `Remove ${letter}`, title: "Remove" };
   return h(
-    "div",
-    { class: "compare-head" },
-    h("span", { class: "compare-letter" }, letter),
-    h("span", {}, words),
+    "div.compare-head",
+    h("span.compare-letter", letter),
+    h("span", words),
     remove && button("✕", remove, look),
   );
 }
@@ -62,7 +58,7 @@ function manoeuvreOf(row, scorings, isOne) {
 }
 
 function outcome(scoring, n) {
-  if (n < 0) return h("span", { class: "dim" }, "not scored");
+  if (n < 0) return h("span.dim", "not scored");
   const manoeuvre = scoring.manoeuvres[n];
   const { p_value: p } = manoeuvre.validity;
   const lines = [

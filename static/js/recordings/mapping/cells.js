@@ -1,12 +1,4 @@
-/**
- * Parts of a row of a mapping.
- *
- * Exports
- *   cell(part, words, ...content) -> element     words: shown where the table has no head
- *   channelCell(symbol, ...words) -> element
- *   confidence({confidence 0..1, reasons}) -> element     of a proposal: a bar, a word, the reasons on request
- *   setByYou() -> element     of a row that was edited
- */
+/** Parts of a row of a mapping. */
 
 import { h } from "../../lib/dom.js";
 
@@ -17,11 +9,11 @@ const WORDS = [
 ];
 
 export function cell(part, words, ...content) {
-  return h("div", { class: `map-cell map-${part}` }, words && h("span", { class: "map-label" }, words), content);
+  return h("div", { class: `map-cell map-${part}` }, words && h("span.map-label", words), content);
 }
 
 export function channelCell(symbol, ...words) {
-  return cell("channel", null, h("span", { class: "map-symbol" }, symbol), h("span", {}, words));
+  return cell("channel", null, h("span.map-symbol", symbol), h("span", words));
 }
 
 export function confidence({ confidence: share, reasons }) {
@@ -29,17 +21,16 @@ export function confidence({ confidence: share, reasons }) {
   const percent = `${Math.round(100 * share)} %`;
   const bar = h("span", { style: `width: ${percent}` });
   const head = [
-    h("span", { class: "confidence-bar", "data-level": level, "aria-hidden": true }, bar),
-    h("span", { class: "confidence-word", "data-level": level }, word),
-    h("span", { class: "dim" }, percent),
+    h("span.confidence-bar", { "data-level": level, "aria-hidden": true }, bar),
+    h("span.confidence-word", { "data-level": level }, word),
+    h("span.dim", percent),
   ];
-  if (!reasons.length) return h("div", { class: "confidence" }, head);
+  if (!reasons.length) return h("div.confidence", head);
   return h(
-    "details",
-    { class: "confidence" },
-    h("summary", {}, head, h("span", { class: "confidence-why" }, "why")),
-    h("ul", { class: "reasons" }, reasons.map((reason) => h("li", {}, reason))),
+    "details.confidence",
+    h("summary", head, h("span.confidence-why", "why")),
+    h("ul.reasons", reasons.map((reason) => h("li", reason))),
   );
 }
 
-export const setByYou = () => h("span", { class: "dim" }, "set by you");
+export const setByYou = () => h("span.dim", "set by you");

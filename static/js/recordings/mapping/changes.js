@@ -1,13 +1,6 @@
-/**
- * Whether a scoring used another mapping than the recording has now.
- *
- * Exports
- *   earlierMapping(scoring, mapping) -> chip | null     mapping: the recording's present one
- *   changedChannels(before, now) -> [key]               "time" if a clock differs
- *   PLAIN    a channel's source without a signal
- */
+/** Whether a scoring used another mapping than the recording has now. */
 
-import { chip } from "../../lib/view_states.js";
+import { chip } from "../../lib/elements.js";
 
 export const PLAIN = { signal: "", unit: "", sign: 1, bias: 0, derivation: "" };
 const PLAIN_TIME = { signal: "", unit: "s", rate: 0, start: 0 };

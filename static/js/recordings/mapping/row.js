@@ -1,23 +1,14 @@
-/**
- * One channel of a mapping: signal, unit, sign and removed bias.
- *
- * Exports
- *   createMappingRow({target, source, contents, rationale, likely, derivable, state, changed}) -> MappingRow
- *     target: of the catalog.   source: of the mapping, or null.   state: of the whole mapping
- *   MappingRow
- *     element, key, read() -> source | null, show(tiles | null, [warning])
- */
+/** One channel of a mapping: signal, unit, sign and removed bias.   state: of the whole mapping */
 
 import { createMiniPlot } from "../../charts/mini_plot.js";
 import { formatted, h, put } from "../../lib/dom.js";
-import { rounded } from "../../lib/numbers.js";
-import { followUnits, shownIn } from "../../lib/units.js";
-import { button, chip } from "../../lib/view_states.js";
+import { button, chip } from "../../lib/elements.js";
+import { followUnits, rounded, shownIn } from "../../lib/numbers.js";
 import { cell, channelCell, confidence, setByYou } from "./cells.js";
 import { PLAIN } from "./changes.js";
 import { createSignalSelect } from "./signal_select.js";
 
-const hint = (words) => h("span", { class: "hint" }, words);
+const hint = (words) => h("span.hint", words);
 
 export function createMappingRow(row) {
   const { target, source, contents, rationale, likely, derivable, state, over, needed, changed } = row;
@@ -39,12 +30,12 @@ export function createMappingRow(row) {
   const units = h("select", { "aria-label": `unit of ${name}`, onchange: () => edit({ unit: units.value }) });
   const sign = button("", () => edit({ sign: -now.sign }), { class: "button button-small sign" });
   const bias = h("input", { type: "number", step: "any", oninput: editBias });
-  const inUnit = h("span", { class: "unit" });
-  const verdict = h("div", { class: "map-verdict" });
-  const warningList = h("ul", { class: "map-warnings", role: "status" });
+  const inUnit = h("span.unit");
+  const verdict = h("div.map-verdict");
+  const warningList = h("ul.map-warnings", { role: "status" });
   const element = h(
-    "li",
-    { class: "map-row", "data-key": key },
+    "li.map-row",
+    { "data-key": key },
     channelCell(formatted(symbol), label, inUnit),
     cell("signal", "signal", signal),
     cell("unit", "unit", units),
@@ -119,14 +110,14 @@ export function createMappingRow(row) {
     const offers = derivable.map(({ key: derivation, title }) =>
       button(`Derive it: ${title}`, () => choose(`derive:${derivation}`), { class: "button button-small" }),
     );
-    if (!needed) return offers.length ? offers : [h("span", { class: "dim" }, "not mapped")];
+    if (!needed) return offers.length ? offers : [h("span.dim", "not mapped")];
     const why = rationale?.reasons.length ? [hint(rationale.reasons.join("; "))] : [];
     return [chip("◆ MISSING", "caution"), ...why, ...offers];
   }
 
   function show(tiles, warnings = []) {
     plot.show(now === null ? null : (tiles ?? { min: NaN }));
-    warningList.replaceChildren(...warnings.map((text) => h("li", {}, chip("◆ CHECK", "caution"), ` ${text}`)));
+    warningList.replaceChildren(...warnings.map((text) => h("li", chip("◆ CHECK", "caution"), ` ${text}`)));
     warningList.hidden = warnings.length === 0;
   }
 }

@@ -1,20 +1,14 @@
 /**
  * The mapping of a recording: the table, its problems, and the button that confirms it.
  *
- * Exports
- *   createMappingSection({api, catalog, recording, known, bins, previewed, confirmed})
- *       -> {element, close()}
- *     known: names of aircraft.   bins: of the preview
- *     previewed({channels, quality, problem}, edited)   at first, and after each correction
- *     confirmed(recording)                      the server has stored it
+ * known: names of aircraft.   bins: of the preview.   confirmed(recording)   the server has stored it
+ * previewed({channels, quality, problem}, edited)   at first, and after each correction
  */
 
 import { checkbox, pasteBox, textInput } from "../../forms/controls.js";
-import { ApiError, reason } from "../../lib/api.js";
+import { ApiError, needs, reason } from "../../lib/api.js";
 import { h } from "../../lib/dom.js";
-import { guideLink } from "../../lib/guide_link.js";
-import { needs } from "../../lib/me.js";
-import { button, chip, errorLine } from "../../lib/view_states.js";
+import { button, chip, errorLine, guideLink } from "../../lib/elements.js";
 import { knownNames } from "../drop_zone.js";
 import { mappingState } from "../words.js";
 import { createMappingTable } from "./table.js";
@@ -29,12 +23,12 @@ export function createMappingSection({ api, catalog, recording, known, bins, pre
   let closed = false;
   let edited = false;
   let table = createMappingTable({ catalog, recording, changed: previewLater });
-  const shown = h("div", {}, table.element);
+  const shown = h("div", table.element);
   const problem = errorLine();
   const names = knownNames("map-known-aircraft", known);
   const aircraft = textInput({ id: "map-aircraft", ...names.attributes, value: recording.aircraft ?? "", oninput: adapt });
   const remember = checkbox({ id: "map-remember", checked: true });
-  const rememberWords = h("span", {});
+  const rememberWords = h("span");
   const isAgain = recording.mapping_state === "confirmed";
   const confirm = button(isAgain ? "Confirm the change" : "Confirm the mapping", put, {
     class: "button button-primary",
@@ -50,26 +44,24 @@ export function createMappingSection({ api, catalog, recording, known, bins, pre
     use: (given) => use(readMapping(given)),
   });
   const element = h(
-    "details",
-    { class: "panel stack mapping", open: !isAgain, "data-keeps-input": true },
+    "details.panel.stack.mapping",
+    { open: !isAgain, "data-keeps-input": true },
     h(
-      "summary",
-      { class: "step-title" },
-      h("h2", { class: "panel-title" }, "Mapping"),
+      "summary.step-title",
+      h("h2.panel-title", "Mapping"),
       chip(word, level),
-      h("span", { class: "dim" }, summaryOf(recording, text, catalog)),
+      h("span.dim", summaryOf(recording, text, catalog)),
     ),
     shown,
-    h("details", { class: "fold map-file", "data-keeps-input": true }, h("summary", {}, "use a mapping file"), file),
+    h("details.fold.map-file", { "data-keeps-input": true }, h("summary", "use a mapping file"), file),
     problem.element,
     h(
-      "div",
-      { class: "row map-end" },
+      "div.row.map-end",
       guideLink("first-recording#mapping", "mapping"),
       h("label", { for: "map-aircraft" }, "Aircraft"),
-      h("div", { class: "field" }, aircraft, names.element),
-      h("label", { class: "radio" }, remember, rememberWords),
-      h("span", { class: "spread" }, confirm),
+      h("div.field", aircraft, names.element),
+      h("label.radio", remember, rememberWords),
+      h("span.spread", confirm),
     ),
   );
   adapt();

@@ -1,11 +1,7 @@
 /**
  * Choose a signal of the file: the likely ones, derivations, and all others.
  *
- * Exports
- *   createSignalSelect({id, label, signals, groups, likely, derivable, none, chosen, changed}) -> select
- *     likely: [name].   derivable: [{key, title, needs}].   none: text for no signal.
- *     chosen, value: "" | "signal:NAME" | "derive:KEY"
- *   nameParts(name, group) -> [name within the group, group]
+ * chosen, value: "" | "signal:NAME" | "derive:KEY".   none: text for no signal
  */
 
 import { select } from "../../forms/controls.js";

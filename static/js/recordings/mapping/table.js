@@ -1,10 +1,7 @@
 /**
  * Which signal of a file is which channel, with a preview of the mapped data.
  *
- * Exports
- *   createMappingTable({catalog, recording, changed}) -> {element, read() -> mapping, show(channels, warnings)}
- *     changed(mapping)   after each correction.   channels: {key: tiles} of a preview.
- *     warnings: {key: [sentence]}
+ * changed(mapping)   after each correction.   show({key: tiles of a preview}, {key: [warning]})
  */
 
 import { select } from "../../forms/controls.js";
@@ -43,7 +40,7 @@ export function createMappingTable({ catalog, recording, changed }) {
   const measured = new Set(catalog.channels.map(({ key }) => key));
   const others = rows.filter(({ key }) => !measured.has(key));
   const mapped = others.filter((row) => row.read() !== null);
-  const listOf = (some) => h("ul", { class: "map-rows" }, some.map((row) => row.element));
+  const listOf = (some) => h("ul.map-rows", some.map((row) => row.element));
   const more = listOf(mapped);
   const unmapped = others.filter((row) => !mapped.includes(row));
   const labels = new Map(targets.map(({ key, label }) => [key, label]));
@@ -54,22 +51,20 @@ export function createMappingTable({ catalog, recording, changed }) {
   });
   const head = HEADS.map(([part, words]) => h("span", { class: `map-${part}` }, words));
   const element = h(
-    "div",
-    { class: "map-table" },
-    h("div", { class: "map-head", "aria-hidden": true }, head),
+    "div.map-table",
+    h("div.map-head", { "aria-hidden": true }, head),
     time.element,
     listOf(rows.filter((row) => !others.includes(row))),
     h(
-      "details",
-      { class: "fold map-more", open: state !== "confirmed" },
-      h("summary", {}, `attitude, airspeed, altitude and others: ${mapped.length} mapped`),
+      "details.fold.map-more",
+      { open: state !== "confirmed" },
+      h("summary", `attitude, airspeed, altitude and others: ${mapped.length} mapped`),
       h(
-        "p",
-        { class: "hint" },
+        "p.hint",
         "Attitude turns the aircraft in the scene. Airspeed is checked against the monitor's flight condition. Missing channels can be derived from these quantities.",
       ),
       more,
-      h("div", { class: "row map-add" }, another),
+      h("div.row.map-add", another),
     ),
   );
   show({});

@@ -1,10 +1,4 @@
-/**
- * The time of each group of signals that a mapping uses: a signal, or the sampling rate.
- *
- * Exports
- *   createTimeRows({times, contents, rationales, units, changed}) -> {element, read(), show(used)}
- *     times: of the mapping.   units: of time.   used: Set of group names
- */
+/** The time of each group of signals that a mapping uses: a signal, or the sampling rate. */
 
 import { select as selectOf, textInput } from "../../forms/controls.js";
 import { h } from "../../lib/dom.js";
@@ -21,7 +15,7 @@ const DAY = 86400;
 export function createTimeRows({ times, contents, rationales, units, changed }) {
   const now = structuredClone(times);
   const rows = new Map(contents.groups.map((group, number) => [group.name, rowOf(group, number)]));
-  const element = h("ul", { class: "map-rows time-rows" }, [...rows.values()]);
+  const element = h("ul.map-rows.time-rows", [...rows.values()]);
   return { element, read: () => now, show };
 
   function show(used) {
@@ -31,7 +25,7 @@ export function createTimeRows({ times, contents, rationales, units, changed }) 
   function rowOf({ name: group, n_rows: n, rate }, number) {
     const words = group ? `time of ${group}` : "time";
     const rationale = rationales[`t:${group}`];
-    const verdict = h("div", { class: "map-verdict" }, rationale && confidence(rationale));
+    const verdict = h("div.map-verdict", rationale && confidence(rationale));
     const select = createSignalSelect({
       id: `map-time-${number}`,
       label: `signal of ${words}`,
@@ -55,12 +49,12 @@ export function createTimeRows({ times, contents, rationales, units, changed }) 
       value: now[group]?.unit ?? "s",
       onchange: () => set(now[group] && { ...now[group], unit: unit.value }),
     });
-    const unitCell = h("div", { class: "map-cell map-unit" });
+    const unitCell = h("div.map-cell.map-unit");
     place(Boolean(now[group]?.rate));
     return h(
-      "li",
-      { class: "map-row map-time", "data-group": group },
-      channelCell(h("span", { class: "symbol" }, "t"), words),
+      "li.map-row.map-time",
+      { "data-group": group },
+      channelCell(h("span.symbol", "t"), words),
       cell("signal", "signal", select),
       unitCell,
       cell("confidence", "", verdict),
@@ -83,7 +77,7 @@ export function createTimeRows({ times, contents, rationales, units, changed }) 
     }
 
     function place(isByRate) {
-      const label = h("span", { class: "map-label" }, isByRate ? "rate" : "unit");
+      const label = h("span.map-label", isByRate ? "rate" : "unit");
       unitCell.replaceChildren(label, isByRate ? rateInput : unit);
     }
   }

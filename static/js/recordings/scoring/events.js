@@ -1,18 +1,13 @@
 /**
- * Events of a scored recording, in order of time.
+ * Events of a scored recording, in order of time, and what a chart marks of it.
  *
- * Exports
- *   eventsOf(scoring) -> [{t, text, level, manoeuvre}]     manoeuvre: its number;
- *       undefined outside every manoeuvre
- *   flagsOf(scoring) -> [{key, t, word}]    exceedances in the values as recorded only, as a chart marks them
- *   limitsInForceOf(scoring, offset) -> [{start, end, limits}]    for a chart; null without a limit set
- *   manoeuvresOf(scoring, offset) -> [{start, end, withdrawn, silent}]    for a chart; withdrawn: its time, or null
- *   laneOf(manoeuvres, {row, offset, id}) -> [item]       for a chart's lane
+ * eventsOf(scoring) -> [{t, text, level, manoeuvre}]     manoeuvre: its number; undefined outside every manoeuvre
+ * flagsOf(scoring)    exceedances in the values as recorded only.   limitsInForceOf(scoring): null without a limit set
+ * manoeuvresOf(scoring, offset) -> [{start, end, withdrawn, silent}]     withdrawn: its time, or null
  */
 
+import { magnitudeIn, quantity, riskText, secondsText } from "../../lib/numbers.js";
 import { STATE_WORDS } from "../../lib/states.js";
-import { riskText, secondsText } from "../../lib/numbers.js";
-import { magnitudeIn, quantity } from "../../lib/units.js";
 import { AS_RECORDED, measuredBy } from "../words.js";
 
 export function eventsOf({

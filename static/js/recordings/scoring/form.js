@@ -1,19 +1,15 @@
 /**
  * Score a recording: choose monitors, epsilons, manoeuvres and trim.
  *
- * Exports
- *   createScoreForm({api, catalog, recording, monitors, used, scored})
- *       -> {element, show(channels), reveal(), hold(), close()}
- *     used: Set of ids of monitors that scored it before.   scored([scoring], someFailed)
- *     show: a preview, see manoeuvre_picker.js.   reveal(): scrolls the form into view
- *     hold(): disables scoring while the mapping is being changed
+ * used: Set of ids of monitors that scored it before.   scored([scoring], someFailed)
+ * reveal(): scrolls the form into view.   hold(): disables scoring while the mapping is being changed
  */
 
 import { createForm, radio, textInput } from "../../forms/controls.js";
 import { decimal } from "../../forms/decimals.js";
 import { reason } from "../../lib/api.js";
 import { h } from "../../lib/dom.js";
-import { guideLink } from "../../lib/guide_link.js";
+import { guideLink } from "../../lib/elements.js";
 import { createTrainingOffer } from "../training_offer.js";
 import { createManoeuvrePicker } from "./manoeuvre_picker.js";
 import { createMonitorChoice } from "./monitor_choice.js";
@@ -26,7 +22,7 @@ const TRIMS = [
 ];
 
 export function createScoreForm({ api, catalog, recording, monitors, used, scored }) {
-  const offer = h("div", {});
+  const offer = h("div");
   const refresh = () => picker.refresh();
   const choice = createMonitorChoice({ api, recording, monitors, used, catalog, changed: refresh, none: offerTraining });
   const picker = createManoeuvrePicker({ api, catalog, recording, monitor: () => choice.first() });
@@ -40,7 +36,7 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
     classes: "panel form score-form",
     fields: [choice, picker, trim].map(noEditors),
     content: [
-      h("h2", { class: "panel-title" }, "Score ", guideLink("first-recording#manoeuvres-and-trim", "manoeuvres and trim")),
+      h("h2.panel-title", "Score ", guideLink("first-recording#manoeuvres-and-trim", "manoeuvres and trim")),
       choice.element,
       offer,
       picker.element,
@@ -107,19 +103,18 @@ function trimChoice() {
     class: "narrow",
     "aria-label": "seconds before the first input",
   });
-  const failure = h("p", { class: "error", role: "alert", hidden: true });
+  const failure = h("p.error", { role: "alert", hidden: true });
   const trims = TRIMS.map(([value, words]) =>
     radio(
       words,
       { name: "trim", value, checked: value === TRIM_SEGMENT },
-      value === "seconds" && h("span", { class: "field" }, seconds),
+      value === "seconds" && h("span.field", seconds),
     ),
   );
   const element = h(
     "fieldset",
-    {},
-    h("legend", {}, "Trim"),
-    h("div", { class: "row", role: "radiogroup" }, trims),
+    h("legend", "Trim"),
+    h("div.row", { role: "radiogroup" }, trims),
     failure,
   );
   return { element, read, check };

@@ -1,16 +1,10 @@
-/**
- * The scorings of a recording: open, compare, delete.
- *
- * Exports
- *   createScoringList({api, recording, scorings, changed}) -> element | null
- */
+/** The scorings of a recording: open, compare, delete. */
 
 import { checkbox } from "../../forms/controls.js";
 import { h } from "../../lib/dom.js";
-import { hiddenHead, table } from "../../lib/lists.js";
-import { warningMark } from "../../lib/monitor_warnings.js";
+import { button, chip, deleteButton, hiddenHead, panel, table } from "../../lib/elements.js";
+import { warningMark } from "../../lib/monitors.js";
 import { figure, moment, riskText } from "../../lib/numbers.js";
-import { button, chip, deleteButton, panel } from "../../lib/view_states.js";
 import { earlierMapping } from "../mapping/changes.js";
 import { outcomeChip, outsideChip, requestWords } from "../words.js";
 
@@ -34,13 +28,12 @@ export function createScoringList({ api, recording, scorings, changed, navigate 
   ];
   const hint = "Tick two or more to compare, or one to overlay another recording.";
   return h(
-    "section",
-    { class: "panel stack-tight", "aria-label": "Scorings" },
+    "section.panel.stack-tight",
+    { "aria-label": "Scorings" },
     h(
-      "div",
-      { class: "row" },
-      h("h2", { class: "panel-title" }, "Scorings"),
-      h("span", { class: "spread row" }, h("span", { class: "hint" }, hint), compare),
+      "div.row",
+      h("h2.panel-title", "Scorings"),
+      h("span.spread.row", h("span.hint", hint), compare),
     ),
     table({ columns, items: scorings, classes: "scoring-table", panel: false }),
   );
@@ -60,7 +53,7 @@ export function createScoringList({ api, recording, scorings, changed, navigate 
     return [
       h("a", { href: `#${base}?scoring=${scoring.id}` }, scoring.monitor_name),
       warningMark(scoring),
-      h("span", { class: "hint hint-line" }, requestWords(scoring.request)),
+      h("span.hint.hint-line", requestWords(scoring.request)),
       earlierMapping(scoring, recording.mapping),
     ];
   }
@@ -68,7 +61,7 @@ export function createScoringList({ api, recording, scorings, changed, navigate 
   function reportOf(scoring) {
     const href = `/api/v1${base}/scorings/${scoring.id}/report`;
     const label = `Report of ${wordsOf(scoring)}`;
-    return h("a", { class: "button button-small", href, target: "_blank", "aria-label": label }, "Report");
+    return h("a.button.button-small", { href, target: "_blank", "aria-label": label }, "Report");
   }
 
   function deleteOf(scoring) {
@@ -87,7 +80,7 @@ export function createScoringList({ api, recording, scorings, changed, navigate 
 function peakOf({ manoeuvres, alert_above: alertAbove }) {
   const risks = manoeuvres.map(({ peak_risk: risk }) => risk).filter((risk) => risk !== null);
   if (risks.length) return riskText(Math.max(...risks), alertAbove);
-  return manoeuvres.length ? h("span", { class: "dim" }, "withdrawn") : "–";
+  return manoeuvres.length ? h("span.dim", "withdrawn") : "–";
 }
 
 /** A damaged scoring shows no verdicts. */
@@ -97,10 +90,10 @@ function damageChip({ damage }) {
 
 /** A chip for each manoeuvre; for many, the count of each outcome. */
 function outcomes(manoeuvres) {
-  if (!manoeuvres.length) return h("span", { class: "dim" }, "none detected");
+  if (!manoeuvres.length) return h("span.dim", "none detected");
   const isFew = manoeuvres.length <= MOST_CHIPS;
   const chips = isFew ? manoeuvres.map((manoeuvre) => outcomeChip(manoeuvre)) : countChips(manoeuvres);
-  return h("span", { class: "row outcome-chips" }, chips);
+  return h("span.row.outcome-chips", chips);
 }
 
 function countChips(manoeuvres) {

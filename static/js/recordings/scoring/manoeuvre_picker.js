@@ -1,11 +1,8 @@
 /**
  * Choose the manoeuvres to score: detected, the entire recording as one, or marked by hand.
  *
- * Exports
- *   createManoeuvrePicker({api, catalog, recording, monitor() -> id | null}) -> Picker
- *     element, read() -> "detected" | "entire" | [{start, end, name}], check() -> bool, close()
- *     show(channels)    draws a preview
- *     refresh()         detects the manoeuvres again, after the monitor changed
+ * createManoeuvrePicker(...) -> {element, read() -> "detected" | "entire" | [{start, end, name}], check() -> bool, close(),
+ *     show(channels of a preview), refresh()}     refresh: detects them again, after the monitor changed
  */
 
 import { previewTiles } from "../../charts/recorded/preview_tiles.js";
@@ -13,8 +10,8 @@ import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
 import { radio } from "../../forms/controls.js";
 import { reason } from "../../lib/api.js";
 import { h } from "../../lib/dom.js";
-import { followUnits } from "../../lib/units.js";
-import { button } from "../../lib/view_states.js";
+import { button } from "../../lib/elements.js";
+import { followUnits } from "../../lib/numbers.js";
 import { createManoeuvreTable } from "./manoeuvre_table.js";
 
 const WAYS = [
@@ -30,26 +27,25 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
   let turn = 0;
   let refusal = ""; // why the chosen monitor cannot look for its manoeuvre
   const chart = createPreviewChart(catalog, recording.id);
-  const hint = h("p", { class: "hint", role: "status" });
+  const hint = h("p.hint", { role: "status" });
   const marked = createManoeuvreTable({ changed: () => showManoeuvres() });
   const toggle = () => press(mark.getAttribute("aria-pressed") !== "true");
   const mark = button("Mark by dragging", toggle, { "aria-pressed": "false" });
   const add = button("Add the manoeuvre from A to B", addMarked);
   const copy = button("Copy the detected ones", () => marked.set(detected));
   const byHand = h(
-    "div",
-    { class: "stack-tight", hidden: true },
-    h("div", { class: "row" }, mark, add, copy),
+    "div.stack-tight",
+    { hidden: true },
+    h("div.row", mark, add, copy),
     marked.element,
   );
   const radios = WAYS.map(([value, words]) =>
     radio(words, { name: "manoeuvres", value, checked: value === way, onchange: () => turnTo(value) }),
   );
   const element = h(
-    "fieldset",
-    { class: "stack-tight" },
-    h("legend", {}, "Manoeuvres"),
-    h("div", { class: "row", role: "radiogroup" }, radios),
+    "fieldset.stack-tight",
+    h("legend", "Manoeuvres"),
+    h("div.row", { role: "radiogroup" }, radios),
     hint,
     chart.element,
     byHand,
@@ -136,7 +132,7 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
 
 /** Chart of the recording, to mark manoeuvres in. */
 function createPreviewChart(catalog, recording) {
-  const element = h("div", { class: "picker-chart" });
+  const element = h("div.picker-chart");
   let chart = null;
   let tiles = null;
   let signature = "";

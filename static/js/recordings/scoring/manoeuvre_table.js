@@ -1,23 +1,17 @@
-/**
- * Manoeuvres marked by hand, with editable times.
- *
- * Exports
- *   createManoeuvreTable({changed}) -> {element, add(manoeuvre), set(manoeuvres), read() -> [{start, end, name}], check()}
- */
+/** Manoeuvres marked by hand, with editable times. */
 
 import { textInput } from "../../forms/controls.js";
 import { decimal } from "../../forms/decimals.js";
 import { h } from "../../lib/dom.js";
-import { hiddenHead, table } from "../../lib/lists.js";
-import { button, errorLine } from "../../lib/view_states.js";
+import { button, errorLine, hiddenHead, table } from "../../lib/elements.js";
 
 export function createManoeuvreTable({ changed }) {
   let manoeuvres = [];
   const failure = errorLine();
-  const shown = h("div", {});
-  const element = h("div", { class: "stack-tight" }, shown, failure.element);
-  const none = h("p", { class: "dim" }, "No manoeuvre marked yet: drag over one in the chart, then add it.");
-  const field = (content) => h("div", { class: "field" }, content);
+  const shown = h("div");
+  const element = h("div.stack-tight", shown, failure.element);
+  const none = h("p.dim", "No manoeuvre marked yet: drag over one in the chart, then add it.");
+  const field = (content) => h("div.field", content);
   const columns = [
     ["Name", (manoeuvre, k) => field(nameInput(manoeuvre, k))],
     ["From [s]", (manoeuvre, k) => field(timeInput(manoeuvre, k, "start"))],

@@ -1,11 +1,7 @@
 /**
  * Choose monitors, each with one epsilon or several. The newest monitor that fits the recording is preselected.
  *
- * Exports
- *   createMonitorChoice({api, recording, monitors, used, catalog, changed, none}) -> Choice
- *     used: Set of ids that are preselected.   none(): no monitor fits
- *   Choice   element, ready: Promise, until a monitor was looked for;   first() -> id of the first monitor chosen | null
- *     check() -> Promise<bool>   shows what is wrong;   requests() -> [{monitor, epsilon}];   close()
+ * used: Set of ids that are preselected.   none(): no monitor fits.   first() -> id of the first monitor chosen | null
  */
 
 import { checkbox, textInput } from "../../forms/controls.js";
@@ -13,10 +9,9 @@ import { decimals } from "../../forms/decimals.js";
 import { reason } from "../../lib/api.js";
 import { aircraftName, kindName, limitWords } from "../../lib/catalog.js";
 import { formatted, h } from "../../lib/dom.js";
-import { warningMark, warningsAt } from "../../lib/monitor_warnings.js";
-import { figure } from "../../lib/numbers.js";
-import { followUnits } from "../../lib/units.js";
-import { errorLine } from "../../lib/view_states.js";
+import { errorLine } from "../../lib/elements.js";
+import { warningMark, warningsAt } from "../../lib/monitors.js";
+import { figure, followUnits } from "../../lib/numbers.js";
 
 const MOST_TRIED = 20; // monitors, the newest first
 
@@ -24,13 +19,12 @@ export function createMonitorChoice({ api, recording, monitors, used, catalog, c
   let isTouched = false;
   const failure = errorLine();
   const rows = monitors.map((monitor) => rowOf(monitor, used.has(monitor.id)));
-  const status = h("p", { class: "hint", role: "status" });
+  const status = h("p.hint", { role: "status" });
   const items = rows.map((row) => row.element);
   const element = h(
-    "fieldset",
-    { class: "stack-tight" },
-    h("legend", {}, "Monitors"),
-    rows.length ? h("ul", { class: "monitor-choice" }, items) : h("p", { class: "dim" }, "No monitor yet."),
+    "fieldset.stack-tight",
+    h("legend", "Monitors"),
+    rows.length ? h("ul.monitor-choice", items) : h("p.dim", "No monitor yet."),
     status,
     failure.element,
   );
@@ -92,24 +86,22 @@ export function createMonitorChoice({ api, recording, monitors, used, catalog, c
         warn();
       },
     });
-    const marks = h("span", {}, warningMark(monitor));
-    const refused = h("span", { class: "monitor-refused" });
-    const limitCell = h("span", {});
+    const marks = h("span", warningMark(monitor));
+    const refused = h("span.monitor-refused");
+    const limitCell = h("span");
     followUnits(limitCell, () => limitCell.replaceChildren(formatted(limitWords(catalog, limits))));
     const item = h(
       "li",
-      {},
-      h("label", { class: "monitor-name", for: box.id }, box, h("span", {}, monitor.name)),
+      h("label.monitor-name", { for: box.id }, box, h("span", monitor.name)),
       h(
-        "span",
-        { class: "hint monitor-about" },
+        "span.hint.monitor-about",
         `${aircraftName(catalog, aircraft)}, ${kindName(catalog, "maneuver", maneuver)}, `,
         limitCell,
         `; ${figure(monitor.lead)} s ahead, every ${figure(monitor.dt)} s`,
         marks,
         refused,
       ),
-      h("span", { class: "field field-inline" }, h("span", {}, "ε"), epsilons),
+      h("span.field.field-inline", h("span", "ε"), epsilons),
     );
     return { monitor, box, epsilons, refused, turn, element: item, given: () => decimals(epsilons.value) };
 

@@ -1,22 +1,13 @@
-/**
- * One scoring: strips, events, verdicts and notes, with replay, report and export.
- * Exports  showScoring(element, context).
- */
+/** One scoring: strips, events, verdicts and notes, with replay, report and export. */
 
 import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
 import { createDisplayChoice } from "../../fly/display_choice.js";
-import { reason } from "../../lib/api.js";
+import { needs, reason } from "../../lib/api.js";
 import { formatted, h } from "../../lib/dom.js";
+import { button, empty, errorLine, guideLink, link, loadingView, pageOf, recipeList, sentences } from "../../lib/elements.js";
 import { createEventList } from "../../lib/event_list.js";
-import { guideLink } from "../../lib/guide_link.js";
-import { recipeList, sentences } from "../../lib/lists.js";
-import { loadingView } from "../../lib/loading_view.js";
-import { needs } from "../../lib/me.js";
-import { warningMark } from "../../lib/monitor_warnings.js";
-import { figure, moment } from "../../lib/numbers.js";
-import { startFlight } from "../../lib/start_flight.js";
-import { magnitudeIn } from "../../lib/units.js";
-import { button, empty, errorLine, link, pageOf } from "../../lib/view_states.js";
+import { startFlight, warningMark } from "../../lib/monitors.js";
+import { figure, magnitudeIn, moment } from "../../lib/numbers.js";
 import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
 import { createTrainingOffer } from "../training_offer.js";
 import { alertRule, outcomeChip, outsideChip, trimText } from "../words.js";
@@ -47,9 +38,9 @@ export function showScoring(element, { id, query, api, navigate }) {
     ]);
     const display = displayOf(scoring, monitors, scorings);
     const { manoeuvres } = scoring;
-    const host = h("div", { class: "scored-chart" });
+    const host = h("div.scored-chart");
     const events = eventsOf(scoring);
-    const list = h("section", { class: "event-panel", "aria-label": "Events" });
+    const list = h("section.event-panel", { "aria-label": "Events" });
     const log = createEventList(list, {
       go: (t) => visit(events.find((event) => event.t === t) ?? { t }),
       label: "Events in order of time",
@@ -89,20 +80,18 @@ export function showScoring(element, { id, query, api, navigate }) {
       actions({ api, navigate }, scoring, display),
       summary(scoring),
       display.element,
-      h("div", { class: "scored" }, host, h("div", { class: "scored-side" }, list, notes.element)),
+      h("div.scored", host, h("div.scored-side", list, notes.element)),
       h(
-        "section",
-        { class: "panel stack-tight", "aria-label": "Verdicts" },
+        "section.panel.stack-tight",
+        { "aria-label": "Verdicts" },
         h(
-          "div",
-          { class: "row" },
+          "div.row",
           h(
-            "h2",
-            { class: "panel-title" },
+            "h2.panel-title",
             "Outcome of each manoeuvre ",
             guideLink("what-the-numbers-mean#after-the-flight", "outcomes after the flight"),
           ),
-          h("span", { class: "dim" }, `values are ${trimText(scoring.request)}`),
+          h("span.dim", `values are ${trimText(scoring.request)}`),
         ),
         manoeuvres.length ? verdicts.element : none,
       ),
@@ -166,12 +155,12 @@ function actions({ api, navigate }, scoring, display) {
   const failure = errorLine();
   const replay = button("Replay", fly, { class: "button button-primary", ...needs("POST /flights") });
   const exports = EXPORTS.map(([format, words]) =>
-    h("a", { class: "button", href: `${base}/export?format=${format}`, download: true }, words),
+    h("a.button", { href: `${base}/export?format=${format}`, download: true }, words),
   );
   return [
     replay,
-    h("a", { class: "button", href: `${base}/report`, target: "_blank" }, "Report"),
-    h("span", { class: "exports", role: "group", "aria-label": "Export" }, h("span", { class: "dim" }, "Export"), exports),
+    h("a.button", { href: `${base}/report`, target: "_blank" }, "Report"),
+    h("span.exports", { role: "group", "aria-label": "Export" }, h("span.dim", "Export"), exports),
     link("Compare", `#/recordings/${id}?compare=${number}`),
     link("Recording", `#/recordings/${id}`),
     failure.element,
@@ -192,15 +181,14 @@ function actions({ api, navigate }, scoring, display) {
 function summary(scoring) {
   const { monitor_name: name, monitor, lead, manoeuvres, request } = scoring;
   const counts = Map.groupBy(manoeuvres, ({ verdict }) => verdict.word);
-  const fact = (words, ...content) => h("span", {}, h("span", { class: "dim" }, words), content);
+  const fact = (words, ...content) => h("span", h("span.dim", words), content);
   return h(
-    "div",
-    { class: "row scored-summary" },
+    "div.row.scored-summary",
     [...counts.values()].map(({ length: n, 0: first }) => outcomeChip(first, n)),
     outsideChip(scoring),
     sensorChip(scoring),
     fact("Monitor ", h("a", { href: `#/monitors/${monitor}` }, name), warningMark(scoring)),
-    h("span", {}, formatted(alertRule(scoring))),
+    h("span", formatted(alertRule(scoring))),
     fact("warning lead time ", `${figure(lead)} s`),
     fact("channels are ", trimText(request)),
   );
@@ -221,21 +209,18 @@ function scoringFacts({ request, quality, notes, mapping, channels, ...scoring }
     sourceText(mapping.channels[channel.key], channel),
   ]);
   const texts = [...notes, ...(quality?.sentences ?? [])];
-  const part = (title, content) => [h("h3", {}, title), content];
+  const part = (title, content) => [h("h3", title), content];
   return h(
-    "details",
-    { class: "panel fold" },
-    h("summary", {}, "how this scoring was made: hashes, mapping, processing"),
+    "details.panel.fold",
+    h("summary", "how this scoring was made: hashes, mapping, processing"),
     h(
-      "div",
-      { class: "columns recipe-columns" },
+      "div.columns.recipe-columns",
       h(
-        "div",
-        { class: "stack-tight" },
+        "div.stack-tight",
         part("Request (same request, same samples)", recipeList(rows)),
         part("Mapping", recipeList(sources)),
       ),
-      h("div", { class: "stack-tight" }, part("Processing", sentences(texts) ?? h("p", { class: "dim" }, "None."))),
+      h("div.stack-tight", part("Processing", sentences(texts) ?? h("p.dim", "None."))),
     ),
   );
 }

@@ -1,17 +1,8 @@
-/**
- * Data compatibility: scale, bias and delay of each sensor against the others, by kinematics.
- *
- * Exports
- *   createSensorTable(scoring) -> element | null     null if the scoring has no checks
- *   sensorChip(scoring) -> element | null            null without remarks
- */
+/** Data compatibility: scale, bias and delay of each sensor against the others, by kinematics. */
 
 import { formatted, h } from "../../lib/dom.js";
-import { guideLink } from "../../lib/guide_link.js";
-import { table } from "../../lib/lists.js";
-import { figure, formatValue } from "../../lib/numbers.js";
-import { followUnits, magnitude, shownIn } from "../../lib/units.js";
-import { chip } from "../../lib/view_states.js";
+import { chip, guideLink, table } from "../../lib/elements.js";
+import { figure, followUnits, formatValue, magnitude, shownIn } from "../../lib/numbers.js";
 
 const checksOf = (quality) => quality?.compatibility ?? [];
 
@@ -24,27 +15,25 @@ export function createSensorTable({ quality, channels }) {
     [
       "Scale",
       ({ scale, unchecked }) =>
-        scale ? interval(scale, figure) : h("span", { class: "dim" }, `not checked: ${unchecked}`),
+        scale ? interval(scale, figure) : h("span.dim", `not checked: ${unchecked}`),
     ],
     ["Bias", (check) => check.scale && biasOf(check.bias, channelOf(check))],
     ["Delay", ({ scale, delay }) => scale && (delay ? `${interval(delay, (t) => formatValue(t))} s` : "–")],
   ];
   const shown = table({ columns, items: checks, group: withRemarks, classes: "sensor-table", panel: false });
   return h(
-    "section",
-    { class: "panel stack-tight", "aria-label": "Data compatibility" },
+    "section.panel.stack-tight",
+    { "aria-label": "Data compatibility" },
     h(
-      "div",
-      { class: "row" },
+      "div.row",
       h(
-        "h2",
-        { class: "panel-title" },
+        "h2.panel-title",
         "Data compatibility ",
         guideLink("first-recording#what-is-checked", "what is checked"),
       ),
-      h("span", { class: "dim" }, "Sensors compared by kinematics, with 95 % intervals. Changes no verdict."),
+      h("span.dim", "Sensors compared by kinematics, with 95 % intervals. Changes no verdict."),
     ),
-    h("p", { class: "hint" }, `${quality.compatibility_tolerances}.`),
+    h("p.hint", `${quality.compatibility_tolerances}.`),
     shown,
   );
 }
@@ -57,8 +46,7 @@ export function sensorChip({ quality }) {
 function withRemarks({ remarks }, row) {
   const lines = remarks.map((words) =>
     h(
-      "tr",
-      { class: "verdict-why" },
+      "tr.verdict-why",
       h("td", { colspan: row.children.length, class: "sensor-remark" }, "◆ ", formatted(words)),
     ),
   );
@@ -67,7 +55,7 @@ function withRemarks({ remarks }, row) {
 
 function biasOf(bias, channel) {
   if (!bias || !channel) return "–";
-  const place = h("span", {});
+  const place = h("span");
   const words = () => `${interval(bias, (value) => magnitude(channel, value, 3))} ${shownIn(channel).unit}`;
   return followUnits(place, () => place.replaceChildren(words()));
 }

@@ -1,15 +1,8 @@
 /**
  * Scorings of a recording, and their samples for charts.
  *
- * Exports
- *   readScoring(api, recording, id) -> Promise<Scoring>, readScorings(api, recording) -> Promise<[Scoring]>
- *     Scoring: {request: {trim, manoeuvres},
- *     manoeuvres: [{name, start, end, outcome, alerts, exceedance, lead, ...}],
- *     outside_exceedances: [exceedance], ...}     exceedance: {t, channel, value} | null
- *     lead: warning lead time [s] | null
- *   TRIM_SEGMENT              trim: mean of a manoeuvre's trim segment
- *   scoringSource(api, scoring, offset) -> {load, start, end, dt, offset}
- *   stripOrder(channels) -> [key]     limited channels on top, then the others, the risk below
+ * Scoring: {request: {trim, manoeuvres}, manoeuvres: [{name, start, end, outcome, alerts, exceedance, lead, ...}],
+ *     outside_exceedances: [exceedance], ...}     exceedance: {t, channel, value} | null;   lead [s] | null
  */
 
 import { limitedFirst } from "../../charts/strips.js";

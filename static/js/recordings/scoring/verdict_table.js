@@ -1,25 +1,10 @@
-/**
- * Table of manoeuvres: outcome, warning lead time against the promised one, applicability.
- *
- * Exports
- *   createVerdictTable(scoring, {show}) -> {element, choose(k)}     show(k): called when a manoeuvre is chosen
- */
+/** Table of manoeuvres: outcome, warning lead time against the promised one, applicability.   show(k): one was chosen */
 
 import { select } from "../../forms/controls.js";
 import { formatted, h } from "../../lib/dom.js";
-import { sentences, table } from "../../lib/lists.js";
-import { figure, percent, secondsText } from "../../lib/numbers.js";
-import { quantity } from "../../lib/units.js";
-import { chip } from "../../lib/view_states.js";
-import {
-  firstAlertText,
-  leadText,
-  measuredBy,
-  outcomeChip,
-  outsideLine,
-  peakText,
-  validityWords,
-} from "../words.js";
+import { chip, sentences, table } from "../../lib/elements.js";
+import { figure, percent, quantity, secondsText } from "../../lib/numbers.js";
+import { firstAlertText, leadText, measuredBy, outcomeChip, outsideLine, peakText, validityWords } from "../words.js";
 
 const OPEN = 3; // up to this many manoeuvres, all reasons are unfolded
 const MANY = 8; // above this many, a filter by outcome is offered
@@ -39,7 +24,7 @@ export function createVerdictTable(scoring, { show }) {
   ];
   const shown = table({ columns, items: manoeuvres, group, classes: "verdict-table", panel: false });
   shown.classList.toggle("verdict-many", isMany);
-  const element = h("div", { class: "stack-tight" }, outsideLine(scoring, "p", "outside-line"), isMany && filter(), shown);
+  const element = h("div.stack-tight", outsideLine(scoring, "p", "outside-line"), isMany && filter(), shown);
   return { element, choose };
 
   function choose(chosen) {
@@ -47,14 +32,14 @@ export function createVerdictTable(scoring, { show }) {
   }
 
   function nameOf({ name, start, end }, k) {
-    const times = h("span", { class: "hint hint-line" }, `${secondsText(start)} to ${secondsText(end)}`);
+    const times = h("span.hint.hint-line", `${secondsText(start)} to ${secondsText(end)}`);
     return [h("button", { type: "button", class: "link-button", onclick: () => show(k) }, name), times];
   }
 
   function group(manoeuvre, row) {
     const reasons = h("td", { colspan: columns.length }, why(manoeuvre, manoeuvres.length <= OPEN));
     const attributes = { class: "verdict", "data-outcome": manoeuvre.outcome };
-    const body = h("tbody", attributes, row, h("tr", { class: "verdict-why" }, reasons));
+    const body = h("tbody", attributes, row, h("tr.verdict-why", reasons));
     bodies.push(body);
     return body;
   }
@@ -69,7 +54,7 @@ export function createVerdictTable(scoring, { show }) {
         body.hidden = choice.value !== "" && manoeuvres[k].outcome !== choice.value;
       });
     const choice = select([["", `all ${manoeuvres.length}`], ...entries], { id: "verdict-filter", onchange: showOutcome });
-    return h("div", { class: "row" }, h("label", { for: "verdict-filter" }, "Show"), h("div", { class: "field" }, choice));
+    return h("div.row", h("label", { for: "verdict-filter" }, "Show"), h("div.field", choice));
   }
 }
 
@@ -77,7 +62,7 @@ function applicability(manoeuvre) {
   const { word, level, mark } = validityWords(manoeuvre);
   const { p_value: p } = manoeuvre.validity;
   const isKnown = p !== null && p !== undefined;
-  return [chip(`${mark} ${word}`, level), isKnown && h("span", { class: "dim" }, ` p-value ${figure(p, 2)}`)];
+  return [chip(`${mark} ${word}`, level), isKnown && h("span.dim", ` p-value ${figure(p, 2)}`)];
 }
 
 function why({ validity, outcome, guarantee, remarks = [] }, isShort) {
@@ -86,18 +71,18 @@ function why({ validity, outcome, guarantee, remarks = [] }, isShort) {
     h(
       "li",
       { "data-ok": String(ok) },
-      h("span", { class: "check-mark" }, ok === true ? "✓ " : ok === false ? "✕ " : "◆ "),
-      h("strong", {}, `${name}: `),
+      h("span.check-mark", ok === true ? "✓ " : ok === false ? "✕ " : "◆ "),
+      h("strong", `${name}: `),
       formatted(text),
     ),
   );
   return h(
     "details",
     { open: isShort || validity.valid === false },
-    h("summary", {}, isGuaranteed ? h("strong", {}, "Guarantee: ") : null, guarantee),
+    h("summary", isGuaranteed ? h("strong", "Guarantee: ") : null, guarantee),
     validity.reasons.length > 1 ? sentences(validity.reasons) : null, // a single one is in the guarantee
-    h("ul", { class: "checks" }, checks),
-    remarks.map((words) => h("p", { class: "hint" }, words)),
+    h("ul.checks", checks),
+    remarks.map((words) => h("p.hint", words)),
   );
 }
 
@@ -111,5 +96,5 @@ function exceedanceOf({ exceedance, outcome, amplitude, recorded_exceedance: raw
 
 function exceedanceWords({ t, channel, value }, channels) {
   const measured = measuredBy(channels, channel);
-  return h("span", {}, formatted(measured.symbol), ` ${quantity(measured, value)} at ${secondsText(t)}`);
+  return h("span", formatted(measured.symbol), ` ${quantity(measured, value)} at ${secondsText(t)}`);
 }

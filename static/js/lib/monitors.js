@@ -1,0 +1,66 @@
+/**
+ * Monitors beyond their own page: warnings, the one to begin with, and flying it.
+ *
+ * Warnings are as the server words them: the problem, a colon, the figures.
+ * warningsAt(api, monitor, epsilons) -> Promise<{warnings}>     at these epsilons
+ * startFlight({api, navigate}, request) -> Promise    opens the flight's page; asks first where the monitor is of no
+ *     use; rejects with the server's sentence, also while the question is open
+ */
+
+import { h } from "./dom.js";
+import { askToConfirm } from "./elements.js";
+
+const brief = (text) => text.split(":")[0].replace(/^the monitor (is|was) /, "");
+
+export const sentence = (text) => `${text[0].toUpperCase()}${text.slice(1)}.`;
+
+export function warningWords({ warnings }) {
+  return warnings.length ? `◆ ${warnings.map(brief).join(", ")}` : "";
+}
+
+export async function warningsAt(api, monitor, epsilons) {
+  const isOther = (epsilon) => epsilon !== monitor.epsilon && epsilon > 0 && epsilon < 1;
+  const monitors = await Promise.all(
+    epsilons.map((epsilon) => (isOther(epsilon) ? api.get(`/monitors/${monitor.id}?epsilon=${epsilon}`).catch(() => monitor) : monitor)),
+  );
+  return { warnings: [...new Set(monitors.flatMap(({ warnings }) => warnings))] };
+}
+
+export function warningMark({ warnings }) {
+  if (!warnings.length) return null;
+  return h("span.monitor-mark", { title: warnings.map(sentence).join(" ") }, warningWords({ warnings }));
+}
+
+export function warningLines({ warnings }) {
+  return warnings.map((text) => h("p.monitor-warning", { role: "note" }, sentence(text)));
+}
+
+export function canFly({ dataset_recipe: test }) {
+  return Boolean(test?.aircraft);
+}
+
+export function fittingMonitor(monitors, fits = canFly) {
+  const fitting = monitors.filter(fits);
+  return fitting.find(({ warnings }) => warnings.length === 0) ?? fitting[0] ?? monitors[0];
+}
+
+const USELESS = "urn:forewarn:useless-monitor";
+
+export async function startFlight({ api, navigate }, request) {
+  const start = async (order) => {
+    const flight = await api.post("/flights", { wait_for_viewer: true, ...order });
+    navigate(`#/fly/${flight.id}`);
+  };
+  try {
+    await start(request);
+  } catch (error) {
+    if (error.kind === USELESS)
+      askToConfirm(
+        "Fly with a monitor that is of no use?",
+        error.message,
+        "Fly anyway",
+        () => start({ ...request, accept_useless: true }),
+      );
+    throw error;
+  }
+}
