@@ -99,7 +99,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   }
 
   function promised() {
-    const state = shownState(assessment);
+    const state = holds.includes("stale") ? "stale" : shownState(assessment);
     const wasBetween = shownState({ state: "invalid", cause: assessment.last }) === "not_assessed";
     if (holds.includes("invalid") && state === "stale" && !wasBetween)
       return "The guarantee is withdrawn: the monitor was not applicable to the last sample.";

@@ -272,10 +272,12 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
 
   function onLink(link) {
     element.dataset.flight = link;
-    transport.setUsable(link === "open");
-    source?.setUsable(link === "open");
-    alarm.setLinked(link === "open");
-    display?.setHeard(link === "open");
+    const isLinked = link === "open";
+    transport.setUsable(isLinked);
+    source?.setUsable(isLinked);
+    address?.setLinked(isLinked);
+    alarm.setLinked(isLinked);
+    display?.setLinked(isLinked);
     if (link === "lost") display?.lose();
     showHidden();
     if (link !== "lost" || display === null) return;

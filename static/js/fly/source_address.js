@@ -2,7 +2,7 @@
  * Where to send the samples of a live flight: addresses, channels and commands to copy.
  *
  * Exports
- *   createSourceAddress(element, flight) -> {describe({channels, live, source}), waiting(boolean), toggle() -> bool}
+ *   createSourceAddress(element, flight) -> {describe({channels, live, source}), waiting(boolean), setLinked(boolean), toggle() -> bool}
  *     describe: as hello has them.   waiting: before the first sample, it is all that is shown
  *     toggle(): opens or closes it; returns whether it is open
  */
@@ -18,9 +18,10 @@ export function createSourceAddress(element, flight) {
   element.hidden = true;
   let isWaiting = false;
   let isOpen = false;
+  let isLinked = true;
+  const title = h("h2", {});
 
   function describe({ channels, live, source }) {
-    const title = h("h2", {}, isWaiting ? "NO DATA: waiting for the first sample" : "Where to send samples");
     const words = "Send samples to one of these addresses: the flight starts with the first sample. The button Address shows this again.";
     element.replaceChildren(
       title,
@@ -29,7 +30,13 @@ export function createSourceAddress(element, flight) {
     );
   }
 
+  function titleNow() {
+    if (!isWaiting) return "Where to send samples";
+    return isLinked ? "NO DATA: waiting for the first sample" : "STALE: not connected to the server";
+  }
+
   function show() {
+    put(title, titleNow());
     element.hidden = !isWaiting && !isOpen;
     element.parentElement?.toggleAttribute("data-waiting", isWaiting);
   }
@@ -37,10 +44,11 @@ export function createSourceAddress(element, flight) {
   return {
     describe,
     waiting: (is) => {
-      if (is === isWaiting) return;
       isWaiting = is;
-      const title = element.querySelector("h2");
-      if (title !== null) put(title, is ? "NO DATA: waiting for the first sample" : "Where to send samples");
+      show();
+    },
+    setLinked: (is) => {
+      isLinked = is;
       show();
     },
     toggle: () => {

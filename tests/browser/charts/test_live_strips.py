@@ -47,6 +47,26 @@ def test_stale_data_shows_a_growing_hatch_the_word_and_what_came_last(strips: Op
     assert page.locator(".strip-toolbar .chip").inner_text() == "STALE"
 
 
+def test_a_cut_link_is_stale_at_once_before_the_first_sample_and_later(strips: Open) -> None:
+    page = strips()
+
+    def words() -> list[str]:
+        states = [readout(page, key, "state") for key in ("Ny", "risk")]
+        return [*states, page.locator(".strip-toolbar .chip").inner_text()]
+
+    run(page, "h.draw(1000)")
+    assert words() == ["NO DATA"] * 3
+    run(page, "h.chart.setLinked(false); h.draw(2100)")
+    assert words() == ["STALE"] * 3
+    described = page.locator('.strip[data-key="p"] canvas').get_attribute("aria-label")
+    assert described is not None
+    assert "no value, stale" in described
+    run(page, "h.chart.setLinked(true); h.feed(0, 15, 2200); h.draw(2201)")
+    assert words() == ["", "", "FOLLOWING"]
+    run(page, "h.chart.setLinked(false); h.draw(2202)")
+    assert words() == ["STALE"] * 3
+
+
 def test_a_page_that_opens_is_given_a_second_before_it_calls_anything_stale(strips: Open) -> None:
     page = strips()
     run(page, "h.timeline.begin(1000); h.feed(0, 1, 1000); h.draw(1900)")

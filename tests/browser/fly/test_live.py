@@ -101,6 +101,40 @@ def test_a_live_flight_takes_two_clicks_and_says_where_to_send_until_the_first_s
     )
 
 
+@pytest.mark.parametrize("silent", [False, True])
+def test_a_link_that_is_cut_before_the_first_sample_is_stale_everywhere(
+    own_live: Live, silent: bool
+) -> None:
+    live, page = own_live, own_live.page
+    routes: list[WebSocketRoute] = []
+    is_cut = False
+
+    def pass_on(route: WebSocketRoute) -> None:
+        if is_cut:
+            route.close(code=1011)
+            return
+        server = route.connect_to_server()
+        route.on_message(server.send)
+        server.on_message(lambda text: None if is_cut else route.send(text))
+        routes.append(route)
+
+    page.route_web_socket(re.compile("/stream$"), pass_on)
+    live.begin()
+    live.gauge_says("NO DATA")
+    is_cut = True
+    if not silent:
+        routes[0].close(code=1011)
+    live.gauge_says("STALE")
+    live.assert_no_number()
+    expect(live.status("state")).to_have_text("◆ STALE")
+    expect(page).to_have_title(re.compile("^◆ STALE – "))
+    expect(page.locator(".source-address h2")).to_have_text(re.compile("^STALE"))
+    is_cut = False
+    live.connected()
+    live.gauge_says("NO DATA")
+    expect(page.locator(".source-address h2")).to_have_text(re.compile("^NO DATA"))
+
+
 def test_a_key_begins_a_manoeuvre_which_is_listed_and_cannot_begin_twice(live: Live) -> None:
     live.begin()
     live.send(0, 0, 5)

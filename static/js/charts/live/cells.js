@@ -9,7 +9,7 @@
  *     scan({start, step, columns, before, dt})    fills the cells; start [s] is the left edge, step
  *       [s] a pixel; `before` columns left of the edge are scanned too (for forecasts)
  *     flags   (typed array, n used) flags of each cell's samples, or-ed
- *   bandsOf(cells, frame, staleFor) -> [{x0, x1, kind, word}] [px]     staleFor: age in words, or ""
+ *   bandsOf(cells, frame, stale) -> [{x0, x1, kind, word}] [px]     stale: "STALE 1.2 s", or ""
  *     frame: {x, now, width, newest, samplePx}    newest: time of the newest sample [s], NaN before any
  */
 
@@ -131,8 +131,8 @@ export function createCells(ring, seriesOf) {
   return cells;
 }
 
-export function bandsOf(cells, { x, now, width, newest, samplePx }, staleFor) {
-  if (Number.isNaN(newest)) return [{ x0: 0, x1: width, kind: "stale", word: "NO DATA" }];
+export function bandsOf(cells, { x, now, width, newest, samplePx }, stale) {
+  if (Number.isNaN(newest)) return [{ x0: 0, x1: width, kind: "stale", word: stale || "NO DATA" }];
   const end = x(newest) + samplePx;
   const edge = Math.max(end, x(now));
   const named = (intervals, kind, word) => intervals.map((run) => ({ ...run, kind, word }));
@@ -140,8 +140,6 @@ export function bandsOf(cells, { x, now, width, newest, samplePx }, staleFor) {
     ...named(cells.gaps(GAP), "gap", "GAP"),
     ...named(cells.gaps(THINNED), "thinned", "SKIPPED"),
     ...RUNS.flatMap(([flag, kind, word]) => named(cells.runs(flag, edge), kind, word)),
-    ...(staleFor
-      ? [{ x0: end, x1: Math.max(edge, end + 2), kind: "stale", word: `STALE ${staleFor}` }]
-      : []),
+    ...(stale ? [{ x0: end, x1: Math.max(edge, end + 2), kind: "stale", word: stale }] : []),
   ];
 }

@@ -22,6 +22,7 @@
  *                                   y_hat likewise, or by key. Returns how many were stored.
  *   insert(frames, complete)        earlier samples, where the trace jumps; complete: the sample after them follows
  *   setState({state, reason})       when it changes without a sample ("stale" by the server's clock)
+ *   setLinked(isLinked)             whether the server is heard; STALE where it is not, also before the first sample
  *   setFlight({alertAbove, lead, dt, staleAfter}), setTransport({playing, speed})
  *   setHeld([{t, limits}])          which limits by key held for samples after t [s], null for all, since the flight began
  *   latch([{channel, t, value, over, acknowledged}], seq)    exceedances up to sample seq, which came before it did
@@ -152,6 +153,10 @@ export function createFlightChart(host, options) {
       intake.setStatus({ state: stripState(given), alert: false });
       redraw();
     },
+    setLinked: (isLinked) => {
+      source.isLinked = isLinked;
+      redraw();
+    },
     setFlight: (given) => {
       Object.assign(source, given);
       timeline.setFlight(given);
@@ -217,6 +222,7 @@ function createSource({ ring, seriesOf, strips, timeline, alertAbove, lead, dt }
   const source = {
     time: timeline,
     follows: true,
+    isLinked: true,
     alertAbove,
     lead,
     dt,
@@ -231,7 +237,7 @@ function createSource({ ring, seriesOf, strips, timeline, alertAbove, lead, dt }
     begin: (at) => {
       wall = at;
     },
-    stamp: () => `${ring.count()} ${isStale() ? ageText() : ""}`,
+    stamp: () => `${ring.count()} ${staleWord()}`,
     news: () => `${state()} ${intake.status.alert} ${intake.exceedances.size}`,
     setIntake: (given) => {
       intake = given;
@@ -250,16 +256,20 @@ function createSource({ ring, seriesOf, strips, timeline, alertAbove, lead, dt }
   }
 
   function isStale() {
+    if (!source.isLinked) return true;
     return ring.count() > 0 && (timeline.stale(wall) || intake.status.state === "stale");
   }
 
-  function ageText() {
-    return `${Math.max(0, timeline.age(wall)).toFixed(1)} s`;
+  /** "STALE 1.2 s"; the age is left out before the first sample. Empty while not stale. */
+  function staleWord(before = " ") {
+    if (!isStale()) return "";
+    const age = timeline.age(wall);
+    return `STALE${Number.isNaN(age) ? "" : `${before}${Math.max(0, age).toFixed(1)} s`}`;
   }
 
   function state() {
-    if (ring.count() === 0) return "none";
-    return isStale() ? "stale" : intake.status.state;
+    if (isStale()) return "stale";
+    return ring.count() === 0 ? "none" : intake.status.state;
   }
 
   function aheadNow() {
@@ -270,7 +280,7 @@ function createSource({ ring, seriesOf, strips, timeline, alertAbove, lead, dt }
     const before = Math.ceil(source.lead / step) + 1;
     cells.scan({ start, step, columns: width, before, dt: source.dt });
     const where = { x, now: view.now, width, newest: newest(), samplePx: source.dt / step };
-    const bands = bandsOf(cells, where, isStale() ? ageText() : "");
+    const bands = bandsOf(cells, where, staleWord());
     const boxes = bands.filter(({ kind }) => kind === "invalid" || kind === "unassessed");
     const current = aheadNow();
     return {
@@ -338,9 +348,10 @@ function createSource({ ring, seriesOf, strips, timeline, alertAbove, lead, dt }
 
   /** Green only while the window follows arriving data. */
   function modeOf(view) {
-    if (ring.count() === 0) return "none";
+    const now = state();
+    if (now === "none") return now;
     if (!view.live) return "held";
-    if (state() === "stale") return "stale";
+    if (now === "stale") return now;
     return timeline.playing ? "following" : "paused";
   }
 
@@ -349,11 +360,11 @@ function createSource({ ring, seriesOf, strips, timeline, alertAbove, lead, dt }
     const known = last >= 0 && !(strip.risk && UNASSESSED.includes(now));
     const value = known ? ring.value(seriesOf.get(strip.key), last) : NaN;
     const words = Number.isFinite(value) ? quantity(strip, value) : "no value";
-    const word = (STATE_WORDS[now] ?? now).toLowerCase();
     const stale = now === "stale";
+    const word = stale ? staleWord(" for ") : (STATE_WORDS[now] ?? now);
     const parts = [
       `${stale && Number.isFinite(value) ? "last value " : ""}${words}`,
-      stale ? `${word} for ${ageText()}` : word,
+      word.toLowerCase(),
     ];
     if (strip.risk && intake.status.alert && known && !stale) parts.push("alert");
     const exceedance = intake.exceedances.get(strip.key);

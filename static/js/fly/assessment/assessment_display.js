@@ -12,7 +12,7 @@
  *   forget()                   clears the strips: the samples shown were lost
  *   setAssessment({state, reason, cause}, quiet)    as the server says it, without a sample
  *   setHeadline({status, level, beside})     as the server decided it
- *   setHeard(boolean)          whether the server is heard: false from the first missed heartbeat on
+ *   setLinked(boolean)         whether the server is heard: false from the first missed heartbeat on
  *   lose(), resume()           the connection; after it the newest sample counts again
  *   refresh(wall) -> Headline      draws the gauge; returns the headline for every view, stale where samples stopped
  *   withdrawal, staleAfter         cause of the newest invalid sample; age that counts as stale [s]
@@ -153,14 +153,12 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   }
 
   function lose() {
-    linked = false;
     assessment = LOST;
     alarm.setState({ ...assessment, last: lastCause() });
     withdraw();
   }
 
   function resume() {
-    linked = true;
     if (newest === null || late !== null || assessment.state !== newest.state) return;
     chart.push(newest); // only its state, after the loss
     show(newest);
@@ -176,8 +174,9 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     setHeadline: (given) => {
       decided = given;
     },
-    setHeard: (heard) => {
-      linked = heard;
+    setLinked: (isLinked) => {
+      linked = isLinked;
+      chart.setLinked(isLinked);
     },
     lose,
     resume,

@@ -44,10 +44,9 @@ export function createRiskAhead(element) {
 
   /** The monitor's assessment of the newest sample, or the state in its place. */
   function readingOf({ position }, stale) {
-    if (newest === null) return { state: "none", reason: "" };
-    const assessment = assessmentOf(newest, position);
-    if (assessment === undefined) return { state: "none", reason: "" };
-    return stale ? { state: "stale", reason: "the display is stale" } : { ...assessment, state: shownState(assessment) };
+    if (stale) return { state: "stale", reason: "the display is stale" };
+    const assessment = newest && assessmentOf(newest, position);
+    return assessment ? { ...assessment, state: shownState(assessment) } : { state: "none", reason: "" };
   }
 
   return {

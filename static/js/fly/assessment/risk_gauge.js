@@ -111,23 +111,24 @@ export function createRiskGauge(element, { timeline = null, led = false } = {}) 
   /** What is shown: the word, its level, what stands beside it, and whether there is a number. */
   function faceOf(wall, headline) {
     const { state, p_value: risk } = reading;
-    if (state == null || state === "over") {
+    const late = timeline !== null && timeline.stale(wall);
+    const cause = reading.said ?? reading.cause;
+    const said = headline ?? headlineOf(ofSample(reading), { stale: late, alarms: 0 });
+    const stale = said.status === "stale" || said.beside.includes("stale");
+    if (state === "over" || (state == null && !stale)) {
       const key = state ?? "none";
       const { words = "", level = "" } = reading.result ?? {};
       return { key, ...WITHOUT[key], level: OVER_LEVELS[level] ?? "", beside: words, assessed: false };
     }
-    const late = timeline !== null && timeline.stale(wall);
-    const cause = reading.said ?? reading.cause;
-    const said = headline ?? headlineOf(ofSample(reading), { stale: late, alarms: 0 });
-    const withdrawn = [said.status, ...said.beside].some((one) => one === "stale" || one === "invalid");
+    const isInvalid = said.status === "invalid" || said.beside.includes("invalid");
     return {
       key: said.status === "invalid" ? shownState({ state: "invalid", cause }) : said.status,
       word: wordOf(said.status, cause),
       shape: FACES[said.status].shape,
       level: said.level,
       beside: said.status === "exceeded" ? firstText(said) : besideOf(said, cause),
-      stale: said.status === "stale" || said.beside.includes("stale"),
-      assessed: !withdrawn && state === "ok" && Number.isFinite(risk),
+      stale,
+      assessed: !stale && !isInvalid && state === "ok" && Number.isFinite(risk),
     };
   }
 
