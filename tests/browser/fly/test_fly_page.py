@@ -11,6 +11,7 @@ import pytest
 from playwright.sync_api import Page, Route, WebSocketRoute, expect
 
 from app.access.guard import SESSION_OVER
+from app.assessment.compiling import make_ready
 from app.flights.watcher import RecentFrames
 from core.monitor import MonitorRecipe, train
 from core.planned_test.collection import DatasetRecipe, collect
@@ -57,7 +58,9 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     with open_site(tmp_path_factory.mktemp("fly")) as site:
         dataset = collect(RECIPE)
         stored = site.store.datasets.add(dataset, "F-16 doublet")
-        site.store.monitors.add(train(dataset, MonitorRecipe()), "doublet", stored.id)
+        monitor = train(dataset, MonitorRecipe())
+        make_ready(monitor)  # else the first flight waits for its kernels to be compiled
+        site.store.monitors.add(monitor, "doublet", stored.id)
         yield site
 
 
