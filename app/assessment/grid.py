@@ -120,7 +120,6 @@ class CausalGrid:
         compiled = self._state, self._settled
         self._receive_one = entry(kernel.receive, *compiled, *self._one, 0, self._flight_t)
         self._advance_to = entry(kernel.advance, *compiled, 0.0)
-        self._deadline = entry(kernel.deadline, self._state)
         self._reasons: dict[int, str] = {}
 
     @property
@@ -139,7 +138,7 @@ class CausalGrid:
     @property
     def deadline(self) -> float | None:
         """Arrival time at which a waiting grid time is given up; None if none waits."""
-        due = self._deadline(self._state)
+        due = float(self._state.clock[kernel.DUE])
         return None if isnan(due) else due
 
     @property

@@ -28,9 +28,10 @@ RATE_RATIO = 1.5
 """Longest interval of a source, in steps of the grid."""
 
 DT, DELAY, GRID, NEWEST, NEWEST_ARRIVED, OFFSET, INTERVAL = range(7)
-LEAP_ARRIVED, LEAP_T, BACK_BEGUN, BACK_LAST = range(7, 11)
-N_CLOCK = 11
-"""Numbers of `clock`; NaN where there is none: no grid before the first sample, no held sample."""
+LEAP_ARRIVED, LEAP_T, BACK_BEGUN, BACK_LAST, DUE = range(7, 12)
+N_CLOCK = 12
+"""Numbers of `clock`; NaN where there is none: no grid before the first sample, no held sample, no
+grid time that waits (DUE is the arrival time at which it is given up)."""
 START, STOP, N_STEPS, N_RECENT, N_LATE, N_BACK, N_RECEIVED, LEAP_NUMBER = range(8)
 ACCEPTED, REPEATED, OUT_OF_ORDER, LATE, MISSING, CLOCK_STEPS, IMPLAUSIBLE = range(8, 15)
 N_COUNT = 15
@@ -75,50 +76,32 @@ def receive(state, settled, arrived, t, values, first, flight_t):
     sample, and whether the source's time is plausible; if not, it is by arrival.
     Returns (next sample to add, settled samples, room that the next one may need).
     """
-    n = 0
+    n, clock = 0, state.clock
     for i in range(first, t.shape[0]):
-        n, room = _settle_alone(state, settled, n, arrived[i])
-        room = max(room, _room_for(state))
+        while clock[DUE] <= arrived[i]:
+            n, is_full = _advance(state, settled, n, clock[DUE])
+            if is_full:
+                return i, n, settled.shape[0] + 1
+        room = _room_for(state)
         if n + room > settled.shape[0]:
             return i, n, room
         if state.counts[STOP] + 2 > state.rows.shape[0] and not _compact(state):
             return i, n, -1
         flight_t[i, 0], flight_t[i, 1] = _flight_time(state, arrived[i], t[i])
-        n, _ = _advance(state, settled, n, arrived[i])
-        n = _add(state, settled, n, arrived[i], t[i], values[i])
+        if _add(state, arrived[i], t[i], values[i]):
+            n, _ = _advance(state, settled, n, arrived[i])
     return t.shape[0], n, 0
 
 
 @jit
 def advance(state, settled, now):
-    """Settle what can be settled at a time [s]. Returns (samples, whether there are more)."""
-    n, room = _settle_alone(state, settled, 0, now)
-    if room:
-        return n, True
-    return _advance(state, settled, n, now)
-
-
-@jit
-def deadline(state):
-    """Arrival time at which a waiting grid time is given up; NaN if none waits."""
-    grid = state.clock[GRID]
-    if np.isnan(grid) or not _came_up_to(state, grid):
-        return np.nan
-    return _deadline(state, grid, _first_from(state, grid - ON_GRID * state.clock[DT]))
-
-
-@jit
-def _settle_alone(state, settled, n, until):
-    """Settle at its deadline what the clock alone settles before a time."""
-    before = np.nan
-    while True:
-        due = deadline(state)
-        if not due < until or due == before:
-            return n, 0
-        n, more = _advance(state, settled, n, due)
-        if more:
-            return n, 1
-        before = due
+    """Settle what is due at a time [s]. Returns (samples, whether there may be more)."""
+    n = 0
+    while state.clock[DUE] <= now:
+        n, is_full = _advance(state, settled, n, state.clock[DUE])
+        if is_full:
+            return n, True
+    return n, False
 
 
 @jit
@@ -192,28 +175,29 @@ def values_at(at, t, x, step, usual):
 
 
 @jit
-def _add(state, settled, n, arrived, t_sent, values):
+def _add(state, arrived, t_sent, values):
+    """Add a received sample. Returns whether it is accepted."""
     clock, counts = state.clock, state.counts
     number = counts[N_RECEIVED]
     counts[N_RECEIVED] += 1
     t = t_sent + clock[OFFSET]
     if np.isnan(clock[GRID]):
-        return _accept(state, settled, n, arrived, t, values, number)
+        return _accept(state, arrived, t, values, number)
     known = _recent(state, t)
     if known >= 0:
         if _equal(state.recent[known, 1:], values):
             counts[REPEATED] += 1
-            return n
-        return _went_back(state, settled, n, arrived, t_sent, values, number)
+            return False
+        return _went_back(state, arrived, t_sent, values, number)
     if t - clock[NEWEST] > arrived - clock[NEWEST_ARRIVED] + STEP_S:
-        return _leapt(state, settled, n, arrived, t_sent, values, number)
+        return _leapt(state, arrived, t_sent, values, number)
     if t <= clock[GRID] - clock[DT]:
-        return _went_back(state, settled, n, arrived, t_sent, values, number)
+        return _went_back(state, arrived, t_sent, values, number)
     if not np.isnan(clock[LEAP_T]):
         clock[LEAP_T] = np.nan
         counts[IMPLAUSIBLE] += 1
     clock[BACK_BEGUN] = np.nan
-    return _accept(state, settled, n, arrived, t, values, number)
+    return _accept(state, arrived, t, values, number)
 
 
 @jit
@@ -238,7 +222,7 @@ def _equal(known, values):
 
 
 @jit
-def _leapt(state, settled, n, arrived, t, values, number):
+def _leapt(state, arrived, t, values, number):
     """A time far ahead is accepted once the next sample follows it."""
     clock, counts = state.clock, state.counts
     held_t, held_arrived = clock[LEAP_T], clock[LEAP_ARRIVED]
@@ -247,16 +231,16 @@ def _leapt(state, settled, n, arrived, t, values, number):
             counts[IMPLAUSIBLE] += 1
         clock[LEAP_ARRIVED], clock[LEAP_T], counts[LEAP_NUMBER] = arrived, t, number
         clock[N_CLOCK:] = values
-        return n
+        return False
     clock[LEAP_T] = np.nan
     _step(state, held_arrived, held_t)
     offset, held = clock[OFFSET], counts[LEAP_NUMBER]
-    n = _accept(state, settled, n, held_arrived, held_t + offset, clock[N_CLOCK:], held)
-    return _accept(state, settled, n, arrived, t + offset, values, number)
+    _accept(state, held_arrived, held_t + offset, clock[N_CLOCK:], held)
+    return _accept(state, arrived, t + offset, values, number)
 
 
 @jit
-def _went_back(state, settled, n, arrived, t, values, number):
+def _went_back(state, arrived, t, values, number):
     """A past time is late, unless the source sends only such times: then its clock stepped."""
     clock, counts = state.clock, state.counts
     if np.isnan(clock[BACK_BEGUN]) or t <= clock[BACK_LAST]:
@@ -267,10 +251,10 @@ def _went_back(state, settled, n, arrived, t, values, number):
         counts[LATE] += 1
         state.late[counts[N_LATE] % REMEMBERED] = t + clock[OFFSET]
         counts[N_LATE] += 1
-        return n
+        return False
     clock[BACK_BEGUN] = np.nan
     _step(state, arrived, t)
-    return _accept(state, settled, n, arrived, t + clock[OFFSET], values, number)
+    return _accept(state, arrived, t + clock[OFFSET], values, number)
 
 
 @jit
@@ -288,7 +272,7 @@ def _step(state, arrived, t):
 
 
 @jit
-def _accept(state, settled, n, arrived, t, values, number):
+def _accept(state, arrived, t, values, number):
     clock, counts = state.clock, state.counts
     counts[ACCEPTED] += 1
     place = counts[N_RECENT] % REMEMBERED
@@ -310,7 +294,7 @@ def _accept(state, settled, n, arrived, t, values, number):
     rows[at, T], rows[at, ARRIVED], rows[at, NUMBER] = t, arrived, number
     rows[at, VALUES:] = values
     counts[STOP] += 1
-    return _advance(state, settled, n, arrived)[0]
+    return True
 
 
 @jit
@@ -343,19 +327,20 @@ def _note_interval(state, step):
 def _advance(state, settled, n, now):
     """Settle grid times in order. Returns (settled samples, whether the room is full)."""
     clock = state.clock
+    clock[DUE] = np.nan
     while not np.isnan(clock[GRID]) and _came_up_to(state, clock[GRID]):
         if n == settled.shape[0]:
+            clock[DUE] = now
             return n, True
-        done, settles = _settle(state, settled, n, clock[GRID], now)
-        n += settles
-        if not done:
+        n += _settle(state, settled, n, clock[GRID], now)
+        if not np.isnan(clock[DUE]):
             break
     return n, False
 
 
 @jit
 def _settle(state, settled, n, grid, now):
-    """Settle one grid time that samples have reached. Returns whether it did, and 1 with a sample.
+    """Settle one grid time that samples have reached, or set DUE. Returns the samples, 0 or 1.
 
     Between neighbours too far apart is a gap, which is never bridged: after the longest wait the
     grid restarts with the first sample after it.
@@ -366,20 +351,20 @@ def _settle(state, settled, n, grid, now):
     t = state.rows[following, T]
     if clock[INTERVAL] <= FASTER * dt and following > counts[START]:
         is_early = clock[NEWEST] < grid + dt - clock[INTERVAL]
-        if is_early and now < _deadline(state, grid, following):
-            return False, 0
+        if is_early and _waits(state, grid, following, now):
+            return 0
         known = _average(state, settled, n, grid, following)
     elif abs(t - grid) <= ON_GRID * dt:
         known = _as_received(state, settled, n, following)
     else:
         known = _between(state, settled, n, grid, following)
     if not known:
-        if now < _deadline(state, grid, following):
-            return False, 0
+        if _waits(state, grid, following, now):
+            return 0
         counts[MISSING] += max(1, int(np.rint((t - grid) / dt)))
         clock[GRID] = t
         counts[START] = following
-        return True, 0
+        return 0
     settled[n, SHOWN], settled[n, FAULT] = now, FINE
     if clock[INTERVAL] > RATE_RATIO * dt:
         _too_few(state, settled, n)
@@ -387,7 +372,7 @@ def _settle(state, settled, n, grid, now):
     clock[GRID] = t + dt
     if counts[STOP] - counts[START] > 1:
         counts[START] = max(counts[START], _first_from(state, t - dt) - 1)
-    return True, 1
+    return 1
 
 
 @jit
@@ -514,11 +499,17 @@ def _first_from(state, t):
 
 
 @jit
-def _deadline(state, grid, following):
-    """Arrival time at which a grid time is given up: by the first arrival of a later sample."""
+def _waits(state, grid, following, now):
+    """Whether a grid time may wait for samples: up to DELAY after the first arrival that passed it.
+
+    Sets DUE if so.
+    """
     first = following
     for row in range(following + 1, state.counts[STOP]):
         if state.rows[row, ARRIVED] < state.rows[first, ARRIVED]:
             first = row
     wait = state.clock[DELAY] - (state.rows[first, T] - grid)
-    return state.rows[first, ARRIVED] + max(0.0, wait)
+    due = state.rows[first, ARRIVED] + max(0.0, wait)
+    if now < due:
+        state.clock[DUE] = due
+    return now < due
