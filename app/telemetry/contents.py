@@ -6,7 +6,7 @@ of rows is in memory at a time, and columns are memory-mapped later, not loaded.
 
 import json
 import mmap
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -23,7 +23,7 @@ MOST_SIGNALS = 4096
 LONGEST_NAME, LONGEST_TEXT = 200, 500
 """Most characters of a name, and of a description or note."""
 MOST_LISTED = 100
-"""Most bad rows that are listed; the others are only counted."""
+"""Most bad rows and ignored parts that are listed; the others are only counted."""
 BAD_ROWS_ALLOWED = 3
 """Bad rows that are allowed even in a small table, if twice as many are good."""
 
@@ -212,8 +212,8 @@ class ColumnWriter:
         file_format: str,
         *,
         start: str = "",
-        ignored: tuple[str, ...] = (),
-        notes: tuple[str, ...] = (),
+        ignored: Sequence[str] = (),
+        notes: Sequence[str] = (),
         limits: tuple[dict[str, Any], ...] = (),
         conditions: dict[str, str] | None = None,
         flown: dict[str, Any] | None = None,
@@ -231,6 +231,8 @@ class ColumnWriter:
                 "the file has no table of numbers with at least two rows: export the signals "
                 "of the test with their times"
             )
+        more = len(ignored) - MOST_LISTED
+        listed = [*ignored[:MOST_LISTED], *([f"and {more} more"] if more > 0 else [])]
         contents = Contents(
             format=file_format,
             groups=tuple(groups),
@@ -238,7 +240,7 @@ class ColumnWriter:
             start=start,
             bad_rows=tuple(self.bad.listed),
             n_bad_rows=self.bad.n,
-            ignored=tuple(printable(text, LONGEST_TEXT) for text in ignored),
+            ignored=tuple(printable(text, LONGEST_TEXT) for text in listed),
             notes=tuple(printable(text, LONGEST_TEXT) for text in (*self.notes, *notes)),
             limits=limits,
             conditions=conditions or {},

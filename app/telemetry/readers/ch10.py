@@ -1,30 +1,60 @@
-"""Read IRIG 106 Chapter 10 (experimental): raw numbers of buses, discretes and analog inputs."""
+"""Read IRIG 106 Chapter 10 (experimental): raw numbers of buses, discretes and analog inputs.
+
+MIL-STD-1553 messages and ARINC 429 words become raw words, discretes bits, analog samples raw
+counts. PCM frames need a description of their layout and are not decoded.
+"""
 
 import re
+import struct
+from array import array
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
+from math import nan
 from pathlib import Path
 
-from app.telemetry.contents import ColumnWriter, Contents
-from app.telemetry.readers.chapter10.decoding import DECODERS, OTHER_KINDS, Decoded
-from app.telemetry.readers.chapter10.packets import TICKS, Packet, packets, ticks_between
-from app.telemetry.readers.chapter10.series import Sampled
-from app.telemetry.readers.library_errors import library_errors
-from app.telemetry.readers.signal_tables import SignalTable, listed, write_tables
-from app.telemetry.recording import TelemetryError
+import numpy as np
+import numpy.typing as npt
 
-TITLE = "Chapter 10"
+from app.telemetry.contents import ColumnWriter, Contents
+from app.telemetry.readers.ch10_packets import HEADER, TICKS, TURN, Packet, packets, ticks_between
+from app.telemetry.readers.signal_tables import (
+    Column,
+    Pieces,
+    SignalTable,
+    library_errors,
+    write_tables,
+)
+from app.telemetry.recording import TelemetryError
+from core.types import Array
+
 SETUP, TIME = 0x01, 0x11
 COMPUTER = range(0x08)
 EXPERIMENTAL = (
     "Reading Chapter 10 is experimental: the numbers are raw words and counts, without scales and "
     "units, which only the description of the aircraft has."
 )
+SOURCE = re.compile(rb"R-(\d+)\\(TK1|DSI)-(\d+):([^;]*);")
+LONGEST_SOURCE = 40
+MOST_WORDS = 32
+"""Data words of a MIL-STD-1553 message."""
+MODE_CODES = (0, 31)
+"""Subaddresses of mode codes, whose messages carry no data."""
+MESSAGE_1553 = struct.Struct("<QHHH")
+"""Header of a message: time, status, response times, length [bytes]."""
+BETWEEN_TERMINALS, ERRORS_1553 = 0x0800, 0x1638
+CHANNEL_WORD = 4
+"""Size of the channel word after the header [bytes]."""
+PACKED, HIGH_BITS, LOW_BITS = 0, 1, 3
+DATA_BITS_429 = 19
+GAP = 1.5
+"""A longer distance between analog packets, in usual lengths, is a gap."""
 
 
 def read(path: Path, writer: ColumnWriter) -> Contents:
     """Read the numbers of a Chapter 10 recording; times count from the first sample."""
-    with library_errors(TITLE):
+    with library_errors("Chapter 10"):
         import chapter10  # noqa: F401  # so that its absence is reported first
 
         recording = PacketReader()
@@ -38,16 +68,89 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
                 f"aircraft{kinds}: export the decoded parameters as a table"
             )
         write_tables(tables, writer, ignored)
-        return writer.finish(
-            "ch10", start=recording.start(), ignored=listed(ignored), notes=tuple(recording.notes())
-        )
+        notes = recording.notes()
+        return writer.finish("ch10", start=recording.start(), ignored=ignored, notes=notes)
+
+
+@dataclass(eq=False)
+class Series:
+    """Samples of one origin, with times in ticks after the first data of the file.
+
+    values: of all samples in turn, as many as labels each, NaN where missing; raw words and counts
+    are exact in single precision.
+    """
+
+    labels: Sequence[str]
+    times: array = field(default_factory=lambda: array("d"))
+    values: array = field(default_factory=lambda: array("f"))
+
+    def add(self, time: int, values: Sequence[float]) -> None:
+        self.times.append(time)
+        self.values.extend(values)
+        self.values.extend([nan] * (len(self.labels) - len(values)))
+
+    def table(self, name: str) -> SignalTable:
+        """One column per label, without those at the end that never have a value."""
+        samples = np.asarray(self.values).reshape(-1, len(self.labels))
+        width = 1 + int(np.flatnonzero(~np.isnan(samples).all(axis=0)).max(initial=-1))
+
+        def pieces() -> Pieces:
+            yield 0, np.asarray(self.times) / TICKS
+            yield from enumerate(samples.T[:width], start=1)
+
+        return SignalTable((name,), _columns(name, self.labels[:width]), len(samples), pieces)
+
+
+@dataclass(eq=False)
+class Sampled:
+    """Analog samples (n, n_subchannels); only the first sample of each packet has a time."""
+
+    labels: Sequence[str]
+    times: list[int] = field(default_factory=list)
+    blocks: list[npt.NDArray[np.integer]] = field(default_factory=list)
+
+    def add(self, time: int, block: npt.NDArray[np.integer]) -> None:
+        self.times.append(time)
+        self.blocks.append(block)
+
+    def table(self, name: str) -> SignalTable:
+        def pieces() -> Pieces:
+            for times, block in zip(self._times(), self.blocks, strict=True):
+                yield 0, times / TICKS
+                yield from enumerate(block.T, start=1)
+
+        n_rows = sum(map(len, self.blocks))
+        return SignalTable((name,), _columns(name, self.labels), n_rows, pieces)
+
+    def _times(self) -> Iterator[Array]:
+        """Ticks of the samples, spread evenly up to the next packet unless there is a gap."""
+        lengths = np.array([len(block) for block in self.blocks], dtype=np.float64)
+        steps = np.append(np.diff(self.times), np.nan) / lengths
+        usual = float(np.nanmedian(steps)) if len(steps) > 1 else 0.0
+        steps[~((steps > 0) & (steps < GAP * usual))] = usual
+        for first, step, block in zip(self.times, steps, self.blocks, strict=True):
+            yield first + step * np.arange(len(block))
+
+
+def _columns(name: str, labels: Sequence[str]) -> tuple[Column, ...]:
+    time = Column(f"{name}/time", "s", "the recorder's relative time counter", time=True)
+    return (time, *(Column(f"{name}/{label}", "", "raw, as on the bus") for label in labels))
 
 
 @dataclass(eq=False)
 class PacketReader:
-    """Collects the packets of a recording."""
+    """Collects the packets of a recording.
 
-    decoded: Decoded = field(default_factory=Decoded)
+    series: by name.   not_decoded: counts of content.   first: the recorder's counter at the first
+    data [ticks].   sources: names of channels in the recorder's set-up, by number.
+    clock: a counter and its time.
+    """
+
+    series: dict[str, Series] = field(default_factory=dict)
+    analog: dict[str, Sampled] = field(default_factory=dict)
+    not_decoded: Counter[str] = field(default_factory=Counter)
+    first: int | None = None
+    sources: dict[int, str] = field(default_factory=dict)
     clock: tuple[int, datetime] | None = None
     n_skipped: int = 0
 
@@ -56,45 +159,60 @@ class PacketReader:
         if isinstance(packet, int):
             self.n_skipped += packet
             return
-        not_decoded = self.decoded.not_decoded
         try:
             if packet.data_type == SETUP:
-                self.decoded.sources |= channel_names(packet)
+                self.sources |= channel_names(packet)
             elif packet.data_type == TIME:
                 utc = None if self.clock else moment(packet)
                 self.clock = (packet.time, utc) if utc else self.clock
             elif packet.data_type not in DECODERS:
                 if packet.data_type not in COMPUTER:
-                    not_decoded[f"{_kind(packet.data_type)} packets"] += 1
+                    self.not_decoded[f"{_kind(packet.data_type)} packets"] += 1
             elif packet.stamped:
-                DECODERS[packet.data_type](packet, self.decoded)
+                DECODERS[packet.data_type](packet, self)
             else:
-                not_decoded["packets with times of another clock"] += 1
+                self.not_decoded["packets with times of another clock"] += 1
         except Exception:  # the library's, of any kind
-            not_decoded["damaged packets"] += 1
+            self.not_decoded["damaged packets"] += 1
+
+    def channel(self, packet: Packet) -> str:
+        """Number and, if known, name of a packet's channel."""
+        source = self.sources.get(packet.channel, "")
+        return f"channel {packet.channel}" + (f" ({source})" if source else "")
+
+    def ticks(self, time: int) -> int:
+        """Ticks since the first data."""
+        if self.first is None:
+            self.first = time % TURN
+        return ticks_between(time % TURN, self.first)
+
+    def append(self, name: str, labels: Sequence[str], time: int, values: Sequence[float]) -> None:
+        """Add a sample to the series of a name, which starts with its first sample."""
+        if name not in self.series:
+            self.series[name] = Series(labels)
+        self.series[name].add(self.ticks(time), values)
 
     def tables(self) -> list[SignalTable]:
         """The series by name; analog samples of a single packet have no known rate."""
-        by_name = sorted(self.decoded.series.items())
-        untimed = [s for _, s in by_name if isinstance(s, Sampled) and len(s.times) < 2]
-        self.decoded.not_decoded.update(["analog channels of one packet"] * len(untimed))
-        return [series.table(name) for name, series in by_name if series not in untimed]
+        timed = {name: series for name, series in self.analog.items() if len(series.times) > 1}
+        untimed = len(self.analog) - len(timed)
+        self.not_decoded.update(["analog channels of one packet"] * untimed)
+        return [series.table(name) for name, series in sorted((self.series | timed).items())]
 
     def ignored(self) -> list[str]:
         """Kinds of content that were not decoded, with their number."""
-        return [f"{kind}: {count}" for kind, count in sorted(self.decoded.not_decoded.items())]
+        return [f"{kind}: {count}" for kind, count in sorted(self.not_decoded.items())]
 
     def start(self) -> str:
         """Origin of the times in ISO 8601, "" if no packet gives it."""
-        if self.clock is None or self.decoded.first is None:
+        if self.clock is None or self.first is None:
             return ""
         ticks, utc = self.clock
-        offset = ticks_between(self.decoded.first, ticks) / TICKS
-        return (utc + timedelta(seconds=offset)).isoformat()
+        return (utc + timedelta(seconds=ticks_between(self.first, ticks) / TICKS)).isoformat()
 
     def notes(self) -> list[str]:
         notes = [EXPERIMENTAL]
-        if any(isinstance(series, Sampled) for series in self.decoded.series.values()):
+        if self.analog:
             notes.append("Analog samples are spread evenly between the times of their packets.")
         if self.n_skipped:
             notes.append(f"Skipped {self.n_skipped} bytes that are not complete packets.")
@@ -106,17 +224,13 @@ def _kind(data_type: int) -> str:
     return OTHER_KINDS.get(data_type, OTHER_KINDS.get(data_type & ~0x07, f"type {data_type:#04x}"))
 
 
-SOURCE = re.compile(rb"R-(\d+)\\(TK1|DSI)-(\d+):([^;]*);")
-LONGEST = 40
-
-
 def channel_names(packet: Packet) -> dict[int, str]:
     """Names of the data sources by channel number, from the set-up record."""
     from chapter10.computer import ComputerF1
 
     entries: dict[tuple[bytes, bytes], dict[bytes, str]] = {}
     for recorder, key, number, value in SOURCE.findall(packet.opened(ComputerF1).data):
-        text = value.decode("utf-8", "replace").strip()[:LONGEST]
+        text = value.decode("utf-8", "replace").strip()[:LONGEST_SOURCE]
         entries.setdefault((recorder, number), {})[key] = text
     return {
         int(entry[b"TK1"]): entry[b"DSI"]
@@ -131,3 +245,117 @@ def moment(packet: Packet) -> datetime | None:
 
     opened = packet.opened(TimeF1)
     return opened.time if opened.date_format else None
+
+
+def decode_1553(packet: Packet, recording: PacketReader) -> None:
+    """Sort messages by remote terminal, direction and subaddress; words in two's complement.
+
+    They are parsed here, because the library is too slow for their number.
+    """
+    at = HEADER.size + CHANNEL_WORD
+    while at + MESSAGE_1553.size <= packet.end:
+        time, status, _, length = MESSAGE_1553.unpack_from(packet.raw, at)
+        first = at + MESSAGE_1553.size
+        words = packet.raw[first : min(first + length, packet.end)]
+        at = first + length + length % 2
+        n_commands = 2 if status & BETWEEN_TERMINALS else 1
+        command = int.from_bytes(words[2 * n_commands - 2 : 2 * n_commands], "little")
+        terminal, sends, address = command >> 11, command >> 10 & 1, command >> 5 & 31
+        start = 2 * (n_commands + sends)  # after the commands, and the status of a sender
+        n_words = command & 31 or MOST_WORDS
+        data = words[start : start + 2 * n_words]
+        if address in MODE_CODES:
+            recording.not_decoded["1553 mode codes"] += 1
+        elif status & ERRORS_1553 or len(data) < 2 * n_words:
+            recording.not_decoded["1553 messages with errors"] += 1
+        else:
+            way = "from" if sends else "to"
+            name = f"1553 {recording.channel(packet)} {way} RT{terminal:02d} SA{address:02d}"
+            recording.append(name, WORDS, time, struct.unpack(f"<{n_words}h", data))
+
+
+def decode_429(packet: Packet, recording: PacketReader) -> None:
+    """Sort words by bus, label and source; all data bits become one signed number."""
+    from chapter10.arinc429 import ARINC429F0
+
+    time = packet.time
+    for number, word in enumerate(packet.opened(ARINC429F0)):
+        time += word.gap_time if number else 0
+        if word.format_error or word.parity_error or len(word.data) < 4:
+            recording.not_decoded["ARINC 429 words with errors"] += 1
+            continue
+        bits = int.from_bytes(word.data, "little")
+        label = int(f"{bits & 0xFF:08b}"[::-1], 2)
+        data = bits >> 10 & (1 << DATA_BITS_429) - 1
+        signed = data - (data >> DATA_BITS_429 - 1 << DATA_BITS_429)
+        of_label = f"bus {word.bus} label {label:03o} source {bits >> 8 & 3}"
+        name = f"429 {recording.channel(packet)} {of_label}"
+        recording.append(name, ("data", "sign and status"), time, (signed, bits >> 29 & 3))
+
+
+def decode_discrete(packet: Packet, recording: PacketReader) -> None:
+    """Make one signal per bit."""
+    from chapter10.discrete import DiscreteF1
+
+    opened = packet.opened(DiscreteF1)
+    n_bits = opened.length or 32
+    name = f"discretes {recording.channel(packet)}, {n_bits} bits"
+    labels = [f"bit {k:02d}" for k in range(n_bits)]
+    for message in opened:
+        state = int.from_bytes(message.data, "little")
+        recording.append(name, labels, message.ipts, [state >> k & 1 for k in range(n_bits)])
+
+
+def decode_analog(packet: Packet, recording: PacketReader) -> None:
+    """Decode packets whose channels are sampled alike."""
+    from chapter10.analog import AnalogF1
+
+    opened = packet.opened(AnalogF1)
+    samplings = {(s["length"], s["mode"], s["factor"]) for s in opened.subchannels}
+    n_bits, mode, factor = next(iter(samplings))
+    width = (opened.subchannel_count or 256) if opened.same else len(opened.subchannels)
+    alike = len(samplings) == 1 and not factor
+    counts = _counts(opened.data.bytes, n_bits, mode) if alike else None
+    if counts is None:
+        recording.not_decoded["analog packets with differently sampled channels"] += 1
+        return
+    name = f"analog {recording.channel(packet)}, {width} of {n_bits} bits"
+    block = counts[: len(counts) // width * width].reshape(-1, width)
+    if len(block):
+        labels = [f"analog {k + 1}" for k in range(width)]
+        series = recording.analog.setdefault(name, Sampled(labels))
+        series.add(recording.ticks(packet.time), block)
+
+
+def _counts(raw: bytes, n_bits: int, mode: int) -> npt.NDArray[np.uint32] | None:
+    """Samples as counts; None for an unknown packing."""
+    words = np.frombuffer(raw[: len(raw) // 2 * 2], "<u2")
+    if mode in (HIGH_BITS, LOW_BITS) and n_bits <= 16:
+        shifted = words >> (16 - n_bits) if mode == HIGH_BITS else words & ((1 << n_bits) - 1)
+        return shifted.astype(np.uint32)
+    if mode != PACKED or n_bits > 32:
+        return None
+    bits = np.unpackbits(words.astype(">u2").view(np.uint8))
+    samples = bits[: len(bits) // n_bits * n_bits].reshape(-1, n_bits)
+    weights = 1 << np.arange(n_bits - 1, -1, -1, dtype=np.uint64)
+    return (samples @ weights).astype(np.uint32)
+
+
+WORDS = [f"word {k:02d}" for k in range(1, MOST_WORDS + 1)]
+DECODERS: dict[int, Callable[[Packet, PacketReader], None]] = {
+    0x19: decode_1553,
+    0x21: decode_analog,
+    0x29: decode_discrete,
+    0x38: decode_429,
+}
+"""By data type of the packet."""
+OTHER_KINDS = {
+    0x09: "PCM",
+    0x1A: "16PP194 bus",
+    0x30: "message",
+    0x40: "video",
+    0x50: "UART",
+    0x60: "parallel",
+    0x68: "Ethernet",
+}
+"""Content of packets of other types, by the first type of the kind."""

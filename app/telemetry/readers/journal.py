@@ -16,7 +16,6 @@ import msgspec
 import numpy as np
 
 from app.telemetry.contents import ColumnWriter, Contents
-from app.telemetry.readers.signal_tables import listed
 from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import TARGETS
 from app.telemetry.units import convert
@@ -67,7 +66,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
     return writer.finish(
         "journal",
         start=_time_zero(header, rows.zero),
-        ignored=listed(ignored),
+        ignored=ignored,
         notes=(*notes, *bad.notes(n_good)),
         limits=tuple(limits),
         conditions=conditions,

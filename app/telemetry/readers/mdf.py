@@ -15,8 +15,13 @@ import numpy as np
 import numpy.typing as npt
 
 from app.telemetry.contents import ColumnWriter, Contents
-from app.telemetry.readers.library_errors import library_errors
-from app.telemetry.readers.signal_tables import Column, Pieces, SignalTable, listed, write_tables
+from app.telemetry.readers.signal_tables import (
+    Column,
+    Pieces,
+    SignalTable,
+    library_errors,
+    write_tables,
+)
 from core.types import Flags
 
 TITLE = "MDF"
@@ -73,7 +78,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
             ignored: list[str] = []
             write_tables(list(_sources(mdf, ignored)), writer, ignored)
             start = mdf.header.start_time.isoformat()
-        return writer.finish("mdf4", start=start, ignored=listed(ignored))
+        return writer.finish("mdf4", start=start, ignored=ignored)
 
 
 def _sources(mdf: Any, ignored: list[str]) -> Iterator[SignalTable]:

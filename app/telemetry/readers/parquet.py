@@ -11,7 +11,6 @@ import numpy as np
 import pyarrow as pa
 
 from app.telemetry.contents import ColumnWriter, Contents
-from app.telemetry.readers.library_errors import library_errors
 from app.telemetry.readers.signal_tables import (
     BLOCK,
     DESCRIPTION_NAMES,
@@ -19,7 +18,7 @@ from app.telemetry.readers.signal_tables import (
     Pieces,
     SignalTable,
     is_time_name,
-    listed,
+    library_errors,
     write_tables,
 )  # fmt: skip
 from core.types import Array
@@ -49,7 +48,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
             write_tables(
                 [SignalTable((), columns, file.metadata.num_rows, pieces)], writer, ignored
             )
-            return writer.finish("parquet", start=moments.start, ignored=listed(ignored))
+            return writer.finish("parquet", start=moments.start, ignored=ignored)
 
 
 def _chosen(schema: pa.Schema) -> tuple[list[str], list[str]]:

@@ -4,15 +4,21 @@ A reader first collects unread tables with known lengths, so a file that declare
 refused before any of it is read.
 """
 
+import errno
+import io
 import re
+import warnings
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 
-from app.telemetry.contents import MOST_LISTED, MOST_SIGNALS, ColumnWriter
-from app.telemetry.readers.written_units import unit_in
+from app.telemetry.contents import MOST_SIGNALS, ColumnWriter
 from app.telemetry.recording import TelemetryError
+from app.telemetry.units import unit_in
 
 BLOCK = 1 << 20
 """Numbers that are read at once."""
@@ -85,7 +91,7 @@ def write_tables(
     ]
     series = [table for table in tables if table.n_rows > 1]
     if not any(table.columns for table in series):
-        raise TelemetryError(nothing(ignored))
+        raise TelemetryError(_nothing(ignored))
     _check_size(series, writer)
     with_times = [s for s in series if any(map(_time, s.columns))]
     timed = {(s.within, s.n_rows) for s in with_times if s.clock is None}
@@ -145,13 +151,7 @@ def _check_size(series: Sequence[SignalTable], writer: ColumnWriter) -> None:
         )
 
 
-def listed(ignored: Sequence[str]) -> tuple[str, ...]:
-    """The first ignored entries, and a count of the others."""
-    more = len(ignored) - MOST_LISTED
-    return (*ignored[:MOST_LISTED], *([f"and {more} more"] if more > 0 else []))
-
-
-def nothing(ignored: Sequence[str]) -> str:
+def _nothing(ignored: Sequence[str]) -> str:
     """Message for a file without signals, with its contents."""
     instead = f" ({'; '.join(ignored[:3])}{'; ...' if len(ignored) > 3 else ''})" if ignored else ""
     return (
@@ -185,3 +185,74 @@ def _names(places: list[Place], separator: str) -> list[str]:
         name if plain.count(name) == 1 else f"{name} ({n} rows)".strip()
         for name, (_, n) in zip(plain, places, strict=True)
     ]
+
+
+RATES = ("frequency", "sample_rate", "sampling_rate", "sampling_frequency")
+STARTS = ("supf_offset",)
+"""Of flight data recorders: time of the first sample in the superframe [s]."""
+USUAL_HZ = (0.1, 5e4)
+"""A frequency outside this range is that of a radio."""
+
+
+def declared_rate(attribute: Callable[[str], Any]) -> tuple[float, float]:
+    """Rate [Hz] and time of the first sample [s]; (0, 0) without such attributes."""
+    rate = next((value for name in RATES if (value := _number(attribute(name)))), 0.0)
+    if not USUAL_HZ[0] <= rate <= USUAL_HZ[1]:
+        return 0.0, 0.0
+    return rate, next((value for name in STARTS if (value := _number(attribute(name)))), 0.0)
+
+
+def _number(value: Any) -> float:
+    """A finite number, otherwise 0."""
+    values = np.asarray(0.0 if value is None else value).reshape(-1)
+    if len(values) != 1 or values.dtype.kind not in "iuf" or not np.isfinite(values[0]):
+        return 0.0
+    return float(values[0])
+
+
+NO_ROOM = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
+LONGEST_REASON = 120
+
+
+@contextmanager
+def library_errors(title: str) -> Iterator[None]:
+    """Turn any error of a library into one TelemetryError. title: kind of file.
+
+    Output and warnings are dropped. A missing library and a full disk are not faults of the file;
+    their errors pass unchanged.
+    """
+    try:
+        with warnings.catch_warnings(), redirect_stdout(io.StringIO()):
+            warnings.simplefilter("ignore")
+            yield
+    except (TelemetryError, ImportError):
+        raise
+    except RecursionError as error:
+        raise TelemetryError(too_deep(title)) from error
+    except MemoryError as error:
+        raise TelemetryError(
+            f"reading this {title} file needs more memory than available: export only the time "
+            "range and signals of this test"
+        ) from error
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno in NO_ROOM:
+            raise
+        raise TelemetryError(
+            f"the {title} file is damaged or cut short ({_reason(error)}): copy or export it again"
+        ) from error
+
+
+def too_deep(title: str) -> str:
+    """Message for groups or structures that are nested too deeply."""
+    return (
+        f"groups or structures of the {title} file are nested too deeply: export the signals of "
+        "this test in a flat table"
+    )
+
+
+def _reason(error: Exception) -> str:
+    """First line of the library's message, otherwise the type of the error."""
+    message = str(error).strip()
+    line = message.splitlines()[0].rstrip(".: ") if message else ""
+    printable = "".join(letter if letter.isprintable() else "?" for letter in line)
+    return printable[:LONGEST_REASON] or type(error).__name__

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from app.telemetry.contents import MOST_SIGNALS, ColumnWriter, Contents
-from app.telemetry.readers.library_errors import library_errors, too_deep
 from app.telemetry.readers.signal_tables import (
     BLOCK,
     Column,
     Pieces,
     SignalTable,
-    listed,
+    library_errors,
+    too_deep,
     write_tables,
 )
 from app.telemetry.recording import TelemetryError
@@ -44,7 +44,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
         ignored: list[str] = []
         tables = [_topic(data, log.data_list, ignored) for data in log.data_list]
         write_tables(_smallest(tables, ignored), writer, ignored)
-        return writer.finish("ulog", ignored=listed(ignored), notes=_notes(log))
+        return writer.finish("ulog", ignored=ignored, notes=_notes(log))
 
 
 class _Finite(io.FileIO):

@@ -19,7 +19,7 @@ from typing import Any
 
 from app.telemetry.contents import ColumnWriter
 from app.telemetry.formats import READERS
-from app.telemetry.readers.library_errors import NO_ROOM
+from app.telemetry.readers.signal_tables import NO_ROOM
 from app.telemetry.recording import TelemetryError
 
 PRELOADED = {

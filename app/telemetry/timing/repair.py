@@ -7,9 +7,15 @@ import numpy as np
 from app.telemetry.contents import release
 from app.telemetry.recording import Trace, Traces
 from app.telemetry.targets import implausible, without
-from app.telemetry.timing.channel_quality import channel_quality
 from app.telemetry.timing.clock_repair import on_one_clock, ordered, repair_clock
-from app.telemetry.timing.quality import ChannelQuality, ClockQuality, Fault, Quality, faults
+from app.telemetry.timing.quality import (
+    ChannelQuality,
+    ClockQuality,
+    Fault,
+    Quality,
+    channel_quality,
+    faults,
+)
 from core.types import Array
 
 

@@ -132,19 +132,17 @@ def test_a_file_that_expands_too_much_is_refused_before_reading(kind, files, tmp
     assert not list(tmp_path.glob("large.columns/*.f8"))
 
 
-@pytest.mark.parametrize("kind", FILES)
+@pytest.mark.parametrize(
+    ("kind", "library"), [("ulog", "pyulog"), ("mdf 4", "asammdf"), ("ch10", "chapter10")]
+)
 def test_a_library_that_is_not_installed_is_no_fault_of_the_file(
-    kind, files, monkeypatch, tmp_path
+    kind, library, files, monkeypatch, tmp_path
 ):
-    libraries = {"parquet": "pyarrow.parquet", "matlab": "scipy.io.matlab", "hdf5": "h5py"}
-    libraries |= {"ulog": "pyulog", "mdf": "asammdf", "ch10": "chapter10"}
-    reader = FILES[kind][0]
-    library = libraries.get(reader, "scipy.io" if kind == "netcdf 3" else "h5py")
     monkeypatch.setitem(sys.modules, library, None)
     path = tmp_path / "file"
     path.write_bytes(files[kind].read_bytes())
     with pytest.raises(ModuleNotFoundError, match=library):
-        read(reader, path)
+        read(FILES[kind][0], path)
 
 
 @pytest.mark.parametrize(

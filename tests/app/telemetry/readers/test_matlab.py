@@ -28,12 +28,12 @@ def saved(tmp_path):
     return _saved
 
 
-def matlabs_own(name, tmp_path):
+def matlabs_own(name, tmp_path, reader="matlab"):
     if not (MATLABS_OWN / name).exists():
         pytest.skip("scipy is installed without its MATLAB files")
     path = tmp_path / name
     path.write_bytes((MATLABS_OWN / name).read_bytes())
-    return read("matlab", path)
+    return read(reader, path)
 
 
 @pytest.mark.parametrize(
@@ -46,7 +46,7 @@ def test_a_vector_of_every_version_of_matlab_is_read(version, tmp_path):
 
 
 def test_a_vector_of_matlab_7_3_is_read(tmp_path):
-    columns = matlabs_own("testhdf5_7.4_GLNX86.mat", tmp_path)
+    columns = matlabs_own("testhdf5_7.4_GLNX86.mat", tmp_path, "hdf5")
     np.testing.assert_array_equal(columns.values("testdouble"), np.pi / 4 * np.arange(9))
     assert columns.contents.format == "hdf5"
 

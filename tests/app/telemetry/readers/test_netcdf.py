@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from app.telemetry.readers.cf import Since, since
+from app.telemetry.readers.netcdf import Since, since
 from tests.support.recorded_files import read
 
 SCIPYS = Path(scipy.io.__file__).parent / "tests" / "data"
@@ -100,7 +100,7 @@ def test_groups_of_netcdf_4_are_read(tmp_path):
         variable(air, "beta", "f8", "time", T)
     columns = read("netcdf", path)
     assert columns.contents.groups[0].time == "air/time"
-    assert columns.signal("air/time").unit == "d"
+    assert columns.signal("air/time").unit == "day"
 
 
 @pytest.mark.parametrize(
@@ -124,7 +124,7 @@ def test_files_of_other_programs_are_what_the_netcdf_library_reads(name, signal,
         ("Seconds since 2024-5-1T9:30:00.25Z", "s", (2024, 5, 1, 9, 30, 0, 250000)),
         ("ms since 2024-05-01 09:30 UTC", "ms", (2024, 5, 1, 9, 30)),
         ("hours since 2024-05-01 09:30:00 +02:00", "h", (2024, 5, 1, 7, 30)),
-        ("days since 1970-01-01", "d", (1970, 1, 1)),
+        ("days since 1970-01-01", "day", (1970, 1, 1)),
     ],
 )
 def test_a_unit_of_time_names_its_moment(unit, key, moment):

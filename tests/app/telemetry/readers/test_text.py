@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from app.telemetry.contents import ColumnWriter, open_columns
 from app.telemetry.readers import text as reader
 from app.telemetry.readers.text import read
-from app.telemetry.readers.text_tables import blocks
 from app.telemetry.recording import TelemetryError
 from tests.support.places import RECORDS
 from tests.support.repetition import examples
@@ -138,7 +137,7 @@ def test_dialects_of_one_table_give_the_same_columns(content, pour):
 @pytest.mark.parametrize("bytes_a_block", [1000, 1777])
 @pytest.mark.parametrize("dialect", [name for name in DIALECTS if "preamble" not in name])
 def test_blocks_do_not_show(dialect, bytes_a_block, pour, monkeypatch):
-    monkeypatch.setattr(blocks, "BLOCK_SIZE", bytes_a_block)
+    monkeypatch.setattr(reader, "BLOCK_SIZE", bytes_a_block)
     np.testing.assert_array_equal(table(pour(DIALECTS[dialect])), TABLE)
 
 
@@ -147,10 +146,10 @@ def test_blocks_do_not_show(dialect, bytes_a_block, pour, monkeypatch):
 def test_blocks_are_the_files_lines_and_know_their_numbers(end, lines, size):
     file = io.BytesIO(end.join(lines).encode())
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(blocks, "BLOCK_SIZE", size)
-        numbered = list(blocks.blocks(file))
+        patch.setattr(reader, "BLOCK_SIZE", size)
+        numbered = list(reader.blocks(file))
         for line, block in numbered:
-            at = [*blocks.pieces(line, block, 5)]
+            at = [*reader.pieces(line, block, 5)]
             assert b"".join(piece for _, piece in at) == block
             assert all(
                 lines[n - 1 : n + piece.count(b"\n") - 1] == piece.decode().split("\n")[:-1]
@@ -161,7 +160,7 @@ def test_blocks_are_the_files_lines_and_know_their_numbers(end, lines, size):
 
 
 def test_a_line_without_end_is_refused(pour, monkeypatch):
-    monkeypatch.setattr(blocks, "BLOCK_SIZE", 1000)
+    monkeypatch.setattr(reader, "BLOCK_SIZE", 1000)
     with pytest.raises(TelemetryError, match="line 14 is longer than"):
         pour(GOOD + "1," * 2000)
 
@@ -354,7 +353,7 @@ def test_bad_rows_are_found_by_line_wherever_they_are(
     path = folder.with_suffix(".csv")
     path.write_bytes(end.join(lines).encode("utf-8", "surrogateescape"))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(blocks, "BLOCK_SIZE", block)
+        patch.setattr(reader, "BLOCK_SIZE", block)
         patch.setattr(reader, "PIECE_BYTES", 300)
         contents = read(path, ColumnWriter(folder, 2**30, bad_share=0.1))
     assert [bad.line for bad in contents.bad_rows] == expected
@@ -379,7 +378,7 @@ def test_a_few_bad_rows_are_allowed_in_a_small_table_but_not_most(pour):
 
 
 def test_a_hopeless_file_is_refused_before_its_end(pour, monkeypatch):
-    monkeypatch.setattr(blocks, "BLOCK_SIZE", 4000)
+    monkeypatch.setattr(reader, "BLOCK_SIZE", 4000)
     with pytest.raises(TelemetryError, match="rows so far cannot be read"):
         pour("\n".join([HEADER, *[*ROWS, "x"] * 200]))
 

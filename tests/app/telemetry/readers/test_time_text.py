@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from app.telemetry.contents import ColumnWriter, open_columns
 from app.telemetry.readers.text import read
-from app.telemetry.readers.text_tables.times import ElapsedTime, form_of, is_time, times_of
+from app.telemetry.readers.text_times import ElapsedTime, form_of, is_time, times_of
 from tests.support.clocks import CLOCKS, T0
 
 

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from app.telemetry.recording import TelemetryError, Trace, Traces
 from app.telemetry.timing.clock_faults import WRAPS
+from app.telemetry.timing.clock_repair import evened
 from app.telemetry.timing.quality import MOST_FAULTS, Fault, Quality
 from app.telemetry.timing.repair import repair
-from app.telemetry.timing.rounded_clock import evened
 from core.types import Array
 from tests.support.repetition import examples
 

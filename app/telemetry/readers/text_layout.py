@@ -10,9 +10,9 @@ from itertools import takewhile
 from math import isfinite, nan
 
 from app.telemetry.contents import LONGEST_NAME, printable
-from app.telemetry.readers.text_tables.times import TimeForm, form_of, is_time
-from app.telemetry.readers.written_units import are_units, unit_in, unit_of_cell
+from app.telemetry.readers.text_times import TimeForm, form_of, is_time
 from app.telemetry.recording import TelemetryError
+from app.telemetry.units import are_units, unit_in, unit_of_cell
 
 SAMPLE_LINES = 500
 """Lines that are used to find the layout, including those above the table."""

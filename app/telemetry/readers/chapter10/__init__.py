@@ -1,1 +1,0 @@
-"""IRIG 106 Chapter 10: packets, and the numbers in them."""

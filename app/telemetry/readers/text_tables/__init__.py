@@ -1,1 +1,0 @@
-"""Tables of text: how they are laid out, and how their rows become numbers."""
