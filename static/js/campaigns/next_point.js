@@ -17,6 +17,7 @@ import { failedWords, predictedWords, promiseWords, stateChip } from "./states.j
 const NAME_KEY = "forewarn.name";
 const JOBS = { clearance: "Clearing", monitor: "Training a monitor for" };
 const PRIMARY = { class: "button button-primary" };
+const DANGER = { class: "button button-danger" };
 
 export function nextPoint({ api, path, campaign, running, again }) {
   const point = campaign.points.find(({ name }) => name === campaign.next);
@@ -28,19 +29,15 @@ export function nextPoint({ api, path, campaign, running, again }) {
   const { is_first: isFirst } = campaign;
   let progress = null;
   const failure = errorLine();
-  const by = textInput({
-    maxlength: 200,
-    value: remembered(NAME_KEY) ?? "",
-    onchange: () => remember(NAME_KEY, by.value.trim()),
-  });
+  const signed = () => remember(NAME_KEY, by.value.trim());
+  const by = textInput({ maxlength: 200, value: remembered(NAME_KEY) ?? "", onchange: signed });
   const byField = labelled("your name", by);
   const why = textInput({ maxlength: 2000 });
   const whyField = labelled("reason", why);
   const boxes = campaign.checklist.map(() => checkbox({ onchange: follow }));
   const flown = flownForm(api, act);
-  const decide = (word, action, look) =>
-    button(word, () => act(action), { ...look, ...needs(`POST /campaigns/{}/${action}`) });
-  const start = (word, kind, look) => button(word, () => work(kind), { ...look, ...needs(`POST /campaigns/{}/${kind}`) });
+  const pressing = (does) => (word, route, look) => button(word, () => does(route), { ...look, ...needs(`POST /campaigns/{}/${route}`) });
+  const [decide, start] = [pressing(act), pressing(work)];
   const confirm = decide(isFirst ? "Clear" : "Confirm as cleared", "confirm", PRIMARY);
   const compute = start(clearing ? "Compute clearance again" : "Compute clearance", "clearance", clearing ? {} : PRIMARY);
   const train = start(monitor ? "Train its monitor again" : "Train a monitor", "monitor");
@@ -55,16 +52,16 @@ export function nextPoint({ api, path, campaign, running, again }) {
     failedBefore(campaign, point),
     clearing ? computed(clearing, point) : h("p", uncomputed),
     h("p.hint", passWords(point)),
-    state === "on condition" ? checklist(campaign.checklist, boxes) : null,
-    h("div.field-grid", asksForToken() ? null : byField.element, whyField.element),
+    state === "on condition" && checklist(campaign.checklist, boxes),
+    h("div.field-grid", !asksForToken() && byField.element, whyField.element),
     h(
       "div.row",
-      state !== "cleared" && (isFirst || state === "on condition") ? confirm : null,
-      isFirst ? null : compute,
+      state !== "cleared" && (isFirst || state === "on condition") && confirm,
+      !isFirst && compute,
       train,
-      state === "cleared" ? link("Fly live", `#/fly?kind=live${monitor ? `&monitor=${monitor}` : ""}`) : null,
-      state === "hold" ? null : decide("Hold", "hold"),
-      decide("Abort", "abort", { class: "button button-danger" }),
+      state === "cleared" && link("Fly live", `#/fly?kind=live${monitor ? `&monitor=${monitor}` : ""}`),
+      state !== "hold" && decide("Hold", "hold"),
+      decide("Abort", "abort", DANGER),
     ),
     failure.element,
     stage,
@@ -92,33 +89,29 @@ export function nextPoint({ api, path, campaign, running, again }) {
     return false;
   }
 
-  function decision() {
-    return { point: name, ...(!asksForToken() && { by: by.value.trim() }) };
-  }
-
   async function act(action, more = {}) {
-    failure.show("");
-    if (!isSigned()) return;
-    try {
-      await api.post(`${path}/${action}`, { ...decision(), why: why.value.trim(), ...more });
-      again();
-    } catch (error) {
-      refuse(error);
-    }
+    if (await post(action, { why: why.value.trim(), ...more })) again();
   }
 
   async function work(kind) {
+    const job = await post(kind);
+    if (job) show(job);
+  }
+
+  /** The server's answer; undefined where it refused, or a name is missing. Training is no decision. */
+  async function post(action, more) {
     failure.show("");
-    if (kind === "clearance" && !isSigned()) return;
+    const isDecision = action !== "monitor";
+    if (isDecision && !isSigned()) return undefined;
+    const author = isDecision && !asksForToken() && { by: by.value.trim() };
     try {
-      show(await api.post(`${path}/${kind}`, kind === "clearance" ? decision() : { point: name }));
+      return await api.post(`${path}/${action}`, { point: name, ...author, ...more });
     } catch (error) {
-      refuse(error);
+      return refuse(reason(error));
     }
   }
 
-  function refuse(error) {
-    const words = reason(error);
+  function refuse(words) {
     if (!/ reason/.test(words)) return failure.show(words);
     whyField.say(words);
     return whyField.focus();
@@ -170,18 +163,14 @@ function computed(clearing, { peak_deg: peak }) {
     factList(facts),
     withdrawn.length ? h("div.warning", h("strong", "Clearance withdrawn:"), sentences(withdrawn)) : null,
     h("p", promiseWords(clearing)),
-    amplitude === null
-      ? null
-      : h("p", `Largest recommended amplitude: ${figure(amplitude)} deg (this point: ${figure(peak)} deg). A separate promise: at that amplitude at most ${percent(recipe.epsilon)} of aircraft exceed a limit.`),
+    amplitude !== null &&
+      h("p", `Largest recommended amplitude: ${figure(amplitude)} deg (this point: ${figure(peak)} deg). A separate promise: at that amplitude at most ${percent(recipe.epsilon)} of aircraft exceed a limit.`),
   );
 }
 
 function checklist(items, boxes) {
-  return h(
-    "fieldset.panel.stack-tight",
-    h("legend", "Confirm before flight"),
-    items.map((item, k) => h("label.row.campaign-check", boxes[k], item)),
-  );
+  const rows = items.map((item, k) => h("label.row.campaign-check", boxes[k], item));
+  return h("fieldset.panel.stack-tight", h("legend", "Confirm before flight"), rows);
 }
 
 function flownForm(api, send) {
@@ -195,18 +184,12 @@ function flownForm(api, send) {
   const failure = errorLine();
   const element = fold(
     "Attach the flight recording",
-    h(
-      "div.field-grid",
-      [chosen, ...ends].map((field) => field.element),
-    ),
+    h("div.field-grid", [chosen, ...ends].map((field) => field.element)),
     failure.element,
     h(
       "div.row",
       button("Complete", () => give("flown"), PRIMARY),
-      button("Aborted in flight", () => give("abort"), {
-        class: "button button-danger",
-        ...needs("POST /campaigns/{}/abort"),
-      }),
+      button("Aborted in flight", () => give("abort"), { ...DANGER, ...needs("POST /campaigns/{}/abort") }),
       link("Upload a recording", "#/recordings"),
     ),
   );
@@ -216,18 +199,13 @@ function flownForm(api, send) {
 
   /** Load recordings on opening: the point's may be new. */
   async function offer() {
-    if (!element.open) return;
-    failure.show("");
-    try {
-      const recordings = await api.get("/recordings");
-      const wordsOf = ({ name, created }) => (name.endsWith(" UTC") ? name : `${name}, ${moment(created)}`);
-      choice.replaceChildren(
-        h("option", { value: "" }, recordings.length ? "choose a recording" : "no recording yet"),
-        ...recordings.map((recording) => h("option", { value: recording.id }, wordsOf(recording))),
-      );
-    } catch (error) {
-      failure.show(reason(error));
-    }
+    if (element.open) await failure.attempt(async () => list(await api.get("/recordings")));
+  }
+
+  function list(recordings) {
+    const wordsOf = ({ name, created }) => (name.endsWith(" UTC") ? name : `${name}, ${moment(created)}`);
+    const none = h("option", { value: "" }, recordings.length ? "choose a recording" : "no recording yet");
+    choice.replaceChildren(none, ...recordings.map((recording) => h("option", { value: recording.id }, wordsOf(recording))));
   }
 
   function give(action) {

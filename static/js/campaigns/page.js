@@ -45,33 +45,21 @@ export function showCampaign(element, { id, api, navigate }) {
         link("All campaigns", "#/campaigns"),
         h("a.button", { href: `/api/v1${path}/report`, ...NEW_TAB }, "Card and report"),
         h("a.button", { href: `/api/v1${path}/file`, download: `campaign-${id}.json` }, "Download"),
-        h(
-          "a.button",
-          { href: `#/campaigns/${id}?add`, ...needs("POST /campaigns/{}/conditions") },
-          "Add a flight condition",
-        ),
+        h("a.button", { href: `#/campaigns/${id}?add`, ...needs("POST /campaigns/{}/conditions") }, "Add a flight condition"),
         guideLink("campaigns#clearance", "clearance"),
         deleteButton({
           api,
           path,
           what: `campaign “${campaign.name}”`,
-          consequence:
-            "Deletes the campaign and its decisions permanently. Recordings and monitors stay. Download its file first to keep a copy.",
+          consequence: "Deletes the campaign and its decisions permanently. Recordings and monitors stay. Download its file first to keep a copy.",
           done: () => navigate("#/campaigns"),
         }),
       ],
       h("p.dim", campaign.aircraft.join("; ")),
-      h(
-        "div.figures.campaign-figures",
-        next.element,
-        conditions.map(({ name }) => buildUp(points, name)),
-      ),
+      h("div.figures.campaign-figures", next.element, conditions.map(({ name }) => buildUp(points, name))),
       table({ columns: POINTS, items: points, row: ({ name }) => ({ "data-point": name }) }),
       isComputed &&
-        h(
-          "p",
-          `Probability that any computed clearance leads to an exceedance: at most ${percentAtMost(most)}, over the simulated aircraft and flights.`,
-        ),
+        h("p", `Probability that any computed clearance leads to an exceedance: at most ${percentAtMost(most)}, over the simulated aircraft and flights.`),
       campaign.n_complete ? derivatives(api, path) : null,
     );
     keep(watching(page, () => newer(campaign, next, again)));
@@ -115,9 +103,7 @@ function stored({ flown, monitor }) {
   ]);
 }
 
-function listOf(parts) {
-  return sentences(parts.filter(Boolean)) ?? "–";
-}
+const listOf = (parts) => sentences(parts.filter(Boolean)) ?? "–";
 
 /** Loaded after the page is shown: identification takes a moment. */
 function derivatives(api, path) {
@@ -136,16 +122,12 @@ function remaining({ before, after, determined }) {
 function identified(condition) {
   const last = condition.after.at(-1);
   const uncertain = last.parameters.filter(({ before }) => before[1] > 0);
-  const fits = last.sources.map(
-    (source, k) => `${source}: R² ${OUTPUTS.map((key, c) => `${key} ${figure(last.r2[k][c])}`).join(", ")}`,
-  );
+  const shares = (k) => OUTPUTS.map((key, c) => `${key} ${figure(last.r2[k][c])}`).join(", ");
+  const fits = last.sources.map((source, k) => `${source}: R² ${shares(k)}`);
+  const figures = [h("section.panel", derivativesFigure(condition)), table({ columns: DERIVATIVES, items: uncertain })];
   return h(
     "section.stack",
-    h(
-      "div.figures.campaign-figures",
-      h("section.panel", derivativesFigure(condition)),
-      table({ columns: DERIVATIVES, items: uncertain }),
-    ),
+    h("div.figures.campaign-figures", figures),
     sentences([...fits, `Mean squared distance from the expected aircraft: ${figure(last.distance)} (expected: about 1 or less).`]),
   );
 }

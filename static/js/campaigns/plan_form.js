@@ -1,6 +1,6 @@
 /** Plan a campaign, or add points at another flight condition.   query: name of a new campaign */
 
-import { createForm, fieldset, group, labelled, textInput } from "../forms/controls.js";
+import { createForm, fieldset, foldedPanel, group, labelled, textInput } from "../forms/controls.js";
 import { decimals } from "../forms/decimals.js";
 import { createFields } from "../forms/form.js";
 import { createTestFields } from "../forms/planned_test.js";
@@ -63,11 +63,7 @@ function formOf({ api, catalog, campaign, navigate, title, given }) {
       ),
       fieldset("2  Points", h("div.field-grid", Object.values(own).map((field) => field.element))),
       !campaign &&
-        h(
-          "details.panel.fold",
-          h("summary", "How clearances are calibrated"),
-          h("div.field-grid", clearance.keys.map(clearance.element)),
-        ),
+        foldedPanel("How clearances are calibrated", h("div.field-grid", clearance.keys.map(clearance.element))),
     ],
     beside: link("Cancel", back),
     send,

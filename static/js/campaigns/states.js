@@ -1,7 +1,7 @@
 /** Words and levels of the points of a campaign. */
 
 import { chip } from "../lib/elements.js";
-import { percent } from "../lib/numbers.js";
+import { count, percent } from "../lib/numbers.js";
 
 const LEVELS = {
   planned: "off",
@@ -39,7 +39,7 @@ export function percentAtMost(share) {
 
 export function promiseWords({ recipe, n_exceeding: n, n_tried: tried, p_value: p, withdrawn, exceeding_at_most: most }) {
   if (withdrawn.length) return "No promise: the prediction for this point does not hold.";
-  if (p === null) return `${n} of ${tried.toLocaleString("en")} simulated aircraft exceed a limit here${most === null ? "" : ` (at most ${percentAtMost(most)}, 95 % confidence)`}: too few to calibrate on. The prediction alone decides.`;
+  if (p === null) return `${n} of ${count(tried)} simulated aircraft exceed a limit here${most === null ? "" : ` (at most ${percentAtMost(most)}, 95 % confidence)`}: too few to calibrate on. The prediction alone decides.`;
   const how = recipe.guarantee === "average" ? "on average over calibrations" : "with 95 % confidence";
   return `At most ${percent(recipe.epsilon)} of the points that would exceed a limit are cleared, ${how}. Calibrated on ${n} simulated aircraft that exceed a limit.`;
 }

@@ -72,8 +72,6 @@ export function peakFigure({ limit, edges, unsafe, safe }, channel) {
 }
 
 export async function sampleRollouts(api, id) {
-  const outcomes = ["unsafe", "safe"].map((outcome) =>
-    api.get(`/datasets/${id}/rollouts?outcome=${outcome}&count=${MOST}`),
-  );
-  return (await Promise.all(outcomes)).flat();
+  const first = (outcome) => api.get(`/datasets/${id}/rollouts?outcome=${outcome}&count=${MOST}`);
+  return (await Promise.all(["unsafe", "safe"].map(first))).flat();
 }

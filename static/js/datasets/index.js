@@ -1,12 +1,12 @@
 /** The Datasets page: #/datasets lists; #/datasets/new simulates one; #/datasets/{id} is one dataset. */
 
-import { createForm, fieldset, group, labelled, textInput } from "../forms/controls.js";
+import { createForm, fieldset, group, optionalName } from "../forms/controls.js";
 import { createTestFields } from "../forms/planned_test.js";
 import { aircraftName, kindName, limitWords, loadCatalog } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
 import { empty, link, loadingView, pageOf, table } from "../lib/elements.js";
 import { jobList } from "../lib/job_progress.js";
-import { moment, percent } from "../lib/numbers.js";
+import { count, moment, percent } from "../lib/numbers.js";
 import { showDataset } from "./page.js";
 
 export function show(element, context) {
@@ -21,7 +21,7 @@ function showDatasets(element, { api }) {
     const [catalog, datasets, jobs] = await Promise.all([
       loadCatalog(api),
       api.get("/datasets"),
-      jobList({ api, kinds: ["dataset"], done: again }),
+      jobList({ api, kind: "dataset", done: again }),
     ]);
     keep(jobs);
     const simulating = () => link("Simulate a dataset", "#/datasets/new", true);
@@ -43,8 +43,8 @@ function listOf(datasets, catalog) {
     ["Aircraft", ({ recipe }) => aircraftName(catalog, recipe.aircraft)],
     ["Manoeuvre", ({ recipe }) => kindName(catalog, "maneuver", recipe.maneuver)],
     ["Limits", ({ recipe }) => formatted(limitWords(catalog, recipe.limits)), "nowrap"],
-    ["Unsafe", ({ n_unsafe: n }) => n.toLocaleString("en"), "number"],
-    ["Safe", ({ n_safe_met: n }) => n.toLocaleString("en"), "number"],
+    ["Unsafe", ({ n_unsafe: n }) => count(n), "number"],
+    ["Safe", ({ n_safe_met: n }) => count(n), "number"],
     ["Unsafe rate", ({ unsafe_rate: rate }) => percent(rate), "number"],
     ["Created", ({ created }) => moment(created), "date"],
   ];
@@ -59,8 +59,7 @@ function showSimulation(element, { api, navigate }) {
     const catalog = await loadCatalog(api);
     const { fields, main, folded, size } = createTestFields({ api, catalog });
     folded.append(fields.element("groups"));
-    const name = textInput({ id: "dataset-name", maxlength: 200, placeholder: "optional" });
-    const named = labelled("name", name);
+    const named = optionalName("name", "dataset-name");
     const { element: form } = createForm({
       title,
       word: "Simulate",
@@ -68,10 +67,7 @@ function showSimulation(element, { api, navigate }) {
       fields: [fields, group({ name: named })],
       content: fieldset("The planned test", main, h("div.field-grid", size, named.element), folded),
       beside: link("Cancel", "#/datasets"),
-      send: () => {
-        const given = name.value.trim();
-        return api.post("/datasets", { ...fields.read(), ...(given && { name: given }) });
-      },
+      send: () => api.post("/datasets", { ...fields.read(), ...named.read() }),
       follow: {
         api,
         keep,

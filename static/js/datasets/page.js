@@ -5,11 +5,10 @@ import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
 import { aircraftName, kindName, limitWords, loadCatalog } from "../lib/catalog.js";
 import { formatted, h } from "../lib/dom.js";
 import { deleteButton, factList, link, loadingView, pageOf, panel, recipeList } from "../lib/elements.js";
-import { figure, moment, percent } from "../lib/numbers.js";
+import { count, figure, moment, percent } from "../lib/numbers.js";
 import { peakFigure, rolloutFigure, sampleRollouts } from "./figures.js";
 import { createRolloutViewer } from "./rollout_viewer.js";
 
-const count = (n) => n.toLocaleString("en");
 
 export function showDataset(element, { id, api, navigate }) {
   return loadingView(element, { title: "Dataset", text: "Opening the dataset", build });
@@ -23,9 +22,8 @@ export function showDataset(element, { id, api, navigate }) {
     ]);
     const users = monitors.filter((monitor) => monitor.dataset_id === id);
     const fitting = monitors.filter(({ dt }) => Math.abs(dt - dataset.dt) < 1e-9 * dataset.dt);
-    const viewer = keep(
-      createRolloutViewer({ api, catalog, dataset, monitors: [...new Set([...users, ...fitting])], navigate }),
-    );
+    const able = [...new Set([...users, ...fitting])];
+    const viewer = keep(createRolloutViewer({ api, catalog, dataset, monitors: able, navigate }));
     const channelOf = (peaks) => catalog.channels.find(({ key }) => key === peaks.channel);
     const figures = [
       rolloutFigure({ catalog, limits: dataset.recipe.limits, rollouts, ...dataset }),
@@ -46,10 +44,7 @@ export function showDataset(element, { id, api, navigate }) {
         }),
       ],
       facts(dataset, users, catalog),
-      h(
-        "div.figures",
-        figures.map((block) => h("section.panel", block)),
-      ),
+      h("div.figures", figures.map((block) => h("section.panel", block))),
       viewer.element,
       details(dataset, catalog),
     );
@@ -74,6 +69,8 @@ function facts(dataset, users, catalog) {
 }
 
 function details(dataset, catalog) {
+  const { recipe } = dataset;
+  const { schema } = catalog.recipes.dataset;
   const isKnown = isSimulated(dataset);
   const origin = [
     ["Seed", dataset.seed ?? "not recorded"],
@@ -84,11 +81,9 @@ function details(dataset, catalog) {
   return panel("Recipe", [
     h(
       "div.columns.recipe-columns",
-      isKnown
-        ? recipeTable(catalog.recipes.dataset.schema, dataset.recipe, catalog)
-        : h("p", "Not simulated here: the recipe is not recorded."),
+      isKnown ? recipeTable(schema, recipe, catalog) : h("p", "Not simulated here: the recipe is not recorded."),
       recipeList(origin),
     ),
-    isKnown ? rawRecipe(dataset.recipe) : null,
+    isKnown && rawRecipe(recipe),
   ]);
 }

@@ -3,7 +3,6 @@
 import { createFlightChart } from "../charts/live/flight_chart.js";
 import { limitedFirst } from "../charts/strips.js";
 import { fold, select } from "../forms/controls.js";
-import { reason } from "../lib/api.js";
 import { formatted, h } from "../lib/dom.js";
 import { button, errorLine, factList, link, panel } from "../lib/elements.js";
 import { figure } from "../lib/numbers.js";
@@ -24,33 +23,23 @@ export function createRolloutViewer({ api, catalog, dataset, monitors, navigate 
     monitors.map(({ id, name }) => [id, name]),
     { id: "replay-monitor", "aria-label": "monitor for the replay" },
   );
+  const training = link("Train a monitor", `#/monitors/new?dataset=${dataset.id}`);
   const replay = monitors.length
     ? [button("Replay with", fly, { class: "button button-primary" }), h("div.field", monitor)]
-    : [
-        h("span.hint", "Train a monitor to replay this rollout."),
-        link("Train a monitor", `#/monitors/new?dataset=${dataset.id}`),
-      ];
+    : [h("span.hint", "Train a monitor to replay this rollout."), training];
   const step = (word, by) => button(word, () => pick(Number(index.value) + by), { class: "button button-small" });
-  const element = panel(
-    "One rollout",
-    [
-      h(
-        "div.row.rollout-pick",
-        h("label", { for: "rollout-outcome" }, "outcome"),
-        h("div.field", outcome),
-        h("label", { for: "rollout-index" }, "number"),
-        h("div.field", index),
-        step("Previous", -1),
-        step("Next", 1),
-        h("div.spread.row", replay),
-      ),
-      words,
-      failure.element,
-      strips,
-      theta,
-    ],
-    { class: "panel stack rollout-viewer", "aria-label": "One rollout" },
+  const pickers = h(
+    "div.row.rollout-pick",
+    h("label", { for: "rollout-outcome" }, "outcome"),
+    h("div.field", outcome),
+    h("label", { for: "rollout-index" }, "number"),
+    h("div.field", index),
+    step("Previous", -1),
+    step("Next", 1),
+    h("div.spread.row", replay),
   );
+  const look = { class: "panel stack rollout-viewer", "aria-label": "One rollout" };
+  const element = panel("One rollout", [pickers, words, failure.element, strips, theta], look);
   let chart = null;
   let turn = 0;
   let isClosed = false;
@@ -70,13 +59,10 @@ export function createRolloutViewer({ api, catalog, dataset, monitors, navigate 
     const mine = ++turn;
     index.max = last;
     index.value = chosen;
-    failure.show("");
-    try {
+    await failure.attempt(async () => {
       const rollout = await api.get(`/datasets/${dataset.id}/rollouts/${first + chosen}`);
       if (mine === turn && !isClosed) draw(rollout);
-    } catch (error) {
-      failure.show(reason(error));
-    }
+    });
   }
 
   function draw({ telemetry, fail_index: failed, theta: parameters }) {

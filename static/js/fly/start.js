@@ -43,7 +43,7 @@ export function showFlightStart(element, { query, api, navigate }) {
       await refresh();
       if (closed) return;
       training.close();
-      if (monitors.length === 0) training = await jobList({ api, kinds: ["monitor"], done: load });
+      if (monitors.length === 0) training = await jobList({ api, kind: "monitor", done: load });
       if (closed) return training.close();
       const start = monitors.length === 0 ? noMonitor(training.element, { api, load }) : startForm({ monitors, datasets, recordings, query, api, navigate });
       page.replaceChildren(h("div", { class: "columns start-columns" }, start, flights));

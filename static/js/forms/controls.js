@@ -3,6 +3,7 @@
  *
  * select([[value, words]], attributes)    an entry may be a node;   attributes.value: the chosen one
  * Field: {element, words, say(reason), focus()}     fieldOf(control, {label: nodes, words: the label in a sentence})
+ * sharedField(selector, first, content, more) -> Field     of several controls, the first of which gets the focus
  * fileInput({read(file) -> Promise, failure, ...attributes})    failure: an error line
  * pasteBox({..., use(text) -> Promise})    text as pasted, or of a file
  * group({path: Field}, checks() -> [[Field, reason or ""]]) -> fields of createForm
@@ -17,7 +18,7 @@ import { needs, reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
 import { button, errorLine } from "../lib/elements.js";
 import { followInPlace } from "../lib/job_progress.js";
-import { trueMinus } from "../lib/numbers.js";
+import { capital, trueMinus } from "../lib/numbers.js";
 
 let controls = 0;
 
@@ -85,13 +86,26 @@ export function group(editors, checks = () => []) {
   }
 }
 
+export function sharedField(selector, first, content, more) {
+  const failure = errorLine();
+  const element = h(selector, content, failure.element);
+  return { element, say: failure.show, focus: () => first.focus(), ...more };
+}
+
+/** A name that may be left out.   read() -> {name} or {} */
+export function optionalName(label, id) {
+  const input = textInput({ id, maxlength: 200, placeholder: "optional" });
+  const read = () => (input.value.trim() ? { name: input.value.trim() } : {});
+  return { ...labelled(label, input), read };
+}
+
 export function fieldset(title, ...content) {
   return h("fieldset.panel.stack", h("legend", title), content);
 }
 
-export function fold(summary, ...content) {
-  return h("details.fold", h("summary", summary), content);
-}
+export const fold = (summary, ...content) => h("details.fold", h("summary", summary), content);
+
+export const foldedPanel = (summary, ...content) => h("details.panel.fold", h("summary", summary), content);
 
 export function fileInput({ read, failure, ...attributes }) {
   const input = h("input", { type: "file", ...attributes, onchange: take });
@@ -100,12 +114,7 @@ export function fileInput({ read, failure, ...attributes }) {
   async function take() {
     const [file] = input.files;
     if (!file) return;
-    failure.show("");
-    try {
-      await read(file);
-    } catch (error) {
-      failure.show(reason(error));
-    }
+    await failure.attempt(() => read(file));
     input.value = "";
   }
 }
@@ -122,16 +131,7 @@ export function pasteBox({ label, fileLabel, hint, example, word, use }) {
       await use(text.value);
     },
   });
-  const act = async () => {
-    failure.show("");
-    text.removeAttribute("aria-invalid");
-    try {
-      await use(text.value);
-    } catch (error) {
-      failure.show(reason(error));
-      text.setAttribute("aria-invalid", "true");
-    }
-  };
+  const act = async () => text.setAttribute("aria-invalid", !(await failure.attempt(() => use(text.value))));
   return [
     h("p.hint", hint),
     h("div.field", text),
@@ -141,7 +141,6 @@ export function pasteBox({ label, fileLabel, hint, example, word, use }) {
 }
 
 const lowered = (text) => text.charAt(0).toLowerCase() + text.slice(1);
-const raised = (text) => text.charAt(0).toUpperCase() + text.slice(1);
 const keyOf = (path) => path.split(".").at(-1);
 const escaped = (text) => text.replaceAll(".", "\\.");
 
@@ -172,7 +171,7 @@ export function inWords(editors, message) {
     const found = new RegExp(`(?<![\\w.])${escaped(name)}(=${isProgramName(name) ? "|(?![\\w.])" : ""})`, "g");
     sentence = sentence.replace(found, (_, sign) => (sign ? `${words} ` : words));
   }
-  return trueMinus(message === lowered(message) ? sentence : raised(sentence));
+  return trueMinus(message === lowered(message) ? sentence : capital(sentence));
 }
 
 export function refusal({ fields, refuse }, error) {

@@ -7,7 +7,7 @@
 
 import { choiceName, labelOf, plainWords } from "../lib/catalog.js";
 import { formatted, h, put } from "../lib/dom.js";
-import { followUnits, rounded, shownIn } from "../lib/numbers.js";
+import { capital, followUnits, rounded, shownIn } from "../lib/numbers.js";
 import { checkbox, fieldOf, select, textInput } from "./controls.js";
 
 export function editorOf(key, schema, value, place) {
@@ -62,7 +62,7 @@ export function beyondTitle({ title, description = "" }) {
   const words = plainWords(description);
   const begins = words.toLowerCase().startsWith(title.toLowerCase());
   const rest = begins ? words.slice(title.length).replace(/^(\s*\[[^\]]+\])?[:;.\s]*/, "") : words;
-  return rest.charAt(0).toUpperCase() + rest.slice(1);
+  return capital(rest);
 }
 
 function firstSentence(words) {

@@ -9,15 +9,16 @@
  * `path` is "/monitors", or as in a Location header "/api/v1/jobs/3f9a".
  */
 
+import { capital } from "./numbers.js";
+
 const BASE = "/api/v1";
 const JSON_TYPE = "application/json";
 const ENDED = ["done", "failed", "cancelled", "interrupted"];
 const ROLE = "urn:forewarn:role";
-const NO_ANSWER =
-  "The server does not answer. Check that `forewarn serve` is running, then try again.";
+const NO_ANSWER = "The server does not answer. Check that `forewarn serve` is running, then try again.";
 
 export class ApiError extends Error {
-  /** @param {string} message @param {number} status @param {Record<string, any>} problem */
+  /** status: 0 where there was no answer */
   constructor(message, status, problem = {}) {
     super(message);
     this.name = "ApiError";
@@ -61,17 +62,10 @@ export function refusal(status, problem) {
   if (status === 401) {
     return new ApiError("This server needs a token. Open /login and enter it.", 401, problem);
   }
-  return new ApiError(
-    sentence(problem.detail || problem.title || "no reason given"),
-    status,
-    problem,
-  );
+  return new ApiError(sentence(problem.detail || problem.title || "no reason given"), status, problem);
 }
 
-function sentence(text) {
-  const first = text.charAt(0).toUpperCase() + text.slice(1);
-  return /[.!?]$/.test(first) ? first : `${first}.`;
-}
+const sentence = (text) => capital(/[.!?]$/.test(text) ? text : `${text}.`);
 
 export function reason(error) {
   if (error instanceof ApiError) return error.message;

@@ -30,7 +30,7 @@ function built(create, selector, parts) {
   const [tag, ...classes] = selector.split(".");
   const element = create(tag);
   const [attributes, children] = parts[0]?.constructor === Object ? [parts[0], parts.slice(1)] : [{}, parts];
-  element.classList.add(...classes);
+  if (classes.length) element.setAttribute("class", classes.join(" "));
   element.append(...children.flat(3).filter((child) => !ABSENT.includes(child)));
   for (const [name, value] of Object.entries(attributes)) {
     if (typeof value === "function") element.addEventListener(name.replace(/^on/, ""), value);

@@ -4,6 +4,9 @@
  * loadingView(element, {title, text, build}) -> {close()}    loading, then what was built, or why not
  *     build({keep, again, open}) -> Promise<Node>     keep({close}): what must end with the view
  * state(kind, title, text, ...actions)    of a panel; kind "empty" | "loading" | "error"
+ * panel(title, content, {beside, ...attributes})     beside: nodes in the row of the heading
+ * errorLine() -> {element, show(words), attempt(act)}     hidden while there are no words
+ *     attempt(act) -> Promise<bool>     shows why act() failed; whether it did not
  * deleteButton({api, path, what, consequence, done, short})     asks first; done() after the deletion
  *     path: of the resource.   what: "monitor “card 7”".   short: its name, for a small button in a list
  * askToConfirm(question, consequence, word, act, stay) -> open dialog; it shows why act() failed
@@ -63,9 +66,7 @@ export function loading(text) {
   return h("div.state-loading", { role: "status" }, h("p", text));
 }
 
-export function empty(title, text, ...actions) {
-  return state("empty", title, text, ...actions);
-}
+export const empty = (...parts) => state("empty", ...parts);
 
 export function failure(error, again) {
   const actions = again ? [button("Try again", again)] : [];
@@ -79,11 +80,7 @@ export function state(kind, title, text, ...actions) {
 }
 
 export function pageOf(title, actions, ...content) {
-  const head = h(
-    "header.page-head",
-    h("h1", title),
-    h("div.row.page-actions", actions),
-  );
+  const head = h("header.page-head", h("h1", title), h("div.row.page-actions", actions));
   return h("div.page", h("div.page-body.stack", head, content));
 }
 
@@ -95,8 +92,9 @@ export function button(text, pressed, attributes = {}) {
   return h("button", { type: "button", class: "button", onclick: pressed, ...attributes }, text);
 }
 
-export function panel(title, content, attributes = {}) {
-  return h("section.panel.stack-tight", { ...attributes }, h("h2.panel-title", title), content);
+export function panel(title, content, { beside, ...attributes } = {}) {
+  const heading = h("h2.panel-title", title);
+  return h("section.panel.stack-tight", attributes, beside ? h("div.row", heading, beside) : heading, content);
 }
 
 export function chip(words, level, title = null) {
@@ -120,11 +118,23 @@ export function deleteButton({ api, path, what, consequence, done, short = "" })
 
 export function errorLine() {
   const element = h("p.error", { role: "alert", hidden: true });
-  const show = (words) => {
+  return { element, show, attempt };
+
+  function show(words) {
     element.textContent = words;
     element.hidden = words === "";
-  };
-  return { element, show };
+  }
+
+  async function attempt(act) {
+    show("");
+    try {
+      await act();
+      return true;
+    } catch (error) {
+      show(reason(error));
+      return false;
+    }
+  }
 }
 
 export function askToConfirm(question, consequence, word, act, stay = "Cancel") {
@@ -146,14 +156,9 @@ export function askToConfirm(question, consequence, word, act, stay = "Cancel") 
 
   async function perform() {
     yes.disabled = true;
-    try {
-      await act();
-      dialog.close();
-    } catch (error) {
-      failure.show(reason(error));
-      yes.disabled = false;
-      no.focus();
-    }
+    if (await failure.attempt(act)) return dialog.close();
+    yes.disabled = false;
+    return no.focus();
   }
 }
 

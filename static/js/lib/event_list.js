@@ -9,12 +9,11 @@
  */
 
 import { formatted, h, put } from "./dom.js";
-import { formatTime } from "./numbers.js";
+import { secondsText } from "./numbers.js";
 
 const SAME = 1e-6; // s
 
 export function createEventList(element, { go, label = "Events, newest first", most = 300 }) {
-  const title = h("h2.event-title", "Events");
   const list = h("ol.event-list", { "aria-live": "off", "aria-label": label });
   const empty = h(
     "p.dim",
@@ -22,7 +21,7 @@ export function createEventList(element, { go, label = "Events, newest first", m
   );
   const later = h("ol.event-list.event-later", { "aria-live": "off", "aria-label": "Later than the time shown" });
   const ahead = h("section", { hidden: true }, h("h3.event-later-title", "Later than the time shown"), later);
-  element.append(title, empty, list, ahead);
+  element.append(h("h2.event-title", "Events"), empty, list, ahead);
   const known = new Map();
   const timeOf = new WeakMap(); // sort keys of items; null for none
   let until = Infinity;
@@ -52,8 +51,8 @@ export function createEventList(element, { go, label = "Events, newest first", m
   function add({ t, at = t, when, text, level = "", seen = false }) {
     const key = `${t === null ? "" : t.toFixed(3)} ${text}`;
     const again = known.get(key);
-    if (again !== undefined && seen) return;
     if (again !== undefined) {
+      if (seen) return;
       again.times += 1;
       put(again.count, `×${again.times}`);
       place(again);
@@ -61,23 +60,12 @@ export function createEventList(element, { go, label = "Events, newest first", m
     }
     const count = h("span.event-count");
     const parts = [
-      h("span.event-time", when ?? (t === null ? "" : `${formatTime(t, 0.01)} s`)),
+      h("span.event-time", when ?? (t === null ? "" : secondsText(t))),
       h("span.event-text", text.split(/(\s+)/).map(formatted)),
       count,
     ];
-    const body =
-      t === null
-        ? h("div.event-body", ...parts)
-        : h(
-            "button",
-            {
-              type: "button",
-              class: "event-body",
-              title: `Go to ${formatTime(t, 0.01)} s`,
-              onclick: () => go(t),
-            },
-            ...parts,
-          );
+    const visit = t !== null && { type: "button", title: `Go to ${secondsText(t)}`, onclick: () => go(t) };
+    const body = visit ? h("button.event-body", visit, parts) : h("div.event-body", parts);
     const item = h("li.event", { "data-level": level }, body);
     const event = { item, count, times: 1, t, at, level };
     known.set(key, event);
@@ -93,10 +81,7 @@ export function createEventList(element, { go, label = "Events, newest first", m
   return {
     add,
     showUntil,
-    times: (level) =>
-      [...known.values()]
-        .filter((event) => event.level === level && event.t !== null)
-        .map(({ t }) => t),
+    times: (level) => [...known.values()].filter((event) => event.level === level && event.t !== null).map(({ t }) => t),
     clear: () => {
       known.clear();
       list.replaceChildren();

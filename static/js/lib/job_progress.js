@@ -4,7 +4,7 @@
  * createJobProgress({api, job, title, done, back, worded}) -> {element, close()}
  *     done(result), back() after a failure or a cancellation;   worded(words): the reason of a failure, as the page says it
  * followInPlace(...) -> {back()}    the job's progress in place of its form
- * jobList({api, kinds, done}) -> Promise<{element | null, close()}>    jobs in progress, and the newest that did not finish
+ * jobList({api, kind, done}) -> Promise<{element | null, close()}>    jobs in progress, and the newest that did not finish
  */
 
 import { needs, reason } from "./api.js";
@@ -70,11 +70,9 @@ export function createJobProgress({ api, job, title, done, back, worded = (words
   }
 
   function ended({ status, result, error, message: words }) {
-    if (status === "done") done(result);
-    else
-      fail(
-        `${WORDS[status] ?? status}${error ? `: ${worded(error)}` : status === "cancelled" ? ` (${words})` : ""}.`,
-      );
+    if (status === "done") return done(result);
+    const why = error ? `: ${worded(error)}` : status === "cancelled" ? ` (${words})` : "";
+    return fail(`${WORDS[status] ?? status}${why}.`);
   }
 
   function failed(error) {
@@ -89,25 +87,15 @@ export function createJobProgress({ api, job, title, done, back, worded = (words
   }
 }
 
-export async function jobList({ api, kinds, done }) {
-  const jobs = await api.get("/jobs");
-  const active = jobs.filter(
-    ({ kind, status }) => kinds.includes(kind) && UNDER_WAY.includes(status),
-  );
+export async function jobList({ api, kind, done }) {
+  const jobs = (await api.get("/jobs")).filter((job) => job.kind === kind);
+  const active = jobs.filter(({ status }) => UNDER_WAY.includes(status));
   const shown = active.map((job) => {
-    const progress = createJobProgress({
-      api,
-      job,
-      title: titleOf(job),
-      done: () => done(job),
-      back: () => progress.element.remove(),
-    });
+    const back = () => progress.element.remove();
+    const progress = createJobProgress({ api, job, title: titleOf(job), done: () => done(job), back });
     return progress;
   });
-  const parts = [
-    ...shown.map(({ element }) => element),
-    unfinished(jobs.filter(({ kind }) => kinds.includes(kind))),
-  ].filter(Boolean);
+  const parts = [...shown.map(({ element }) => element), unfinished(jobs)].filter(Boolean);
   return {
     element: parts.length ? h("div.stack", parts) : null,
     close: () => shown.forEach(({ close }) => close()),
@@ -119,22 +107,12 @@ function unfinished(jobs) {
   const lost = jobs.filter(({ status }) => ["failed", "interrupted"].includes(status)).slice(0, 5);
   if (!lost.length) return null;
   const rows = lost.map((job) =>
-    h(
-      "li",
-      `${moment(job.created)}, ${titleOf(job)}: ${job.status}, `,
-      h("span.dim", job.error ?? ""),
-    ),
+    h("li", `${moment(job.created)}, ${titleOf(job)}: ${job.status}, `, h("span.dim", job.error ?? "")),
   );
-  return h(
-    "details.fold",
-    h("summary", `${lost.length} that did not finish`),
-    h("ul", rows),
-  );
+  return h("details.fold", h("summary", `${lost.length} that did not finish`), h("ul", rows));
 }
 
 function titleOf({ kind, request }) {
-  const what =
-    { monitor: "Training", dataset: "Simulating", study: "Comparing the five methods" }[kind] ??
-    kind;
+  const what = { monitor: "Training", dataset: "Simulating" }[kind];
   return request.name ? `${what} “${request.name}”` : what;
 }

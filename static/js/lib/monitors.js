@@ -9,10 +9,11 @@
 
 import { h } from "./dom.js";
 import { askToConfirm } from "./elements.js";
+import { capital } from "./numbers.js";
 
 const brief = (text) => text.split(":")[0].replace(/^the monitor (is|was) /, "");
 
-export const sentence = (text) => `${text[0].toUpperCase()}${text.slice(1)}.`;
+export const sentence = (text) => `${capital(text)}.`;
 
 export function warningWords({ warnings }) {
   return warnings.length ? `◆ ${warnings.map(brief).join(", ")}` : "";
@@ -54,13 +55,8 @@ export async function startFlight({ api, navigate }, request) {
   try {
     await start(request);
   } catch (error) {
-    if (error.kind === USELESS)
-      askToConfirm(
-        "Fly with a monitor that is of no use?",
-        error.message,
-        "Fly anyway",
-        () => start({ ...request, accept_useless: true }),
-      );
+    const anyway = () => start({ ...request, accept_useless: true });
+    if (error.kind === USELESS) askToConfirm("Fly with a monitor that is of no use?", error.message, "Fly anyway", anyway);
     throw error;
   }
 }

@@ -17,8 +17,12 @@ import { remember, remembered } from "./storage.js";
 
 const UNITS = ["bytes", "kB", "MB", "GB", "TB"];
 
+export const count = (n) => n.toLocaleString("en");
+
+export const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
+
 export function percent(share, digits = 1) {
-  return share === null || share === undefined ? "–" : `${(100 * share).toFixed(digits)} %`;
+  return share == null ? "–" : `${(100 * share).toFixed(digits)} %`;
 }
 
 export function interval([low, high], digits = 1) {
@@ -26,7 +30,7 @@ export function interval([low, high], digits = 1) {
 }
 
 export function figure(number, digits = 3) {
-  if (number === null || number === undefined) return "–";
+  if (number == null) return "–";
   return String(Number(number.toPrecision(digits))).replaceAll("-", "−");
 }
 
@@ -85,7 +89,7 @@ export function leadSeconds(lead, decimals = 3) {
 }
 
 export function secondsText(t) {
-  return t === null || t === undefined ? "–" : `${formatTime(t, 0.01)} s`;
+  return t == null ? "–" : `${formatTime(t, 0.01)} s`;
 }
 
 export function durationText(seconds) {

@@ -5,7 +5,7 @@
  * route: its request; without permission for it the form is hidden.   send(version) -> Promise
  */
 
-import { createForm, group, labelled, textInput } from "../forms/controls.js";
+import { createForm, group, labelled, sharedField, textInput } from "../forms/controls.js";
 import { createFields } from "../forms/form.js";
 import { needs } from "../lib/api.js";
 import { h } from "../lib/dom.js";
@@ -32,10 +32,7 @@ export function createLimitForm({ catalog, newest, word, route, send }) {
     ],
     content: [
       h("h2", newest === null ? "New limit set" : "Next version"),
-      h(
-        "p.hint",
-        "A version never changes, and each flight records its version. Conditions must not overlap; an empty field is unbounded.",
-      ),
+      h("p.hint", "A version never changes, and each flight records its version. Conditions must not overlap; an empty field is unbounded."),
       newest === null ? named.element : null,
       holder,
       h("div.row", button("Add a condition", () => add(NEW))),
@@ -79,10 +76,7 @@ function createCase(catalog, { name, ranges, limits }, remove) {
     "fieldset",
     h("legend", "Condition"),
     named.element,
-    h(
-      "div.limit-ranges",
-      ends.map((end) => end.element),
-    ),
+    h("div.limit-ranges", ends.map((end) => end.element)),
     h("div.field-grid", fields.keys.map(fields.element)),
     h("div.row", away),
   );
@@ -100,27 +94,11 @@ function createCase(catalog, { name, ranges, limits }, remove) {
 
 /** A Field of two numbers, each of which may be left empty. */
 function rangeOf({ key, label, unit }, given = ["", ""]) {
-  const inputs = ["from", "below"].map((word, end) =>
-    h("input", { type: "number", step: "any", value: given[end] ?? "", "aria-label": `${label} ${word}` }),
-  );
+  const inputOf = (word, end) => h("input", { type: "number", step: "any", value: given[end] ?? "", "aria-label": `${label} ${word}` });
+  const inputs = ["from", "below"].map(inputOf);
   const [low, high] = inputs;
-  const failure = h("p.error", { role: "alert", hidden: true });
-  const element = h(
-    "div.field",
-    h("span", label, h("span.unit", unit && ` [${unit}]`)),
-    h("div.row.limit-range", "from", low, "below", high),
-    failure,
-  );
   const isBad = () => inputs.some(({ validity }) => validity.badInput);
-  return {
-    key,
-    element,
-    isBad,
-    range: () => inputs.map(({ value }) => (value === "" ? null : Number(value))),
-    focus: () => low.focus(),
-    say: (why) => {
-      failure.textContent = why;
-      failure.hidden = !why;
-    },
-  };
+  const range = () => inputs.map(({ value }) => (value === "" ? null : Number(value)));
+  const words = h("span", label, h("span.unit", unit && ` [${unit}]`));
+  return sharedField("div.field", low, [words, h("div.row.limit-range", "from", low, "below", high)], { key, isBad, range });
 }

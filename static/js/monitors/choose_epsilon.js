@@ -1,24 +1,18 @@
 /** Choose an epsilon from fresh flights: to keep two targets, or by the cost of a miss. */
 
-import { createForm, labelled, select } from "../forms/controls.js";
+import { createForm, foldedPanel, labelled, select } from "../forms/controls.js";
 import { createFields } from "../forms/form.js";
 import { h } from "../lib/dom.js";
 import { button, guideLink } from "../lib/elements.js";
-import { figure, percent } from "../lib/numbers.js";
+import { count, figure, percent } from "../lib/numbers.js";
 
 const KEYS = { targets: ["most_missed", "most_false_alarms"], cost: ["cost_of_miss"] };
-const count = (n) => n.toLocaleString("en");
 
 export function createEpsilonChoice({ api, id, catalog, navigate, keep }) {
   const { schema, default: usual } = catalog.recipes.epsilon;
   const fields = createFields(schema, { ...usual, cost_of_miss: 10 }, { catalog, path: "epsilon" });
-  const way = select(
-    [
-      ["targets", "to keep two targets"],
-      ["cost", "by the cost of a miss"],
-    ],
-    { id: "epsilon-way", onchange: show },
-  );
+  const ways = [["targets", "to keep two targets"], ["cost", "by the cost of a miss"]];
+  const way = select(ways, { id: "epsilon-way", onchange: show });
   const unasked = () => KEYS[way.value === "cost" ? "targets" : "cost"];
   const outcome = h("div.stack", { role: "status" });
   const { element } = createForm({
@@ -50,7 +44,7 @@ export function createEpsilonChoice({ api, id, catalog, navigate, keep }) {
   });
   element.append(outcome);
   show();
-  return h("details.panel.fold", h("summary", "Choose an epsilon from fresh flights"), element);
+  return foldedPanel("Choose an epsilon from fresh flights", element);
 
   function show() {
     for (const keys of Object.values(KEYS)) for (const key of keys) fields.element(key).hidden = unasked().includes(key);

@@ -1,6 +1,6 @@
 /** Combine monitors of one planned test: choose members and lead time; then the job, then the new monitor's page. */
 
-import { checkbox, createForm, fieldset, group, labelled, select, textInput } from "../forms/controls.js";
+import { checkbox, createForm, fieldset, group, labelled, optionalName, select } from "../forms/controls.js";
 import { createFields } from "../forms/form.js";
 import { isSimulated } from "../forms/planned_test.js";
 import { ApiError } from "../lib/api.js";
@@ -40,12 +40,11 @@ function formOf({ catalog, members, api, navigate, keep }) {
   const fields = createFields(schema, usual, { catalog, path: "combination", hidden: ["lead"] });
   const boxes = members.map(({ id, name }) => checkbox({ value: id, "aria-label": name, id: `member-${id}` }));
   const lead = select([], { id: "combination-lead" });
-  const name = textInput({ id: "combination-name", maxlength: 200, placeholder: "optional" });
   const leadField = labelled("warning lead time", lead, {
     unit: "s",
     hint: "that of one member; an alert counts if it comes at least this early",
   });
-  const named = labelled("name of the monitor", name);
+  const named = optionalName("name of the monitor", "combination-name");
   const chosen = () => members.filter((_, k) => boxes[k].checked);
   const { element } = createForm({
     title: TITLE,
@@ -55,16 +54,10 @@ function formOf({ catalog, members, api, navigate, keep }) {
     content: [
       fieldset(
         "1  Members",
-        h(
-          "p.hint",
-          "The combination shows the highest risk of its members and is calibrated as a whole. All members need the same planned test.",
-        ),
+        h("p.hint", "The combination shows the highest risk of its members and is calibrated as a whole. All members need the same planned test."),
         h("div", { onchange: follow }, memberTable(members, boxes, catalog)),
       ),
-      fieldset(
-        "2  Promise",
-        h("div.field-grid", leadField.element, fields.keys.map(fields.element), named.element),
-      ),
+      fieldset("2  Promise", h("div.field-grid", leadField.element, fields.keys.map(fields.element), named.element)),
     ],
     beside: link("Cancel", "#/monitors"),
     send,
@@ -89,19 +82,17 @@ function formOf({ catalog, members, api, navigate, keep }) {
 
   function send() {
     if (chosen().length < 2) throw new ApiError("Choose at least two members.", 0);
-    const given = name.value.trim();
     return api.post("/monitors/combinations", {
       ...fields.read(),
       lead: Number(lead.value),
       monitors: chosen().map(({ id }) => id),
-      ...(given && { name: given }),
+      ...named.read(),
     });
   }
 }
 
 function memberTable(members, boxes, catalog) {
-  const ticked = (monitor, k) =>
-    h("label.row", { for: boxes[k].id }, boxes[k], monitor.name, warningMark(monitor));
+  const ticked = (monitor, k) => h("label.row", { for: boxes[k].id }, boxes[k], monitor.name, warningMark(monitor));
   const columns = [
     ["Member", ticked],
     ["Aircraft", ({ dataset_recipe: test }) => aircraftName(catalog, test.aircraft)],

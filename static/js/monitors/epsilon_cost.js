@@ -8,7 +8,7 @@
 import { h, svg } from "../lib/dom.js";
 import { guideLink } from "../lib/elements.js";
 import { warningLines } from "../lib/monitors.js";
-import { figure, interval, percent } from "../lib/numbers.js";
+import { count, figure, interval, percent } from "../lib/numbers.js";
 import { alertAbove, neededFor, rank, scatter, threshold } from "./calibration_rule.js";
 
 const MEASURES = [
@@ -124,8 +124,8 @@ export function createEpsilonCost({ monitor, calibrations, evaluation, changed }
 /** Each test flight is in one count. Flights called INVALID are neither missed nor quiet. */
 function countsInWords({ misses, withdrawn, false_alerts, safe_withdrawn }, { n_unsafe, n_safe }) {
   const among = (total, parts) =>
-    parts.map(([n, words]) => `${n.toLocaleString("en")} ${words}`).join(", ") +
-    `, of ${total.toLocaleString("en")}`;
+    parts.map(([n, words]) => `${count(n)} ${words}`).join(", ") +
+    `, of ${count(total)}`;
   if (withdrawn === undefined || safe_withdrawn === undefined)
     return "Flights called INVALID were not counted; they are among those without an alert.";
   return (

@@ -32,7 +32,7 @@ function showMonitors(element, { api, navigate }) {
       loadCatalog(api),
       api.get("/monitors"),
       api.get("/datasets"),
-      jobList({ api, kinds: ["monitor"], done: () => again() }),
+      jobList({ api, kind: "monitor", done: again }),
     ]);
     keep(jobs);
     const rates = new Map(datasets.map(({ id, unsafe_rate }) => [id, unsafe_rate]));

@@ -1,6 +1,6 @@
 /** Lead-time study: how early each method can warn on a planned test, and at what cost.   query: dataset, job (a past sweep) */
 
-import { checkbox, fieldset, group, labelled, select, textInput } from "../forms/controls.js";
+import { checkbox, fieldset, group, labelled, select, sharedField, textInput } from "../forms/controls.js";
 import { decimals } from "../forms/decimals.js";
 import { createFields } from "../forms/form.js";
 import { h } from "../lib/dom.js";
@@ -42,17 +42,13 @@ function form({ catalog, datasets, chosen }) {
   const leads = textInput({ inputmode: "decimal", id: "sweep-leads", value: usual.leads_s.join(" ") });
   const leadField = labelled("warning lead times", leads, { unit: "s", hint: "up to twenty, separated by spaces" });
   const methods = methodChoice(boxes, catalog.sweep_methods);
+  const checks = () => [[methods, asked().length ? "" : "Choose at least one method."]];
   source.addEventListener("change", follow);
   follow();
   return {
     path: "/sweeps",
     word: "Start the study",
-    fields: [
-      fields,
-      group({ "sweep.leads_s": leadField, "sweep.methods": methods }, () => [
-        [methods, asked().length ? "" : "Choose at least one method."],
-      ]),
-    ],
+    fields: [fields, group({ "sweep.leads_s": leadField, "sweep.methods": methods }, checks)],
     content: [
       fieldset(
         "1  Planned test",
@@ -98,21 +94,12 @@ function testChoice(tests, datasets, chosen) {
 
 /** A Field of checkboxes.   words: hint of each. */
 function methodChoice(boxes, words) {
-  const failure = h("p.error", { role: "alert", hidden: true });
   const rows = boxes.map((box, k) => {
     const hint = h("span.hint", { id: `method-words-${k}` }, words[box.value]);
     box.setAttribute("aria-describedby", hint.id);
     return h("div.row", h("label.row", box, box.value), hint);
   });
-  return {
-    element: h("fieldset.stack-tight", h("legend", "Methods"), rows, failure),
-    words: "methods",
-    say: (why) => {
-      failure.textContent = why;
-      failure.hidden = !why;
-    },
-    focus: () => boxes[0].focus(),
-  };
+  return sharedField("fieldset.stack-tight", boxes[0], [h("legend", "Methods"), rows], { words: "methods" });
 }
 
 function result({ result: { recipe, tests, false_alarms_alike: alike } }) {
@@ -131,10 +118,7 @@ function planned(name, test, recipe, alike) {
     "section.stack",
     { "data-test": name },
     h("h2", name),
-    h(
-      "p",
-      `${percent(test.unsafe_share, 0)} of the flights fail; 1 in 20 of these fails within ${figure(test.earliest_s)} s of the first input.`,
-    ),
+    h("p", `${percent(test.unsafe_share, 0)} of the flights fail; 1 in 20 of these fails within ${figure(test.earliest_s)} s of the first input.`),
     hopeless &&
       h(
         "p.warning",

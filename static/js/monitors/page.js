@@ -19,12 +19,11 @@ import {
   table,
 } from "../lib/elements.js";
 import { warningLines } from "../lib/monitors.js";
-import { figure, interval, moment, percent } from "../lib/numbers.js";
+import { count, figure, interval, moment, percent } from "../lib/numbers.js";
 import { createEpsilonChoice } from "./choose_epsilon.js";
 import { createEpsilonCost } from "./epsilon_cost.js";
 import { calibrationFigure, curvesFigure, leadFigure, preventionFigure } from "./figures.js";
 
-const count = (n) => n.toLocaleString("en");
 const share = (n, total) => (n === undefined ? "not counted" : total ? percent(n / total) : "–");
 
 export function showMonitor(element, { id, api, navigate }) {
@@ -68,23 +67,15 @@ export function showMonitor(element, { id, api, navigate }) {
     return pageOf(
       monitor.name,
       [
-        button("Fly", () => navigate(`#/fly?monitor=${id}&epsilon=${cost.epsilon}`), {
-          class: "button button-primary",
-        }),
+        button("Fly", () => navigate(`#/fly?monitor=${id}&epsilon=${cost.epsilon}`), { class: "button button-primary" }),
         h("a.button", { href: `/api/v1/monitors/${id}/file`, download: true }, "Download"),
-        evaluation &&
-          h(
-            "a.button",
-            { href: `/api/v1/monitors/${id}/certificate`, target: "_blank" },
-            "Certificate",
-          ),
+        evaluation && h("a.button", { href: `/api/v1/monitors/${id}/certificate`, target: "_blank" }, "Certificate"),
         predictor?.kind !== "combination" && again(),
         deleteButton({
           api,
           path: `/monitors/${id}`,
           what: `monitor “${monitor.name}”`,
-          consequence:
-            "Deletes the monitor with its calibration and evaluation permanently. Download its file first to keep a copy. The dataset stays.",
+          consequence: "Deletes the monitor with its calibration and evaluation permanently. Download its file first to keep a copy. The dataset stays.",
           done: () => navigate("#/monitors"),
         }),
       ],
@@ -92,23 +83,18 @@ export function showMonitor(element, { id, api, navigate }) {
       facts({ monitor, calibration, dataset, evaluation, catalog }),
       cost.element,
       isKnown ? createEpsilonChoice({ api, id, catalog, navigate, keep }) : null,
-      h(
-        "div.figures",
-        figures.filter(Boolean).map((block) => h("section.panel", block)),
-      ),
+      h("div.figures", figures.filter(Boolean).map((block) => h("section.panel", block))),
       guarantee(monitor, calibration),
       details(monitor, calibration, catalog),
     );
   }
 }
 
-async function evaluationOf(api, id) {
-  try {
-    return await api.get(`/monitors/${id}/evaluation`);
-  } catch (error) {
-    if (error.status === 404) return null;
-    throw error;
-  }
+function evaluationOf(api, id) {
+  return api.get(`/monitors/${id}/evaluation`).catch((error) => {
+    if (error.status !== 404) throw error;
+    return null;
+  });
 }
 
 function facts({ monitor, calibration, dataset, evaluation, catalog }) {
@@ -186,10 +172,8 @@ function groups(evaluation, calibration, catalog) {
 
 function guarantee(monitor, { groups: promised, alphas }) {
   const lead = figure(monitor.lead);
-  const holds =
-    monitor.recipe.guarantee === "95%"
-      ? "with 95 % confidence in this monitor"
-      : "on average over calibration sets";
+  const isSure = monitor.recipe.guarantee === "95%";
+  const holds = isSure ? "with 95 % confidence in this monitor" : "on average over calibration sets";
   const points = [
     `The promise holds ${holds}, for flights like the simulated ones: this aircraft with its uncertainty, this manoeuvre, this simulated pilot.`,
     `Timely: at least ${lead} s before the first exceedance. Later alerts do not count.`,

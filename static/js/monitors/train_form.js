@@ -4,7 +4,7 @@
  * query: dataset (train on it), like (begin with the recipe of that monitor), recording (begin with what the server proposes)
  */
 
-import { createForm, fieldset, group, labelled, select, textInput } from "../forms/controls.js";
+import { createForm, fieldset, foldedPanel, group, labelled, optionalName, select } from "../forms/controls.js";
 import { createFields } from "../forms/form.js";
 import { datasetChoice } from "../forms/planned_test.js";
 import { loadCatalog, methodOf } from "../lib/catalog.js";
@@ -63,8 +63,7 @@ function trainForm({ api, catalog, datasets, like, chosen, keep, trained }) {
     ],
     { id: "method", name: "method", oninput: choose },
   );
-  const name = textInput({ id: "monitor-name", maxlength: 200, placeholder: "optional" });
-  const named = labelled("name of the monitor", name);
+  const named = optionalName("name of the monitor", "monitor-name");
   const served = h("p.hint.served");
   const advanced = fields.keys.filter((key) => !MAIN.includes(key));
   const families = advanced.filter((key) => schema.properties[key]?.["x-family"]);
@@ -77,18 +76,11 @@ function trainForm({ api, catalog, datasets, like, chosen, keep, trained }) {
       source.element,
       fieldset(
         "2  Warning lead time and miss rate",
-        h(
-          "div.field-grid",
-          MAIN.map(fields.element),
-          source.size,
-          labelled("method", method).element,
-          named.element,
-        ),
+        h("div.field-grid", MAIN.map(fields.element), source.size, labelled("method", method).element, named.element),
         served,
       ),
-      h(
-        "details.panel.fold",
-        h("summary", "Predictor, score, groups, promise, calibration, test flights"),
+      foldedPanel(
+        "Predictor, score, groups, promise, calibration, test flights",
         h("div.columns", families.map(fields.element)),
         h("div.field-grid", advanced.filter((key) => !families.includes(key)).map(fields.element)),
       ),
@@ -97,10 +89,7 @@ function trainForm({ api, catalog, datasets, like, chosen, keep, trained }) {
       link("Cancel", "#/monitors"),
       h("span.hint", "Simulates, trains and tests. You can leave the page meanwhile."),
     ],
-    send: () => {
-      const given = name.value.trim();
-      return api.post("/monitors", { ...fields.read(), dataset: source.read(), ...(given && { name: given }) });
-    },
+    send: () => api.post("/monitors", { ...fields.read(), dataset: source.read(), ...named.read() }),
     follow: { api, keep, title: ({ request }) => `Training “${request.name}”`, done: trained },
   });
   for (const event of ["input", "change"]) form.addEventListener(event, follow);

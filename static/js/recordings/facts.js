@@ -4,11 +4,10 @@ import { createMiniPlot } from "../charts/mini_plot.js";
 import { reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
 import { button, chip, factList, sentences, table } from "../lib/elements.js";
-import { bytesText, durationText, figure, moment, percent, timeZero } from "../lib/numbers.js";
+import { count, bytesText, durationText, figure, moment, percent, timeZero } from "../lib/numbers.js";
 import { nameParts } from "./mapping/signal_select.js";
 
 const SHOWN = 100; // signals listed without a filter
-const count = (n) => n.toLocaleString("en");
 
 export function formatTitle(catalog, key) {
   return catalog.telemetry.formats.find((format) => format.key === key)?.title ?? key;

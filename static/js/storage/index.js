@@ -4,7 +4,7 @@ import { reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
 import { createKeepButton, errorLine, factList, guideLink, link, loadingView, pageOf, table } from "../lib/elements.js";
 import { sentence } from "../lib/monitors.js";
-import { bytesText, moment } from "../lib/numbers.js";
+import { bytesText, capital, moment } from "../lib/numbers.js";
 
 const PAGES = { flight: "fly", recording: "recordings" };
 const PATHS = { flight: "flights", recording: "recordings" };
@@ -66,7 +66,7 @@ export function show(element, { api }) {
 }
 
 const KINDS = [
-  ["Kind", ({ kind }) => `${kind.charAt(0).toUpperCase()}${kind.slice(1)}s`, "name"],
+  ["Kind", ({ kind }) => `${capital(kind)}s`, "name"],
   ["Number", ({ n }) => n, "number"],
   ["Kept permanently", ({ kind, n_kept: n }) => (kind in PATHS ? n : "–"), "number"],
   ["Size", ({ size }) => bytesText(size), "number"],

@@ -2,7 +2,7 @@
 
 import { select as selectOf, textInput } from "../../forms/controls.js";
 import { h } from "../../lib/dom.js";
-import { figure } from "../../lib/numbers.js";
+import { count, figure } from "../../lib/numbers.js";
 import { cell, channelCell, confidence, setByYou } from "./cells.js";
 import { createSignalSelect } from "./signal_select.js";
 
@@ -58,7 +58,7 @@ export function createTimeRows({ times, contents, rationales, units, changed }) 
       cell("signal", "signal", select),
       unitCell,
       cell("confidence", "", verdict),
-      cell("plot dim", "", `${n.toLocaleString("en")} samples${rate ? ` at ${figure(rate, 4)} Hz` : ""}`),
+      cell("plot dim", "", `${count(n)} samples${rate ? ` at ${figure(rate, 4)} Hz` : ""}`),
     );
 
     function choose(value) {

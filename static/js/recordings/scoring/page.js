@@ -7,7 +7,7 @@ import { formatted, h } from "../../lib/dom.js";
 import { button, empty, errorLine, guideLink, link, loadingView, pageOf, recipeList, sentences } from "../../lib/elements.js";
 import { createEventList } from "../../lib/event_list.js";
 import { startFlight, warningMark } from "../../lib/monitors.js";
-import { figure, magnitudeIn, moment } from "../../lib/numbers.js";
+import { count, figure, magnitudeIn, moment } from "../../lib/numbers.js";
 import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
 import { createTrainingOffer } from "../training_offer.js";
 import { alertRule, outcomeChip, outsideChip, trimText } from "../words.js";
@@ -200,7 +200,7 @@ function scoringFacts({ request, quality, notes, mapping, channels, ...scoring }
     ["Samples, SHA-256", scoring.digest, true],
     ["Monitor, SHA-256", scoring.monitor_digest, true],
     ["Scored", moment(scoring.created)],
-    ["Samples", `${scoring.n_samples.toLocaleString("en")}, every ${figure(scoring.dt)} s`],
+    ["Samples", `${count(scoring.n_samples)}, every ${figure(scoring.dt)} s`],
     ["Trim", TRIMS[request.trim] ?? `mean of ${request.trim} s before the first input`],
     ["Manoeuvres", WAYS[request.manoeuvres] ?? `${request.manoeuvres.length} marked by hand`],
   ];
