@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from app.assessment.planned_test import SURFACE_NAMES, PlannedTest
 from app.campaigns.campaign import Campaign
@@ -13,17 +13,15 @@ from app.campaigns.point import Condition, Point, percent_at_most
 from app.recipes.labels import kind_label
 from app.recipes.recipes import to_plain
 from app.report.page import TEMPLATES
-from app.report.strip_chart import ticks
+from app.report.strip_chart import CROSS, DOT, STROKE, StripChart
 from core import __version__
 from core.channels import CHANNELS
 from core.clearance.identification import Identification
 from core.planned_test.planned_test import DatasetRecipe
 from core.types import Array
 
-WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 680.0, 280.0, 46.0, 14.0, 12.0, 34.0
-"""Size and margins of the build-up plot [px]."""
-LEFT_OF_ROWS, ROW_HEIGHT = 64.0, 20.0
-"""Left margin and row height of the plot of derivatives [px]."""
+HEIGHT, ROW_HEIGHT = 230.0, 12.0
+"""Heights of the build-up plot, and of a row of the plot of derivatives [px]."""
 MOST_STEPS = 12
 """Longest input that is described step by step."""
 ROOM = 1.08
@@ -74,74 +72,27 @@ def _condition(campaign: Campaign, condition: Condition) -> dict[str, Any]:
     }
 
 
-class _Axes:
-    """x: magnitude of the amplitude [deg].   y: part of the limit. Both start at 0."""
-
-    def __init__(self, most_deg: float, most_part: float) -> None:
-        self._most_deg, self._most_part = ROOM * most_deg, ROOM * most_part
-
-    def x(self, amplitude_deg: float) -> float:
-        return LEFT + (WIDTH - LEFT - RIGHT) * amplitude_deg / self._most_deg
-
-    def y(self, part: float) -> float:
-        return HEIGHT - BOTTOM - (HEIGHT - TOP - BOTTOM) * part / self._most_part
-
-    def frame(self) -> str:
-        right, bottom = WIDTH - RIGHT, HEIGHT - BOTTOM
-        parts = [
-            f'<path class="grid" d="M{LEFT} {self.y(part):.1f}H{right}"/>'
-            f'<text x="{LEFT - 5}" y="{self.y(part) + 3:.1f}" text-anchor="end">{part:.0%}</text>'
-            for part, _ in ticks(0.0, self._most_part, 5)
-        ]
-        parts += [
-            f'<text x="{self.x(at):.1f}" y="{bottom + 13}" text-anchor="middle">{words}</text>'
-            for at, words in ticks(0.0, self._most_deg, 6)
-        ]
-        words = "amplitude [deg]; vertical: largest part of a limit"
-        parts.append(
-            f'<text x="{(LEFT + right) / 2}" y="{HEIGHT - 4}" text-anchor="middle">{words}</text>'
-        )
-        parts.append(f'<path class="frame" d="M{LEFT} {TOP}V{bottom}H{right}"/>')
-        return "".join(parts)
-
-
 def build_up_plot(campaign: Campaign, condition: str) -> Markup:
     """Predicted intervals and flown peaks over the points, with the limit, as SVG."""
     points = [point for point in campaign.points if point.condition == condition]
     reached = [point.flown.reached for point in points if point.flown]
     predicted = [point.clearing.reached[2] for point in points if point.clearing]
-    axes = _Axes(max(abs(point.peak_deg) for point in points), max([1.0, *reached, *predicted]))
-    limit = (
-        f'<path class="limit" d="M{LEFT} {axes.y(1.0):.1f}H{WIDTH - RIGHT}"/>'
-        f'<text class="limit-words" x="{LEFT + 6}" y="{axes.y(1.0) - 4:.1f}">limit</text>'
-    )
-    marks = "".join(_marks(axes, point) for point in points)
-    return Markup(
-        f'<svg class="chart" viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="img" '
-        'aria-label="Predicted and flown peaks over amplitude">'
-        f"{axes.frame()}{limit}{marks}</svg>"
-    )
-
-
-def _marks(axes: _Axes, point: Point) -> str:
-    """A point: its name, the predicted bar, the flown mark."""
-    x, parts = axes.x(abs(point.peak_deg)), []
-    if point.clearing:
-        low, middle, high = (axes.y(part) for part in point.clearing.reached)
-        parts.append(
-            f'<path class="predicted" d="M{x - 5:.1f} {low:.1f}h10m-5 0V{high:.1f}m-5 0h10'
-            f'M{x - 8:.1f} {middle:.1f}h16"/>'
-        )
-    if point.flown:
-        y = axes.y(point.flown.reached)
-        parts.append(
-            f'<path class="not-passed" d="M{x - 4:.1f} {y - 4:.1f}l8 8m-8 0l8 -8"/>'
-            if point.failed or point.state == "aborted"
-            else f'<circle class="flown" cx="{x:.1f}" cy="{y:.1f}" r="4"/>'
-        )
-    name = escape(point.name)
-    parts.append(f'<text x="{x:.1f}" y="{HEIGHT - BOTTOM - 4}" text-anchor="middle">{name}</text>')
-    return "".join(parts)
+    peaks = [abs(point.peak_deg) for point in points]
+    chart = StripChart(0.0, ROOM * max(peaks), axis="amplitude [deg]")
+    strip = chart.strip(HEIGHT, "largest part of a limit [%]")
+    strip.show([0.0, 100.0 * max([1.0, *reached, *predicted])])
+    strip.levels("limit", [100.0])
+    for at, point in zip(peaks, points, strict=True):
+        if point.clearing:
+            interval = 100.0 * np.array(point.clearing.reached)
+            strip.line("predicted", np.full(3, at), interval)
+            strip.marks("predicted stroke", np.full(3, at), interval, STROKE)
+        if point.flown:
+            failed = point.failed or point.state == "aborted"
+            look = ("not-passed", CROSS) if failed else ("flown", DOT)
+            strip.marks(look[0], np.array([at]), np.array([100.0 * point.flown.reached]), look[1])
+    chart.name([(at, point.name) for at, point in zip(peaks, points, strict=True)])
+    return chart.svg("Predicted and flown peaks over amplitude")
 
 
 def derivatives_plot(history: Sequence[Identification]) -> Markup:
@@ -149,40 +100,22 @@ def derivatives_plot(history: Sequence[Identification]) -> Markup:
 
     history: after the first point, the second, and so on.
     """
-    last = history[-1]
+    last, n = history[-1], len(history)
     uncertain = [k for k in range(len(last.names)) if last.prior_sigma[k] > 0.0]
     known = [_standard(identified) for identified in history]
     most = max(3.0, *(float(np.abs(mean[uncertain]).max()) + 1.0 for mean, _ in known))
-    height = TOP + ROW_HEIGHT * len(uncertain) + BOTTOM
-    middle, unit = (LEFT_OF_ROWS + WIDTH - RIGHT) / 2, (WIDTH - RIGHT - LEFT_OF_ROWS) / 2 / most
-    bottom = height - BOTTOM
-    parts = [
-        f'<rect class="prior" x="{middle - 2 * unit:.1f}" y="{TOP}" width="{4 * unit:.1f}" '
-        f'height="{bottom - TOP:.1f}"/>'
-    ]
-    for at in range(-int(most), int(most) + 1):
-        x = middle + unit * at
-        parts.append(f'<path class="grid" d="M{x:.1f} {TOP}V{bottom}"/>')
-        parts.append(f'<text x="{x:.1f}" y="{bottom + 13}" text-anchor="middle">{at}</text>')
-    for row, k in enumerate(uncertain):
-        y = TOP + ROW_HEIGHT * row
-        parts.append(
-            f'<text x="{LEFT_OF_ROWS - 6}" y="{y + ROW_HEIGHT / 2 + 3:.1f}" text-anchor="end">'
-            f"{escape(last.names[k])}</text>"
-        )
-        for number, (mean, sigma) in enumerate(known):
-            at = y + ROW_HEIGHT * (number + 1) / (len(known) + 1)
-            low, high = (middle + unit * (mean[k] + side * sigma[k]) for side in (-1.96, 1.96))
-            kind = "known" if number == len(known) - 1 else "known earlier"
-            parts.append(f'<path class="{kind}" d="M{low:.1f} {at:.1f}H{high:.1f}"/>')
-            x = middle + unit * mean[k]
-            parts.append(f'<circle class="{kind}" cx="{x:.1f}" cy="{at:.1f}" r="2"/>')
     words = "difference from the expected value, in expected standard deviations"
-    parts.append(f'<text x="{middle:.1f}" y="{height - 4}" text-anchor="middle">{words}</text>')
-    return Markup(
-        f'<svg class="chart" viewBox="0 0 {WIDTH:g} {height:g}" role="img" '
-        f'aria-label="Derivatives after each point">{"".join(parts)}</svg>'
-    )
+    chart = StripChart(-most, most, axis=words)
+    for k in uncertain:
+        strip = chart.strip(ROW_HEIGHT, last.names[k])
+        strip.low, strip.high = 0.0, n + 1.0
+        strip.fill("prior", [(-2.0, 2.0)])
+        for number, (mean, sigma) in enumerate(known):
+            kind, level = ("known" if number == n - 1 else "known earlier"), n - number
+            half = 1.96 * sigma[k]
+            strip.steps(kind, [(mean[k] - half, mean[k] + half, level)])
+            strip.marks(kind, mean[[k]], np.array([level]), DOT)
+    return chart.svg("Derivatives after each point")
 
 
 def _standard(identified: Identification) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""Strip charts over one time axis, as SVG inside a page.
+"""Strip charts over one axis, usually time, as SVG inside a page.
 
 This module makes the geometry; colours, widths and dashes are classes of chart.css.
 """
@@ -23,6 +23,8 @@ MARGIN = 0.06
 """Share of a strip's range left free above and below."""
 Intervals = Iterable[tuple[float, float]]
 """From, to [s]."""
+TRIANGLE, STROKE, CROSS = "l-3.5-6h7z", "m-5 0h10", "m-4-4l8 8m-8 0l8-8"
+DOT = "m-3 0a3 3 0 1 0 6 0a3 3 0 1 0-6 0z"
 BINS = 1200
 """Columns of a trace; paper shows no more."""
 
@@ -86,10 +88,10 @@ class Strip:
         ]
         self._draw(kind, boxes)
 
-    def marks(self, kind: str, t: Array, values: Array) -> None:
-        """A triangle pointing down at each sample."""
+    def marks(self, kind: str, t: Array, values: Array, shape: str = TRIANGLE) -> None:
+        """A mark at each sample. shape: its path from there."""
         points = zip(self.chart.x(t), self.y(values), strict=True)
-        self._draw(kind, [f"M{x:.1f} {y:.1f}l-3.5-6h7z" for x, y in points])
+        self._draw(kind, [f"M{x:.1f} {y:.1f}{shape}" for x, y in points])
 
     def y(self, values: Array) -> Array:
         return self.top + (self.high - values) / (self.high - self.low) * self.height
@@ -120,12 +122,20 @@ class Strip:
 class StripChart:
     """Strips, one below the other.
 
-    start, end: of the time axis [s].   left, top: margins of the strips [px].
+    start, end: of the axis, usually time [s].   left, top: margins of the strips [px].
+    axis: its label.
     """
 
-    def __init__(self, start: float, end: float, left: float = LEFT, top: float = TOP) -> None:
+    def __init__(
+        self,
+        start: float,
+        end: float,
+        left: float = LEFT,
+        top: float = TOP,
+        axis: str = "t [s]",
+    ) -> None:
         self.start, self.end = start, end if end > start else start + 1.0
-        self.left, self.top = left, top
+        self.left, self.top, self.axis = left, top, axis
         self._strips: list[Strip] = []
         self._words: list[str] = []
         self._bottom = top
@@ -182,7 +192,7 @@ class StripChart:
         places = self.x(np.array([t for t, _ in labels])).tolist()
         times = list(zip(places, (text for _, text in labels), strict=True))
         axis = [_text(x, self.height - 18, text, "middle") for x, text in times]
-        axis.append(_text((self.left + WIDTH - RIGHT) / 2, self.height - 4, "t [s]", "middle"))
+        axis.append(_text((self.left + WIDTH - RIGHT) / 2, self.height - 4, self.axis, "middle"))
         strips = [part for strip in self._strips for part in strip.svg(times)]
         return "".join(strips + axis + self._words)
 
