@@ -9,6 +9,7 @@ import json
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -163,29 +164,38 @@ class ScoredRecordings:
 def _entry(
     inputs: Ingredients, scored: ScoredRecording, scoring_id: str, samples_digest: str
 ) -> ScoringInfo:
-    t = scored.samples["t"]
     return ScoringInfo(
         id=scoring_id,
         recording_id=inputs.recording.id,
         monitor_id=inputs.info.id,
-        monitor_name=inputs.info.name,
-        monitor_digest=inputs.info.digest,
         specification=inputs.info.specification,
         request_digest=inputs.digest,
-        digest=samples_digest,
-        created=now(),
-        version=__version__,
-        epsilon=scored.epsilon,
-        lead=inputs.monitor.lead,
-        dt=scored.dt,
         request=inputs.recipe.to_plain(),
-        mapping=inputs.mapped.mapping,
-        n_samples=len(t),
-        start=float(t[0]),
-        end=float(t[-1]),
-        notes=list(scored.notes),
-        quality=quality_of(scored),
-        manoeuvres=[plain(manoeuvre.to_plain()) for manoeuvre in scored.manoeuvres],
-        outside_exceedances=[asdict(exceedance) for exceedance in scored.outside_exceedances],
-        limits_in_force=None if (in_force := scored.limits_in_force) is None else list(in_force),
+        monitor_name=inputs.info.name,
+        monitor_digest=inputs.info.digest,
+        digest=samples_digest,
+        **scoring_fields(scored, inputs.monitor, inputs.mapped.mapping),
     )
+
+
+def scoring_fields(
+    scored: ScoredRecording, monitor: Monitor, mapping: dict[str, Any]
+) -> dict[str, Any]:
+    """The fields of a ScoringInfo that the result alone gives. mapping: plain."""
+    t, in_force = scored.samples["t"], scored.limits_in_force
+    return {
+        "created": now(),
+        "version": __version__,
+        "epsilon": scored.epsilon,
+        "lead": monitor.lead,
+        "dt": scored.dt,
+        "mapping": mapping,
+        "n_samples": len(t),
+        "start": float(t[0]),
+        "end": float(t[-1]),
+        "notes": list(scored.notes),
+        "quality": quality_of(scored),
+        "manoeuvres": [plain(manoeuvre.to_plain()) for manoeuvre in scored.manoeuvres],
+        "outside_exceedances": [asdict(exceedance) for exceedance in scored.outside_exceedances],
+        "limits_in_force": None if in_force is None else list(in_force),
+    }

@@ -9,13 +9,12 @@ from markupsafe import Markup
 from app.assessment.planned_test import SURFACE_NAMES, PlannedTest
 from app.campaigns.campaign import Campaign
 from app.campaigns.clearing import bound_in_words, checklist, history
-from app.campaigns.point import Condition, Point, percent_at_most
+from app.campaigns.point import Condition, percent_at_most
 from app.recipes.labels import kind_label
 from app.recipes.recipes import to_plain
-from app.report.page import TEMPLATES
+from app.report.page import TEMPLATES, limited
 from app.report.strip_chart import CROSS, DOT, STROKE, StripChart
 from core import __version__
-from core.channels import CHANNELS
 from core.clearance.identification import Identification
 from core.planned_test.planned_test import DatasetRecipe
 from core.types import Array
@@ -59,12 +58,11 @@ def input_words(test: DatasetRecipe) -> str:
 def _condition(campaign: Campaign, condition: Condition) -> dict[str, Any]:
     identifications = history(campaign, condition.name)
     test = condition.test
-    limits = zip(CHANNELS, test.specification.magnitudes, strict=True)
     return {
         "name": condition.name,
         "points": [point for point in campaign.points if point.condition == condition.name],
         "maneuver": kind_label(to_plain(test.maneuver)["kind"]),
-        "limits": [(channel, float(limit)) for channel, limit in limits if limit < float("inf")],
+        "limits": limited(test.specification.magnitudes),
         "aircraft": test.aircraft.description.split(";")[0],
         "plot": build_up_plot(campaign, condition.name),
         "identified": identifications[-1] if identifications else None,

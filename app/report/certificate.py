@@ -5,9 +5,8 @@ from datetime import UTC, datetime
 
 from app.assessment.wording import PROMISED, alerts_above
 from app.recipes.recipes import to_plain
-from app.report.page import TEMPLATES
+from app.report.page import TEMPLATES, limited
 from core import __version__
-from core.channels import CHANNELS
 from core.evaluation.certificate import Share, certificate, warnings_of
 from core.evaluation.rates import clopper_pearson
 from core.monitor import Monitor
@@ -29,7 +28,6 @@ def certificate_page(monitor: Monitor, name: str, digest: str, created: str = ""
             "train it with test flights"
         )
     prevention = evaluation.get("prevention")
-    limits = [] if monitor.limits is None else zip(CHANNELS, monitor.limits, strict=True)
     return TEMPLATES.get_template("certificate.html").render(
         name=name,
         digest=digest,
@@ -45,7 +43,7 @@ def certificate_page(monitor: Monitor, name: str, digest: str, created: str = ""
         written=datetime.now(UTC).isoformat(),
         alerts_above=alerts_above(epsilon, monitor.alert_above(), monitor.recipe.guarantee),
         promised=PROMISED[monitor.recipe.guarantee],
-        limits=[(channel, float(limit)) for channel, limit in limits if limit < float("inf")],
+        limits=limited(monitor.limits),
         summary=summary,
         evaluation=evaluation,
         false_alarm=Share(evaluation["at_epsilon"]["false_alerts"], evaluation["n_safe"])

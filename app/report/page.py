@@ -7,7 +7,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from app.assessment.limits_history import LimitPiece, pieces_of
+from app.assessment.limits_history import pieces_of
 from app.assessment.outcome import OUTCOMES, lead_words
 from app.assessment.planned_test import limits_of
 from app.assessment.verdict import amplitude_of
@@ -20,6 +20,7 @@ from app.telemetry.mapping.mapping import TimeSource, counts_the_day, time_of_da
 from core import __version__
 from core.channels import CHANNELS, Channel, significant
 from core.evaluation.certificate import certificate, warnings_of
+from core.types import Array
 
 CONFIDENT = 0.9
 """From this confidence on, a proposal is listed without its reasons."""
@@ -46,35 +47,17 @@ def report(subject: ReportSubject) -> str:
     outside = scoring["outside_exceedances"]
     drawn, above = facts.drawn(manoeuvres), monitor.alert_above(epsilon)
     valid = [manoeuvre["validity"]["valid"] for manoeuvre in manoeuvres]
-    quality = scoring["quality"]
-    sentences = quality["sentences"] if quality else []
+    quality = scoring["quality"] or {"sentences": []}
+    sentences = quality["sentences"]
     return TEMPLATES.get_template("report.html").render(
-        recording=recording,
-        scoring=scoring,
+        vars(subject),
         manoeuvres=manoeuvres,
-        markers=subject.markers,
-        monitor={
-            "name": subject.monitor_name,
-            "digest": subject.monitor_digest,
-            "recipe": to_plain(monitor.recipe),
-            "test": monitor.dataset_recipe,
-            "support": monitor.support,
-            "n_unsafe": monitor.n_unsafe,
-            "n_early": monitor.n_early,
-            "lead": monitor.lead,
-            "version": monitor.version,
-            "dataset_digest": monitor.dataset_digest,
-        },
-        certificate=certificate(subject.evaluation, epsilon),
-        warnings=warnings_of(subject.evaluation, epsilon),
+        recipe=to_plain(monitor.recipe),
+        certificate=certificate(monitor.evaluation, epsilon),
+        warnings=warnings_of(monitor.evaluation, epsilon),
         limits=[
-            {
-                "channel": channel,
-                "limit": float(limit),
-                "exceeded": facts.exceeded_own(manoeuvres, channel.key, float(limit)),
-            }
-            for channel, limit in zip(CHANNELS, limits, strict=True)
-            if limit < float("inf")
+            (channel, limit, facts.exceeded_own(manoeuvres, channel.key, limit))
+            for channel, limit in limited(limits)
         ],
         in_force=facts.limits_in_force(in_force or [], manoeuvres),
         look_ahead=max((s.get("look_ahead", 0.0) for s in manoeuvres), default=0.0),
@@ -83,39 +66,40 @@ def report(subject: ReportSubject) -> str:
         outside=outside,
         most_outside=MOST_OUTSIDE,
         proposed=subject.mapped == PROPOSED,
-        tested=subject.evaluation is not None,
         alerts_above=alerts_above(epsilon, above, monitor.recipe.guarantee),
         promise=PROMISED[monitor.recipe.guarantee],
         worst=facts.worst(manoeuvres),
         counts=facts.counts(manoeuvres),
-        promised=sum(each is True for each in valid),
-        withdrawn=sum(each is False for each in valid),
-        unchecked=sum(each is None for each in valid),
+        promised=valid.count(True),
+        withdrawn=valid.count(False),
+        unchecked=valid.count(None),
         outcomes=OUTCOMES,
         alerts=facts.alerts(manoeuvres),
         mapping=facts.mapping_rows(scoring["mapping"], subject.rationales),
-        mapped=subject.mapped,
-        rationales=bool(subject.rationales),
         confident=CONFIDENT,
         sentences=facts.notes(sentences),
         notes=facts.notes(
             recording["ignored"], recording["notes"], scoring["notes"], apart_from=sentences
         ),
-        faults=figures.faults(quality),
-        sensors=(quality or {}).get("compatibility", []),
-        tolerances=(quality or {}).get("compatibility_tolerances", ""),
+        faults=figures.faults(scoring["quality"]),
+        sensors=quality.get("compatibility", []),
+        tolerances=quality.get("compatibility_tolerances", ""),
         overview=figures.overview(subject.samples, manoeuvres, pieces, above),
-        sections=[
-            (
-                number + 1,
-                manoeuvre,
-                _figure(subject, manoeuvre, pieces) if number in drawn else None,
+        figures={
+            number: figures.manoeuvre(
+                subject.samples, manoeuvres[number], pieces, above, monitor.lead
             )
-            for number, manoeuvre in enumerate(manoeuvres)
-        ],
+            for number in drawn
+        },
         version=__version__,
         channels={channel.key: channel for channel in CHANNELS},
     )
+
+
+def limited(limits: Array | None) -> list[tuple[Channel, float]]:
+    """The channels with a limit, and its magnitude."""
+    magnitudes = [] if limits is None else zip(CHANNELS, limits.tolist(), strict=True)
+    return [(channel, limit) for channel, limit in magnitudes if limit < float("inf")]
 
 
 def _counts_the_day(mapping: Mapping[str, Any]) -> bool:
@@ -124,13 +108,6 @@ def _counts_the_day(mapping: Mapping[str, Any]) -> bool:
         TimeSource(rate=given.get("rate", 0.0), start=given.get("start", 0.0))
         for given in mapping["times"].values()
     )
-
-
-def _figure(
-    subject: ReportSubject, manoeuvre: Mapping[str, Any], limits: list[LimitPiece]
-) -> Markup:
-    above = subject.monitor.alert_above(subject.scoring["epsilon"])
-    return figures.manoeuvre(subject.samples, manoeuvre, limits, above, subject.monitor.lead)
 
 
 def _symbol(symbol: str) -> Markup:

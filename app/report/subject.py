@@ -1,24 +1,19 @@
 """The input of a report, from a stored scoring or a scored file; metadata of exported samples."""
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from collections.abc import Mapping as Plain
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy.typing as npt
 
-from app.recordings.mapped_columns import plain, quality_of
 from app.recordings.samples import digest
-from app.recordings.scored import ScoredRecordings
+from app.recordings.scored import ScoredRecordings, scoring_fields
 from app.recordings.scored_file import Scored, ScoredFile, ScoreRequest
+from app.recordings.verified import digest_of
 from app.store.recordings import MappedColumns, MappingState
 from app.store.scorings import ScoringInfo
-from app.store.tables import now
 from app.telemetry.contents import Contents
-from app.telemetry.mapping.mapping import Mapping
-from core import __version__
 from core.monitor import Monitor
 
 PROPOSED = "proposed by the program, not confirmed"
@@ -31,7 +26,6 @@ class ReportSubject:
 
     recording: name, digest, size, format, aircraft, and the fields of `of_contents`.
     scoring: as app.store.scorings.ScoringInfo, its mapping and manoeuvres plain.
-    evaluation: the monitor's test on fresh flights; None if it was not tested.
     samples: as stored.   mapped: origin of the mapping, in words; "" where unknown.
     rationales: confidence and reasons of a proposed mapping, by key of TARGETS.
     markers: of the user: t, end, kind, text.
@@ -40,9 +34,6 @@ class ReportSubject:
     recording: Plain[str, Any]
     scoring: Plain[str, Any]
     monitor: Monitor
-    monitor_name: str
-    monitor_digest: str
-    evaluation: Plain[str, Any] | None
     samples: npt.NDArray
     mapped: str = ""
     rationales: Plain[str, Plain[str, Any]] = field(default_factory=dict)
@@ -92,16 +83,12 @@ def stored_subject(scored: ScoredRecordings, recording_id: str, scoring_id: str)
     store = scored.store
     info = store.scorings.info(recording_id, scoring_id)
     recording = store.recordings.info(recording_id)
-    monitor = store.monitors.get(info.monitor_id)
     contents = scored.recordings.columns(recording_id).contents
     mapped, rationales = _mapped(info, store.recordings.mapped_columns(recording_id))
     return ReportSubject(
         recording=asdict(recording) | of_contents(contents),
         scoring=asdict(info),
-        monitor=monitor,
-        monitor_name=info.monitor_name,
-        monitor_digest=info.monitor_digest,
-        evaluation=monitor.evaluation,
+        monitor=store.monitors.get(info.monitor_id),
         samples=scored.samples(info),
         mapped=mapped,
         rationales=rationales,
@@ -121,63 +108,32 @@ def _mapped(info: ScoringInfo, now: MappedColumns) -> tuple[str, dict[str, Any]]
     return words, now.proposal.get("rationales", {}) if proposed else {}
 
 
-GIVEN = "as given"
-
-
 def file_subjects(
     request: ScoreRequest, scored_file: ScoredFile, aircraft: str | None
 ) -> Iterator[tuple[Scored, ReportSubject]]:
     """The report subject of each scoring of a file."""
     recording = {
         "name": request.file.name,
-        "digest": _digest(request.file),
+        "digest": digest_of(request.file),
         "size": request.file.stat().st_size,
         "aircraft": aircraft,
         "format": scored_file.contents.format,
     } | of_contents(scored_file.contents)
     rationales = scored_file.proposal.rationales if scored_file.proposal else {}
+    mapping = scored_file.mapping.to_plain()
     for scored in scored_file.scored:
-        scoring = _scoring(scored, scored_file.mapping)
-        yield (
-            scored,
-            ReportSubject(
-                recording=recording,
-                scoring=scoring,
-                monitor=scored.monitor,
-                monitor_name=scoring["monitor_name"],
-                monitor_digest=scoring["monitor_digest"],
-                evaluation=scored.monitor.evaluation,
-                samples=scored.recording.samples,
-                mapped=PROPOSED if scored_file.proposal else GIVEN,
-                rationales={key: asdict(rationale) for key, rationale in rationales.items()},
-            ),
+        fields = scoring_fields(scored.recording, scored.monitor, mapping)
+        scoring = {
+            "monitor_name": scored.path.stem,
+            "monitor_digest": digest_of(scored.path),
+            "digest": digest(scored.recording.samples),
+        } | fields
+        subject = ReportSubject(
+            recording=recording,
+            scoring=scoring,
+            monitor=scored.monitor,
+            samples=scored.recording.samples,
+            mapped=PROPOSED if scored_file.proposal else "as given",
+            rationales={key: asdict(rationale) for key, rationale in rationales.items()},
         )
-
-
-def _scoring(scored: Scored, mapping: Mapping) -> dict[str, Any]:
-    """A scoring with the fields of a stored one."""
-    recording, t = scored.recording, scored.recording.samples["t"]
-    return {
-        "monitor_name": scored.path.stem,
-        "monitor_digest": _digest(scored.path),
-        "created": now(),
-        "version": __version__,
-        "epsilon": recording.epsilon,
-        "lead": scored.monitor.lead,
-        "dt": recording.dt,
-        "mapping": mapping.to_plain(),
-        "n_samples": len(t),
-        "start": float(t[0]),
-        "end": float(t[-1]),
-        "notes": list(recording.notes),
-        "quality": quality_of(recording),
-        "manoeuvres": [plain(manoeuvre.to_plain()) for manoeuvre in recording.manoeuvres],
-        "outside_exceedances": [asdict(exceedance) for exceedance in recording.outside_exceedances],
-        "limits_in_force": recording.limits_in_force,
-        "digest": digest(recording.samples),
-    }
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        yield scored, subject
