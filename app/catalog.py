@@ -29,7 +29,6 @@ from app.recipes.recipes import (
     USUAL_DATASET,
     USUAL_MONITOR,
     Imperfect,
-    family_of,
     limits_named,
 )
 from app.recipes.recipes import to_plain as stored_plain
@@ -52,7 +51,7 @@ from core.monitor import MonitorRecipe
 from core.monitor.recipe import METHODS
 from core.planned_test.amplitude import WANTED_SHARE
 from core.planned_test.collection import DatasetRecipe
-from core.recipe import FAMILIES, Family
+from core.recipe import FAMILIES, Family, family_of
 from core.simulation.aircraft import Aircraft
 
 RECIPES: dict[str, Any] = {

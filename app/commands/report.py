@@ -20,8 +20,7 @@ from app.jobs.requests import N_TEST
 from app.jobs.training import fly_test
 from app.recipes.recipes import RecipeError, from_plain
 from app.recordings.exports import EXPORTS, export
-from app.recordings.mapping_memory import MappingMemory
-from app.recordings.scored_file import ScoredFile, ScoreRequest, labels, score_file
+from app.recordings.scored_file import MappingMemory, ScoredFile, ScoreRequest, labels, score_file
 from app.report.page import report
 from app.report.subject import about, file_subjects
 from core.monitor import Monitor

@@ -20,30 +20,9 @@ from core.monitor.group import Pooled
 from core.monitor.recipe import METHODS, MonitorRecipe
 from core.planned_test.amplitude import Suggestion, suggest_amplitude
 from core.planned_test.planned_test import DatasetRecipe
-from core.recipe import RecipeError, family_of, to_plain
+from core.recipe import RecipeError as RecipeError
+from core.recipe import to_plain as to_plain
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
-
-__all__ = [
-    "AS_FLOWN",
-    "AUTO",
-    "USUAL_DATASET",
-    "USUAL_MONITOR",
-    "Imperfect",
-    "RecipeError",
-    "SentRecipe",
-    "as_ordered",
-    "dataset_recipe",
-    "family_of",
-    "from_plain",
-    "limits_named",
-    "matrices_renamed",
-    "monitor_as_ordered",
-    "overlay",
-    "read_plain",
-    "set_path",
-    "stored_names",
-    "to_plain",
-]
 
 DEFAULT_KIND: str = to_plain(DatasetRecipe())["aircraft"]["kind"]
 BEFORE_IMPERFECTIONS = {entry.name for entry in fields(DatasetRecipe)} - {"imperfections"}

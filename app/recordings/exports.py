@@ -28,7 +28,6 @@ MAT_TITLE_BYTES = 116
 """scipy writes the time of day there; we replace it, so that equal flights give equal files."""
 BLOCK = 65_536
 """Rows in memory at once, for formats that are written row by row."""
-ALL = slice(None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,16 +75,13 @@ def columns(
 
     in_force: limits in force, see app.assessment.limits_history; one column per limited channel.
     """
-    units = {channel.key: channel.unit for channel in CHANNELS}
-    states = tuple(state.value for state in STATES)
-    measured = [
-        ExportColumn(key, unit, samples["y"][:, c], from_trim=True)
-        for c, (key, unit) in enumerate(units.items())
-    ]
-    predicted = [
-        ExportColumn(f"predicted_{key}", unit, samples["y_hat"][:, c], from_trim=True)
-        for c, (key, unit) in enumerate(units.items())
-    ]
+    measured, predicted = (
+        [
+            ExportColumn(f"{prefix}{channel.key}", channel.unit, samples[field][:, c], True)
+            for c, channel in enumerate(CHANNELS)
+        ]
+        for prefix, field in (("", "y"), ("predicted_", "y_hat"))
+    )
     attitude = [
         ExportColumn(angle, "rad", samples["attitude"][:, c])
         for c, angle in enumerate(ANGLES)
@@ -94,7 +90,7 @@ def columns(
     return [
         ExportColumn("t", "s", samples["t"]),
         *measured,
-        ExportColumn("state", "", samples["state"], words=states),
+        ExportColumn("state", "", samples["state"], words=tuple(state.value for state in STATES)),
         ExportColumn("p_value", "", samples["p_value"]),
         ExportColumn("alert", "", samples["alert"]),
         ExportColumn("manoeuvre", "", samples["manoeuvre"].astype(np.int32)),
@@ -122,50 +118,19 @@ def _limits(t: Array, in_force: Sequence[Mapping[str, Any]]) -> list[ExportColum
     return limit_columns
 
 
-def _table(export_columns: list[ExportColumn], names: list[str], rows: slice = ALL) -> "pa.Table":
+def _table(export_columns: list[ExportColumn], names: list[str], rows: slice) -> "pa.Table":
     """An Arrow table with nulls for missing values."""
     import pyarrow as pa
 
-    return pa.table([_arrow(column, rows) for column in export_columns], names=names)
-
-
-def _arrow(column: ExportColumn, rows: slice = ALL) -> "pa.Array":
-    """Some rows of a column as an Arrow array; Arrow's own conversion imports pandas first."""
-    import pyarrow as pa
-
-    values = column.values[rows]
-    if column.words:
-        return _texts(values, column.words)
-    if values.dtype.kind == "b":
-        return pa.Array.from_buffers(pa.bool_(), len(values), [None, _bits(values)])
-    known = None if values.dtype.kind != "f" else ~np.isnan(values)
-    validity = None if known is None or known.all() else _bits(known)
-    numbers = pa.py_buffer(np.ascontiguousarray(values))
-    kind = pa.from_numpy_dtype(values.dtype)
-    return pa.Array.from_buffers(kind, len(values), [validity, numbers])
-
-
-def _bits(flags: npt.NDArray[np.bool_]) -> "pa.Buffer":
-    import pyarrow as pa
-
-    return pa.py_buffer(np.packbits(flags, bitorder="little"))
-
-
-def _texts(values: npt.NDArray[Any], words: tuple[str, ...]) -> "pa.Array":
-    """Words by index; built from runs, because neighbours are usually equal."""
-    import pyarrow as pa
-
-    changes = np.ones(len(values), bool)
-    changes[1:] = values[1:] != values[:-1]
-    starts = np.flatnonzero(changes)
-    runs = np.diff(np.append(starts, len(values)))
-    texts = [words[values[start]].encode() for start in starts]
-    ends = np.cumsum(np.repeat([len(text) for text in texts], runs), dtype=np.int32)
-    offsets = np.concatenate([np.zeros(1, np.int32), ends], dtype=np.int32)
-    content = b"".join(text * run for text, run in zip(texts, runs.tolist(), strict=True))
-    return pa.Array.from_buffers(
-        pa.string(), len(values), [None, pa.py_buffer(offsets), pa.py_buffer(content)]
-    )
+    arrays = []
+    for column in export_columns:
+        values = np.ascontiguousarray(column.values[rows])
+        if column.words:
+            words = pa.array(column.words)
+            arrays.append(pa.DictionaryArray.from_arrays(values, words).cast(pa.string()))
+        else:
+            arrays.append(pa.array(values, from_pandas=True))
+    return pa.table(arrays, names=names)
 
 
 def _csv(export_columns: list[ExportColumn], about: Mapping[str, Any], file: BinaryIO) -> None:
@@ -173,10 +138,9 @@ def _csv(export_columns: list[ExportColumn], about: Mapping[str, Any], file: Bin
 
     names = [column.long_name for column in export_columns]
     options = WriteOptions(quoting_style="none", quoting_header="none")
-    first = _table(export_columns, names, slice(0, BLOCK))
-    with CSVWriter(file, first.schema, write_options=options) as writer:
-        writer.write_table(first)
-        for begin in range(BLOCK, len(export_columns[0].values), BLOCK):
+    schema = _table(export_columns, names, slice(0)).schema
+    with CSVWriter(file, schema, write_options=options) as writer:
+        for begin in range(0, len(export_columns[0].values), BLOCK):
             writer.write_table(_table(export_columns, names, slice(begin, begin + BLOCK)))
 
 
@@ -184,7 +148,7 @@ def _parquet(export_columns: list[ExportColumn], about: Mapping[str, Any], file:
     import pyarrow as pa
     from pyarrow.parquet import write_table
 
-    table = _table(export_columns, [column.name for column in export_columns])
+    table = _table(export_columns, [column.name for column in export_columns], slice(None))
     fields = [
         field.with_metadata({"unit": column.unit, "reference": "trim" if column.from_trim else ""})
         for field, column in zip(table.schema, export_columns, strict=True)

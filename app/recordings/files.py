@@ -10,6 +10,7 @@ A folder moves in and out in one step, so `recordings/<id>` is always complete.
 """
 
 import errno
+import hashlib
 import json
 import logging
 import os
@@ -23,7 +24,6 @@ from math import ceil
 from pathlib import Path
 from typing import BinaryIO, cast
 
-from app.recordings.verified import Verified, digest_of
 from app.store.database import Damaged
 from app.telemetry.contents import CONTENTS, Columns, open_columns
 
@@ -34,8 +34,55 @@ SPARE_BYTES = 256 * 2**20
 """Free space reserved for the database and the rest of the machine."""
 
 
+PIECE_BYTES = 2**20
+Signature = tuple[int, int, int, int]
+
+
 class NoSpace(OSError):
     """The disk has no room for new data."""
+
+
+def digest_of(path: Path, rest: Callable[[], None] = lambda: None) -> str:
+    """SHA-256 of a file. rest: called between pieces of work."""
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while piece := file.read(PIECE_BYTES):
+            digest.update(piece)
+            rest()
+    return digest.hexdigest()
+
+
+class Verified:
+    """Files whose digests were checked; one is read again only after it was touched."""
+
+    def __init__(self) -> None:
+        self._files: dict[Path, tuple[Signature, str]] = {}
+
+    def check(
+        self, path: Path, expected: str, remedy: str, digest: Callable[[Path], str] = digest_of
+    ) -> None:
+        """Compare a file with its digest. Damaged if it differs; FileNotFoundError.
+
+        remedy: advice for the message.   digest: computes the digest in hexadecimal.
+        """
+        known = _signature(path), expected
+        if self._files.get(path) == known:
+            return
+        if digest(path) != expected:
+            raise Damaged(f"{path} is damaged, its digest does not match: {remedy}")
+        self._files[path] = known
+
+    def knows(self, path: Path, expected: str) -> bool:
+        """Whether a file had this digest and was not touched since: quick."""
+        try:
+            return self._files.get(path) == (_signature(path), expected)
+        except OSError:
+            return False
+
+
+def _signature(path: Path) -> Signature:
+    status = path.stat()
+    return status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns
 
 
 class RecordingFiles:

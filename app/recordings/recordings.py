@@ -12,12 +12,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
-from app.recordings.files import RecordingFiles, reporting_full_disk
+from app.recordings.files import RecordingFiles, digest_of, reporting_full_disk
 from app.recordings.flown_journal import FlownJournal, link_or_copy
 from app.recordings.mapped_columns import propose_mapping, signature, with_mapping
 from app.recordings.mapped_recording import MappedRecording, RecentMappings
 from app.recordings.upload import Received, receive
-from app.recordings.verified import digest_of
 from app.recordings.workers import Busy, Workers, run_to_end
 from app.store.recordings import MappedColumns
 from app.store.store import NotFound, Store, StoreError

@@ -8,9 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from app.assessment import SAMPLE
-from app.recordings.files import reporting_full_disk
+from app.recordings.files import Verified, reporting_full_disk
 from app.recordings.tiles import TILE, make_tiles
-from app.recordings.verified import Verified
 from app.store.database import Damaged
 from core.whole_file import whole_file
 

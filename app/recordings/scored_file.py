@@ -1,16 +1,17 @@
 """Score a recorded flight from its file by one or more monitors."""
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import compress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from app.assessment import MissingChannels, ScoredRecording, ScoringRecipe, score_at_each
 from app.assessment.limits_history import LimitsHistory
 from app.assessment.planned_test import planned_test
 from app.recordings.mapped_recording import MappedRecording
-from app.recordings.mapping_memory import MappingMemory
+from app.settings import Settings
 from app.telemetry.contents import Columns, Contents
 from app.telemetry.mapping.mapping import Mapping, TimeSource, mapping_template, rate_words
 from app.telemetry.mapping.proposal import Proposal, propose
@@ -21,6 +22,9 @@ from app.telemetry.timing.repair import RepairedTraces
 from core.evaluation.certificate import UselessMonitor, check_use
 from core.monitor import Monitor, load
 from core.simulation.attitude import surface_signs
+
+if TYPE_CHECKING:
+    from app.store.mappings import MappingRepository
 
 
 @dataclass(frozen=True)
@@ -70,6 +74,37 @@ class UnmappedFile(TelemetryError):
     def __init__(self, message: str, contents: Contents, template: dict[str, Any]) -> None:
         super().__init__(message)
         self.contents, self.template = contents, template
+
+
+@dataclass(frozen=True)
+class MappingMemory:
+    """Stored mappings of one aircraft's recorders. StoreError if the store cannot be opened."""
+
+    settings: Settings
+    aircraft: str
+
+    def recall(self, contents: Contents) -> Mapping | None:
+        """The last mapping of this aircraft, preferably one for exactly these signals."""
+        with self._mappings(contents) as (mappings, signature):
+            remembered = mappings.find(self.aircraft, signature)
+        return None if remembered is None else Mapping.from_plain(remembered.mapping)
+
+    def remember(self, contents: Contents, mapping: Mapping) -> None:
+        """Use this mapping for the aircraft's next recording."""
+        with self._mappings(contents) as (mappings, signature):
+            mappings.save(self.aircraft, signature, mapping.to_plain())
+
+    @contextmanager
+    def _mappings(self, contents: Contents) -> Iterator[tuple["MappingRepository", str]]:
+        """The store's mappings, and the signature of the signals."""
+        from app.recordings.mapped_columns import signature
+        from app.store.store import open_store  # slow to import, and only needed here
+
+        store = open_store(self.settings.url, recover=False)
+        try:
+            yield store.mappings, signature(contents)
+        finally:
+            store.close()
 
 
 def score_file(request: ScoreRequest, memory: MappingMemory | None = None) -> ScoredFile:

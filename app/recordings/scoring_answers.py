@@ -1,5 +1,6 @@
 """Scorings as plain data."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -8,7 +9,6 @@ import numpy as np
 from app.assessment import manoeuvres_in
 from app.assessment.outcome import OUTCOMES, verdict_of, wording_of
 from app.messages import limited_channels
-from app.recordings.reasons import reason
 from app.recordings.recordings import Recordings
 from app.recordings.samples import Samples
 from app.recordings.scored import ScoredRecordings
@@ -16,8 +16,10 @@ from app.recordings.tiles import Window
 from app.store.scorings import ScoringInfo
 from core.channels import KEYS
 from core.limits.limits import specification_from_plain
-from core.monitor.assessment import STATES
-from core.monitor.status import cause_of
+from core.monitor import State
+from core.monitor.assessment import REASONS, STATES
+from core.monitor.status import BETWEEN, cause_of
+from core.monitor.validity.verdict import in_words
 
 OF_ITS_OWN = ("recording_id", "monitor_id", "specification", "request_digest", "row_digest")
 VERDICTS = ("manoeuvres", "outside_exceedances", "notes")
@@ -73,6 +75,26 @@ def detected_manoeuvres(
     monitor = recordings.store.monitors.get(monitor_id)
     recorded = recordings.mapped(recording_id).scorable()
     return [interval._asdict() for interval in manoeuvres_in(monitor, recorded)]
+
+
+def reason(code: int, t: float, manoeuvre: int, manoeuvres: Sequence[Mapping[str, Any]]) -> str:
+    """Why a stored sample has no assessment; empty if its state needs no reason.
+
+    code, t, manoeuvre: as stored, see app.assessment.   manoeuvres: plain, as stored. Earlier
+    versions withdrew them as a whole, or did not store when.
+    """
+    if STATES[code] is not State.INVALID:
+        return REASONS[code]
+    if manoeuvre < 0:
+        return BETWEEN
+    scored = manoeuvres[manoeuvre]
+    in_force = [limits for limits in scored.get("limits_in_force", ()) if limits["start"] <= t]
+    if in_force and in_force[-1]["reason"]:
+        return in_force[-1]["reason"]
+    validity, begin = scored["validity"], scored.get("withdrawn_t", t)
+    if validity["valid"] is not False or begin is None or t < begin:
+        return REASONS[code]
+    return scored.get("withdrawn_reason") or in_words(validity["reasons"]) or REASONS[code]
 
 
 def frames(info: ScoringInfo, samples: Samples, first: int) -> list[dict[str, Any]]:

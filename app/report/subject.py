@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy.typing as npt
 
+from app.recordings.files import digest_of
 from app.recordings.samples import digest
 from app.recordings.scored import ScoredRecordings, scoring_fields
 from app.recordings.scored_file import Scored, ScoredFile, ScoreRequest
-from app.recordings.verified import digest_of
 from app.store.recordings import MappedColumns, MappingState
 from app.store.scorings import ScoringInfo
 from app.telemetry.contents import Contents

@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Literal
 
-from app.recordings.files import RecordingFiles
+from app.recordings.files import RecordingFiles, digest_of
 from app.recordings.samples import check_samples
-from app.recordings.verified import digest_of
 from app.store.database import Damaged, Interrupted, check_pages, quick_check
 from app.store.repository import Entry
 from app.store.store import NotFound, Store, StoreError

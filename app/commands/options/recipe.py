@@ -24,7 +24,6 @@ from app.recipes.recipes import (
     RecipeError,
     as_ordered,
     dataset_recipe,
-    family_of,
     limits_named,
     matrices_renamed,
     monitor_as_ordered,
@@ -36,7 +35,7 @@ from core.channels import BY_KEY, KEYS
 from core.evaluation.study import StudyRecipe
 from core.monitor import MonitorRecipe
 from core.planned_test.planned_test import DatasetRecipe
-from core.recipe import instead_of
+from core.recipe import family_of, instead_of
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.imperfections import Imperfections

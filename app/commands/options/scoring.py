@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # slow to import, and not needed for help
     from app.assessment.recipe import Interval, ScoringRecipe
-    from app.recordings.mapping_memory import MappingMemory
-    from app.recordings.scored_file import ScoreRequest
+    from app.recordings.scored_file import MappingMemory, ScoreRequest
 
 TRIM_SEGMENT, NO_TRIM = "trim-segment", "none"
 SETTINGS = "With --aircraft, FOREWARN_* variables set the data directory."
@@ -80,7 +79,7 @@ def request_of(options: argparse.Namespace) -> tuple[ScoreRequest, MappingMemory
 
 
 def _memory(aircraft: str) -> MappingMemory:
-    from app.recordings.mapping_memory import MappingMemory
+    from app.recordings.scored_file import MappingMemory
     from app.settings import read_settings
 
     return MappingMemory(read_settings(), aircraft)

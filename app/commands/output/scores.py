@@ -16,8 +16,14 @@ from app.assessment.planned_test import planned_test
 from app.assessment.verdict import sensors, verdict
 from app.recipes.recipes import read_plain
 from app.recordings.exports import export
-from app.recordings.mapping_memory import MappingMemory
-from app.recordings.scored_file import Scored, ScoredFile, ScoreRequest, UnmappedFile, score_file
+from app.recordings.scored_file import (
+    MappingMemory,
+    Scored,
+    ScoredFile,
+    ScoreRequest,
+    UnmappedFile,
+    score_file,
+)
 from app.telemetry.contents import Contents
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, counts_the_day
 from app.telemetry.mapping.proposal import Proposal

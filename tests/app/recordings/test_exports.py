@@ -5,12 +5,11 @@ import io
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from scipy.io import loadmat
 
-from app.recordings.exports import EXPORTS, _arrow, columns, export
+from app.recordings.exports import EXPORTS, export
 from core.channels import CHANNELS, KEYS
 from core.monitor.assessment import STATES
 
@@ -68,18 +67,6 @@ def test_a_table_is_the_same_however_many_rows_are_written_at_once(
     whole = exported(samples, "csv")
     monkeypatch.setattr("app.recordings.exports.BLOCK", 7)
     assert exported(samples, "csv") == whole
-
-
-@pytest.mark.parametrize("n", [0, 1, 9, N])
-def test_columns_in_arrow_equal_its_own_conversion_from_numpy(samples: npt.NDArray, n: int) -> None:
-    for column in columns(samples[:n]):
-        values = np.ascontiguousarray(column.values)
-        if column.words:
-            values = np.array(column.words)[values]
-        known = pa.array(values, from_pandas=values.dtype.kind == "f")
-        ours = _arrow(column)
-        ours.validate(full=True)
-        assert (ours.type, ours) == (known.type, known), column.name
 
 
 def test_parquet_keeps_units_beside_the_columns(samples: npt.NDArray) -> None:

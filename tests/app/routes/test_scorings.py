@@ -8,9 +8,9 @@ import pytest
 
 from app.recordings import files as recording_files
 from app.recordings import scored as scored_recordings
+from app.recordings.files import Verified
 from app.recordings.recordings import Recordings
 from app.recordings.samples import open_samples
-from app.recordings.verified import Verified
 from core.evaluation.certificate import UNTESTED
 from core.monitor import MonitorRecipe, train
 from tests.support.api import api, problem, store_of

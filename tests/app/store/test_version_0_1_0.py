@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from app.recipes.recipes import from_plain
+from app.recordings.files import Verified
 from app.recordings.samples import digest, open_samples
-from app.recordings.verified import Verified
 from app.store.mappings import RememberedMapping
 from app.store.store import Store
 from core.monitor.assessment import STATES
