@@ -55,7 +55,6 @@ TESTED = {
     "msgspec": "0.22",
     "numba": "0.68",
     "numpy": "2.4",
-    "pint": "0.25",
     "platformdirs": "4.14",
     "prometheus-client": "0.26",
     "pyarrow": "26.0",

@@ -24,7 +24,8 @@ from app.store.tables import new_id
 from app.telemetry.contents import Columns, open_columns
 from app.telemetry.mapping.checks import find_warnings
 from app.telemetry.mapping.mapping import Mapping
-from app.telemetry.reading import read_file, warm_up
+from app.telemetry.readers import isolation
+from app.telemetry.reading import read_file
 from app.telemetry.recording import TelemetryError
 
 LOG = logging.getLogger("forewarn")
@@ -200,7 +201,7 @@ class Recordings:
 
     def _begin(self, recording_id: str, length: int) -> Path:
         self.files.require(length)
-        warm_up()
+        isolation.warm_up()
         return self.files.create(recording_id)
 
     def _read(self, folder: Path, upload: Upload) -> tuple[MappedColumns, MappedRecording]:

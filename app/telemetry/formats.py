@@ -5,12 +5,10 @@ it (app.telemetry.reading).
 """
 
 import codecs
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path, PurePath
 
-from app.telemetry.contents import ColumnWriter, Contents
 from app.telemetry.recording import TelemetryError
 
 READERS = "app.telemetry.readers"
@@ -22,24 +20,24 @@ CONTROLS = bytes({*range(32), 127} - set(b"\t\n\v\f\r\x1a\x1b"))
 
 @dataclass(frozen=True)
 class Format:
-    """A file format. endings: of file names, the usual one first.   reader: module in READERS.
+    """A file format. names: endings of file names, the usual one first.
 
-    looks_like: whether the first HEAD_BYTES of a file have this format.
+    reader: module in READERS.   looks_like: whether the first HEAD_BYTES have this format.
     extra: optional dependency of this package that the reader needs, "" for none.
     experimental: not tested on files of many recorders.
     """
 
     key: str
     title: str
-    endings: tuple[str, ...]
+    names: str
     looks_like: Callable[[bytes], bool] = field(repr=False)
     reader: str
     extra: str = ""
     experimental: bool = False
 
-    def read(self, path: Path, writer: ColumnWriter) -> Contents:
-        """Write a file into columns. TelemetryError if it is unusable."""
-        return import_module(self.reader, READERS).read(path, writer)
+    @property
+    def endings(self) -> tuple[str, ...]:
+        return tuple(self.names.split())
 
 
 def format_of(path: Path, name: str) -> tuple[Format, tuple[str, ...]]:
@@ -51,33 +49,25 @@ def format_of(path: Path, name: str) -> tuple[Format, tuple[str, ...]]:
         head = file.read(HEAD_BYTES)
     if not head:
         raise TelemetryError("the file is empty: export or copy it again")
-    for magic, remedy in PACKED.items():
-        if head.startswith(magic):
-            raise TelemetryError(remedy)
+    if remedy := next((PACKED[magic] for magic in PACKED if head.startswith(magic)), ""):
+        raise TelemetryError(remedy)
     ending = PurePath(name).suffix.lower()
     matches = [known for known in FORMATS.values() if known.looks_like(head)]
     matches.sort(key=lambda known: known.key == TEXT)  # other formats can look like text
     chosen = next((known for known in matches if ending in known.endings), None)
     if chosen:
         return chosen, ()
-    expected = [known for known in FORMATS.values() if ending in known.endings]
+    expected = next((known for known in FORMATS.values() if ending in known.endings), None)
     if matches:
-        if not expected:
-            return matches[0], ()
-        return matches[0], (
-            f"Read as {matches[0].title} by its content, although its name ends in {ending}.",
-        )
+        note = f"Read as {matches[0].title} by its content, although its name ends in {ending}."
+        return matches[0], (note,) if expected else ()
     if expected:
         raise TelemetryError(
-            f"the name ends in {ending}, but the content is neither {expected[0].title} nor any "
+            f"the name ends in {ending}, but the content is neither {expected.title} nor any "
             "other supported format: the file is damaged or misnamed, export it again"
         )
-    raise TelemetryError(f"unknown file format: export one of {titles(FORMATS.values())}")
-
-
-def titles(formats: Iterable[Format]) -> str:
-    """The formats with their usual endings, for a sentence."""
-    return ", ".join(f"{known.title} ({known.endings[0]})" for known in formats)
+    titles = (f"{known.title} ({known.endings[0]})" for known in FORMATS.values())
+    raise TelemetryError(f"unknown file format: export one of {', '.join(titles)}")
 
 
 def _starts(*magics: bytes) -> Callable[[bytes], bool]:
@@ -87,6 +77,10 @@ def _starts(*magics: bytes) -> Callable[[bytes], bool]:
 def _is_hdf5(head: bytes) -> bool:
     """HDF5's signature is at byte 0, or after a user block, as in MATLAB v7.3 files."""
     return any(head.startswith(HDF5_SIGNATURE, at) for at in (0, 512, 1024, 2048))
+
+
+def _is_netcdf(head: bytes) -> bool:
+    return head.startswith(b"CDF") or _is_hdf5(head)
 
 
 def _is_matlab5(head: bytes) -> bool:
@@ -142,72 +136,17 @@ PACKED = {
 FORMATS: dict[str, Format] = {
     known.key: known
     for known in (
+        Format(TEXT, "text table", ".csv .tsv .txt .dat .asc .tab .prn", _is_text, ".text"),
+        Format("parquet", "Parquet table", ".parquet .pq", _starts(b"PAR1"), ".parquet"),
+        Format("matlab5", "MATLAB v5 file", ".mat", _is_matlab5, ".matlab"),
+        Format("hdf5", "HDF5 file (MATLAB v7.3 too)", ".h5 .hdf5 .hdf .mat", _is_hdf5, ".hdf5"),
+        Format("netcdf", "NetCDF file", ".nc .nc4 .cdf", _is_netcdf, ".netcdf"),
+        Format("ulog", "PX4 ULog", ".ulg .ulog", _starts(b"ULog\x01\x12\x35"), ".ulog", "ulog"),
+        Format("mdf4", "ASAM MDF", ".mf4 .mdf", _starts(b"MDF     ", b"UnFinMF "), ".mdf", "mdf"),
         Format(
-            TEXT,
-            "text table",
-            (".csv", ".tsv", ".txt", ".dat", ".asc", ".tab", ".prn"),
-            _is_text,
-            ".text",
+            "ch10", "IRIG 106 Chapter 10 recording", ".ch10 .c10 .i106", _is_ch10, ".ch10",
+            extra="ch10", experimental=True,
         ),
-        Format(
-            "parquet",
-            "Parquet table",
-            (".parquet", ".pq"),
-            _starts(b"PAR1"),
-            ".parquet",
-        ),
-        Format(
-            "matlab5",
-            "MATLAB v5 file",
-            (".mat",),
-            _is_matlab5,
-            ".matlab",
-        ),
-        Format(
-            "hdf5",
-            "HDF5 file (MATLAB v7.3 too)",
-            (".h5", ".hdf5", ".hdf", ".mat"),
-            _is_hdf5,
-            ".hdf5",
-        ),
-        Format(
-            "netcdf",
-            "NetCDF file",
-            (".nc", ".nc4", ".cdf"),
-            lambda head: head.startswith(b"CDF") or _is_hdf5(head),
-            ".netcdf",
-        ),
-        Format(
-            "ulog",
-            "PX4 ULog",
-            (".ulg", ".ulog"),
-            _starts(b"ULog\x01\x12\x35"),
-            ".ulog",
-            extra="ulog",
-        ),
-        Format(
-            "mdf4",
-            "ASAM MDF",
-            (".mf4", ".mdf"),
-            _starts(b"MDF     ", b"UnFinMF "),
-            ".mdf",
-            extra="mdf",
-        ),
-        Format(
-            "ch10",
-            "IRIG 106 Chapter 10 recording",
-            (".ch10", ".c10", ".i106"),
-            _is_ch10,
-            ".ch10",
-            extra="ch10",
-            experimental=True,
-        ),
-        Format(
-            "journal",
-            "journal of a live flight",
-            (".jsonl",),
-            _is_journal,
-            ".journal",
-        ),
+        Format("journal", "journal of a live flight", ".jsonl", _is_journal, ".journal"),
     )
-}
+}  # fmt: skip

@@ -37,6 +37,10 @@ class ReadLimits:
     memory: int = 2 * GIB
     bad_share: float = 0.01
 
+    def numbers_of(self, size: int) -> int:
+        """Most numbers of a file of a size [bytes]."""
+        return min(self.most_bytes, max(self.unfolds_by * size, self.unfolds_to))
+
 
 def read_file(
     path: Path, folder: Path, *, name: str | None = None, limits: ReadLimits = ReadLimits()
@@ -53,7 +57,17 @@ def read_file(
         known, notes = format_of(path, name)
         folder.mkdir()
         try:
-            order = _order(path, folder, known, notes, size, limits)
+            order = {
+                "path": str(path.absolute()),
+                "folder": str(folder.absolute()),
+                "reader": known.reader,
+                "extra": known.extra,
+                "notes": notes,
+                "seconds": limits.seconds * max(1.0, size / GIB),
+                "memory": limits.memory,
+                "most_bytes": limits.numbers_of(size),
+                "bad_share": limits.bad_share,
+            }
             _check(isolation.carry_out(order), known, order)
             return open_columns(folder).contents
         except BaseException:
@@ -72,51 +86,20 @@ def columns_of(path: Path) -> Iterator[Columns]:
         yield open_columns(folder)
 
 
-def warm_up() -> None:
-    """Start a spare reader process in the background."""
-    isolation.warm_up()
-
-
 def _size(path: Path) -> int:
     """Size of a readable file [bytes]; TelemetryError if it cannot be read."""
     try:
         status = path.stat()
-        if stat.S_ISDIR(status.st_mode):
-            raise TelemetryError("this is a directory: give a file of recorded telemetry")
-        if not stat.S_ISREG(status.st_mode):
-            raise TelemetryError(
-                "this is not a regular file: save the telemetry to a file and give that"
-            )
-        with path.open("rb"):
-            return status.st_size
-    except TelemetryError:
-        raise
+        if stat.S_ISREG(status.st_mode):
+            with path.open("rb"):
+                return status.st_size
     except FileNotFoundError:
         raise TelemetryError("no such file: give the path of recorded telemetry") from None
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
         raise TelemetryError(f"cannot be opened ({why}): give a readable file") from None
-
-
-def _order(
-    path: Path,
-    folder: Path,
-    known: Format,
-    notes: tuple[str, ...],
-    size: int,
-    limits: ReadLimits,
-) -> dict[str, Any]:
-    return {
-        "path": str(path.absolute()),
-        "folder": str(folder.absolute()),
-        "reader": known.reader,
-        "extra": known.extra,
-        "notes": notes,
-        "seconds": limits.seconds * max(1.0, size / GIB),
-        "memory": limits.memory,
-        "most_bytes": min(limits.most_bytes, max(limits.unfolds_by * size, limits.unfolds_to)),
-        "bad_share": limits.bad_share,
-    }
+    kind = "a directory" if stat.S_ISDIR(status.st_mode) else "not a regular file"
+    raise TelemetryError(f"this is {kind}: give a file of recorded telemetry")
 
 
 def _check(answer: dict[str, Any], known: Format, order: dict[str, Any]) -> None:

@@ -6,60 +6,57 @@ gravity and never gram, and case does not matter.
 
 import re
 import unicodedata
+from collections import Counter
 from collections.abc import Sequence
 from functools import cache
 from math import pi
-from typing import TYPE_CHECKING
 
 from app.telemetry.recording import TelemetryError
 from core.types import Array
 
-if TYPE_CHECKING:
-    from pint import UnitRegistry
-
 STANDARD_GRAVITY = 9.80665
 """[m/s2] by definition (CGPM 1901)."""
 
-# our spelling: (definition, other spellings)
+# our spelling: (size in other units, other spellings)
 BASIC: dict[str, tuple[str, str]] = {
     "rad": ("[angle]", "radian radians rads"),
-    "deg": (f"{pi / 180!r} * rad", "degree degrees degs ° grad"),
-    "cdeg": (f"{pi / 18000!r} * rad", "centidegree centidegrees centideg centidegs cdegs"),
-    "mrad": ("0.001 * rad", "milliradian milliradians"),
-    "rev": (f"{2 * pi!r} * rad", "revolution revolutions turn turns"),
+    "deg": (f"{pi / 180!r} rad", "degree degrees degs ° grad"),
+    "cdeg": (f"{pi / 18000!r} rad", "centidegree centidegrees centideg centidegs cdegs"),
+    "mrad": ("0.001 rad", "milliradian milliradians"),
+    "rev": (f"{2 * pi!r} rad", "revolution revolutions turn turns"),
     "s": ("[time]", "sec secs second seconds sek sekunden"),
-    "ms": ("0.001 * s", "msec msecs millis millisecond milliseconds"),
-    "us": ("0.000001 * s", "usec usecs micros microsecond microseconds"),
-    "ns": ("0.000000001 * s", "nsec nsecs nanos nanosecond nanoseconds"),
-    "min": ("60 * s", "mins minute minutes"),
-    "h": ("3600 * s", "hr hrs hour hours"),
-    "day": ("86400 * s", "d days"),
+    "ms": ("0.001 s", "msec msecs millis millisecond milliseconds"),
+    "us": ("0.000001 s", "usec usecs micros microsecond microseconds"),
+    "ns": ("0.000000001 s", "nsec nsecs nanos nanosecond nanoseconds"),
+    "min": ("60 s", "mins minute minutes"),
+    "h": ("3600 s", "hr hrs hour hours"),
+    "day": ("86400 s", "d days"),
     "m": ("[length]", "meter meters metre metres mtr"),
-    "km": ("1000 * m", "kilometer kilometers kilometre kilometres"),
-    "cm": ("0.01 * m", "centimeter centimetre"),
-    "mm": ("0.001 * m", "millimeter millimetre"),
-    "ft": ("0.3048 * m", "foot feet '"),
-    "kft": ("1000 * ft", ""),
-    "FL": ("100 * ft", "flight_level flightlevel"),
-    "NM": ("1852 * m", "nmi nauticalmile nauticalmiles"),
-    "mi": ("1609.344 * m", "mile miles"),
-    "in": ("0.0254 * m", "inch inches"),
-    "g": (f"{STANDARD_GRAVITY} * m / s**2", "gs g's gn g0 g_0 gee gees"),
-    "mg": ("0.001 * g", "milli-g millig"),
-    "kt": ("1852 * m / h", "kts kn knot knots ktas kias kcas keas"),
-    "Hz": ("1 / s", "hertz"),
+    "km": ("1000 m", "kilometer kilometers kilometre kilometres"),
+    "cm": ("0.01 m", "centimeter centimetre"),
+    "mm": ("0.001 m", "millimeter millimetre"),
+    "ft": ("0.3048 m", "foot feet '"),
+    "kft": ("1000 ft", ""),
+    "FL": ("100 ft", "flight_level flightlevel"),
+    "NM": ("1852 m", "nmi nauticalmile nauticalmiles"),
+    "mi": ("1609.344 m", "mile miles"),
+    "in": ("0.0254 m", "inch inches"),
+    "g": (f"{STANDARD_GRAVITY} m/s^2", "gs g's gn g0 g_0 gee gees"),
+    "mg": ("0.001 g", "milli-g millig"),
+    "kt": ("1852 m/h", "kts kn knot knots ktas kias kcas keas"),
+    "Hz": ("1 s^-1", "hertz"),
     "Pa": ("[pressure]", "pascal"),
-    "hPa": ("100 * Pa", "mbar mb hectopascal"),
-    "kPa": ("1000 * Pa", ""),
-    "bar": ("100000 * Pa", ""),
-    "psi": ("6894.757 * Pa", "psia psig"),
-    "inHg": ("3386.389 * Pa", ""),
-    "psf": ("47.88026 * Pa", ""),
+    "hPa": ("100 Pa", "mbar mb hectopascal"),
+    "kPa": ("1000 Pa", ""),
+    "bar": ("100000 Pa", ""),
+    "psi": ("6894.757 Pa", "psia psig"),
+    "inHg": ("3386.389 Pa", ""),
+    "psf": ("47.88026 Pa", ""),
     "K": ("[temperature]", "kelvin degk deg_k"),
-    "degC": ("1 * K", "celsius °c deg_c degc oc"),
-    "degF": ("1 * K", "fahrenheit °f deg_f degf"),
+    "degC": ("1 K", "celsius °c deg_c degc oc"),
+    "degF": ("1 K", "fahrenheit °f deg_f degf"),
     "N": ("[force]", "newton newtons"),
-    "lbf": ("4.448222 * N", "lb lbs pound pounds"),
+    "lbf": ("4.448222 N", "lb lbs pound pounds"),
     "kg": ("[mass]", "kilogram kilograms"),
     "V": ("[voltage]", "volt volts mv"),
     "A": ("[current]", "amp amps ampere amperes"),
@@ -80,7 +77,7 @@ ONE_WORD: dict[str, str] = {
     "fps2": "ft/s^2", "ftps2": "ft/s^2", "fpss": "ft/s^2", "ft/s/s": "ft/s^2",
 }  # fmt: skip
 NOT_GIVEN = frozenset(
-    ("", "-", "--", "none", "n/a", "na", "nan", "unitless", "unit", "?", "eu", "1")
+    ("", "-", "--", "none", "n/a", "na", "nd", "nan", "unitless", "unit", "no unit", "?", "eu", "1")
 )
 """Spellings of a missing unit."""
 PLAIN = "1"
@@ -95,25 +92,12 @@ CHOICES: dict[str, tuple[str, ...]] = {
 }
 """By unit of the target, which comes first."""
 
-COMMON: dict[str, dict[str, float]] = {
-    "rad": {"deg": 0.017453292519943295, "mrad": 0.001, "cdeg": 0.00017453292519943294},
-    "rad/s": {"deg/s": 0.017453292519943295},
-    "g": {"m/s^2": 0.10197162129779283, "ft/s^2": 0.031080950171567256, "mg": 0.001},
-    "m/s": {"kt": 0.5144444444444445, "ft/s": 0.3048, "km/h": 0.2777777777777778},
-    "m": {"ft": 0.3048, "FL": 30.48, "km": 1000.0},
-    "s": {"ms": 0.001, "us": 1e-06, "ns": 1e-09, "min": 60.0, "h": 3600.0, "day": 86400.0},
-}
-"""Factors of common units as pint computes them: importing pint is slow."""
-
 _NAMES = {
     spelling: unit
     for unit, (_, others) in BASIC.items()
     for spelling in (unit.lower(), *others.split())
 }
-_IDENTIFIERS = {unit: f"u{number}" for number, unit in enumerate(BASIC)}
-"""pint does not accept % in a name, and would split FL or min."""
 _TIMES = {"s", "ms", "min", "h"}
-_FACTOR = re.compile(r"([*/]) ([A-Za-z]+)(?:\*\*(\d))?")
 _PART = re.compile(r"([*/_ ]*)([a-z%'°º]+)(?:(?:\^|\*\*)?([-+]?\d))?")
 
 
@@ -171,55 +155,33 @@ def _factor(unit: str, target: str) -> float:
     ours = _parsed(target)
     if parts == ours:
         return 1.0
-    if _dimensions(parts) != _dimensions(ours):
+    (size, dimensions), (target_size, needed) = _measure(parts), _measure(ours)
+    if dimensions != needed:
         raise TelemetryError(
             f"{unit!r} is not a unit of this quantity, which is in {target}: give one of "
             f"{', '.join(choices(target))}"
         )
-    common = COMMON.get(target, {}).get(spelled(text))
-    return _by_pint(parts, ours) if common is None else common
+    return size / target_size
 
 
-def _by_pint(parts: dict[str, int], ours: dict[str, int]) -> float:
-    converted = _registry().Quantity(1.0, _expression(parts)).to(_expression(ours))
-    return float(converted.magnitude)
-
-
-def _dimensions(parts: dict[str, int]) -> dict[str, int]:
-    """Powers of the dimensions, from powers of units."""
-    powers: dict[str, int] = {}
+def _measure(parts: dict[str, int], size: float = 1.0) -> tuple[float, dict[str, int]]:
+    """Size of a product of powers of units, and the powers of its dimensions."""
+    powers = Counter[str]()
     for unit, power in parts.items():
-        for dimension, times in _dimensions_of(unit).items():
-            powers[dimension] = powers.get(dimension, 0) + power * times
-    return {dimension: power for dimension, power in powers.items() if power}
+        of_unit, dimensions = _measure_of(unit)
+        size = size * of_unit**power if power > 0 else size / of_unit**-power
+        for dimension, times in dimensions.items():
+            powers[dimension] += power * times
+    return size, {dimension: power for dimension, power in powers.items() if power}
 
 
 @cache
-def _dimensions_of(unit: str) -> dict[str, int]:
+def _measure_of(unit: str) -> tuple[float, dict[str, int]]:
     definition = BASIC[unit][0]
     if definition.startswith("["):
-        return {definition: 1}
-    factors = _FACTOR.findall(definition)
-    return _dimensions(
-        {name: int(power or 1) * (-1 if sign == "/" else 1) for sign, name, power in factors}
-    )
-
-
-@cache
-def _registry() -> "UnitRegistry":
-    """Our units, created at first use: pint takes 0.2 s to import."""
-    from pint import UnitRegistry
-
-    # None makes an empty registry, which pint documents but does not annotate
-    registry = UnitRegistry(None)  # pyright: ignore[reportArgumentType]
-    for unit, (definition, _) in BASIC.items():
-        ours = re.sub(r"(?<![\[\w.])[A-Za-z]+", lambda name: _IDENTIFIERS[name[0]], definition)
-        registry.define(f"{_IDENTIFIERS[unit]} = {ours}")
-    return registry
-
-
-def _expression(parts: dict[str, int]) -> str:
-    return " * ".join(f"{_IDENTIFIERS[unit]} ** {power}" for unit, power in parts.items())
+        return 1.0, {definition: 1}
+    number, units = definition.split()
+    return _measure(_parsed(units), float(number))
 
 
 def _ordered(text: str) -> list[tuple[str, str, int]]:
@@ -271,26 +233,14 @@ def _plain(text: str) -> str:
 
 MARKED_UNIT = re.compile(r"\[([^\[\]]*)\]|\{([^{}]*)\}|<([^<>]*)>|\(([^()]*)\)")
 UNIT_AT_END = re.compile(rf"\S\s*(?:{MARKED_UNIT.pattern})$")
-UNIT_WORD = re.compile(
-    r"""
-    s | secs? | seconds? | ms(ec)? | us(ec)? | [µμ]s | ns | min | h | hrs? | hours | days
-    | m?rad | degs? | degrees? | [°º] | rev | turn | sr
-    | [mckµ]?m | ft | feet | foot | in(ch)? | nmi? | mi(le)?
-    | kn | k?ts? | knots? | k[itc]as | mach | mph | km?ph | kmh | fpm | rpm | [km]?hz
-    | m?g | g[0n] | gee | kg | lb[smf]? | slug | t | (da|k)?n | ftlb
-    | [hkm]?pa | m?bar | psi[ag]? | psf | inhg | mmhg | atm
-    | [°º]?[kcf] | deg[cf] | celsius | kelvin
-    | [mk]?v | [mkµ]?a | [mk]?w | k?j | ohm | gauss | [µn]?t
-    | % | percent | pct | bool(ean)? | bits? | counts? | cnt | raw | enum | flag
-    | per | sq | (rad|deg|m|f|d)ps2? | rads
-    | [hms]{2,3} | yyyy | dd | utc
-    """,
-    re.VERBOSE,
+UNIT_WORDS = (
+    "sr um µm µs t ts mach khz mhz lbm slug dan ftlb mpa mmhg atm c f °k kv ma ka µa w mw kw j kj "
+    "ohm gauss nt µt bool boolean raw enum flag per sq rads hh ss hms yyyy dd utc"
 )
+"""Words of units that are never converted, or of formats of a time."""
 SURE_UNIT = re.compile(
     r"s|secs?|seconds?|sek|ms|degs?|degrees?|grad|rad|[°º%]|kts?|ft|hz|[°º]c|degc|[hk]pa|.+[/*·^].+"
 )
-NO_UNIT = frozenset({"", "-", "--", "1", "n/a", "na", "none", "nd", "unitless", "no unit"})
 
 
 def unit_in(name: str) -> str:
@@ -306,14 +256,14 @@ def unit_in(name: str) -> str:
     unit = sure if sure is not None else in_parentheses.strip()
     if unit.isdigit() or (sure is None and not reads_like_unit(unit)):
         return ""
-    return "" if unit.lower() in NO_UNIT else unit
+    return "" if unit.lower() in NOT_GIVEN else unit
 
 
 def unit_of_cell(cell: str) -> str:
     """Unit in a cell of a row of units: "[deg]", "(deg)" or "deg"; "" for a sign of none."""
     match = MARKED_UNIT.fullmatch(cell)
     unit = next(text for text in match.groups() if text is not None) if match else cell
-    return "" if unit.strip().lower() in NO_UNIT else unit.strip()
+    return "" if unit.strip().lower() in NOT_GIVEN else unit.strip()
 
 
 def are_units(row: Sequence[str]) -> bool:
@@ -330,4 +280,4 @@ def reads_like_unit(text: str) -> bool:
     if spelled(text):
         return True
     words = [w for w in re.split(r"[\s/*·.^:²³⁻\d+-]+", text.lower()) if w]
-    return bool(words) and all(map(UNIT_WORD.fullmatch, words))
+    return bool(words) and set(words) <= {*_NAMES, *ONE_WORD, *UNIT_WORDS.split()}

@@ -2,20 +2,17 @@
 
 import re
 from collections.abc import Collection, Iterable
-from collections.abc import Mapping as AnyMapping
 from dataclasses import asdict, dataclass, field
 from math import isfinite
-from typing import Annotated, Any, Literal, Self, get_type_hints
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import ConfigDict, Strict
+from pydantic import AliasChoices, ConfigDict, Field, Strict, TypeAdapter, ValidationError
 
 from app.telemetry.contents import Contents
 from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import TARGETS
 from core.channels import KEYS
 
-EARLIER_NAMES = {"offset": "bias"}
-"""Field names in mapping files of version 0.1.0, and their names today."""
 OF_REQUEST = ConfigDict(extra="forbid", use_attribute_docstrings=True)
 """Pydantic reads requests into the classes below with these settings."""
 LEAST_RATE_HZ, MOST_RATE_HZ = 0.1, 5e4
@@ -34,10 +31,16 @@ class ChannelSource:
     unit: str = ""
     """of the signal's values, in any common spelling: deg/s, kt ..."""
     sign: Literal[1, -1] = 1
-    bias: Annotated[float, Strict()] = 0.0
-    """in the target's unit"""
+    bias: Annotated[float, Strict(), Field(validation_alias=AliasChoices("bias", "offset"))] = 0.0
+    """in the target's unit; files of version 0.1.0 call it offset"""
     derivation: str = ""
     """key of a derivation in the catalog; signal and unit are then empty"""
+
+    def problem(self) -> str:
+        """The fault in words, "" if valid."""
+        if bool(self.signal) == bool(self.derivation):
+            return "needs either a signal or a derivation: give one of them, or omit the entry"
+        return "" if isfinite(self.bias) else "has a bias that is not finite: give a number"
 
 
 @dataclass(frozen=True)
@@ -82,24 +85,24 @@ class Mapping:
     @classmethod
     def from_plain(cls, plain: Any) -> Self:
         """Rebuild a mapping; TelemetryError names an invalid entry."""
-        if not isinstance(plain, AnyMapping) or set(plain) - {"channels", "times"}:
-            raise TelemetryError("a mapping is an object with `channels` and `times`: give both")
-        parts: dict[str, Any] = {}
-        for part, entry, known in (
-            ("channels", ChannelSource, TARGETS),
-            ("times", TimeSource, None),
-        ):
-            entries = plain.get(part, {})
-            if not isinstance(entries, AnyMapping):
-                raise TelemetryError(
-                    f"`{part}` of a mapping is not an object: give one entry per name"
-                )
-            if known and (unknown := [key for key in entries if key not in known]):
-                raise TelemetryError(
-                    f"the mapping has an unknown channel {unknown[0]!r}: use {', '.join(known)}"
-                )
-            parts[part] = {key: _entry(entry, key, value) for key, value in entries.items()}
-        return cls(**parts)
+        try:
+            mapping = TypeAdapter(cls).validate_python(plain)
+        except ValidationError as error:
+            fault = error.errors()[0]
+            place = " of ".join(repr(part) for part in reversed(fault["loc"]))
+            raise TelemetryError(
+                f"{place or 'a mapping'} is {fault['input']!r:.80}: {fault['msg']}"
+            ) from None
+        if unknown := [key for key in mapping.channels if key not in TARGETS]:
+            raise TelemetryError(
+                f"the mapping has an unknown channel {unknown[0]!r}: use {', '.join(TARGETS)}"
+            )
+        named = [(f"mapping of {key!r}", source) for key, source in mapping.channels.items()]
+        named += [(f"time of {group!r}", source) for group, source in mapping.times.items()]
+        for name, source in named:
+            if problem := source.problem():
+                raise TelemetryError(f"the {name} {problem}")
+        return mapping
 
 
 def mapping_template(
@@ -121,37 +124,6 @@ def mapping_template(
     }
 
 
-def _entry(kind: type, key: str, plain: Any) -> Any:
-    try:
-        named = {str(name): value for name, value in plain.items()}
-        entry = kind(**{EARLIER_NAMES.get(name, name): value for name, value in named.items()})
-    except (AttributeError, TypeError):
-        raise TelemetryError(
-            f"the mapping of {key!r} is not a {kind.__name__}: "
-            f"give an object with {', '.join(kind.__dataclass_fields__)}"
-        ) from None
-    for name, written in get_type_hints(kind).items():
-        form, value = int if name == "sign" else written, getattr(entry, name)
-        is_valid = isinstance(value, (int, float) if form is float else form)
-        if not is_valid or isinstance(value, bool):
-            raise TelemetryError(
-                f"{name} of the mapping of {key!r} is {value!r}: give {form.__name__}"
-            )
-    if isinstance(entry, ChannelSource):
-        if entry.sign not in (1, -1):
-            raise TelemetryError(f"sign of the mapping of {key!r} is {entry.sign}: give 1 or -1")
-        if not abs(entry.bias) < float("inf"):
-            raise TelemetryError(f"bias of the mapping of {key!r} is not finite: give a number")
-        if bool(entry.signal) == bool(entry.derivation):
-            raise TelemetryError(
-                f"the mapping of {key!r} needs either a signal or a derivation: give one of "
-                "them, or leave the entry out"
-            )
-    elif problem := entry.problem():
-        raise TelemetryError(f"the time of {key!r} {problem}")
-    return entry
-
-
 DAY_S = 86_400.0
 EXAMPLE = "50 Hz, or 50 Hz from 12:31:05"
 RATE = re.compile(
@@ -170,17 +142,18 @@ def read_rate(text: str) -> TimeSource:
     match = RATE.fullmatch(text.strip())
     if match is None:
         raise TelemetryError(f"{text!r} is not a sample rate: write {EXAMPLE}")
-    hours, minutes = int(match["hour"] or 0), int(match["minute"] or 0)
-    seconds = _number(match["second"] or "0")
-    if match["minute"] and (hours > 23 or seconds >= 60.0):
+    parts = {
+        name: float((part or "0").replace(",", ".")) for name, part in match.groupdict().items()
+    }
+    if match["minute"] and (parts["hour"] > 23 or parts["second"] >= 60.0):
         raise TelemetryError(f"{text!r} starts at an invalid time of day: write {EXAMPLE}")
-    start = 3600.0 * hours + 60.0 * minutes + seconds
-    if not _number(match["rate"]):
+    if not parts["rate"]:
         raise TelemetryError(
             f"{text!r} is a rate of zero: give a rate of {LEAST_RATE_HZ:g} to {MOST_RATE_HZ:g} Hz, "
             f"such as {EXAMPLE}"
         )
-    source = TimeSource(rate=_number(match["rate"]), start=start)
+    start = 3600.0 * parts["hour"] + 60.0 * parts["minute"] + parts["second"]
+    source = TimeSource(rate=parts["rate"], start=start)
     if problem := source.problem():
         raise TelemetryError(f"{text!r} {problem}")
     return source
@@ -211,7 +184,3 @@ def time_of_day(t: float, decimals: int = 2) -> str:
 
 def _is_time_of_day(start: float) -> bool:
     return 60.0 <= start < DAY_S
-
-
-def _number(text: str) -> float:
-    return float(text.replace(",", "."))

@@ -31,7 +31,7 @@ def wicked(write, tmp_path, monkeypatch):
         Format(
             "wicked",
             "Wicked file",
-            (".wicked",),
+            ".wicked",
             lambda head: head.startswith(MAGIC),
             "tests.support.wicked_reader",
             extra="wicked",
