@@ -11,7 +11,7 @@ import { createDemonstrationBar, demonstration } from "./lib/demonstration.js";
 import { h } from "./lib/dom.js";
 import { state } from "./lib/elements.js";
 import { chooseSI, isSI, tellUnits } from "./lib/numbers.js";
-import { remember, remembered } from "./lib/storage.js";
+import { chooseTheme, currentTheme, followTheme } from "./lib/storage.js";
 
 const VIEWS = {
   "": { title: "Start", guide: "", load: () => import("./start/index.js") },
@@ -24,8 +24,6 @@ const VIEWS = {
   storage: { title: "Storage", guide: "keeping-data", load: () => import("./storage/index.js") },
   datasets: { title: "Datasets", guide: "first-monitor", load: () => import("./datasets/index.js") },
 };
-
-const THEME_KEY = "forewarn.theme";
 
 const page = document.querySelector("#page");
 let shown = { close: () => {} };
@@ -49,17 +47,17 @@ async function showDamage() {
   const element = document.querySelector("#damage");
   try {
     const [{ damaged, older }, { warning }] = await Promise.all([api.get("/integrity"), api.get("/storage/space").catch(() => ({ warning: "" }))]);
-    element.hidden = damaged.length === 0 && !older && !warning;
-    if (damaged.length === 0) {
-      element.textContent = older ? `◆ Data missing: ${older}.` : warning && `◆ Low disk space: ${warning}.`;
-      return;
-    }
-    const [{ kind, name, detail }] = damaged;
-    const more = damaged.length > 1 ? ` And ${damaged.length - 1} more: GET /api/v1/integrity lists them.` : "";
-    element.textContent = `◆ Damaged data, not served: ${kind} ${name}: ${detail}.${more}`;
+    element.textContent = damageWords(damaged) || (older ? `◆ Data missing: ${older}.` : warning && `◆ Low disk space: ${warning}.`);
+    element.hidden = element.textContent === "";
   } catch {
     // the view reports that the server does not answer
   }
+}
+
+function damageWords([first, ...others]) {
+  if (!first) return "";
+  const more = others.length ? ` And ${others.length} more: GET /api/v1/integrity lists them.` : "";
+  return `◆ Damaged data, not served: ${first.kind} ${first.name}: ${first.detail}.${more}`;
 }
 
 async function open() {
@@ -71,10 +69,8 @@ async function open() {
     location.replace("#/");
     return;
   }
-  for (const link of document.querySelectorAll(".nav a")) {
-    if (link.getAttribute("href") === `#/${name}`) link.setAttribute("aria-current", "page");
-    else link.removeAttribute("aria-current");
-  }
+  for (const link of document.querySelectorAll(".nav a"))
+    link.ariaCurrent = link.getAttribute("href") === `#/${name}` ? "page" : null;
   document.title = `${VIEWS[name].title} – Forewarn`;
   document.querySelector("#help").href = guideOf(name, id);
   bar.goneTo(location.hash);
@@ -88,7 +84,8 @@ async function open() {
     shown = view.show(page, { id: id || null, query, api, navigate });
   } catch (error) {
     console.error(error);
-    page.replaceChildren(...failure(VIEWS[name].title, error));
+    const text = `${error?.message ?? error}. Reload the page; if that does not help, restart the server.`;
+    page.replaceChildren(h("h1.visually-hidden", VIEWS[name].title), state("error", "This view could not be opened", text));
   }
 }
 
@@ -98,48 +95,21 @@ function guideOf(name, id) {
   return ["/guide", page].filter(Boolean).join("/");
 }
 
-function failure(view, error) {
-  const text = `${error?.message ?? error}. Reload the page; if that does not help, restart the server.`;
-  return [
-    h("h1.visually-hidden", view),
-    state("error", "This view could not be opened", text),
-  ];
+function showChoice(button, what, name, isPressed) {
+  button.textContent = `${what}: ${name}`;
+  button.setAttribute("aria-pressed", String(isPressed));
+  button.setAttribute("aria-label", `${what}: ${name}. Press to change.`);
 }
 
-/** The machine's theme until the user chooses one; the browser remembers the choice. */
 function bindThemeButton(button) {
-  const machine = matchMedia("(prefers-color-scheme: light)");
-  const ofMachine = () => (machine.matches ? "light" : "dark");
-  let chosen = ["light", "dark"].includes(remembered(THEME_KEY));
-  let theme = chosen ? remembered(THEME_KEY) : ofMachine();
-  const show = () => {
-    document.documentElement.dataset.theme = theme;
-    button.textContent = `Theme: ${theme}`;
-    button.setAttribute("aria-pressed", String(theme === "light"));
-    button.setAttribute("aria-label", `Theme: ${theme}. Press to change.`);
-  };
-  button.addEventListener("click", () => {
-    theme = theme === "dark" ? "light" : "dark";
-    chosen = true;
-    remember(THEME_KEY, theme);
-    show();
-  });
-  machine.addEventListener("change", () => {
-    if (chosen) return;
-    theme = ofMachine();
-    show();
-  });
-  show();
+  const show = (theme) => showChoice(button, "Theme", theme, theme === "light");
+  button.addEventListener("click", () => chooseTheme(currentTheme() === "dark" ? "light" : "dark"));
+  followTheme(show);
 }
 
 /** Degrees or SI; the view is opened again unless that would lose input. */
 function bindUnitsButton(button) {
-  const show = () => {
-    const name = isSI() ? "SI" : "deg";
-    button.textContent = `Units: ${name}`;
-    button.setAttribute("aria-pressed", String(isSI()));
-    button.setAttribute("aria-label", `Units: ${name}. Press to change.`);
-  };
+  const show = () => showChoice(button, "Units", isSI() ? "SI" : "deg", isSI());
   button.addEventListener("click", () => {
     chooseSI(!isSI());
     show();

@@ -1,7 +1,7 @@
 /** Campaigns: #/campaigns lists; #/campaigns/new plans one; #/campaigns/{id} is one, with ?add to add a flight condition. */
 
-import { fileInput, labelled } from "../forms/controls.js";
-import { ApiError, may, needs } from "../lib/api.js";
+import { fileInput, labelled, parsedJson } from "../forms/controls.js";
+import { may, needs } from "../lib/api.js";
 import { h } from "../lib/dom.js";
 import { empty, errorLine, guideLink, link, loadingView, pageOf, table } from "../lib/elements.js";
 import { moment } from "../lib/numbers.js";
@@ -60,22 +60,11 @@ function fileChoice(api, navigate) {
     accept: ".json,application/json",
     failure,
     read: async (file) => {
-      const made = await api.post("/campaigns/file", parsed(await file.text(), file.name));
+      const plain = parsedJson(await file.text(), () => `${file.name} is not JSON: choose a campaign file.`);
+      const made = await api.post("/campaigns/file", plain);
       navigate(`#/campaigns/${made.id}`);
     },
   });
-  return h(
-    "section.panel.stack-tight",
-    { ...needs("POST /campaigns/file") },
-    labelled("Open a campaign file", input).element,
-    failure.element,
-  );
-}
-
-function parsed(text, name) {
-  try {
-    return JSON.parse(text);
-  } catch {
-    throw new ApiError(`${name} is not JSON: choose a campaign file.`, 422);
-  }
+  const field = labelled("Open a campaign file", input);
+  return h("section.panel.stack-tight", needs("POST /campaigns/file"), field.element, failure.element);
 }

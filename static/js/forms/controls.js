@@ -14,7 +14,7 @@
  *     beside: nodes after the button.   follow: {api, keep, title(job), done(result, back)} where send() gives a job
  */
 
-import { needs, reason } from "../lib/api.js";
+import { ApiError, needs, reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";
 import { button, errorLine } from "../lib/elements.js";
 import { followInPlace } from "../lib/job_progress.js";
@@ -116,6 +116,15 @@ export function fileInput({ read, failure, ...attributes }) {
     if (!file) return;
     await failure.attempt(() => read(file));
     input.value = "";
+  }
+}
+
+/** ApiError with words(error) where the text is no JSON. */
+export function parsedJson(text, words) {
+  try {
+    return JSON.parse(text);
+  } catch (error) {
+    throw new ApiError(words(error), 422);
   }
 }
 

@@ -12,7 +12,7 @@
 import { ApiError } from "../lib/api.js";
 import { aircraftCondition, labelOf, plainWords } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";
-import { fold, pasteBox, select } from "./controls.js";
+import { fold, parsedJson, pasteBox, select } from "./controls.js";
 import { beyondTitle, editorOf } from "./field_editors.js";
 
 const NEEDED = ["a", "b", "c", "d", "uncertainty"];
@@ -94,13 +94,7 @@ function family(key, schema, value, place) {
   );
   const words = h("p.hint");
   const holder = h("div.stack-tight");
-  const element = h(
-    "fieldset",
-    { "data-path": place.path },
-    h("legend", label),
-    h("div.field", choice, words),
-    holder,
-  );
+  const element = h("fieldset", { "data-path": place.path }, h("legend", label), h("div.field", choice, words), holder);
   let inner;
   turn(value?.kind ?? schema.default.kind, value);
   return { element, read: () => ({ kind: choice.value, ...inner.read() }), put };
@@ -158,12 +152,7 @@ function modelInput(use) {
 /** The user's own linear model, with its keys in small letters. ApiError. */
 function modelOf(text) {
   const refused = (words) => new ApiError(words, 422);
-  let plain;
-  try {
-    plain = JSON.parse(text);
-  } catch (error) {
-    throw refused(`Not JSON (${error.message}): write it like ${EXAMPLE}.`);
-  }
+  const plain = parsedJson(text, (error) => `Not JSON (${error.message}): write it like ${EXAMPLE}.`);
   if (typeof plain !== "object" || plain === null || Array.isArray(plain))
     throw refused("A model is an object with A, B, C, D and uncertainty.");
   const entries = Object.entries(plain).filter(([key]) => key !== "kind");

@@ -1,4 +1,9 @@
-/** What the browser remembers: choices, where it allows that, else until the page closes; and drafts of text. */
+/**
+ * What the browser remembers: choices, where it allows that, else until the page closes; the theme; drafts of text.
+ *
+ * followTheme(show)    sets the theme and calls show(theme) now and at each change: the machine's until the user chooses
+ * keepDraft(input, key) -> clear()     text that was not sent survives a redraw of its view;  key: of the subject
+ */
 
 export function remembered(key) {
   try {
@@ -25,4 +30,30 @@ export function keepDraft(input, key) {
     drafts.delete(key);
     input.value = "";
   };
+}
+
+const THEME_KEY = "forewarn.theme";
+const machine = matchMedia("(prefers-color-scheme: light)");
+let chosen = remembered(THEME_KEY);
+let showTheme = () => {};
+
+export function currentTheme() {
+  return ["light", "dark"].includes(chosen) ? chosen : machine.matches ? "light" : "dark";
+}
+
+export function chooseTheme(theme) {
+  chosen = theme;
+  remember(THEME_KEY, theme);
+  applyTheme();
+}
+
+export function followTheme(show = () => {}) {
+  showTheme = show;
+  machine.addEventListener("change", applyTheme);
+  applyTheme();
+}
+
+function applyTheme() {
+  document.documentElement.dataset.theme = currentTheme();
+  showTheme(currentTheme());
 }

@@ -44,8 +44,8 @@ export function createDropZone({ aircraft, formats, done }) {
     h("div.upload-columns", zone, h("div", named.element, known.element)),
     uploads.element,
   );
-  const handlers = { dragover, dragleave, drop };
-  for (const [event, handler] of Object.entries(handlers)) addEventListener(event, handler);
+  const leaving = new AbortController();
+  for (const handler of [dragover, dragleave, drop]) addEventListener(handler.name, handler, { signal: leaving.signal });
 
   function dragover(event) {
     if (!event.dataTransfer?.types.includes("Files")) return;
@@ -67,7 +67,7 @@ export function createDropZone({ aircraft, formats, done }) {
     element,
     choose: () => input.click(),
     close: () => {
-      for (const [event, handler] of Object.entries(handlers)) removeEventListener(event, handler);
+      leaving.abort();
       uploads.close();
     },
   };

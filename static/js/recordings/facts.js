@@ -54,7 +54,7 @@ function badRows({ n, share, rows }) {
     "details.fold.bad-rows",
     h("summary", chip(`◆ ${n} bad ${n === 1 ? "row" : "rows"}`, "caution"), skipped),
     badRowsTable(rows),
-    n > rows.length ? h("p.hint", `First ${rows.length} of ${n}.`) : null,
+    n > rows.length && h("p.hint", `First ${rows.length} of ${n}.`),
   );
 }
 
@@ -84,13 +84,8 @@ export function createSignalList({ api, recording }) {
     ["Plot", plotOf],
   ];
   list();
-  return h(
-    "details.panel.fold.signal-list",
-    h("summary", `all ${signals.length} signals in the file`),
-    signals.length > 12 ? h("div.field", filter) : null,
-    shown,
-    more,
-  );
+  const title = `all ${signals.length} signals in the file`;
+  return h("details.panel.fold.signal-list", h("summary", title), signals.length > 12 && h("div.field", filter), shown, more);
 
   function list() {
     const wanted = filter.value.trim().toLowerCase();

@@ -54,14 +54,7 @@ function showRecordings(element, { api, navigate }) {
 
     function columnsOf(all) {
       return [
-        [
-          "Name",
-          (recording) => [
-            h("a", { href: `#/recordings/${recording.id}` }, recording.name),
-            twinMark(recording, all),
-          ],
-          "name",
-        ],
+        ["Name", nameOf, "name"],
         ["Aircraft", ({ aircraft }) => aircraft ?? h("span.dim", "not recorded"), "nowrap"],
         ["Length", ({ duration }) => durationText(duration), "number"],
         ["Format", ({ format }) => formatTitle(catalog, format)],
@@ -69,11 +62,16 @@ function showRecordings(element, { api, navigate }) {
         ["Mapping", mappingChip],
         ["Scorings", ({ n_scorings: n }) => n, "number"],
         ["Uploaded", ({ created }) => moment(created), "dim"],
-        [
-          hiddenHead("Delete"),
-          (recording) => deleteButton({ api, ...deletion(recording), done: again, short: recording.name }),
-        ],
+        [hiddenHead("Delete"), deleteOf],
       ];
+
+      function nameOf(recording) {
+        return [h("a", { href: `#/recordings/${recording.id}` }, recording.name), twinMark(recording, all)];
+      }
+
+      function deleteOf(recording) {
+        return deleteButton({ api, ...deletion(recording), done: again, short: recording.name });
+      }
     }
   }
 }

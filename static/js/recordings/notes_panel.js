@@ -6,7 +6,7 @@
  */
 
 import { textInput } from "../forms/controls.js";
-import { needs, reason } from "../lib/api.js";
+import { needs } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 import { button, errorLine } from "../lib/elements.js";
 import { secondsText } from "../lib/numbers.js";
@@ -47,6 +47,7 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
     failure.element,
     list,
   );
+  const { attempt } = failure;
   const load = () => attempt(async () => show(await api.get(path)));
   moved();
   return { element, load, quick, moved };
@@ -89,17 +90,6 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
     });
   }
 
-  async function attempt(act) {
-    failure.show("");
-    try {
-      await act();
-      return true;
-    } catch (error) {
-      failure.show(reason(error));
-      return false;
-    }
-  }
-
   function show(given) {
     markers = [...given].sort((a, b) => a.t - b.t);
     draw();
@@ -120,17 +110,12 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
   function row(marker) {
     const { id, kind, t, text: words } = marker;
     const visit = { type: "button", class: "link-button note-time", onclick: () => go(t), title: "Go there" };
-    return h(
-      "li.note",
-      { "data-kind": kind },
-      h("button", visit, `${signOf(kind)} ${timesOf(marker)}`),
-      h("span.note-text", words),
-      h(
-        "span.note-acts",
-        small("Edit", () => edit(id), { "aria-label": `Edit: ${words}` }),
-        small("Delete", () => remove(marker), { "aria-label": `Delete: ${words}` }),
-      ),
-    );
+    const acts = [
+      small("Edit", () => edit(id), { "aria-label": `Edit: ${words}` }),
+      small("Delete", () => remove(marker), { "aria-label": `Delete: ${words}` }),
+    ];
+    const time = h("button", visit, `${signOf(kind)} ${timesOf(marker)}`);
+    return h("li.note", { "data-kind": kind }, time, h("span.note-text", words), h("span.note-acts", acts));
   }
 
   function editor(marker) {
@@ -140,10 +125,7 @@ export function createNotesPanel({ api, recording, place, go, changed }) {
       save(marker, input.value.trim() || marker.text);
     };
     const acts = h("div.row", submit("Save"), small("Cancel", () => edit(null)));
-    return h(
-      "li.note",
-      h("form.note-form", { onsubmit }, h("div.field", input), acts),
-    );
+    return h("li.note", h("form.note-form", { onsubmit }, h("div.field", input), acts));
   }
 }
 

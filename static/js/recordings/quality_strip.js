@@ -28,10 +28,8 @@ export function createQualityStrip() {
   return { element, show };
 
   function show(quality, range) {
-    const content = quality
-      ? rowsOf(quality, range)
-      : [h("p.dim", "Available once the mapping can be applied.")];
-    element.replaceChildren(title, ...content.filter(Boolean));
+    const none = h("p.dim", "Available once the mapping can be applied.");
+    element.replaceChildren(title, ...(quality ? rowsOf(quality, range).filter(Boolean) : [none]));
   }
 }
 
@@ -87,11 +85,6 @@ function axis({ start, end }) {
   const ticks = niceTicks(start, end, 6).filter((t) => t < end - 0.04 * (end - start));
   const at = (t) => `left: ${(100 * (t - start)) / (end - start)}%`;
   const words = ticks.map((t) => h("span", { style: at(t) }, formatTime(t, (end - start) / 6)));
-  return h(
-    "div.quality-row.quality-axis",
-    { "aria-hidden": true },
-    h("span"),
-    h("div.quality-ticks", words),
-    h("span.dim", "t [s]"),
-  );
+  const parts = [h("span"), h("div.quality-ticks", words), h("span.dim", "t [s]")];
+  return h("div.quality-row.quality-axis", { "aria-hidden": true }, parts);
 }

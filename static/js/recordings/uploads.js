@@ -25,10 +25,10 @@ export function createUploads({ aircraft, done }) {
     rows.append(row);
     const craft = aircraft();
     const query = new URLSearchParams({ name: file.name.slice(-LONGEST_NAME), ...(craft && { aircraft: craft }) });
-    const upload = sendFile(`/recordings?${query}`, file, ({ sent, total, isRead }) => {
-      bar.value = total ? sent / total : 0;
-      if (isRead) bar.removeAttribute("value");
-      words.textContent = isRead ? "sent; the server is reading it" : `${bytesText(sent)} of ${bytesText(total)}`;
+    const upload = sendFile(`/recordings?${query}`, file, (share, text) => {
+      if (share === null) bar.removeAttribute("value");
+      else bar.value = share;
+      words.textContent = text;
     });
     sending.add(upload);
     try {
@@ -74,20 +74,14 @@ function withoutName(words, name) {
 }
 
 /**
- * Send a file and report progress, which fetch cannot.
- *
- * changed({sent, total, isRead}) [bytes]; isRead: all bytes are sent.
+ * Send a file and report progress, which fetch cannot.   changed(share | null, words)   null: all bytes are sent
  * Returns {ended, cancel()}; ended: the answer, null if cancelled; rejects with an ApiError.
  */
 function sendFile(path, file, changed) {
   const request = new XMLHttpRequest();
   const ended = new Promise((resolve, reject) => {
-    request.upload.addEventListener("progress", ({ loaded, total }) =>
-      changed({ sent: loaded, total, isRead: false }),
-    );
-    request.upload.addEventListener("load", () =>
-      changed({ sent: file.size, total: file.size, isRead: true }),
-    );
+    request.upload.addEventListener("progress", ({ loaded, total }) => changed(loaded / (total || 1), `${bytesText(loaded)} of ${bytesText(total)}`));
+    request.upload.addEventListener("load", () => changed(null, "sent; the server is reading it"));
     request.addEventListener("abort", () => resolve(null));
     request.addEventListener("error", () => reject(noAnswer()));
     request.addEventListener("load", () => {

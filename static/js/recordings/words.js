@@ -32,12 +32,11 @@ export function measuredBy(channels, key) {
 }
 
 function outsideText({ outside_exceedances: outside, channels }) {
-  if (!outside.length) return "";
   const parts = outside.map(({ t, channel, value }) => {
     const measured = measuredBy(channels, channel);
     return `${measured.symbol} exceeds its limit outside every manoeuvre: ${quantity(measured, value)} at ${secondsText(t)}`;
   });
-  return `${parts.join("; ")}.`;
+  return parts.length ? `${parts.join("; ")}.` : "";
 }
 
 export function outsideChip(scoring) {
@@ -50,38 +49,36 @@ export function outsideLine(scoring, tag, classes) {
   return words ? h(tag, { class: classes, role: "note" }, "◆ ", formatted(words)) : null;
 }
 
-export function validityWords({ validity: { valid }, outcome }) {
-  if (valid === true && outcome === "unseen") return { word: "applicable where recorded", level: "caution", mark: "◇" };
-  if (valid === true) return { word: "applicable", level: "ok", mark: "✓" };
-  if (valid === false) return { word: "INVALID", level: "off", mark: "✕" };
-  return { word: "unknown", level: "caution", mark: "◆" };
+export function validityWords({ validity: { valid, p_value: p }, outcome }) {
+  const words = p == null ? "" : `p-value ${figure(p, 2)}`;
+  if (valid === true && outcome === "unseen") return { word: "applicable where recorded", level: "caution", mark: "◇", words };
+  if (valid === true) return { word: "applicable", level: "ok", mark: "✓", words };
+  if (valid === false) return { word: "INVALID", level: "off", mark: "✕", words };
+  return { word: "unknown", level: "caution", mark: "◆", words };
 }
+
+const isWithdrawn = ({ outcome }) => outcome === "invalid";
 
 export function peakText({ outcome, peak_risk: risk, peak_t: t }, alertAbove, isTimed = false) {
   if (isWithdrawn({ outcome })) return "withdrawn";
-  if (risk === null || risk === undefined) return "–";
+  if (risk == null) return "–";
   return `${riskText(risk, alertAbove)}${isTimed && t !== null ? ` at ${secondsText(t)}` : ""}`;
 }
 
 export function alertRule({ epsilon, alert_above: above }) {
-  const isEpsilon = Math.abs(above - epsilon) < 1e-9;
-  return isEpsilon ? `alerts at risk above ε = ${figure(epsilon)}` : `alerts at risk above ${figure(above)}, which keeps ε = ${figure(epsilon)} with 95 % confidence`;
+  if (Math.abs(above - epsilon) < 1e-9) return `alerts at risk above ε = ${figure(epsilon)}`;
+  return `alerts at risk above ${figure(above)}, which keeps ε = ${figure(epsilon)} with 95 % confidence`;
 }
 
 export function requestWords({ trim, manoeuvres }) {
-  const way =
-    { detected: "manoeuvres detected", entire: "the entire recording" }[manoeuvres] ??
-    `${manoeuvres.length} marked by hand`;
+  const words = { detected: "manoeuvres detected", entire: "the entire recording" };
+  const way = words[manoeuvres] ?? `${manoeuvres.length} marked by hand`;
   if (trim === TRIM_SEGMENT) return way;
   return `${way}, ${trim === null ? "no trim subtracted" : `trim of ${trim} s`}`;
 }
 
 export function trimText({ trim }) {
   return trim === null ? "as recorded, no trim subtracted" : "deviations from trim";
-}
-
-function isWithdrawn({ outcome }) {
-  return outcome === "invalid";
 }
 
 export function firstAlertText(manoeuvre) {
@@ -93,10 +90,9 @@ export function leadText(manoeuvre, promised) {
   if (isWithdrawn(manoeuvre)) return "withdrawn";
   const { exceedance, lead, alerts } = manoeuvre;
   if (!exceedance) return "–";
-  if (lead === null || lead === undefined) return alerts.length ? "none before it" : "no alert";
+  if (lead == null) return alerts.length ? "none before it" : "no alert";
   const enough = lead >= promised - 1e-9;
-  const ahead = manoeuvre.look_ahead
-    ? `; up to ${figure(manoeuvre.look_ahead)} s less in flight, where samples wait for later ones`
-    : "";
-  return `${leadSeconds(lead, 2)} s, ${enough ? "at least" : "less than"} ${figure(promised)} s${ahead}`;
+  const { look_ahead: ahead } = manoeuvre;
+  const less = ahead ? `; up to ${figure(ahead)} s less in flight, where samples wait for later ones` : "";
+  return `${leadSeconds(lead, 2)} s, ${enough ? "at least" : "less than"} ${figure(promised)} s${less}`;
 }

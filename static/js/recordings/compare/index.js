@@ -1,7 +1,6 @@
 /** Several scorings side by side, and two of them overlaid.   query: compare=sid,rid:sid,...   of recording `id`, or of others */
 
 import { select } from "../../forms/controls.js";
-import { reason } from "../../lib/api.js";
 import { aircraftName, kindName, loadCatalog } from "../../lib/catalog.js";
 import { h } from "../../lib/dom.js";
 import { button, errorLine, link, loadingView, pageOf } from "../../lib/elements.js";
@@ -39,10 +38,8 @@ export function showComparedScorings(element, { id, query, api, navigate }) {
     );
 
     async function read({ recording, scoring: number }, k) {
-      const [{ mapping }, scoring] = await Promise.all([
-        api.get(`/recordings/${recording}`),
-        readScoring(api, recording, number),
-      ]);
+      const { mapping } = await api.get(`/recordings/${recording}`);
+      const scoring = await readScoring(api, recording, number);
       return {
         letter: String.fromCharCode(65 + k),
         recordingName: names.get(recording) ?? recording,
@@ -58,18 +55,14 @@ export function showComparedScorings(element, { id, query, api, navigate }) {
   }
 
   function go(wanted) {
-    const words = wanted.map(({ recording, scoring }) =>
-      recording === id ? scoring : `${recording}:${scoring}`,
-    );
-    navigate(`#/recordings/${id}?compare=${words.join(",")}`);
+    const wordsOf = ({ recording, scoring }) => (recording === id ? scoring : `${recording}:${scoring}`);
+    navigate(`#/recordings/${id}?compare=${wanted.map(wordsOf).join(",")}`);
   }
 }
 
 function referenceOf(text, recording) {
-  const parts = text.split(":");
-  return parts.length > 1
-    ? { recording: parts[0], scoring: parts[1] }
-    : { recording, scoring: text };
+  const [first, second] = text.split(":");
+  return second ? { recording: first, scoring: second } : { recording, scoring: first };
 }
 
 /** Choose a scoring of any recording.   taken: [{recording, scoring}] not offered */
@@ -97,21 +90,18 @@ function scoringPicker({ api, recordings, taken, add }) {
 
   async function fill() {
     go.disabled = true;
-    failure.show("");
     scoring.replaceChildren();
     const id = recording.value;
-    if (!id) return;
-    try {
-      const all = await readScorings(api, id);
-      if (recording.value !== id) return;
-      const isTaken = (number) => taken.some((pair) => pair.recording === id && pair.scoring === number);
-      const left = all.filter((one) => !isTaken(one.id));
-      const wordsOf = (one) => `${one.monitor_name} at ε ${figure(one.epsilon)} ${warningWords(one)}`;
-      const options = left.map((one) => h("option", { value: one.id }, wordsOf(one)));
-      scoring.replaceChildren(...(left.length ? options : [h("option", { value: "" }, "all are shown already")]));
-      go.disabled = left.length === 0;
-    } catch (error) {
-      failure.show(reason(error));
-    }
+    if (id) await failure.attempt(async () => offer(id, await readScorings(api, id)));
+  }
+
+  function offer(id, all) {
+    if (recording.value !== id) return;
+    const isTaken = (number) => taken.some((pair) => pair.recording === id && pair.scoring === number);
+    const left = all.filter((one) => !isTaken(one.id));
+    const wordsOf = (one) => `${one.monitor_name} at ε ${figure(one.epsilon)} ${warningWords(one)}`;
+    const options = left.map((one) => h("option", { value: one.id }, wordsOf(one)));
+    scoring.replaceChildren(...(left.length ? options : [h("option", { value: "" }, "all are shown already")]));
+    go.disabled = left.length === 0;
   }
 }

@@ -34,12 +34,7 @@ export function createOverlay({ api, compared }) {
     const chosen = () => compared[Number(which.value)];
     const manoeuvre = () => (from.value === OWN ? null : chosen().scoring.manoeuvres[Number(from.value)]);
     fill();
-    const element = h(
-      "span.row",
-      h("div.field", which),
-      h("span.dim", "from"),
-      h("div.field", from),
-    );
+    const element = h("span.row", h("div.field", which), h("span.dim", "from"), h("div.field", from));
     return { element, chosen, manoeuvre };
 
     function fill() {
@@ -72,18 +67,10 @@ export function createOverlay({ api, compared }) {
       })),
       label: "Overlaid scorings",
       key: shown.map(({ scoring, offset }) => `${scoring.id} ${offset}`).join(),
-      chosen: ({ start, end }) =>
-        chart.show(start - 0.1 * (end - start), end + 0.1 * (end - start)),
+      chosen: ({ start, end }) => chart.show(start - 0.1 * (end - start), end + 0.1 * (end - start)),
     });
-    chart.setLane(
-      shown.flatMap(({ letter, scoring, offset }, k) =>
-        laneOf(scoring.manoeuvres, { row: k, offset, id: letter }).map((item) => ({
-          ...item,
-          text: `${letter} ${item.text}`,
-          title: `${letter}, ${item.title}`,
-        })),
-      ),
-    );
+    const itemsOf = ({ letter, scoring, offset }, row) => laneOf(scoring.manoeuvres, { row, offset, letter });
+    chart.setLane(shown.flatMap(itemsOf));
     chart.setEvents(below.manoeuvres.map(({ start }) => ({ t: start - shown[0].offset })));
     const aligned = sides.map((side) => side.manoeuvre()).filter(Boolean);
     if (aligned.length && !again) {
@@ -101,9 +88,8 @@ export function createOverlay({ api, compared }) {
 }
 
 function limitsDiffer(scorings) {
-  const limits = scorings.map(({ channels, alert_above: above }) =>
-    JSON.stringify([channels.map(({ limit }) => limit), above]),
-  );
+  const limitsOf = ({ channels, alert_above: above }) => JSON.stringify([channels.map(({ limit }) => limit), above]);
+  const limits = scorings.map(limitsOf);
   const words = "The strips show limits, ε, alerts and manoeuvres of the first scoring.";
   return h("span", new Set(limits).size > 1 ? words : "");
 }

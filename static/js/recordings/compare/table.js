@@ -18,12 +18,9 @@ const hintLine = (...content) => h("span.hint.hint-line", content);
 export function compareTable(compared, { remove }) {
   const scorings = compared.map(({ scoring }) => scoring);
   const isOne = new Set(scorings.map(({ recording }) => recording)).size === 1;
-  const columns = compared.map((each, k) => [
-    headOf(each, isOne, remove && (() => remove(k))),
-    (row) => outcome(scorings[k], row[k]),
-  ]);
+  const columnOf = (each, k) => [headOf(each, isOne, remove && (() => remove(k))), (row) => outcome(scorings[k], row[k])];
   const shown = table({
-    columns: [["Manoeuvre", (row) => manoeuvreOf(row, scorings, isOne), "name"], ...columns],
+    columns: [["Manoeuvre", (row) => manoeuvreOf(row, scorings, isOne), "name"], ...compared.map(columnOf)],
     items: rowsOf(scorings),
     classes: "compare-table",
     panel: false,
@@ -43,12 +40,7 @@ function headOf({ letter, recordingName, planned, scoring, mapping }, isOne, rem
     outsideLine(scoring, "span", "hint hint-line outside-line"),
   ];
   const look = { class: "button button-small", "aria-label": `Remove ${letter}`, title: "Remove" };
-  return h(
-    "div.compare-head",
-    h("span.compare-letter", letter),
-    h("span", words),
-    remove && button("✕", remove, look),
-  );
+  return h("div.compare-head", h("span.compare-letter", letter), h("span", words), remove && button("✕", remove, look));
 }
 
 function manoeuvreOf(row, scorings, isOne) {
@@ -60,31 +52,25 @@ function manoeuvreOf(row, scorings, isOne) {
 function outcome(scoring, n) {
   if (n < 0) return h("span.dim", "not scored");
   const manoeuvre = scoring.manoeuvres[n];
-  const { p_value: p } = manoeuvre.validity;
+  const { word, words } = validityWords(manoeuvre);
   const lines = [
     ["warning lead time", leadText(manoeuvre, scoring.lead)],
     ["first alert", firstAlertText(manoeuvre)],
     ["peak risk", peakText(manoeuvre, scoring.alert_above)],
-    ["applicability", `${validityWords(manoeuvre).word}${p === null || p === undefined ? "" : `, p-value ${figure(p, 2)}`}`],
+    ["applicability", [word, words].filter(Boolean).join(", ")],
   ];
   return [outcomeChip(manoeuvre), recipeList(lines, "recipe compare-lines")];
 }
 
 export function rowsOf(scorings) {
   const rows = [];
-  scorings.forEach(({ recording, manoeuvres }, k) => {
-    manoeuvres.forEach((manoeuvre, number) => {
-      const fits = (row) =>
-        row[k] === -1 &&
-        row.some((n, other) => n >= 0 && same(scorings[other], n, recording, manoeuvre, number));
-      let row = rows.find(fits);
-      if (row === undefined) {
-        row = new Array(scorings.length).fill(-1);
-        rows.push(row);
-      }
+  for (const [k, { recording, manoeuvres }] of scorings.entries())
+    for (const [number, manoeuvre] of manoeuvres.entries()) {
+      const isSame = (n, other) => n >= 0 && same(scorings[other], n, recording, manoeuvre, number);
+      let row = rows.find((made) => made[k] === -1 && made.some(isSame));
+      if (!row) rows.push((row = new Array(scorings.length).fill(-1)));
       row[k] = number;
-    });
-  });
+    }
   return rows;
 }
 

@@ -2,11 +2,7 @@
 
 import { h } from "../../lib/dom.js";
 
-const WORDS = [
-  [0.9, "high", "ok"],
-  [0.6, "medium", "off"],
-  [0, "low: check", "caution"],
-];
+const WORDS = [[0.9, "high", "ok"], [0.6, "medium", "off"], [0, "low: check", "caution"]];
 
 export function cell(part, words, ...content) {
   return h("div", { class: `map-cell map-${part}` }, words && h("span.map-label", words), content);
@@ -26,11 +22,8 @@ export function confidence({ confidence: share, reasons }) {
     h("span.dim", percent),
   ];
   if (!reasons.length) return h("div.confidence", head);
-  return h(
-    "details.confidence",
-    h("summary", head, h("span.confidence-why", "why")),
-    h("ul.reasons", reasons.map((reason) => h("li", reason))),
-  );
+  const why = h("ul.reasons", reasons.map((reason) => h("li", reason)));
+  return h("details.confidence", h("summary", head, h("span.confidence-why", "why")), why);
 }
 
 export const setByYou = () => h("span.dim", "set by you");

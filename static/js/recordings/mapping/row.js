@@ -101,9 +101,8 @@ export function createMappingRow(row) {
     }
     if (isEdited) return [setByYou()];
     if (state !== "confirmed") return rationale ? [confidence(rationale)] : [];
-    return over.length
-      ? [chip("▲ confirmed over a warning", "caution"), hint(over.join("; "))]
-      : [chip("✓ confirmed", "ok")];
+    if (!over.length) return [chip("✓ confirmed", "ok")];
+    return [chip("▲ confirmed over a warning", "caution"), hint(over.join("; "))];
   }
 
   function missingWords() {
@@ -111,8 +110,8 @@ export function createMappingRow(row) {
       button(`Derive it: ${title}`, () => choose(`derive:${derivation}`), { class: "button button-small" }),
     );
     if (!needed) return offers.length ? offers : [h("span.dim", "not mapped")];
-    const why = rationale?.reasons.length ? [hint(rationale.reasons.join("; "))] : [];
-    return [chip("◆ MISSING", "caution"), ...why, ...offers];
+    const why = rationale?.reasons ?? [];
+    return [chip("◆ MISSING", "caution"), ...(why.length ? [hint(why.join("; "))] : []), ...offers];
   }
 
   function show(tiles, warnings = []) {

@@ -5,7 +5,7 @@
  * previewed({channels, quality, problem}, edited)   at first, and after each correction
  */
 
-import { checkbox, pasteBox, textInput } from "../../forms/controls.js";
+import { checkbox, parsedJson, pasteBox, textInput } from "../../forms/controls.js";
 import { ApiError, needs, reason } from "../../lib/api.js";
 import { h } from "../../lib/dom.js";
 import { button, chip, errorLine, guideLink } from "../../lib/elements.js";
@@ -43,15 +43,11 @@ export function createMappingSection({ api, catalog, recording, known, bins, pre
     word: "Use this mapping",
     use: (given) => use(readMapping(given)),
   });
+  const summary = [h("h2.panel-title", "Mapping"), chip(word, level), h("span.dim", summaryOf(recording, text, catalog))];
   const element = h(
     "details.panel.stack.mapping",
     { open: !isAgain, "data-keeps-input": true },
-    h(
-      "summary.step-title",
-      h("h2.panel-title", "Mapping"),
-      chip(word, level),
-      h("span.dim", summaryOf(recording, text, catalog)),
-    ),
+    h("summary.step-title", summary),
     shown,
     h("details.fold.map-file", { "data-keeps-input": true }, h("summary", "use a mapping file"), file),
     problem.element,
@@ -136,32 +132,20 @@ function summaryOf({ mapping, missing }, text, catalog) {
   const derived = sources.filter(({ derivation }) => derivation).length;
   const parts = [text, `${sources.length} channels`];
   if (derived) parts.push(`${derived} derived`);
-  const labels = catalog.channels
-    .filter(({ key }) => missing.includes(key))
-    .map(({ label }) => label);
+  const labels = catalog.channels.filter(({ key }) => missing.includes(key)).map(({ label }) => label);
   if (labels.length) parts.push(`without ${labels.join(", ")}`);
   return parts.filter(Boolean).join(", ");
 }
 
 /** A mapping without empty entries. ApiError. */
 function readMapping(text) {
-  const { channels = {}, times = {} } = parsed(text);
-  return {
-    channels: filled(channels, ({ signal, derivation }) => signal || derivation),
-    times: filled(times, ({ signal, rate }) => signal || rate),
-  };
-}
-
-function parsed(text) {
-  let plain;
-  try {
-    plain = JSON.parse(text);
-  } catch {
-    throw new ApiError(NO_MAPPING, 422);
-  }
+  const plain = parsedJson(text, () => NO_MAPPING);
   const mapping = plain?.mapping ?? plain;
   if (!mapping?.channels && !mapping?.times) throw new ApiError(NO_MAPPING, 422);
-  return mapping;
+  return {
+    channels: filled(mapping.channels ?? {}, ({ signal, derivation }) => signal || derivation),
+    times: filled(mapping.times ?? {}, ({ signal, rate }) => signal || rate),
+  };
 }
 
 function filled(entries, by) {

@@ -10,18 +10,11 @@ import { magnitudeIn, quantity, riskText, secondsText } from "../../lib/numbers.
 import { STATE_WORDS } from "../../lib/states.js";
 import { AS_RECORDED, measuredBy } from "../words.js";
 
-export function eventsOf({
-  manoeuvres,
-  outside_exceedances: outside,
-  channels,
-  alert_above: alertAbove,
-  limits_in_force: inForce,
-}) {
+export function eventsOf(scoring) {
+  const { manoeuvres, outside_exceedances: outside, channels, alert_above: alertAbove, limits_in_force: inForce } = scoring;
   return [
     ...(inForce ?? []).map(ofLimits),
-    ...manoeuvres.flatMap((manoeuvre, k) =>
-      ofManoeuvre(manoeuvre, channels, alertAbove).map((event) => ({ ...event, manoeuvre: k })),
-    ),
+    ...manoeuvres.flatMap((given, manoeuvre) => ofManoeuvre(given, channels, alertAbove).map((event) => ({ ...event, manoeuvre }))),
     ...outside.map((exceedance) => ofExceedance(exceedance, channels, " outside every manoeuvre")),
   ].sort((a, b) => a.t - b.t);
 }
@@ -85,21 +78,18 @@ export function manoeuvresOf({ manoeuvres }, offset = 0) {
 
 const wordOf = (limits) => (limits === null ? STATE_WORDS.limits_unknown : STATE_WORDS.not_applicable);
 
-export function laneOf(manoeuvres, { row = 0, offset = 0, id = "manoeuvre" } = {}) {
-  return manoeuvres.map((manoeuvre, k) => {
-    const { name, start, end } = manoeuvre;
-    const { word, level, sign, text } = manoeuvre.verdict;
-    return {
-      id: `${id}-${k}`,
-      manoeuvre: k,
-      row,
-      start: start - offset,
-      end: end - offset,
-      text: `${name}: ${word}`,
-      short: `${k + 1}`,
-      mark: sign,
-      level,
-      title: `${name}: ${word}, ${text}`,
-    };
-  });
+/** letter: of the scoring, where there are several. */
+export function laneOf(manoeuvres, { row = 0, offset = 0, letter = "" } = {}) {
+  return manoeuvres.map(({ name, start, end, verdict: { word, level, sign, text } }, k) => ({
+    id: `${letter || "manoeuvre"}-${k}`,
+    manoeuvre: k,
+    row,
+    start: start - offset,
+    end: end - offset,
+    text: `${letter && `${letter} `}${name}: ${word}`,
+    short: `${k + 1}`,
+    mark: sign,
+    level,
+    title: `${letter && `${letter}, `}${name}: ${word}, ${text}`,
+  }));
 }

@@ -5,7 +5,7 @@
  * reveal(): scrolls the form into view.   hold(): disables scoring while the mapping is being changed
  */
 
-import { createForm, radio, textInput } from "../../forms/controls.js";
+import { createForm, radio, sharedField, textInput } from "../../forms/controls.js";
 import { decimal } from "../../forms/decimals.js";
 import { reason } from "../../lib/api.js";
 import { h } from "../../lib/dom.js";
@@ -70,14 +70,9 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
   }
 
   function offerTraining() {
-    offer.replaceChildren(
-      createTrainingOffer({
-        api,
-        recording: recording.id,
-        title: monitors.length ? "No monitor fits this recording" : "No monitor yet",
-        text: "A monitor scores the manoeuvre and the aircraft that it was trained for. Train one for this recording, then score it here.",
-      }),
-    );
+    const title = monitors.length ? "No monitor fits this recording" : "No monitor yet";
+    const text = "A monitor scores the manoeuvre and the aircraft that it was trained for. Train one for this recording, then score it here.";
+    offer.replaceChildren(createTrainingOffer({ api, recording: recording.id, title, text }));
   }
 
   function reveal() {
@@ -97,26 +92,13 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
 }
 
 function trimChoice() {
-  const seconds = textInput({
-    inputmode: "decimal",
-    value: 2,
-    class: "narrow",
-    "aria-label": "seconds before the first input",
+  const seconds = textInput({ inputmode: "decimal", value: 2, class: "narrow", "aria-label": "seconds before the first input" });
+  const trims = TRIMS.map(([value, words]) => {
+    const beside = value === "seconds" && h("span.field", seconds);
+    return radio(words, { name: "trim", value, checked: value === TRIM_SEGMENT }, beside);
   });
-  const failure = h("p.error", { role: "alert", hidden: true });
-  const trims = TRIMS.map(([value, words]) =>
-    radio(
-      words,
-      { name: "trim", value, checked: value === TRIM_SEGMENT },
-      value === "seconds" && h("span.field", seconds),
-    ),
-  );
-  const element = h(
-    "fieldset",
-    h("legend", "Trim"),
-    h("div.row", { role: "radiogroup" }, trims),
-    failure,
-  );
+  const parts = [h("legend", "Trim"), h("div.row", { role: "radiogroup" }, trims)];
+  const { element, say, focus } = sharedField("fieldset", seconds, parts);
   return { element, read, check };
 
   function read() {
@@ -129,9 +111,8 @@ function trimChoice() {
     const trim = read();
     const fits = typeof trim !== "number" || trim > 0;
     seconds.toggleAttribute("aria-invalid", !fits);
-    failure.textContent = `“${seconds.value}” was given: enter the seconds before the first input, a number above 0.`;
-    failure.hidden = fits;
-    if (!fits) seconds.focus();
+    say(fits ? "" : `“${seconds.value}” was given: enter the seconds before the first input, a number above 0.`);
+    if (!fits) focus();
     return fits;
   }
 }

@@ -27,16 +27,8 @@ export function createScoringList({ api, recording, scorings, changed, navigate 
     [hiddenHead("Delete"), deleteOf],
   ];
   const hint = "Tick two or more to compare, or one to overlay another recording.";
-  return h(
-    "section.panel.stack-tight",
-    { "aria-label": "Scorings" },
-    h(
-      "div.row",
-      h("h2.panel-title", "Scorings"),
-      h("span.spread.row", h("span.hint", hint), compare),
-    ),
-    table({ columns, items: scorings, classes: "scoring-table", panel: false }),
-  );
+  const shown = table({ columns, items: scorings, classes: "scoring-table", panel: false });
+  return panel("Scorings", shown, { beside: h("span.spread.row", h("span.hint", hint), compare), "aria-label": "Scorings" });
 
   function tickOf(scoring) {
     const tick = checkbox({ class: "tick", "aria-label": `compare ${wordsOf(scoring)}`, onchange: follow });

@@ -33,12 +33,7 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
   const mark = button("Mark by dragging", toggle, { "aria-pressed": "false" });
   const add = button("Add the manoeuvre from A to B", addMarked);
   const copy = button("Copy the detected ones", () => marked.set(detected));
-  const byHand = h(
-    "div.stack-tight",
-    { hidden: true },
-    h("div.row", mark, add, copy),
-    marked.element,
-  );
+  const byHand = h("div.stack-tight", { hidden: true }, h("div.row", mark, add, copy), marked.element);
   const radios = WAYS.map(([value, words]) =>
     radio(words, { name: "manoeuvres", value, checked: value === way, onchange: () => turnTo(value) }),
   );
@@ -83,23 +78,17 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
     const mine = ++turn;
     const id = monitor();
     if (id === null) return;
-    let found = [];
-    let why = "";
-    try {
-      found = await api.get(`/recordings/${recording.id}/manoeuvres?monitor=${id}`);
-    } catch (error) {
-      why = reason(error);
-    }
+    const refused = (error) => [[], reason(error)];
+    const found = await api.get(`/recordings/${recording.id}/manoeuvres?monitor=${id}`).then((all) => [all, ""], refused);
     if (mine !== turn) return;
-    [detected, refusal] = [found, why];
+    [detected, refusal] = found;
     showManoeuvres();
   }
 
   function addMarked() {
     const { a, b } = chart.marks();
     if (!Number.isFinite(a) || !Number.isFinite(b) || a === b) {
-      hint.textContent =
-        "Set the cursors A and B first: drag over the manoeuvre in the chart, or press A and B.";
+      hint.textContent = "Set the cursors A and B first: drag over the manoeuvre in the chart, or press A and B.";
       return;
     }
     marked.add({ start: Math.min(a, b), end: Math.max(a, b), name: "" });
@@ -121,8 +110,7 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
     if (way === "entire") return "One manoeuvre from the first sample to the last.";
     if (way === "marked")
       return "Drag over a manoeuvre in the chart, or set A and B, then add it. Begin in trim, a little before the first input.";
-    if (monitor() === null)
-      return "Choose a monitor: its manoeuvre is detected from aileron and rudder.";
+    if (monitor() === null) return "Choose a monitor: its manoeuvre is detected from aileron and rudder.";
     if (refusal) return refusal;
     if (!shown.length)
       return "No manoeuvre like the monitor's was detected. Mark one by hand, or score the entire recording.";

@@ -29,9 +29,8 @@ export function createManoeuvreTable({ changed }) {
 
   function set(given) {
     manoeuvres = given.map((manoeuvre) => ({ ...manoeuvre })).sort((a, b) => a.start - b.start);
-    shown.replaceChildren(
-      manoeuvres.length ? table({ columns, items: manoeuvres, classes: "manoeuvre-rows", panel: false }) : none,
-    );
+    const rows = table({ columns, items: manoeuvres, classes: "manoeuvre-rows", panel: false });
+    shown.replaceChildren(manoeuvres.length ? rows : none);
     failure.show("");
     changed();
   }

@@ -20,14 +20,8 @@ export function createMonitorChoice({ api, recording, monitors, used, catalog, c
   const failure = errorLine();
   const rows = monitors.map((monitor) => rowOf(monitor, used.has(monitor.id)));
   const status = h("p.hint", { role: "status" });
-  const items = rows.map((row) => row.element);
-  const element = h(
-    "fieldset.stack-tight",
-    h("legend", "Monitors"),
-    rows.length ? h("ul.monitor-choice", items) : h("p.dim", "No monitor yet."),
-    status,
-    failure.element,
-  );
+  const list = rows.length ? h("ul.monitor-choice", rows.map((row) => row.element)) : h("p.dim", "No monitor yet.");
+  const element = h("fieldset.stack-tight", h("legend", "Monitors"), list, status, failure.element);
   const chosen = () => rows.filter(({ box }) => box.checked);
   const ready = chosen().length ? Promise.resolve() : preselect();
   return {
@@ -90,17 +84,12 @@ export function createMonitorChoice({ api, recording, monitors, used, catalog, c
     const refused = h("span.monitor-refused");
     const limitCell = h("span");
     followUnits(limitCell, () => limitCell.replaceChildren(formatted(limitWords(catalog, limits))));
+    const test = `${aircraftName(catalog, aircraft)}, ${kindName(catalog, "maneuver", maneuver)}, `;
+    const times = `; ${figure(monitor.lead)} s ahead, every ${figure(monitor.dt)} s`;
     const item = h(
       "li",
       h("label.monitor-name", { for: box.id }, box, h("span", monitor.name)),
-      h(
-        "span.hint.monitor-about",
-        `${aircraftName(catalog, aircraft)}, ${kindName(catalog, "maneuver", maneuver)}, `,
-        limitCell,
-        `; ${figure(monitor.lead)} s ahead, every ${figure(monitor.dt)} s`,
-        marks,
-        refused,
-      ),
+      h("span.hint.monitor-about", test, limitCell, times, marks, refused),
       h("span.field.field-inline", h("span", "ε"), epsilons),
     );
     return { monitor, box, epsilons, refused, turn, element: item, given: () => decimals(epsilons.value) };

@@ -2,9 +2,10 @@
 
 import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
 import { createDisplayChoice } from "../../fly/display_choice.js";
-import { needs, reason } from "../../lib/api.js";
+import { foldedPanel } from "../../forms/controls.js";
+import { needs } from "../../lib/api.js";
 import { formatted, h } from "../../lib/dom.js";
-import { button, empty, errorLine, guideLink, link, loadingView, pageOf, recipeList, sentences } from "../../lib/elements.js";
+import { button, empty, errorLine, guideLink, link, loadingView, pageOf, panel, recipeList, sentences } from "../../lib/elements.js";
 import { createEventList } from "../../lib/event_list.js";
 import { startFlight, warningMark } from "../../lib/monitors.js";
 import { count, figure, magnitudeIn, moment } from "../../lib/numbers.js";
@@ -17,11 +18,7 @@ import { readScoring, readScorings, scoringSource, stripOrder, TRIM_SEGMENT } fr
 import { createVerdictTable } from "./verdict_table.js";
 
 const WIDE = 4; // windows longer than this many manoeuvres are too wide to show its events
-const EXPORTS = [
-  ["csv", "CSV"],
-  ["parquet", "Parquet"],
-  ["mat", "MAT"],
-];
+const EXPORTS = { csv: "CSV", parquet: "Parquet", mat: "MAT" };
 const TRIMS = { [TRIM_SEGMENT]: "mean of each manoeuvre's trim segment", null: "not subtracted" };
 const WAYS = { detected: "detected from control activity", entire: "the entire recording as one" };
 const LISTED = " Listed: monitors that scored this recording with the same manoeuvres and their own ε.";
@@ -81,19 +78,10 @@ export function showScoring(element, { id, query, api, navigate }) {
       summary(scoring),
       display.element,
       h("div.scored", host, h("div.scored-side", list, notes.element)),
-      h(
-        "section.panel.stack-tight",
-        { "aria-label": "Verdicts" },
-        h(
-          "div.row",
-          h(
-            "h2.panel-title",
-            "Outcome of each manoeuvre ",
-            guideLink("what-the-numbers-mean#after-the-flight", "outcomes after the flight"),
-          ),
-          h("span.dim", `values are ${trimText(scoring.request)}`),
-        ),
+      panel(
+        ["Outcome of each manoeuvre ", guideLink("what-the-numbers-mean#after-the-flight", "outcomes after the flight")],
         manoeuvres.length ? verdicts.element : none,
+        { beside: h("span.dim", `values are ${trimText(scoring.request)}`), "aria-label": "Verdicts" },
       ),
       isInvalid &&
         createTrainingOffer({
@@ -154,9 +142,8 @@ function actions({ api, navigate }, scoring, display) {
   const base = `/api/v1/recordings/${id}/scorings/${number}`;
   const failure = errorLine();
   const replay = button("Replay", fly, { class: "button button-primary", ...needs("POST /flights") });
-  const exports = EXPORTS.map(([format, words]) =>
-    h("a.button", { href: `${base}/export?format=${format}`, download: true }, words),
-  );
+  const exportOf = ([format, words]) => h("a.button", { href: `${base}/export?format=${format}`, download: true }, words);
+  const exports = Object.entries(EXPORTS).map(exportOf);
   return [
     replay,
     h("a.button", { href: `${base}/report`, target: "_blank" }, "Report"),
@@ -168,13 +155,9 @@ function actions({ api, navigate }, scoring, display) {
 
   async function fly() {
     replay.disabled = true;
-    try {
-      const source = { kind: "recording", recording: id, scoring: number };
-      await startFlight({ api, navigate }, { source, monitor, monitors: display.chosen(), epsilon });
-    } catch (error) {
-      failure.show(reason(error));
-      replay.disabled = false;
-    }
+    const source = { kind: "recording", recording: id, scoring: number };
+    const request = { source, monitor, monitors: display.chosen(), epsilon };
+    replay.disabled = await failure.attempt(() => startFlight({ api, navigate }, request));
   }
 }
 
@@ -204,24 +187,14 @@ function scoringFacts({ request, quality, notes, mapping, channels, ...scoring }
     ["Trim", TRIMS[request.trim] ?? `mean of ${request.trim} s before the first input`],
     ["Manoeuvres", WAYS[request.manoeuvres] ?? `${request.manoeuvres.length} marked by hand`],
   ];
-  const sources = channels.map((channel) => [
-    `${channel.label} ${channel.symbol}`,
-    sourceText(mapping.channels[channel.key], channel),
-  ]);
+  const sourceOf = (channel) => [`${channel.label} ${channel.symbol}`, sourceText(mapping.channels[channel.key], channel)];
   const texts = [...notes, ...(quality?.sentences ?? [])];
   const part = (title, content) => [h("h3", title), content];
-  return h(
-    "details.panel.fold",
-    h("summary", "how this scoring was made: hashes, mapping, processing"),
-    h(
-      "div.columns.recipe-columns",
-      h(
-        "div.stack-tight",
-        part("Request (same request, same samples)", recipeList(rows)),
-        part("Mapping", recipeList(sources)),
-      ),
-      h("div.stack-tight", part("Processing", sentences(texts) ?? h("p.dim", "None."))),
-    ),
+  const asked = [part("Request (same request, same samples)", recipeList(rows)), part("Mapping", recipeList(channels.map(sourceOf)))];
+  const processed = part("Processing", sentences(texts) ?? h("p.dim", "None."));
+  return foldedPanel(
+    "how this scoring was made: hashes, mapping, processing",
+    h("div.columns.recipe-columns", h("div.stack-tight", asked), h("div.stack-tight", processed)),
   );
 }
 

@@ -1,7 +1,7 @@
 /** Data compatibility: scale, bias and delay of each sensor against the others, by kinematics. */
 
 import { formatted, h } from "../../lib/dom.js";
-import { chip, guideLink, table } from "../../lib/elements.js";
+import { chip, guideLink, panel, table } from "../../lib/elements.js";
 import { figure, followUnits, formatValue, magnitude, shownIn } from "../../lib/numbers.js";
 
 const checksOf = (quality) => quality?.compatibility ?? [];
@@ -10,32 +10,18 @@ export function createSensorTable({ quality, channels }) {
   const checks = checksOf(quality);
   if (!checks.length) return null;
   const channelOf = ({ channel }) => channels.find(({ key }) => key === channel);
+  const scaleOf = ({ scale, unchecked }) => (scale ? interval(scale, figure) : h("span.dim", `not checked: ${unchecked}`));
   const columns = [
     ["Compared", ({ title }) => title, "name"],
-    [
-      "Scale",
-      ({ scale, unchecked }) =>
-        scale ? interval(scale, figure) : h("span.dim", `not checked: ${unchecked}`),
-    ],
+    ["Scale", scaleOf],
     ["Bias", (check) => check.scale && biasOf(check.bias, channelOf(check))],
     ["Delay", ({ scale, delay }) => scale && (delay ? `${interval(delay, (t) => formatValue(t))} s` : "–")],
   ];
   const shown = table({ columns, items: checks, group: withRemarks, classes: "sensor-table", panel: false });
-  return h(
-    "section.panel.stack-tight",
-    { "aria-label": "Data compatibility" },
-    h(
-      "div.row",
-      h(
-        "h2.panel-title",
-        "Data compatibility ",
-        guideLink("first-recording#what-is-checked", "what is checked"),
-      ),
-      h("span.dim", "Sensors compared by kinematics, with 95 % intervals. Changes no verdict."),
-    ),
-    h("p.hint", `${quality.compatibility_tolerances}.`),
-    shown,
-  );
+  const title = ["Data compatibility ", guideLink("first-recording#what-is-checked", "what is checked")];
+  const beside = h("span.dim", "Sensors compared by kinematics, with 95 % intervals. Changes no verdict.");
+  const content = [h("p.hint", `${quality.compatibility_tolerances}.`), shown];
+  return panel(title, content, { beside, "aria-label": "Data compatibility" });
 }
 
 export function sensorChip({ quality }) {
@@ -44,12 +30,8 @@ export function sensorChip({ quality }) {
 }
 
 function withRemarks({ remarks }, row) {
-  const lines = remarks.map((words) =>
-    h(
-      "tr.verdict-why",
-      h("td", { colspan: row.children.length, class: "sensor-remark" }, "◆ ", formatted(words)),
-    ),
-  );
+  const cell = (words) => h("td.sensor-remark", { colspan: row.children.length }, "◆ ", formatted(words));
+  const lines = remarks.map((words) => h("tr.verdict-why", cell(words)));
   return h("tbody", { "data-remarked": String(remarks.length > 0) }, row, lines);
 }
 

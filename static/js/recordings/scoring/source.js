@@ -25,8 +25,7 @@ export function scoringSource(api, { recording, id, start, end, dt }, offset = 0
     end: Math.max(end, start + dt) - offset,
     dt,
     offset,
-    load: (from, to, bins) =>
-      api.get(`${path}?start=${from}&end=${to}&bins=${Math.min(bins, MOST_BINS)}`),
+    load: (from, to, bins) => api.get(`${path}?start=${from}&end=${to}&bins=${Math.min(bins, MOST_BINS)}`),
   };
 }
 

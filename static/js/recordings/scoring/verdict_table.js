@@ -3,7 +3,7 @@
 import { select } from "../../forms/controls.js";
 import { formatted, h } from "../../lib/dom.js";
 import { chip, sentences, table } from "../../lib/elements.js";
-import { figure, percent, quantity, secondsText } from "../../lib/numbers.js";
+import { percent, quantity, secondsText } from "../../lib/numbers.js";
 import { firstAlertText, leadText, measuredBy, outcomeChip, outsideLine, peakText, validityWords } from "../words.js";
 
 const OPEN = 3; // up to this many manoeuvres, all reasons are unfolded
@@ -49,33 +49,24 @@ export function createVerdictTable(scoring, { show }) {
     const counts = [...Map.groupBy(manoeuvres, ({ outcome }) => outcome)];
     const wordOf = ({ outcome_words: { word } }) => word.toLowerCase();
     const entries = counts.map(([key, alike]) => [key, `${wordOf(alike[0])} (${alike.length})`]);
-    const showOutcome = () =>
-      bodies.forEach((body, k) => {
-        body.hidden = choice.value !== "" && manoeuvres[k].outcome !== choice.value;
-      });
+    const isHidden = ({ outcome }) => choice.value !== "" && outcome !== choice.value;
+    const showOutcome = () => bodies.forEach((body, k) => body.toggleAttribute("hidden", isHidden(manoeuvres[k])));
     const choice = select([["", `all ${manoeuvres.length}`], ...entries], { id: "verdict-filter", onchange: showOutcome });
     return h("div.row", h("label", { for: "verdict-filter" }, "Show"), h("div.field", choice));
   }
 }
 
 function applicability(manoeuvre) {
-  const { word, level, mark } = validityWords(manoeuvre);
-  const { p_value: p } = manoeuvre.validity;
-  const isKnown = p !== null && p !== undefined;
-  return [chip(`${mark} ${word}`, level), isKnown && h("span.dim", ` p-value ${figure(p, 2)}`)];
+  const { word, level, mark, words } = validityWords(manoeuvre);
+  return [chip(`${mark} ${word}`, level), words && h("span.dim", ` ${words}`)];
 }
 
 function why({ validity, outcome, guarantee, remarks = [] }, isShort) {
   const isGuaranteed = validity.valid && !["unseen", "unknown"].includes(outcome);
-  const checks = validity.checks.map(({ name, ok, text }) =>
-    h(
-      "li",
-      { "data-ok": String(ok) },
-      h("span.check-mark", ok === true ? "✓ " : ok === false ? "✕ " : "◆ "),
-      h("strong", `${name}: `),
-      formatted(text),
-    ),
-  );
+  const checks = validity.checks.map(({ name, ok, text }) => {
+    const mark = ok === true ? "✓ " : ok === false ? "✕ " : "◆ ";
+    return h("li", { "data-ok": String(ok) }, h("span.check-mark", mark), h("strong", `${name}: `), formatted(text));
+  });
   return h(
     "details",
     { open: isShort || validity.valid === false },
