@@ -1,17 +1,14 @@
 /**
  * Figures of datasets, monitors and campaigns: axes, series, rules, a key and a caption, declared as data.
  *
- * Exports
- *   createFigure({title, words, label, x, y, height, series, rules}) -> figure, figure.rules: [{move(value, text)}]
+ * createFigure({title, words, label, x, y, height, series, rules}) -> figure, figure.rules: [{move(value, text)}]
  *     x, y: axes of plot.js.   label: for screen readers.   words: below the key
  *     series: [{look, line [[x, y]], band [[x, low, high]], mark, marks [[x, y]], words}]     look: a class;
  *       marks: the line's points by default; words: in the key; one with words only explains another
  *     rules: [{x | y, look, words}]     a line across
- *   framed(title, plot, key, words) -> <figure>
- *   keyOf([mark, words], ...) -> element     a line for each mark
- *   barKey(plot, safe, unsafe) -> element    the key of stacked bars
- *   sample(look, mark, hasLine) -> [svg]     a line of a key; mark "cross", "circle", ...
- *   UNIT_SHARE, EPSILON   axes from 0 to 1.   SPARE   of an axis above its greatest value
+ * keyOf([mark, words], ...)    a line for each mark;   barKey(plot, safe, unsafe)   of stacked bars
+ * sample(look, mark, hasLine) -> [svg]     a line of a key; mark "cross", "circle", ...
+ * UNIT_SHARE, EPSILON   axes from 0 to 1.   SPARE   of an axis above its greatest value
  */
 
 import { h, svg } from "../lib/dom.js";
@@ -41,14 +38,8 @@ export function createFigure({ title, words, label, x, y, height, series, rules 
 }
 
 export function framed(title, plot, key, words) {
-  const caption = h(
-    "figcaption",
-    {},
-    h("span", { class: "figure-title" }, title),
-    key,
-    words ? h("p", { class: "hint" }, words) : null,
-  );
-  return h("figure", { class: "figure-block" }, caption, plot);
+  const caption = h("figcaption", h("span.figure-title", title), key, words && h("p.hint", words));
+  return h("figure.figure-block", caption, plot);
 }
 
 export function keyOf(...entries) {

@@ -1,24 +1,23 @@
 /**
- * Mouse, touch and keyboard on the strips, turned into calls of the timeline.
+ * Mouse, touch, keyboard and buttons of the strips: wheel zooms, drag pans, two fingers do both, a click pins the cursor.
  *
- * Exports
- *   attachControls(host, {rows, bar}, timeline, chart)
- *     host: the focusable element.   rows: the element whose box holds the plots.   bar: the tool bar
- *     chart: {view() -> View, plotWidth() -> px, dt() -> s, newest() -> t, wall() -> ms, steps}
- *     steps: {next(), back()} of two more buttons and the keys N and P, if any
- *   attachMarking(plots, timeWindow, {left() -> px, width() -> px}) -> {set(active)}
- *     while active a drag sets the cursors A and B in place of moving the window
- *
- * Wheel zooms, drag pans, two fingers do both, a click pins the cursor, a double click goes live.
+ * attachControls(host, {rows, bar, keys}, timeline, chart) -> {setMarking(flag)}     fills tool bar and list of keys
+ *     setMarking: whether a drag sets the cursors A and B in place of moving the window
+ *     host: the focusable element.   rows: the element whose box holds the plots
+ *     chart: {view() -> View, plotWidth() -> px, dt() -> s, newest() -> t, wall() -> ms, follows, steps}
+ *     follows: whether samples arrive.   steps: {next(), back()} for two more buttons, if any
  */
 
-import { GUTTER } from "./strip_frame.js";
+import { button } from "../lib/elements.js";
+import { GUTTER } from "./layout.js";
 
 const CLICK = 4; // px that the pointer may move during a click
 
-function attachInput(host, plots, timeline, chart) {
+export function attachControls(host, { rows: plots, bar, keys: help }, timeline, chart) {
   const pointers = new Map();
   let travelled = 0;
+  let begun = NaN; // where a drag began [s]
+  let marking = false;
 
   const place = (event) => {
     const left = plots.getBoundingClientRect().left + GUTTER;
@@ -34,6 +33,7 @@ function attachInput(host, plots, timeline, chart) {
     if (event.button !== 0 || fraction < 0 || fraction > 1) return;
     pointers.set(event.pointerId, event.clientX);
     travelled = 0;
+    begun = timeAt(fraction);
     plots.setPointerCapture(event.pointerId);
     host.focus({ preventScroll: true });
   });
@@ -50,6 +50,12 @@ function attachInput(host, plots, timeline, chart) {
   });
 
   function drag(event, before) {
+    if (marking) {
+      const t = timeAt(place(event));
+      timeline.setMark("a", Math.min(begun, t));
+      timeline.setMark("b", Math.max(begun, t));
+      return;
+    }
     const seen = chart.view();
     const perPx = (seen.end - seen.start) / chart.plotWidth();
     const others = [...pointers].filter(([id]) => id !== event.pointerId);
@@ -68,7 +74,7 @@ function attachInput(host, plots, timeline, chart) {
     plots.addEventListener(kind, (event) => {
       const held = pointers.delete(event.pointerId);
       const fraction = place(event);
-      const click = kind === "pointerup" && held && travelled <= CLICK;
+      const click = kind === "pointerup" && held && !marking && travelled <= CLICK;
       if (click && fraction >= 0 && fraction <= 1) timeline.setCursor(timeAt(fraction));
     });
   }
@@ -101,24 +107,40 @@ function attachInput(host, plots, timeline, chart) {
     else if (to > seen.end) timeline.setWindow(to - 0.9 * width, to + 0.1 * width);
   }
 
-  /** @type {Record<string, (event: KeyboardEvent) => void>} */
+  const [end, word, follow] = chart.follows
+    ? ["newest sample", "Newest", "Follow the newest sample"]
+    : ["recording's end", "All", "Show all of the recording"];
+  const { back, next } = chart.steps ?? {};
+  /** [key, the button's text, what it does, act] */
+  const commands = [
+    ...(chart.steps ? [["P", "◀ Event", "Go to the event before", back]] : []),
+    ...(chart.steps ? [["N", "Event ▶", "Go to the next event", next]] : []),
+    ["A", "A", "Set cursor A", () => mark("a")],
+    ["B", "B", "Set cursor B", () => mark("b")],
+    ["C", "Clear", "Clear the cursors A and B", timeline.clearMarks],
+    ["-", "−", "Show more time", () => zoom(2)],
+    ["+", "+", "Show less time", () => zoom(0.5)],
+    ["L", word, follow, timeline.goLive],
+  ];
   const keys = {
+    ...Object.fromEntries(commands.map(([key, , , act]) => [key.toLowerCase(), act])),
     ArrowLeft: (event) => arrow(-1, event),
     ArrowRight: (event) => arrow(1, event),
     Home: () => moveCursor(chart.view().start),
     End: () => moveCursor(chart.newest()),
     PageUp: () => page(-0.5),
     PageDown: () => page(0.5),
-    "+": () => zoom(0.5),
     "=": () => zoom(0.5),
-    "-": () => zoom(2),
-    a: () => mark("a"),
-    b: () => mark("b"),
-    c: () => timeline.clearMarks(),
-    l: () => timeline.goLive(),
     Escape: () => timeline.setCursor(null),
-    ...(chart.steps ? { n: chart.steps.next, p: chart.steps.back } : {}),
   };
+  help.textContent =
+    `Left and right arrows move the cursor, with Shift ten times as far; Home and End go to the window's start and the ${end}; ` +
+    "Page Up and Page Down move the window, Escape removes the cursor. " +
+    commands.map(([key, , what]) => `${key}: ${what}`).join("; ");
+  for (const [key, text, what, act] of commands) {
+    const title = `${what} (key ${{ "+": "plus", "-": "minus" }[key] ?? key})`;
+    bar.element.append(button(text, () => act(), { class: "button button-small", title, "aria-label": title }));
+  }
 
   function arrow(direction, event) {
     const seen = chart.view();
@@ -156,54 +178,10 @@ function attachInput(host, plots, timeline, chart) {
     act(event);
   });
 
-  return { zoom, mark };
-}
-
-export function attachMarking(plots, timeWindow, { left, width }) {
-  let active = false;
-  let from = NaN;
-
-  const timeAt = (event) => {
-    const share = (event.clientX - plots.getBoundingClientRect().left - left()) / width();
-    const { start, end } = timeWindow.view();
-    return share < 0 || share > 1.2 ? NaN : start + Math.min(1, share) * (end - start);
-  };
-
-  plots.addEventListener(
-    "pointerdown",
-    (event) => {
-      const t = timeAt(event);
-      if (!active || event.button !== 0 || Number.isNaN(t)) return;
-      event.stopImmediatePropagation();
-      plots.setPointerCapture(event.pointerId);
-      from = t;
-    },
-    { capture: true },
-  );
-  plots.addEventListener("pointermove", (event) => {
-    const t = timeAt(event);
-    if (Number.isNaN(from) || Number.isNaN(t)) return;
-    timeWindow.setMark("a", Math.min(from, t));
-    timeWindow.setMark("b", Math.max(from, t));
-  });
-  for (const kind of ["pointerup", "pointercancel"])
-    plots.addEventListener(kind, () => (from = NaN));
-
   return {
-    set: (wanted) => {
-      active = wanted;
-      plots.toggleAttribute("data-marking", wanted);
+    setMarking: (flag) => {
+      marking = flag;
+      plots.toggleAttribute("data-marking", flag);
     },
   };
-}
-
-export function attachControls(host, { rows, bar }, timeline, chart) {
-  const input = attachInput(host, rows, timeline, chart);
-  bar.on("a", () => input.mark("a"));
-  bar.on("b", () => input.mark("b"));
-  bar.on("clear", () => timeline.clearMarks());
-  bar.on("in", () => input.zoom(0.5));
-  bar.on("out", () => input.zoom(2));
-  bar.on("live", () => timeline.goLive());
-  for (const [name, act] of Object.entries(chart.steps ?? {})) bar.on(name, act);
 }

@@ -1,65 +1,35 @@
 /**
  * The elements of a strip chart: a row for each strip, the time axis, the tool bar.
  *
- * Exports
- *   layOut(host, strips, {label, help, buttons}) -> {rows, rowOf: [{canvas, readout}], axis, bar}
- *     buttons: [[name, text, title]] of the tool bar
- *     bar: {mode, interval, values: elements; on(name, act)}
- *   cursorButtons(follow) -> the buttons a b clear out in live; follow: [text, title] of the last one
- *   keysHelp({end, follow, more ""}) -> what the keys do
- *   sizeCanvas(canvas, width, height, ratio) -> {width, height, ratio}
+ * layOut(host, strips, label) -> {rows, rowOf: [{canvas, readout}], axis, keys, bar: {element, mode, interval, values}}
+ *     keys: element for what the keys do.   bar: its buttons follow the other elements
+ * createSheet(canvas) -> Sheet     a canvas drawn in px of the page, in the colours of its theme
+ *     {canvas, pen, width, height, palette, hatches, resize(width, height, ratio), setPalette(palette), clear(name "")}
+ *     clear: empties it but for a name in the gutter; the pen's origin is then the plot's left edge
+ * GUTTER    width of the value axis left of the plot [px]
  */
 
 import { h } from "../lib/dom.js";
+import { hatch } from "./palette.js";
+
+export const GUTTER = 46;
 
 let charts = 0;
 
-export function cursorButtons([text, title]) {
-  return [
-    ["a", "A", "Set cursor A (key A)"],
-    ["b", "B", "Set cursor B (key B)"],
-    ["clear", "Clear", "Clear the cursors A and B (key C)"],
-    ["out", "−", "Show more time (key minus)"],
-    ["in", "+", "Show less time (key plus)"],
-    ["live", text, `${title} (key L, or double click)`],
-  ];
-}
-
-export function keysHelp({ end, follow, more = "" }) {
-  return (
-    "Left and right arrows move the cursor, with Shift ten times as far; Home and End go to the " +
-    `window's start and ${end}; ${more}A and B set cursors, C clears them; plus and minus zoom, ` +
-    `Page Up and Page Down move the window, L ${follow}, Escape removes the cursor.`
-  );
-}
-
-export function layOut(host, strips, { label, help, buttons }) {
-  const keys = h("p", { class: "visually-hidden", id: `strip-chart-help-${++charts}` }, help);
-  const rowOf = strips.map(() => ({
-    canvas: h("canvas", { role: "img" }),
-    readout: h("div", { class: "readout" }),
+export function layOut(host, strips, label) {
+  const keys = h("p", { class: "visually-hidden", id: `strip-chart-help-${++charts}` });
+  const rowOf = strips.map(() => ({ canvas: h("canvas", { role: "img" }), readout: h("div.readout") }));
+  const rows = h("div.strips", strips.map(({ key, limits, risk }, k) => {
+    const { canvas, readout } = rowOf[k];
+    const row = h("div.strip", { "data-key": key }, h("div.strip-plot", canvas), readout);
+    row.classList.toggle("strip-tall", limits !== null || risk);
+    return row;
   }));
-  const rows = h(
-    "div",
-    { class: "strips" },
-    strips.map(({ key, limits, risk }, k) =>
-      h(
-        "div",
-        { class: limits !== null || risk ? "strip strip-tall" : "strip", "data-key": key },
-        h("div", { class: "strip-plot" }, rowOf[k].canvas),
-        rowOf[k].readout,
-      ),
-    ),
-  );
   const axis = h("canvas", { "aria-hidden": "true" });
   const mode = h("span", { class: "chip" });
   const interval = h("span", { class: "strip-interval" });
   const values = h("output", { class: "strip-cursors", "aria-live": "polite" });
-  const made = buttons.map(([name, text, title]) => [
-    name,
-    h("button", { class: "button button-small", type: "button", title, "aria-label": title }, text),
-  ]);
-  const buttonOf = Object.fromEntries(made);
+  const bar = h("div", { class: "strip-toolbar" }, mode, interval, values);
   host.classList.add("strip-chart");
   host.tabIndex = 0;
   host.setAttribute("role", "group");
@@ -69,14 +39,40 @@ export function layOut(host, strips, { label, help, buttons }) {
     keys,
     rows,
     h("div", { class: "strip-axis" }, h("div", { class: "strip-plot" }, axis)),
-    h("div", { class: "strip-toolbar" }, mode, interval, values, Object.values(buttonOf)),
+    bar,
   );
-  const on = (name, act) => buttonOf[name].addEventListener("click", act);
-  return { rows, rowOf, axis, bar: { mode, interval, values, on } };
+  return { rows, rowOf, axis, keys, bar: { element: bar, mode, interval, values } };
 }
 
-export function sizeCanvas(canvas, width, height, ratio) {
-  canvas.width = Math.round(width * ratio);
-  canvas.height = Math.round(height * ratio);
-  return { width, height, ratio };
+export function createSheet(canvas) {
+  const pen = canvas.getContext("2d", { alpha: false });
+  const sheet = { canvas, pen, width: 1, height: 1, palette: {}, hatches: {}, resize, setPalette, clear };
+  let ratio = 1;
+
+  function resize(width, height, given) {
+    ratio = given;
+    canvas.width = Math.round(width * ratio);
+    canvas.height = Math.round(height * ratio);
+    Object.assign(sheet, { width, height });
+  }
+
+  function setPalette(palette) {
+    const made = ["stale", "alert", "warming"].map((name) => [name, hatch(pen, name, palette)]);
+    Object.assign(sheet, { palette, hatches: Object.fromEntries(made) });
+  }
+
+  function clear(name = "") {
+    const { width, height, palette } = sheet;
+    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+    pen.fillStyle = palette.panel;
+    pen.fillRect(0, 0, width, height);
+    pen.font = `12px ${palette.font}`;
+    pen.textAlign = "right";
+    pen.textBaseline = "middle";
+    pen.fillStyle = palette.dim;
+    pen.fillText(name, GUTTER - 6, height / 2);
+    pen.translate(GUTTER, 0);
+  }
+
+  return sheet;
 }

@@ -1,9 +1,7 @@
 /**
  * A channel at a glance: least and greatest values over the whole recording, in a few hundred pixels.
  *
- * Exports
- *   createMiniPlot(name, channel null) -> {element, show(tiles | null)}
- *     channel: of the catalog; null: in the unit of the tiles
+ * createMiniPlot(name, channel null) -> {element, show(tiles | null)}     channel: of the catalog; null: in the unit of the tiles
  *     tiles: {t, low, high, unit, min, max}; null in low and high where nothing was recorded
  */
 
@@ -13,21 +11,12 @@ import { followUnits, magnitude, shownIn } from "../lib/numbers.js";
 const [WIDTH, HEIGHT, PAD] = [240, 44, 4];
 
 export function createMiniPlot(name, channel = null) {
-  const zero = svg("path", { class: "mini-zero" });
-  const area = svg("path", { class: "mini-area" });
-  const drawing = svg(
-    "svg",
-    {
-      class: "mini-svg",
-      viewBox: `0 0 ${WIDTH} ${HEIGHT}`,
-      preserveAspectRatio: "none",
-      "aria-hidden": true,
-    },
-    zero,
-    area,
-  );
-  const words = h("figcaption", { class: "mini-words" });
-  const element = h("figure", { class: "mini-plot" }, drawing, words);
+  const zero = svg("path.mini-zero");
+  const area = svg("path.mini-area");
+  const box = { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, preserveAspectRatio: "none", "aria-hidden": true };
+  const drawing = svg("svg.mini-svg", box, zero, area);
+  const words = h("figcaption.mini-words");
+  const element = h("figure.mini-plot", drawing, words);
 
   let tiles = null;
   followUnits(words, tell);

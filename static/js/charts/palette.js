@@ -1,30 +1,13 @@
 /**
  * The style sheet's colours for a canvas, and hatches that work without colour.
  *
- * Exports
- *   readPalette(element) -> Palette    colours and font of the element's theme, `--token` by token
- *   hatch(context, name, palette) -> CanvasPattern    name: "stale", "alert" or "warming"
- *   watchTheme(element, changed) -> unwatch    changed() after a change of theme, and around
- *                                      printing, which uses the light theme
+ * readPalette(element) -> {font, token: colour}     of the element's theme
+ * hatch(context, name, palette) -> CanvasPattern    name: "stale", "alert" or "warming"
+ * watchTheme(element, changed) -> unwatch    changed() after a change of theme, and around printing, which uses the light one
  */
 
-const TOKENS = [
-  "panel",
-  "text",
-  "dim",
-  "grid",
-  "trace",
-  "forecast",
-  "limit",
-  "alert",
-  "caution",
-  "epsilon",
-  "band",
-  "cursor",
-  "mark-a",
-  "mark-b",
-  "stale",
-];
+const TOKENS =
+  "panel text dim grid trace forecast limit alert caution epsilon band cursor mark-a mark-b stale".split(" ");
 
 export function readPalette(element) {
   const style = getComputedStyle(element);

@@ -1,18 +1,10 @@
 /**
  * One figure's frame: scales, grid, axes; and the ways to draw in it. SVG, styled by pages.css.
  *
- * Exports
- *   createPlot({x: {label, domain, format}, y: {...}, label, width, height}) -> Plot
- *   niceTicks(low, high, about) -> [number]
- *   SHAPES {name: path}                of marks, about their centre
- *
- * Plot
- *   svg                               the element; `label` is for screen readers
- *   x(value), y(value)                to pixels
- *   line(points, class), band(points [[x, low, high]], class), bar(x0, x1, y0, y1, class)
- *   marks(points, shape, class)       shape: circle, square, triangle, diamond, cross, plus
- *   vertical(x, class, text), horizontal(y, class, text)    a line across with its words; returns
- *                                     {move(value, text)}
+ * createPlot({x: {label, domain, format}, y: {...}, label, width, height}) -> Plot     label: for screen readers
+ *   svg, x(value), y(value)           the element; values to pixels
+ *   line(points, class), band(points [[x, low, high]], class), bar(x0, x1, y0, y1, class), marks(points, shape of SHAPES, class)
+ *   vertical(x, class, text), horizontal(y, class, text)    a line across with its words; {move(value, text)}
  *   hatched                           fill of a hatched bar
  */
 
@@ -37,32 +29,21 @@ export function createPlot({ x, y, label, width = 600, height = 310 }) {
   const bottom = height - MARGIN.bottom;
   const toX = scale(x.domain, MARGIN.left, right);
   const toY = scale(y.domain, bottom, MARGIN.top);
-  const clip = `clip-${plots}`;
-  const layer = svg("g", { "clip-path": `url(#${clip})` });
+  const clip = svg("rect", {
+    x: MARGIN.left,
+    y: MARGIN.top - 6,
+    width: right - MARGIN.left + 6,
+    height: bottom - MARGIN.top + 7,
+  });
+  const tile = { width: 6, height: 6, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" };
+  const ground = svg("rect.plot-hatch-ground", { width: 6, height: 6 });
+  const hatch = svg("pattern", { id, ...tile }, ground, svg("rect.plot-hatch", { width: 2.5, height: 6 }));
+  const layer = svg("g", { "clip-path": `url(#${id}-clip)` });
   const notes = svg("g");
   const element = svg(
-    "svg",
-    { class: "plot", viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": label },
-    svg(
-      "defs",
-      {},
-      svg(
-        "clipPath",
-        { id: clip },
-        svg("rect", {
-          x: MARGIN.left,
-          y: MARGIN.top - 6,
-          width: right - MARGIN.left + 6,
-          height: bottom - MARGIN.top + 7,
-        }),
-      ),
-      svg(
-        "pattern",
-        { id, width: 6, height: 6, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" },
-        svg("rect", { class: "plot-hatch-ground", width: 6, height: 6 }),
-        svg("rect", { class: "plot-hatch", width: 2.5, height: 6 }),
-      ),
-    ),
+    "svg.plot",
+    { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": label },
+    svg("defs", svg("clipPath", { id: `${id}-clip` }, clip), hatch),
     axes(),
     layer,
     notes,
@@ -120,31 +101,23 @@ export function createPlot({ x, y, label, width = 600, height = 310 }) {
     hatched: `url(#${id})`,
     line: (points, name) => drawn(path(trace(points, toX, toY), `plot-line ${name}`)),
     band: (points, name) => drawn(path(outline(points, toX, toY), `plot-band ${name}`)),
-    bar: (x0, x1, y0, y1, name) => {
-      const box = {
-        x: toX(x0) + 0.5,
-        y: toY(y1),
-        width: Math.max(toX(x1) - toX(x0) - 1, 1),
-        height: Math.max(toY(y0) - toY(y1), 0),
-      };
-      return drawn(
+    bar: (x0, x1, y0, y1, name) =>
+      drawn(
         svg("rect", {
-          ...box,
+          x: toX(x0) + 0.5,
+          y: toY(y1),
+          width: Math.max(toX(x1) - toX(x0) - 1, 1),
+          height: Math.max(toY(y0) - toY(y1), 0),
           class: name,
           fill: name.includes("plot-unsafe-bar") ? `url(#${id})` : null,
         }),
-      );
-    },
-    marks: (points, shape, name) =>
-      points.forEach(([px, py]) =>
-        drawn(
-          svg("path", {
-            d: SHAPES[shape],
-            class: `plot-mark ${name}`,
-            transform: `translate(${toX(px)} ${toY(py)})`,
-          }),
-        ),
       ),
+    marks: (points, shape, name) => {
+      for (const [px, py] of points) {
+        const transform = `translate(${toX(px)} ${toY(py)})`;
+        drawn(svg("path", { d: SHAPES[shape], class: `plot-mark ${name}`, transform }));
+      }
+    },
     vertical: (value, name, words) => across(true, value, name, words),
     horizontal: (value, name, words) => across(false, value, name, words),
   };

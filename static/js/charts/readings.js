@@ -4,10 +4,8 @@
  * A measured value is shown while data arrive, dim where the monitor does not assess it; the risk has
  * a number only where it was assessed, else a word. When samples stop, the last value stays, with its age.
  *
- * Exports
- *   createReadings(strips, {rowOf, bar}, source) -> {show(view), describe()}     source: see strip_chart.js
- *   NOTHING  the range of a value that is not known
- *   rangeText(strip, range) -> string    one number where low and high are read alike, else both
+ * createReadings(strips, {rowOf, bar}, source) -> {show(view), describe()}     source: see strip_chart.js
+ * rangeText(strip, range)    one number where low and high are read alike, else both
  *
  * Reading  of a strip, as the source gives it
  *   values      [{low, high}], one for each recording laid over
@@ -68,30 +66,18 @@ export function createReadings(strips, { rowOf, bar }, source) {
 
 /** large: one value in large digits, with a state; else smaller ones, in which ranges fit. */
 function createReadout(element, strip, large) {
-  const name = large ? "readout-value" : "tile-value";
-  const value = h("span", { class: name });
-  const second = h("span", { class: "tile-value tile-second", hidden: true });
-  const unit = h("span", { class: "readout-unit" }, shownIn(strip).unit);
-  const state = h("span", { class: "readout-state", hidden: !large });
-  const badge = h("span", { class: "readout-badge", hidden: true });
-  const latch = h("div", { class: "readout-latch", hidden: true });
-  const detail = h("div", { class: "readout-detail" });
+  const value = h(large ? "span.readout-value" : "span.tile-value");
+  const second = h("span.tile-value.tile-second", { hidden: true });
+  const unit = h("span.readout-unit", shownIn(strip).unit);
+  const state = h("span.readout-state", { hidden: !large });
+  const badge = h("span.readout-badge", { hidden: true });
+  const latch = h("div.readout-latch", { hidden: true });
+  const detail = h("div.readout-detail");
+  const symbol = h("span.readout-symbol", symbolNodes(strip.symbol));
   element.classList.toggle("tile-readout", !large);
   element.append(
-    h(
-      "div",
-      { class: "readout-reading" },
-      h("span", { class: "readout-symbol" }, symbolNodes(strip.symbol)),
-      large ? value : h("span", { class: "tile-values" }, value, second),
-      unit,
-      state,
-    ),
-    h(
-      "div",
-      { class: "readout-title" },
-      h("span", { class: "readout-label" }, strip.label),
-      badge,
-    ),
+    h("div.readout-reading", symbol, large ? value : h("span.tile-values", value, second), unit, state),
+    h("div.readout-title", h("span.readout-label", strip.label), badge),
     latch,
     detail,
   );

@@ -1,28 +1,20 @@
 /**
  * Draws one strip: bands, limits, forecast, traces, exceedances, moments, cursors, value axis.
  *
- * Exports
- *   createStrip(canvas, strip) -> {draw(frame), resize(width, height, ratio), setPalette(palette)}
+ * createStrip(canvas, strip) -> Sheet with draw(frame), see layout.js
  *
- * @typedef {object} Frame  what all strips of a chart share in one turn
- * @property {(t: number) => number} x  place in the plot   @property {number} width  of the plot [px]
- * @property {number} step  seconds a pixel   @property {number} first  column of the left edge
- * @property {number} wall  [ms]   @property {{times: number[], step: number}} ticks  of the grid [s]
- * @property {number} cursor @property {{a: number, b: number}} marks [s]
- * @property {{key: string | null, t: number, word: string, colour?: string}[]} flags  moments marked
- * @property {number} alertAbove
- * @property {Part[]} parts  one for each recording laid over
- * @property {{x0: number, x1: number, kind: string, word: string}[]} bands  kind: of BANDS
- * @property {number} now  [s], NaN in a recording   @property {number} lead  of forecasts [s]
- * @property {object | null} ahead  {t: [s], word, channels: {key: {low, high, predicted}}}: a band of
- *   values, such as a forecast
+ * Frame  what all strips of a chart share in one turn
+ *   x(t) -> place in the plot;   width [px], step: seconds a pixel, first: column of the left edge, wall [ms]
+ *   ticks {times, step} of the grid [s];   cursor, marks {a, b} [s];   alertAbove
+ *   flags [{key | null, t, word, colour}]  moments marked
+ *   parts [Part]  one for each recording laid over;   bands [{x0, x1, kind of BANDS, word}]
+ *   now  [s], NaN in a recording;   lead  of forecasts [s]
+ *   ahead  {t: [s], word, channels: {key: {low, high, predicted}}} | null: a band of values, such as a forecast
  *
- * @typedef {object} Part
- * @property {object} cells  see trace.js   @property {string} colour   @property {boolean} dashed
- * @property {{boxes: {x0: number, x1: number}[], colour: string, alpha: number}} quiet  how and where
- *   the trace of a channel is drawn while nothing is assessed
- * @property {boolean} withdrawn  whether the risk is red above the alert level, and grey where it is
- *   withdrawn, as the series "withdrawn" has it
+ * Part
+ *   cells  see trace.js;   colour, dashed
+ *   quiet {boxes: [{x0, x1}], colour, alpha}  how and where the trace of a channel is drawn while nothing is assessed
+ *   withdrawn  whether the risk is red above the alert level, and grey where the series "withdrawn" has it
  */
 
 import { leadSeconds } from "../lib/numbers.js";
@@ -169,5 +161,5 @@ export function createStrip(canvas, strip) {
     }
   }
 
-  return { draw, resize: face.resize, setPalette: face.setPalette };
+  return Object.assign(face, { draw });
 }

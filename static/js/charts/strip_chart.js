@@ -1,15 +1,15 @@
 /**
  * Strips above one time axis: traces, limits, gaps, exceedances, moments, cursors, zoom.
  *
- * Exports
- *   createStripChart(host, {strips, source, layout, extras, steps, autostart}) -> StripChart
- *     strips: [Strip], see strips.js.   layout: of layout.js, in the host
- *     extras [{canvas, draw(frame), resize(width, height, ratio), setPalette(palette)}]: more canvases
- *     steps {next, back}: what two more buttons do, keys N and P
- *     autostart true: false draws nothing until update() is called
+ * createStripChart(host, {strips, source, layout, extras, steps, autostart}) -> StripChart
+ *     strips: [Strip], see strips.js.   layout: of layout.js, in the host.   extras: more sheets, and others with draw(frame)
+ *     steps {next, back}: what two more buttons do, keys N and P.   autostart false: draws nothing until update()
+ *   update(wall) -> ms      draws now, if anything changed; returns the time it took
+ *   redraw()                something changed that the source does not know of;   measure()   the layout changed
+ *   setMarking(flag)        whether a drag sets A and B in place of moving the window
  *
  * Source  gives samples of an interval of time at a resolution
- *   time                    what is in view, and cursors: a Timeline or a TimeWindow
+ *   time                    a TimeWindow
  *   dt, alertAbove          interval of samples [s]; alert level of the risk, or NaN
  *   newest()                time of the last sample [s]; NaN for none
  *   follows                 whether samples arrive: the readouts are then shown five times a second
@@ -18,36 +18,29 @@
  *   stamp(), news()         change with what is drawn; with what is to be read at once
  *   read({view, start, step, width, x, wall}) -> {parts, bands, now, lead, ahead}      see strip.js
  *   reading(strip, view, cursor), bar(view), describe(strip), valuesAt(strip, t)   see readings.js
- *
- * StripChart
- *   update(wall) -> ms      draws now, if anything changed; returns the time it took
- *   redraw()                something changed that the source does not know of
- *   measure()               the layout changed
- *   setMarking(flag)        whether a drag sets A and B in place of moving the window
- *   destroy()
  */
 
 import { addDrawer } from "../lib/draw_loop.js";
-import { attachControls, attachMarking } from "./input.js";
+import { formatTime } from "../lib/numbers.js";
+import { attachControls } from "./input.js";
+import { createSheet, GUTTER } from "./layout.js";
 import { readPalette, watchTheme } from "./palette.js";
 import { createReadings } from "./readings.js";
 import { createStrip } from "./strip.js";
-import { GUTTER } from "./strip_frame.js";
-import { createTimeAxis, timeTicks } from "./time_axis.js";
+import { roundStep } from "./value_axis.js";
 
+const STEPS = [10, 15, 30, 60, 120, 300, 600, 1200, 1800, 3600, 7200, 14400, 21600]; // s, of long times
 const READ_EVERY = 200; // ms; faster digits cannot be read
 const DESCRIBED_EVERY = 1000; // ms
 
 export function createStripChart(host, options) {
   const { strips, source, layout, extras = [], steps, autostart = true } = options;
   const { time } = source;
-  const canvases = strips.map((strip, k) => {
-    const { canvas } = layout.rowOf[k];
-    return { canvas, ...createStrip(canvas, strip) };
-  });
-  const parts = [...canvases, { canvas: layout.axis, ...createTimeAxis(layout.axis) }, ...extras];
+  const drawn = strips.map((strip, k) => createStrip(layout.rowOf[k].canvas, strip));
+  const parts = [...drawn, createTimeAxis(layout.axis), ...extras];
+  const sheets = parts.filter(({ canvas }) => canvas);
   const readings = createReadings(strips, layout, source);
-  const drawn = { picture: "", first: NaN, news: "", read: -1e9, told: "", described: -1e9 };
+  const last = { picture: "", first: NaN, news: "", read: -1e9, told: "", described: -1e9 };
   let look = 0; // counts changes of size, theme, limits
   let plot = 1;
   let wall = performance.now();
@@ -55,7 +48,7 @@ export function createStripChart(host, options) {
 
   function measure() {
     const ratio = devicePixelRatio || 1;
-    const widths = parts.map(({ canvas, resize }) => {
+    const widths = sheets.map(({ canvas, resize }) => {
       const { width, height } = canvas.parentElement.getBoundingClientRect();
       resize(width, height, ratio);
       return width;
@@ -67,7 +60,7 @@ export function createStripChart(host, options) {
 
   function setPalette() {
     const palette = readPalette(host);
-    for (const part of parts) part.setPalette(palette);
+    for (const sheet of sheets) sheet.setPalette(palette);
     look += 1;
   }
 
@@ -82,17 +75,17 @@ export function createStripChart(host, options) {
     const first = Math.round(view.end / step) - plot; // whole columns: the trace does not shimmer
     const picture = `${source.stamp()} ${time.revision} ${look}`;
     const isMoving = strips.some(({ axis }) => axis.moving || axis.roomy);
-    if (picture !== drawn.picture || first !== drawn.first || isMoving) draw(view, step, first);
+    if (picture !== last.picture || first !== last.first || isMoving) draw(view, step, first);
     const news = `${source.news()} ${time.revision} ${look}`;
-    if (news !== drawn.news || (source.follows && wall - drawn.read >= READ_EVERY)) {
-      Object.assign(drawn, { news, read: wall });
+    if (news !== last.news || (source.follows && wall - last.read >= READ_EVERY)) {
+      Object.assign(last, { news, read: wall });
       readings.show(view);
     }
-    if (picture !== drawn.told && wall - drawn.described >= DESCRIBED_EVERY) {
-      Object.assign(drawn, { told: picture, described: wall });
+    if (picture !== last.told && wall - last.described >= DESCRIBED_EVERY) {
+      Object.assign(last, { told: picture, described: wall });
       readings.describe();
     }
-    Object.assign(drawn, { picture, first });
+    Object.assign(last, { picture, first });
     return performance.now() - begin;
   }
 
@@ -112,15 +105,15 @@ export function createStripChart(host, options) {
     for (const part of parts) part.draw(frame);
   }
 
-  attachControls(host, layout, time, {
+  const controls = attachControls(host, layout, time, {
     view: () => time.view(wall),
     plotWidth: () => plot,
     dt: () => source.dt,
     newest: source.newest,
     wall: () => wall,
+    follows: source.follows,
     steps,
   });
-  const marking = attachMarking(layout.rows, time, { left: () => GUTTER, width: () => plot });
   const resizing = new ResizeObserver(() => {
     measured = false;
     if (autostart) update();
@@ -140,7 +133,7 @@ export function createStripChart(host, options) {
     measure: () => {
       measured = false;
     },
-    setMarking: marking.set,
+    setMarking: controls.setMarking,
     destroy: () => {
       stop();
       unwatch();
@@ -148,4 +141,52 @@ export function createStripChart(host, options) {
       host.replaceChildren();
     },
   };
+}
+
+/** Round times about 90 px apart. */
+function timeTicks(start, end, width) {
+  const least = ((end - start) * 90) / width;
+  const step = STEPS.find((candidate) => least > 5 && candidate >= least) ?? roundStep(least);
+  const times = [];
+  for (let k = Math.ceil(start / step); k * step <= end; k++) times.push(k * step);
+  return { times, step };
+}
+
+/** Below the strips: round times, and flags on the cursors. */
+function createTimeAxis(canvas) {
+  const sheet = createSheet(canvas);
+  const { pen } = sheet;
+
+  function draw(frame) {
+    const { ticks } = frame;
+    sheet.clear("t [s]");
+    pen.textAlign = "center";
+    for (const t of ticks.times) {
+      const at = frame.x(t);
+      const text = formatTime(t, ticks.step);
+      const half = pen.measureText(text).width / 2;
+      if (at < Math.max(8, half - 4) || at > frame.width - 8) continue; // the unit is at the left
+      pen.fillRect(Math.round(at), 0, 1, 4);
+      pen.fillText(text, at, sheet.height / 2 + 1);
+    }
+    flag(frame, frame.cursor, "", "cursor");
+    flag(frame, frame.marks.a, "A", "mark-a");
+    flag(frame, frame.marks.b, "B", "mark-b");
+  }
+
+  function flag(frame, t, name, colour) {
+    const { height, palette } = sheet;
+    const at = frame.x(t);
+    if (!(at >= 0 && at <= frame.width)) return;
+    const text = `${name} ${formatTime(t, 0.01)}`.trim();
+    pen.font = `700 12px ${palette.font}`;
+    const wide = pen.measureText(text).width + 10;
+    const left = Math.min(frame.width - wide, Math.max(0, at - wide / 2));
+    pen.fillStyle = palette[colour];
+    pen.fillRect(left, 2, wide, height - 4);
+    pen.fillStyle = palette.panel;
+    pen.fillText(text, left + wide / 2, height / 2 + 0.5);
+  }
+
+  return Object.assign(sheet, { draw });
 }

@@ -1,37 +1,27 @@
 /**
  * Common parts of all strips: background, grid, thresholds, labels, cursors, the value axis.
  *
- * Exports
- *   GUTTER  width of the value axis left of the plot [px]
- *   SPARSE  px between marks of the same kind
- *   stacked(labels, rows) -> labels, the most urgent first, each with its row
- *     label: {left, right [px], colour}; one that would overlap moves a row down; without a free row
- *     it goes into the last, below the others
- *   createStripFrame(canvas, strip) -> StripFrame     strip: see strips.js
- *
- * StripFrame
- *   pen, width, height, palette, hatches      of the whole canvas, gutter included
- *   resize(width, height, ratio), setPalette(palette)
+ * createStripFrame(canvas, strip) -> a Sheet of layout.js with     strip: see strips.js
  *   y(value) -> px
- *   begin(ticks, x, plot)       clears and draws the grid; the pen's origin is then the plot's left edge
+ *   begin(ticks, x, plot)       clears and draws the grid
  *   clipped(boxes, inverted, act)    draws within boxes [{x0, x1}] only, or outside of them only
  *   wide(text) -> px of a word with its plate
  *   word(text, x, middle, colour), upright(text, x, colour)     text on a plate
- *   triangle(x, up), line(x, colour, dash, thick)
- *   cursors({x, cursor, marks})      the cursor, A and B
+ *   triangle(x, up), line(x, colour, dash, thick), cursors({x, cursor, marks})
  *   flags({flags, x, width})         moments: [{key | null, t, word, colour, thin}]; key null: of all
  *                                    channels, with its word on the risk strip
  *   thresholds({x, width, alertAbove})    limits where they held, or the alert level
  *   labels(alertAbove)               in the gutter
+ * stacked([{left, right [px], colour}], rows)    the most urgent first, each with its row; one that would overlap
+ *     moves a row down; without a free row it goes into the last, below the others
+ * SPARSE  px between marks of the same kind
  */
 
 import { figure } from "../lib/numbers.js";
-import { sizeCanvas } from "./layout.js";
-import { hatch } from "./palette.js";
+import { createSheet } from "./layout.js";
 import { holdsOf } from "./strips.js";
 import { axisTicks } from "./value_axis.js";
 
-export const GUTTER = 46;
 export const SPARSE = 22;
 const FIRST_ROW = 24; // px, middle of the topmost row of words
 const ROW = 18;
@@ -39,53 +29,18 @@ const URGENT = ["alert", "caution", "text"]; // colours of words, the most urgen
 const PAD = 5; // px above and below the range
 
 export function createStripFrame(canvas, strip) {
-  const pen = canvas.getContext("2d", { alpha: false });
   const axis = strip.axis;
-  let ratio = 1;
-  const own = {
-    pen,
-    width: 0,
-    height: 0,
-    palette: {},
-    hatches: {},
-    y,
-    resize,
-    setPalette,
-    begin,
-    clipped,
-    word,
-    wide,
-    upright,
-    triangle,
-    line,
-    cursors,
-    flags,
-    thresholds,
-    labels,
-  };
+  const tools = { y, begin, clipped, word, wide, upright, triangle, line, cursors, flags, thresholds, labels };
+  const own = Object.assign(createSheet(canvas), tools);
+  const { pen } = own;
 
   function y(value) {
     const place = own.height - PAD - axis.share(value) * (own.height - 2 * PAD);
     return Math.min(own.height + 40, Math.max(-40, place));
   }
 
-  function resize(width, height, newRatio) {
-    ({ ratio } = sizeCanvas(canvas, width, height, newRatio));
-    Object.assign(own, { width, height });
-  }
-
-  function setPalette(palette) {
-    own.palette = palette;
-    own.hatches = Object.fromEntries(
-      ["stale", "alert", "warming"].map((name) => [name, hatch(pen, name, palette)]),
-    );
-  }
-
   function begin(ticks, x, plot) {
-    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-    pen.fillStyle = own.palette.panel;
-    pen.fillRect(0, 0, own.width, own.height);
-    pen.translate(GUTTER, 0);
+    own.clear();
     pen.fillStyle = own.palette.grid;
     for (const t of ticks) pen.fillRect(Math.round(x(t)), 0, 1, own.height);
     for (const value of axisTicks(axis)) pen.fillRect(0, Math.round(y(value)), plot, 1);

@@ -4,20 +4,13 @@
  * A channel is {key, symbol, unit, label, limits: [low, high] | null} and how people read it, see
  * ../lib/numbers.js; `limit` is short for limits of -limit and +limit. Either end may be infinite.
  *
- * @typedef {object} Strip
- * @property {string} key  of the channel, or "risk"   @property {boolean} risk
- * @property {[number, number] | null} limits  in force now, or always
- * @property {{from: number, to: number, limits: [number, number] | null}[] | null} held  limits of
- *   samples with from < t <= to [s], where they changed
- * @property {string | null} forecast  key of the forecast's series   @property {object} axis
- *
- * Exports
- *   stripOf(key, channels, {narrowAfter}) -> Strip
- *   limitsOf(channel), limitsByKey({key: limit}, key) -> [low, high] | null
- *   holdsOf(strip) -> held, of one entry where the limits never changed
- *   isBeyond(limits, low, high = low) -> [below, above]     the limit itself counts
- *   widest([limits]) -> limits that hold all;   limitText(strip, limits) -> "±0.5 g"
- *   limitedFirst(channels) -> {limited: [key], others: [key]}
+ * stripOf(key, channels, {narrowAfter}) -> Strip     the channel, and
+ *     limits [low, high] | null  in force now, or always;   risk, axis
+ *     held [{from, to, limits}] | null  limits of samples with from < t <= to [s], where they changed
+ *     forecast  key of the forecast's series, or null
+ * holdsOf(strip) -> held, of one entry where the limits never changed
+ * isBeyond(limits, low, high = low) -> [below, above]     the limit itself counts
+ * widest([limits]) -> limits that hold all
  */
 
 import { magnitude, magnitudeIn, shownIn } from "../lib/numbers.js";

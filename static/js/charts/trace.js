@@ -1,25 +1,21 @@
 /**
  * Draws one series of the cells in view: traces, what lies beyond a limit, forecasts, bands of values.
  *
- * @typedef {object} Cells  samples in view, the same for all series; a cell is one sample while there
- *   is room for each, else a pixel column or a tile with the samples in it
- * @property {number} n   @property {ArrayLike<number>} x  place in the plot [px]
- * @property {ArrayLike<number>} cut  whether nothing is known between a cell and the one before
- * @property {boolean} sparse  whether lines join the cells; else they are about a pixel wide
- * @property {number} wide  of a cell [px]   @property {(i: number) => number} t  where it begins [s]
- * @property {(key: string) => Read} series   @property {(key: string, out: Float64Array) => boolean} range
- *
- * Read  (i, out) -> boolean     least and greatest value of cell i into out; false where none is known
- *
- * Exports
- *   drawTrace(face, cells, read, {colour, dashed})     a line, or an area between the extremes;
- *     dashed: every third piece is left out, as a sign besides colour
- *   drawBeyond(face, cells, read, {from, to, limits})  fills the trace beyond limits where they held,
+ * drawTrace(face, cells, read, {colour, dashed})     a line, or an area between the extremes; dashed:
+ *     every third piece is left out, as a sign besides colour
+ * drawBeyond(face, cells, read, {from, to, limits})  fills the trace beyond limits where they held,
  *     and marks where each exceedance begins
- *   drawForecast(face, cells, read, {step, first, now, lead, x})    what a cell forecasts is drawn
+ * drawForecast(face, cells, read, {step, first, now, lead, x})    what a cell forecasts is drawn
  *     `lead` later: dashed, and bold in the future
- *   drawEnvelope(face, {t, low, high, predicted, word}, {x, now, width})     a band of values by time [s]
+ * drawEnvelope(face, {t, low, high, predicted, word}, {x, now, width})     a band of values by time [s]
  *     predicted: time of an exceedance [s], or null
+ *
+ * Cells  samples in view, the same for all series; a cell is one sample while there is room for each, else a
+ *   pixel column or a tile with the samples in it
+ *   n, x  place in the plot [px], wide  of a cell [px], t(i)  where it begins [s]
+ *   cut  whether nothing is known between a cell and the one before
+ *   sparse  whether lines join the cells; else they are about a pixel wide
+ *   series(key) -> Read: (i, out) -> bool, range(key, out) -> bool     least and greatest value into out; false for none
  */
 
 import { SPARSE } from "./strip_frame.js";

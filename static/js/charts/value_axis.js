@@ -4,18 +4,14 @@
  * It widens as soon as a value does not fit. It narrows only after the values have needed much less
  * for some seconds. Limits are always in view.
  *
- * Exports
- *   createValueAxis({limits, factor, leastHeight, narrowAfter}) -> Axis
- *     limits: [low, high] | null.   factor 1: multiplies the numbers shown.
- *     leastHeight 0.02: least height shown, in the unit.
- *     narrowAfter 4000: [ms] before a range that is too wide narrows.
- *   createRiskAxis() -> the same for risk, 0..1, by its square root: small risks stay legible
- *   axisTicks(axis) -> number[]    roundStep(least) -> number, of 1, 2, 5, 10, ...
+ * createValueAxis({limits, factor, leastHeight, narrowAfter}) -> Axis     limits: [low, high] | null
+ *     factor: multiplies the numbers shown.   narrowAfter: [ms] before a range that is too wide narrows
+ * createRiskAxis() -> the same for risk, 0..1, by its square root: small risks stay legible
+ * roundStep(least) -> number, of 1, 2, 5, 10, ...
  *
  * Axis  {low, high, step, moving, roomy}    roomy: the range is too wide
  *   fit(low, high, wall)   the least and greatest visible value (low > high: none), wall clock [ms]
  *   share(value) -> 0 at the bottom .. 1 at the top; outside the range beyond
- *   setLimits(limits)
  */
 
 const ROOMY = 0.45; // share of the range below which it is

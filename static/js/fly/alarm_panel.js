@@ -5,22 +5,15 @@
  * Without an open alarm the line shows the guarantee, the monitor's warnings, or that the guarantee is withdrawn.
  * Its height is the same either way, so that the strips do not move when an alarm comes.
  *
- * Exports
- *   createAlarmPanel(element, {tone, acknowledge}) -> AlarmPanel
- *     acknowledge(alarm) -> Promise of the acknowledged alarm
- *   guarantee({epsilon, lead, guarantee}) -> string
- *
- * AlarmPanel
- *   describe({epsilon, alertAbove, guarantee, lead, warnings, limits, channels})   of the flight; warnings: of the monitor; limits: nodes, |N_y| 0.5 g
- *   setState({state, reason, last})    of the newest assessment, for the guarantee; last: cause of the newest sample
+ * createAlarmPanel(element, {tone, acknowledge(alarm) -> Promise of the acknowledged alarm}) -> AlarmPanel
+ *   describe({epsilon, alertAbove, guarantee, lead, warnings, limits, channels})   of the flight; limits: nodes
+ *   setState({state, reason, last})    of the newest assessment; last: cause of the newest sample
  *   onAlarm(alarm)       raised or acknowledged
  *   setStale(words)      why and by how much the newest sample is stale; empty where it is current
  *   setHeadline({status, beside})   of the flight; an acknowledged condition may continue
  *   setLinked(boolean)   false: new alarms cannot arrive
  *   acknowledgeAll()     all open warnings; all open cautions where there are none
- *   open()               number of unacknowledged warnings
- *   alert()              the newest unacknowledged alert of a risk, or null
- *   close()              silence
+ *   open(), alert()      number of unacknowledged warnings; the newest unacknowledged alert of a risk, or null
  */
 
 import { needs, reason } from "../lib/api.js";

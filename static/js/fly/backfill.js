@@ -2,15 +2,11 @@
  * Samples of a flight that the server has and this page does not: read from the flight's record and
  * drawn where they belong.
  *
- * Exports
- *   createBackfill({api, path, insert}) -> Backfill
+ * createBackfill({api, path, insert}) -> Backfill
  *     path: of the flight.   insert(frames, complete): draws them; complete: the samples after them are on the page
- *
- * Backfill
  *   need(first, last)    samples first..last are missing; the newest MOST of them are read
  *   skipped              samples that could not be read
- *   clear()              what is missing is not shown any more
- *   hold(), release()    read and draw nothing meanwhile
+ *   clear(); hold(), release()    forget what is missing; read and draw nothing meanwhile
  */
 
 const PAGE = 5_000; // samples a request

@@ -4,18 +4,14 @@
  * It answers frames with credit, reconnects after a loss and asks for the missed frames, drops a silent
  * connection, and measures age, latency and loss.
  *
- * Exports
- *   createConnection(flight, on) -> Connection
+ * createConnection(flight, on) -> Connection     on: what to call for each message, and
  *     on.hello(hello, again)       again: the page already shows this flight
  *     on.frames(frames, message)   new samples, oldest first, each once
- *     on.state(message), on.status(headline), on.alarm(alarm), on.marker(marker), on.transport(transport), on.live(live), on.limits(message), on.heartbeat(message)
- *     on.reset({seq, t, since, held})  the next frame, seq, does not follow the last one: clear the strips; the record has since..seq-1
+ *     on.reset({seq, t, since, held})  the next frame, seq, does not follow the last one; the record has since..seq-1
  *     on.gap(first, last)          samples first..last were not sent: the server has them in the flight's record
  *     on.link(link)                "connecting" | "open" | "silent" (a heartbeat is missing) | "lost" | "over"
  *     on.over(reason)              the flight has ended; nothing follows
- *
- * Connection
- *   link, attempt, retryIn(wall) -> s     its state; while lost, the number and time of the next attempt
+ *   link, retryIn(wall) -> s       while lost, the time until the next attempt
  *   loggedOut    lost because the login expired: it does not reconnect
  *   figures(wall) -> {age, latency, lost, unwritten, problem, utc}
  *     age      s since the newest sample was taken; NaN before the first
@@ -23,8 +19,6 @@
  *              round trip; NaN before the first
  *     lost     samples the server could not record
  *     unwritten, problem   samples that wait for the server's disk, and why it takes none at present
- *     utc      the server's date and time as a Date, or null
- *   close()
  */
 
 const DRAWN = 4; // messages of frames that are credited at once: a quarter of what the server gives

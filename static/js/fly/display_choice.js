@@ -1,9 +1,8 @@
 /**
  * Further monitors of the same test, shown beside the one that raises the alarms.
  *
- * Exports
- *   createDisplayChoice(monitors, more) -> {element, adapt(now), chosen() -> [id]}
- *     adapt(now): the monitor that raises the alarms.   more: further words about the choice
+ * createDisplayChoice(monitors, more) -> {element, adapt(now), chosen() -> [id]}
+ *     now: the monitor that raises the alarms.   more: further words about the choice
  */
 
 import { h } from "../lib/dom.js";

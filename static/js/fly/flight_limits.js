@@ -1,23 +1,18 @@
 /**
  * The limits of a flight: the line that names them, and the dialog that changes them.
  *
- * Exports
- *   createFlightLimits(element, {api, path}) -> FlightLimits
- *   putLines(put) -> elements    limit sets that were put in force during an ended flight
- *   createLimitChoice(api, own) -> {element, ready, chosen()}    a limit set and its declared condition
+ * createFlightLimits(element, {api, path}) -> {show(limits, channels)}    as hello has them; limits null: the monitor's own
+ * limitsNote(limits, since) -> {event, flag}    since: when the condition began to hold [s]
+ * putLines(put) -> elements    limit sets that were put in force during an ended flight
+ * createLimitChoice(api, own) -> {element, ready, chosen() -> {limit_set, condition} or {}}
  *     own: label of the choice without a limit set; null where one must be chosen
- *     chosen() -> {limit_set, condition} or {}
- *
- * FlightLimits
- *   show(limits, channels)    as hello and the message `limits` have them; limits null: the monitor's own
- *   event(limits, t) -> event    for the list of events; t: when the condition began to hold [s]
  */
 
 import { may } from "../lib/api.js";
 import { loadCatalog } from "../lib/catalog.js";
-import { h, put, symbolNodes } from "../lib/dom.js";
+import { h } from "../lib/dom.js";
 import { askToConfirm } from "../lib/elements.js";
-import { magnitudeIn } from "../lib/numbers.js";
+import { limitsOf } from "./panels.js";
 
 const CHANGE = "PUT /flights/{}/limits";
 
@@ -55,7 +50,7 @@ export function createFlightLimits(element, { api, path }) {
     element.hidden = limits === null && change.hidden;
     element.toggleAttribute("data-unknown", unknown);
     if (limits === null) {
-      words.replaceChildren("Limits: the monitor's own, ", ...limited(channels));
+      words.replaceChildren("Limits: the monitor's own, ", ...limitsOf(channels));
       return;
     }
     const version = `${limits.name} version ${limits.version}`;
@@ -63,18 +58,20 @@ export function createFlightLimits(element, { api, path }) {
     words.title = title;
     words.replaceChildren(
       h("strong", {}, unknown ? "◆ LIMITS UNKNOWN: " : "Limits in force: "),
-      ...(unknown ? [`${whyOf(limits)} · ${version}`] : [`${version}, ${limits.case}: `, ...limited(channels)]),
+      ...(unknown ? [`${whyOf(limits)} · ${version}`] : [`${version}, ${limits.case}: `, ...limitsOf(channels)]),
       h("span", { class: "dim" }, ` · put in force by ${limits.by} at ${limits.t.toFixed(2)} s`),
     );
   }
 
-  return { show, event };
+  return { show };
 }
 
-function event(inForce, t) {
-  const { name, version, case: condition, by, limits } = inForce;
+export function limitsNote(inForce, since) {
+  const { name, version, case: condition, by, limits, t } = inForce;
   const [words, level] = limits === null ? [`limits unknown, ${whyOf(inForce)}`, "caution"] : [`limits in force: ${condition}`];
-  return { t, text: `${words} (${name} version ${version}, put in force by ${by})`, level, seen: true };
+  const text = `${words} (${name} version ${version}, put in force by ${by})`;
+  const flag = { key: null, t: since ?? t, word: limits === null ? "limits unknown" : "limits", colour: "caution" };
+  return { event: { t: since, text, level, seen: true }, flag };
 }
 
 const whyOf = ({ reason }) => reason.replace(/^limits unknown: /, "");
@@ -87,12 +84,6 @@ export function putLines(put) {
 function declared(fixed) {
   const values = Object.entries(fixed).map(([key, value]) => `${key} ${value}`);
   return values.length === 0 ? "" : `, declared ${values.join(", ")}`;
-}
-
-function limited(channels) {
-  return channels
-    .filter(({ limit }) => limit !== null)
-    .flatMap((channel, k) => [document.createTextNode(k > 0 ? " or |" : "|"), ...symbolNodes(channel.symbol), document.createTextNode(`| ${magnitudeIn(channel, channel.limit)}`)]);
 }
 
 export function createLimitChoice(api, own) {

@@ -3,18 +3,13 @@
  *
  * Their words come from the server. A marker neither ends nor pauses the flight.
  *
- * Exports
- *   createFlightMarkers({buttons, last, refused}, {set, heard, unheard}) -> FlightMarkers
- *     buttons, last, refused: elements; refused: why a marker was not set.   set(kind) -> Promise; the marker arrives by the stream
+ * createFlightMarkers({buttons, last, refused}, {set, heard, unheard}) -> FlightMarkers
+ *     refused: why a marker was not set.   set(kind) -> Promise; the marker arrives by the stream
  *     heard(marker)    a new marker, from anyone.   unheard()    one was not set
- *   markerEvent(marker) -> event, markerFlag(marker) -> flag    for the event list and the strips
- *   markerText(marker) -> string     "ABORT (safety of flight) at 3.42 s, 12:01:03 UTC, by local"
- *
- * FlightMarkers
  *   offer(kinds)     that may be set: {kind, word, meaning, level, shortcut}
  *   onMarker(marker) -> bool     shows the newest of the most urgent; returns whether it is new
- *   keys             {key: act}, filled by offer
- *   shortcuts()      [[key, meaning, request]] for the list of keys
+ *   keys             {key: act}, filled by offer;   shortcuts()   [[key, meaning, request]]
+ * markerNote(marker) -> {event, flag}    for the event list and the strips
  */
 
 import { needs, reason } from "../lib/api.js";
@@ -91,10 +86,9 @@ export function markerText({ word, meaning, t, created, by, text }) {
   return `${word} (${meaning}) at ${t.toFixed(2)} s, ${created.slice(11, 19)} UTC, by ${by}${text ? `: ${text}` : ""}`;
 }
 
-export function markerEvent(marker) {
-  return { t: marker.t, text: markerText(marker), level: LEVEL_OF[marker.level], seen: true };
-}
-
-export function markerFlag({ t, word, level }) {
-  return { key: null, t, word, colour: level === "warning" ? "alert" : "caution" };
+/** For the event list and the strips. */
+export function markerNote(marker) {
+  const { t, word, level } = marker;
+  const event = { t, text: markerText(marker), level: LEVEL_OF[level], seen: true };
+  return { event, flag: { key: null, t, word, colour: level === "warning" ? "alert" : "caution" } };
 }

@@ -3,18 +3,15 @@
  *
  * The browser adds only that no samples arrive any more, in the same order of severity.
  *
- * Exports
- *   FACES {status: {word, long, shape}}     words of each status; `shape` names the gauge's sign
- *   headlineOf({status, level, beside, exceeded_t, verdict}, {stale, alarms, blank}) -> Headline
+ * FACES {status: {word, long, shape}}     `shape` names the gauge's sign
+ * headlineOf({status, level, beside, exceeded_t, verdict}, {stale, alarms, blank}) -> Headline
  *     stale: no samples arrive.   alarms: number of unacknowledged warnings
  *     blank: no sample is shown yet: the headline must not look calm
- *   ofSample({state, alert}) -> Headline     of a single sample
- *   wordOf(status, cause) -> string          INVALID has a word of its own for some causes, as NOT ASSESSED between manoeuvres
- *   besideOf(headline, cause) ->  string     what is shown beside its word: "STALE · EXCEEDED first at 8.76 s · Warned 0.45 s before the limit"
- *   textOf(headline, cause) ->  string       "▲ ALARM · STALE · EXCEEDED first at 8.76 s"
- *   resultOf(flight) -> {words, level}       result of a flight: its verdict, else its headline; data-level
- *   staleText(cause, age) -> string          why it is stale, and the age of the newest sample [s], NaN if unknown
- *   LEVEL_OF {level: data-level}, MARKS {level: sign}
+ * wordOf(status, cause)          INVALID has a word of its own for some causes, as NOT ASSESSED between manoeuvres
+ * besideOf(headline, cause)      "STALE · EXCEEDED first at 8.76 s · Warned 0.45 s before the limit"
+ * textOf(headline, cause)        "▲ ALARM · STALE · EXCEEDED first at 8.76 s"
+ * resultOf(flight) -> {words, level}       its verdict, else its headline; data-level
+ * staleText(cause, age)          why it is stale, and the age of the newest sample [s], NaN if unknown
  */
 
 import { shownState, withdrawnWord } from "../lib/states.js";

@@ -1,8 +1,4 @@
-/**
- * Fly: start a flight, watch one in progress, read the record of one that has ended.
- *
- * Exports  show(element, {id, query, api, navigate}) -> {close()}
- */
+/** Fly: start a flight, watch one in progress, read the record of one that has ended. */
 
 import { reason } from "../lib/api.js";
 import { h } from "../lib/dom.js";

@@ -1,9 +1,7 @@
 /**
  * A flight in progress: its stream drives strips, gauge, alarm line, events, status and transport.
  *
- * Exports
- *   showLiveFlight(element, {id, api, over, recorded}) -> {close()}
- *     over(reason)    the flight has ended
+ * showLiveFlight(element, {id, api, over, recorded}) -> {close()}     over(reason): the flight has ended
  *     recorded: {Socket, beside} of a flight that is played from a file: its socket, and what stands in
  *     place of the scene; null for a flight of the server
  */
@@ -18,8 +16,8 @@ import { createAlarmPanel } from "./alarm_panel.js";
 import { createAssessmentDisplay } from "./assessment/assessment_display.js";
 import { createBackfill } from "./backfill.js";
 import { createConnection } from "./connection.js";
-import { createFlightLimits } from "./flight_limits.js";
-import { createFlightMarkers, markerEvent, markerFlag } from "./flight_markers.js";
+import { createFlightLimits, limitsNote } from "./flight_limits.js";
+import { createFlightMarkers, markerNote } from "./flight_markers.js";
 import { LEVEL_OF, staleText, textOf } from "./headline.js";
 import { createLivePanel } from "./live_panel.js";
 import {
@@ -204,20 +202,21 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     const fresh = !raised.has(number);
     raised.add(number);
     alarm.onAlarm(raisedAlarm);
-    if (fresh) events.add({ t, text: alertText(raisedAlarm, alertAbove(), hello.channels), level: LEVEL_OF[level], seen: kind === "limit" });
+    const event = { t, text: alertText(raisedAlarm, alertAbove(), hello.channels), level: LEVEL_OF[level], seen: kind === "limit" };
+    note({ event: fresh && event, flag: recordedFlag(raisedAlarm) });
     if (acknowledged) {
       events.add(acknowledgementOf(raisedAlarm, hello.mode === "live"));
       if (kind === "limit") display.chart.acknowledge();
     }
-    const flag = recordedFlag(raisedAlarm);
-    if (flag) display.chart.flag(flag);
-    markEvents();
   }
 
   function onMarker(marker) {
-    if (!markers.onMarker(marker)) return;
-    events.add(markerEvent(marker));
-    display.chart.flag(markerFlag(marker));
+    if (markers.onMarker(marker)) note(markerNote(marker));
+  }
+
+  function note({ event, flag }) {
+    if (event) events.add(event);
+    if (flag) display.chart.flag(flag);
     markEvents();
   }
 
@@ -230,8 +229,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     if (inForce === null) return; // a seek to before the first limits
     const before = hello.held.length > 0 ? hello.held : [{ t: null, limits: hello.monitors[0].limits }];
     hello.held = [...before, { t: since, limits: inForce.limits }];
-    events.add(limits.event(inForce, since));
-    display.chart.flag({ key: null, t: since ?? inForce.t, word: inForce.limits === null ? "limits unknown" : "limits", colour: "caution" });
+    note(limitsNote(inForce, since));
   }
 
   function onHeartbeat({ problem, lost }) {
@@ -243,8 +241,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
 
   /** Found by the strips, also before a point that was sought; its alarm has the same text. */
   function onExceedance(exceedance) {
-    events.add({ t: exceedance.t, text: exceedanceText(exceedance, hello.channels), level: "alert", seen: true });
-    markEvents();
+    note({ event: { t: exceedance.t, text: exceedanceText(exceedance, hello.channels), level: "alert", seen: true } });
   }
 
   function showSource() {
@@ -255,7 +252,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     panels.calls.after(panels.live);
     source = createLivePanel(
       { line: panels.live, problem: panels.problem },
-      { begin: () => api.post(`${path}/manoeuvre`), accept: (sender) => api.post(`${path}/sender`, { sender }), address: address.toggle, events, flag: (flag) => display.chart.flag(flag) },
+      { begin: () => api.post(`${path}/manoeuvre`), accept: (sender) => api.post(`${path}/sender`, { sender }), address: address.toggle, events, note },
     );
   }
 

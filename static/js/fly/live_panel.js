@@ -1,25 +1,21 @@
 /**
  * The state of a live source, in one line beside the markers, and its problems.
  *
- * Exports
- *   createLivePanel({line, problem}, {begin, accept, address, events, flag}) -> LivePanel
- *     line, problem: elements.   begin() -> Promise    marks that a manoeuvre begins now
+ * createLivePanel({line, problem}, {begin, accept, address, events, note}) -> LivePanel
+ *     begin() -> Promise    marks that a manoeuvre begins now
  *     accept(sender) -> Promise    makes another sender of datagrams the source
  *     address() -> bool    shows or hides the source's addresses; whether they are shown
- *     flag(flag), events: mark a beginning on the strips and list it
- *   beginningEvent({number, t}) -> event, beginningFlag({number, t}) -> flag    of a manoeuvre, for the event list and the strips
- *   lossText(live) -> [string]     samples of an ended flight, received and not used, by kind
- *
- * LivePanel
  *   update(live, {lead})     as hello or the message `live` has it; lead: shown [s], the delay subtracted
  *   explain(reason)          of the newest sample: what the trim is waiting for
  *   setUsable(boolean)       false while there is no connection
- *   begin()                  for its key
+ * beginningNote({number, t}) -> {event, flag}    of a manoeuvre, for the event list and the strips
+ * lossText(live) -> [string]     samples of an ended flight, received and not used, by kind
  */
 
 import { may, needs, reason as reasonOf } from "../lib/api.js";
 import { h, put } from "../lib/dom.js";
 import { leadSeconds } from "../lib/numbers.js";
+import { createItems } from "./status_strip.js";
 
 const BEGIN = "POST /flights/{}/manoeuvre";
 const ACCEPT = "POST /flights/{}/sender";
@@ -50,21 +46,15 @@ const ITEMS = [
   ["udp", "UDP", "Address for datagrams"],
 ];
 
-export function createLivePanel({ line, problem }, { begin, accept, address, events, flag }) {
+export function createLivePanel({ line, problem }, { begin, accept, address, events, note }) {
   line.classList.add("live-panel");
-  const items = new Map();
   const known = new Set(); // manoeuvres
   const strange = new Set(); // names that no channel reads, already listed
   const failure = h("span", { class: "error transport-error", role: "status", hidden: true });
   const beginButton = h("button", { type: "button", class: "button button-small begin-button", title: "Mark that a manoeuvre begins now, where the surfaces do not show it (key G)", onclick: press, ...needs(BEGIN) }, "Manoeuvre begins ", h("span", { class: "marker-key" }, "[G]"));
   const open = h("button", { type: "button", class: "button button-small", "aria-expanded": "false", title: "Addresses for samples", onclick: () => open.setAttribute("aria-expanded", String(address())) }, "Address");
   const figures = h("div", { class: "live-items" });
-  for (const [key, name, title] of ITEMS) {
-    const value = h("span", { class: "live-value" }, "–");
-    const box = h("div", { class: "live-item", "data-item": key, title }, h("span", { class: "status-name" }, name), value);
-    items.set(key, { box, value });
-    figures.append(box);
-  }
+  const { items, show } = createItems(figures, ITEMS, "live");
   const acceptButton = h("button", { type: "button", class: "button button-small", hidden: true, title: "Take the samples of this sender of datagrams instead of the present one", onclick: () => attempt(() => accept(live.other_sender)), ...needs(ACCEPT) });
   line.append(h("strong", { class: "live-word" }, "LIVE"), beginButton, open, acceptButton, failure);
   line.after(figures);
@@ -72,13 +62,6 @@ export function createLivePanel({ line, problem }, { begin, accept, address, eve
   let live = null;
   let usable = false;
   let why = "";
-
-  function show(key, text, level = "") {
-    const { box, value } = items.get(key);
-    box.hidden = text === "";
-    put(value, text);
-    if (box.dataset.level !== level) box.dataset.level = level;
-  }
 
   const count = (key, n, level = "caution") => show(key, n > 0 ? n.toLocaleString("en") : "", level);
 
@@ -98,11 +81,7 @@ export function createLivePanel({ line, problem }, { begin, accept, address, eve
     show("udp", live.udp ?? "");
     show("doubts", (live.doubts ?? []).join("; "), "caution");
     show("drift", live.drift ? `${live.drift} ppm` : "");
-    const unread = live.unread ?? [];
-    show("unread", unread.join(", "));
-    const fresh = unread.filter((name) => !strange.has(name));
-    if (fresh.length > 0) events.add({ t: null, text: `no channel reads these names of the source: ${fresh.join(", ")}`, seen: true });
-    for (const name of fresh) strange.add(name);
+    listUnread(live.unread ?? []);
     listSteps(counts.clock_steps);
     showManoeuvre();
     showProblem();
@@ -116,6 +95,13 @@ export function createLivePanel({ line, problem }, { begin, accept, address, eve
     show("lag", usable ? `${lag.toFixed(2)} s` : "–", usable && lag > LATE ? "caution" : "");
   }
 
+  function listUnread(names) {
+    show("unread", names.join(", "));
+    const fresh = names.filter((name) => !strange.has(name));
+    fresh.forEach((name) => strange.add(name));
+    if (fresh.length > 0) events.add({ t: null, text: `no channel reads these names of the source: ${fresh.join(", ")}`, seen: true });
+  }
+
   function listSteps(n) {
     if (n > steps) events.add({ t: null, text: `the source's clock stepped (${n} in all): after a gap the flight continues by arrival times`, level: "caution", seen: true });
     steps = n;
@@ -125,7 +111,7 @@ export function createLivePanel({ line, problem }, { begin, accept, address, eve
     const { trim, manoeuvre } = live;
     const phase = manoeuvre > 0 ? `manoeuvre ${manoeuvre} in progress` : why.split(":")[0] || "no manoeuvre";
     show("phase", trim === "none" ? "everything is assessed" : phase);
-    items.get("phase").box.title = manoeuvre > 0 ? "Assessed from the trim before it" : why;
+    items.phase.box.title = manoeuvre > 0 ? "Assessed from the trim before it" : why;
     beginButton.hidden = trim === "none";
     beginButton.disabled = !usable || manoeuvre > 0;
   }
@@ -139,8 +125,7 @@ export function createLivePanel({ line, problem }, { begin, accept, address, eve
 
   function mark({ number, t }) {
     known.add(number);
-    flag(beginningFlag({ number, t }));
-    events.add(beginningEvent({ number, t }));
+    note(beginningNote({ number, t }));
   }
 
   async function press() {
@@ -177,12 +162,9 @@ export function createLivePanel({ line, problem }, { begin, accept, address, eve
   };
 }
 
-export function beginningEvent({ number, t }) {
-  return { t, text: `manoeuvre ${number} begins`, seen: true };
-}
-
-export function beginningFlag({ number, t }) {
-  return { key: null, t, word: `manoeuvre ${number}`, colour: "text", thin: true };
+export function beginningNote({ number, t }) {
+  const word = `manoeuvre ${number}`;
+  return { event: { t, text: `${word} begins`, seen: true }, flag: { key: null, t, word, colour: "text", thin: true } };
 }
 
 export function lossText({ batches, counts, malformed, foreign, resumed, unread = [] }) {

@@ -1,18 +1,13 @@
 /**
- * The panels of a flight on the page: strips, scene, gauge, alarm line, events, status, transport.
+ * The panels of a flight on the page, and words that several of them share.
  *
- * Exports
- *   createFlightPanels(element) -> {status, strips, alarm, refused, problem, address, scene, lost, gauge, ahead, rest, notice, limits, events, calls, marker, live, transport: elements}
- *     refused: of a marker that was not set.   problem, address, live: of a live flight; live goes into the transport
- *   windowOf({duration, lead}) -> s     width of the strips; a short flight fills them
- *   limitsOf(channels) -> Node[]        "|N_y| 0.5 g", of the limited channels
- *   CAUTION_WORDS {kind: word}          of alarms that are cautions
- *   cautionText({kind, reason}, at) -> string    "NOT APPLICABLE at 3.4 s: ..."; at: time in words
- *   waitingOf(alarms) -> {warnings, cautions}    the unacknowledged ones
- *   alertText(alarm, alertAbove, channels) -> string, exceedanceText({key, value, judged}, channels) -> string
- *   acknowledgementOf(alarm, isLive) -> event    the acknowledgement of an alarm; isLive: flight time runs with the time of day
- *   recordedFlag(alarm) -> {key, t, word} | null    mark of an exceedance as recorded, not from trim
- *   sourceText(source, name) -> string
+ * createFlightPanels(element) -> {name: element}     refused: of a marker that was not set
+ * windowOf({duration, lead}) -> s     width of the strips; a short flight fills them
+ * limitsOf(channels) -> Node[]        "|N_y| 0.5 g", of the limited channels
+ * cautionText({kind, reason}, at)     "NOT APPLICABLE at 3.4 s: ..."; at: time in words
+ * waitingOf(alarms) -> {warnings, cautions}    the unacknowledged ones
+ * acknowledgementOf(alarm, isLive) -> event    isLive: flight time runs with the time of day
+ * recordedFlag(alarm) -> {key, t, word} | null    mark of an exceedance as recorded, not from trim
  */
 
 import { h, symbolNodes } from "../lib/dom.js";

@@ -1,10 +1,9 @@
 /**
  * The record of an ended flight: its strips and events, and a button to fly it again.
  *
- * Exports
- *   showFlightRecord(element, {flight, why, reopen, api, navigate}) -> {close()}
- *   heldDuring(held, frames) -> [{t, limits}]    limits in force in these frames, of a record's limits_held
- *     flight: as the server has it.   why: how it ended, if the page saw it.   reopen(): reads it again
+ * showFlightRecord(element, {flight, why, reopen, api, navigate}) -> {close()}
+ *     why: how it ended, if the page saw it.   reopen(): reads it again
+ * heldDuring(held, frames) -> [{t, limits}]    limits in force in these frames, of a record's limits_held
  */
 
 import { createFlightChart } from "../charts/live/flight_chart.js";
@@ -17,9 +16,9 @@ import { magnitudeIn, quantity, secondsText } from "../lib/numbers.js";
 import { summaryLines } from "./assessment/risk_ahead.js";
 import { createRiskGauge } from "./assessment/risk_gauge.js";
 import { putLines } from "./flight_limits.js";
-import { markerEvent, markerFlag, markerText } from "./flight_markers.js";
+import { markerNote, markerText } from "./flight_markers.js";
 import { LEVEL_OF, resultOf } from "./headline.js";
-import { beginningEvent, beginningFlag, lossText } from "./live_panel.js";
+import { beginningNote, lossText } from "./live_panel.js";
 import {
   acknowledgementOf,
   alertText,
@@ -132,24 +131,20 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     }
     panels.notice.append(...summaryLines(flight.monitors, longest));
     const found = draw(channels, { lead: flight.monitors[0].lead, dt: monitor.dt }, longest, passes, held);
-    for (const alarm of alarms) {
-      found.push({ t: alarm.t, text: alertText(alarm, alertAbove, channels), level: LEVEL_OF[alarm.level], seen: true });
-      if (alarm.acknowledged) found.push(acknowledgementOf(alarm, isLive));
-      const flag = recordedFlag(alarm);
+    const limitsPut = ({ name, version, t, by }) => ({
+      event: { t, text: `limits in force: ${name} version ${version}, by ${by}`, seen: true },
+      flag: { key: null, t, word: "limits", colour: "caution" },
+    });
+    const alarmNote = (alarm) => ({
+      event: { t: alarm.t, text: alertText(alarm, alertAbove, channels), level: LEVEL_OF[alarm.level], seen: true },
+      flag: recordedFlag(alarm),
+    });
+    const notes = [alarms.map(alarmNote), put.map(limitsPut), (flight.live?.begun ?? []).map(beginningNote), markers.map(markerNote)].flat();
+    for (const { event, flag } of notes) {
+      found.push(event);
       if (flag) chart.flag(flag);
     }
-    for (const { name, version, t, by } of put) {
-      found.push({ t, text: `limits in force: ${name} version ${version}, by ${by}`, seen: true });
-      chart.flag({ key: null, t, word: "limits", colour: "caution" });
-    }
-    for (const begun of flight.live?.begun ?? []) {
-      found.push(beginningEvent(begun));
-      chart.flag(beginningFlag(begun));
-    }
-    for (const marker of markers) {
-      found.push(markerEvent(marker));
-      chart.flag(markerFlag(marker));
-    }
+    found.push(...alarms.filter(({ acknowledged }) => acknowledged).map((alarm) => acknowledgementOf(alarm, isLive)));
     found.sort((a, b) => a.t - b.t).forEach(events.add);
   }
 

@@ -4,9 +4,7 @@
  * viser's client reconnects only while its document has the focus, so the frame pretends to have it.
  * The scene can be hidden on a slow machine.
  *
- * Exports
- *   createSceneFrame(element, flight) -> {wake(), close(text)}
- *     wake()    the server is back: reconnect.   close(text): the flight has ended
+ * createSceneFrame(element, flight) -> {wake(), close(text)}     wake: the server is back; close: the flight has ended
  */
 
 import { h } from "../lib/dom.js";

@@ -1,10 +1,9 @@
 /**
  * The page's keys, and the list of them that `?` opens.
  *
- * Exports
- *   bindShortcuts(actions, urgent) -> unbind    {key: act}; ignored in text fields and dialogs
+ * bindShortcuts(actions, urgent) -> unbind    {key: act}; ignored in text fields and dialogs
  *     urgent: work also in lists, boxes and every dialog but this one; once for a held key
- *   createShortcutList(urgent) -> {dialog, open()}     urgent() -> [[key, what]], asked for when it opens
+ * createShortcutList(urgent) -> {dialog, open()}     urgent() -> [[key, what]], asked for when it opens
  */
 
 import { may } from "../lib/api.js";

@@ -1,10 +1,8 @@
 /**
  * Where to send the samples of a live flight: addresses, channels and commands to copy.
  *
- * Exports
- *   createSourceAddress(element, flight) -> {describe({channels, live, source}), waiting(boolean), setLinked(boolean), toggle() -> bool}
- *     describe: as hello has them.   waiting: before the first sample, it is all that is shown
- *     toggle(): opens or closes it; returns whether it is open
+ * createSourceAddress(element, flight) -> {describe(hello), waiting(boolean), setLinked(boolean), toggle() -> is open}
+ *     waiting: before the first sample, it is all that is shown
  */
 
 import { asksForToken } from "../lib/api.js";

@@ -1,8 +1,7 @@
 /**
  * Start a flight, or open one that is in progress or has ended.
  *
- * Exports
- *   showFlightStart(element, {query, api, navigate}) -> {close()}
+ * showFlightStart(element, {query, api, navigate}) -> {close()}
  *     query: kind, monitor, dataset, outcome, rollout, seed fill in the form (#/fly?monitor=3f9a)
  */
 

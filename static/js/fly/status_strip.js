@@ -1,20 +1,13 @@
 /**
  * The line that shows how far the display can be trusted: source, age and completeness.
  *
- * Exports
- *   createStatusStrip(element) -> {update(status)}
- *     status: {mode, source, monitor, warnings, validity, link, staleAfter, playing, live, headline, cause, result,
- *              figures: {age [s], latency [ms], skipped, lost, unwritten, problem, utc: Date | null}}
- *     noRest: why the monitor forecasts no rest of the card; empty where it does
- *     recorded: of a flight that is played from a file, which has no link and no record
- *     lost: null where the number is unknown, as after a killed server
- *     mode: "live", "replay" or "simulated"; only live data have an age and a latency, only a flight
- *     in progress a link and the time of day
- *     headline: of the flight, null before it is known or after the flight
- *     result: of an ended flight, {words, level}
- *     warnings: about the monitor, shown beside its name
- *     validity: "checked", or why not, shown beside the monitor
- *     link: "connecting" | "open" | "silent" | "lost" | "over"; staleAfter: age that counts as stale [s]; live: false for an ended flight
+ * createStatusStrip(element) -> {update(status)}
+ *     mode: "live", "replay" or "simulated"; only live data have an age and a latency.   live: false for an ended flight
+ *     figures: {age [s], latency [ms], skipped, lost, unwritten, problem, utc: Date | null}     lost: null where unknown
+ *     noRest: why the monitor forecasts no rest of the card.   recorded: played from a file, without link and record
+ *     headline: null before it is known or after the flight.   result: of an ended flight, {words, level}
+ *     warnings: about the monitor.   validity: "checked", or why not.   staleAfter: age that counts as stale [s]
+ * createItems(element, list, look) -> {items: {key: {box, label, value}}, show(key, text, level)}
  */
 
 import { h, put } from "../lib/dom.js";
@@ -40,20 +33,7 @@ const LONG = 32; // letters of a status beyond which it takes two lines
 
 export function createStatusStrip(element) {
   element.classList.add("status-strip");
-  const items = {};
-  for (const [key, name, title] of ITEMS) {
-    const label = h("span", { class: "status-name" }, name);
-    const value = h("span", { class: "status-value" }, "–");
-    const box = h("div", { class: "status-item", "data-item": key, title }, label, value);
-    items[key] = { box, label, value };
-    element.append(box);
-  }
-
-  function show(key, text, level = "") {
-    put(items[key].value, text);
-    if (items[key].box.dataset.level !== level) items[key].box.dataset.level = level;
-  }
-
+  const { items, show } = createItems(element, ITEMS, "status");
   const mode = h("strong", { class: "mode", title: "Where the samples come from" });
   element.prepend(mode);
 
@@ -61,36 +41,61 @@ export function createStatusStrip(element) {
     const linked = live && link === "open";
     put(mode, from === undefined ? "" : live ? from.toUpperCase() : "RECORD");
     mode.dataset.mode = live ? (from ?? "") : "record";
-    for (const key of ["age", "latency"]) items[key].box.hidden = from !== "live";
-    for (const key of ["utc", "link"]) items[key].box.hidden = !live || recorded;
-    items.record.box.hidden = recorded;
-    items.skipped.box.hidden = figures.skipped === 0;
     show("source", source);
     show("monitor", monitor);
     for (const key of ["source", "monitor"]) items[key].value.title = items[key].value.textContent; // may be cut
     if (noRest) items.monitor.value.title += ". Rest of the test card: no forecast with this method";
     put(items.monitor.label, validity === "checked" ? "monitor" : `monitor, validity ${validity}`);
-    items.test.box.hidden = warnings.length === 0;
     items.test.box.title = warnings.map(sentence).join(" ");
     show("test", warningWords({ warnings }), "caution");
     if (result) show("state", result.words, result.level);
     else if (headline === null) show("state", "–", "off");
     else show("state", textOf(briefly(headline), cause), LEVEL_OF[headline.level]);
     items.state.box.toggleAttribute("data-long", items.state.value.textContent.length > LONG);
-    show("link", ...linkOf(live, link));
-    show("utc", figures.utc === null ? "–" : figures.utc.toISOString().slice(11, 19));
-    if (!live) show("age", "ended", "off");
-    else if (!Number.isFinite(figures.age)) show("age", "–", "off");
-    else if (linked && !playing) show("age", "paused", "off");
-    else show("age", `${figures.age.toFixed(1)} s`, figures.age > staleAfter ? "caution" : "");
-    const known = linked && Number.isFinite(figures.latency);
-    show("latency", known ? `${Math.round(figures.latency)} ms` : "–", !known ? "off" : figures.latency > LATE ? "caution" : "");
-    show("skipped", `skipped ${figures.skipped.toLocaleString("en")} samples${figures.lost === 0 ? " (all recorded)" : ""}`, "caution");
-    show("record", ...(live && link === "lost" ? ["–", "off"] : recordOf(figures)));
+    const isTimed = live && !recorded;
+    show("link", ...(isTimed ? linkOf(link) : [""]));
+    show("utc", isTimed ? (figures.utc?.toISOString().slice(11, 19) ?? "–") : "");
+    show("age", ...(from === "live" ? ageOf() : [""]));
+    show("latency", ...(from === "live" ? latencyOf() : [""]));
+    const rest = figures.lost === 0 ? " (all recorded)" : "";
+    show("skipped", figures.skipped > 0 ? `skipped ${figures.skipped.toLocaleString("en")} samples${rest}` : "", "caution");
+    show("record", ...(recorded ? [""] : live && link === "lost" ? ["–", "off"] : recordOf(figures)));
     items.record.box.title = figures.problem === "" ? RECORD : sentence(figures.problem);
+
+    function ageOf() {
+      if (!live) return ["ended", "off"];
+      if (!Number.isFinite(figures.age)) return ["–", "off"];
+      if (linked && !playing) return ["paused", "off"];
+      return [`${figures.age.toFixed(1)} s`, figures.age > staleAfter ? "caution" : ""];
+    }
+
+    function latencyOf() {
+      if (!linked || !Number.isFinite(figures.latency)) return ["–", "off"];
+      return [`${Math.round(figures.latency)} ms`, figures.latency > LATE ? "caution" : ""];
+    }
   }
 
   return { update };
+}
+
+/** Named figures after what the element holds; one without text is hidden. list: [[key, name, title]] */
+export function createItems(element, list, look) {
+  const items = {};
+  for (const [key, name, title] of list) {
+    const label = h("span.status-name", name);
+    const value = h(`span.${look}-value`, "–");
+    items[key] = { box: h(`div.${look}-item`, { "data-item": key, title }, label, value), label, value };
+    element.append(items[key].box);
+  }
+
+  function show(key, text, level = "") {
+    const { box, value } = items[key];
+    box.hidden = text === "";
+    put(value, text);
+    if (box.dataset.level !== level) box.dataset.level = level;
+  }
+
+  return { items, show };
 }
 
 function recordOf({ lost, unwritten, problem }) {
@@ -101,8 +106,8 @@ function recordOf({ lost, unwritten, problem }) {
   return lost > 0 ? [`${CAUTION}${lost} samples lost`, "caution"] : ["complete", ""];
 }
 
-function linkOf(live, link) {
-  if (!live || link === "over") return ["ended", "off"];
+function linkOf(link) {
+  if (link === "over") return ["ended", "off"];
   if (link === "open") return ["✓ open", ""];
   if (link === "silent") return [`${CAUTION}NO HEARTBEAT`, "caution"];
   if (link === "lost") return [`${CAUTION}LOST`, "caution"];

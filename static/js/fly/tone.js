@@ -5,21 +5,15 @@
  * A browser blocks sound until the user touches the page. The mute button shows that state (`blocked`): a
  * crew must know that an alert would make no sound.
  *
- * Exports
- *   createTone({storage, Context}) -> Tone
- *     storage: where the mute is remembered (localStorage), or null.   Context: AudioContext.
- *   bindMuteButton(button, tone) -> unbind    text, aria-pressed and data-sound follow the tone
- *
- * Tone
- *   start()       sound the alert, again and again, until stop()
- *   stop()        on acknowledgement
+ * createTone({Context}) -> Tone     Context: AudioContext
+ *   start(), stop()    sound the alert, again and again, until its acknowledgement
  *   caution()     the steady tone, once; not while it or a warning sounds
- *   test()        one pattern as a test; sounds even when muted
  *   setMuted(boolean), unlock()    unlock must be called from a click or key
  *   muted, sounding, state -> "on" | "muted" | "blocked" | "unavailable"
- *   subscribe(listener) -> unsubscribe
+ * bindMuteButton(button, tone) -> unbind    text, aria-pressed and data-sound follow the tone
  */
 
+import { remember, remembered } from "../lib/storage.js";
 
 const KEY = "forewarn.muted";
 const PERIOD = 1.5; // s
@@ -35,7 +29,7 @@ const TEXTS = {
   unavailable: "No sound here",
 };
 
-export function createTone({ storage = safeStorage(), Context = globalThis.AudioContext } = {}) {
+export function createTone({ Context = globalThis.AudioContext } = {}) {
   const listeners = new Set();
   let context = null;
   let volume = null;
@@ -45,7 +39,7 @@ export function createTone({ storage = safeStorage(), Context = globalThis.Audio
   let steadyUntil = 0; // by the context's clock [s]
 
   const tone = {
-    muted: storage?.getItem(KEY) === "true",
+    muted: remembered(KEY) === "true",
     sounding: false,
     get state() {
       if (Context === undefined) return "unavailable";
@@ -55,7 +49,6 @@ export function createTone({ storage = safeStorage(), Context = globalThis.Audio
     start,
     stop,
     caution,
-    test,
     setMuted,
     unlock,
     subscribe: (listener) => {
@@ -108,11 +101,6 @@ export function createTone({ storage = safeStorage(), Context = globalThis.Audio
     unlock();
   }
 
-  function test() {
-    unlock();
-    if (context !== null) play(pattern, context.destination, false);
-  }
-
   function play(buffer, destination, loop) {
     const source = context.createBufferSource();
     source.buffer = buffer;
@@ -124,7 +112,7 @@ export function createTone({ storage = safeStorage(), Context = globalThis.Audio
 
   function setMuted(muted) {
     tone.muted = muted;
-    storage?.setItem(KEY, String(muted));
+    remember(KEY, String(muted));
     if (volume !== null) volume.gain.value = muted ? 0 : 1;
     changed();
   }
@@ -167,12 +155,4 @@ function writePattern(context, beeps, length) {
     }
   }
   return buffer;
-}
-
-function safeStorage() {
-  try {
-    return globalThis.localStorage ?? null;
-  } catch {
-    return null; // storage is forbidden: the mute lasts until the page closes
-  }
 }

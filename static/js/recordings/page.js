@@ -1,6 +1,6 @@
 /** One recording: file, mapping, data quality, scorings, and the form that scores it. */
 
-import { previewTiles } from "../charts/recorded/preview_tiles.js";
+import { previewTiles } from "../charts/recorded/tiles.js";
 import { reason } from "../lib/api.js";
 import { loadCatalog } from "../lib/catalog.js";
 import { h } from "../lib/dom.js";

@@ -2,8 +2,6 @@
  * The recorded demonstration: a simulated flight that fails, replayed without a server's help.
  *
  * When the live demonstration is ready, the page goes there once the recording is over.
- *
- * Exports  show(element, {api, navigate}) -> {close()}
  */
 
 import { guarantee } from "../fly/alarm_panel.js";

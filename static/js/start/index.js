@@ -1,18 +1,18 @@
-/**
- * The start page: five jobs, each with a button that works at once.
- *
- * Exports  show(element, {api, navigate}) -> {close()}
- */
+/** The start page: five jobs, each with a button that works at once. */
 
 import { may, needs, reason } from "../lib/api.js";
 import { demonstration } from "../lib/demonstration.js";
 import { h } from "../lib/dom.js";
 import { button, errorLine, link } from "../lib/elements.js";
 import { canFly, fittingMonitor, startFlight } from "../lib/monitors.js";
-import { scoreExample } from "./example.js";
 import { drawPicture } from "./picture.js";
 
 const RECORDING = new URL("recording.json", import.meta.url);
+const EXAMPLE = "example-flight.csv";
+const TRIM = 5; // s
+const DEGREES = 180 / Math.PI;
+const COLUMNS = ["t_s", "beta_deg", "p_degps", "r_degps", "ay_g", "da_deg", "dr_deg"];
+const FACTORS = [DEGREES, DEGREES, DEGREES, 1, DEGREES, DEGREES];
 
 export function show(element, { api, navigate }) {
   let closed = false;
@@ -134,4 +134,32 @@ function job({ title, text, action: [words, act, attributes = {}], more }) {
     status.textContent = words;
     status.hidden = false;
   }
+}
+
+/**
+ * The address of the scoring of an example: the demonstration's flight as a recorder would have written it, after 5 s
+ * in trim; of its recording where no monitor is given.
+ */
+async function scoreExample(api, recording, monitor) {
+  const id = await uploaded(api, recording);
+  const path = `/recordings/${id}`;
+  if (monitor === undefined) return `#${path}`;
+  const { mapping, ready } = await api.get(path);
+  if (!ready) await api.put(`${path}/mapping`, { mapping });
+  const scorings = await api.get(`${path}/scorings`);
+  const scoring = scorings.find((one) => one.monitor === monitor.id) ?? (await api.post(`${path}/scorings`, { monitor: monitor.id }));
+  return `#${path}?scoring=${scoring.id}`;
+}
+
+async function uploaded(api, recording) {
+  const known = (await api.get("/recordings")).find(({ name }) => name === EXAMPLE);
+  if (known !== undefined) return known.id;
+  const file = new Blob([csvOf(recording)]);
+  return (await api.upload(`/recordings?${new URLSearchParams({ name: EXAMPLE })}`, file)).id;
+}
+
+function csvOf({ hello: { dt }, frames: { whole: { y } } }) {
+  const trim = Array.from({ length: Math.round(TRIM / dt) }, () => FACTORS.map(() => 0));
+  const rows = [...trim, ...y].map((sample, k) => [k * dt, ...sample.map((value, c) => value * FACTORS[c])]);
+  return [COLUMNS, ...rows.map((row) => row.map((value) => Number(value.toPrecision(8))))].map((row) => `${row.join(",")}\n`).join("");
 }

@@ -1,10 +1,8 @@
 /**
  * The recorded demonstration at a glance: the limited channel, its limit, the alert and the exceedance.
  *
- * Exports
- *   drawPicture(recording) -> <figure>
- *   storyOf(recording) -> {alert, exceeded, channel, limit, lead}    its alarms; the exceeded channel,
- *     its limit and the lead time in words
+ * drawPicture(recording) -> <figure>
+ * storyOf(recording) -> {alert, exceeded, channel, limit, lead}    its alarms; the exceeded channel, limit and lead in words
  */
 
 import { h, svg } from "../lib/dom.js";

@@ -1,11 +1,9 @@
 /**
  * A recorded flight that plays by the page's clock: it stands in for the server's socket and its routes.
  *
- * Exports
- *   createRecordedFlight(recording, api, ended) -> {Socket, api, moved(listener), close()}
+ * createRecordedFlight(recording, api, ended) -> {Socket, api, moved(listener), close()}     moved(t): after each sample
  *     recording: as tests/support/demonstration_recording.py writes it
  *     api: the server's, for whatever is not of this flight.   ended(): the last sample was played
- *     Socket: for createConnection.   moved(t): after each sample
  */
 
 import { ApiError } from "../lib/api.js";
@@ -28,28 +26,14 @@ export function createRecordedFlight(recording, api, ended) {
   let headline = "";
   let timers = [];
 
-  class Socket {
-    static CONNECTING = 0;
-
-    static OPEN = 1;
-
-    constructor() {
-      this.readyState = Socket.CONNECTING;
-      this.listeners = {};
-      socket = this;
-      timers.push(setTimeout(open, 0));
-    }
-
-    addEventListener(type, listener) {
-      this.listeners[type] = listener;
-    }
-
-    send() {} // credit and resume: nothing is ever held back
-
-    close() {
-      close();
-    }
+  /** Credit and resume mean nothing here: nothing is ever held back. */
+  function Socket() {
+    const listeners = {};
+    socket = { readyState: Socket.CONNECTING, listeners, addEventListener: (type, listener) => (listeners[type] = listener), send: () => {}, close };
+    timers.push(setTimeout(open, 0));
+    return socket;
   }
+  Object.assign(Socket, { CONNECTING: 0, OPEN: 1 });
 
   const send = (message) => socket?.listeners.message?.({ data: JSON.stringify(message) });
   const serverTime = () => new Date().toISOString();

@@ -90,7 +90,8 @@ def test_every_strip_shows_its_values_at_the_cursors(strips: Open) -> None:
     page = strips("seconds=4")
     run(
         page,
-        "h.feed(0, 10, 1000); h.chart.setMark('a', 8.2); h.chart.setMark('b', 9); h.draw(1000)",
+        "h.feed(0, 10, 1000); for (const [name, t] of [['a', 8.2], ['b', 9]])"
+        " h.timeline.setMark(name, t); h.draw(1000)",
     )
     for row in page.locator(".strip .readout-detail").all():
         assert re.fullmatch(r"A .+  B .+  Δ .+", row.inner_text())

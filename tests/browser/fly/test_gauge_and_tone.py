@@ -193,7 +193,7 @@ def test_the_alert_sounds_again_and_again_until_stopped_unless_muted(strips: Ope
           const Context = class extends OfflineAudioContext {
             constructor() { super(1, 4 * 22050, 22050); context = this; }
           };
-          const tone = h.createTone({ storage: null, Context });
+          const tone = h.createTone({ Context });
           tone.setMuted(muted);
           tone.start();
           const samples = (await context.startRendering()).getChannelData(0);

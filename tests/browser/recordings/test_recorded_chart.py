@@ -151,8 +151,8 @@ def test_tiles_that_do_not_come_are_asked_for_again(
 
 def test_a_window_stays_within_its_recording(scored: Page) -> None:
     seen = scored.evaluate("""async () => {
-        const { createTimeWindow } = await import("/js/charts/recorded/time_window.js");
-        const made = createTimeWindow({ start: 100, end: 36100, least: 1 });
+        const { createTimeWindow } = await import("/js/charts/time_window.js");
+        const made = createTimeWindow({ start: 100, end: 36100, width: 36000, least: 1 });
         const seen = [];
         const act = (name, ...given) => {
             made[name](...given);
@@ -164,7 +164,7 @@ def test_a_window_stays_within_its_recording(scored: Page) -> None:
         act("setWindow", 36000, 37000);
         act("zoom", 1e-9, 36050);
         act("setWindow", NaN, 5);
-        act("showAll");
+        act("goLive");
         return seen;
     }""")
     assert seen[0] == seen[1] == [100, 18100]
@@ -210,7 +210,7 @@ def test_the_coarsest_tiles_that_are_fine_enough_are_drawn(scored: Page) -> None
 
 def test_a_previews_channels_share_a_grid_and_keep_their_extremes(scored: Page) -> None:
     grid = scored.evaluate("""async () => {
-        const { previewTiles } = await import("/js/charts/recorded/preview_tiles.js");
+        const { previewTiles } = await import("/js/charts/recorded/tiles.js");
         return previewTiles({
             fast: { t: [0, 1, 2, 3, 8, 9], low: [1, 2, 3, 4, 5, 6], high: [1, 2, 3, 4, 5, 7] },
             slow: { t: [0, 4, 8], low: [-1, null, -3], high: [1, null, 3] },

@@ -4,35 +4,24 @@
  * A cell is one sample while there is room for every sample, else one pixel column with all of its
  * samples. Columns are counted from time zero, so that a trace moves without shimmering.
  *
- * Exports
- *   createCells(ring, seriesOf) -> Cells, see ../trace.js     seriesOf: Map of key -> series
- *     scan({start, step, columns, before, dt})    fills the cells; start [s] is the left edge, step
- *       [s] a pixel; `before` columns left of the edge are scanned too (for forecasts)
- *     flags   (typed array, n used) flags of each cell's samples, or-ed
- *   bandsOf(cells, frame, stale) -> [{x0, x1, kind, word}] [px]     stale: "STALE 1.2 s", or ""
- *     frame: {x, now, width, newest, samplePx}    newest: time of the newest sample [s], NaN before any
+ * createCells(ring, seriesOf) -> Cells, see ../trace.js     seriesOf: Map of key -> series
+ *     scan({start, step, columns, before, dt})    start [s] is the left edge, step [s] a pixel; `before`
+ *       columns left of the edge are scanned too (for forecasts)
+ *     flags    flags of each cell's samples, or-ed
+ * bandsOf(cells, {x, now, width, newest, samplePx}, stale) -> [{x0, x1, kind, word}] [px]     stale: "STALE 1.2 s", or ""
  */
 
-import {
-  ALERT,
-  BROKEN,
-  GAP,
-  INVALID,
-  LIMITS_UNKNOWN,
-  NOT_APPLICABLE,
-  THINNED,
-  UNASSESSED,
-  WARMING_UP,
-} from "./ring_buffer.js";
+import { STATE_WORDS } from "../../lib/states.js";
+import { BROKEN, FLAG } from "./ring_buffer.js";
 
 const DENSITY = 1; // samples a pixel up to which every sample is drawn
 const RUNS = [
-  [WARMING_UP, "warming", "WARMING UP"],
-  [UNASSESSED, "unassessed", "NOT ASSESSED"],
-  [INVALID, "invalid", "INVALID"],
-  [NOT_APPLICABLE, "invalid", "NOT APPLICABLE"],
-  [LIMITS_UNKNOWN, "invalid", "LIMITS UNKNOWN"],
-  [ALERT, "alert", "ALERT"],
+  ["warming_up", "warming"],
+  ["not_assessed", "unassessed"],
+  ["invalid", "invalid"],
+  ["not_applicable", "invalid"],
+  ["limits_unknown", "invalid"],
+  ["alert", "alert"],
 ];
 
 export function createCells(ring, seriesOf) {
@@ -137,9 +126,9 @@ export function bandsOf(cells, { x, now, width, newest, samplePx }, stale) {
   const edge = Math.max(end, x(now));
   const named = (intervals, kind, word) => intervals.map((run) => ({ ...run, kind, word }));
   return [
-    ...named(cells.gaps(GAP), "gap", "GAP"),
-    ...named(cells.gaps(THINNED), "thinned", "SKIPPED"),
-    ...RUNS.flatMap(([flag, kind, word]) => named(cells.runs(flag, edge), kind, word)),
+    ...named(cells.gaps(FLAG.gap), "gap", "GAP"),
+    ...named(cells.gaps(FLAG.thinned), "thinned", "SKIPPED"),
+    ...RUNS.flatMap(([flag, kind]) => named(cells.runs(FLAG[flag], edge), kind, STATE_WORDS[flag] ?? "ALERT")),
     ...(stale ? [{ x0: end, x1: Math.max(edge, end + 2), kind: "stale", word: stale }] : []),
   ];
 }

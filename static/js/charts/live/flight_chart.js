@@ -1,53 +1,43 @@
 /**
  * Strip charts of a flight: every channel and the risk, from a ring buffer that follows the flight.
  *
- * Exports
- *   createFlightChart(host, options) -> FlightChart
- *   aheadOf(known, frames, newest) -> ahead | null    of the newest frame that has one, or the known
- *     one while it is current;  newest: the last frame
- *   isCurrent(ahead, t) -> whether it was made by the sample at t [s] or shortly before
+ * Frame times must rise: a frame at or before the newest is not stored. A jump in t is drawn as a gap;
+ * a jump in seq (frames the server left out for display) as SKIPPED.
  *
- * options
- *   channels     [Channel], see ../strips.js, in the order of a frame's `y`
- *   alertAbove, lead [s], dt [s]       as the flight's hello says
- *   seconds 60   default width of the live window   history 180000   samples kept
- *   order        keys from top to bottom, "risk" among them; default: limited channels, others, risk
- *   forecasts    keys whose forecast is drawn; default: the limited channels
- *   timeline     one to share with other charts
- *   onExceedance({key, symbol, t, value})    a channel exceeds its limit (once, until acknowledged and over)
- *   autostart true                  false: nothing is drawn until update() is called
+ * createFlightChart(host, options) -> FlightChart
+ *     channels     [Channel], see ../strips.js, in the order of a frame's `y`
+ *     alertAbove, lead [s], dt [s]       as the flight's hello says
+ *     seconds 60   default width of the live window   history 180000   samples kept
+ *     order        keys from top to bottom, "risk" among them; default: limited channels, others, risk
+ *     forecasts    keys whose forecast is drawn; default: the limited channels
+ *     timeline     one to share with other charts
+ *     onExceedance({key, symbol, t, value})    a channel exceeds its limit (once, until acknowledged and over)
+ *     autostart true                  false: nothing is drawn until update() is called
  *
  * FlightChart
- *   push(frame | frames, wall)      {t, y, p_value, alert, state, y_hat, seq, ahead}; y by channel order;
- *                                   y_hat likewise, or by key. Returns how many were stored.
- *   insert(frames, complete)        earlier samples, where the trace jumps; complete: the sample after them follows
- *   setState({state, reason})       when it changes without a sample ("stale" by the server's clock)
+ *   push(frames, wall)              [{t, y, p_value, alert, state, y_hat, seq, ahead}]; y and y_hat by channel order
+ *   insert(frames, complete)        earlier samples; complete: the sample after them follows
+ *   setState({state, cause})        when it changes without a sample ("stale" by the server's clock)
  *   setLinked(isLinked)             whether the server is heard; STALE where it is not, also before the first sample
- *   setFlight({alertAbove, lead, dt, staleAfter}), setTransport({playing, speed})
  *   setHeld([{t, limits}])          which limits by key held for samples after t [s], null for all, since the flight began
- *   latch([{channel, t, value, over, acknowledged}], seq)    exceedances up to sample seq, which came before it did
  *   setLimits(channels, t)          new limits for samples after t [s]: null for none or unknown
- *   clear()                         after a seek, a loop, or for another flight
- *   setCursor(t), setWindow(a, b), goLive(), setMark("a" | "b", t)
- *   values(t) -> {key: number}      of the nearest sample; NaN where missing or in a gap
+ *   latch([{channel, t, value, over, acknowledged}], seq)    exceedances up to sample seq
  *   exceedances() -> [{key, t, value}], acknowledge()    latched until acknowledged and over
- *   flag({key, t, word, colour})    marks a moment in a channel's strip, or in all where key is null, for as
- *                                   long as the chart is there; colour "alert" unless given
+ *   values(t) -> {key: number}      of the nearest sample; NaN where missing or in a gap
+ *   flag({key, t, word, colour "alert"})    marks a moment in a channel's strip, or in all where key is null
  *   ahead                           forecast of the rest of a test card; null while it is not known:
  *     {made, t: [s], channels: {key: {low, high, predicted, possible}}, peak, why}
  *     made: time of the sample it was made by [s].   peak: {mean, low, high}, shares of the limit, of
  *     monitors that forecast only the peak, without t and channels.   why: reason without a forecast
  *   newest                          time of the newest sample that is drawn [s]; null for none
- *   update(wall) -> ms, destroy()   see ../strip_chart.js
- *   timeline, ring                  the parts, see their files
  *
- * Frame times must rise: a frame at or before the newest is not stored. A jump in t is drawn as a gap;
- * a jump in seq (frames the server left out for display) as SKIPPED.
+ * aheadOf(known, frames, newest) -> ahead | null    of the newest frame that has one, else the known one while it is current
+ * isCurrent(ahead, t)    whether it was made by the sample at t [s] or shortly before
  */
 
 import { leadSeconds, quantity, reading } from "../../lib/numbers.js";
 import { STATE_WORDS, stripState, WITHDRAWN } from "../../lib/states.js";
-import { cursorButtons, keysHelp, layOut } from "../layout.js";
+import { layOut } from "../layout.js";
 import { createStripChart } from "../strip_chart.js";
 import { limitedFirst, limitsByKey, limitsOf, stripOf, widest } from "../strips.js";
 import { bandsOf, createCells } from "./cells.js";
@@ -60,11 +50,6 @@ const FAR = 3000; // samples in which the last value is looked for
 const AHEAD = "90 % forecast to the end of the card";
 const OLDEST = 0.25; // s of flight that a forecast is shown for
 const UNASSESSED = ["invalid", "not_assessed", ...WITHDRAWN];
-const LAYOUT = {
-  label: "Strip charts",
-  help: keysHelp({ end: "the newest sample", follow: "follows the newest sample" }),
-  buttons: cursorButtons(["Newest", "Follow the newest sample"]),
-};
 
 export function aheadOf(known, frames, newest) {
   const frame = frames.findLast(({ ahead }) => ahead);
@@ -91,7 +76,7 @@ export function createFlightChart(host, options) {
   const source = createSource({ ring, seriesOf, strips, timeline, alertAbove, lead, dt });
   const intake = createIntake({ ring, channels, strips, source, onExceedance: options.onExceedance });
   source.setIntake(intake);
-  const layout = layOut(host, strips, LAYOUT);
+  const layout = layOut(host, strips, "Strip charts");
   const chart = createStripChart(host, { strips, source, layout, autostart: options.autostart });
   const { redraw } = chart;
 
@@ -157,16 +142,11 @@ export function createFlightChart(host, options) {
       source.isLinked = isLinked;
       redraw();
     },
-    setFlight: (given) => {
-      Object.assign(source, given);
-      timeline.setFlight(given);
-      redraw();
-    },
     latch: (given, seq) => {
       intake.restore(given, seq);
       redraw();
     },
-    setTransport: (transport, wall) => timeline.setTransport(transport, wall),
+    setTransport: timeline.setTransport,
     clear: () => {
       ring.clear();
       for (const strip of strips) strip.held = null;
@@ -175,10 +155,8 @@ export function createFlightChart(host, options) {
       source.setAhead(null);
       redraw();
     },
-    setCursor: (t) => timeline.setCursor(t),
-    setMark: (name, t) => timeline.setMark(name, t),
-    setWindow: (start, end) => timeline.setWindow(start, end),
-    goLive: () => timeline.goLive(),
+    setCursor: timeline.setCursor,
+    setWindow: timeline.setWindow,
     values: (t) => Object.fromEntries(strips.map((strip) => [strip.key, source.valuesAt(strip, t)[0].low])),
     exceedances: () => [...intake.exceedances].map(([key, { t, value }]) => ({ key, t, value })),
     acknowledge: () => {

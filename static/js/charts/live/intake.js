@@ -2,41 +2,18 @@
  * Puts a flight's frames into the ring buffer: their flags, the newest state, and the exceedances,
  * each latched until it is acknowledged and over.
  *
- * Exports
- *   createIntake({ring, channels, strips, source, onExceedance}) -> Intake
- *     strips: see ../strips.js, their series in the order channels, risk, forecasts.   source: {dt} [s]
- *
- * Intake
- *   push(frames) -> how many were stored
- *   insert(frames, complete)          earlier ones, where they belong; complete: the sample after them follows
- *   status -> {state, alert}          of the newest frame, or as set by setStatus({state, alert})
+ * createIntake({ring, channels, strips, source: {dt}, onExceedance}) -> Intake     strips: series in the order channels, risk, forecasts
+ *   push(frames) -> how many were stored;   insert(frames, complete)    earlier ones; complete: the sample after them follows
+ *   status -> {state, alert}          of the newest frame, or as set by setStatus
  *   exceedances -> Map of key -> {t, value, over}     the first exceedance and the peak since; over: it is in progress
  *   acknowledge()                     forgets those that are over; one in progress stays until it is over
  *   restore([{channel, t, value, over, acknowledged}], seq)    latched up to sample seq, as the server has them
- *   clear()
  */
 
 import { stripState } from "../../lib/states.js";
 import { holdsOf, isBeyond } from "../strips.js";
-import {
-  ALERT,
-  BROKEN,
-  GAP,
-  INVALID,
-  LIMITS_UNKNOWN,
-  NOT_APPLICABLE,
-  THINNED,
-  UNASSESSED,
-  WARMING_UP,
-} from "./ring_buffer.js";
+import { BROKEN, FLAG } from "./ring_buffer.js";
 
-const FLAG_OF = {
-  invalid: INVALID,
-  not_assessed: UNASSESSED,
-  not_applicable: NOT_APPLICABLE,
-  limits_unknown: LIMITS_UNKNOWN,
-  warming_up: WARMING_UP,
-};
 const NO_DATA = { state: "none", alert: false };
 
 export function createIntake({ ring, channels, strips, source, onExceedance }) {
@@ -92,7 +69,7 @@ export function createIntake({ ring, channels, strips, source, onExceedance }) {
       return { t: frame.t, row: Float64Array.from(rowOf(frame)), flags };
     });
     const follows = at < ring.count() ? ring.flags(at, at + 1) & ~BROKEN : 0;
-    if (!ring.insert(at, rows, follows | (complete ? gapFlag(before, end) : THINNED))) return;
+    if (!ring.insert(at, rows, follows | (complete ? gapFlag(before, end) : FLAG.thinned))) return;
     if (end === Infinity) seq = fits.at(-1).seq ?? null;
     for (const frame of fits) latchEarlier(frame);
   }
@@ -110,18 +87,18 @@ export function createIntake({ ring, channels, strips, source, onExceedance }) {
   }
 
   function gapFlag(before, t) {
-    return Number.isFinite(before) && Number.isFinite(t) && t - before > 1.5 * source.dt ? GAP : 0;
+    return Number.isFinite(before) && Number.isFinite(t) && t - before > 1.5 * source.dt ? FLAG.gap : 0;
   }
 
   function flagsOf(frame) {
     const n = ring.count();
     const thinned = n > 0 && seq !== null && frame.seq != null && frame.seq > seq + 1;
-    return stateFlags(frame) | (thinned ? THINNED : n > 0 ? gapFlag(ring.time(n - 1), frame.t) : 0);
+    return stateFlags(frame) | (thinned ? FLAG.thinned : n > 0 ? gapFlag(ring.time(n - 1), frame.t) : 0);
   }
 
   function stateFlags(frame) {
-    const alert = frame.alert === true && frame.state === "ok" ? ALERT : 0;
-    return (FLAG_OF[stripState(frame)] ?? 0) | alert;
+    const alert = frame.alert === true && frame.state === "ok" ? FLAG.alert : 0;
+    return (FLAG[stripState(frame)] ?? 0) | alert;
   }
 
   function latch({ key, symbol }, t, value) {

@@ -6,43 +6,32 @@
  * 4096), so the extent of any interval costs about the same whether it holds ten samples or all.
  * Everything is allocated once: 4 bytes a value, 9 a sample, and 29 % more for the pyramid.
  *
- * Exports
- *   INVALID, ALERT, GAP, WARMING_UP, THINNED, UNASSESSED, NOT_APPLICABLE, LIMITS_UNKNOWN, BROKEN   bits of a sample's flags
- *   createRingBuffer({series, capacity}) -> RingBuffer
- *
- * @typedef {object} RingBuffer
- * @property {number} capacity  samples it holds: the one asked for, rounded up to whole blocks
- * @property {() => number} first  number of the oldest sample held
- * @property {() => number} count  number after the newest sample
- * @property {(t: number, row: ArrayLike<number>, flags?: number) => boolean} push  append a sample;
- *   NaN is a missing value. False, and nothing stored, unless t [s] is finite and after the last one
- * @property {(at: number, rows: {t: number, row: ArrayLike<number>, flags: number}[], flags: number) => boolean} insert
- *   put samples before sample `at`, whose flags are then `flags`; their times rise and lie between
- *   those of its neighbours. False, and nothing stored, where what lies before is not held any more
- * @property {(i: number) => number} time  [s]
- * @property {(s: number, i: number) => number} value
- * @property {(from: number, to: number) => number} flags  all flags of samples from..to-1, or-ed
- * @property {(s: number, from: number, to: number, out: Float64Array) => boolean} extent  least and
- *   greatest value of samples from..to-1 into out[0], out[1]; false where all are missing
- * @property {(t: number, from?: number) => number} after  first sample at or after t, from `from` on
- * @property {(t: number) => number} nearest  sample nearest in time; -1 when empty
- * @property {() => void} clear
+ * createRingBuffer({series, capacity}) -> RingBuffer
+ *   capacity     the one asked for, rounded up to whole blocks;   first(), count()    number of the oldest sample, after the newest
+ *   push(t, row, flags) -> bool     NaN is a missing value. False, and nothing stored, unless t [s] is after the last one
+ *   insert(at, [{t, row, flags}], flags) -> bool     before sample `at`, whose flags are then `flags`; times rise and lie
+ *     between those of the neighbours. False, and nothing stored, where what lies before is not held any more
+ *   time(i) [s], value(s, i), flags(from, to)    flags of samples from..to-1, or-ed
+ *   extent(s, from, to, out) -> bool     least and greatest value into out; false where all are missing
+ *   after(t, from) -> first sample at or after t;   nearest(t) -> -1 when empty;   clear()
  */
 
-export const INVALID = 1;
-export const ALERT = 2;
-export const GAP = 4; // samples are missing before this one
-export const WARMING_UP = 8;
-export const THINNED = 16; // samples before this one were left out for display
-export const BROKEN = GAP | THINNED; // nothing is known between this sample and the one before
-export const UNASSESSED = 32; // between the manoeuvres of a recording
-export const NOT_APPLICABLE = 64; // other limits are in force than the monitor's
-export const LIMITS_UNKNOWN = 128; // the limits in force are not known
+/** Bits of a sample's flags; those with the name of a state are set by it. */
+export const FLAG = {
+  invalid: 1,
+  alert: 2,
+  gap: 4, // samples are missing before this one
+  warming_up: 8,
+  thinned: 16, // samples before this one were left out for display
+  not_assessed: 32,
+  not_applicable: 64,
+  limits_unknown: 128,
+};
+export const BROKEN = FLAG.gap | FLAG.thinned; // nothing is known between this sample and the one before
 
 const SHIFTS = [12, 9, 6, 3]; // coarsest first
 const COARSEST = 1 << SHIFTS[0];
 
-/** @param {{series: number, capacity?: number}} options @returns {RingBuffer} */
 export function createRingBuffer({ series, capacity = 180_000 }) {
   const size = Math.ceil(capacity / COARSEST) * COARSEST;
   const times = new Float64Array(size);

@@ -1,38 +1,25 @@
 /**
- * The time that every strip shares: the clock of the flight, the visible window, the cursors.
+ * The time that every strip shares: the clock of the flight, and the window that follows it.
  *
  * The right edge runs by the wall clock, not by packets: when data stops it moves on, and the
  * strips show how old the last sample is. While the flight is paused or over it stands still.
  * Flight time t is in seconds; wall times are `performance.now()` in milliseconds.
  *
- * Exports
- *   createTimeline({seconds, dt, lead, staleAfter, start}) -> Timeline
- *     seconds 60: default width of the live window [s].   dt 0.02: sample interval [s].
- *     start: time of the first sample [s], which a live window does not begin before.
- *     lead 0: how far forecasts reach past now [s].   staleAfter 0.25: age that is too great, at speed 1 [s].
- *
- * Timeline
- *   setFlight({dt, lead, staleAfter})     what a new flight says of itself
+ * createTimeline({seconds, dt, lead, staleAfter, start}) -> Timeline, with all of TimeWindow of ../time_window.js
+ *     seconds: width of the live window.   start: time of the first sample, which a live window does not begin before
+ *     lead: how far forecasts reach past now.   staleAfter: age that is too great, at speed 1
+ *   setFlight({dt, lead, staleAfter})
  *   setRoom(seconds)                      forecasts reach so far past now, too: a live window has room for the farthest
- *   observe(t, wall)                      a sample of time t has arrived
- *   heard(wall)                           samples have arrived that are not shown yet
+ *   observe(t, wall)                      a sample of time t has arrived;   heard(wall)   samples that are not shown yet
  *   begin(wall)                           the page begins to listen: it calls nothing stale before SETTLED
- *   setTransport({playing, speed})        what the server's transport says
- *   playing                               whether the flight's clock runs
+ *   setTransport({playing, speed}, wall), playing     whether the flight's clock runs
  *   now(wall) -> t | NaN                  flight time at the right edge; NaN before any sample
  *   setAge(ageAt)                         ageAt(wall) -> s | NaN: how old the newest sample is, where more is known than when it arrived
- *   age(wall) -> s | NaN                  age of the newest sample; since it arrived unless more is known
- *   staleAfter                            age from which on it is too great [s], as the server counts
- *   stale(wall) -> boolean                whether it is, for a flight that plays
- *   reset()                               forget the flight: window live, no cursors
- *   view(wall) -> {start, end, now, live} what is visible [s]
- *   setWindow(start, end), pan(seconds, wall)   hold the window there
- *   zoom(factor, t, wall)                 t keeps its place; a live window stays live
- *   hold(wall), goLive()                  stop following; follow again at the default width
- *   and all of Cursors, see ../cursors.js; its revision counts changes of the window too
+ *   age(wall) -> s | NaN                  of the newest sample; since it arrived unless more is known
+ *   staleAfter, stale(wall)               age from which on it is too great [s]; whether it is, for a flight that plays
  */
 
-import { createCursors } from "../cursors.js";
+import { createTimeWindow } from "../time_window.js";
 
 const LONGEST = 3600;
 const SHORTEST = 0.25;
@@ -44,21 +31,19 @@ const SILENT = 0.4; // of a live window, at most, that shows no samples: the las
 export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter = 0.25, start = -Infinity } = {}) {
   const flight = { dt, lead, staleAfter, room: 0 };
   const clock = { t: NaN, wall: NaN, newest: NaN, arrived: NaN, speed: 1, playing: true };
-  const cursors = createCursors();
-  const { changed } = cursors;
-  let width = seconds;
+  const shown = createTimeWindow({ width: seconds, least: SHORTEST, longest: LONGEST, follow });
+  const { changed } = shown;
   let settled = -Infinity;
   let ageAt = () => NaN;
-  let held = null; // start of a held window [s]
 
   const timeline = {
-    __proto__: cursors,
+    __proto__: shown,
     setFlight: (given) => {
       Object.assign(flight, given);
       changed();
     },
     setRoom: (seconds) => {
-      if (seconds > flight.room) flight.room = Math.min(seconds, ROOM * width);
+      if (seconds > flight.room) flight.room = Math.min(seconds, ROOM * shown.width);
     },
     observe,
     heard: (wall) => {
@@ -85,19 +70,7 @@ export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter =
     stale: (wall) => clock.playing && wall > settled && silence(wall) > timeline.staleAfter,
     reset: () => {
       Object.assign(clock, { t: NaN, wall: NaN, newest: NaN, arrived: NaN });
-      if (held !== null) width = seconds; // a live window keeps its zoom over a loop
-      held = null;
-      cursors.setCursor(null);
-      cursors.clearMarks();
-    },
-    view,
-    setWindow,
-    pan: (by, wall) => setWindow(view(wall).start + by, view(wall).end + by),
-    zoom,
-    hold: (wall) => setWindow(view(wall).start, view(wall).end),
-    goLive: () => {
-      [held, width] = [null, seconds];
-      changed();
+      shown.forget();
     },
   };
 
@@ -125,32 +98,12 @@ export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter =
     changed();
   }
 
-  function view(wall) {
+  function follow(width, wall) {
     const edge = now(wall);
-    if (held !== null) return { start: held, end: held + width, now: edge, live: false };
-    const last = Math.min(edge, clock.newest + SILENT * width);
-    const end = Math.max((Number.isNaN(edge) ? 0 : last) + Math.max(flight.lead, flight.room), start + width);
-    return { start: end - width, end, now: edge, live: true };
-  }
-
-  function setWindow(start, end) {
-    if (!(Number.isFinite(start) && end > start)) return;
-    width = clampWidth(end - start);
-    held = (start + end - width) / 2;
-    changed();
-  }
-
-  function zoom(factor, t, wall) {
-    const seen = view(wall);
-    const wanted = clampWidth(width * factor);
-    if (!seen.live) held = t - ((t - seen.start) * wanted) / width;
-    width = wanted;
-    changed();
+    const last = Number.isNaN(edge) ? 0 : Math.min(edge, clock.newest + SILENT * width);
+    const end = Math.max(last + Math.max(flight.lead, flight.room), start + width);
+    return { start: end - width, end, now: edge };
   }
 
   return timeline;
-}
-
-function clampWidth(width) {
-  return Math.min(LONGEST, Math.max(SHORTEST, width));
 }

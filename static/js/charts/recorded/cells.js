@@ -1,15 +1,12 @@
 /**
  * The bins of a set of tiles in the window, and the bands of a recording's strips.
  *
- * Exports
- *   cellsOf(set, manoeuvres, {view, step, x}) -> Cells, see ../trace.js;  null where there are none
- *     set: TileSet | null.   manoeuvres: [{start, end}] [s], each with its own trim, or null
- *   bandsOf(cells, manoeuvres, x, all) -> [{x0, x1, kind, word}] [px]: gaps, alerts, and intervals
- *     without an assessment
- *     manoeuvres: [{start, end, withdrawn, silent}], or null for none known;
- *     withdrawn: [s] or null.   silent: [{start, end, word}] where other limits are in force
+ * cellsOf(set, manoeuvres, {view, step, x}) -> Cells | null, see ../trace.js     each manoeuvre has its own trim
+ * bandsOf(cells, manoeuvres, x, all) -> [{x0, x1, kind, word}] [px]: gaps, alerts, intervals without an assessment
+ *     manoeuvres: [{start, end, withdrawn, silent}], or null for none known; withdrawn: [s] or null
+ *     silent: [{start, end, word}] where other limits are in force
  *     all: manoeuvres of every recording laid over; nothing is assessed outside of them
- *   between(manoeuvres, x) -> [{x0, x1}] [px]: before, between and after them
+ * between(manoeuvres, x) -> [{x0, x1}] [px]: before, between and after them
  */
 
 const DENSE = 0.9; // px a bin below which bins are drawn as an area

@@ -1,23 +1,17 @@
 /**
- * The whole recording in one low bar: risk, manoeuvres, and the interval shown.
+ * The whole recording in one low bar: risk, manoeuvres, and the interval shown. Press or drag to move it.
  *
- * Exports
- *   createOverviewBar(canvas, options) -> {canvas, draw(frame), resize(...), setPalette(palette)}
- *     options: {timeWindow, start, end, key, entire(), manoeuvres}
+ * createOverviewBar(canvas, {timeWindow, start, end, key, entire, manoeuvres}) -> Sheet with draw(frame), see ../layout.js
  *     key: the series drawn, "risk" or a channel's.   entire() -> TileSet | null of all
- *
- * Press or drag to move the window. The keys of the strips do the same.
  */
 
-import { sizeCanvas } from "../layout.js";
-import { GUTTER } from "../strip_frame.js";
+import { createSheet, GUTTER } from "../layout.js";
 
 export function createOverviewBar(canvas, options) {
   const { timeWindow, start, end, key, entire, manoeuvres } = options;
-  const pen = canvas.getContext("2d", { alpha: false });
-  let size = { width: 1, height: 1, ratio: 1 };
-  let palette = {};
-  const width = () => Math.max(1, size.width - GUTTER);
+  const sheet = createSheet(canvas);
+  const { pen } = sheet;
+  const width = () => Math.max(1, sheet.width - GUTTER);
   const x = (t) => ((t - start) / (end - start)) * width();
 
   canvas.addEventListener("pointerdown", (event) => {
@@ -38,32 +32,26 @@ export function createOverviewBar(canvas, options) {
 
   function draw({ alertAbove, view }) {
     const set = entire();
-    pen.setTransform(size.ratio, 0, 0, size.ratio, 0, 0);
-    pen.fillStyle = palette.panel;
-    pen.fillRect(0, 0, size.width, size.height);
-    pen.font = `12px ${palette.font}`;
-    pen.textAlign = "right";
-    pen.textBaseline = "middle";
-    pen.fillStyle = palette.dim;
-    pen.fillText("all", GUTTER - 6, size.height / 2);
-    pen.translate(GUTTER, 0);
+    const { height, palette } = sheet;
+    sheet.clear("all");
     pen.fillStyle = palette.grid;
-    pen.fillRect(0, 0, width(), size.height);
+    pen.fillRect(0, 0, width(), height);
     if (set) drawSeries(set, alertAbove);
     for (const manoeuvre of manoeuvres) {
       pen.fillStyle = palette.text;
       const [x0, x1] = [x(manoeuvre.start), x(manoeuvre.end)];
-      pen.fillRect(x0, size.height - 3, Math.max(2, x1 - x0), 3);
+      pen.fillRect(x0, height - 3, Math.max(2, x1 - x0), 3);
     }
     drawWindow(view);
   }
 
   function drawSeries(set, alertAbove) {
     const risk = key === "risk";
+    const { height, palette } = sheet;
     const shown = set.series(key);
     const low = risk ? 0 : Math.min(...finite(shown.low));
     const high = risk ? 1 : Math.max(...finite(shown.high));
-    const room = size.height - 4;
+    const room = height - 4;
     const y = (value) => {
       const share = (value - low) / (high - low || 1);
       return room - (risk ? Math.sqrt(Math.max(0, share)) : share) * (room - 2);
@@ -90,27 +78,19 @@ export function createOverviewBar(canvas, options) {
 
   function drawWindow(view) {
     const [x0, x1] = [x(view.start), x(view.end)];
+    const { height, palette } = sheet;
     if (x1 - x0 > width() - 1) return;
     pen.fillStyle = palette.panel;
     pen.globalAlpha = 0.55;
-    pen.fillRect(0, 0, x0, size.height);
-    pen.fillRect(x1, 0, width() - x1, size.height);
+    pen.fillRect(0, 0, x0, height);
+    pen.fillRect(x1, 0, width() - x1, height);
     pen.globalAlpha = 1;
     pen.strokeStyle = palette.cursor;
     pen.lineWidth = 2;
-    pen.strokeRect(x0 + 1, 1, Math.max(4, x1 - x0) - 2, size.height - 2);
+    pen.strokeRect(x0 + 1, 1, Math.max(4, x1 - x0) - 2, height - 2);
   }
 
-  return {
-    canvas,
-    draw,
-    resize: (...given) => {
-      size = sizeCanvas(canvas, ...given);
-    },
-    setPalette: (given) => {
-      palette = given;
-    },
-  };
+  return Object.assign(sheet, { draw });
 }
 
 function finite(values) {

@@ -4,25 +4,22 @@
  * Between manoeuvres a trace is faint, since nothing is assessed there. Withdrawn risk is grey with
  * the word INVALID; a second recording laid over the first is dashed, in another colour.
  *
- * Exports
- *   createRecordingChart(host, options) -> RecordingChart
- *
- * options
- *   channels    [Channel], see ../strips.js      order    keys from top to bottom
- *   sources     one or two: [{load(start, end, bins) -> Promise<tiles>, start, end, dt, offset, manoeuvres}]
- *               start, end: in the chart's time, which is the recording's own less `offset` [s];
- *               manoeuvres: [{start, end, withdrawn}] of its manoeuvres in the chart's time, or null
- *   held        [{start, end, limits}]    limits by key in force from start to end, null if unknown;
- *               by default the channels' own
- *   alertAbove     of the risk strip, which is there where it is in `order`
- *   label       for screen readers
- *   flags       [{key, t, word}]    moments that are marked in a channel's strip
- *   key         of the recording: a redraw, as in other units, keeps its window and cursors
- *   chosen(item)      a manoeuvre or marker of the lane was pressed
- *   went(event)       the reader asked for an event; by default its time is brought into view
+ * createRecordingChart(host, options) -> RecordingChart
+ *     channels    [Channel], see ../strips.js      order    keys from top to bottom
+ *     sources     one or two: [{load(start, end, bins) -> Promise<tiles>, start, end, dt, offset, manoeuvres}]
+ *                 start, end: in the chart's time, which is the recording's own less `offset` [s];
+ *                 manoeuvres: [{start, end, withdrawn}] of its manoeuvres in the chart's time, or null
+ *     held        [{start, end, limits}]    limits by key in force from start to end, null if unknown;
+ *                 by default the channels' own
+ *     flags       [{key, t, word}]    moments that are marked in a channel's strip
+ *     key         of the recording: a redraw, as in other units, keeps its window and cursors
+ *     chosen(item)      a manoeuvre or marker of the lane was pressed
+ *     went(event)       the reader asked for an event; by default its time is brought into view
  *
  * RecordingChart
- *   setLane(items), setEvents([{t, ...}])    for the lane, see event_lane.js
+ *   setLane([{id, row, start, end | null, text, short, mark, level, title, quiet}])     row: 0 is the top one
+ *     short: used where the text does not fit; mark: sign of the level, besides its colour; quiet: only a bar, no button
+ *   setEvents([{t, ...}])       that the keys N and P step through
  *   show(start, end), setCursor(t), setMarking(bool)   marking: a drag sets A and B
  *   reload()                    forgets the tiles: the sources have new ones
  *   window, destroy()
@@ -32,42 +29,47 @@ import { reason } from "../../lib/api.js";
 import { h } from "../../lib/dom.js";
 import { button } from "../../lib/elements.js";
 import { durationText, formatTime, formatValue, shownIn } from "../../lib/numbers.js";
-import { cursorButtons, keysHelp, layOut } from "../layout.js";
+import { layOut } from "../layout.js";
 import { NOTHING, rangeText } from "../readings.js";
 import { createStripChart } from "../strip_chart.js";
 import { limitsByKey, stripOf, widest } from "../strips.js";
+import { createTimeWindow } from "../time_window.js";
 import { bandsOf, between, cellsOf } from "./cells.js";
-import { createEventLane } from "./event_lane.js";
 import { createOverviewBar } from "./overview_bar.js";
 import { createTileCache } from "./tiles.js";
-import { createTimeWindow } from "./time_window.js";
 
 const NARROW_AFTER = 400; // ms until an axis that is too wide narrows
 const EDGE = 0.03; // share of the window; an event nearer to its edge is moved inside
+const ROW = 26; // px
+const THIN = 16; // px a manoeuvre below which only its bar is seen
 const COLOURS = ["trace", "forecast"];
 const FAINT = 0.5;
-const BUTTONS = [
-  ["back", "◀ Event", "Go to the event before (key P)"],
-  ["next", "Event ▶", "Go to the next event (key N)"],
-  ...cursorButtons(["All", "Show all of the recording"]),
-];
-const HELP = keysHelp({
-  end: "the recording's end",
-  follow: "shows the entire recording",
-  more: "N and P go to the next event and the one before; ",
-});
+
+const windows = new Map(); // of charts that may be drawn again
+addEventListener("hashchange", () => windows.clear());
+
+/** The window of the chart's last drawing, else one of all. */
+function windowOf(key, start, end, dt) {
+  const name = `${key} ${start} ${end}`;
+  const width = Math.max(end - start, 1e-3);
+  const least = Math.min(width, 20 * dt);
+  const known = key && windows.get(name);
+  const timeWindow = known || createTimeWindow({ width, least, start, end: start + width });
+  timeWindow.setHover(null);
+  if (key) windows.set(name, timeWindow);
+  return timeWindow;
+}
 
 export function createRecordingChart(host, options) {
   const { sources, label = "Recording" } = options;
   const start = Math.min(...sources.map((source) => source.start));
   const end = Math.max(...sources.map((source) => source.end));
   const dt = Math.min(...sources.map((source) => source.dt));
-  const least = Math.min(end - start, 20 * dt);
-  const timeWindow = createTimeWindow({ start, end, least, key: options.key });
+  const timeWindow = windowOf(options.key, start, end, dt);
   const strips = options.order.map((key) =>
     withHeld(stripOf(key, options.channels, { narrowAfter: NARROW_AFTER }), options.held),
   );
-  const layout = layOut(host, strips, { label, help: HELP, buttons: BUTTONS });
+  const layout = layOut(host, strips, label);
   const { lane: laneHost, overview, fail } = layOutMore(host, layout);
   const lane = createEventLane(laneHost, { chosen: (item) => options.chosen?.(item) });
   const source = createSource(sources, { ...options, timeWindow, dt, end, fail });
@@ -83,7 +85,7 @@ export function createRecordingChart(host, options) {
     strips,
     source,
     layout,
-    extras: [bar, { ...lane, canvas: laneHost, resize: () => {}, setPalette: () => {} }],
+    extras: [bar, lane],
     steps: { back: () => go(-1), next: () => go(1) },
   });
   let events = [];
@@ -266,4 +268,59 @@ function createSource(sources, { timeWindow, dt, end, alertAbove = NaN, flags = 
     },
     close: () => caches.forEach((cache) => cache.close()),
   };
+}
+
+/** Above the strips: manoeuvres with their outcome, markers and notes. chosen(item): one was pressed. */
+function createEventLane(element, { chosen }) {
+  const plot = h("div", { class: "lane-plot" });
+  element.classList.add("event-lane");
+  element.append(plot);
+  let parts = [];
+
+  function show(items) {
+    parts = items.map((item) => ({ item, element: elementOf(item) }));
+    plot.replaceChildren(...parts.map((part) => part.element));
+    const rows = Math.max(0, ...items.map(({ row }) => row + 1));
+    element.hidden = rows === 0;
+    plot.style.height = `${rows * ROW}px`;
+  }
+
+  function elementOf(item) {
+    const words = h(
+      "span.lane-words",
+      h("span.lane-mark", { "aria-hidden": true }, item.mark ?? ""),
+      h("span.lane-long", item.text),
+      item.short && h("span.lane-short", item.short),
+    );
+    words.classList.toggle("lane-fits", Boolean(item.short));
+    const attributes = {
+      class: item.end === null ? "lane-item lane-flag" : "lane-item",
+      "data-level": item.level,
+      "data-item": item.id,
+      title: item.title,
+      style: `top: ${item.row * ROW}px`,
+    };
+    if (item.quiet) return h("span", attributes, words);
+    const label = `${item.title ?? item.text}. Show it.`;
+    const press = () => chosen(item); // by key: from the tables and lists that name the same
+    return h("button", { type: "button", tabindex: -1, ...attributes, "aria-label": label, onclick: press }, words);
+  }
+
+  function draw({ view: { start, end } }) {
+    const share = (t) => (100 * (t - start)) / (end - start);
+    const thin = (100 * THIN) / Math.max(1, plot.clientWidth);
+    for (const { item, element: part } of parts) {
+      const [from, to] = [share(item.start), share(item.end ?? item.start)];
+      part.hidden = to < 0 || from > 100;
+      if (part.hidden) continue;
+      const left = Math.max(0, from);
+      part.style.left = `${left}%`;
+      part.style.width = item.end === null ? "" : `${Math.min(100, to) - left}%`;
+      part.toggleAttribute("data-thin", item.end !== null && to - from < thin);
+      part.toggleAttribute("data-cut-left", from < -0.01);
+      part.toggleAttribute("data-cut-right", to > 100.01);
+    }
+  }
+
+  return { show, draw };
 }

@@ -1,26 +1,25 @@
 /**
  * Least and greatest values of a recording, bin by bin, fetched for the window as it moves.
  *
- * Exports
- *   createTileCache({load, start, end, dt, offset, arrived, failed}) -> TileCache
- *     load(start, end, bins) -> Promise<answer>, in the recording's own time; offset [s] is taken from
- *       its times; dt [s] is the samples' interval
- *     want(view, pixels)    fetches what is missing for this window, once it rests
- *     best(view, pixels) -> TileSet | null    the coarsest that is fine enough, else the finest
- *     entire() -> TileSet | null, clear(), close()
- *     after failed(error) nothing is fetched until retry()
+ * createTileCache({load, start, end, dt, offset, arrived, failed}) -> TileCache
+ *     load(start, end, bins) -> Promise<answer>, in the recording's own time; offset [s] is taken from its times
+ *   want(view, pixels)    fetches what is missing for this window, once it rests; not after failed(error) until retry()
+ *   best(view, pixels) -> TileSet | null    the coarsest that is fine enough, else the finest
+ *   entire() -> TileSet | null, clear(), close()
+ * previewTiles({key: {t, low, high}}) -> {start, end, step, t, channels: {key: {low, high}}} | null
+ *     a preview's channels, each in bins of its own, on one time grid, for a recording that is not scored yet
  *
  * TileSet
  *   start, end, fine [s]                 as requested: a step of `fine` or a little more
  *   step [s], n, x0 (start of each bin [s]), at (time of its values [s])
- *   keys(), series(key) -> {low, high}   channels; typed arrays, NaN where unknown; "risk" and
- *                                        "withdrawn" are series too
+ *   keys(), series(key) -> {low, high}   channels, "risk" and "withdrawn"; typed arrays, NaN where unknown
  *   state, alert                         a bin's worst state (code) and whether it alerts
  *   valueAt(key, t), rangeOf(key, {start, end}) -> {low, high}     NaN where nothing is known
  */
 
 const REST = 70; // ms without a change of the window before a request
 const KEPT = 24; // sets
+const MOST_BINS = 8000; // bins; a gap of hours in a short file would ask for more
 const NONE = { low: new Float32Array(0), high: new Float32Array(0) };
 
 function tileSet(answer, { offset = 0, dt = 0 } = {}) {
@@ -147,4 +146,43 @@ export function createTileCache({ load, start, end, dt, offset = 0, arrived, fai
       clearTimeout(timer);
     },
   };
+}
+
+export function previewTiles(channels) {
+  const given = Object.entries(channels).filter(([, { t }]) => t.length > 1);
+  if (!given.length) return null;
+  const widths = new Map(given.map(([key, { t }]) => [key, widthOf(t)]));
+  const start = Math.min(...given.map(([, { t }]) => t[0]));
+  const end = Math.max(...given.map(([key, { t }]) => t.at(-1) + widths.get(key)));
+  const n = Math.min(MOST_BINS, Math.max(1, Math.round((end - start) / Math.min(...widths.values()))));
+  const step = (end - start) / n;
+  return {
+    start,
+    end,
+    step,
+    t: Array.from({ length: n }, (_, k) => start + k * step),
+    channels: Object.fromEntries(
+      given.map(([key, tiles]) => [key, onGrid(tiles, widths.get(key), start, step, n)]),
+    ),
+  };
+}
+
+/** The usual length of a bin; those beside a gap are longer. */
+function widthOf(t) {
+  const steps = t.slice(1).map((time, k) => time - t[k]);
+  return steps.sort((a, b) => a - b)[steps.length >> 1];
+}
+
+function onGrid({ t, low, high }, width, start, step, n) {
+  const grid = { low: new Array(n).fill(null), high: new Array(n).fill(null) };
+  t.forEach((time, k) => {
+    if (low[k] === null) return;
+    const from = Math.min(n - 1, Math.round((time - start) / step));
+    const to = Math.min(n, Math.max(from + 1, Math.round((time + width - start) / step)));
+    for (let i = from; i < to; i++) {
+      grid.low[i] = Math.min(grid.low[i] ?? Infinity, low[k]);
+      grid.high[i] = Math.max(grid.high[i] ?? -Infinity, high[k]);
+    }
+  });
+  return grid;
 }

@@ -1,25 +1,18 @@
 /**
  * The monitor's assessments of a flight, sample by sample, on the strips, the gauge and the alarm line.
  *
- * Exports
- *   createAssessmentDisplay(panels, {hello, history, alarm, events, onExceedance}) -> Display
- *     history: a SeekHistory.   onExceedance({key, symbol, t, value, seen})    seen: before a point that
- *     was sought, so not flown now
- *
- * Display
+ * createAssessmentDisplay(panels, {hello, history, alarm, events, onExceedance}) -> Display
+ *     history: a SeekHistory.   onExceedance({key, symbol, t, value})
  *   onFrames(frames)           newest last; returns the newest that is shown, or null
- *   restart(t, held) -> Promise<frames | null>    after a seek or a loop: draws what lies before t [s]; held(): which limits held there, as hello has them
+ *   restart(t, held) -> Promise<frames | null>    after a seek or a loop: draws what lies before t [s]; held() as of hello
  *   forget()                   clears the strips: the samples shown were lost
  *   setAssessment({state, reason, cause}, quiet)    as the server says it, without a sample
  *   setHeadline({status, level, beside})     as the server decided it
  *   setLinked(boolean)         whether the server is heard: false from the first missed heartbeat on
  *   lose(), resume()           the connection; after it the newest sample counts again
  *   refresh(wall) -> Headline      draws the gauge; returns the headline for every view, stale where samples stopped
- *   withdrawal, staleAfter         cause of the newest invalid sample; age that counts as stale [s]
- *   cause                          why it is stale; empty where the server gave no reason
- *   seq                            of the newest sample; -1 for none
- *   t                          of the newest sample, or the time at which the flight continues [s]
- *   timeline, chart, close()
+ *   withdrawal, cause          cause of the newest invalid sample; why it is stale, empty without a reason
+ *   seq, t                     of the newest sample; -1 and null for none
  */
 
 import { createFlightChart } from "../../charts/live/flight_chart.js";
@@ -41,8 +34,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   const timeline = createTimeline({ seconds: windowOf(hello), staleAfter: hello.stale_after, start: hello.transport.start });
   timeline.begin(performance.now());
   const gauge = createRiskGauge(panels.gauge, { timeline, led: true });
-  const ahead = createRiskAhead(panels.ahead);
-  ahead.describe(hello.monitors);
+  const ahead = createRiskAhead(panels.ahead, hello.monitors);
   const rest = createRestOfCard(panels.rest, hello.no_rest);
   const chart = createFlightChart(panels.strips, {
     channels,
@@ -50,7 +42,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     lead,
     dt,
     timeline,
-    onExceedance: exceeds,
+    onExceedance,
   });
   let assessment = { state: null, reason: "", cause: null };
   let newest = null; // frame
@@ -59,7 +51,6 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
   let origin = 0; // where the flight continues from, before its next sample [s]
   let decided = hello; // the server's headline
   let linked = true;
-  let seen = false; // the samples pushed lie before a point that was sought
   let late = null; // the server's state for samples that arrive late
 
   function onFrames(frames) {
@@ -130,14 +121,8 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     if (read === null) return null;
     chart.clear();
     if (held().length > 0) chart.setHeld(held());
-    seen = true;
     if (read.before.length > 0) chart.push(read.before);
-    seen = false;
     return onFrames(read.frames);
-  }
-
-  function exceeds({ key, symbol, t, value }) {
-    onExceedance({ key, symbol, t, value, seen });
   }
 
   /** The server's state: stale stays until the server changes it. */

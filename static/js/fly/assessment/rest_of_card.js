@@ -3,8 +3,7 @@
  *
  * Where nothing is forecast, it gives the reason; a method that never forecasts is hidden.
  *
- * Exports
- *   createRestOfCard(element, noRest) -> {show(ahead, {t, channels, state}), draw(stale)}
+ * createRestOfCard(element, noRest) -> {show(ahead, {t, channels, state}), draw(stale)}
  *     noRest: why the monitor never forecasts it; empty where it does
  *     ahead: see charts/live/flight_chart.js; t, state: of the newest sample [s], as shown; null for none
  */

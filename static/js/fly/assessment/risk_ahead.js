@@ -4,15 +4,9 @@
  * A bar and a number only where the sample was assessed, else a word. One monitor raises the alarms, and
  * its row is marked; the others are for display only.
  *
- * Exports
- *   createRiskAhead(element) -> RiskAhead
- *   rolesOf(monitor) -> string     "raises the alarms" or "display only"
- *   summaryLines(monitors, frames) -> elements     each monitor's result on an ended flight
- *
- * RiskAhead
- *   describe(monitors)    as hello has them, the alarm authority first; hidden for a single one
- *   onFrame(frame)        the newest sample; null for none
- *   draw(stale)           stale: the display is out of date
+ * createRiskAhead(element, monitors) -> {onFrame(frame), draw(stale)}     hidden for a single monitor
+ *     monitors: as hello has them, the alarm authority first.   frame: the newest; null for none
+ * summaryLines(monitors, frames) -> elements     each monitor's result on an ended flight
  */
 
 import { shownState, STATE_WORDS, withdrawnWord } from "../../lib/states.js";
@@ -21,25 +15,22 @@ import { formatTime, leadSeconds, riskText } from "../../lib/numbers.js";
 
 const share = (risk) => `${100 * Math.sqrt(Math.min(1, Math.max(0, risk)))}%`; // as on the gauge
 
-export const rolesOf = ({ authority }) => (authority ? "raises the alarms" : "display only");
+const rolesOf = ({ authority }) => (authority ? "raises the alarms" : "display only");
 
-export function createRiskAhead(element) {
+const byLead = (monitors) =>
+  monitors.map((monitor, position) => ({ monitor, position })).sort((a, b) => a.monitor.lead - b.monitor.lead);
+
+export function createRiskAhead(element, monitors) {
+  const rows = byLead(monitors).map(rowOf);
+  let newest = null;
   element.classList.add("risk-ahead");
   element.setAttribute("aria-label", "Risk against time ahead");
-  element.hidden = true;
-  let rows = [];
-  let newest = null;
-
-  function describe(monitors) {
-    rows = monitors.map((monitor, position) => rowOf(monitor, position)).sort((a, b) => a.monitor.lead - b.monitor.lead);
-    element.hidden = rows.length < 2;
-    element.replaceChildren(h("h2", { class: "risk-ahead-heading" }, "risk against time ahead"), h("ul", {}, ...rows.map((row) => row.line)));
-    draw(false);
-  }
+  element.hidden = rows.length < 2;
+  element.replaceChildren(h("h2.risk-ahead-heading", "risk against time ahead"), h("ul", rows.map(({ line }) => line)));
+  draw(false);
 
   function draw(stale) {
-    if (element.hidden) return;
-    for (const row of rows) show(row, readingOf(row, stale));
+    if (!element.hidden) for (const row of rows) show(row, readingOf(row, stale));
   }
 
   /** The monitor's assessment of the newest sample, or the state in its place. */
@@ -50,7 +41,6 @@ export function createRiskAhead(element) {
   }
 
   return {
-    describe,
     onFrame: (frame) => {
       newest = frame;
     },
@@ -60,7 +50,7 @@ export function createRiskAhead(element) {
 
 const assessmentOf = (frame, position) => (position === 0 ? frame : frame.display?.[position - 1]);
 
-function rowOf(monitor, position) {
+function rowOf({ monitor, position }) {
   const value = h("span", { class: "ahead-value" });
   const bar = h("span", { class: "ahead-bar" });
   const threshold = h("span", { class: "ahead-threshold" });
@@ -93,8 +83,7 @@ function show({ monitor, line, value, bar }, { state, reason, cause, p_value: ri
 
 export function summaryLines(monitors, frames) {
   if (monitors.length < 2) return [];
-  const each = monitors.map((monitor, position) => ({ monitor, position })).sort((a, b) => a.monitor.lead - b.monitor.lead);
-  return each.map(({ monitor, position }) => {
+  return byLead(monitors).map(({ monitor, position }) => {
     let highest = -Infinity;
     let first = null;
     for (const frame of frames) {

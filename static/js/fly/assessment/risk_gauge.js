@@ -3,19 +3,18 @@
  *
  * The word is the flight's headline, its worst condition; each has a shape and the colour of its level.
  * There is a number only where the sample was assessed; otherwise the dial is hatched grey and shows the word.
+ * Risks are spaced by their square root, as on the risk strip.
  *
- * Exports
- *   createRiskGauge(element, {timeline, led}) -> {update(reading), draw(wall, headline), destroy()}
+ * createRiskGauge(element, {timeline, led}) -> {update(reading), draw(wall, headline), destroy()}
  *     led: drawn by `draw` alone, with the flight's headline; else by itself, with that of the sample
- *     reading: {p_value, alertAbove, state, alert, reason, note, result}, any frame with its alertAbove will do;
- *     note: below the number; last, said: risk and cause of the last sample, where none follows; result: {words, level} of an ended flight; state
- *       ok, warming_up, stale, invalid (between manoeuvres: NOT ASSESSED), over (the flight has ended), or null for no data.
- *     timeline: the strips' clock; with it the gauge turns stale when samples stop.
- *     Risks are spaced by their square root, as on the risk strip.
+ *     timeline: the strips' clock; with it the gauge turns stale when samples stop
+ *     reading: {p_value, alertAbove, state, alert, reason, note, result, last, said}, as a frame has them
+ *       state: also over (the flight has ended), or null for no data.   note: below the number
+ *       last, said: risk and cause of the last sample, where none follows.   result: {words, level} of an ended flight
  */
 
 import { shownState } from "../../lib/states.js";
-import { h, svg as svgElement } from "../../lib/dom.js";
+import { h, svg } from "../../lib/dom.js";
 import { addDrawer } from "../../lib/draw_loop.js";
 import { figure, riskText } from "../../lib/numbers.js";
 import { besideOf, FACES, headlineOf, ofSample, staleText, wordOf } from "../headline.js";
@@ -49,32 +48,27 @@ let gauges = 0;
 export function createRiskGauge(element, { timeline = null, led = false } = {}) {
   const share = Math.sqrt;
   const id = `risk-hatch-${++gauges}`;
+  const unassessed = svg("path.gauge-wide", { d: arc(0, 1), stroke: `url(#${id}-grey)` });
+  const beyond = svg("path.gauge-wide.gauge-beyond", { stroke: `url(#${id}-red)` });
+  const bar = svg("path.gauge-bar");
+  const needle = svg("path.gauge-needle", { d: "M0 0L-8-13H8Z" });
+  const threshold = svg("path.gauge-threshold");
+  const thresholdText = svg("text.gauge-threshold-text");
+  const ticks = [0, 0.5, 1].map((value) => {
+    const { x, y } = value === 0.5 ? polar(share(value), RADIUS - 32) : polar(value, RADIUS);
+    return svg("text.gauge-tick", { x, y: value === 0.5 ? y + 5 : y + 20 }, String(value)); // the ends' labels are below the arc
+  });
+  const number = svg("text.gauge-number", { x: CENTRE.x, y: 164 });
+  const shape = svg("path.gauge-shape");
+  const word = svg("text.gauge-word");
+  const track = svg("path.gauge-track", { d: arc(0, 1) });
+  const dial = svg("svg.gauge-dial", { viewBox: `${-MARGIN} 0 ${340 + 2 * MARGIN} 234` },
+    hatches(id), track, unassessed, beyond, bar, needle, threshold, thresholdText, ticks, number, svg("g.gauge-face", shape, word));
+  const beside = h("p.gauge-beside");
+  const reason = h("p.gauge-reason");
+  const spoken = h("p.visually-hidden", { role: "status" });
   element.classList.add("risk-gauge");
-  element.replaceChildren();
-  const heading = html(element, "h2", "gauge-heading", "risk (higher is worse)");
-  heading.id = `${id}-heading`;
-  const svg = make(element, "svg", { viewBox: `${-MARGIN} 0 ${340 + 2 * MARGIN} 234`, class: "gauge-dial" });
-  addHatches(svg, id);
-  make(svg, "path", { d: arc(0, 1), class: "gauge-track" });
-  const unassessed = make(svg, "path", { d: arc(0, 1), stroke: `url(#${id}-grey)`, class: "gauge-wide" });
-  const beyond = make(svg, "path", { stroke: `url(#${id}-red)`, class: "gauge-wide gauge-beyond" });
-  const bar = make(svg, "path", { class: "gauge-bar" });
-  const needle = make(svg, "path", { d: "M0 0L-8-13H8Z", class: "gauge-needle" });
-  const threshold = make(svg, "path", { class: "gauge-threshold" });
-  const thresholdText = make(svg, "text", { class: "gauge-threshold-text" });
-  for (const value of [0, 0.5, 1]) {
-    const at = value === 0.5 ? polar(share(value), RADIUS - 32) : polar(value, RADIUS);
-    const y = value === 0.5 ? at.y + 5 : at.y + 20; // the ends' labels stand below the arc
-    make(svg, "text", { x: at.x, y, class: "gauge-tick" }).textContent = String(value);
-  }
-  const number = make(svg, "text", { x: CENTRE.x, y: 164, class: "gauge-number" });
-  const face = make(svg, "g", { class: "gauge-face" });
-  const shape = make(face, "path", { class: "gauge-shape" });
-  const word = make(face, "text", { class: "gauge-word" });
-  const beside = html(element, "p", "gauge-beside", "");
-  const reason = html(element, "p", "gauge-reason", "");
-  const spoken = html(element, "p", "visually-hidden", "");
-  spoken.setAttribute("role", "status");
+  element.replaceChildren(h("h2.gauge-heading", "risk (higher is worse)"), dial, beside, reason, spoken);
   let reading = { state: null };
   let shown = "";
 
@@ -171,8 +165,8 @@ export function createRiskGauge(element, { timeline = null, led = false } = {}) 
 
   function speak({ word: said, assessed }, digits, alertAbove, why) {
     const threshold = Number.isFinite(alertAbove) ? `, alerts above ${figure(alertAbove)}` : "";
-    svg.setAttribute("role", assessed ? "meter" : "img"); // a meter must have a value
-    svg.setAttribute("aria-label", assessed ? "risk, higher is worse" : `risk not assessed: ${why || said}`);
+    dial.setAttribute("role", assessed ? "meter" : "img"); // a meter must have a value
+    dial.setAttribute("aria-label", assessed ? "risk, higher is worse" : `risk not assessed: ${why || said}`);
     const meter = {
       "aria-valuemin": "0",
       "aria-valuemax": "1",
@@ -180,8 +174,8 @@ export function createRiskGauge(element, { timeline = null, led = false } = {}) 
       "aria-valuetext": `${digits}, ${said.toLowerCase()}${threshold}`,
     };
     for (const [name, value] of Object.entries(meter)) {
-      if (assessed) svg.setAttribute(name, value);
-      else svg.removeAttribute(name);
+      if (assessed) dial.setAttribute(name, value);
+      else dial.removeAttribute(name);
     }
   }
 
@@ -211,14 +205,13 @@ function firstText({ exceeded_t: t, verdict }) {
   return [Number.isFinite(t) && `first at ${t.toFixed(2)} s`, verdict?.warning].filter(Boolean).join(" · ");
 }
 
-function addHatches(svg, id) {
-  const defs = make(svg, "defs", {});
-  for (const [name, turn] of [["grey", 45], ["red", -45]]) {
-    const tile = { id: `${id}-${name}`, width: 8, height: 8, patternUnits: "userSpaceOnUse" };
-    const pattern = make(defs, "pattern", { ...tile, patternTransform: `rotate(${turn})` });
-    make(pattern, "rect", { width: 8, height: 8, class: `gauge-hatch-ground gauge-hatch-${name}` });
-    make(pattern, "rect", { width: 3, height: 8, class: `gauge-hatch-${name}` });
-  }
+function hatches(id) {
+  const patterns = [["grey", 45], ["red", -45]].map(([name, turn]) =>
+    svg("pattern", { id: `${id}-${name}`, width: 8, height: 8, patternUnits: "userSpaceOnUse", patternTransform: `rotate(${turn})` },
+      svg(`rect.gauge-hatch-ground.gauge-hatch-${name}`, { width: 8, height: 8 }),
+      svg(`rect.gauge-hatch-${name}`, { width: 3, height: 8 })),
+  );
+  return svg("defs", patterns);
 }
 
 function angle(share) {
@@ -238,16 +231,4 @@ function arc(from, to) {
 
 function show(element, visible) {
   element.setAttribute("visibility", visible ? "visible" : "hidden");
-}
-
-function html(parent, tag, className, text) {
-  const element = h(tag, { class: className }, text);
-  parent.append(element);
-  return element;
-}
-
-function make(parent, tag, attributes) {
-  const element = svgElement(tag, attributes);
-  parent.append(element);
-  return element;
 }

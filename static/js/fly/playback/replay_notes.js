@@ -1,19 +1,16 @@
 /**
  * Manoeuvres, exceedances and notes of a replayed recording.
  *
- * Exports
- *   createReplayNotes({api, source, now, add, marked, fail}) -> {element, times() -> [{t, level}], write(), close()}
+ * createReplayNotes({api, source, now, add, marked, fail}) -> {element, times() -> [{t, level}], write(), moved(t), close()}
  *     source: {recording, scoring} of a flight's hello.   now() -> s, time of the flight
  *     add(event): {t, text, level}, for the event list, once the replay has reached it
- *     marked(): times() has changed; it includes later events
- *     fail(error): notes could not be read
- *     write(): opens the field for a note at this moment
- *     moved(t): the flight is at t [s]; events up to t are listed
+ *     marked(): times() has changed; it includes later events.   fail(error): notes could not be read
+ *     write(): opens the field for a note at this moment.   moved(t): events up to t are listed
  */
 
 import { may, needs, reason } from "../../lib/api.js";
 import { h, put } from "../../lib/dom.js";
-import { errorLine } from "../../lib/elements.js";
+import { button, errorLine } from "../../lib/elements.js";
 import { keepDraft } from "../../lib/storage.js";
 import { readScoring } from "../../recordings/scoring/source.js";
 
@@ -26,40 +23,22 @@ export function createReplayNotes({ api, source, now, add: addEvent, marked, fai
   let ahead = []; // events that the replay has not reached, by time
   let at = 0;
   let closed = false;
-  const when = h("span", { class: "dim" });
-  const text = h("input", {
-    type: "text",
-    maxlength: 2000,
-    "aria-label": "Note",
-    placeholder: "Note",
-    required: true,
-  });
+  const when = h("span.dim");
+  const text = h("input", { type: "text", maxlength: 2000, "aria-label": "Note", placeholder: "Note", required: true });
   const clear = keepDraft(text, path);
   const failure = errorLine();
+  const small = { class: "button button-small" };
   const form = h(
-    "form",
-    { class: "replay-note", hidden: true, onsubmit: save },
+    "form.replay-note",
+    { hidden: true, onsubmit: save },
     when,
     text,
-    h("button", { class: "button button-small button-primary" }, "Save"),
-    h(
-      "button",
-      { type: "button", class: "button button-small", onclick: () => (form.hidden = true) },
-      "Cancel",
-    ),
+    h("button.button.button-small.button-primary", "Save"),
+    button("Cancel", () => (form.hidden = true), small),
     failure.element,
   );
-  const open = h(
-    "button",
-    {
-      type: "button",
-      class: "button button-small",
-      title: "Note at this moment (key T)",
-      onclick: write,
-    },
-    "Note here",
-  );
-  const element = h("div", { class: "replay-notes", ...needs(NOTE) }, open, form);
+  const open = button("Note here", write, { ...small, title: "Note at this moment (key T)" });
+  const element = h("div.replay-notes", needs(NOTE), open, form);
   load().catch((error) => !closed && fail(error));
 
   async function load() {

@@ -2,17 +2,11 @@
  * A seek in a flight: frames wait until the samples before that point have been read, so that the
  * strips are never empty.
  *
- * Exports
- *   createSeekHistory(api, path, {n_samples, start, duration, seekable}) -> SeekHistory
- *     path: of the flight; then its transport as hello has it
- *
- * SeekHistory
+ * createSeekHistory(api, path, {n_samples, start, duration, seekable}) -> SeekHistory
  *   waits                     whether frames wait
  *   keep(frames, wall) -> bool     they wait; false once they have waited so long that they count as late
- *   readBefore(t) -> Promise<{before, frames} | null>     before: source samples, oldest first, at
- *                             most MOST, possibly none; frames: those that waited. Null where
- *                             another seek overtook this one
- *   close()
+ *   readBefore(t) -> Promise<{before, frames} | null>     before: at most MOST source samples, oldest first;
+ *                             frames: those that waited. Null where another seek overtook this one
  */
 
 const MOST = 5000;

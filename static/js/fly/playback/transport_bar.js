@@ -1,18 +1,14 @@
 /**
  * Play, pause, step, seek, speed, loop, next alert and event: buttons, a slider and keys.
  *
- * Exports
- *   createTransportBar(element, {act, end}) -> TransportBar
+ * createTransportBar(element, {act, end}) -> TransportBar
  *     act(action, value) -> Promise    asks the server; rejects with the reason
  *     end()                            ends the flight; null where it cannot be ended
- *
- * TransportBar
  *   show(transport)      the server's state; its newest samples may not have arrived yet
- *   moved(t)             time of the newest sample drawn [s]; null for none
- *   arrived()            the samples after the last seek are drawn
+ *   moved(t), arrived()  time of the newest sample drawn [s], null for none; the samples after the last seek are drawn
  *   steers()             whether this user can steer the flight
  *   t                    time shown [s]: of the newest sample drawn, or the one sought
- *   mark(times)          [{t, level}] drawn above the slider; "To the next event" steps through them
+ *   mark([{t, level}])   drawn above the slider; "To the next event" steps through them
  *   setUsable(boolean)   false while there is no connection
  *   keys                 {key: act} for the page's shortcuts
  */
@@ -21,6 +17,7 @@ import { may, needs, reason } from "../../lib/api.js";
 import { h, put } from "../../lib/dom.js";
 
 const STEER = "POST /flights/{}/transport";
+const KEYS = { " ": "space", ",": "comma", ".": "period" }; // in words
 const SPEEDS = [0.1, 0.2, 0.5, 1, 2, 5, 10];
 
 export function createTransportBar(element, { act, end }) {
@@ -33,15 +30,21 @@ export function createTransportBar(element, { act, end }) {
   let seeking = false;
   let sought = null; // shown until its samples arrive
 
-  const button = (text, label, key, onclick, name) =>
-    h("button", { type: "button", class: "button button-small", "aria-label": label, title: `${label} (key ${key})`, onclick, "data-action": name }, text);
-  const back = button("|◀", "To the start", "0", () => seek(transport.start), "start");
-  const stepBack = button("◀|", "One sample back", "comma", () => send("step", -1), "back");
-  const play = button("▶", "Play", "space", toggle, "play");
-  const step = button("|▶", "One sample on", "period", () => send("step", 1), "step");
-  const next = button("▲▶", "To the next alert", "N", () => send("next_alert"), "next_alert");
-  const event = button("◆▶", "To the next event", "E", toNextEvent, "next_event");
-  const loop = button("Loop", "Loop", "O", () => send("loop", !transport.loop), "loop");
+  /** [name, text, label, key, act] */
+  const commands = [
+    ["start", "|◀", "To the start", "0", () => seek(transport.start)],
+    ["back", "◀|", "One sample back", ",", () => send("step", -1)],
+    ["play", "▶", "Play", " ", toggle],
+    ["step", "|▶", "One sample on", ".", () => send("step", 1)],
+    ["next_alert", "▲▶", "To the next alert", "n", () => send("next_alert")],
+    ["next_event", "◆▶", "To the next event", "e", toNextEvent],
+    ["loop", "Loop", "Loop", "o", () => send("loop", !transport.loop)],
+  ];
+  const titled = (label, key) => `${label} (key ${KEYS[key] ?? key.toUpperCase()})`;
+  const buttons = commands.map(([name, text, label, key, onclick]) =>
+    h("button.button.button-small", { type: "button", "aria-label": label, title: titled(label, key), onclick, "data-action": name }, text),
+  );
+  const [play, event, loop] = ["play", "next_event", "loop"].map((wanted) => buttons[commands.findIndex(([name]) => name === wanted)]);
   const speed = h("select", { class: "speed", "aria-label": "Speed", title: "Speed (keys [ and ])", onchange: () => send("speed", Number(speed.value)) });
   for (const factor of SPEEDS) speed.append(h("option", { value: factor }, `${factor}×`));
   const slider = h("input", { type: "range", class: "scrub", min: 0, max: 1, step: "any", "aria-label": "Time in the flight" });
@@ -50,7 +53,7 @@ export function createTransportBar(element, { act, end }) {
   const time = h("span", { class: "transport-time" });
   const failure = h("span", { class: "error transport-error", role: "status", hidden: true });
   const stop = h("button", { type: "button", class: "button button-small", title: "End this flight; its record is kept", onclick: end, hidden: end === null, ...needs("POST /flights/{}/end") }, "End flight");
-  element.append(back, stepBack, play, step, next, event, loop, speed, track, time, stop, failure);
+  element.append(...buttons, speed, track, time, stop, failure);
 
   slider.addEventListener("input", () => {
     dragging = true;
@@ -118,8 +121,9 @@ export function createTransportBar(element, { act, end }) {
     transport = now;
     const { playing, duration } = now;
     put(play, playing ? "❚❚" : "▶");
-    play.setAttribute("aria-label", playing ? "Pause" : "Play");
-    play.title = `${playing ? "Pause" : "Play"} (key space)`;
+    const label = playing ? "Pause" : "Play";
+    play.setAttribute("aria-label", label);
+    play.title = titled(label, " ");
     play.dataset.playing = String(playing);
     loop.setAttribute("aria-pressed", String(now.loop));
     if (![...speed.options].some((option) => Number(option.value) === now.speed)) {
@@ -128,7 +132,7 @@ export function createTransportBar(element, { act, end }) {
     speed.value = String(now.speed);
     slider.min = String(now.start);
     slider.max = String(now.start + (duration ?? 1));
-    for (const part of [back, stepBack, play, step, next, loop, speed, track]) part.hidden = !steers();
+    for (const part of [...buttons, speed, track]) part.hidden = !steers();
     event.hidden = !steers() || marked.length === 0;
     showTime();
   }
@@ -168,13 +172,7 @@ export function createTransportBar(element, { act, end }) {
   }
 
   const keys = {
-    " ": toggle,
-    ",": () => send("step", -1),
-    ".": () => send("step", 1),
-    0: () => seek(transport.start),
-    n: () => send("next_alert"),
-    e: toNextEvent,
-    o: () => send("loop", !transport.loop),
+    ...Object.fromEntries(commands.map(([, , , key, act]) => [key, act])),
     "[": () => faster(-1),
     "]": () => faster(1),
   };
@@ -193,7 +191,7 @@ export function createTransportBar(element, { act, end }) {
     setUsable: (usable) => {
       if (!usable) sought = null;
       showTime();
-      for (const part of [back, stepBack, play, step, next, event, loop, speed, slider, stop]) part.disabled = !usable;
+      for (const part of [...buttons, speed, slider, stop]) part.disabled = !usable;
       failure.hidden = true;
     },
   };

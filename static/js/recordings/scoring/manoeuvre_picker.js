@@ -5,7 +5,7 @@
  *     show(channels of a preview), refresh()}     refresh: detects them again, after the monitor changed
  */
 
-import { previewTiles } from "../../charts/recorded/preview_tiles.js";
+import { previewTiles } from "../../charts/recorded/tiles.js";
 import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
 import { radio } from "../../forms/controls.js";
 import { reason } from "../../lib/api.js";
