@@ -8,8 +8,7 @@
 
 import { api, loadMe } from "./lib/api.js";
 import { createDemonstrationBar, demonstration } from "./lib/demonstration.js";
-import { h } from "./lib/dom.js";
-import { state } from "./lib/elements.js";
+import { h, state } from "./lib/dom.js";
 import { chooseSI, isSI, tellUnits } from "./lib/numbers.js";
 import { chooseTheme, currentTheme, followTheme } from "./lib/storage.js";
 

@@ -4,12 +4,11 @@
  */
 
 import { createAlarmPanel } from "/static/js/fly/alarm_panel.js";
-import { decimal, decimals } from "/static/js/forms/decimals.js";
 import { changedChannels } from "/static/js/recordings/mapping/changes.js";
 import { validityWords } from "/static/js/recordings/words.js";
 import { createRingBuffer } from "/static/js/charts/live/ring_buffer.js";
 import { createRiskGauge } from "/static/js/fly/assessment/risk_gauge.js";
-import { riskText } from "/static/js/lib/numbers.js";
+import { decimal, decimals, riskText } from "/static/js/lib/numbers.js";
 import { loopStats } from "/static/js/lib/draw_loop.js";
 import { createFlightChart } from "/static/js/charts/live/flight_chart.js";
 import { createTimeline } from "/static/js/charts/live/timeline.js";

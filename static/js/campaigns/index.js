@@ -2,8 +2,7 @@
 
 import { fileInput, labelled, parsedJson } from "../forms/controls.js";
 import { may, needs } from "../lib/api.js";
-import { h } from "../lib/dom.js";
-import { empty, errorLine, guideLink, link, loadingView, pageOf, table } from "../lib/elements.js";
+import { empty, errorLine, guideLink, h, link, loadingView, pageOf, table } from "../lib/dom.js";
 import { moment } from "../lib/numbers.js";
 import { showCampaign } from "./page.js";
 import { showPlanning } from "./plan_form.js";

@@ -5,12 +5,10 @@
  */
 
 import { checkbox, fold, group, labelled, select, textInput } from "../forms/controls.js";
-import { decimal } from "../forms/decimals.js";
 import { asksForToken, needs, reason } from "../lib/api.js";
-import { h } from "../lib/dom.js";
-import { button, errorLine, factList, link, sentences } from "../lib/elements.js";
+import { button, errorLine, factList, h, link, sentences } from "../lib/dom.js";
 import { createJobProgress } from "../lib/job_progress.js";
-import { figure, moment, percent } from "../lib/numbers.js";
+import { decimal, figure, moment, percent } from "../lib/numbers.js";
 import { remember, remembered } from "../lib/storage.js";
 import { failedWords, predictedWords, promiseWords, stateChip } from "./states.js";
 

@@ -1,8 +1,7 @@
 /** One campaign: next point, build-up, table of points, identified aircraft. */
 
 import { needs, reason } from "../lib/api.js";
-import { h } from "../lib/dom.js";
-import { deleteButton, guideLink, link, loading, loadingView, pageOf, sentences, table } from "../lib/elements.js";
+import { deleteButton, guideLink, h, link, loading, loadingView, pageOf, sentences, table } from "../lib/dom.js";
 import { UNDER_WAY } from "../lib/job_progress.js";
 import { figure, moment, percent } from "../lib/numbers.js";
 import { buildUpFigure, derivativesFigure } from "./figures.js";

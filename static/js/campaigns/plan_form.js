@@ -1,12 +1,11 @@
 /** Plan a campaign, or add points at another flight condition.   query: name of a new campaign */
 
 import { createForm, fieldset, foldedPanel, group, labelled, textInput } from "../forms/controls.js";
-import { decimals } from "../forms/decimals.js";
 import { createFields } from "../forms/form.js";
 import { createTestFields } from "../forms/planned_test.js";
 import { loadCatalog } from "../lib/catalog.js";
-import { h } from "../lib/dom.js";
-import { guideLink, link, loadingView, pageOf } from "../lib/elements.js";
+import { guideLink, h, link, loadingView, pageOf } from "../lib/dom.js";
+import { decimals } from "../lib/numbers.js";
 
 const STEPS = "0.4 0.6 0.8 1";
 

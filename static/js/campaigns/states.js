@@ -1,6 +1,6 @@
 /** Words and levels of the points of a campaign. */
 
-import { chip } from "../lib/elements.js";
+import { chip } from "../lib/dom.js";
 import { count, percent } from "../lib/numbers.js";
 
 const LEVELS = {

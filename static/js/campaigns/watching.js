@@ -6,7 +6,7 @@
  */
 
 import { reason } from "../lib/api.js";
-import { errorLine } from "../lib/elements.js";
+import { errorLine } from "../lib/dom.js";
 
 /** [ms] Interval of the requests, and longest time without an answer. */
 const LOOK_EVERY = 5000;

@@ -8,7 +8,7 @@
  *     follows: whether samples arrive.   steps: {next(), back()} for two more buttons, if any
  */
 
-import { button } from "../lib/elements.js";
+import { button } from "../lib/dom.js";
 import { GUTTER } from "./layout.js";
 
 const CLICK = 4; // px that the pointer may move during a click

@@ -3,8 +3,7 @@
 import { createForm, fieldset, group, optionalName } from "../forms/controls.js";
 import { createTestFields } from "../forms/planned_test.js";
 import { aircraftName, kindName, limitWords, loadCatalog } from "../lib/catalog.js";
-import { formatted, h } from "../lib/dom.js";
-import { empty, link, loadingView, pageOf, table } from "../lib/elements.js";
+import { empty, formatted, h, link, loadingView, pageOf, table } from "../lib/dom.js";
 import { jobList } from "../lib/job_progress.js";
 import { count, moment, percent } from "../lib/numbers.js";
 import { showDataset } from "./page.js";

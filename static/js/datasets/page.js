@@ -3,8 +3,7 @@
 import { isSimulated } from "../forms/planned_test.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
 import { aircraftName, kindName, limitWords, loadCatalog } from "../lib/catalog.js";
-import { formatted, h } from "../lib/dom.js";
-import { deleteButton, factList, link, loadingView, pageOf, panel, recipeList } from "../lib/elements.js";
+import { deleteButton, factList, formatted, h, link, loadingView, pageOf, panel, recipeList } from "../lib/dom.js";
 import { count, figure, moment, percent } from "../lib/numbers.js";
 import { peakFigure, rolloutFigure, sampleRollouts } from "./figures.js";
 import { createRolloutViewer } from "./rollout_viewer.js";

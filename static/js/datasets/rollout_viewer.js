@@ -3,8 +3,7 @@
 import { createFlightChart } from "../charts/live/flight_chart.js";
 import { limitedFirst } from "../charts/strips.js";
 import { fold, select } from "../forms/controls.js";
-import { formatted, h } from "../lib/dom.js";
-import { button, errorLine, factList, link, panel } from "../lib/elements.js";
+import { button, errorLine, factList, formatted, h, link, panel } from "../lib/dom.js";
 import { figure } from "../lib/numbers.js";
 
 export function createRolloutViewer({ api, catalog, dataset, monitors, navigate }) {

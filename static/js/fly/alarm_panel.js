@@ -17,8 +17,7 @@
  */
 
 import { needs, reason } from "../lib/api.js";
-import { h, put, symbolNodes } from "../lib/dom.js";
-import { errorLine } from "../lib/elements.js";
+import { errorLine, h, put, symbolNodes } from "../lib/dom.js";
 import { sentence } from "../lib/monitors.js";
 import { figure, leadSeconds, magnitudeIn, quantity, riskText } from "../lib/numbers.js";
 import { shownState } from "../lib/states.js";

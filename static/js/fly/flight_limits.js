@@ -10,8 +10,7 @@
 
 import { may } from "../lib/api.js";
 import { loadCatalog } from "../lib/catalog.js";
-import { h } from "../lib/dom.js";
-import { askToConfirm } from "../lib/elements.js";
+import { askToConfirm, h } from "../lib/dom.js";
 import { limitsOf } from "./panels.js";
 
 const CHANGE = "PUT /flights/{}/limits";

@@ -1,8 +1,7 @@
 /** Fly: start a flight, watch one in progress, read the record of one that has ended. */
 
 import { reason } from "../lib/api.js";
-import { h } from "../lib/dom.js";
-import { state } from "../lib/elements.js";
+import { h, state } from "../lib/dom.js";
 import { showLiveFlight } from "./live_flight.js";
 import { showFlightRecord } from "./record.js";
 import { showFlightStart } from "./start.js";

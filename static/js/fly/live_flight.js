@@ -7,9 +7,8 @@
  */
 
 import { reason } from "../lib/api.js";
-import { h, put } from "../lib/dom.js";
+import { askToConfirm, h, put, state as stateOf } from "../lib/dom.js";
 import { addDrawer } from "../lib/draw_loop.js";
-import { askToConfirm, state as stateOf } from "../lib/elements.js";
 import { createEventList } from "../lib/event_list.js";
 import { sentence } from "../lib/monitors.js";
 import { createAlarmPanel } from "./alarm_panel.js";

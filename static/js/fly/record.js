@@ -8,8 +8,7 @@
 
 import { createFlightChart } from "../charts/live/flight_chart.js";
 import { ApiError, needs, reason } from "../lib/api.js";
-import { h, put, symbolNodes } from "../lib/dom.js";
-import { askToConfirm, createKeepButton, state } from "../lib/elements.js";
+import { askToConfirm, createKeepButton, h, put, state, symbolNodes } from "../lib/dom.js";
 import { createEventList } from "../lib/event_list.js";
 import { startFlight, warningLines } from "../lib/monitors.js";
 import { magnitudeIn, quantity, secondsText } from "../lib/numbers.js";

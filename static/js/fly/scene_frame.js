@@ -7,8 +7,7 @@
  * createSceneFrame(element, flight) -> {wake(), close(text)}     wake: the server is back; close: the flight has ended
  */
 
-import { h } from "../lib/dom.js";
-import { state } from "../lib/elements.js";
+import { h, state } from "../lib/dom.js";
 import { remember, remembered } from "../lib/storage.js";
 
 const KEY = "forewarn.scene";

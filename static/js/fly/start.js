@@ -7,8 +7,7 @@
 
 import { asksForToken, may, needs, reason } from "../lib/api.js";
 import { demonstration } from "../lib/demonstration.js";
-import { h, put } from "../lib/dom.js";
-import { button, errorLine, link, state } from "../lib/elements.js";
+import { button, errorLine, h, link, put, state } from "../lib/dom.js";
 import { jobList } from "../lib/job_progress.js";
 import { canFly, fittingMonitor, startFlight, warningLines, warningMark, warningsAt, warningWords } from "../lib/monitors.js";
 import { leadSeconds, moment } from "../lib/numbers.js";

@@ -15,8 +15,7 @@
  */
 
 import { ApiError, needs, reason } from "../lib/api.js";
-import { h } from "../lib/dom.js";
-import { button, errorLine } from "../lib/elements.js";
+import { button, errorLine, h } from "../lib/dom.js";
 import { followInPlace } from "../lib/job_progress.js";
 import { capital, trueMinus } from "../lib/numbers.js";
 

@@ -9,8 +9,7 @@
 
 import { needs, reason } from "../lib/api.js";
 import { aircraftName, kindName, limitWords } from "../lib/catalog.js";
-import { formatted, h } from "../lib/dom.js";
-import { button, errorLine } from "../lib/elements.js";
+import { button, errorLine, formatted, h } from "../lib/dom.js";
 import { figure, followUnits, moment, percent } from "../lib/numbers.js";
 import { fieldset, fold, inWords, radio, select } from "./controls.js";
 import { createFields } from "./form.js";

@@ -1,8 +1,7 @@
 /** A recipe to read: every parameter with its unit, as the catalog calls it; nested objects and families indented. */
 
 import { aircraftCondition, choiceName, labelOf } from "../lib/catalog.js";
-import { formatted, h } from "../lib/dom.js";
-import { recipeList } from "../lib/elements.js";
+import { formatted, h, recipeList } from "../lib/dom.js";
 import { figure, magnitudeIn, trueMinus } from "../lib/numbers.js";
 import { fold } from "./controls.js";
 

@@ -1,5 +1,5 @@
 /**
- * Elements in one expression.
+ * Elements in one expression, and those of every page: states of a view, headings, buttons, dialogs, tables and lists.
  *
  * h("tag.class.class", attributes, ...children), svg(...)     attributes may be left out
  *     children: nodes, text, lists; null and false are left out.   Attributes that are functions become listeners
@@ -9,8 +9,26 @@
  * symbolNodes(symbol) -> Node[]     "N_y" as N with subscript y
  * formatted(words) -> Node     "|N_y| < 0.5 g" with y as a subscript
  * piecesOf(words) -> [[text, index]]     the same, cut at each symbol; the index is empty for what is no symbol
+ * loadingView(element, {title, text, build}) -> {close()}    loading, then what was built, or why not
+ *     build({keep, again, open}) -> Promise<Node>     keep({close}): what must end with the view
+ * state(kind, title, text, ...actions)    of a panel; kind "empty" | "loading" | "error"
+ * panel(title, content, {beside, ...attributes})     beside: nodes in the row of the heading
+ * errorLine() -> {element, show(words), attempt(act)}     hidden while there are no words
+ *     attempt(act) -> Promise<bool>     shows why act() failed; whether it did not
+ * deleteButton({api, path, what, consequence, done, short})     asks first; done() after the deletion
+ *     path: of the resource.   what: "monitor “card 7”".   short: its name, for a small button in a list
+ * askToConfirm(question, consequence, word, act, stay) -> open dialog; it shows why act() failed
+ * createKeepButton({api, path, keep, fail, name, attributes})   keeps a flight or a recording, or releases it
+ *     fail(error): the server refused.   name: read aloud after the text, where a page has several
+ * guideLink(place, about)     place: "slug" or "slug#anchor";  about: read aloud and shown as a tooltip
+ * table({columns, items, group, row, caption, classes, panel})    a card for each item in a narrow window
+ *     columns: [[head, cell(item, k) -> content, kind]]     head: text, or hiddenHead(words) for screen readers only
+ *       kind: "name" of the row's heading, "number", "date", or other classes
+ *     row(item) -> attributes.   group(item, row, k) -> <tbody>, where an item has further rows.   panel: false inside another
+ * factList([[name, value]])    a fact in a cell of its own;   recipeList([[name, value, isHash]])   name beside value
  */
 
+import { needs, reason } from "./api.js";
 import { trueMinus } from "./numbers.js";
 
 const PROPERTIES = ["value", "checked", "disabled", "open", "indeterminate"];
@@ -67,3 +85,233 @@ export function piecesOf(words) {
 export function put(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
+
+export function loadingView(element, { title, text, build }) {
+  let open = true;
+  let closing = [];
+  const keep = (thing) => {
+    if (open) closing.push(thing);
+    else thing.close();
+    return thing;
+  };
+  const release = () => {
+    closing.forEach((thing) => thing.close());
+    closing = [];
+  };
+  load();
+  return {
+    close: () => {
+      open = false;
+      release();
+    },
+  };
+
+  async function load() {
+    release();
+    element.replaceChildren(pageOf(title, [], loading(text)));
+    try {
+      const built = await build({
+        keep,
+        again: load,
+        get open() {
+          return open;
+        },
+      });
+      if (open) element.replaceChildren(built);
+    } catch (error) {
+      if (open) element.replaceChildren(pageOf(title, [], failure(error, load)));
+    }
+  }
+}
+
+export function loading(text) {
+  return h("div.state-loading", { role: "status" }, h("p", text));
+}
+
+export const empty = (...parts) => state("empty", ...parts);
+
+export function failure(error, again) {
+  const actions = again ? [button("Try again", again)] : [];
+  return state("error", "This could not be shown", reason(error), ...actions);
+}
+
+export function state(kind, title, text, ...actions) {
+  const role = kind === "error" ? "alert" : "status";
+  const row = actions.length > 0 ? h("div.row", actions) : null;
+  return h("section", { class: `state-${kind}`, role }, h("h2", title), h("p", text), row);
+}
+
+export function pageOf(title, actions, ...content) {
+  const head = h("header.page-head", h("h1", title), h("div.row.page-actions", actions));
+  return h("div.page", h("div.page-body.stack", head, content));
+}
+
+export function link(text, hash, primary = false) {
+  return h("a", { class: primary ? "button button-primary" : "button", href: hash }, text);
+}
+
+export function button(text, pressed, attributes = {}) {
+  return h("button", { type: "button", class: "button", onclick: pressed, ...attributes }, text);
+}
+
+export function panel(title, content, { beside, ...attributes } = {}) {
+  const heading = h("h2.panel-title", title);
+  return h("section.panel.stack-tight", attributes, beside ? h("div.row", heading, beside) : heading, content);
+}
+
+export function chip(words, level, title = null) {
+  return h("span.chip", { "data-level": level, title }, words);
+}
+
+export function deleteButton({ api, path, what, consequence, done, short = "" }) {
+  const route = `DELETE ${path.replace(/(\/[^/]+)\/[^/]+/g, "$1/{}")}`;
+  const look = short
+    ? { class: "button button-small", "aria-label": `Delete ${short}` }
+    : { class: "button button-danger" };
+  return button("Delete", ask, { ...look, ...needs(route) });
+
+  function ask() {
+    askToConfirm(`Delete the ${what}?`, consequence, "Delete permanently", async () => {
+      await api.delete(path);
+      await done();
+    });
+  }
+}
+
+export function errorLine() {
+  const element = h("p.error", { role: "alert", hidden: true });
+  return { element, show, attempt };
+
+  function show(words) {
+    element.textContent = words;
+    element.hidden = words === "";
+  }
+
+  async function attempt(act) {
+    show("");
+    try {
+      await act();
+      return true;
+    } catch (error) {
+      show(reason(error));
+      return false;
+    }
+  }
+}
+
+export function askToConfirm(question, consequence, word, act, stay = "Cancel") {
+  const failure = errorLine();
+  const yes = button(word, perform, { class: "button button-danger" });
+  const no = button(stay, () => dialog.close(), { autofocus: true });
+  const dialog = h(
+    "dialog.dialog",
+    { "aria-labelledby": "dialog-title" },
+    h("h2", { id: "dialog-title" }, question),
+    h("p", consequence),
+    failure.element,
+    h("div.row", yes, no),
+  );
+  dialog.addEventListener("close", () => dialog.remove());
+  document.querySelector("#page").append(dialog);
+  dialog.showModal();
+  return dialog;
+
+  async function perform() {
+    yes.disabled = true;
+    if (await failure.attempt(act)) return dialog.close();
+    yes.disabled = false;
+    return no.focus();
+  }
+}
+
+export function guideLink(place, about) {
+  return h(
+    "a.guide-link",
+    { href: `/guide/${place}`, target: "_blank", rel: "noopener", title: `Guide: ${about}` },
+    "?",
+    h("span.visually-hidden", ` ${about}`),
+  );
+}
+
+export function createKeepButton({ api, path, keep, fail, name = "", attributes = {} }) {
+  let isKept = keep;
+  const element = button("", press, { ...attributes, ...needs(`PUT ${path.replace(/[^/]+$/, "{}")}/keep`) });
+  show();
+
+  function show() {
+    const hidden = name && h("span.visually-hidden", ` ${name}`);
+    element.replaceChildren(isKept ? "✓ Kept permanently" : "Keep permanently", hidden);
+    element.setAttribute("aria-pressed", String(isKept));
+    element.title = isKept ? "Protected from deletion; press to release it" : "Protect it from deletion by retention and by people";
+  }
+
+  async function press() {
+    element.disabled = true;
+    try {
+      isKept = (await api.put(`${path}/keep`, { keep: !isKept })).keep;
+      show();
+    } catch (error) {
+      fail(error);
+    }
+    element.disabled = false;
+  }
+
+  return element;
+}
+
+const CLASSES = { date: "dim nowrap", number: "number" };
+const noAttributes = () => ({});
+
+export function table({ columns, items, group, row = noAttributes, caption, classes = "", panel = true }) {
+  const rows = items.map((item, k) => h("tr", row(item), columns.map((column) => cell(column, item, k))));
+  return h(
+    "div",
+    { class: panel ? "table-scroll panel" : "table-scroll" },
+    h(
+      "table",
+      { class: `table table-cards ${classes}`.trim() },
+      caption && h("caption.hint", caption),
+      h("thead", h("tr", columns.map(([head, , kind]) => headCell(head, kind)))),
+      group ? rows.map((element, k) => group(items[k], element, k)) : h("tbody", rows),
+    ),
+  );
+}
+
+export function hiddenHead(words) {
+  return h("span.visually-hidden", words);
+}
+
+function headCell(head, kind) {
+  return h("th", { scope: "col", class: kind === "number" ? "number" : null }, head);
+}
+
+function cell([head, contentOf, kind = null], item, k) {
+  const content = contentOf(item, k);
+  if (kind?.startsWith("name")) return h("th", { scope: "row", class: kind.slice(5) || null }, content);
+  const label = typeof head === "string" ? head : null;
+  return h(
+    "td",
+    { class: CLASSES[kind] ?? kind, "data-label": label },
+    Array.isArray(content) ? h("span", content) : content,
+  );
+}
+
+export function factList(facts, classes = "facts") {
+  const cells = facts.map(([name, value]) => h("div", h("dt", name), h("dd", value)));
+  return h("dl", { class: classes }, cells);
+}
+
+export function recipeList(rows, classes = "recipe") {
+  const parts = rows.flatMap(([name, value, isHash]) => [
+    h("dt", name),
+    h("dd", { class: isHash ? "hash" : null }, value),
+  ]);
+  return h("dl", { class: classes }, parts);
+}
+
+export function sentences(texts) {
+  if (!texts.length) return null;
+  return h("ul.sentences", texts.map((text) => h("li", withMinus(text))));
+}
+
+const withMinus = (text) => (typeof text === "string" ? trueMinus(text) : text);

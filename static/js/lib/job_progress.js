@@ -8,8 +8,7 @@
  */
 
 import { needs, reason } from "./api.js";
-import { h } from "./dom.js";
-import { button, errorLine } from "./elements.js";
+import { button, errorLine, h } from "./dom.js";
 import { moment } from "./numbers.js";
 
 export const UNDER_WAY = ["queued", "running"];

@@ -7,8 +7,7 @@
  *     use; rejects with the server's sentence, also while the question is open
  */
 
-import { h } from "./dom.js";
-import { askToConfirm } from "./elements.js";
+import { askToConfirm, h } from "./dom.js";
 import { capital } from "./numbers.js";
 
 const brief = (text) => text.split(":")[0].replace(/^the monitor (is|was) /, "");

@@ -8,6 +8,7 @@
  * trueMinus(text)      a sentence of the server with "−4.66" for "-4.66"
  * shownIn(channel) -> {unit, factor, decimals}     factor times the value in `unit`; a channel as the server publishes it
  * quantity(channel, value)     a reading with its unit;   magnitudeIn(channel, value)   a limit, without trailing zeros
+ * decimal("0,05")    as people type it; NaN where it is none.   decimals("0,05 0.1") -> ["0.05", "0.1"], as Number reads them
  * followUnits(element, draw) -> element     draws now, and again when other units are chosen
  * tellUnits(page) -> bool    redraws the followers on a page with input to keep ([data-keeps-input]);
  *     false on any other page, which must be opened again
@@ -157,4 +158,18 @@ export function magnitude(channel, value, digits = 4) {
 
 export function magnitudeIn(channel, value) {
   return `${magnitude(channel, value)} ${shownIn(channel).unit}`.trim();
+}
+
+const COMMA = /^[+−-]?\d*,\d+$/;
+
+export function decimal(text) {
+  const [only, ...more] = decimals(text);
+  return only === undefined || more.length ? NaN : Number(only.replace("−", "-"));
+}
+
+export function decimals(text) {
+  return text
+    .split(/[\s;]+/)
+    .flatMap((word) => (COMMA.test(word) ? [word.replace(",", ".")] : word.split(",")))
+    .filter(Boolean);
 }

@@ -8,8 +8,7 @@
 import { createForm, group, labelled, sharedField, textInput } from "../forms/controls.js";
 import { createFields } from "../forms/form.js";
 import { needs } from "../lib/api.js";
-import { h } from "../lib/dom.js";
-import { button } from "../lib/elements.js";
+import { button, h } from "../lib/dom.js";
 
 const NEW = { name: "", ranges: {}, limits: undefined };
 

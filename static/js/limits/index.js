@@ -2,8 +2,7 @@
 
 import { needs } from "../lib/api.js";
 import { limitWords, loadCatalog } from "../lib/catalog.js";
-import { formatted, h } from "../lib/dom.js";
-import { button, empty, guideLink, link, loadingView, pageOf, panel, table } from "../lib/elements.js";
+import { button, empty, formatted, guideLink, h, link, loadingView, pageOf, panel, table } from "../lib/dom.js";
 import { moment } from "../lib/numbers.js";
 import { createLimitForm } from "./form.js";
 

@@ -2,8 +2,7 @@
 
 import { createForm, foldedPanel, labelled, select } from "../forms/controls.js";
 import { createFields } from "../forms/form.js";
-import { h } from "../lib/dom.js";
-import { button, guideLink } from "../lib/elements.js";
+import { button, guideLink, h } from "../lib/dom.js";
 import { count, figure, percent } from "../lib/numbers.js";
 
 const KEYS = { targets: ["most_missed", "most_false_alarms"], cost: ["cost_of_miss"] };

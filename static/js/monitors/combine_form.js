@@ -5,8 +5,7 @@ import { createFields } from "../forms/form.js";
 import { isSimulated } from "../forms/planned_test.js";
 import { ApiError } from "../lib/api.js";
 import { aircraftName, kindName, loadCatalog, methodWords } from "../lib/catalog.js";
-import { h } from "../lib/dom.js";
-import { empty, guideLink, link, loadingView, pageOf, table } from "../lib/elements.js";
+import { empty, guideLink, h, link, loadingView, pageOf, table } from "../lib/dom.js";
 import { warningMark } from "../lib/monitors.js";
 import { figure } from "../lib/numbers.js";
 

@@ -5,8 +5,7 @@
  * changed({epsilon, rank})   at once and at each move
  */
 
-import { h, svg } from "../lib/dom.js";
-import { guideLink } from "../lib/elements.js";
+import { guideLink, h, svg } from "../lib/dom.js";
 import { warningLines } from "../lib/monitors.js";
 import { count, figure, interval, percent } from "../lib/numbers.js";
 import { alertAbove, neededFor, rank, scatter, threshold } from "./calibration_rule.js";

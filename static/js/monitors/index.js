@@ -6,8 +6,7 @@
 import { fileInput } from "../forms/controls.js";
 import { needs } from "../lib/api.js";
 import { aircraftName, kindName, loadCatalog } from "../lib/catalog.js";
-import { h } from "../lib/dom.js";
-import { button, empty, errorLine, guideLink, hiddenHead, link, loadingView, pageOf, table } from "../lib/elements.js";
+import { button, empty, errorLine, guideLink, h, hiddenHead, link, loadingView, pageOf, table } from "../lib/dom.js";
 import { jobList } from "../lib/job_progress.js";
 import { warningMark } from "../lib/monitors.js";
 import { figure, moment, percent } from "../lib/numbers.js";

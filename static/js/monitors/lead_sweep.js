@@ -1,11 +1,9 @@
 /** Lead-time study: how early each method can warn on a planned test, and at what cost.   query: dataset, job (a past sweep) */
 
 import { checkbox, fieldset, group, labelled, select, sharedField, textInput } from "../forms/controls.js";
-import { decimals } from "../forms/decimals.js";
 import { createFields } from "../forms/form.js";
-import { h } from "../lib/dom.js";
-import { table } from "../lib/elements.js";
-import { figure, interval, moment, percent } from "../lib/numbers.js";
+import { h, table } from "../lib/dom.js";
+import { decimals, figure, interval, moment, percent } from "../lib/numbers.js";
 import { leadsFigure } from "./figures.js";
 import { showStudyPage } from "./study_page.js";
 

@@ -4,20 +4,21 @@ import { rolloutFigure, sampleRollouts } from "../datasets/figures.js";
 import { isSimulated } from "../forms/planned_test.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
 import { aircraftName, kindName, limitWords, loadCatalog, methodWords } from "../lib/catalog.js";
-import { formatted, h } from "../lib/dom.js";
 import {
   button,
   deleteButton,
   empty,
   factList,
+  formatted,
   guideLink,
+  h,
   link,
   loadingView,
   pageOf,
   panel,
   recipeList,
   table,
-} from "../lib/elements.js";
+} from "../lib/dom.js";
 import { warningLines } from "../lib/monitors.js";
 import { count, figure, interval, moment, percent } from "../lib/numbers.js";
 import { createEpsilonChoice } from "./choose_epsilon.js";

@@ -4,8 +4,7 @@ import { labelled, select } from "../forms/controls.js";
 import { scatterOf } from "../forms/planned_test.js";
 import { reason } from "../lib/api.js";
 import { aircraftCondition } from "../lib/catalog.js";
-import { formatted, h } from "../lib/dom.js";
-import { errorLine, panel, sentences } from "../lib/elements.js";
+import { errorLine, formatted, h, panel, sentences } from "../lib/dom.js";
 import { proposalOf } from "../recordings/training_offer.js";
 
 export async function recordedTest(api, id) {

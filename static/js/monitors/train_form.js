@@ -8,8 +8,7 @@ import { createForm, fieldset, foldedPanel, group, labelled, optionalName, selec
 import { createFields } from "../forms/form.js";
 import { datasetChoice } from "../forms/planned_test.js";
 import { loadCatalog, methodOf } from "../lib/catalog.js";
-import { h } from "../lib/dom.js";
-import { link, loadingView, pageOf } from "../lib/elements.js";
+import { h, link, loadingView, pageOf } from "../lib/dom.js";
 import { figure } from "../lib/numbers.js";
 import { leastFor, neededFor } from "./calibration_rule.js";
 import { createRecordedOrigin, recordedTest } from "./recorded_origin.js";

@@ -2,8 +2,7 @@
 
 import { labelled, textInput } from "../forms/controls.js";
 import { needs } from "../lib/api.js";
-import { h } from "../lib/dom.js";
-import { button } from "../lib/elements.js";
+import { button, h } from "../lib/dom.js";
 import { createUploads } from "./uploads.js";
 
 const LONGEST_NAME = 200;

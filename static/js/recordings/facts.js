@@ -2,9 +2,8 @@
 
 import { createMiniPlot } from "../charts/mini_plot.js";
 import { reason } from "../lib/api.js";
-import { h } from "../lib/dom.js";
-import { button, chip, factList, sentences, table } from "../lib/elements.js";
-import { count, bytesText, durationText, figure, moment, percent, timeZero } from "../lib/numbers.js";
+import { button, chip, factList, h, sentences, table } from "../lib/dom.js";
+import { bytesText, count, durationText, figure, moment, percent, timeZero } from "../lib/numbers.js";
 import { nameParts } from "./mapping/signal_select.js";
 
 const SHOWN = 100; // signals listed without a filter

@@ -5,8 +5,7 @@
 
 import { needs } from "../lib/api.js";
 import { loadCatalog } from "../lib/catalog.js";
-import { h } from "../lib/dom.js";
-import { button, chip, deleteButton, empty, guideLink, hiddenHead, link, loadingView, pageOf, table } from "../lib/elements.js";
+import { button, chip, deleteButton, empty, guideLink, h, hiddenHead, link, loadingView, pageOf, table } from "../lib/dom.js";
 import { bytesText, durationText, moment } from "../lib/numbers.js";
 import { showComparedScorings } from "./compare/index.js";
 import { createDropZone } from "./drop_zone.js";

@@ -7,8 +7,7 @@
 
 import { textInput } from "../forms/controls.js";
 import { needs } from "../lib/api.js";
-import { h, put } from "../lib/dom.js";
-import { button, errorLine } from "../lib/elements.js";
+import { button, errorLine, h, put } from "../lib/dom.js";
 import { secondsText } from "../lib/numbers.js";
 import { keepDraft } from "../lib/storage.js";
 

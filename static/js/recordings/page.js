@@ -3,8 +3,7 @@
 import { previewTiles } from "../charts/recorded/tiles.js";
 import { reason } from "../lib/api.js";
 import { loadCatalog } from "../lib/catalog.js";
-import { h } from "../lib/dom.js";
-import { createKeepButton, deleteButton, errorLine, link, loadingView, pageOf, state } from "../lib/elements.js";
+import { createKeepButton, deleteButton, errorLine, h, link, loadingView, pageOf, state } from "../lib/dom.js";
 import { createSignalList, recordingFacts } from "./facts.js";
 import { createMappingSection } from "./mapping/section.js";
 import { createQualityStrip } from "./quality_strip.js";

@@ -6,8 +6,7 @@
  */
 
 import { niceTicks } from "../charts/plot.js";
-import { h, svg } from "../lib/dom.js";
-import { sentences } from "../lib/elements.js";
+import { h, sentences, svg } from "../lib/dom.js";
 import { durationText, formatTime } from "../lib/numbers.js";
 
 const ALWAYS = {

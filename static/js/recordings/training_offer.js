@@ -1,8 +1,7 @@
 /** The next step where no monitor fits a recording: train one for its manoeuvre. */
 
 import { needs, reason } from "../lib/api.js";
-import { formatted, h } from "../lib/dom.js";
-import { guideLink, panel, sentences } from "../lib/elements.js";
+import { formatted, guideLink, h, panel, sentences } from "../lib/dom.js";
 
 export function proposalOf(api, recording) {
   return api.get(`/recordings/${encodeURIComponent(recording)}/training-proposal`);

@@ -1,8 +1,7 @@
 /** Uploads in progress, and why a file was refused.   done([recording], someFailed)   all uploads have ended; these succeeded */
 
 import { address, noAnswer, reason, refusal } from "../lib/api.js";
-import { h } from "../lib/dom.js";
-import { button } from "../lib/elements.js";
+import { button, h } from "../lib/dom.js";
 import { bytesText } from "../lib/numbers.js";
 import { badRowsTable } from "./facts.js";
 

@@ -1,7 +1,6 @@
 /** Words, levels and signs for recordings and scorings. */
 
-import { formatted, h } from "../lib/dom.js";
-import { chip } from "../lib/elements.js";
+import { chip, formatted, h } from "../lib/dom.js";
 import { figure, leadSeconds, quantity, riskText, secondsText } from "../lib/numbers.js";
 import { TRIM_SEGMENT } from "./scoring/source.js";
 

@@ -8,8 +8,7 @@ import { guarantee } from "../fly/alarm_panel.js";
 import { showLiveFlight } from "../fly/live_flight.js";
 import { may } from "../lib/api.js";
 import { demonstration } from "../lib/demonstration.js";
-import { formatted, h } from "../lib/dom.js";
-import { button, errorLine, failure, link } from "../lib/elements.js";
+import { button, errorLine, failure, formatted, h, link } from "../lib/dom.js";
 import { storyOf } from "./picture.js";
 import { createRecordedFlight } from "./recorded_flight.js";
 

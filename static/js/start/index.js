@@ -2,8 +2,7 @@
 
 import { may, needs, reason } from "../lib/api.js";
 import { demonstration } from "../lib/demonstration.js";
-import { h } from "../lib/dom.js";
-import { button, errorLine, link } from "../lib/elements.js";
+import { button, errorLine, h, link } from "../lib/dom.js";
 import { canFly, fittingMonitor, startFlight } from "../lib/monitors.js";
 import { drawPicture } from "./picture.js";
 

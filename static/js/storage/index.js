@@ -1,8 +1,7 @@
 /** Storage: disk use of database and recordings, the largest and oldest flights and recordings, and retention. */
 
 import { reason } from "../lib/api.js";
-import { h } from "../lib/dom.js";
-import { createKeepButton, errorLine, factList, guideLink, link, loadingView, pageOf, table } from "../lib/elements.js";
+import { createKeepButton, errorLine, factList, guideLink, h, link, loadingView, pageOf, table } from "../lib/dom.js";
 import { sentence } from "../lib/monitors.js";
 import { bytesText, capital, moment } from "../lib/numbers.js";
 

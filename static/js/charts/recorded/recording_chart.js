@@ -26,8 +26,7 @@
  */
 
 import { reason } from "../../lib/api.js";
-import { h } from "../../lib/dom.js";
-import { button } from "../../lib/elements.js";
+import { button, h } from "../../lib/dom.js";
 import { durationText, formatTime, formatValue, shownIn } from "../../lib/numbers.js";
 import { layOut } from "../layout.js";
 import { NOTHING, rangeText } from "../readings.js";

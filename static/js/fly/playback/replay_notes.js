@@ -9,8 +9,7 @@
  */
 
 import { may, needs, reason } from "../../lib/api.js";
-import { h, put } from "../../lib/dom.js";
-import { button, errorLine } from "../../lib/elements.js";
+import { button, errorLine, h, put } from "../../lib/dom.js";
 import { keepDraft } from "../../lib/storage.js";
 import { readScoring } from "../../recordings/scoring/source.js";
 

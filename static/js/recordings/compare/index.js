@@ -2,8 +2,7 @@
 
 import { select } from "../../forms/controls.js";
 import { aircraftName, kindName, loadCatalog } from "../../lib/catalog.js";
-import { h } from "../../lib/dom.js";
-import { button, errorLine, link, loadingView, pageOf } from "../../lib/elements.js";
+import { button, errorLine, h, link, loadingView, pageOf } from "../../lib/dom.js";
 import { warningWords } from "../../lib/monitors.js";
 import { figure, followUnits } from "../../lib/numbers.js";
 import { readScoring, readScorings } from "../scoring/source.js";

@@ -2,8 +2,7 @@
 
 import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
 import { select } from "../../forms/controls.js";
-import { h } from "../../lib/dom.js";
-import { panel } from "../../lib/elements.js";
+import { h, panel } from "../../lib/dom.js";
 import { figure, followUnits, secondsText } from "../../lib/numbers.js";
 import { laneOf, manoeuvresOf } from "../scoring/events.js";
 import { scoringSource, stripOrder } from "../scoring/source.js";

@@ -6,8 +6,7 @@
  *     manoeuvres of one recording are matched by time, those of different recordings by order
  */
 
-import { h } from "../../lib/dom.js";
-import { button, panel, recipeList, table } from "../../lib/elements.js";
+import { button, h, panel, recipeList, table } from "../../lib/dom.js";
 import { warningMark } from "../../lib/monitors.js";
 import { figure, secondsText } from "../../lib/numbers.js";
 import { earlierMapping } from "../mapping/changes.js";

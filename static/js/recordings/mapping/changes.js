@@ -1,6 +1,6 @@
 /** Whether a scoring used another mapping than the recording has now. */
 
-import { chip } from "../../lib/elements.js";
+import { chip } from "../../lib/dom.js";
 
 export const PLAIN = { signal: "", unit: "", sign: 1, bias: 0, derivation: "" };
 const PLAIN_TIME = { signal: "", unit: "s", rate: 0, start: 0 };

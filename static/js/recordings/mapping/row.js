@@ -1,8 +1,7 @@
 /** One channel of a mapping: signal, unit, sign and removed bias.   state: of the whole mapping */
 
 import { createMiniPlot } from "../../charts/mini_plot.js";
-import { formatted, h, put } from "../../lib/dom.js";
-import { button, chip } from "../../lib/elements.js";
+import { button, chip, formatted, h, put } from "../../lib/dom.js";
 import { followUnits, rounded, shownIn } from "../../lib/numbers.js";
 import { cell, channelCell, confidence, setByYou } from "./cells.js";
 import { PLAIN } from "./changes.js";

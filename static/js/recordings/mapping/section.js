@@ -7,8 +7,7 @@
 
 import { checkbox, parsedJson, pasteBox, textInput } from "../../forms/controls.js";
 import { ApiError, needs, reason } from "../../lib/api.js";
-import { h } from "../../lib/dom.js";
-import { button, chip, errorLine, guideLink } from "../../lib/elements.js";
+import { button, chip, errorLine, guideLink, h } from "../../lib/dom.js";
 import { knownNames } from "../drop_zone.js";
 import { mappingState } from "../words.js";
 import { createMappingTable } from "./table.js";

@@ -6,10 +6,9 @@
  */
 
 import { createForm, radio, sharedField, textInput } from "../../forms/controls.js";
-import { decimal } from "../../forms/decimals.js";
 import { reason } from "../../lib/api.js";
-import { h } from "../../lib/dom.js";
-import { guideLink } from "../../lib/elements.js";
+import { guideLink, h } from "../../lib/dom.js";
+import { decimal } from "../../lib/numbers.js";
 import { createTrainingOffer } from "../training_offer.js";
 import { createManoeuvrePicker } from "./manoeuvre_picker.js";
 import { createMonitorChoice } from "./monitor_choice.js";

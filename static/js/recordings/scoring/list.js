@@ -1,8 +1,7 @@
 /** The scorings of a recording: open, compare, delete. */
 
 import { checkbox } from "../../forms/controls.js";
-import { h } from "../../lib/dom.js";
-import { button, chip, deleteButton, hiddenHead, panel, table } from "../../lib/elements.js";
+import { button, chip, deleteButton, h, hiddenHead, panel, table } from "../../lib/dom.js";
 import { warningMark } from "../../lib/monitors.js";
 import { figure, moment, riskText } from "../../lib/numbers.js";
 import { earlierMapping } from "../mapping/changes.js";

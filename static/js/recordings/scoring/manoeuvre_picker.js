@@ -9,8 +9,7 @@ import { previewTiles } from "../../charts/recorded/tiles.js";
 import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
 import { radio } from "../../forms/controls.js";
 import { reason } from "../../lib/api.js";
-import { h } from "../../lib/dom.js";
-import { button } from "../../lib/elements.js";
+import { button, h } from "../../lib/dom.js";
 import { followUnits } from "../../lib/numbers.js";
 import { createManoeuvreTable } from "./manoeuvre_table.js";
 

@@ -1,9 +1,8 @@
 /** Manoeuvres marked by hand, with editable times. */
 
 import { textInput } from "../../forms/controls.js";
-import { decimal } from "../../forms/decimals.js";
-import { h } from "../../lib/dom.js";
-import { button, errorLine, hiddenHead, table } from "../../lib/elements.js";
+import { button, errorLine, h, hiddenHead, table } from "../../lib/dom.js";
+import { decimal } from "../../lib/numbers.js";
 
 export function createManoeuvreTable({ changed }) {
   let manoeuvres = [];

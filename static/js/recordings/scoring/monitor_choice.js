@@ -5,13 +5,11 @@
  */
 
 import { checkbox, textInput } from "../../forms/controls.js";
-import { decimals } from "../../forms/decimals.js";
 import { reason } from "../../lib/api.js";
 import { aircraftName, kindName, limitWords } from "../../lib/catalog.js";
-import { formatted, h } from "../../lib/dom.js";
-import { errorLine } from "../../lib/elements.js";
+import { errorLine, formatted, h } from "../../lib/dom.js";
 import { warningMark, warningsAt } from "../../lib/monitors.js";
-import { figure, followUnits } from "../../lib/numbers.js";
+import { decimals, figure, followUnits } from "../../lib/numbers.js";
 
 const MOST_TRIED = 20; // monitors, the newest first
 

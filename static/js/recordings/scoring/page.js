@@ -4,8 +4,20 @@ import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
 import { createDisplayChoice } from "../../fly/display_choice.js";
 import { foldedPanel } from "../../forms/controls.js";
 import { needs } from "../../lib/api.js";
-import { formatted, h } from "../../lib/dom.js";
-import { button, empty, errorLine, guideLink, link, loadingView, pageOf, panel, recipeList, sentences } from "../../lib/elements.js";
+import {
+  button,
+  empty,
+  errorLine,
+  formatted,
+  guideLink,
+  h,
+  link,
+  loadingView,
+  pageOf,
+  panel,
+  recipeList,
+  sentences,
+} from "../../lib/dom.js";
 import { createEventList } from "../../lib/event_list.js";
 import { startFlight, warningMark } from "../../lib/monitors.js";
 import { count, figure, magnitudeIn, moment } from "../../lib/numbers.js";

@@ -1,7 +1,6 @@
 /** Data compatibility: scale, bias and delay of each sensor against the others, by kinematics. */
 
-import { formatted, h } from "../../lib/dom.js";
-import { chip, guideLink, panel, table } from "../../lib/elements.js";
+import { chip, formatted, guideLink, h, panel, table } from "../../lib/dom.js";
 import { figure, followUnits, formatValue, magnitude, shownIn } from "../../lib/numbers.js";
 
 const checksOf = (quality) => quality?.compatibility ?? [];

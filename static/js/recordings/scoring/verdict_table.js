@@ -1,8 +1,7 @@
 /** Table of manoeuvres: outcome, warning lead time against the promised one, applicability.   show(k): one was chosen */
 
 import { select } from "../../forms/controls.js";
-import { formatted, h } from "../../lib/dom.js";
-import { chip, sentences, table } from "../../lib/elements.js";
+import { chip, formatted, h, sentences, table } from "../../lib/dom.js";
 import { percent, quantity, secondsText } from "../../lib/numbers.js";
 import { firstAlertText, leadText, measuredBy, outcomeChip, outsideLine, peakText, validityWords } from "../words.js";
 
