@@ -12,11 +12,10 @@ from app.telemetry.contents import Columns
 from app.telemetry.mapping.applying import ANY_NUMBERS, apply_mapping, part_of
 from app.telemetry.mapping.magnitudes import extent_of
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
-from app.telemetry.mapping.motion import Motion, motion
+from app.telemetry.mapping.motion import ANGLE_OF, Motion, motion
 from app.telemetry.mapping.names import name_matches
 from app.telemetry.mapping.proposal_builder import ProposalBuilder
 from app.telemetry.mapping.signs import (
-    ANGLE_OF,
     SignEvidence,
     find_signs,
     gravity_effect,

@@ -29,6 +29,8 @@ LEADERS = ("delta_r", "delta_a", "r", "p")
 """These channels place the windows, where they move most."""
 N_EACH = 2
 LATERAL = ("beta", "p", "r", "Ny", "Ay", "delta_a", "delta_r", "phi", "theta", "psi")
+ANGLE_OF = {"p": "phi", "r": "psi"}
+"""The angle whose derivative a rate is."""
 FULL_TURNS = {"phi": 2.0 * pi, "psi": 2.0 * pi}
 FEWEST = 60
 """Fewest rows for a regression: 3 s."""
@@ -63,32 +65,42 @@ class Motion:
         (values,) = self._centred([self.values[key]])
         return float(values.std()) if len(values) else 0.0
 
-    def effects(self, response: Array, causes: dict[str, Array]) -> dict[str, PartialEffect]:
-        """Least squares of a response on its causes, relative to their means in each window.
+    def effect(self, response: str | Array, cause: str, *others: str) -> PartialEffect | None:
+        """Effect of one cause on a response, by least squares on it and on other causes.
 
-        Returns {} if there are too few rows, and omits causes that do not move.
+        All are relative to their means in each window. None if there are too few rows or the cause
+        is unknown or does not move. A response is a channel or its values, "gravity" is a cause.
         """
+        known = self.values | ({"gravity": self.gravity} if "phi" in self.values else {})
+        causes = {key: known[key] for key in (cause, *others) if key in known}
+        if cause not in causes or (isinstance(response, str) and response not in known):
+            return None
+        return self._regressed(known[response] if isinstance(response, str) else response, causes)
+
+    def rate_effect(self, key: str) -> PartialEffect | None:
+        """Effect of the derivative of its angle on a rate."""
+        if key not in self.values or ANGLE_OF[key] not in self.values:
+            return None
+        return self._regressed(self.values[key], {key: self.rates[ANGLE_OF[key]]})
+
+    def _regressed(self, response: Array, causes: dict[str, Array]) -> PartialEffect | None:
+        """Effect of the first of the causes."""
         y, *columns = self._centred([response, *causes.values()])
         scales = [float(column.std()) if len(column) else 0.0 for column in columns]
         moving = [k for k, scale in enumerate(scales) if scale > 1e-9]
-        if len(y) < FEWEST or not moving:
-            return {}
+        if len(y) < FEWEST or 0 not in moving:
+            return None
         x = np.column_stack([columns[k] / scales[k] for k in moving])
         gram = x.T @ x
         if not np.isfinite(gram).all():
-            return {}
+            return None
         inverse = np.linalg.pinv(gram, rcond=1e-9, hermitian=True)
         slopes = inverse @ (x.T @ y)
         residual = y - x @ slopes
-        unexplained = float(residual @ residual)
-        names = list(causes)
-        effects = {}
-        for i, k in enumerate(moving):
-            explained = slopes[i] ** 2 / inverse[i, i] if inverse[i, i] > 0.0 else 0.0
-            total = explained + unexplained
-            share = float(explained / total) if total > 0.0 else 0.0
-            effects[names[k]] = PartialEffect(float(slopes[i] / scales[k]), share)
-        return effects
+        explained = slopes[0] ** 2 / inverse[0, 0] if inverse[0, 0] > 0.0 else 0.0
+        total = explained + float(residual @ residual)
+        share = float(explained / total) if total > 0.0 else 0.0
+        return PartialEffect(float(slopes[0] / scales[0]), share)
 
     def _centred(self, columns: list[Array]) -> list[Array]:
         known = np.isfinite(columns).all(axis=0)

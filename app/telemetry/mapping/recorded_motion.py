@@ -5,10 +5,10 @@ force and bank, N_z is near 1 g, and airspeed over Mach number is the speed of s
 numbers show such a ratio times a quotient of units.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from collections.abc import Mapping as AnyMapping
 from dataclasses import dataclass
-from math import exp, hypot, log, pi, sqrt
+from math import exp, hypot, inf, log, pi, sqrt
 
 import numpy as np
 
@@ -17,9 +17,9 @@ from app.telemetry.mapping.applying import apply_mapping
 from app.telemetry.mapping.candidates import PROPOSED, Candidate, Candidates
 from app.telemetry.mapping.magnitudes import extent_of
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
-from app.telemetry.mapping.motion import LARGEST, Motion, motion, sideslip_balance
+from app.telemetry.mapping.motion import ANGLE_OF, LARGEST, Motion, motion, sideslip_balance
 from app.telemetry.mapping.names import is_derived
-from app.telemetry.mapping.signs import ANGLE_OF, CLEAR, FOLLOWS
+from app.telemetry.mapping.signs import CLEAR, FOLLOWS
 from app.telemetry.mapping.spelling import spellings
 from app.telemetry.mapping.vocabulary import MACH, NORMAL_ACCELERATION
 from app.telemetry.recording import TelemetryError
@@ -127,11 +127,8 @@ def _follows(
     columns: Columns, before: Mapping, key: str, rate: Candidate, of_angle: dict[str, str]
 ) -> float:
     """Magnitude of the correlation between a signal and the derivative of its angle."""
-    angle, names = ANGLE_OF[key], of_angle | {key: rate.signal.name}
-    moves, _ = motion_as_recorded(columns, before.times, names)
-    if moves is None or angle not in moves.values:
-        return 0.0
-    effect = moves.effects(moves.values[key], {angle: moves.rates[angle]}).get(angle)
+    moves, _ = motion_as_recorded(columns, before.times, of_angle | {key: rate.signal.name})
+    effect = moves.rate_effect(key) if moves else None
     return sqrt(max(effect.share, 0.0)) if effect else 0.0
 
 
@@ -174,86 +171,53 @@ class UnitRelation:
         return self.text.format(exp(self.in_si(factors)))
 
 
-def relations_of_motion(moves: Motion) -> list[UnitRelation]:
+def relations_of_motion(moves: Motion) -> Iterator[UnitRelation]:
     """Ratios between channels, from a motion in raw numbers."""
-    relations = []
     for key, angle in ANGLE_OF.items():
-        if key not in moves.values or angle not in moves.values:
-            continue
-        effect = moves.effects(moves.values[key], {angle: moves.rates[angle]}).get(angle)
+        effect = moves.rate_effect(key)
         if effect and effect.share >= FOLLOWS:
             # undo the bias of the slope by noise in the derivative
             size = log(abs(effect.slope) / sqrt(effect.share))
             text = f"{key} is {{:.3g}} times d({angle})/dt"
             # in a bank r is smaller by cos(phi)
-            scatter = 0.2 if key == "p" else 0.35
-            relations.append(UnitRelation({key: 1, angle: -1}, size, 0.0, scatter, text))
-    return [*relations, *_of_sideslip(moves), *_of_surfaces(moves)]
-
-
-def _of_surfaces(moves: Motion) -> list[UnitRelation]:
-    """Angular acceleration per deflection."""
-    relations = []
-    for key, (rate, usual) in EFFECTIVENESS.items():
-        if key not in moves.values or rate not in moves.values:
-            continue
-        others = ("p", "r", *EFFECTIVENESS, "beta")
-        causes = {other: moves.values[other] for other in others if other in moves.values}
-        effect = moves.effects(moves.rates[rate], causes).get(key)
-        if effect and effect.share >= CLEAR:
-            size = log(abs(effect.slope))
-            text = f"{key} makes {{:.2g}} rad/s^2 of d({rate})/dt per rad"
-            powers = {rate: 1, key: -1}
-            relations.append(UnitRelation(powers, size, log(usual), 1.3, text, exact=False))
-    return relations
-
-
-def _of_sideslip(moves: Motion) -> list[UnitRelation]:
-    """beta-dot against the yaw rate, and side force against sideslip."""
-    if "beta" not in moves.values:
-        return []
-    relations = []
-    if "r" in moves.values:
-        causes = {key: moves.values[key] for key in ("r", "p", "phi") if key in moves.values}
-        effect = moves.effects(moves.rates["beta"], causes).get("r")
+            yield UnitRelation({key: 1, angle: -1}, size, 0.0, 0.2 if key == "p" else 0.35, text)
+    if "beta" in moves.values:
+        # beta-dot against the yaw rate
+        effect = moves.effect(moves.rates["beta"], "r", "p", "phi")
         if effect and effect.share >= FOLLOWS:
             size = log(abs(effect.slope) / sqrt(effect.share))
             text = "d(beta)/dt is {:.3g} times -r"
-            relations.append(UnitRelation({"beta": 1, "r": -1}, size, 0.1, 0.3, text))
-    if "Ny" in moves.values:
-        others = ("beta", "delta_r", "p", "r", "delta_a", "phi")
-        causes = {key: moves.values[key] for key in others if key in moves.values}
-        effect = moves.effects(moves.values["Ny"], causes).get("beta")
-        if effect and effect.share >= SIDE_FORCE_CLEAR:
-            # C_Y,beta over C_L: 0.9 to 12 g per rad for the published aircraft
-            relations.append(
-                UnitRelation(
-                    {"Ny": 1, "beta": -1}, log(abs(effect.slope)), log(2.0), 1.0,
-                    "the side force is {:.2g} g per rad of sideslip", exact=False,
-                )
-            )  # fmt: skip
-    return relations
+            yield UnitRelation({"beta": 1, "r": -1}, size, 0.1, 0.3, text)
+    effect = moves.effect("Ny", "beta", "delta_r", "p", "r", "delta_a", "phi")
+    if effect and effect.share >= SIDE_FORCE_CLEAR:
+        # C_Y,beta over C_L: 0.9 to 12 g per rad for the published aircraft
+        text = "the side force is {:.2g} g per rad of sideslip"
+        powers, size = {"Ny": 1, "beta": -1}, log(abs(effect.slope))
+        yield UnitRelation(powers, size, log(2.0), 1.0, text, exact=False)
+    for key, (rate, usual) in EFFECTIVENESS.items():
+        acceleration = moves.rates.get(rate)
+        others = ("p", "r", *(other for other in EFFECTIVENESS if other != key), "beta")
+        effect = None if acceleration is None else moves.effect(acceleration, key, *others)
+        if effect and effect.share >= CLEAR:
+            text = f"{key} makes {{:.2g}} rad/s^2 of d({rate})/dt per rad"
+            powers, size = {rate: 1, key: -1}, log(abs(effect.slope))
+            yield UnitRelation(powers, size, log(usual), 1.3, text, exact=False)
 
 
-def relations_of_airspeed(moves: Motion, speed: float) -> list[UnitRelation]:
+def relations_of_airspeed(moves: Motion, speed: float) -> Iterator[UnitRelation]:
     """beta-dot against side force and bank, which is g/V times each.
 
     speed: raw airspeed.
     """
-    relations = []
     slopes = sideslip_balance(moves) if 0.0 < speed < LARGEST else {}
     for key, per in (("Ny", "g of Ny"), ("phi", "rad of bank")):
-        if key not in slopes:
-            continue
-        slope = slopes[key]
-        wide = slope.high - slope.value
-        if not wide < WIDEST * abs(slope.value):
-            continue
-        size = log(abs(slope.value) * speed / STANDARD_GRAVITY)
-        text = f"d(beta)/dt + r is {{:.2g}} g/V per {per}"
-        powers = {"V": 1, "beta": 1, key: -1}
-        relations.append(UnitRelation(powers, size, 0.0, hypot(0.2, wide / slope.value), text))
-    return relations
+        slope = slopes.get(key)
+        wide = (slope.high - slope.value) / abs(slope.value) if slope and slope.value else inf
+        if slope and wide < WIDEST:
+            size = log(abs(slope.value) * speed / STANDARD_GRAVITY)
+            text = f"d(beta)/dt + r is {{:.2g}} g/V per {per}"
+            powers = {"V": 1, "beta": 1, key: -1}
+            yield UnitRelation(powers, size, 0.0, hypot(0.2, wide), text)
 
 
 def relation_of_turn(key: str, unit: str) -> UnitRelation:

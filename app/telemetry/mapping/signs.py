@@ -14,14 +14,12 @@ from math import radians
 
 import numpy as np
 
-from app.telemetry.mapping.motion import Motion, PartialEffect, sideslip_balance
+from app.telemetry.mapping.motion import ANGLE_OF, Motion, PartialEffect, sideslip_balance
 from app.telemetry.recording import Trace
 from core.simulation.attitude import SurfaceSigns
 from core.types import Array
 
 CONVENTION = SurfaceSigns(aileron=-1, rudder=-1)
-ANGLE_OF = {"p": "phi", "r": "psi"}
-"""The angle whose derivative a rate is."""
 CLEAR = 0.5
 """Share of the variation left by other causes that a cause must explain to show a sign."""
 FOLLOWS = 0.7
@@ -30,6 +28,11 @@ MOVED = radians(0.12)
 """Least standard deviation of a surface or the sideslip that shows a sign [rad]."""
 RATE_MOVED = radians(0.15)
 """The same for a rate [rad/s]."""
+SURFACES = {
+    "delta_r": ("rudder", "yaws the nose", "yaw", "delta_a"),
+    "delta_a": ("aileron", "rolls", "roll", "delta_r"),
+}
+"""By surface: its name, what it does, the axis, the other surface."""
 MIX_UP = (40.0, 80.0)
 """Ratios of a rate to the derivative of its angle that show degrees read as radians (57.3)."""
 
@@ -56,30 +59,30 @@ def find_signs(
     yaw_is_known: whether the sign of r is confirmed.
     """
     signs: dict[str, SignEvidence] = {}
-    for key, angle in ANGLE_OF.items():
-        if evidence := _rate(moves, key, angle):
+
+    def add(key: str, evidence: SignEvidence | None) -> SignEvidence | None:
+        if evidence:
             signs[key] = evidence
+        return evidence
+
+    for key in ANGLE_OF:
+        add(key, _rate(moves, key))
     yaw = _accelerations(moves, "r", signs)
-    if yaw is not None and (evidence := _sideslip(moves, yaw)):
-        signs["beta"] = evidence
-    if evidence := _lateral(moves, "Ny", signs):
-        signs["Ny"] = evidence
-    rudder = _surface(moves, yaw, "delta_r", expected.rudder, ("yaws the nose", "yaw"))
-    if rudder:
-        signs["delta_r"] = rudder
-
-    def aileron_by_roll() -> SignEvidence | None:
-        roll, words = _accelerations(moves, "p", signs), ("rolls", "roll")
-        return _surface(moves, roll, "delta_a", expected.aileron, words)
-
-    aileron = aileron_by_roll()
+    add("beta", _sideslip(moves, yaw))
+    add("Ny", _lateral(moves, signs))
+    rudder = add("delta_r", _surface(moves, yaw, "delta_r", expected.rudder))
+    roll = _accelerations(moves, "p", signs)
+    aileron = _surface(moves, roll, "delta_a", expected.aileron)
     if aileron and aileron.sign < 0 and _bank_is_odd(moves, signs):
-        signs |= _bank_reversed(signs["p"])
-        aileron = aileron_by_roll()
-    if aileron:
-        signs["delta_a"] = aileron
-    elif rudder and rudder.sign * expected.rudder > 0 and "delta_a" in moves.values:
-        signs["delta_a"] = _like_the_rudder(expected)
+        # reverse the bank angle instead of roll rate and aileron
+        text = "its sign agrees with the aileron, and with the attitude once the bank is reversed"
+        signs["p"] = replace(signs["p"], sign=1, text=text)
+        text = "reversed: otherwise roll rate and aileron would both be reversed"
+        signs["phi"] = SignEvidence(-1, text)
+        roll = _accelerations(moves, "p", signs)
+        aileron = _surface(moves, roll, "delta_a", expected.aileron)
+    if not add("delta_a", aileron) and rudder and rudder.sign * expected.rudder > 0:
+        add("delta_a", _like_the_rudder(expected) if "delta_a" in moves.values else None)
     return signs if yaw_is_known else _fewest_reversals(signs)
 
 
@@ -88,13 +91,6 @@ def _bank_is_odd(moves: Motion, signs: dict[str, SignEvidence]) -> bool:
     against = [key for key in signs if signs[key].sign < 0]
     slope = sideslip_balance(moves).get("phi")
     return against == ["p"] and not (slope and slope.low > 0.0)
-
-
-def _bank_reversed(rate: SignEvidence) -> dict[str, SignEvidence]:
-    """Reverse the bank angle instead of the roll rate. rate: evidence against the attitude."""
-    agrees = "its sign agrees with the aileron, and with the attitude once the bank is reversed"
-    text = "reversed: otherwise roll rate and aileron would both be reversed"
-    return {"p": replace(rate, sign=1, text=agrees), "phi": SignEvidence(-1, text)}
 
 
 def _fewest_reversals(signs: dict[str, SignEvidence]) -> dict[str, SignEvidence]:
@@ -107,21 +103,26 @@ def _fewest_reversals(signs: dict[str, SignEvidence]) -> dict[str, SignEvidence]
     return signs | dict.fromkeys(dependent, agrees) | {"r": SignEvidence(-1, text)}
 
 
-def _rate(moves: Motion, key: str, angle: str) -> SignEvidence | None:
+def _evidence(
+    agrees: bool, with_what: str, otherwise: str, how: str, times: float = 1.0
+) -> SignEvidence:
+    if agrees:
+        return SignEvidence(1, f"its sign agrees with {with_what}: {how}", times=times)
+    return SignEvidence(-1, f"reversed, because {otherwise}: {how}", times=times)
+
+
+def _rate(moves: Motion, key: str) -> SignEvidence | None:
     """Compare a body rate with the derivative of its angle."""
-    if key not in moves.values or angle not in moves.values or moves.spread(key) < RATE_MOVED:
-        return None
-    effect = moves.effects(moves.values[key], {angle: moves.rates[angle]}).get(angle)
-    if effect is None or effect.share < FOLLOWS:
+    effect = moves.rate_effect(key)
+    if effect is None or effect.share < FOLLOWS or moves.spread(key) < RATE_MOVED:
         return None
     size = abs(effect.slope)
-    times = 1.0
-    if MIX_UP[0] < size < MIX_UP[1] or MIX_UP[0] < 1.0 / size < MIX_UP[1]:
-        times = size
+    is_mixed_up = any(MIX_UP[0] < ratio < MIX_UP[1] for ratio in (size, 1.0 / size))
+    angle = ANGLE_OF[key]
     how = f"{effect.slope:+.2f} times d({angle})/dt, which explains {effect.share:.0%} of it"
-    if effect.slope > 0.0:
-        return SignEvidence(1, f"its sign agrees with the attitude: {how}", times=times)
-    return SignEvidence(-1, f"reversed, because it is opposite to the attitude: {how}", times=times)
+    otherwise = "it is opposite to the attitude"
+    times = size if is_mixed_up else 1.0
+    return _evidence(effect.slope > 0.0, "the attitude", otherwise, how, times)
 
 
 def _accelerations(moves: Motion, key: str, signs: dict[str, SignEvidence]) -> Array | None:
@@ -131,71 +132,50 @@ def _accelerations(moves: Motion, key: str, signs: dict[str, SignEvidence]) -> A
     return moves.rates[key] * (signs[key].sign if key in signs else 1)
 
 
-def _causes(moves: Motion, *keys: str) -> dict[str, Array]:
-    return {key: moves.values[key] for key in keys if key in moves.values}
-
-
-def _sideslip(moves: Motion, yaw: Array) -> SignEvidence | None:
+def _sideslip(moves: Motion, yaw: Array | None) -> SignEvidence | None:
     """Weathercock stability: wind from the right yaws the nose right."""
-    if moves.spread("beta") < MOVED:
+    if yaw is None or moves.spread("beta") < MOVED:
         return None
-    causes = _causes(moves, "beta", "p", "r", "delta_a", "delta_r")
-    effect = moves.effects(yaw, causes).get("beta")
+    effect = moves.effect(yaw, "beta", "p", "r", "delta_a", "delta_r")
     if effect is None or effect.share < CLEAR:
         return None
     how = f"{effect.slope:+.2g} rad/s^2 of yaw acceleration per rad{_explains(effect)}"
-    if effect.slope > 0.0:
-        return SignEvidence(1, f"its sign agrees with weathercock stability: {how}")
-    return SignEvidence(-1, f"reversed, because it contradicts weathercock stability: {how}")
+    stability = "weathercock stability"
+    return _evidence(effect.slope > 0.0, stability, f"it contradicts {stability}", how)
 
 
-def _lateral(moves: Motion, key: str, signs: dict[str, SignEvidence]) -> SignEvidence | None:
+def _lateral(moves: Motion, signs: dict[str, SignEvidence]) -> SignEvidence | None:
     """Side force: wind from the right pushes left."""
-    if key not in moves.values or moves.spread("beta") < MOVED:
+    if moves.spread("beta") < MOVED:
         return None
-    causes = _causes(moves, "beta", "p", "r", "delta_a", "delta_r")
-    if "phi" in moves.values:
-        causes["gravity"] = moves.gravity
-    effect = moves.effects(moves.values[key], causes).get("beta")
+    effect = moves.effect("Ny", "beta", "p", "r", "delta_a", "delta_r", "gravity")
     if effect is None or effect.share < CLEAR:
         return None
     slope = effect.slope * (signs["beta"].sign if "beta" in signs else 1)
     how = f"{slope:+.2g} g per rad of sideslip{_explains(effect)}"
-    if slope < 0.0:
-        return SignEvidence(1, f"its sign agrees with the sideslip: {how}")
-    return SignEvidence(-1, f"reversed, because wind from the right must push left: {how}")
+    return _evidence(slope < 0.0, "the sideslip", "wind from the right must push left", how)
 
 
 def _surface(
-    moves: Motion, acceleration: Array | None, key: str, expected: int, words: tuple[str, str]
+    moves: Motion, acceleration: Array | None, key: str, expected: int
 ) -> SignEvidence | None:
     """Compare a surface with the angular acceleration that it causes."""
-    other = "delta_a" if key == "delta_r" else "delta_r"
+    name, verb, axis, other = SURFACES[key]
     if acceleration is None or moves.spread(key) < MOVED:
         return None
     if "beta" not in moves.values and moves.spread(key) < moves.spread(other):
         # without sideslip only the surface that leads the motion can be separated from the response
         return None
-    causes = _causes(moves, key, "p", "r", other, "beta")
-    effect = moves.effects(acceleration, causes).get(key)
+    effect = moves.effect(acceleration, key, "p", "r", other, "beta")
     if effect is None or effect.share < CLEAR:
         return None
-    return _against(effect, expected, words, {"delta_r": "rudder", "delta_a": "aileron"}[key])
-
-
-def _against(
-    effect: PartialEffect, expected: int, words: tuple[str, str], name: str
-) -> SignEvidence:
-    verb, axis = words
     measured, usual = (("right" if sign > 0 else "left") for sign in (effect.slope, expected))
     how = f"{effect.slope:+.2g} rad/s^2 of {axis} acceleration per rad{_explains(effect)}"
     if effect.slope * expected > 0.0:
-        return SignEvidence(
-            1, f"its sign agrees with the convention: positive {name} {verb} {measured} ({how})"
-        )
-    return SignEvidence(
-        -1, f"reversed: positive {name} {verb} {measured} here ({how}), but {usual} by convention"
-    )
+        text = f"its sign agrees with the convention: positive {name} {verb} {measured} ({how})"
+        return SignEvidence(1, text)
+    text = f"reversed: positive {name} {verb} {measured} here ({how}), but {usual} by convention"
+    return SignEvidence(-1, text)
 
 
 def _explains(effect: PartialEffect) -> str:
@@ -254,18 +234,12 @@ def gravity_effect(moves: Motion) -> PartialEffect | None:
     turn. Inertial acceleration follows the bank with +1, and with -1 if reversed. In steady
     sideslips specific force also follows with -1.
     """
-    if "Ny" not in moves.values or moves.spread("phi") < BANKED:
+    if moves.spread("phi") < BANKED:
         return None
-    others = ("beta", "delta_r", "p", "r", "delta_a")
-    causes = {key: moves.values[key] for key in others if key in moves.values}
-    effect = moves.effects(moves.values["Ny"], causes | {"gravity": moves.gravity}).get("gravity")
-    if (
-        effect is None
-        or effect.share < OF_GRAVITY
-        or not IN_FULL[0] < abs(effect.slope) < IN_FULL[1]
-    ):
+    effect = moves.effect("Ny", "gravity", "beta", "delta_r", "p", "r", "delta_a")
+    if effect is None or effect.share < OF_GRAVITY:
         return None
-    return effect
+    return effect if IN_FULL[0] < abs(effect.slope) < IN_FULL[1] else None
 
 
 def quiet_bias(trace: Trace) -> Bias | None:
