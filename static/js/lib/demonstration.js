@@ -3,11 +3,10 @@
  *
  * demonstration.latest        {phase, step, share, elapsed, remaining, flight, problem}; null where none was started
  * demonstration.follow(api)   asks the server, again and again until it flies or failed;   start(api) trains and flies it
- * demonstration.ended() -> Promise     once it flies; rejects with the reason where it failed
  */
 
 import { ApiError } from "./api.js";
-import { h, put } from "./dom.js";
+import { button, h, put } from "./dom.js";
 
 const EVERY = 1000; // ms
 const ENDED = ["ready", "failed"];
@@ -25,23 +24,21 @@ export const demonstration = {
   start: async (api) => {
     show(await api.post("/demonstration"), api);
   },
-  ended: () =>
-    new Promise((resolve, reject) => {
-      const unsubscribe = demonstration.subscribe(look);
-      look(demonstration.latest);
-
-      function look({ phase, problem }) {
-        if (!ENDED.includes(phase)) return;
-        unsubscribe();
-        if (phase === "ready") resolve();
-        else reject(new ApiError(problem, 0));
-      }
-    }),
+  ended,
   subscribe: (listener) => {
     listeners.add(listener);
     return () => listeners.delete(listener);
   },
 };
+
+/** Until it flies; ApiError where it failed. */
+async function ended() {
+  while (!ENDED.includes(demonstration.latest.phase))
+    await new Promise((resolve) => {
+      const unsubscribe = demonstration.subscribe(() => resolve(unsubscribe()));
+    });
+  if (demonstration.latest.phase === "failed") throw new ApiError(demonstration.latest.problem, 0);
+}
 
 async function follow(api) {
   clearTimeout(timer);
@@ -78,8 +75,8 @@ function coarse(seconds) {
 export function createDemonstrationBar(element, { navigate }) {
   const words = h("span.preparing-words", { role: "status" });
   const bar = h("progress.preparing-bar", { max: 1, "aria-label": "Live demonstration" });
-  const watch = h("button", { type: "button", class: "button button-small button-primary", hidden: true, onclick: () => navigate(address()) }, "Watch it");
-  const dismiss = h("button", { type: "button", class: "button button-small", hidden: true, "aria-label": "Dismiss", onclick: leave }, "×");
+  const watch = button("Watch it", () => navigate(address()), { class: "button button-small button-primary", hidden: true });
+  const dismiss = button("×", leave, { class: "button button-small", hidden: true, "aria-label": "Dismiss" });
   element.append(words, bar, watch, dismiss);
   let offered = true;
   demonstration.subscribe(draw);

@@ -10,7 +10,7 @@
  * formatted(words) -> Node     "|N_y| < 0.5 g" with y as a subscript
  * piecesOf(words) -> [[text, index]]     the same, cut at each symbol; the index is empty for what is no symbol
  * loadingView(element, {title, text, build}) -> {close()}    loading, then what was built, or why not
- *     build({keep, again, open}) -> Promise<Node>     keep({close}): what must end with the view
+ *     build({keep, again}) -> Promise<Node>     keep({close}): what must end with the view
  * state(kind, title, text, ...actions)    of a panel; kind "empty" | "loading" | "error"
  * panel(title, content, {beside, ...attributes})     beside: nodes in the row of the heading
  * errorLine() -> {element, show(words), attempt(act)}     hidden while there are no words
@@ -110,13 +110,7 @@ export function loadingView(element, { title, text, build }) {
     release();
     element.replaceChildren(pageOf(title, [], loading(text)));
     try {
-      const built = await build({
-        keep,
-        again: load,
-        get open() {
-          return open;
-        },
-      });
+      const built = await build({ keep, again: load });
       if (open) element.replaceChildren(built);
     } catch (error) {
       if (open) element.replaceChildren(pageOf(title, [], failure(error, load)));
@@ -203,14 +197,9 @@ export function askToConfirm(question, consequence, word, act, stay = "Cancel") 
   const failure = errorLine();
   const yes = button(word, perform, { class: "button button-danger" });
   const no = button(stay, () => dialog.close(), { autofocus: true });
-  const dialog = h(
-    "dialog.dialog",
-    { "aria-labelledby": "dialog-title" },
-    h("h2", { id: "dialog-title" }, question),
-    h("p", consequence),
-    failure.element,
-    h("div.row", yes, no),
-  );
+  const title = h("h2", { id: "dialog-title" }, question);
+  const content = [title, h("p", consequence), failure.element, h("div.row", yes, no)];
+  const dialog = h("dialog.dialog", { "aria-labelledby": "dialog-title" }, content);
   dialog.addEventListener("close", () => dialog.remove());
   document.querySelector("#page").append(dialog);
   dialog.showModal();
@@ -288,12 +277,8 @@ function headCell(head, kind) {
 function cell([head, contentOf, kind = null], item, k) {
   const content = contentOf(item, k);
   if (kind?.startsWith("name")) return h("th", { scope: "row", class: kind.slice(5) || null }, content);
-  const label = typeof head === "string" ? head : null;
-  return h(
-    "td",
-    { class: CLASSES[kind] ?? kind, "data-label": label },
-    Array.isArray(content) ? h("span", content) : content,
-  );
+  const attributes = { class: CLASSES[kind] ?? kind, "data-label": typeof head === "string" && head };
+  return h("td", attributes, Array.isArray(content) ? h("span", content) : content);
 }
 
 export function factList(facts, classes = "facts") {
@@ -302,16 +287,11 @@ export function factList(facts, classes = "facts") {
 }
 
 export function recipeList(rows, classes = "recipe") {
-  const parts = rows.flatMap(([name, value, isHash]) => [
-    h("dt", name),
-    h("dd", { class: isHash ? "hash" : null }, value),
-  ]);
+  const parts = rows.flatMap(([name, value, isHash]) => [h("dt", name), h(isHash ? "dd.hash" : "dd", value)]);
   return h("dl", { class: classes }, parts);
 }
 
 export function sentences(texts) {
   if (!texts.length) return null;
-  return h("ul.sentences", texts.map((text) => h("li", withMinus(text))));
+  return h("ul.sentences", texts.map((text) => h("li", typeof text === "string" ? trueMinus(text) : text)));
 }
-
-const withMinus = (text) => (typeof text === "string" ? trueMinus(text) : text);

@@ -44,11 +44,7 @@ function form({ catalog, api, datasets, chosen }) {
     content: [
       source.element,
       source.size,
-      fieldset(
-        "2  Size",
-        h("div.field-grid", ["n_monitors", "n_test"].map(sizes.element)),
-        sizes.element("monitor"),
-      ),
+      fieldset("2  Size", h("div.field-grid", ["n_monitors", "n_test"].map(sizes.element)), sizes.element("monitor")),
     ],
     beside: "All methods use the same failures and the same fresh flights.",
     read: () => ({ ...sizes.read(), dataset: source.read() }),
@@ -70,21 +66,14 @@ function result({ result: study, request }, catalog) {
 function rates(methods, ranking) {
   const { epsilon } = methods[ranking[0]];
   const places = [...new Set(SHOWN.map((shown) => nearest(epsilon, shown)))];
-  const columns = places.map((k) => [
-    `missed / no false alarm at ε = ${figure(epsilon[k])}`,
-    (name) => shares(methods[name], k),
-    "number",
-  ]);
+  const titleOf = (k) => `missed / no false alarm at ε = ${figure(epsilon[k])}`;
+  const columns = places.map((k) => [titleOf(k), (name) => shares(methods[name], k), "number"]);
   return table({ columns: [["Method", (name) => name, "name"], ...columns], items: ranking, caption: CAPTION });
 }
 
 function shares(method, k) {
   const hint = `${interval(method.miss_interval[k], 0)} / ${interval(method.power_interval[k], 0)}`;
-  return [
-    h("strong", `${percent(method.miss_rate[k], 0)} / ${percent(method.power[k], 0)}`),
-    h("br"),
-    h("span.hint", hint),
-  ];
+  return [h("strong", `${percent(method.miss_rate[k], 0)} / ${percent(method.power[k], 0)}`), h("br"), h("span.hint", hint)];
 }
 
 function nearest(values, wanted) {

@@ -5,33 +5,16 @@
  * changed({epsilon, rank})   at once and at each move
  */
 
-import { guideLink, h, svg } from "../lib/dom.js";
+import { guideLink, h, panel, svg } from "../lib/dom.js";
 import { warningLines } from "../lib/monitors.js";
 import { count, figure, interval, percent } from "../lib/numbers.js";
 import { alertAbove, neededFor, rank, scatter, threshold } from "./calibration_rule.js";
 
+/** [name, key, its rate, its 95 % interval, words] */
 const MEASURES = [
-  {
-    name: "Missed failures",
-    key: "miss",
-    rate: "miss_rate",
-    bounds: "miss_interval",
-    words: "of failing flights: valid, no timely alert",
-  },
-  {
-    name: "Safe flights without a false alarm",
-    key: "power",
-    rate: "power",
-    bounds: "power_interval",
-    words: "of safe flights: valid, no alert",
-  },
-  {
-    name: "P(fail | alert)",
-    key: "fail",
-    rate: "fail_given_alert",
-    bounds: "fail_given_alert_interval",
-    words: "of flights with an alert fail, at the simulated unsafe rate",
-  },
+  ["Missed failures", "miss", "miss_rate", "miss_interval", "of failing flights: valid, no timely alert"],
+  ["Safe flights without a false alarm", "power", "power", "power_interval", "of safe flights: valid, no alert"],
+  ["P(fail | alert)", "fail", "fail_given_alert", "fail_given_alert_interval", "of flights with an alert fail, at the simulated unsafe rate"],
 ];
 const SAME = 1e-9;
 
@@ -39,17 +22,9 @@ export function createEpsilonCost({ monitor, calibrations, evaluation, changed }
   const points = pointsOf(monitor, evaluation);
   const own = points.findIndex(({ epsilon }) => Math.abs(epsilon - monitor.epsilon) < SAME);
   const last = points.length - 1;
-  const slider = h("input", {
-    type: "range",
-    min: 0,
-    max: last,
-    step: 1,
-    id: "epsilon",
-    class: "epsilon-slider",
-    oninput: move,
-  });
+  const slider = h("input.epsilon-slider", { type: "range", min: 0, max: last, id: "epsilon", oninput: move });
   slider.value = Math.max(own, 0);
-  const reading = h("output", { for: "epsilon", class: "epsilon-reading" });
+  const reading = h("output.epsilon-reading", { for: "epsilon" });
   const rule = h("p.dim");
   const meters = MEASURES.map(meter);
   const counts = h("p.hint", { "data-counts": "" });
@@ -59,32 +34,22 @@ export function createEpsilonCost({ monitor, calibrations, evaluation, changed }
   const measured = evaluation
     ? [h("div.meters", meters.map(({ row }) => row)), counts]
     : h("p.hint", unmeasured);
-  const element = h(
-    "section.panel.stack",
-    { "aria-labelledby": "epsilon-title" },
-    h(
-      "div.row",
-      h(
-        "h2.panel-title",
-        { id: "epsilon-title" },
-        "What an epsilon costs ",
-        guideLink("what-the-numbers-mean#epsilon", "epsilon"),
-      ),
-      reading,
-    ),
-    h("label", { for: "epsilon", class: "hint" }, "epsilon: accepted share of missed failures"),
+  const ends = [
+    h("span", `${figure(points[0].epsilon)}: fewer misses, more alerts`),
+    h("span", `more misses, fewer alerts: ${figure(points[last].epsilon)}`),
+  ];
+  const content = [
+    h("label.hint", { for: "epsilon" }, "epsilon: accepted share of missed failures"),
     slider,
-    h(
-      "div.spread-ends.hint",
-      h("span", `${figure(points[0].epsilon)}: fewer misses, more alerts`),
-      h("span", `more misses, fewer alerts: ${figure(points[last].epsilon)}`),
-    ),
+    h("div.spread-ends.hint", ends),
     rule,
     measured,
     warnings,
     guarantee,
     enough(monitor, calibrations.length),
-  );
+  ];
+  const title = ["What an epsilon costs ", guideLink("what-the-numbers-mean#epsilon", "epsilon")];
+  const element = panel(title, content, { class: "panel stack", beside: reading, "aria-label": "What an epsilon costs" });
   const promised = monitor.recipe.guarantee ?? "average";
   const cost = { element, epsilon: points[slider.value].epsilon };
   move();
@@ -122,9 +87,7 @@ export function createEpsilonCost({ monitor, calibrations, evaluation, changed }
 
 /** Each test flight is in one count. Flights called INVALID are neither missed nor quiet. */
 function countsInWords({ misses, withdrawn, false_alerts, safe_withdrawn }, { n_unsafe, n_safe }) {
-  const among = (total, parts) =>
-    parts.map(([n, words]) => `${count(n)} ${words}`).join(", ") +
-    `, of ${count(total)}`;
+  const among = (total, parts) => [...parts.map(([n, words]) => `${count(n)} ${words}`), `of ${count(total)}`].join(", ");
   if (withdrawn === undefined || safe_withdrawn === undefined)
     return "Flights called INVALID were not counted; they are among those without an alert.";
   return (
@@ -141,10 +104,8 @@ function enough(monitor, nGroups) {
   const { smallest_epsilon: smallest, recipe } = monitor;
   const half = Number((smallest / 2).toPrecision(2));
   const each = nGroups > 1 ? " of each group" : "";
-  return h(
-    "p.hint",
-    `${failures(monitor, nGroups)}: enough for ε ≥ ${figure(smallest)}. For ε = ${figure(half, 2)}, train on at least ${neededFor(half, recipe.guarantee)}${each}.`,
-  );
+  const more = `For ε = ${figure(half, 2)}, train on at least ${neededFor(half, recipe.guarantee)}${each}.`;
+  return h("p.hint", `${failures(monitor, nGroups)}: enough for ε ≥ ${figure(smallest)}. ${more}`);
 }
 
 /** Measurements at each epsilon: the grid, and the monitor's own epsilon. */
@@ -164,32 +125,19 @@ function grid({ smallest_epsilon: smallest }) {
   return all.filter(({ epsilon }) => epsilon >= smallest);
 }
 
-function meter({ name, key, rate, bounds, words }) {
+function meter([name, key, rate, bounds, words]) {
   const value = h("strong.meter-value");
   const range = svg("rect.meter-range", { y: 3, height: 10 });
   const mark = svg("path.meter-mark");
   const promise = svg("path.meter-promise");
-  const track = svg(
-    "svg.meter",
-    { viewBox: "0 0 300 16", preserveAspectRatio: "none", "aria-hidden": "true" },
-    svg("rect.meter-track", { y: 6, width: 300, height: 4 }),
-    range,
-    promise,
-    mark,
-  );
+  const look = { viewBox: "0 0 300 16", preserveAspectRatio: "none", "aria-hidden": "true" };
+  const track = svg("svg.meter", look, svg("rect.meter-track", { y: 6, width: 300, height: 4 }), range, promise, mark);
   const shown = h("span.hint");
-  const row = h(
-    "div.meter-row",
-    { "data-measure": key },
-    h("span.meter-name", name),
-    value,
-    track,
-    h("span.meter-words", words, " ", shown),
-  );
-  return { row, show };
+  const parts = [h("span.meter-name", name), value, track, h("span.meter-words", words, " ", shown)];
+  return { row: h("div.meter-row", { "data-measure": key }, parts), show };
 
   function show({ epsilon, [rate]: share, [bounds]: within }) {
-    const isKnown = share !== null && share !== undefined;
+    const isKnown = share != null;
     value.textContent = percent(share);
     shown.textContent = isKnown ? `(95 %: ${interval(within)})` : "(no such flight)";
     if (!isKnown) return;

@@ -15,7 +15,9 @@ const METHOD_MARKS = ["circle", "square", "triangle", "diamond", "plus", "cross"
 const CEILING = "ceiling";
 const MOST_MARKED = 120; // calibration scores with a mark each
 const PROMISE = { look: "plot-promise", line: [[0, 0], [1, 1]] };
+const MISSES = "miss rate: valid failing flights without a timely alert";
 const QUIET = "safe flights without a false alarm";
+const STOPPED = "flown again, with neutral controls after the reaction time";
 /** [s] Reaction time of the shown prevention: a pilot who waits for the call. */
 const USUAL_REACTION_S = 0.5;
 
@@ -50,10 +52,7 @@ export function calibrationFigure({ alphas, n_unsafe, n_early, name }) {
         words: n_early && `${n_early} failed too early for a warning: above every score`,
       },
     ],
-    rules: [
-      { x: n_unsafe, look: "plot-epsilon" },
-      { y: high, look: "plot-epsilon plot-level" },
-    ],
+    rules: [{ x: n_unsafe, look: "plot-epsilon" }, { y: high, look: "plot-epsilon plot-level" }],
   });
   const [rank, level] = block.rules;
   block.mark = ({ epsilon, rank: k }) => {
@@ -81,13 +80,7 @@ export function curvesFigure({ curves, n_unsafe, n_safe }) {
     series: [
       PROMISE,
       seriesOf(curves.power, curves.power_interval, "plot-power", "circle", QUIET),
-      seriesOf(
-        curves.miss_rate,
-        curves.miss_interval,
-        "plot-miss",
-        "square",
-        "miss rate: valid failing flights without a timely alert",
-      ),
+      seriesOf(curves.miss_rate, curves.miss_interval, "plot-miss", "square", MISSES),
       { look: PROMISE.look, words: "promise: miss = epsilon" },
     ],
     rules: [{ x: epsilon[0] ?? 0, look: "plot-epsilon" }],
@@ -109,10 +102,8 @@ export function leadFigure({ leads, lead, epsilon, n_unsafe }) {
     if (count) plot.bar(edges[k], edges[k + 1], 0, count, isLate ? "plot-unsafe-bar" : "plot-safe-bar");
   });
   plot.vertical(lead, "plot-limit", `promised ${number(lead)} s`);
-  const middle =
-    median === null
-      ? "No failing flight had an alert."
-      : `Median ${number(median)} s, 5–95 % ${number(p05)} to ${number(p95)} s.`;
+  const spread = `Median ${number(median)} s, 5–95 % ${number(p05)} to ${number(p95)} s.`;
+  const middle = median === null ? "No failing flight had an alert." : spread;
   return framed(
     `Warning lead times at ε = ${number(epsilon)}`,
     plot.svg,
@@ -133,15 +124,7 @@ export function preventionFigure({ prevention, epsilon }) {
     label: `Failures prevented: ${shares.map(([reaction, share]) => `${percent(share, 0)} at ${number(reaction)} s`).join(", ")}`,
     x: { label: "mean time from the alert to neutral controls [s]", domain: [0, reactions.at(-1) * 1.05] },
     y: { label: "share of failing flights prevented", ...UNIT_SHARE },
-    series: [
-      {
-        look: "plot-power",
-        line: shares,
-        band: bandOf(reactions, intervals),
-        mark: "circle",
-        words: "flown again, with neutral controls after the reaction time",
-      },
-    ],
+    series: [{ look: "plot-power", line: shares, band: bandOf(reactions, intervals), mark: "circle", words: STOPPED }],
   });
 }
 

@@ -26,6 +26,9 @@ import { createEpsilonCost } from "./epsilon_cost.js";
 import { calibrationFigure, curvesFigure, leadFigure, preventionFigure } from "./figures.js";
 
 const share = (n, total) => (n === undefined ? "not counted" : total ? percent(n / total) : "–");
+const missed = ["missed", ({ misses, n_unsafe: n }) => share(misses, n), "number"];
+const failed = ["failed", ({ n_unsafe: n }) => count(n), "number"];
+const withdrawn = ["INVALID before an alert", ({ withdrawn: called, n_unsafe: n }) => share(called, n), "number"];
 
 export function showMonitor(element, { id, api, navigate }) {
   return loadingView(element, { title: "Monitor", text: "Opening the monitor", build });
@@ -117,24 +120,18 @@ function facts({ monitor, calibration, dataset, evaluation, catalog }) {
 
 /** A table of counts with its explanation; each row is a kind of flight. */
 function counted(title, columns, items, hint) {
-  return h(
-    "div.stack",
-    h("h2.panel-title", title),
-    table({ columns, items, panel: false }),
-    h("p.hint", hint),
-  );
+  return h("div.stack", h("h2.panel-title", title), table({ columns, items, panel: false }), h("p.hint", hint));
 }
 
 function robustness(evaluation) {
   const kinds = Object.values(evaluation?.robustness ?? {});
   if (!kinds.length) return null;
-  const quiet = ({ n_safe, false_alerts, safe_withdrawn: withdrawn }) =>
-    withdrawn === undefined ? undefined : n_safe - false_alerts - withdrawn;
+  const quiet = ({ n_safe, false_alerts, safe_withdrawn: called }) => (called === undefined ? called : n_safe - false_alerts - called);
   const columns = [
     ["Flights that differ by", ({ words }) => words],
-    ["failed", ({ n_unsafe }) => count(n_unsafe), "number"],
-    ["missed", ({ misses, n_unsafe }) => share(misses, n_unsafe), "number"],
-    ["INVALID before an alert", ({ withdrawn, n_unsafe }) => share(withdrawn, n_unsafe), "number"],
+    failed,
+    missed,
+    withdrawn,
     ["safe", ({ n_safe }) => count(n_safe), "number"],
     ["false alarm", ({ false_alerts, n_safe }) => share(false_alerts, n_safe), "number"],
     ["INVALID, no alert", ({ safe_withdrawn, n_safe }) => share(safe_withdrawn, n_safe), "number"],
@@ -155,10 +152,10 @@ function groups(evaluation, calibration, catalog) {
   const promised = calibration.groups[0]?.rule;
   const columns = [
     ["Failing flights", ({ name }) => name],
-    ["failed", ({ n_unsafe }) => count(n_unsafe), "number"],
-    ["missed", ({ misses, n_unsafe }) => share(misses, n_unsafe), "number"],
+    failed,
+    missed,
     ["95 % interval", ({ miss_interval: bounds }) => interval(bounds), "number"],
-    ["INVALID before an alert", ({ withdrawn, n_unsafe }) => share(withdrawn, n_unsafe), "number"],
+    withdrawn,
     ["promise", ({ rule }) => (rule === promised ? "its own" : "none")],
   ];
   return counted(
@@ -184,13 +181,9 @@ function guarantee(monitor, { groups: promised, alphas }) {
     monitor.n_early &&
       `${monitor.n_early} of the ${alphas.length} failures came within the first ${lead} s: no timely alert was possible, and each counts as a miss.`,
   ];
-  return panel(
-    ["What is guaranteed ", guideLink("what-the-numbers-mean#what-is-promised-and-what-is-not", "the guarantee")],
-    [
-      h("p.promise", "P(no timely alert | the flight fails) ≤ epsilon"),
-      h("ul", points.filter(Boolean).map((point) => h("li", point))),
-    ],
-  );
+  const title = ["What is guaranteed ", guideLink("what-the-numbers-mean#what-is-promised-and-what-is-not", "the guarantee")];
+  const list = h("ul", points.filter(Boolean).map((point) => h("li", point)));
+  return panel(title, [h("p.promise", "P(no timely alert | the flight fails) ≤ epsilon"), list]);
 }
 
 function validity({ support }) {
