@@ -117,7 +117,6 @@ function bindUnitsButton(button) {
   show();
 }
 
-/** Name and role of the user; hidden where the server needs no token. */
 function showMe(me) {
   const element = document.querySelector("#me");
   element.hidden = me === null || me.name === "local";

@@ -131,7 +131,6 @@ export function nextPoint({ api, path, campaign, running, again }) {
   }
 }
 
-/** The step flown before at the same condition, where it failed. */
 function failedBefore({ points }, { name, condition }) {
   const before = points.slice(0, points.findIndex((point) => point.name === name));
   const step = before.findLast((point) => point.condition === condition && point.flown);

@@ -36,9 +36,7 @@ function formOf({ api, catalog, campaign, navigate, title, given }) {
   const where = campaign ? "condition" : "conditions.0";
   const own = {
     ...(campaign ? {} : { name: named }),
-    [`${where}.name`]: labelled("flight condition", condition, {
-      hint: "points are cleared only from steps flown at the same condition",
-    }),
+    [`${where}.name`]: labelled("flight condition", condition, { hint: "points are cleared only from steps flown at the same condition" }),
     [`${where}.steps`]: stepField,
     [`${where}.passes_below`]: labelled("pass below this share of a limit", passes, { hint: "1 is the limit itself" }),
     [`${where}.criteria`]: labelled("other pass criteria", criteria, { hint: "in words, judged by a person" }),
@@ -53,10 +51,7 @@ function formOf({ api, catalog, campaign, navigate, title, given }) {
     content: [
       fieldset(
         "1  The last point",
-        h(
-          "p.hint",
-          "The planned test at full amplitude. Earlier points use shares of this amplitude. Set the imperfections, noise and jitter expected in flight.",
-        ),
+        h("p.hint", "The planned test at full amplitude. Earlier points use shares of this amplitude. Set the imperfections, noise and jitter expected in flight."),
         test.main,
         test.folded,
       ),

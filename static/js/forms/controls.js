@@ -4,6 +4,7 @@
  * select([[value, words]], attributes)    an entry may be a node;   attributes.value: the chosen one
  * Field: {element, words, say(reason), focus()}     fieldOf(control, {label: nodes, words: the label in a sentence})
  * sharedField(selector, first, content, more) -> Field     of several controls, the first of which gets the focus
+ * radioGroup({name, ways: [[value, words, {beside, disabled}]], value, onchange, label}) -> {element, value()}
  * fileInput({read(file) -> Promise, failure, ...attributes})    failure: an error line
  * pasteBox({..., use(text) -> Promise})    text as pasted, or of a file
  * group({path: Field}, checks() -> [[Field, reason or ""]]) -> fields of createForm
@@ -36,6 +37,12 @@ export const checkbox = (attributes = {}) => h("input", { type: "checkbox", ...a
 
 export function radio(words, attributes, ...more) {
   return h("label.radio", h("input", { type: "radio", ...attributes }), words, more);
+}
+
+export function radioGroup({ name, ways, value, onchange, label }) {
+  const entryOf = ([key, words, more = {}]) => radio(words, { name, value: key, checked: key === value, onchange, disabled: more.disabled }, more.beside);
+  const element = h("div.row", { role: "radiogroup", "aria-label": label }, ways.map(entryOf));
+  return { element, value: () => element.querySelector(":checked").value };
 }
 
 export function fieldOf(control, { label, words, hint = "", title = null, path = null }) {

@@ -84,7 +84,6 @@ function group(key, schema, value, place) {
   }
 }
 
-/** A family: its members by kind, and the parameters of the one chosen. */
 function family(key, schema, value, place) {
   const { label, entries } = place.catalog.families[schema["x-family"]];
   const isAircraft = schema["x-family"] === "aircraft";

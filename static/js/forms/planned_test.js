@@ -11,7 +11,7 @@ import { needs, reason } from "../lib/api.js";
 import { aircraftName, kindName, limitWords } from "../lib/catalog.js";
 import { button, errorLine, formatted, h } from "../lib/dom.js";
 import { figure, followUnits, moment, percent } from "../lib/numbers.js";
-import { fieldset, fold, inWords, radio, select } from "./controls.js";
+import { fieldset, fold, inWords, radioGroup, select } from "./controls.js";
 import { createFields } from "./form.js";
 
 const SIZE = "n_unsafe";
@@ -63,7 +63,6 @@ export function scatterOf(recipes, name) {
   return Object.fromEntries(differing.map((key) => [key, recipes[name].maneuver[key]]));
 }
 
-/** Two buttons: noise, jitter and imperfections of a real flight, or none. */
 function imperfectionsChoice(fields, recipes) {
   const put = (name) => {
     fields.put("maneuver", { ...fields.read().maneuver, ...scatterOf(recipes, name) });
@@ -90,14 +89,9 @@ function amplitudeSuggestion(fields, api) {
     go.disabled = true;
     words.textContent = "Flying a pilot run…";
     try {
-      const {
-        maneuver,
-        amplitude_deg: amplitude,
-        share,
-        n_rollouts: n,
-      } = await api.post("/datasets/amplitude", fields.read());
-      fields.put("maneuver", maneuver);
-      words.textContent = `${figure(amplitude)} deg: ${percent(share, 0)} of ${n} pilot rollouts exceed a limit`;
+      const found = await api.post("/datasets/amplitude", fields.read());
+      fields.put("maneuver", found.maneuver);
+      words.textContent = `${figure(found.amplitude_deg)} deg: ${percent(found.share, 0)} of ${found.n_rollouts} pilot rollouts exceed a limit`;
     } catch (error) {
       words.textContent = "";
       failure.show(inWords(fields.editors, reason(error)));
@@ -113,28 +107,18 @@ export function datasetChoice({ api, catalog, datasets, chosen, initial, asFlown
     datasets.map(({ id, name, n_unsafe: n, created }) => [id, `${name} (${n} failures, ${moment(created)})`]),
     { "aria-label": "stored dataset", onchange: turn, ...(isStored && { value: chosen }) },
   );
+  const isNone = datasets.length === 0;
   const ways = [
     ["simulate", "Simulate a new test"],
-    ["stored", datasets.length ? "Use a stored dataset" : "Use a stored dataset (there is none yet)"],
-  ].map(([value, words]) =>
-    radio(words, {
-      name: "source",
-      value,
-      checked: (value === "stored") === isStored,
-      disabled: value === "stored" && datasets.length === 0,
-      onchange: turn,
-    }),
-  );
+    ["stored", isNone ? "Use a stored dataset (there is none yet)" : "Use a stored dataset", { disabled: isNone }],
+  ];
+  const value = isStored ? "stored" : "simulate";
+  const source = radioGroup({ name: "source", ways, value, onchange: turn, label: "source of the rollouts" });
   const words = h("p.hint");
   const stored = h("div.field", choice, words);
   const simulated = h("div.stack", main, folded);
-  const element = fieldset(
-    "1  The planned test",
-    h("div.row", { role: "radiogroup", "aria-label": "source of the rollouts" }, ways),
-    stored,
-    simulated,
-  );
-  const fromStore = () => ways[1].querySelector("input").checked;
+  const element = fieldset("1  The planned test", source.element, stored, simulated);
+  const fromStore = () => source.value() === "stored";
   const dataset = () => datasets.find(({ id }) => id === choice.value);
   followUnits(words, turn);
   return {

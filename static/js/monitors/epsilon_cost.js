@@ -108,7 +108,6 @@ function enough(monitor, nGroups) {
   return h("p.hint", `${failures(monitor, nGroups)}: enough for ε ≥ ${figure(smallest)}. ${more}`);
 }
 
-/** Measurements at each epsilon: the grid, and the monitor's own epsilon. */
 function pointsOf(monitor, evaluation) {
   const points = evaluation ? measuredPoints(evaluation) : [...grid(monitor), { epsilon: monitor.epsilon }];
   points.sort((a, b) => a.epsilon - b.epsilon);

@@ -90,7 +90,6 @@ function testChoice(tests, datasets, chosen) {
   );
 }
 
-/** A Field of checkboxes.   words: hint of each. */
 function methodChoice(boxes, words) {
   const rows = boxes.map((box, k) => {
     const hint = h("span.hint", { id: `method-words-${k}` }, words[box.value]);

@@ -118,7 +118,6 @@ function facts({ monitor, calibration, dataset, evaluation, catalog }) {
   return factList(entries, "facts panel");
 }
 
-/** A table of counts with its explanation; each row is a kind of flight. */
 function counted(title, columns, items, hint) {
   return h("div.stack", h("h2.panel-title", title), table({ columns, items, panel: false }), h("p.hint", hint));
 }
@@ -145,7 +144,6 @@ function robustness(evaluation) {
   );
 }
 
-/** Misses in each group of failing flights, with or without a promise for the group. */
 function groups(evaluation, calibration, catalog) {
   const measured = evaluation?.groups ?? [];
   if (!measured.length) return null;

@@ -110,7 +110,6 @@ function trainForm({ api, catalog, datasets, like, chosen, keep, trained }) {
   }
 }
 
-/** Whether n failures are enough for a recipe's epsilon. */
 function servedWords(n, { epsilon, guarantee }) {
   if (!(epsilon > 0 && epsilon < 1) || n === null) return { words: "", isEnough: true };
   const needed = neededFor(epsilon, guarantee);

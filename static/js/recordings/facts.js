@@ -1,8 +1,7 @@
 /** An uploaded file: its facts, what reading it left out, its signals. */
 
 import { createMiniPlot } from "../charts/mini_plot.js";
-import { reason } from "../lib/api.js";
-import { button, chip, factList, h, sentences, table } from "../lib/dom.js";
+import { button, chip, errorLine, factList, h, sentences, table } from "../lib/dom.js";
 import { bytesText, count, durationText, figure, moment, percent, timeZero } from "../lib/numbers.js";
 import { nameParts } from "./mapping/signal_select.js";
 
@@ -45,7 +44,6 @@ function ratesOf(groups) {
   return least === most ? `${least} Hz` : `${least} to ${most} Hz`;
 }
 
-/** Rows that could not be read, folded, with their number. */
 function badRows({ n, share, rows }) {
   if (!n) return null;
   const skipped = ` skipped, ${percent(share, share < 0.001 ? 3 : 1)} of the file: lines and reasons`;
@@ -88,9 +86,8 @@ export function createSignalList({ api, recording }) {
 
   function list() {
     const wanted = filter.value.trim().toLowerCase();
-    const fits = signals
-      .map((signal, number) => ({ ...signal, number }))
-      .filter(({ name, description }) => `${name} ${description}`.toLowerCase().includes(wanted));
+    const numbered = signals.map((signal, number) => ({ ...signal, number }));
+    const fits = numbered.filter(({ name, description }) => `${name} ${description}`.toLowerCase().includes(wanted));
     shown.replaceChildren(table({ columns, items: fits.slice(0, SHOWN), panel: false }));
     const isLong = fits.length > SHOWN;
     more.textContent = isLong ? `First ${SHOWN} of ${fits.length}. Type part of a name to find others.` : "";
@@ -108,14 +105,13 @@ export function createSignalList({ api, recording }) {
     return place;
 
     async function draw() {
+      const failure = errorLine();
       const plot = createMiniPlot(name);
-      try {
+      const isShown = await failure.attempt(async () => {
         const { low, high, unit, rows } = await api.get(`/recordings/${recording.id}/signals/${number}/preview`);
         plot.show({ t: low.map((_, k) => k * rows), low, high, unit, min, max });
-        place.replaceChildren(plot.element);
-      } catch (error) {
-        place.replaceChildren(h("span.error", reason(error)));
-      }
+      });
+      place.replaceChildren(isShown ? plot.element : failure.element);
     }
   }
 }

@@ -80,7 +80,6 @@ function mappingChip(recording) {
   return chip(word, level, text);
 }
 
-/** Mark of a recording whose file was uploaded before. */
 function twinMark({ same_as: twin }, recordings) {
   if (!twin) return null;
   const earlier = recordings.find(({ id }) => id === twin);

@@ -50,10 +50,7 @@ export function showRecording(element, { id, query, api, navigate }) {
         known: aircraftOf(all),
         bins: isReady ? CHART_BINS : ROW_BINS,
         previewed,
-        confirmed: () => {
-          isNext = true;
-          again();
-        },
+        confirmed,
       }),
     );
     const list = h("div.scorings");
@@ -77,6 +74,11 @@ export function showRecording(element, { id, query, api, navigate }) {
       form?.element ?? state("empty", "Score", "Confirm the mapping first."),
       createSignalList({ api, recording }),
     );
+
+    function confirmed() {
+      isNext = true;
+      again();
+    }
 
     function previewed({ channels, quality: measured, problem }, isEdited) {
       const range = previewTiles(channels);

@@ -9,11 +9,8 @@ export function proposalOf(api, recording) {
 
 export function createTrainingOffer({ api, recording, title, text }) {
   const detail = h("div.stack-tight", { role: "status" });
-  const train = h(
-    "a.button.button-primary",
-    { href: `#/monitors/new?recording=${recording}`, ...needs("POST /monitors") },
-    "Train a monitor for this manoeuvre",
-  );
+  const target = { href: `#/monitors/new?recording=${recording}`, ...needs("POST /monitors") };
+  const train = h("a.button.button-primary", target, "Train a monitor for this manoeuvre");
   const row = h("div.row", train, guideLink("first-monitor", "how to train a monitor"));
   proposalOf(api, recording).then(
     ({ reasons, can_train: canTrain }) => {

@@ -25,7 +25,6 @@ export function outcomeChip({ verdict: { sign, word, level, text } }, n = 1) {
   return chip(`${sign} ${n > 1 ? `${n} × ` : ""}${word}`, level, text);
 }
 
-/** symbol: of the channel. */
 export function measuredBy(channels, key) {
   return channels.find((channel) => channel.key === key) ?? { symbol: key };
 }

@@ -5,7 +5,7 @@
  * reveal(): scrolls the form into view.   hold(): disables scoring while the mapping is being changed
  */
 
-import { createForm, radio, sharedField, textInput } from "../../forms/controls.js";
+import { createForm, radioGroup, sharedField, textInput } from "../../forms/controls.js";
 import { reason } from "../../lib/api.js";
 import { guideLink, h } from "../../lib/dom.js";
 import { decimal } from "../../lib/numbers.js";
@@ -13,12 +13,6 @@ import { createTrainingOffer } from "../training_offer.js";
 import { createManoeuvrePicker } from "./manoeuvre_picker.js";
 import { createMonitorChoice } from "./monitor_choice.js";
 import { TRIM_SEGMENT } from "./source.js";
-
-const TRIMS = [
-  [TRIM_SEGMENT, "mean of each manoeuvre's trim segment"],
-  ["seconds", "mean over the seconds before the first input:"],
-  ["none", "none: the channels are already deviations from trim"],
-];
 
 export function createScoreForm({ api, catalog, recording, monitors, used, scored }) {
   const offer = h("div");
@@ -92,16 +86,17 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
 
 function trimChoice() {
   const seconds = textInput({ inputmode: "decimal", value: 2, class: "narrow", "aria-label": "seconds before the first input" });
-  const trims = TRIMS.map(([value, words]) => {
-    const beside = value === "seconds" && h("span.field", seconds);
-    return radio(words, { name: "trim", value, checked: value === TRIM_SEGMENT }, beside);
-  });
-  const parts = [h("legend", "Trim"), h("div.row", { role: "radiogroup" }, trims)];
-  const { element, say, focus } = sharedField("fieldset", seconds, parts);
+  const ways = [
+    [TRIM_SEGMENT, "mean of each manoeuvre's trim segment"],
+    ["seconds", "mean over the seconds before the first input:", { beside: h("span.field", seconds) }],
+    ["none", "none: the channels are already deviations from trim"],
+  ];
+  const choice = radioGroup({ name: "trim", ways, value: TRIM_SEGMENT });
+  const { element, say, focus } = sharedField("fieldset", seconds, [h("legend", "Trim"), choice.element]);
   return { element, read, check };
 
   function read() {
-    const { value } = element.querySelector('[name="trim"]:checked');
+    const value = choice.value();
     if (value === "none") return null;
     return value === "seconds" ? decimal(seconds.value) : TRIM_SEGMENT;
   }

@@ -79,7 +79,6 @@ function damageChip({ damage }) {
   return damage ? chip("◆ DAMAGED: DELETE IT", "caution", damage) : null;
 }
 
-/** A chip for each manoeuvre; for many, the count of each outcome. */
 function outcomes(manoeuvres) {
   if (!manoeuvres.length) return h("span.dim", "none detected");
   const isFew = manoeuvres.length <= MOST_CHIPS;

@@ -7,7 +7,7 @@
 
 import { previewTiles } from "../../charts/recorded/tiles.js";
 import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
-import { radio } from "../../forms/controls.js";
+import { radioGroup } from "../../forms/controls.js";
 import { reason } from "../../lib/api.js";
 import { button, h } from "../../lib/dom.js";
 import { followUnits } from "../../lib/numbers.js";
@@ -33,17 +33,8 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
   const add = button("Add the manoeuvre from A to B", addMarked);
   const copy = button("Copy the detected ones", () => marked.set(detected));
   const byHand = h("div.stack-tight", { hidden: true }, h("div.row", mark, add, copy), marked.element);
-  const radios = WAYS.map(([value, words]) =>
-    radio(words, { name: "manoeuvres", value, checked: value === way, onchange: () => turnTo(value) }),
-  );
-  const element = h(
-    "fieldset.stack-tight",
-    h("legend", "Manoeuvres"),
-    h("div.row", { role: "radiogroup" }, radios),
-    hint,
-    chart.element,
-    byHand,
-  );
+  const choice = radioGroup({ name: "manoeuvres", ways: WAYS, value: way, onchange: () => turnTo(choice.value()) });
+  const element = h("fieldset.stack-tight", h("legend", "Manoeuvres"), choice.element, hint, chart.element, byHand);
   followUnits(element, () => {
     chart.draw();
     showManoeuvres();
@@ -117,7 +108,6 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
   }
 }
 
-/** Chart of the recording, to mark manoeuvres in. */
 function createPreviewChart(catalog, recording) {
   const element = h("div.picker-chart");
   let chart = null;

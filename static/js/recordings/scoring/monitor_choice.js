@@ -120,7 +120,6 @@ export function createMonitorChoice({ api, recording, monitors, used, catalog, c
   }
 }
 
-/** What is wrong with the epsilons of a monitor, or "". */
 function wrongOf({ monitor, epsilons, given }) {
   const numbers = given();
   const isBad = numbers.some((text) => !(Number(text) > 0 && Number(text) < 1));

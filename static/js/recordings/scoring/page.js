@@ -189,7 +189,6 @@ function summary(scoring) {
   );
 }
 
-/** How a scoring was made: hashes, request, mapping, processing. */
 function scoringFacts({ request, quality, notes, mapping, channels, ...scoring }) {
   const rows = [
     ["Samples, SHA-256", scoring.digest, true],

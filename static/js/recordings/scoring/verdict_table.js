@@ -43,7 +43,6 @@ export function createVerdictTable(scoring, { show }) {
     return body;
   }
 
-  /** Filter by outcome. */
   function filter() {
     const counts = [...Map.groupBy(manoeuvres, ({ outcome }) => outcome)];
     const wordOf = ({ outcome_words: { word } }) => word.toLowerCase();
