@@ -25,7 +25,7 @@ from app.assessment.grid import (
 from app.assessment.limits_history import InForceTimeline, LimitsHistory
 from app.assessment.planned_test import PlannedTest, needed_channels, planned_test
 from app.assessment.scored import BETWEEN
-from app.assessment.trim import CausalTrim, Followed
+from app.assessment.trim import CausalTrim, FollowedManoeuvre
 from app.telemetry.contents import release
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.recording import ATTITUDE, Recording, TelemetryError, Trace, Traces
@@ -87,7 +87,7 @@ class RecordedFlight:
     """A recording and the monitor that scores it.
 
     traces: repaired.   judged: every received sample, by flight time.   recording: on the monitor's
-    grid.   followed: its manoeuvres, and the trim of each sample.   n_history: rows before a
+    grid.   manoeuvres: as followed in flight.   n_history: rows before a
     manoeuvre that fill the monitor's history.   needed: (6,) channels the monitor needs.
     timeline: limits in force over time; None where no limit set was in force.
     """
@@ -98,7 +98,7 @@ class RecordedFlight:
     judged: Traces
     quality: Quality
     recording: Recording
-    followed: Followed
+    manoeuvres: list[FollowedManoeuvre]
     needed: Flags
     notes: tuple[str, ...]
     timeline: InForceTimeline | None = None
@@ -140,7 +140,7 @@ class RecordedFlight:
         read = [key for key, is_needed in zip(KEYS, needed, strict=True) if is_needed]
         grid = on_grid(repaired, monitor.dt, read)
         trim = CausalTrim.of(monitor, planned)
-        followed = follow(trim, grid)
+        manoeuvres = trim.follow(grid.recording.y, grid.begun)
         notes = list(grid.recording.notes)
         if absent:
             notes.append(f"Not recorded and not read by the monitor: {', '.join(absent)}.")
@@ -151,21 +151,11 @@ class RecordedFlight:
             grid.judged,
             quality,
             grid.recording,
-            followed,
+            manoeuvres,
             needed,
             tuple(notes),
             None if history is None else history.timeline([monitor.limits]),
         )
-
-
-def follow(trim: CausalTrim, grid: OnGrid) -> Followed:
-    """The manoeuvres of a recording, also those begun by hand, and the trim of each sample."""
-    y, parts = grid.recording.y, list[Followed]()
-    for first, stop in zip((0, *grid.begun), (*grid.begun, len(y)), strict=True):
-        if parts:
-            trim.begin()
-        parts.append(trim.follow(y[first:stop]))
-    return Followed(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def on_grid(repaired: RepairedTraces, dt: float, needed: Collection[str] = KEYS) -> OnGrid:

@@ -82,7 +82,7 @@ def score_at_each(
     usual = recipe.to_plain() | {"epsilon": None} == USUAL
     if recorded.flown is not None and recorded.flown.is_trimmed and usual:
         recipe = replace(recipe, trim=None, manoeuvres="entire")  # as in the flight
-    selected, notes = segments(flight.recording, flight.planned, recipe, flight.followed)
+    selected, notes = segments(flight.recording, flight.planned, recipe, flight.manoeuvres)
     judged = _judge_all(flight, selected)
     outside = _outside(flight, judged)
     notes = (*flight.notes, *notes, *notes_on_outside(outside))
@@ -111,7 +111,7 @@ def manoeuvres_in(monitor: Monitor, recorded: RepairedTraces) -> tuple[Interval,
     t = flight.recording.t
     return tuple(
         Interval(float(t[segment.first]), float(t[segment.last]), segment.name)
-        for segment in detected_segments(flight.planned, ScoringRecipe(), flight.followed)
+        for segment in detected_segments(flight.planned, ScoringRecipe(), flight.manoeuvres)
     )
 
 

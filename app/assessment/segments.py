@@ -1,5 +1,6 @@
 """The segments of a recording to score, each with the rest that gives its trim."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from app.assessment.planned_test import SURFACES, PlannedTest
 from app.assessment.recipe import Interval, ScoringRecipe, in_words
 from app.assessment.scored import MOST_MANOEUVRES
-from app.assessment.trim import GUARD_S, Followed
+from app.assessment.trim import GUARD_S, FollowedManoeuvre
 from app.telemetry.recording import Recording, TelemetryError
 from core.kernels.causal_grid import ON_GRID
 from core.types import Array
@@ -38,7 +39,10 @@ class Segment(NamedTuple):
 
 
 def segments(
-    recording: Recording, planned: PlannedTest, recipe: ScoringRecipe, followed: Followed
+    recording: Recording,
+    planned: PlannedTest,
+    recipe: ScoringRecipe,
+    followed: Sequence[FollowedManoeuvre],
 ) -> tuple[tuple[Segment, ...], tuple[str, ...]]:
     """The segments of a recipe, and notes on their detection.
 
@@ -67,20 +71,19 @@ def segments(
 
 
 def detected_segments(
-    planned: PlannedTest, recipe: ScoringRecipe, followed: Followed
+    planned: PlannedTest, recipe: ScoringRecipe, followed: Sequence[FollowedManoeuvre]
 ) -> tuple[Segment, ...]:
     """The manoeuvres as they begin and end in flight, each with its trim segment before it."""
-    runs = followed.manoeuvres
-    _check_number(len(runs))
+    _check_number(len(followed))
     n_trim, guard = round(planned.trim_segment_s / planned.dt), round(GUARD_S / planned.dt)
     detected, before = list[Segment](), 0
-    for number, (onset, stop) in enumerate(runs, 1):
+    for number, (onset, stop, flown_trim) in enumerate(followed, 1):
         end = max(before, onset - guard)
         rest, trim, requested = slice(max(before, end - n_trim), end), None, None
         if recipe.trim is None:
             rest = None
         elif isinstance(recipe.trim, str):
-            trim = followed.level[onset]
+            trim = flown_trim
         else:
             n_wanted = round(recipe.trim / planned.dt)
             rest = slice(max(before, end - n_wanted), max(end, 1))

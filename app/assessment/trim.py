@@ -1,6 +1,6 @@
 """The manoeuvres of a flight and their trim, from the samples so far."""
 
-from itertools import pairwise
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +11,7 @@ from core.kernels import causal_trim as kernel
 from core.kernels.causal_trim import TrimRule, TrimState
 from core.kernels.compiled import entry
 from core.monitor import Monitor
-from core.types import Array, Indices
+from core.types import Array
 
 MEASURED_S = 0.1
 """Interval of trim measurements at rest [s]."""
@@ -42,18 +42,12 @@ RESTING = "no manoeuvre is under way: it begins with the first movement of a sur
 """These reasons are stored: a journal that is rescored must give the same."""
 
 
-class Followed(NamedTuple):
-    """number: (n,) manoeuvre of each sample, 0 at rest.   level: (n, 6) the last trim, NaN where
-    unknown."""
+class FollowedManoeuvre(NamedTuple):
+    """Samples begin to stop - 1.   trim: (6,) NaN where unknown."""
 
-    number: Indices
-    level: Array
-
-    @property
-    def manoeuvres(self) -> list[tuple[int, int]]:
-        """First sample of each manoeuvre, and the one after its last."""
-        edges = np.flatnonzero(np.diff(self.number, prepend=0, append=0)).tolist()
-        return [(begin, end) for begin, end in pairwise(edges) if self.number[begin]]
+    begin: int
+    stop: int
+    trim: Array
 
 
 class CausalTrim:
@@ -97,9 +91,8 @@ class CausalTrim:
             np.empty((n_rest + round(CALM_S / dt), N_CHANNELS)),
             np.empty((round(RESTED / dt), len(SURFACES))),
         )
-        self._one = _unfilled(1)
         compiled = self._rule, self._state
-        self._follow_one = entry(kernel.follow, *compiled, np.empty((1, N_CHANNELS)), *self._one)
+        self._follow_one = entry(kernel.follow, *compiled, np.empty((1, N_CHANNELS)), 0)
         self._begin = entry(kernel.begin, *compiled)
 
     @classmethod
@@ -153,22 +146,34 @@ class CausalTrim:
     def update(self, y: Array) -> bool:
         """Add a sample (6,). Returns whether a manoeuvre begins with it."""
         before = self.manoeuvre
-        self._follow_one(self._rule, self._state, np.array([y]), *self._one)
+        self._follow_one(self._rule, self._state, np.array([y]), 0)
         return self.manoeuvre not in (0, before)
 
-    def follow(self, y: Array) -> Followed:
-        """Add samples (n, 6)."""
-        followed = _unfilled(len(y))
-        kernel.follow(self._rule, self._state, np.ascontiguousarray(y), *followed)
-        return followed
+    def follow(self, y: Array, begun: Sequence[int] = ()) -> list[FollowedManoeuvre]:
+        """Add samples (n, 6) of a whole recording; return its manoeuvres.
+
+        begun: samples with which one is begun by hand.
+        """
+        y, at = np.ascontiguousarray(y), 0
+        edges = list[tuple[int, int, Array]]()
+        for stop in (*begun, len(y)):
+            while at < stop:
+                before = self.manoeuvre
+                at = kernel.follow(self._rule, self._state, y[:stop], at)
+                if self.manoeuvre != before:
+                    edges.append((at - 1, self.manoeuvre, self.level))
+            if stop < len(y) and self.begin():
+                edges.append((stop, self.manoeuvre, self.level))
+        ends = [at for at, *_ in edges[1:]] + [len(y)]
+        return [
+            FollowedManoeuvre(begin, stop, trim)
+            for (begin, number, trim), stop in zip(edges, ends, strict=False)
+            if number
+        ]
 
     def begin(self) -> bool:
         """Begin a manoeuvre with the current trim. Returns False during a manoeuvre."""
         return bool(self._begin(self._rule, self._state))
-
-
-def _unfilled(n: int) -> Followed:
-    return Followed(np.empty(n, np.int64), np.empty((n, N_CHANNELS)))
 
 
 def largest_at_rest(usual: Array) -> Array:

@@ -8,9 +8,9 @@ from app.assessment.checks import surfaces_flown
 from app.assessment.exceedances_outside import exceedances_outside, notes_on_outside
 from app.assessment.planned_test import SURFACES, PlannedTest
 from app.assessment.recipe import Interval, ScoringRecipe
-from app.assessment.recorded import follow, on_grid
+from app.assessment.recorded import on_grid
 from app.assessment.segments import Segment, detected_segments, segments
-from app.assessment.trim import AFTERWARDS, CausalTrim, Followed
+from app.assessment.trim import AFTERWARDS, CausalTrim, FollowedManoeuvre
 from app.campaigns.point import CampaignError, FlownPoint
 from app.telemetry.recording import Recording
 from app.telemetry.timing.repair import RepairedTraces
@@ -42,7 +42,7 @@ def flown_point(
     """
     grid, planned = on_grid(recorded, test.dt), PlannedTest.of(test)
     recording = grid.recording
-    followed = follow(CausalTrim(planned), grid)
+    followed = CausalTrim(planned).follow(grid.recording.y, grid.begun)
     segment, span = _segment(name, recording, planned, marked, followed)
     where, n_planned = _times(recording, segment), test.maneuver.n_samples(test.dt)
     part = recording.y[segment.first : segment.last + 1]
@@ -116,7 +116,7 @@ def _segment(
     recording: Recording,
     planned: PlannedTest,
     marked: Interval | None,
-    followed: Followed,
+    followed: list[FollowedManoeuvre],
 ) -> tuple[Segment, tuple[float, float]]:
     """The point's segment, and the interval in which its samples count [s].
 

@@ -156,10 +156,9 @@ def _largest_input(recording: Recording, dt: float) -> Input | None:
     surfaces = np.nan_to_num(surfaces)
     sizes = np.full(2, 0.5 * np.ptp(surfaces, axis=0).max())
     unknown = PlannedTest(dt, np.full(len(KEYS), np.inf))
-    followed = CausalTrim(unknown, sizes=sizes).follow(recording.y)
     inputs = [
-        _input(recording.t, surfaces, followed.level[onset, SURFACES], sizes, onset, stop, dt)
-        for onset, stop in followed.manoeuvres
+        _input(recording.t, surfaces, trim[SURFACES,], sizes, onset, stop, dt)
+        for onset, stop, trim in CausalTrim(unknown, sizes=sizes).follow(recording.y)
     ]
     return max(inputs, key=lambda found: abs(found.peak_deg), default=None)
 

@@ -62,17 +62,17 @@ class TrimState(NamedTuple):
 
 
 @jit
-def follow(rule, state, y, number, level):
-    """Follow samples.
+def follow(rule, state, y, first):
+    """Follow samples from number `first` on, up to one with which a manoeuvre begins or is over.
 
-    y: (n, n_channels) [SI].   Fills number: (n,) manoeuvre of each sample, 0 at rest; level:
-    (n, n_channels) the last trim, NaN where unknown.
+    y: (n, n_channels) [SI].   Returns the number after it, or n.
     """
-    for i in range(y.shape[0]):
+    for i in range(first, y.shape[0]):
+        before = state.counts[MANOEUVRE]
         _update(rule, state, y[i])
-        number[i] = state.counts[MANOEUVRE]
-        for c in range(y.shape[1]):
-            level[i, c] = state.trim[c]
+        if state.counts[MANOEUVRE] != before:
+            return i + 1
+    return y.shape[0]
 
 
 @jit
@@ -173,7 +173,7 @@ def _set_trim(rule, state, n):
     guard = size - rule.n_trim
     oldest = n_rest if n_rest >= size else 0
     for c in range(state.trim.shape[0]):
-        if _moves(state.calm, state.counts[N_CALM], guard, c) > rule.moving[c]:
+        if _moves(state.calm, state.counts[N_CALM], guard, c, rule.moving[c]):
             continue
         total, known = 0.0, 0
         for i in range(n):
@@ -185,17 +185,21 @@ def _set_trim(rule, state, n):
 
 
 @jit
-def _moves(calm, n_calm, guard, c):
-    """Extent of a channel over the calm memory; 0 where it is unknown throughout.
+def _moves(calm, n_calm, guard, c, most):
+    """Whether a channel moves further than `most` over the calm memory, by its known values.
 
     guard: newest samples that do not count, since a departure may have begun.
     """
+    if most == np.inf:
+        return False
     lowest, highest, size = np.inf, -np.inf, calm.shape[0]
-    for i in range(max(0, n_calm - size), n_calm - guard):
-        value = calm[i % size, c]
-        if np.isfinite(value):
-            lowest, highest = min(lowest, value), max(highest, value)
-    return max(0.0, highest - lowest)
+    at = max(0, n_calm - size) % size
+    for _ in range(max(0, n_calm - size), n_calm - guard):
+        value = calm[at, c]
+        lowest = value if value < lowest else lowest
+        highest = value if value > highest else highest
+        at = at + 1 if at + 1 < size else 0
+    return highest - lowest > most
 
 
 @jit

@@ -1,7 +1,6 @@
 """A manoeuvre begins where the crew moves a surface; trim is the mean of the rest before it."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -51,9 +50,7 @@ def followed(surfaces: np.ndarray, plan: PlannedTest) -> list[tuple[int, int]]:
     y[:, SURFACES] = surfaces
     extent = np.ptp(np.nan_to_num(surfaces), axis=0)
     sizes = None if plan.maneuver else 0.5 * extent
-    number = CausalTrim(plan, sizes=sizes).follow(y).number
-    edges = np.flatnonzero(np.diff(number, prepend=0, append=0)).tolist()
-    return [(a, b - 1) for a, b in pairwise(edges) if number[a]]
+    return [(begin, stop - 1) for begin, stop, _ in CausalTrim(plan, sizes=sizes).follow(y)]
 
 
 def onsets(surfaces: np.ndarray, plan: PlannedTest = PLAN) -> list[float]:
@@ -177,7 +174,10 @@ def test_a_response_that_moves_has_no_trim_until_it_rests():
     moving = np.full(6, np.inf)
     moving[3] = 0.1
     trim = CausalTrim(PLAN, moving)
-    level = trim.follow(y).level[:, 3]
+    level = []
+    for each in y:
+        trim.update(each)
+        level.append(trim.level[3])
     assert np.isnan(level[20:200]).all()
     assert level[-1] == pytest.approx(0.0, abs=1e-12)
     trim.follow(y[:200])
