@@ -24,10 +24,9 @@ export function show(element, context) {
 }
 
 function showCampaigns(element, { api, navigate }) {
-  return loadingView(element, { title: "Campaigns", text: "Loading campaigns", build });
+  return loadingView(element, { title: "Campaigns", text: "Loading campaigns", loads: ["/campaigns"], build });
 
-  async function build({ keep, again }) {
-    const campaigns = await api.get("/campaigns");
+  function build({ keep, again }, campaigns) {
     const content = campaigns.length
       ? table({ columns: COLUMNS, items: campaigns })
       : empty(

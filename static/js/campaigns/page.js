@@ -30,10 +30,9 @@ const DERIVATIVES = [
 
 export function showCampaign(element, { id, api, navigate }) {
   const path = `/campaigns/${encodeURIComponent(id)}`;
-  return loadingView(element, { title: "Campaign", text: "Opening the campaign", build });
+  return loadingView(element, { title: "Campaign", text: "Opening the campaign", loads: [path, "/jobs"], build });
 
-  async function build({ keep, again }) {
-    const [campaign, jobs] = await Promise.all([api.get(path), api.get("/jobs")]);
+  function build({ keep, again }, campaign, jobs) {
     const running = jobs.find(({ status, request }) => UNDER_WAY.includes(status) && request.campaign === id);
     const next = keep(nextPoint({ api, path, campaign, running, again }));
     const { points, conditions, exceeding_at_most: most } = campaign;

@@ -12,10 +12,10 @@ const STEPS = "0.4 0.6 0.8 1";
 export function showPlanning(element, { id, query, api, navigate }) {
   const isNew = id === "new";
   const title = isNew ? "Plan a campaign" : "Add a flight condition";
-  return loadingView(element, { title, text: "Loading aircraft and manoeuvres", build });
+  const loads = [loadCatalog, () => !isNew && api.get(`/campaigns/${id}`)];
+  return loadingView(element, { title, text: "Loading aircraft and manoeuvres", loads, build });
 
-  async function build() {
-    const [catalog, campaign] = await Promise.all([loadCatalog(api), isNew ? null : api.get(`/campaigns/${id}`)]);
+  function build(_, catalog, campaign) {
     const heading = campaign ? `${campaign.name}: ${title.toLowerCase()}` : title;
     const form = formOf({ api, catalog, campaign, navigate, title, given: query.get("name") ?? "" });
     return pageOf(heading, [guideLink("campaigns#on-the-page", "how to plan")], form);
@@ -23,7 +23,7 @@ export function showPlanning(element, { id, query, api, navigate }) {
 }
 
 function formOf({ api, catalog, campaign, navigate, title, given }) {
-  const test = createTestFields({ api, catalog, initial: campaign?.conditions.at(-1).test });
+  const test = createTestFields({ api, catalog, initial: campaign ? campaign.conditions.at(-1).test : undefined });
   const { schema, default: usual } = catalog.recipes.clearance;
   const clearance = createFields(schema, usual, { catalog, path: "clearance" });
   const name = textInput({ maxlength: 200, required: true, value: given });

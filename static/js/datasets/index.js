@@ -14,15 +14,10 @@ export function show(element, context) {
 }
 
 function showDatasets(element, { api }) {
-  return loadingView(element, { title: "Datasets", text: "Loading datasets", build });
+  return loadingView(element, { title: "Datasets", text: "Loading datasets", loads: [loadCatalog, "/datasets"], build });
 
-  async function build({ keep, again }) {
-    const [catalog, datasets, jobs] = await Promise.all([
-      loadCatalog(api),
-      api.get("/datasets"),
-      jobList({ api, kind: "dataset", done: again }),
-    ]);
-    keep(jobs);
+  async function build({ keep, again }, catalog, datasets) {
+    const jobs = keep(await jobList({ api, kind: "dataset", done: again }));
     const simulating = () => link("Simulate a dataset", "#/datasets/new", true);
     const content = datasets.length
       ? listOf(datasets, catalog)
@@ -52,10 +47,9 @@ function listOf(datasets, catalog) {
 
 function showSimulation(element, { api, navigate }) {
   const title = "Simulate a dataset";
-  return loadingView(element, { title, text: "Loading aircraft and manoeuvres", build });
+  return loadingView(element, { title, text: "Loading aircraft and manoeuvres", loads: [loadCatalog], build });
 
-  async function build({ keep }) {
-    const catalog = await loadCatalog(api);
+  function build({ keep }, catalog) {
     const { fields, main, folded, size } = createTestFields({ api, catalog });
     folded.append(fields.element("groups"));
     const named = optionalName("name", "dataset-name");

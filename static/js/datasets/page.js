@@ -10,15 +10,10 @@ import { createRolloutViewer } from "./rollout_viewer.js";
 
 
 export function showDataset(element, { id, api, navigate }) {
-  return loadingView(element, { title: "Dataset", text: "Opening the dataset", build });
+  const loads = [loadCatalog, `/datasets/${id}`, "/monitors", () => sampleRollouts(api, id)];
+  return loadingView(element, { title: "Dataset", text: "Opening the dataset", loads, build });
 
-  async function build({ keep }) {
-    const [catalog, dataset, monitors, rollouts] = await Promise.all([
-      loadCatalog(api),
-      api.get(`/datasets/${id}`),
-      api.get("/monitors"),
-      sampleRollouts(api, id),
-    ]);
+  function build({ keep }, catalog, dataset, monitors, rollouts) {
     const users = monitors.filter((monitor) => monitor.dataset_id === id);
     const fitting = monitors.filter(({ dt }) => Math.abs(dt - dataset.dt) < 1e-9 * dataset.dt);
     const able = [...new Set([...users, ...fitting])];

@@ -9,8 +9,9 @@
  * symbolNodes(symbol) -> Node[]     "N_y" as N with subscript y
  * formatted(words) -> Node     "|N_y| < 0.5 g" with y as a subscript
  * piecesOf(words) -> [[text, index]]     the same, cut at each symbol; the index is empty for what is no symbol
- * loadingView(element, {title, text, build}) -> {close()}    loading, then what was built, or why not
- *     build({keep, again}) -> Promise<Node>     keep({close}): what must end with the view
+ * loadingView(element, {title, text, loads, build}) -> {close()}    loading, then what was built, or why not
+ *     loads: paths, or functions of `api`.   build({keep, again}, ...loaded) -> Promise<Node>
+ *     keep({close}): what must end with the view.   again(): loads and builds anew
  * state(kind, title, text, ...actions)    of a panel; kind "empty" | "loading" | "error"
  * panel(title, content, {beside, ...attributes})     beside: nodes in the row of the heading
  * errorLine() -> {element, show(words), attempt(act)}     hidden while there are no words
@@ -28,7 +29,7 @@
  * factList([[name, value]])    a fact in a cell of its own;   recipeList([[name, value, isHash]])   name beside value
  */
 
-import { needs, reason } from "./api.js";
+import { api, needs, reason } from "./api.js";
 import { trueMinus } from "./numbers.js";
 
 const PROPERTIES = ["value", "checked", "disabled", "open", "indeterminate"];
@@ -86,7 +87,7 @@ export function put(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
-export function loadingView(element, { title, text, build }) {
+export function loadingView(element, { title, text, loads = [], build }) {
   let open = true;
   let closing = [];
   const keep = (thing) => {
@@ -110,7 +111,8 @@ export function loadingView(element, { title, text, build }) {
     release();
     element.replaceChildren(pageOf(title, [], loading(text)));
     try {
-      const built = await build({ keep, again: load });
+      const loaded = await Promise.all(loads.map((wanted) => (typeof wanted === "string" ? api.get(wanted) : wanted(api))));
+      const built = await build({ keep, again: load }, ...loaded);
       if (open) element.replaceChildren(built);
     } catch (error) {
       if (open) element.replaceChildren(pageOf(title, [], failure(error, load)));

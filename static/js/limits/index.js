@@ -15,12 +15,11 @@ const COLUMNS = [
 export function show(element, { id, api, navigate }) {
   const path = `/limit-sets/${encodeURIComponent(id ?? "")}`;
   const view = id
-    ? { title: "Limit set", text: "Loading versions", build: buildOne }
-    : { title: "Limit sets", text: "Loading limit sets", build };
+    ? { title: "Limit set", text: "Loading versions", loads: [loadCatalog, path], build: buildOne }
+    : { title: "Limit sets", text: "Loading limit sets", loads: [loadCatalog, "/limit-sets"], build };
   return loadingView(element, view);
 
-  async function build() {
-    const [catalog, sets] = await Promise.all([loadCatalog(api), api.get("/limit-sets")]);
+  function build(_, catalog, sets) {
     const form = createLimitForm({
       catalog,
       newest: null,
@@ -43,8 +42,7 @@ export function show(element, { id, api, navigate }) {
     return pageOf("Limit sets", [link("Fly", "#/fly"), link("Monitors", "#/monitors")], list, form);
   }
 
-  async function buildOne({ again }) {
-    const [catalog, versions] = await Promise.all([loadCatalog(api), api.get(path)]);
+  function buildOne({ again }, catalog, versions) {
     const [newest] = versions;
     const form = createLimitForm({
       catalog,

@@ -12,10 +12,9 @@ import { figure } from "../lib/numbers.js";
 const TITLE = "Combine monitors";
 
 export function showCombining(element, { api, navigate }) {
-  return loadingView(element, { title: TITLE, text: "Loading monitors", build });
+  return loadingView(element, { title: TITLE, text: "Loading monitors", loads: [loadCatalog, "/monitors"], build });
 
-  async function build({ keep }) {
-    const [catalog, monitors] = await Promise.all([loadCatalog(api), api.get("/monitors")]);
+  function build({ keep }, catalog, monitors) {
     const members = monitors.filter(isMember);
     const content =
       members.length < 2

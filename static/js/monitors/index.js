@@ -24,16 +24,10 @@ export function show(element, context) {
 }
 
 function showMonitors(element, { api, navigate }) {
-  return loadingView(element, { title: "Monitors", text: "Loading monitors", build });
+  return loadingView(element, { title: "Monitors", text: "Loading monitors", loads: [loadCatalog, "/monitors", "/datasets"], build });
 
-  async function build({ keep, again }) {
-    const [catalog, monitors, datasets, jobs] = await Promise.all([
-      loadCatalog(api),
-      api.get("/monitors"),
-      api.get("/datasets"),
-      jobList({ api, kind: "monitor", done: again }),
-    ]);
-    keep(jobs);
+  async function build({ keep, again }, catalog, monitors, datasets) {
+    const jobs = keep(await jobList({ api, kind: "monitor", done: again }));
     const rates = new Map(datasets.map(({ id, unsafe_rate }) => [id, unsafe_rate]));
     const training = () => link("Train a monitor", "#/monitors/new", true);
     const content = monitors.length

@@ -31,19 +31,12 @@ const failed = ["failed", ({ n_unsafe: n }) => count(n), "number"];
 const withdrawn = ["INVALID before an alert", ({ withdrawn: called, n_unsafe: n }) => share(called, n), "number"];
 
 export function showMonitor(element, { id, api, navigate }) {
-  return loadingView(element, { title: "Monitor", text: "Opening the monitor", build });
+  const loads = [loadCatalog, `/monitors/${id}`, `/monitors/${id}/calibration`, () => evaluationOf(api, id)];
+  return loadingView(element, { title: "Monitor", text: "Opening the monitor", loads, build });
 
-  async function build({ keep }) {
-    const [catalog, monitor, calibration] = await Promise.all([
-      loadCatalog(api),
-      api.get(`/monitors/${id}`),
-      api.get(`/monitors/${id}/calibration`),
-    ]);
-    const [evaluation, dataset, rollouts] = await Promise.all([
-      evaluationOf(api, id),
-      monitor.dataset_id && api.get(`/datasets/${monitor.dataset_id}`),
-      monitor.dataset_id && sampleRollouts(api, monitor.dataset_id),
-    ]);
+  async function build({ keep }, catalog, monitor, calibration, evaluation) {
+    const { dataset_id: from } = monitor;
+    const [dataset, rollouts] = from ? await Promise.all([api.get(`/datasets/${from}`), sampleRollouts(api, from)]) : [];
     const calibrations = calibration.groups.length ? calibration.groups : [calibration];
     const calibrationCurves = calibrations.map(calibrationFigure);
     const curves = evaluation && curvesFigure(evaluation);

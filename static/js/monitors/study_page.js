@@ -16,10 +16,9 @@ import { moment } from "../lib/numbers.js";
 
 export function showStudyPage(element, { query, api, navigate }, page) {
   const { title, kind, guide, address, loading, working, another, past, form, result, hint } = page;
-  return loadingView(element, { title, text: loading, build });
+  return loadingView(element, { title, text: loading, loads: [loadCatalog], build });
 
-  async function build({ keep, again }) {
-    const catalog = await loadCatalog(api);
+  async function build({ keep, again }, catalog) {
     const help = guideLink(guide, title);
     const id = query.get("job");
     if (!id) return pageOf(title, [help], await begin(catalog));

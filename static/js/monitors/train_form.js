@@ -25,15 +25,11 @@ const TEST = {
 };
 
 export function showTraining(element, { query, api, navigate }) {
-  return loadingView(element, { title: TITLE, text: "Loading aircraft and manoeuvres", build });
+  const [begun, flown] = [query.get("like"), query.get("recording")];
+  const loads = [loadCatalog, "/datasets", () => begun && api.get(`/monitors/${begun}`), () => flown && recordedTest(api, flown)];
+  return loadingView(element, { title: TITLE, text: "Loading aircraft and manoeuvres", loads, build });
 
-  async function build({ keep }) {
-    const [catalog, datasets, like, recorded] = await Promise.all([
-      loadCatalog(api),
-      api.get("/datasets"),
-      query.get("like") ? api.get(`/monitors/${query.get("like")}`) : null,
-      query.get("recording") ? recordedTest(api, query.get("recording")) : null,
-    ]);
+  function build({ keep }, catalog, datasets, like, recorded) {
     const stage = h("div.stack");
     const origin = recorded && createRecordedOrigin({ catalog, recorded, changed: fill });
     const trained = ({ monitor }) =>
@@ -42,9 +38,9 @@ export function showTraining(element, { query, api, navigate }) {
     return pageOf(TITLE, [], origin?.element, stage);
 
     function fill() {
-      const begun = like ?? origin?.recipe() ?? null;
-      const form = trainForm({ api, catalog, datasets, like: begun, chosen: query.get("dataset"), keep, trained });
-      stage.replaceChildren(...(origin && begun === null ? [] : [form]));
+      const recipe = like ?? origin?.recipe() ?? null;
+      const form = trainForm({ api, catalog, datasets, like: recipe, chosen: query.get("dataset"), keep, trained });
+      stage.replaceChildren(...(origin && recipe === null ? [] : [form]));
     }
   }
 }

@@ -23,10 +23,9 @@ export function show(element, context) {
 }
 
 function showRecordings(element, { api, navigate }) {
-  return loadingView(element, { title: "Recordings", text: "Loading recordings", build });
+  return loadingView(element, { title: "Recordings", text: "Loading recordings", loads: [loadCatalog, "/recordings"], build });
 
-  async function build({ keep }) {
-    const [catalog, recordings] = await Promise.all([loadCatalog(api), api.get("/recordings")]);
+  function build({ keep }, catalog, recordings) {
     const formats = catalog.telemetry.formats.map(formatWords);
     const zone = keep(createDropZone({ aircraft: aircraftOf(recordings), formats, done: arrived }));
     const list = h("div", listOf(recordings));

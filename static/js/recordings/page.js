@@ -9,7 +9,6 @@ import { createMappingSection } from "./mapping/section.js";
 import { createQualityStrip } from "./quality_strip.js";
 import { createScoreForm } from "./scoring/form.js";
 import { createScoringList } from "./scoring/list.js";
-import { readScorings } from "./scoring/source.js";
 
 const ROW_BINS = 120; // of the small plots
 const CHART_BINS = 1600; // of the chart to mark manoeuvres in
@@ -27,16 +26,11 @@ export function deletion({ id, name, n_scorings: n }) {
 export function showRecording(element, { id, query, api, navigate }) {
   const trained = query.get("monitor");
   let isNext = trained !== null; // or the mapping was just confirmed: scroll to the score form
-  return loadingView(element, { title: "Recording", text: "Opening the recording", build });
+  const path = `/recordings/${id}`;
+  const loads = [loadCatalog, path, `${path}/scorings`, "/monitors", "/recordings"];
+  return loadingView(element, { title: "Recording", text: "Opening the recording", loads, build });
 
-  async function build({ keep, again }) {
-    const [catalog, recording, scorings, monitors, all] = await Promise.all([
-      loadCatalog(api),
-      api.get(`/recordings/${id}`),
-      readScorings(api, id),
-      api.get("/monitors"),
-      api.get("/recordings"),
-    ]);
+  function build({ keep, again }, catalog, recording, scorings, monitors, all) {
     const isReady = recording.mapping_state === "confirmed" && !recording.problem;
     const quality = createQualityStrip();
     quality.show(recording.quality, null);
@@ -63,7 +57,7 @@ export function showRecording(element, { id, query, api, navigate }) {
       recording.name,
       [
         link("All recordings", "#/recordings"),
-        createKeepButton({ api, path: `/recordings/${id}`, keep: recording.keep, fail }),
+        createKeepButton({ api, path, keep: recording.keep, fail }),
         deleteButton({ api, ...deletion(recording), done: () => navigate("#/recordings") }),
       ],
       failure.element,
@@ -90,7 +84,7 @@ export function showRecording(element, { id, query, api, navigate }) {
     async function scored(made, someFailed) {
       if (made.length === 1 && !someFailed) navigate(`#/recordings/${id}?scoring=${made[0].id}`);
       else if (!someFailed) again();
-      else fill(await readScorings(api, id));
+      else fill(await api.get(`${path}/scorings`));
     }
 
     function fill(shown) {

@@ -9,10 +9,9 @@ const PAGES = { flight: "fly", recording: "recordings" };
 const PATHS = { flight: "flights", recording: "recordings" };
 
 export function show(element, { api }) {
-  return loadingView(element, { title: "Storage", text: "Measuring disk use", build });
+  return loadingView(element, { title: "Storage", text: "Measuring disk use", loads: ["/storage"], build });
 
-  async function build() {
-    const { space, kinds, largest, oldest, ...sizes } = await api.get("/storage");
+  function build(_, { space, kinds, largest, oldest, ...sizes }) {
     const failure = errorLine();
     return pageOf(
       "Storage",

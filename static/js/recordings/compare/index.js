@@ -5,21 +5,16 @@ import { aircraftName, kindName, loadCatalog } from "../../lib/catalog.js";
 import { button, errorLine, h, link, loadingView, pageOf } from "../../lib/dom.js";
 import { warningWords } from "../../lib/monitors.js";
 import { figure, followUnits } from "../../lib/numbers.js";
-import { readScoring, readScorings } from "../scoring/source.js";
+import { readScoring } from "../scoring/source.js";
 import { createOverlay } from "./overlay.js";
 import { compareTable } from "./table.js";
 
 export function showComparedScorings(element, { id, query, api, navigate }) {
   const given = query.get("compare").split(",").filter(Boolean);
   const references = given.map((text) => referenceOf(text, id));
-  return loadingView(element, { title: "Compare", text: "Loading scorings", build });
+  return loadingView(element, { title: "Compare", text: "Loading scorings", loads: [loadCatalog, "/recordings", "/monitors"], build });
 
-  async function build({ keep }) {
-    const [catalog, recordings, monitors] = await Promise.all([
-      loadCatalog(api),
-      api.get("/recordings"),
-      api.get("/monitors"),
-    ]);
+  async function build({ keep }, catalog, recordings, monitors) {
     const plannedFor = ({ aircraft, maneuver }) =>
       `${aircraftName(catalog, aircraft)}, ${kindName(catalog, "maneuver", maneuver)}`;
     const planned = new Map(monitors.map((monitor) => [monitor.id, plannedFor(monitor.dataset_recipe)]));
@@ -91,7 +86,7 @@ function scoringPicker({ api, recordings, taken, add }) {
     go.disabled = true;
     scoring.replaceChildren();
     const id = recording.value;
-    if (id) await failure.attempt(async () => offer(id, await readScorings(api, id)));
+    if (id) await failure.attempt(async () => offer(id, await api.get(`/recordings/${id}/scorings`)));
   }
 
   function offer(id, all) {

@@ -26,7 +26,7 @@ import { createTrainingOffer } from "../training_offer.js";
 import { alertRule, outcomeChip, outsideChip, trimText } from "../words.js";
 import { eventsOf, flagsOf, laneOf, limitsInForceOf, manoeuvresOf } from "./events.js";
 import { createSensorTable, sensorChip } from "./sensor_table.js";
-import { readScoring, readScorings, scoringSource, stripOrder, TRIM_SEGMENT } from "./source.js";
+import { scoringSource, stripOrder, TRIM_SEGMENT } from "./source.js";
 import { createVerdictTable } from "./verdict_table.js";
 
 const WIDE = 4; // windows longer than this many manoeuvres are too wide to show its events
@@ -36,15 +36,11 @@ const WAYS = { detected: "detected from control activity", entire: "the entire r
 const LISTED = " Listed: monitors that scored this recording with the same manoeuvres and their own ε.";
 
 export function showScoring(element, { id, query, api, navigate }) {
-  return loadingView(element, { title: "Scored recording", text: "Opening the scoring", build });
+  const path = `/recordings/${id}`;
+  const loads = [path, `${path}/scorings/${query.get("scoring")}`, "/monitors", `${path}/scorings`];
+  return loadingView(element, { title: "Scored recording", text: "Opening the scoring", loads, build });
 
-  async function build({ keep }) {
-    const [recording, scoring, monitors, scorings] = await Promise.all([
-      api.get(`/recordings/${id}`),
-      readScoring(api, id, query.get("scoring")),
-      api.get("/monitors"),
-      readScorings(api, id),
-    ]);
+  function build({ keep }, recording, scoring, monitors, scorings) {
     const display = displayOf(scoring, monitors, scorings);
     const { manoeuvres } = scoring;
     const host = h("div.scored-chart");

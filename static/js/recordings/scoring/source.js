@@ -10,10 +10,6 @@ import { limitedFirst } from "../../charts/strips.js";
 export const TRIM_SEGMENT = "trim_segment";
 const MOST_BINS = 4000;
 
-export function readScorings(api, recording) {
-  return api.get(`/recordings/${encodeURIComponent(recording)}/scorings`);
-}
-
 export function readScoring(api, recording, id) {
   return api.get(`/recordings/${encodeURIComponent(recording)}/scorings/${encodeURIComponent(id)}`);
 }
