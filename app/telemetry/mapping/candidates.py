@@ -41,13 +41,6 @@ class Candidate:
         return replace(self, certainty=factor * self.certainty, reasons=reasons, **changes)
 
 
-@dataclass(frozen=True)
-class Rejection:
-    """Why a signal is not the channel that its name suggests."""
-
-    reason: str
-
-
 @dataclass(eq=False)
 class Candidates:
     """by_key: the most certain first.   rejected: channel -> why signals were ruled out."""
@@ -70,8 +63,8 @@ def find_candidates(columns: Columns, usable: set[int], mapped: set[str]) -> Can
         extent = extent_of(columns.values(signal.name))
         for match in matches:
             judged = _judge(signal, match, extent)
-            if isinstance(judged, Rejection):
-                candidates.rejected.setdefault(match.key, []).append(judged.reason)
+            if isinstance(judged, str):
+                candidates.rejected.setdefault(match.key, []).append(judged)
             elif judged.certainty >= MENTIONED:
                 candidates.by_key.setdefault(match.key, []).append(judged)
     support = _support(candidates)
@@ -110,28 +103,30 @@ def _support(candidates: Candidates) -> dict[int, int]:
     return {group: len(keys & set(KEYS)) for group, keys in offers.items()}
 
 
-def _judge(signal: Signal, match: NameMatch, extent: Extent) -> Candidate | Rejection:
-    key, label = match.key, TARGETS[match.key].label
-    named = f"the name {signal.name} suggests {label}"
+def _judge(signal: Signal, match: NameMatch, extent: Extent) -> Candidate | str:
+    """The candidate, or why the signal is not the channel that its name suggests."""
+    key = match.key
+    named = f"the name {signal.name} suggests {TARGETS[key].label}"
     if extent.empty:
-        return Rejection(f"{named}, but all its {extent.n} rows are empty")
+        return f"{named}, but all its {extent.n} rows are empty"
     if extent.still and key in MUST_MOVE:
-        return Rejection(
-            f"{named}, but it is constant at {extent.lowest:.4g}: check its sensor and connection"
-        )
+        at = f"{extent.lowest:.4g}"
+        return f"{named}, but it is constant at {at}: check its sensor and connection"
     candidate = Candidate(key, signal, match.certainty, "", extent, match.stem, (named,))
-    with_unit = _with_unit(candidate, match)
-    if isinstance(with_unit, Rejection):
-        return with_unit
-    if not with_unit.unit and not plausible_units(key, extent):
-        return Rejection(
-            f"{named}, but its values up to {extent.peak:.4g} are implausible in any unit"
-        )
-    return _speed_or_velocity(with_unit)
+    judged = _with_unit(candidate, match)
+    if isinstance(judged, str):
+        return f"{named}, but {judged}"
+    if not judged.unit and not plausible_units(key, extent):
+        return f"{named}, but its values up to {extent.peak:.4g} are implausible in any unit"
+    # airspeed V is positive and lateral velocity v is not; one letter stands for both
+    is_positive, swings = extent.lowest > 0.0, extent.lowest < -0.2 * extent.highest
+    if (key == "v" and is_positive) or (key == "V" and swings):
+        return replace(judged, certainty=0.2 * judged.certainty)
+    return judged
 
 
-def _with_unit(candidate: Candidate, match: NameMatch) -> Candidate | Rejection:
-    """Apply the unit that the file or the name gives, if it fits the channel."""
+def _with_unit(candidate: Candidate, match: NameMatch) -> Candidate | str:
+    """Apply the unit that the file or the name gives, or say why it does not fit the channel."""
     signal, target = candidate.signal, TARGETS[candidate.key]
     if target.unit == PLAIN:
         return replace(candidate, unit=PLAIN)
@@ -142,44 +137,25 @@ def _with_unit(candidate: Candidate, match: NameMatch) -> Candidate | Rejection:
     unit = spelled(text)
     if not unit:
         return candidate.because(f"its unit {text!r} {where} is not a known unit")
+    why, certainty = f"its unit {where} is {unit}", candidate.certainty
     if target.unit == "rad/s" and unit in ("rad", "deg"):
-        why = f"its unit {where} is {unit}, taken as {unit}/s"
-        return _checked(replace(candidate, certainty=0.85 * candidate.certainty), f"{unit}/s", why)
-    if not fits(text, target.unit):
-        return Rejection(
-            f"the name {signal.name} suggests {target.label}, but its unit {unit} does not fit"
-        )
-    if factor(text, target.unit) == factor(target.unit, target.unit):
-        unit = target.unit
-    certainty = candidate.certainty
-    if certainty >= PROPOSED:  # else the name suggests another quantity with the same unit
-        certainty = 1.0 - 0.35 * (1.0 - certainty)
-    why = f"its unit {where} is {unit}"
-    if in_file and match.unit and spelled(match.unit) not in ("", unit):
-        certainty *= 0.7
-        why += f", although its name gives {match.unit}"
-    return _checked(replace(candidate, certainty=certainty), unit, why)
-
-
-def _checked(candidate: Candidate, unit: str, why: str) -> Candidate | Rejection:
-    """Accept a unit in which the values are plausible, otherwise try another."""
+        why, unit, certainty = f"{why}, taken as {unit}/s", f"{unit}/s", 0.85 * certainty
+    elif not fits(text, target.unit):
+        return f"its unit {unit} does not fit"
+    else:
+        if factor(text, target.unit) == 1.0:
+            unit = target.unit
+        if certainty >= PROPOSED:  # else the name suggests another quantity with the same unit
+            certainty = 1.0 - 0.35 * (1.0 - certainty)
+        if in_file and match.unit and spelled(match.unit) not in ("", unit):
+            certainty *= 0.7
+            why += f", although its name gives {match.unit}"
+    candidate = replace(candidate, certainty=certainty)
     key, extent = candidate.key, candidate.extent
     if unit_is_plausible(key, extent, unit):
         return candidate.because(why, unit=unit)
-    others = [other for other in plausible_units(key, extent) if other != unit]
     implausible = f"values up to {extent.peak:.4g} {unit} are implausible"
+    others = [other for other in plausible_units(key, extent) if other != unit]
     if not others or key in ("V", "h", "v"):
-        name, label = candidate.signal.name, TARGETS[key].label
-        return Rejection(f"the name {name} suggests {label}, but its {implausible}")
-    reason = f"{why}, but {implausible}: taken as {others[0]}"
-    return candidate.because(reason, 0.6, unit=others[0])
-
-
-def _speed_or_velocity(candidate: Candidate) -> Candidate:
-    """Airspeed V is positive and lateral velocity v is not; one letter stands for both."""
-    key, extent = candidate.key, candidate.extent
-    if key == "v" and extent.lowest > 0.0:
-        return replace(candidate, certainty=0.2 * candidate.certainty)  # V in lower case
-    if key == "V" and extent.lowest < -0.2 * extent.highest:
-        return replace(candidate, certainty=0.2 * candidate.certainty)
-    return candidate
+        return f"its {implausible}"
+    return candidate.because(f"{why}, but {implausible}: taken as {others[0]}", 0.6, unit=others[0])

@@ -75,42 +75,68 @@ def find_time(columns: Columns, group: int) -> TimeProposal | None:
     A signal whose steps fit its unit comes first; a declared rate comes before a doubtful signal.
     """
     contents = columns.contents
+    of_group = contents.groups[group]
     members = [signal for signal in contents.signals if signal.group == group]
-    if contents.groups[group].n_rows < 2:
+    if of_group.n_rows < 2:
         return None
-    declared = _declared(columns, group)
+    declared = _declared(columns, of_group.time) if of_group.time else None
     if declared and declared.confidence >= DOUBTED:
         return declared
-    named = [(_time_certainty(signal, contents.groups[group].name), signal) for signal in members]
+    named = [(_time_certainty(signal, of_group.name), signal) for signal in members]
+    named.sort(key=lambda pair: -pair[0])
     proposals = [
-        _named(columns, signal, certainty)
-        for certainty, signal in sorted(named, key=lambda pair: -pair[0])
-        if certainty >= TIME_NAME
+        _named(columns, signal, certainty) for certainty, signal in named if certainty >= TIME_NAME
     ]
     if declared or not any(proposals):
         # usually the first column is the time
         proposals += [_unnamed(columns, signal) for signal in members]
     proposals += [declared]
     best = max((time for time in proposals if time), key=lambda time: time.confidence, default=None)
-    rate, start = contents.groups[group].rate, contents.groups[group].start
-    if rate and (best is None or best.confidence < DOUBTED):
-        reason = f"the format declares a sample rate of {rate:g} Hz"
-        return TimeProposal(TimeSource(rate=rate, start=start), RATE_CONFIDENCE, (reason,))
+    if of_group.rate and (best is None or best.confidence < DOUBTED):
+        source = TimeSource(rate=of_group.rate, start=of_group.start)
+        reason = f"the format declares a sample rate of {of_group.rate:g} Hz"
+        return TimeProposal(source, RATE_CONFIDENCE, (reason,))
     return best
 
 
-def _declared(columns: Columns, group: int) -> TimeProposal | None:
+def _declared(columns: Columns, name: str) -> TimeProposal | None:
     """The signal that the format declares, with little confidence if its values conflict."""
-    declared = columns.contents.groups[group].time
-    if not declared or no_clock(declared, columns.values(declared)):
+    if no_clock(name, columns.values(name)):
         return None
-    steps = _steps(columns.values(declared))
-    unit, confidence, why = _unit(columns.signal(declared), steps)
-    reasons = ("the format declares it as the time", why)
+    steps = _steps(columns.values(name))
+    reasons, share = ["the format declares it as the time"], 0.99
     if not steps.run_forward:
-        confidence *= BACKWARD
-        reasons += (f"only {steps.forward:.0%} of its steps go forward",)
-    return TimeProposal(TimeSource(declared, unit), 0.99 * confidence, reasons)
+        share *= BACKWARD
+        reasons.append(f"only {steps.forward:.0%} of its steps go forward")
+    return _proposed(columns.signal(name), steps, share, *reasons)
+
+
+def _named(columns: Columns, signal: Signal, certainty: float) -> TimeProposal | None:
+    """A signal whose name suggests a time, if it runs forward."""
+    steps, share = _steps(columns.values(signal.name)), 1.0 - 0.4 * (1.0 - certainty)
+    reason = f"the name {signal.name} suggests a time"
+    return _proposed(signal, steps, share, reason) if steps.run_forward else None
+
+
+def _unnamed(columns: Columns, signal: Signal) -> TimeProposal | None:
+    """A signal that increases evenly, is not a channel by name and not a row number."""
+    values = columns.values(signal.name)
+    if len(values) < FEW or name_matches(signal.name):
+        return None
+    few = values[np.linspace(0, len(values) - 1, min(len(values), 64)).astype(np.intp)]
+    if not (np.diff(few) > 0.0).all():
+        return None
+    steps = _steps(values)
+    if not steps.run_forward or steps.scatter > EVEN or steps.count_rows:
+        return None
+    reason = "no signal name suggests a time, and this signal increases in even steps"
+    return _proposed(signal, steps, 0.5, reason)
+
+
+def _proposed(signal: Signal, steps: _Steps, share: float, *reasons: str) -> TimeProposal:
+    """share: of the confidence in its unit."""
+    unit, confidence, why = _unit(signal, steps)
+    return TimeProposal(TimeSource(signal.name, unit), share * confidence, (*reasons, why))
 
 
 def dead_time(columns: Columns, group: int) -> str:
@@ -172,33 +198,6 @@ def _time_certainty(signal: Signal, group: str) -> float:
     return 0.0
 
 
-def _named(columns: Columns, signal: Signal, certainty: float) -> TimeProposal | None:
-    """A signal whose name suggests a time, if it runs forward."""
-    steps = _steps(columns.values(signal.name))
-    if not steps.run_forward:
-        return None
-    unit, confidence, why = _unit(signal, steps)
-    confidence *= 1.0 - 0.4 * (1.0 - certainty)
-    reasons = (f"the name {signal.name} suggests a time", why)
-    return TimeProposal(TimeSource(signal.name, unit), confidence, reasons)
-
-
-def _unnamed(columns: Columns, signal: Signal) -> TimeProposal | None:
-    """A signal that increases evenly, is not a channel by name and not a row number."""
-    values = columns.values(signal.name)
-    if len(values) < FEW or name_matches(signal.name):
-        return None
-    few = values[np.linspace(0, len(values) - 1, min(len(values), 64)).astype(np.intp)]
-    if not (np.diff(few) > 0.0).all():
-        return None
-    steps = _steps(values)
-    if not steps.run_forward or steps.scatter > EVEN or steps.count_rows:
-        return None
-    unit, confidence, why = _unit(signal, steps)
-    reasons = ("no signal name suggests a time, and this signal increases in even steps", why)
-    return TimeProposal(TimeSource(signal.name, unit), 0.5 * confidence, reasons)
-
-
 def _steps(values: Array) -> _Steps:
     steps = np.diff(np.asarray(values))
     known = np.isfinite(steps)
@@ -206,49 +205,38 @@ def _steps(values: Array) -> _Steps:
         steps = steps[known]
     if not len(steps):
         return _Steps(0.0, 0.0, 0.0, 0.0, 0.0)
-    forward = float(np.count_nonzero(steps > 0.0)) / len(steps)
     ahead = steps[:: 1 + len(steps) // MOST_STEPS]
     ahead = ahead[ahead > 0.0]
-    step = float(np.median(ahead)) if len(ahead) else 0.0
-    low, high = np.percentile(ahead, (10.0, 90.0)) if len(ahead) else (0.0, 0.0)
+    low, step, high = np.percentile(ahead, (10.0, 50.0, 90.0)) if len(ahead) else (0.0, 0.0, 0.0)
     return _Steps(
-        forward=forward,
+        forward=float(np.count_nonzero(steps > 0.0)) / len(steps),
         known=len(steps) / max(1, len(values) - 1),
-        step=step,
-        scatter=float(high - low) / step if step else 0.0,
+        step=float(step),
+        scatter=float((high - low) / step) if step else 0.0,
         start=float(values[0]),
     )
 
 
 def _unit(signal: Signal, steps: _Steps) -> tuple[str, float, str]:
     """Unit of a time, given or inferred; confidence in it, and the reason."""
-    given = spelled(signal.unit) or spelled(_unit_of_name(signal))
+    of_name = (match.unit for match in name_matches(signal.name) if match.key == "t")
+    given = spelled(signal.unit) or spelled(next(of_name, ""))
     if given and fits(given, "s"):
-        step = steps.step * factor(given, "s")
-        if USUAL_STEP_S[0] <= step <= USUAL_STEP_S[1]:
-            return given, 1.0, f"its unit is given as {given}"
-        return (
-            given,
-            0.5,
-            f"its unit is given as {given}, but that means one sample every {step:.3g} s",
-        )
-    unit, confidence, why = _inferred_unit(steps)
-    return unit, confidence, f"unit not given: {why}"
-
-
-def _inferred_unit(steps: _Steps) -> tuple[str, float, str]:
+        step, why = steps.step * factor(given, "s"), f"its unit is given as {given}"
+        if _is_usual(step):
+            return given, 1.0, why
+        return given, 0.5, f"{why}, but that means one sample every {step:.3g} s"
     for beyond, unit in EPOCHS:
-        step = steps.step * factor(unit, "s")
-        if steps.start >= beyond and USUAL_STEP_S[0] <= step <= USUAL_STEP_S[1]:
-            return unit, 0.97, f"{steps.start:.4g} is taken as {unit} since 1970"
+        if steps.start >= beyond and _is_usual(steps.step * factor(unit, "s")):
+            why = f"unit not given: {steps.start:.4g} is taken as {unit} since 1970"
+            return unit, 0.97, why
+    unit, confidence = "s", 0.95 if steps.step < 0.5 else 0.6
     if DAYS[0] < steps.start < DAYS[1] and steps.step < 1e-3:
-        return "day", 0.9, f"{steps.start:.6g} in steps of {steps.step:.2g} is taken as days"
-    for at_least, unit in STEPS:
-        if steps.step > at_least:
-            return unit, 0.85, f"steps of {steps.step:.4g} are taken as {unit}"
-    confidence = 0.95 if steps.step < 0.5 else 0.6
-    return "s", confidence, f"steps of {steps.step:.4g} are taken as s"
+        unit, confidence = "day", 0.9
+    elif larger := [unit for at_least, unit in STEPS if steps.step > at_least]:
+        unit, confidence = larger[0], 0.85
+    return unit, confidence, f"unit not given: steps of {steps.step:.4g} are taken as {unit}"
 
 
-def _unit_of_name(signal: Signal) -> str:
-    return next((match.unit for match in name_matches(signal.name) if match.key == "t"), "")
+def _is_usual(step: float) -> bool:
+    return USUAL_STEP_S[0] <= step <= USUAL_STEP_S[1]

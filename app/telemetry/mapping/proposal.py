@@ -1,5 +1,6 @@
 """Propose a mapping from the signals of a file to channels, with confidence and reasons."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from app.telemetry.contents import Columns
@@ -85,11 +86,19 @@ def propose(
     check_against_motion(builder, expected)
     _explain_missing(builder, candidates)
     channels = {key: builder.channels[key] for key in TARGETS if key in builder.channels}
+    alternatives, derivable = dict[str, tuple[str, ...]](), dict[str, tuple[str, ...]]()
+    for key, ranked in candidates.by_key.items():
+        chosen = channels[key].signal if key in channels else ""
+        if names := tuple(c.signal.name for c in ranked if c.signal.name != chosen):
+            alternatives[key] = names
+    for way in DERIVATIONS.values():
+        if all(need in channels for need in way.needs):
+            derivable[way.target] = (*derivable.get(way.target, ()), way.key)
     return Proposal(
         Mapping(channels, builder.times),
         builder.rationales,
-        _alternatives(builder, candidates),
-        _derivable(builder),
+        alternatives,
+        derivable,
         tuple(key for key in KEYS if key not in channels),
     )
 
@@ -121,36 +130,36 @@ def _find_times(builder: ProposalBuilder, rate: TimeSource | None) -> None:
 
     If no group has a time, signals are proposed anyway: a person may still give the sample rate.
     """
-    for number, group in enumerate(builder.columns.contents.groups):
+    columns, without = builder.columns, list[int]()
+    for number, group in enumerate(columns.contents.groups):
         if group.name in builder.times:
             continue
-        time = find_time(builder.columns, number)
+        time = find_time(columns, number)
         if rate and (time is None or time.confidence < DOUBTED):
             time = TimeProposal(rate, 0.99, (f"sample rate given: {rate_words(rate)}",))
         if time:
             builder.times[group.name] = time.source
             rationale = Rationale(round(time.confidence, 4), time.reasons)
+            builder.rationales[f"t:{group.name}"] = rationale
         else:
-            rationale = Rationale(0.0, (_unused(builder.columns, number),))
-        builder.rationales[f"t:{group.name}"] = rationale
-    if not builder.times:
-        for number, group in enumerate(builder.columns.contents.groups):
-            if group.n_rows > 1 and not dead_time(builder.columns, number):
-                why = repeated_time(builder.columns, number) or NO_TIME
-                builder.rationales[f"t:{group.name}"] = Rationale(0.0, (why,))
+            without.append(number)
+    for number in without:
+        group = columns.contents.groups[number]
+        if builder.times or group.n_rows < 2 or dead_time(columns, number):
+            why = _unused(columns, number)
+        else:
+            why = repeated_time(columns, number) or NO_TIME
+        builder.rationales[f"t:{group.name}"] = Rationale(0.0, (why,))
 
 
 def _unused(columns: Columns, number: int) -> str:
     """Why the signals of a group are not used, with their names."""
     names = [signal.name for signal in columns.contents.signals if signal.group == number]
     more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
-    listed = f"{', '.join(names[:MOST_NAMED])}{more}"
-    if why := dead_time(columns, number):
-        return f"{why}; until then these signals are not used: {listed}"
     few = columns.contents.groups[number].n_rows < 2
     why = "their group has fewer than two rows" if few else "no signal of their group is a time"
-    why = repeated_time(columns, number) or why
-    return f"signals not used because {why}: {listed}"
+    why = dead_time(columns, number) or repeated_time(columns, number) or why
+    return f"{why}; signals not used: {', '.join(names[:MOST_NAMED])}{more}"
 
 
 def _enter(builder: ProposalBuilder, candidate: Candidate, ranked: list[Candidate]) -> None:
@@ -187,11 +196,11 @@ def _derive(builder: ProposalBuilder) -> None:
 
 def _explain_missing(builder: ProposalBuilder, candidates: Candidates) -> None:
     """Record why a channel has no source, and what it could be derived from."""
-    timeless = _timeless(builder)
+    timeless = list(_timeless(builder))
     for key, target in TARGETS.items():
-        rejected = [*timeless.get(key, []), *candidates.rejected.get(key, [])]
         if key in builder.channels:
             continue
+        rejected = [why for of, why in timeless if of == key] + candidates.rejected.get(key, [])
         reasons = [*builder.rationales.get(key, Rationale(0.0)).reasons, *rejected[:MOST_NAMED]]
         if key in KEYS:
             if not reasons:
@@ -202,40 +211,16 @@ def _explain_missing(builder: ProposalBuilder, candidates: Candidates) -> None:
             builder.rationales[key] = Rationale(0.0, tuple(reasons))
 
 
-def _timeless(builder: ProposalBuilder) -> dict[str, list[str]]:
-    """Reasons by channel: signals whose names suggest it, but whose group has no time."""
+def _timeless(builder: ProposalBuilder) -> Iterator[tuple[str, str]]:
+    """(channel, reason) of signals whose names suggest it, but whose group has no time."""
     contents = builder.columns.contents
-    timeless: dict[str, list[str]] = {}
-    reasons: dict[int, str] = {}
-    for signal in contents.signals:
-        group = contents.groups[signal.group]
+    for number, group in enumerate(contents.groups):
         if group.name in builder.times:
             continue
-        for match in signal_matches(signal, group.name):
-            if match.key in TARGETS and match.certainty >= PROPOSED:
-                if signal.group not in reasons:
-                    why = dead_time(builder.columns, signal.group)
-                    reasons[signal.group] = why or "no signal of its group is a time"
-                text = (
-                    f"the name {signal.name} suggests {TARGETS[match.key].label}, but the signal "
-                    f"has no time: {reasons[signal.group]}"
-                )
-                timeless.setdefault(match.key, []).append(text)
-    return timeless
-
-
-def _alternatives(builder: ProposalBuilder, candidates: Candidates) -> dict[str, tuple[str, ...]]:
-    alternatives = {}
-    for key, ranked in candidates.by_key.items():
-        chosen = builder.channels[key].signal if key in builder.channels else ""
-        if names := tuple(c.signal.name for c in ranked if c.signal.name != chosen):
-            alternatives[key] = names
-    return alternatives
-
-
-def _derivable(builder: ProposalBuilder) -> dict[str, tuple[str, ...]]:
-    derivable: dict[str, tuple[str, ...]] = {}
-    for way in DERIVATIONS.values():
-        if all(need in builder.channels for need in way.needs):
-            derivable[way.target] = (*derivable.get(way.target, ()), way.key)
-    return derivable
+        why = dead_time(builder.columns, number) or "no signal of its group is a time"
+        for signal in (signal for signal in contents.signals if signal.group == number):
+            for match in signal_matches(signal, group.name):
+                if match.key in TARGETS and match.certainty >= PROPOSED:
+                    label = TARGETS[match.key].label
+                    named = f"the name {signal.name} suggests {label}"
+                    yield match.key, f"{named}, but the signal has no time: {why}"

@@ -91,11 +91,11 @@ def _times(builder: ProposalBuilder, remembered: Mapping, origin: str) -> None:
     for group in contents.groups:
         source = remembered.times.get(group.name)
         if source and source.rate and not group.time:
-            builder.times[group.name] = replace(source, start=group.start)  # of this file
-            builder.rationales[f"t:{group.name}"] = Rationale(CONFIDENCE, (origin,))
-        elif source and rows.get(source.signal) == group.n_rows and fits(source.unit, "s"):
-            builder.times[group.name] = source
-            builder.rationales[f"t:{group.name}"] = Rationale(CONFIDENCE, (origin,))
+            source = replace(source, start=group.start)  # of this file
+        elif not source or rows.get(source.signal) != group.n_rows or not fits(source.unit, "s"):
+            continue
+        builder.times[group.name] = source
+        builder.rationales[f"t:{group.name}"] = Rationale(CONFIDENCE, (origin,))
 
 
 def _obstacle(builder: ProposalBuilder, key: str, name: str, unit: str) -> str:
@@ -115,23 +115,18 @@ def _obstacle(builder: ProposalBuilder, key: str, name: str, unit: str) -> str:
 
 def _derived(builder: ProposalBuilder, remembered: Mapping, origin: str) -> None:
     """Assign confirmed derivations, each as soon as its inputs are mapped."""
+
+    def lacking(key: str, name: str) -> list[str]:
+        way = DERIVATIONS.get(name)
+        if way is None or way.target != key:
+            return [f"a derivation {name!r}"]
+        return [need for need in way.needs if need not in builder.channels]
+
     pending = {key: source for key, source in remembered.channels.items() if source.derivation}
-    while True:
-        ready = [key for key, source in pending.items() if not _lacking(builder, key, source)]
-        if not ready:
-            break
+    while ready := [key for key in pending if not lacking(key, pending[key].derivation)]:
         for key in ready:
             builder.assign(key, pending.pop(key), CONFIDENCE, f"{origin}: derived")
             builder.confirmed.add(key)
     for key, source in pending.items():
-        lacking = _lacking(builder, key, source)
-        builder.rationales[key] = Rationale(
-            0.0, (f"not {origin}: missing {' and '.join(lacking)}",)
-        )
-
-
-def _lacking(builder: ProposalBuilder, key: str, source: ChannelSource) -> list[str]:
-    way = DERIVATIONS.get(source.derivation)
-    if way is None or way.target != key:
-        return [f"a derivation {source.derivation!r}"]
-    return [need for need in way.needs if need not in builder.channels]
+        why = f"not {origin}: missing {' and '.join(lacking(key, source.derivation))}"
+        builder.rationales[key] = Rationale(0.0, (why,))

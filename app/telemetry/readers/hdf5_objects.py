@@ -15,6 +15,7 @@ from app.telemetry.readers.matrices import Matrix, matrix, to_tables
 from app.telemetry.readers.signal_tables import (
     BLOCK,
     DESCRIPTION_NAMES,
+    UNIT_NAMES,
     Clock,
     Column,
     Pieces,
@@ -32,7 +33,6 @@ MOST_CHUNK = 1 << 28
 MOST_TEXT = 1 << 12
 LARGE, MOST_HOLES = 1 << 24, 100
 """In a dataset above LARGE [bytes], at least one in MOST_HOLES chunks must be written."""
-UNIT_NAMES = ("unit", "units", "Unit", "Units", "UNIT", "UNITS")
 
 Keys = tuple[str, ...]
 """Path of a dataset."""

@@ -2,89 +2,84 @@
 
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from pyarrow.parquet import ParquetFile
 
 from app.telemetry.contents import ColumnWriter, Contents
 from app.telemetry.readers.signal_tables import (
     BLOCK,
     DESCRIPTION_NAMES,
+    UNIT_NAMES,
     Column,
     Pieces,
     SignalTable,
     is_time_name,
     library_errors,
     write_tables,
-)  # fmt: skip
+)
 from core.types import Array
 
-TITLE = "Parquet"
 BATCH_ROWS = 1 << 16
 BUFFER = 1 << 18
 """Buffer of one column, instead of its whole part of a row group [bytes]."""
+PER_SECOND = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
+NANOSECONDS = 10**9
 
 
 def read(path: Path, writer: ColumnWriter) -> Contents:
     """Read a Parquet file; timestamps become seconds from the first one."""
-    with library_errors(TITLE):
-        from pyarrow.parquet import ParquetFile
+    with (
+        library_errors("Parquet"),
+        ParquetFile(path, buffer_size=BUFFER, pre_buffer=False) as file,
+    ):
+        moments, ignored = Moments(), list[str]()
+        columns = _columns(file.schema_arrow, ignored)
+        names = [column.name for column in columns]
 
-        with ParquetFile(path, buffer_size=BUFFER, pre_buffer=False) as file:
-            schema, moments = file.schema_arrow, Moments()
-            ignored, names = _chosen(schema)
+        def pieces() -> Pieces:
+            rows = max(1, min(BATCH_ROWS, 4 * BLOCK // len(names)))
+            for batch in file.iter_batches(rows, columns=names, use_threads=False):
+                for number, name in enumerate(names):
+                    yield number, moments.numbers(batch.column(name))
 
-            def pieces() -> Pieces:
-                rows = max(1, min(BATCH_ROWS, 4 * BLOCK // len(names)))
-                for batch in file.iter_batches(rows, columns=names, use_threads=False):
-                    for number, name in enumerate(names):
-                        yield number, moments.numbers(batch.column(name))
-
-            columns = _columns(schema, names)
-            write_tables(
-                [SignalTable((), columns, file.metadata.num_rows, pieces)], writer, ignored
-            )
-            return writer.finish("parquet", start=moments.start, ignored=ignored)
+        table = SignalTable((), tuple(columns), file.metadata.num_rows, pieces)
+        write_tables([table], writer, ignored)
+        return writer.finish("parquet", start=moments.start, ignored=ignored)
 
 
-def _chosen(schema: pa.Schema) -> tuple[list[str], list[str]]:
-    """Ignored columns with reasons, and the names of the columns to read."""
-    ignored, chosen, count = [], [], Counter(schema.names)
-    for name, kind in zip(schema.names, schema.types, strict=True):
-        repeated = "several columns have this name" if count[name] > 1 else ""
-        if reason := repeated or not_numbers(kind):
-            ignored.append(f"{name}: {reason}")
+def _columns(schema: pa.Schema, ignored: list[str]) -> list[Column]:
+    """The columns to read; reasons for the others are added to `ignored`."""
+    count, fields = Counter(schema.names), list[pa.Field]()
+    for field in schema:
+        repeated = "several columns have this name" if count[field.name] > 1 else ""
+        if reason := repeated or not_numbers(field.type):
+            ignored.append(f"{field.name}: {reason}")
         else:
-            chosen.append(name)
-    return ignored, chosen
-
-
-def _columns(schema: pa.Schema, names: Sequence[str]) -> tuple[Column, ...]:
-    of_table, time = units_of_table(schema), _time(schema, names)
+            fields.append(field)
+    of_table, time = units_of_table(schema), _time(schema, fields)
     columns = []
-    for name in names:
-        field = schema.field(name)
+    for field in fields:
         timed = is_moment(field.type) or is_span(field.type)
-        unit = "s" if timed else unit_of(field) or of_table.get(name, "")
-        columns.append(Column(name, unit, description_of(field), name == time))
-    return tuple(columns)
+        unit = "s" if timed else _metadata(field, UNIT_NAMES) or of_table.get(field.name, "")
+        description = _metadata(field, DESCRIPTION_NAMES)
+        columns.append(Column(field.name, unit, description, field.name == time))
+    return columns
 
 
-def _time(schema: pa.Schema, names: Sequence[str]) -> str:
+def _time(schema: pa.Schema, fields: list[pa.Field]) -> str:
     """The time column by name or type, pandas' index first; "" for none."""
-    moments = [name for name in names if is_moment(schema.field(name).type)]
-    spans = [name for name in names if is_span(schema.field(name).type)]
-    index = [n for n in index_of_table(schema) if n in moments or n in spans or is_time_name(n)]
-    named = [name for name in names if is_time_name(name)]
-    return next(iter([*(n for n in index if n in names), *named, *moments, *spans]), "")
-
-
-PER_SECOND = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
-NANOSECONDS = 10**9
+    moments = [field.name for field in fields if is_moment(field.type)]
+    spans = [field.name for field in fields if is_span(field.type)]
+    likely = [*(f.name for f in fields if is_time_name(f.name)), *moments, *spans]
+    index = _json(schema, b"pandas").get("index_columns")
+    first = [n for n in index if n in likely] if isinstance(index, list) else []
+    return next(iter([*first, *likely]), "")
 
 
 def not_numbers(kind: pa.DataType) -> str:
@@ -95,11 +90,9 @@ def not_numbers(kind: pa.DataType) -> str:
         return "nested"
     if pa.types.is_null(kind):
         return "no value"
-    if pa.types.is_boolean(kind) or pa.types.is_integer(kind) or pa.types.is_floating(kind):
-        return ""
-    if pa.types.is_decimal(kind) or is_moment(kind) or is_span(kind):
-        return ""
-    return "dates" if pa.types.is_date(kind) else "text"
+    if pa.types.is_date(kind):
+        return "dates"
+    return "" if pa.types.is_primitive(kind) or pa.types.is_decimal(kind) else "text"
 
 
 def is_moment(kind: pa.DataType) -> bool:
@@ -137,33 +130,14 @@ class Moments:
         integers = column.cast(pa.int32()) if pa.types.is_time32(kind) else column
         counts = integers.cast(pa.int64()).fill_null(0).to_numpy(zero_copy_only=False)
         rate = PER_SECOND[kind.unit]
-        seconds = (
-            self._since_first(counts, missing, kind, rate) if is_moment(kind) else counts / rate
-        )
-        return np.where(missing, np.nan, seconds)
-
-    def _since_first(
-        self, counts: np.ndarray, missing: np.ndarray, kind: pa.TimestampType, rate: int
-    ) -> Array:
-        """Subtract as integers, because nanoseconds since 1970 exceed a float's precision."""
-        if missing.all():
-            return np.zeros(len(counts))
+        if is_span(kind) or missing.all():
+            return np.where(missing, np.nan, counts / rate)
         if self.first is None:
             self.first = int(counts[~missing][0]) * (NANOSECONDS // rate)
             self.zoned = kind.tz is not None
+        # subtract as integers, because nanoseconds since 1970 exceed a float's precision
         first, rest = divmod(self.first, NANOSECONDS // rate)
-        return (counts - first) / rate - rest / NANOSECONDS
-
-
-KEYS = ("unit", "units", "Unit", "Units", "UNIT", "UNITS")
-
-
-def unit_of(field: pa.Field) -> str:
-    return _metadata_text(field, KEYS)
-
-
-def description_of(field: pa.Field) -> str:
-    return _metadata_text(field, DESCRIPTION_NAMES)
+        return np.where(missing, np.nan, (counts - first) / rate - rest / NANOSECONDS)
 
 
 def units_of_table(schema: pa.Schema) -> dict[str, str]:
@@ -171,32 +145,22 @@ def units_of_table(schema: pa.Schema) -> dict[str, str]:
 
     Either {"units": {name: unit}} or {name: {"unit": unit}}.
     """
-    attributes = _attributes(schema)
+    inner = _json(schema, b"pandas").get("attributes")
+    attributes = (inner if isinstance(inner, dict) else {}) | _json(schema, b"PANDAS_ATTRS")
     by_name: dict[str, str] = {}
     for name, value in attributes.items():
-        if name in KEYS and isinstance(value, Mapping):
+        if name in UNIT_NAMES and isinstance(value, Mapping):
             by_name |= {str(k): v for k, v in value.items() if isinstance(v, str)}
         elif isinstance(value, Mapping):
-            units = [value[key] for key in KEYS if isinstance(value.get(key), str)]
+            units = [value[key] for key in UNIT_NAMES if isinstance(value.get(key), str)]
             by_name |= {name: units[0]} if units else {}
     return by_name
 
 
-def index_of_table(schema: pa.Schema) -> tuple[str, ...]:
-    """Names of the columns that were pandas' index."""
-    index = _json(schema, b"pandas").get("index_columns")
-    return tuple(name for name in index if isinstance(name, str)) if isinstance(index, list) else ()
-
-
-def _metadata_text(field: pa.Field, keys: tuple[str, ...]) -> str:
-    metadata = field.metadata or {}
-    values = (metadata.get(key.encode(), b"") for key in keys)
+def _metadata(field: pa.Field, keys: tuple[str, ...]) -> str:
+    """The first of the named texts in the metadata of a column."""
+    values = ((field.metadata or {}).get(key.encode(), b"") for key in keys)
     return next((value.decode("utf-8", "replace").strip() for value in values if value), "")
-
-
-def _attributes(schema: pa.Schema) -> dict[str, Any]:
-    inner = _json(schema, b"pandas").get("attributes")
-    return (inner if isinstance(inner, dict) else {}) | _json(schema, b"PANDAS_ATTRS")
 
 
 def _json(schema: pa.Schema, key: bytes) -> dict[str, Any]:

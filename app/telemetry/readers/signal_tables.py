@@ -27,6 +27,7 @@ MOST_COLUMNS = 256
 TIME_NAMES = frozenset(
     {"t", "t_s", "time", "time_s", "times", "timestamp", "timestamps", "tout", "seconds"}
 )
+UNIT_NAMES = ("unit", "units", "Unit", "Units", "UNIT", "UNITS")
 DESCRIPTION_NAMES = ("description", "long_name", "label", "comment")
 """Attributes and fields that describe a signal."""
 

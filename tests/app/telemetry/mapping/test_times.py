@@ -70,9 +70,7 @@ def test_a_group_without_a_time_is_not_used_with_a_reason(values, tmp_path):
     times, rationales = times_of(tmp_path / "both", untimed | {"b//t": EVEN, "b//p": SWING})
     assert times.keys() == {"b"}
     assert rationales["t:a"].confidence == 0.0
-    assert rationales["t:a"].reasons == (
-        "signals not used because no signal of their group is a time: beta, row",
-    )
+    assert rationales["t:a"].reasons[0].endswith(": beta, row")
     times, rationales = times_of(tmp_path / "alone", untimed)
     assert times == {}
     assert rationales["t:a"].reasons[0].startswith("no signal is a time: choose one")
@@ -142,9 +140,7 @@ def test_every_group_has_its_own_time_and_one_without_is_left_out(tmp_path):
     }
     signals = {key: source.signal for key, source in proposal.mapping.channels.items()}
     assert signals == {"beta": "beta", "p": "gyro_x", "r": "gyro_z"}
-    assert (
-        "no signal of their group is a time: rudder" in proposal.rationales["t:events"].reasons[0]
-    )
+    assert proposal.rationales["t:events"].reasons[0].endswith(": rudder")
     assert "fewer than two rows" in proposal.rationales["t:one"].reasons[0]
 
 
