@@ -52,7 +52,7 @@ class ConditionRequest(BaseModel):
 
     def read(self, max_bytes: int) -> tuple[Condition, list[float], float, str]:
         """The flight condition, its steps and their pass criteria. RecipeError."""
-        test = dataset_request(self.dataset, max_bytes).recipe
+        _, test = dataset_request(self.dataset, max_bytes)
         return Condition(self.name.strip(), test), self.steps, self.passes_below, self.criteria
 
 

@@ -1,16 +1,13 @@
 """The kinds of long work, one function for each kind of request."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from app.jobs.jobs import Result, Task
 from app.jobs.requests import (
     CombinationRecipe,
-    CombinationRequest,
-    DatasetRequest,
     MonitorRequest,
-    SweepRequest,
     dataset_name,
     planned_test,
 )
@@ -24,42 +21,52 @@ from app.jobs.training import (
 )
 from app.store.store import Store
 from core.evaluation.epsilon_choice import Choice, ChoiceRecipe, choose
-from core.evaluation.lead_sweep import sweep
+from core.evaluation.lead_sweep import SweepRecipe, sweep
 from core.evaluation.rates import clopper_pearson
 from core.evaluation.study import StudyRecipe, study
 from core.monitor import Monitor, combine
-from core.planned_test.collection import combination_failures, evaluation_flights
+from core.planned_test.collection import (
+    DatasetRecipe,
+    combination_failures,
+    evaluation_flights,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
-def simulate_dataset(task: Task, request: DatasetRequest, store: Store) -> Result:
+def simulate_dataset(task: Task, name: str, recipe: DatasetRecipe, store: Store) -> Result:
     """Simulate and store a dataset; the result has its id."""
-    dataset = simulate(request.recipe, task.progress)
+    dataset = simulate(recipe, task.progress)
     task.progress("storing", task.done, task.total)
-    return {"dataset": store.datasets.add(dataset, request.name).id}
+    return {"dataset": store.datasets.add(dataset, name).id}
 
 
 def train_monitor(task: Task, request: MonitorRequest, store: Store) -> Result:
     """Simulate if needed, train, test and store; the result has the ids of monitor and dataset."""
-    dataset_id, dataset = request.dataset.id, request.dataset.load(store)
-    if dataset is None:
-        assert request.dataset.recipe
-        dataset = simulate(request.dataset.recipe, task.progress)
-        dataset_id = store.datasets.add(dataset, dataset_name(request.dataset.recipe)).id
+    requested = request.dataset
+    if isinstance(requested, str):
+        dataset_id, dataset = requested, store.datasets.get(requested)
+    else:
+        dataset = simulate(requested, task.progress)
+        dataset_id = store.datasets.add(dataset, dataset_name(requested)).id
     training = train_and_test(dataset, request.recipe, request.n_test, task.progress)
     task.progress("storing", task.done, task.total)
     info = store.monitors.add(training.monitor, request.name, dataset_id)
     return {"monitor": info.id, "dataset": dataset_id}
 
 
-def combine_monitors(task: Task, request: CombinationRequest, store: Store) -> Result:
+def combine_monitors(
+    task: Task, name: str, ids: list[str], recipe: CombinationRecipe, store: Store
+) -> Result:
     """Calibrate stored monitors as one, test and store; the result has the monitor's id."""
-    members = [store.monitors.get(monitor_id) for monitor_id in request.monitors]
-    combination, _ = combine_and_test(members, request.recipe, task.progress)
+    members = [store.monitors.get(monitor_id) for monitor_id in ids]
+    combination, _ = combine_and_test(members, recipe, task.progress)
     task.progress("storing", task.done, task.total)
     digest = combination.dataset_digest
-    datasets = [store.monitors.info(monitor_id).dataset_id for monitor_id in request.monitors]
+    datasets = [store.monitors.info(monitor_id).dataset_id for monitor_id in ids]
     same = (id_ for id_ in datasets if id_ and store.datasets.info(id_).digest == digest)
-    info = store.monitors.add(combination, request.name, next(same, None))
+    info = store.monitors.add(combination, name, next(same, None))
     return {"monitor": info.id, "dataset": info.dataset_id}
 
 
@@ -69,9 +76,8 @@ def choose_epsilon(task: Task, monitor: Monitor, recipe: ChoiceRecipe) -> Result
     return asdict(choice) | {"words": in_words(choice)}
 
 
-def sweep_leads(task: Task, request: SweepRequest) -> Result:
+def sweep_leads(task: Task, recipe: SweepRecipe, tests: dict[str, DatasetRecipe]) -> Result:
     """Train every method at every lead; the result has each cell, a table and a figure as SVG."""
-    from app.report.studies import study_figures as figures
     from app.report.studies.study_figures import power_against_lead
     from app.report.studies.sweep import in_words as table
     from app.report.studies.sweep import summary
@@ -79,30 +85,36 @@ def sweep_leads(task: Task, request: SweepRequest) -> Result:
     def trained(done: int, total: int) -> None:
         task.progress(f"{done} of {total} monitors", done, total)
 
-    tests = sweep(request.recipe, request.tests, progress=trained)
-    task.progress("drawing", task.done, task.total)
-    drawn = figures.render(power_against_lead(tests, request.recipe), "power_by_lead", ["svg"])
-    svg = {name: text.decode() for name, text in drawn.items()}
-    text = table(tests, request.recipe)
-    return summary(tests, request.recipe) | {"table": text, "figures": svg}
+    swept = sweep(recipe, tests, progress=trained)
+    figures = _drawn(task, power_by_lead=lambda: power_against_lead(swept, recipe))
+    return summary(swept, recipe) | {"table": table(swept, recipe)} | figures
 
 
 def compare_methods(task: Task, recipe: StudyRecipe) -> Result:
     """Compare the five methods; the result has the curves, a table and figures as SVG."""
-    from app.report.studies import study_figures as figures
     from app.report.studies.study import summary, table
+    from app.report.studies.study_figures import study_curves, study_rollouts
 
     def trained(done: int, total: int) -> None:
         task.progress(f"{done} of {total} monitors of each method", done, total)
 
     trained(0, recipe.n_monitors)
     result = study(recipe, progress=trained)
+    figures = _drawn(
+        task,
+        miss_and_power=lambda: study_curves(result),
+        rollouts=lambda: study_rollouts(result),
+    )
+    return summary(result) | {"table": table(result)} | figures
+
+
+def _drawn(task: Task, **figures: Callable[[], "Figure"]) -> Result:
+    """The figures of a result, as SVG by name."""
+    from app.report.studies.study_figures import render
+
     task.progress("drawing", task.done, task.total)
-    limits = recipe.dataset.specification.magnitudes
-    drawn = figures.render(figures.study_curves(result), "miss_and_power", ["svg"])
-    drawn |= figures.render(figures.study_rollouts(result, limits), "rollouts", ["svg"])
-    svg = {name: text.decode() for name, text in drawn.items()}
-    return summary(result) | {"table": table(result), "figures": svg}
+    files = [render(draw(), name, ["svg"]) for name, draw in figures.items()]
+    return {"figures": {name: svg.decode() for file in files for name, svg in file.items()}}
 
 
 def without_figures(result: dict[str, Any] | None, job_id: str) -> dict[str, Any] | None:

@@ -21,7 +21,6 @@ from app.recipes.recipes import (
 )
 from app.store.store import Store
 from core.bounds import Bounds, check_bounds, quoted
-from core.dataset import Dataset
 from core.evaluation.epsilon_choice import ChoiceRecipe
 from core.evaluation.lead_sweep import SweepRecipe, check_leads, planned_tests
 from core.evaluation.study import StudyRecipe
@@ -44,29 +43,15 @@ MOST_MEMBERS, MOST_LEADS = 16, 20
 N_CHANNELS_BYTES = 6 * 8
 
 
-class RequestedDataset(NamedTuple):
-    """Either the id of a stored dataset, or a recipe to simulate."""
-
-    id: str | None
-    recipe: DatasetRecipe | None
-
-    def load(self, store: Store) -> Dataset | None:
-        """The stored dataset; None if it is to be simulated."""
-        return None if self.id is None else store.datasets.get(self.id)
-
-
-class DatasetRequest(NamedTuple):
-    """A dataset to simulate, with its name."""
-
-    name: str
-    recipe: DatasetRecipe
+Requested = str | DatasetRecipe
+"""The id of a stored dataset, or a recipe to simulate."""
 
 
 class MonitorRequest(NamedTuple):
     """A monitor to train, its dataset, and the number of fresh test flights."""
 
     name: str
-    dataset: RequestedDataset
+    dataset: Requested
     recipe: MonitorRecipe
     n_test: int
 
@@ -95,36 +80,14 @@ class CombinationRecipe:
         check_epsilon(self.epsilon, self.n_unsafe, self.guarantee)
 
 
-class CombinationRequest(NamedTuple):
-    """A combination of stored monitors, with its name."""
-
-    name: str
-    monitors: tuple[str, ...]
-    recipe: CombinationRecipe
-
-
-class SweepRequest(NamedTuple):
-    """A sweep over leads, with the planned tests by name."""
-
-    recipe: SweepRecipe
-    tests: dict[str, DatasetRecipe]
-
-
-class ChoiceRequest(NamedTuple):
-    """A monitor, and the recipe to choose its epsilon."""
-
-    monitor: Monitor
-    recipe: ChoiceRecipe
-
-
-def dataset_request(plain: Any, max_bytes: int) -> DatasetRequest:
-    """Read the body of a request for a dataset. RecipeError."""
+def dataset_request(plain: Any, max_bytes: int) -> tuple[str, DatasetRecipe]:
+    """Read the body of a request for a dataset: its name and recipe. RecipeError."""
     if not isinstance(plain, dict):
         raise RecipeError(f"dataset is {quoted(plain)}: give its recipe, an object")
     plain = dict(plain)
     name = _name(plain)
     recipe = _dataset_recipe(plain, max_bytes)
-    return DatasetRequest(name or dataset_name(recipe), recipe)
+    return name or dataset_name(recipe), recipe
 
 
 def amplitude_suggestion(plain: dict[str, Any], max_bytes: int) -> tuple[Suggestion, Maneuver]:
@@ -152,26 +115,27 @@ def monitor_request(plain: dict[str, Any], store: Store, max_bytes: int) -> Moni
     recipe = _recipe(MonitorRecipe(), monitor_as_ordered(plain), "monitor")
     if recipe.score.of_members:
         raise RecipeError(f"monitor.predictor: {NOT_TRAINED}")
-    if requested.recipe is not None:
-        simulated = dataset_for(recipe, requested.recipe)
-        duration = simulated.maneuver.duration_s
-        requested, n_unsafe = RequestedDataset(None, simulated), simulated.n_unsafe
-        _check_test_size(simulated, n_test, max_bytes)
-    else:
-        assert requested.id
-        info = store.datasets.info(requested.id)
+    if isinstance(requested, str):
+        info = store.datasets.info(requested)
         duration, n_unsafe = (info.n_samples - 1) * info.dt, info.n_unsafe
+    else:
+        requested = dataset_for(recipe, requested)
+        duration, n_unsafe = requested.maneuver.duration_s, requested.n_unsafe
+        _check_test_size(requested, n_test, max_bytes)
     with _refusing("monitor."):
         check_lead(recipe.t_early, duration)
     with _refusing():
         check_epsilon(recipe.epsilon, n_unsafe, recipe.guarantee)
     if recipe.predictor.forecast == "card":
-        _check_card(requested, store)
+        with _refusing("monitor.predictor: "):
+            card_of(_recipe_of(requested, store, "or choose the predictor peak_ridge"), 2)
     return MonitorRequest(name or f"{recipe.t_early:g} s ahead", requested, recipe, n_test)
 
 
-def combination_request(plain: dict[str, Any], store: Store, max_bytes: int) -> CombinationRequest:
-    """Read the body of a request for a combination. RecipeError."""
+def combination_request(
+    plain: dict[str, Any], store: Store, max_bytes: int
+) -> tuple[str, list[str], CombinationRecipe]:
+    """Read the body of a request for a combination: name, ids and recipe. RecipeError."""
     plain = dict(plain)
     name, ids = _name(plain), plain.pop("monitors", None)
     if not (
@@ -188,7 +152,7 @@ def combination_request(plain: dict[str, Any], store: Store, max_bytes: int) -> 
         _, dataset = planned_test([store.monitors.get(each) for each in ids], recipe.lead)
     _check_test_size(dataset, max(recipe.n_test, recipe.n_unsafe), max_bytes)
     name = name or f"{len(ids)} monitors as one, {recipe.lead:g} s ahead"
-    return CombinationRequest(name, tuple(ids), recipe)
+    return name, ids, recipe
 
 
 def planned_test(members: Sequence[Monitor], lead: float) -> tuple[Monitor, DatasetRecipe]:
@@ -206,31 +170,24 @@ def planned_test(members: Sequence[Monitor], lead: float) -> tuple[Monitor, Data
     return member, recipe
 
 
-def _check_card(requested: RequestedDataset, store: Store) -> None:
-    """RecipeError if the planned manoeuvre has no test card."""
-    recipe = requested.recipe or recipe_of(store.datasets.get(requested.id or ""))
-    if recipe is None:
-        raise RecipeError(
-            "monitor.predictor: the dataset has no recipe, so its test card is not "
-            "known; choose the predictor peak_ridge"
-        )
-    with _refusing("monitor.predictor: "):
-        card_of(recipe, 2)
-
-
 def study_request(plain: dict[str, Any], store: Store, max_bytes: int) -> StudyRecipe:
     """Read the body of a request for the study; a stored dataset gives its recipe."""
     plain = dict(plain)
     requested = _requested_dataset(plain, store, max_bytes, unsaid="none")
-    dataset = requested.recipe or _recipe_of_stored(requested, store)
+    dataset = _recipe_of(requested, store)
     recipe: StudyRecipe = _recipe(StudyRecipe(), plain, "study")
     _check_most(recipe, "study", n_monitors=LARGEST_N_MONITORS, n_test=LARGEST_N_TEST)
     _check_test_size(dataset, recipe.n_test, max_bytes)
     return replace(recipe, dataset=dataset)
 
 
-def sweep_request(plain: dict[str, Any], store: Store, max_bytes: int) -> SweepRequest:
-    """Read the body of a request for a sweep; a `dataset` replaces `tests`. RecipeError."""
+def sweep_request(
+    plain: dict[str, Any], store: Store, max_bytes: int
+) -> tuple[SweepRecipe, dict[str, DatasetRecipe]]:
+    """Read the body of a request for a sweep: its recipe, and planned tests by name. RecipeError.
+
+    A `dataset` replaces `tests`.
+    """
     plain = dict(plain)
     requested = _requested_dataset(plain, store, max_bytes) if "dataset" in plain else None
     if requested and not {"tests", "imperfections"}.isdisjoint(plain):
@@ -243,7 +200,7 @@ def sweep_request(plain: dict[str, Any], store: Store, max_bytes: int) -> SweepR
     if requested is None:
         tests = planned_tests(recipe.tests, recipe.imperfections)
     else:
-        dataset = requested.recipe or _recipe_of_stored(requested, store)
+        dataset = _recipe_of(requested, store)
         tests = {dataset_name(dataset): dataset}
         if recipe.ceiling and not dataset.imperfections.are_none:
             raise RecipeError(
@@ -254,19 +211,22 @@ def sweep_request(plain: dict[str, Any], store: Store, max_bytes: int) -> SweepR
         _check_test_size(test, max(recipe.n_test, recipe.n_unsafe), max_bytes)
     with _refusing():
         check_leads(recipe, tests)
-    return SweepRequest(recipe, tests)
+    return recipe, tests
 
 
-def _recipe_of_stored(requested: RequestedDataset, store: Store) -> DatasetRecipe:
-    """The recipe of a stored dataset. RecipeError if it was not simulated."""
-    stored = requested.load(store)
-    assert stored
-    if (recipe := recipe_of(stored)) is None:
-        raise RecipeError(f"dataset {requested.id} was not simulated here: give a recipe instead")
+def _recipe_of(requested: Requested, store: Store, remedy: str = "") -> DatasetRecipe:
+    """The recipe, given or stored. RecipeError if a stored dataset was not simulated."""
+    if isinstance(requested, DatasetRecipe):
+        return requested
+    if (recipe := recipe_of(store.datasets.get(requested))) is None:
+        reason = f"dataset {requested} was not simulated here: give a recipe instead"
+        raise RecipeError(f"{reason} {remedy}".strip())
     return recipe
 
 
-def choice_request(plain: dict[str, Any], store: Store, monitor_id: str) -> ChoiceRequest:
+def choice_request(
+    plain: dict[str, Any], store: Store, monitor_id: str
+) -> tuple[Monitor, ChoiceRecipe]:
     """Read the body of a request to choose a stored monitor's epsilon. RecipeError."""
     monitor = store.monitors.get(monitor_id)
     with _refusing():
@@ -274,7 +234,7 @@ def choice_request(plain: dict[str, Any], store: Store, monitor_id: str) -> Choi
     unsaid = {"most_missed": None, "most_false_alarms": None}
     recipe: ChoiceRecipe = _recipe(ChoiceRecipe(0.1, 0.2), unsaid | plain, "epsilon")
     _check_most(recipe, "epsilon", n_test=LARGEST_N_TEST)
-    return ChoiceRequest(monitor, recipe)
+    return monitor, recipe
 
 
 def check_size(recipe: DatasetRecipe, max_bytes: int) -> None:
@@ -332,13 +292,13 @@ def _check_most(recipe: Any, where: str, **most: int) -> None:
 
 def _requested_dataset(
     plain: dict[str, Any], store: Store, max_bytes: int, unsaid: Imperfect = "usual"
-) -> RequestedDataset:
+) -> Requested:
     given = plain.pop("dataset", None)
     if isinstance(given, str):
         store.datasets.info(given)
-        return RequestedDataset(given, None)
+        return given
     if isinstance(given, dict):
-        return RequestedDataset(None, _dataset_recipe(given, max_bytes, unsaid))
+        return _dataset_recipe(given, max_bytes, unsaid)
     raise RecipeError(
         f"dataset is {given!r}: give the id of a stored dataset, or its recipe, an object"
     )

@@ -39,6 +39,19 @@ Progress = Callable[[str, int, int], object]
 """Called with (message, done, total); an exception that it raises cancels the work."""
 
 LEAD_BINS = 20
+CURVES = (
+    "misses",
+    "false_alerts",
+    "withdrawn",
+    "safe_withdrawn",
+    "miss_rate",
+    "miss_interval",
+    "power",
+    "power_interval",
+    "fail_given_alert",
+    "fail_given_alert_interval",
+)
+"""What an Evaluation stores over epsilon."""
 NO_RECIPE = "validity is not calibrated: the dataset has no recipe to simulate fresh flights"
 
 
@@ -233,34 +246,20 @@ def _prevention(result: Prevention) -> dict[str, Any]:
 
 
 def _part(whole: Evaluation, at: slice) -> Evaluation:
-    return Evaluation(
-        epsilons=whole.epsilons[at],
-        n_unsafe=whole.n_unsafe,
-        n_safe=whole.n_safe,
-        n_early=whole.n_early,
-        misses=whole.misses[at],
-        false_alerts=whole.false_alerts[at],
-        withdrawn=whole.withdrawn[at],
-        safe_withdrawn=whole.safe_withdrawn[at],
-    )
+    arrays = {key: value[at] for key, value in vars(whole).items() if isinstance(value, np.ndarray)}
+    return replace(whole, **arrays)
 
 
 def _curves(counts: Evaluation) -> dict[str, list[Any]]:
-    no_unsafe, no_safe = counts.n_unsafe == 0, counts.n_safe == 0
-    unknown = [None] * len(counts.epsilons)
-    return {
-        "epsilon": counts.epsilons.tolist(),
-        "misses": counts.misses.tolist(),
-        "false_alerts": counts.false_alerts.tolist(),
-        "withdrawn": counts.withdrawn.tolist(),
-        "safe_withdrawn": counts.safe_withdrawn.tolist(),
-        "miss_rate": unknown if no_unsafe else counts.miss_rate.tolist(),
-        "miss_interval": counts.miss_interval.tolist(),
-        "power": unknown if no_safe else counts.power.tolist(),
-        "power_interval": counts.power_interval.tolist(),
-        "fail_given_alert": [_or_none(share) for share in counts.fail_given_alert.tolist()],
-        "fail_given_alert_interval": counts.fail_given_alert_interval.tolist(),
-    }
+    """Counts and shares by name over epsilon; None where nothing could be counted."""
+    n_met = {"miss_rate": counts.n_unsafe, "power": counts.n_safe}
+    curves = {"epsilon": counts.epsilons.tolist()}
+    for name in CURVES:
+        values = getattr(counts, name)
+        shown = values.astype(object)
+        shown[np.isnan(values) | (n_met.get(name) == 0)] = None
+        curves[name] = shown.tolist()
+    return curves
 
 
 def _histogram(lead: Array, required: float, dt: float) -> dict[str, Any]:
@@ -282,7 +281,3 @@ def _histogram(lead: Array, required: float, dt: float) -> dict[str, Any]:
         "median": quantiles[1],
         "p95": quantiles[2],
     }
-
-
-def _or_none(number: float) -> float | None:
-    return None if np.isnan(number) else number

@@ -80,9 +80,9 @@ async def simulate_dataset(plain: PlainBody, store: StoreDep, jobs: JobsDep, set
     imperfections of flight; `"imperfections": "none"` omits these. Angles are in radians, N_y is in
     g, and names ending in `_deg` are in degrees.
     """
-    request = await asyncio.to_thread(dataset_request, plain, settings.max_array_bytes)
-    details = {"name": request.name} | to_plain(request.recipe)
-    return await accepted(jobs, "dataset", details, run, request, store)
+    name, recipe = await asyncio.to_thread(dataset_request, plain, settings.max_array_bytes)
+    details = {"name": name} | to_plain(recipe)
+    return await accepted(jobs, "dataset", details, run, name, recipe, store)
 
 
 @router.post(

@@ -207,6 +207,6 @@ async def sweep_leads(plain: PlainBody, store: StoreDep, jobs: JobsDep, settings
     result holds the miss rate, the share of safe flights without a false alarm (power) and the
     share of failures that an alert prevents; also a table and a link to the figure.
     """
-    sweep = await asyncio.to_thread(sweep_request, plain, store, settings.max_array_bytes)
-    tests = {"dataset": plain["dataset"], "tests": list(sweep.tests)} if "dataset" in plain else {}
-    return await accepted(jobs, "sweep", to_plain(sweep.recipe) | tests, run_sweep, sweep)
+    recipe, tests = await asyncio.to_thread(sweep_request, plain, store, settings.max_array_bytes)
+    details = {"dataset": plain["dataset"], "tests": list(tests)} if "dataset" in plain else {}
+    return await accepted(jobs, "sweep", to_plain(recipe) | details, run_sweep, recipe, tests)

@@ -135,7 +135,7 @@ async def train_monitor(
     training = await asyncio.to_thread(monitor_request, plain, store, settings.max_array_bytes)
     details = {
         "name": training.name,
-        "dataset": training.dataset.id or to_plain(training.dataset.recipe),
+        "dataset": to_plain(training.dataset),
         "n_test": training.n_test,
     } | to_plain(training.recipe)
     return await accepted(jobs, "monitor", details, kinds.train_monitor, training, store)
@@ -157,8 +157,9 @@ async def combine_monitors(plain: PlainBody, store: StoreDep, jobs: JobsDep, set
     seconds is that of one member, whose validity decides where the combination is withdrawn.
     """
     request = await asyncio.to_thread(combination_request, plain, store, settings.max_array_bytes)
-    details = {"name": request.name, "monitors": list(request.monitors)} | to_plain(request.recipe)
-    return await accepted(jobs, "monitor", details, kinds.combine_monitors, request, store)
+    name, monitors, recipe = request
+    details = {"name": name, "monitors": monitors} | to_plain(recipe)
+    return await accepted(jobs, "monitor", details, kinds.combine_monitors, *request, store)
 
 
 async def _add_file(body: bytes, name: str, recordings: Recordings) -> Response:
@@ -273,9 +274,9 @@ async def choose_epsilon(monitor_id: str, plain: PlainBody, store: StoreDep, job
     counts at it, and 95 % confidence bounds. The job fails if no epsilon meets both targets; its
     error may name the number of flights that could certify one.
     """
-    choice = await asyncio.to_thread(choice_request, plain, store, monitor_id)
-    details = {"monitor": monitor_id} | to_plain(choice.recipe)
-    return await accepted(jobs, "epsilon", details, kinds.choose_epsilon, *choice)
+    monitor, recipe = await asyncio.to_thread(choice_request, plain, store, monitor_id)
+    details = {"monitor": monitor_id} | to_plain(recipe)
+    return await accepted(jobs, "epsilon", details, kinds.choose_epsilon, monitor, recipe)
 
 
 @router.get(

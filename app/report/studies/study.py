@@ -22,11 +22,10 @@ def write_study(result: StudyResult, out: Path) -> str:
     """
     from app.report.studies import study_figures as figures
 
-    limits = result.recipe.dataset.specification.magnitudes
     files = {
         "study.json": json.dumps(summary(result), indent=1).encode(),
         "study.csv": _csv(result).encode(),
-        **figures.render(figures.study_rollouts(result, limits), "rollouts"),
+        **figures.render(figures.study_rollouts(result), "rollouts"),
         **figures.render(figures.study_curves(result), "miss_and_power"),
     }
     out.mkdir(parents=True, exist_ok=True)

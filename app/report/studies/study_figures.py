@@ -92,12 +92,10 @@ def _curve(axes: Axes, name: str, method: "MethodResult", quantity: str, index: 
     axes.fill_between(method.epsilons, low, high, color=colour, alpha=0.15, lw=0)
 
 
-def study_rollouts(result: "StudyResult", limits: Array) -> Figure:
-    """One safe and one unsafe test flight: outputs, forecasts, limits, risk.
-
-    limits: (6,) magnitudes, infinite where there is none.
-    """
+def study_rollouts(result: "StudyResult") -> Figure:
+    """One safe and one unsafe test flight: outputs, forecasts, limits, risk."""
     monitor, flights = result.monitor, result.flights
+    limits = result.recipe.dataset.specification.magnitudes
     unsafe, safe = _example_pair(monitor, flights.y, flights.fail_index)
     with rc_context(STYLE):
         figure = Figure(figsize=(11, 11), layout="constrained")

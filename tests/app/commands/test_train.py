@@ -142,7 +142,7 @@ def test_an_order_means_the_same_on_the_command_line_and_over_rest(
         assert main([kind, *options, "--print-recipe"]) == 0
         printed = json.loads(capsys.readouterr().out)["dataset"]
         if kind == "train":
-            assert printed == limits_named(to_plain(dataset_request(ordered, 2**40).recipe))
+            assert printed == limits_named(to_plain(dataset_request(ordered, 2**40)[1]))
         else:
             order = {"dataset": ordered}
             study = study_request(order, None, 2**40)  # pyright: ignore

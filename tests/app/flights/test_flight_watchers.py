@@ -1,6 +1,5 @@
 """What a flight's watchers and its scene are told, whatever becomes of them."""
 
-
 import numpy as np
 import pytest
 
