@@ -6,6 +6,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -42,7 +43,7 @@ class Task:
     total: int = 0
     message: str = "waiting"
     stop: threading.Event = field(default_factory=threading.Event)
-    watchers: set["JobWatcher"] = field(default_factory=set)
+    watchers: set[Callable[[], object]] = field(default_factory=set)
     ended: bool = False
     next_save: float = 0.0
 
@@ -62,20 +63,6 @@ class Task:
 Result = dict[str, Any]
 Work = Callable[[Task], Result]
 """Runs in a worker thread and returns the job's result."""
-
-
-class JobWatcher:
-    """Wakes a coroutine from any thread; several calls of `wake` between two waits count as one."""
-
-    def __init__(self) -> None:
-        self.loop = asyncio.get_running_loop()
-        self.event = asyncio.Event()
-
-    def wake(self) -> None:
-        try:
-            self.loop.call_soon_threadsafe(self.event.set)
-        except RuntimeError:  # the loop is closed
-            return
 
 
 class Jobs:
@@ -143,23 +130,31 @@ class Jobs:
 
     async def watch(self, job_id: str, interval: float) -> AsyncIterator[JobInfo | None]:
         """Yield the job now and at each change to its end; None after a silent `interval` [s]."""
-        watcher = JobWatcher()
+        loop, changed = asyncio.get_running_loop(), asyncio.Event()
+
+        def wake() -> None:
+            with suppress(RuntimeError):  # the loop is closed
+                loop.call_soon_threadsafe(changed.set)
+
         task = self._live.get(job_id)
         if task is not None:
-            task.watchers.add(watcher)
+            task.watchers.add(wake)
         try:
             while True:
-                watcher.event.clear()
+                changed.clear()
                 ended = task is None or task.ended
                 info = await asyncio.to_thread(self.info, job_id)
                 yield info
                 if ended or info.status in ENDED:
                     return
-                while not await _within(watcher.event.wait(), interval):
-                    yield None
+                while not changed.is_set():
+                    try:
+                        await asyncio.wait_for(changed.wait(), interval)
+                    except TimeoutError:
+                        yield None
         finally:
             if task is not None:
-                task.watchers.discard(watcher)
+                task.watchers.discard(wake)
 
     def close(self) -> None:
         """Stop the workers; waiting and running jobs become `interrupted`."""
@@ -232,13 +227,5 @@ class Jobs:
         self._wake(task)
 
     def _wake(self, task: Task) -> None:
-        for watcher in list(task.watchers):
-            watcher.wake()
-
-
-async def _within(wait: Any, seconds: float) -> bool:
-    try:
-        await asyncio.wait_for(wait, seconds)
-    except TimeoutError:
-        return False
-    return True
+        for wake in list(task.watchers):
+            wake()

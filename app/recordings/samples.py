@@ -42,21 +42,6 @@ def samples_file(folder: Path, scoring_id: str) -> Path:
     return folder / f"{scoring_id}.{WHOLE}"
 
 
-def check_samples(
-    folder: Path,
-    scoring_id: str,
-    expected: str,
-    verified: Verified,
-    rest: Callable[[], None] = lambda: None,
-) -> None:
-    """Check the samples and tiles of a scoring. FileNotFoundError; Damaged.
-
-    rest: called between pieces of work.
-    """
-    open_samples(folder, scoring_id, expected, verified, rest)
-    open_tiles(folder, scoring_id, expected, verified)
-
-
 def open_samples(
     folder: Path,
     scoring_id: str,

@@ -8,7 +8,7 @@ import hashlib
 import json
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -27,8 +27,6 @@ from app.recordings.samples import (
     save_samples,
 )
 from app.recordings.tiles import TILE, Window, window
-from app.store.monitors import MonitorInfo
-from app.store.recordings import MappedColumns, RecordingInfo
 from app.store.scorings import ScoringInfo
 from app.store.tables import new_id, now
 from app.telemetry.mapping.mapping import Mapping
@@ -36,30 +34,6 @@ from core import __version__
 from core.kernels.compiled import threads
 from core.monitor import Monitor
 from core.types import Array
-
-
-@dataclass(frozen=True, eq=False)
-class Ingredients:
-    """All inputs that determine a scoring."""
-
-    recording: RecordingInfo
-    mapped: MappedColumns
-    monitor: Monitor
-    info: MonitorInfo
-    recipe: ScoringRecipe
-
-    @property
-    def digest(self) -> str:
-        """SHA-256 of all inputs, including the version of this program."""
-        parts = [
-            self.recording.digest,
-            self.mapped.mapping,
-            self.info.id,
-            self.info.digest,
-            self.recipe.to_plain(),
-            __version__,
-        ]
-        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
 class ScoredRecordings:
@@ -114,22 +88,37 @@ class ScoredRecordings:
     def _score(
         self, recording_id: str, monitor_id: str, recipe: ScoringRecipe
     ) -> tuple[ScoringInfo, bool]:
-        inputs = self._ingredients(recording_id, monitor_id, recipe)
-        if stored := self.store.scorings.find(recording_id, inputs.digest):
+        monitor, info = self.store.monitors.get(monitor_id), self.store.monitors.info(monitor_id)
+        recipe = replace(recipe, epsilon=monitor.check_epsilon(recipe.epsilon))
+        plain = self.store.recordings.mapped_columns(recording_id).mapping
+        digest_of_file = self.store.recordings.info(recording_id).digest
+        inputs = [digest_of_file, plain, info.id, info.digest, recipe.to_plain(), __version__]
+        request = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
+        if stored := self.store.scorings.find(recording_id, request):
             self.samples(stored)
             return stored, False
-        mapping = Mapping.from_plain(inputs.mapped.mapping)
+        mapping = Mapping.from_plain(plain)
         recorded = self.recordings.mapped(recording_id, mapping).scorable()
-        scored = score(
-            inputs.monitor, recorded, inputs.recipe, self._history(recording_id, mapping)
-        )
+        scored = score(monitor, recorded, recipe, self._history(recording_id, mapping))
         folder, scoring_id = self.files.scorings(recording_id), new_id()
         self.files.require(2 * scored.samples.nbytes)
         hashed = threads().submit(digest, scored.samples)
         try:
             with self.recordings.present(recording_id):
                 save_samples(folder, scoring_id, scored.samples)
-            stored = self.store.scorings.add(_entry(inputs, scored, scoring_id, hashed.result()))
+            scoring = ScoringInfo(
+                id=scoring_id,
+                recording_id=recording_id,
+                monitor_id=info.id,
+                monitor_name=info.name,
+                monitor_digest=info.digest,
+                specification=info.specification,
+                request_digest=request,
+                request=recipe.to_plain(),
+                digest=hashed.result(),
+                **scoring_fields(scored, monitor, plain),
+            )
+            stored = self.store.scorings.add(scoring)
         except BaseException:
             remove(folder, scoring_id)
             raise
@@ -147,35 +136,6 @@ class ScoredRecordings:
     def _history(self, recording_id: str, mapping: Mapping) -> LimitsHistory | None:
         with self.recordings.present(recording_id):
             return LimitsHistory.of(self.recordings.columns(recording_id), mapping)
-
-    def _ingredients(
-        self, recording_id: str, monitor_id: str, recipe: ScoringRecipe
-    ) -> Ingredients:
-        monitor = self.store.monitors.get(monitor_id)
-        return Ingredients(
-            self.store.recordings.info(recording_id),
-            self.store.recordings.mapped_columns(recording_id),
-            monitor,
-            self.store.monitors.info(monitor_id),
-            replace(recipe, epsilon=monitor.check_epsilon(recipe.epsilon)),
-        )
-
-
-def _entry(
-    inputs: Ingredients, scored: ScoredRecording, scoring_id: str, samples_digest: str
-) -> ScoringInfo:
-    return ScoringInfo(
-        id=scoring_id,
-        recording_id=inputs.recording.id,
-        monitor_id=inputs.info.id,
-        specification=inputs.info.specification,
-        request_digest=inputs.digest,
-        request=inputs.recipe.to_plain(),
-        monitor_name=inputs.info.name,
-        monitor_digest=inputs.info.digest,
-        digest=samples_digest,
-        **scoring_fields(scored, inputs.monitor, inputs.mapped.mapping),
-    )
 
 
 def scoring_fields(

@@ -1,7 +1,13 @@
-"""Figures of the report: entire recording, each manoeuvre, data faults."""
+"""Figures of reports and scores: entire recording, each manoeuvre, data faults."""
 
+import os
+import re
+import shutil
+import subprocess
 from collections.abc import Mapping, Sequence
 from itertools import groupby
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -193,3 +199,53 @@ def _label(c: int) -> str:
 def _order(fault: Plain) -> tuple[int, str, float]:
     name, known = fault["kind"].partition(":")[0], list(FAULTS)
     return known.index(name) if name in known else len(known), fault["kind"], fault["start"]
+
+
+class NoPngError(ValueError):
+    """No installed program draws a PNG."""
+
+
+def score_figure(
+    samples: npt.NDArray,
+    manoeuvres: Sequence[Plain],
+    limits: Sequence[LimitPiece],
+    alert_above: float,
+    lead: float,
+    title: str,
+) -> bytes:
+    """Every channel, forecast and limit and the risk as an SVG file. lead [s]."""
+    t = samples["t"]
+    chart = StripChart(float(t[0]), float(t[-1]), top=34.0)
+    intervals = [(manoeuvre["start"], manoeuvre["end"]) for manoeuvre in manoeuvres]
+    exceedances = [m["exceedance"]["t"] for m in manoeuvres if m["exceedance"]]
+    every_strip(chart, TALL, samples, limits, alert_above, lead, exceedances, intervals)
+    chart.name([(manoeuvre["start"], manoeuvre["name"]) for manoeuvre in manoeuvres])
+    return chart.file(title)
+
+
+def png(svg: bytes) -> bytes:
+    """A score figure as PNG, drawn by an installed program. NoPngError without one."""
+    width, height = re.findall(r' (?:width|height)="(\d+)"', svg.decode())[:2]
+    root = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
+    window = f"--window-size={width},{height}"
+    page = ["--headless", "--disable-gpu", "--hide-scrollbars", *root, window]
+    programs = {
+        "rsvg-convert": ["-o", "figure.png", "figure.svg"],
+        "inkscape": ["figure.svg", "--export-filename=figure.png"],
+        "chromium": [*page, "--screenshot=figure.png", "figure.svg"],
+        "google-chrome": [*page, "--screenshot=figure.png", "figure.svg"],
+    }
+    program = next(filter(shutil.which, programs), None)
+    if program is None:
+        raise NoPngError(
+            f"no installed program draws a PNG: install one of {', '.join(programs)}, or use "
+            "the SVG"
+        )
+    with TemporaryDirectory() as folder:
+        (Path(folder) / "figure.svg").write_bytes(svg)
+        command = [program, *programs[program]]
+        try:
+            subprocess.run(command, cwd=folder, capture_output=True, check=True, timeout=60)
+            return (Path(folder) / "figure.png").read_bytes()
+        except (subprocess.SubprocessError, OSError) as error:
+            raise NoPngError(f"{program} drew no PNG: {error}; use the SVG") from error

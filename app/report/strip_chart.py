@@ -5,6 +5,7 @@ This module makes the geometry; colours, widths and dashes are classes of chart.
 
 from collections.abc import Iterable, Iterator, Sequence
 from math import ceil, floor, log10
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +24,8 @@ MARGIN = 0.06
 """Share of a strip's range left free above and below."""
 Intervals = Iterable[tuple[float, float]]
 """From, to [s]."""
+TITLED, PIXELS = 20.0, 2
+"""Height above a chart for its title [px]; pixels of a file per unit of the chart."""
 TRIANGLE, STROKE, CROSS = "l-3.5-6h7z", "m-5 0h10", "m-4-4l8 8m-8 0l8-8"
 DOT = "m-3 0a3 3 0 1 0 6 0a3 3 0 1 0-6 0z"
 BINS = 1200
@@ -59,8 +62,7 @@ class Strip:
         self._draw(kind, path)
 
     def levels(self, kind: str, values: Iterable[float]) -> None:
-        heights = self.y(np.array([*values], np.float64)).tolist()
-        self._draw(kind, [f"M{self.chart.left:g} {y:.1f}H{WIDTH - RIGHT:g}" for y in heights])
+        self.steps(kind, [(self.chart.start, self.chart.end, value) for value in values])
 
     def steps(self, kind: str, values: Iterable[tuple[float, float, float]]) -> None:
         """A horizontal line at each (start [s], end [s], value)."""
@@ -180,6 +182,21 @@ class StripChart:
             f'<svg class="chart" viewBox="0 0 {WIDTH:g} {self.height:.0f}" role="img" '
             f'aria-label="{escape(title)}">{self.content()}</svg>'
         )
+
+    def file(self, title: str) -> bytes:
+        """The chart as an SVG file of its own, with its styles and a title above it."""
+        here = Path(__file__).parent
+        style, hatch = (here / "chart.css").read_text(), (here / "hatch.svg").read_text()
+        width, height = round(WIDTH * PIXELS), round((self.height + TITLED) * PIXELS)
+        box = f"0 {-TITLED:g} {WIDTH:g} {height / PIXELS:g}"
+        svg = (
+            f'<svg xmlns="http://www.w3.org/2000/svg" class="chart" width="{width}" '
+            f'height="{height}" viewBox="{box}"><title>{escape(title)}</title>'
+            f"<style>{style}</style>{hatch}"
+            f'<rect y="{-TITLED:g}" width="100%" height="100%" fill="#ffffff"/>'
+            f"{_text(WIDTH / 2, -6, title, 'middle')}{self.content()}</svg>\n"
+        )
+        return svg.encode()
 
     @property
     def height(self) -> float:

@@ -14,7 +14,7 @@ from functools import partial
 from typing import Literal
 
 from app.recordings.files import RecordingFiles, digest_of
-from app.recordings.samples import check_samples
+from app.recordings.samples import open_samples, open_tiles
 from app.store.database import Damaged, Interrupted, check_pages, quick_check
 from app.store.repository import Entry
 from app.store.store import NotFound, Store, StoreError
@@ -142,7 +142,8 @@ def _check_scoring(
 ) -> None:
     info = store.scorings.info(recording_id, scoring_id)
     folder = files.scorings(recording_id)
-    check_samples(folder, scoring_id, info.digest, files.verified, rest)
+    open_samples(folder, scoring_id, info.digest, files.verified, rest)
+    open_tiles(folder, scoring_id, info.digest, files.verified)
 
 
 class Integrity:

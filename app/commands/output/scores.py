@@ -124,15 +124,12 @@ def is_assessed(scoring: Scored) -> bool:
 
 def _files(file: str, scoring: Scored, with_png: bool) -> dict[str, Write]:
     """Writers of the table and the figure, by their path in the output directory."""
-    from app.report.score_figure import FlownManeuver, png, score_figure
+    from app.report.figures import png, score_figure
 
     scored, monitor = scoring.recording, scoring.monitor
-    drawing = score_figure(
+    figure = score_figure(
         scored.samples,
-        [
-            FlownManeuver(m.name, m.start, m.end, m.exceedance and m.exceedance.t)
-            for m in scored.manoeuvres
-        ],
+        [manoeuvre.to_plain() for manoeuvre in scored.manoeuvres],
         pieces_of(planned_test(monitor).limits, scored.limits_in_force),
         scored.alert_above,
         monitor.lead,
@@ -140,9 +137,9 @@ def _files(file: str, scoring: Scored, with_png: bool) -> dict[str, Write]:
     )
     notes = {"limits_in_force": scored.limits_in_force}
     table = partial(export, scored.samples, notes, "csv")
-    files: dict[str, Write] = {"assessments.csv": table, "scored.svg": just(drawing.svg)}
+    files: dict[str, Write] = {"assessments.csv": table, "scored.svg": just(figure)}
     if with_png:
-        files["scored.png"] = just(png(drawing))
+        files["scored.png"] = just(png(figure))
     return {str(Path(scoring.label) / name): write for name, write in files.items()}
 
 
