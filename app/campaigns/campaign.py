@@ -158,7 +158,6 @@ class Campaign:
         return next(each for each in self.conditions if each.name == point.condition)
 
     def test_of(self, point: Point) -> DatasetRecipe:
-        """The planned test at a point's amplitude."""
         test = self.condition_of(point).test
         return replace(test, maneuver=test.maneuver.with_peak(point.peak_deg))
 

@@ -80,7 +80,6 @@ def bound_in_words(clearing: Clearing) -> str:
 
 
 def clearing_in_words(clearing: Clearing) -> str:
-    """The reason for a clearance, or against it."""
     if clearing.withdrawn:
         return f"clearance withdrawn: {'; '.join(clearing.withdrawn)}"
     low, middle, high = (f"{part:.0%}" for part in clearing.reached)

@@ -235,7 +235,6 @@ def _clearing(clearing: Clearing | None) -> CampaignClearing | None:
 
 
 def _looked_up(look_up: Callable[[str], Any], identity: str) -> Any:
-    """The stored item of an id; None if it is not stored (any more)."""
     try:
         return look_up(identity) if identity else None
     except NotFound:

@@ -55,7 +55,6 @@ class Task:
         self.notify(self)
 
     def show(self, message: str) -> None:
-        """Publish a message without progress."""
         self.message = message
         self.notify(self)
 

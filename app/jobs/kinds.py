@@ -109,7 +109,6 @@ def compare_methods(task: Task, recipe: StudyRecipe) -> Result:
 
 
 def _drawn(task: Task, **figures: Callable[[], "Figure"]) -> Result:
-    """The figures of a result, as SVG by name."""
     from app.report.studies.study_figures import render
 
     task.progress("drawing", task.done, task.total)
@@ -171,7 +170,6 @@ def fly_and_choose(monitor: Monitor, recipe: ChoiceRecipe, progress: Progress) -
 
 
 def in_words(choice: Choice) -> str:
-    """The epsilon, and both shares with their 95 % intervals."""
     lines = [
         f"epsilon {choice.epsilon:.4g}: alerts above a risk of {choice.alert_above:.4g}",
         "on fresh flights not used to choose it:",

@@ -250,7 +250,6 @@ def overlay(below: Any, above: Any) -> Any:
 
 
 def read_plain(path: Path) -> Any:
-    """Read a JSON file. RecipeError."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

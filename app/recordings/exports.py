@@ -119,7 +119,6 @@ def _limits(t: Array, in_force: Sequence[Mapping[str, Any]]) -> list[ExportColum
 
 
 def _table(export_columns: list[ExportColumn], names: list[str], rows: slice) -> "pa.Table":
-    """An Arrow table with nulls for missing values."""
     import pyarrow as pa
 
     arrays = []

@@ -94,7 +94,6 @@ class RecordingFiles:
         self.verified = Verified()
 
     def create(self, recording_id: str) -> Path:
-        """Create the folder of a recording that is being added."""
         folder = self.incoming / recording_id
         with reporting_full_disk():
             folder.mkdir(parents=True, mode=0o700)
@@ -195,7 +194,6 @@ class RecordingFiles:
                     file.unlink(missing_ok=True)
 
     def size(self, recording_id: str) -> int:
-        """Bytes of all files of a recording; 0 if it does not exist."""
         return _size_of(self.root / recording_id)
 
     def require(self, n_bytes: int) -> None:

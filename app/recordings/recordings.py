@@ -83,7 +83,6 @@ class Recordings:
 
     @property
     def under_way(self) -> int:
-        """Number of uploads in progress."""
         return len(self._uploads)
 
     async def receive(self, upload: Upload) -> str:
@@ -251,7 +250,6 @@ class Recordings:
             LOG.exception("recording %s is removed at the next start", recording_id)
 
     def _recover(self) -> None:
-        """Remove the remains of a server that crashed."""
         for recording_id in self.store.recordings.incomplete():
             self.files.discard(recording_id)
             self.store.recordings.purge(recording_id)

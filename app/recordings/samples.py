@@ -77,7 +77,6 @@ def open_tiles(folder: Path, scoring_id: str, expected: str, verified: Verified)
 
 
 def remove(folder: Path, scoring_id: str) -> None:
-    """Remove the files of a scoring, if they exist."""
     for kind in (WHOLE, TILES):
         (folder / f"{scoring_id}.{kind}").unlink(missing_ok=True)
 

@@ -96,7 +96,6 @@ class MappingMemory:
 
     @contextmanager
     def _mappings(self, contents: Contents) -> Iterator[tuple["MappingRepository", str]]:
-        """The store's mappings, and the signature of the signals."""
         from app.recordings.mapped_columns import signature
         from app.store.store import open_store  # slow to import, and only needed here
 
@@ -155,7 +154,6 @@ def _check_use(path: Path, monitor: Monitor, epsilon: float) -> None:
 
 
 def _as_given(contents: Contents, request: ScoreRequest) -> Mapping:
-    """The given mapping, with the given rate for groups without a time."""
     mapping = request.mapping or Mapping()
     if request.rate is None:
         return mapping

@@ -127,7 +127,6 @@ def frames(info: ScoringInfo, samples: Samples, first: int) -> list[dict[str, An
 
 
 def tiled(info: ScoringInfo, samples: Samples, window: Window) -> dict[str, Any]:
-    """A window of tiles by field."""
     bins, n = window.bins, len(window.bins)
     t = samples["t"]
     end = min(window.first + n * window.width, len(t)) - 1

@@ -63,7 +63,6 @@ def certificate_page(monitor: Monitor, name: str, digest: str, created: str = ""
 
 
 def _thresholds(monitor: Monitor) -> list[tuple[str, float]]:
-    """Each group and the highest score at which it alerts; empty for pooled failures."""
     if monitor.groups is None:
         return []
     of_groups = zip(monitor.groups.rule.names, monitor.groups.alphas, strict=True)

@@ -28,6 +28,7 @@ BY_INTEREST = (
 MOST_DRAWN = 100
 """Manoeuvres that get a figure."""
 MOST_NOTES = 40
+NONE_EXCEEDED = "No limit was exceeded"
 
 
 def outcome_of(manoeuvre: Plain) -> tuple[str, str, str]:
@@ -41,36 +42,28 @@ def headline(manoeuvres: Sequence[Plain], outside: Sequence[Plain] = ()) -> tupl
 
     outside: exceedances outside the manoeuvres.
     """
-    level, words = _of_manoeuvres(manoeuvres)
-    if any(manoeuvre.get("recorded_exceedance") for manoeuvre in manoeuvres):
-        level = "caution" if level == "good" else level
-        words = words.replace("No limit was exceeded", "No limit was exceeded from trim")
-        words = f"{words}; a limit was exceeded as recorded, not from trim"
-    if not outside:
-        return level, words
-    level = "caution" if level == "good" else level
-    if any(manoeuvre["exceedance"] for manoeuvre in manoeuvres):
-        return level, f"{words}; one was also exceeded outside every manoeuvre"
-    words = words.replace("No limit was exceeded", "No limit was exceeded in a manoeuvre")
-    return level, f"{words}; a limit was exceeded outside every manoeuvre"
-
-
-def _of_manoeuvres(manoeuvres: Sequence[Plain]) -> tuple[str, str]:
-    """Headline of the valid manoeuvres, and the number of invalid ones."""
     invalid = [s for s in manoeuvres if _is_invalid(s)]
+    exceeded = [s for s in invalid if s["exceedance"]]
     level, words = _of_valid([s for s in manoeuvres if not _is_invalid(s)])
-    if level == "bad" or not invalid:
-        pass
-    elif exceeded := [s for s in invalid if s["exceedance"]]:
+    if exceeded and level != "bad":
         level, words = _of_exceeded_invalid(exceeded)
-    elif level == "good":
-        level = "caution"
     n, total = len(invalid), len(manoeuvres)
-    if not n or n == total:
-        return level, words
-    of_all = f"{n} of the {total} manoeuvres {'is' if n == 1 else 'are'} not valid"
-    consequence = "no guarantee for" if any(s["exceedance"] for s in invalid) else "no verdict on"
-    return level, f"{words}; {of_all}, {consequence} {'it' if n == 1 else 'them'}"
+    if 0 < n < total:
+        consequence = "no guarantee for" if exceeded else "no verdict on"
+        words += f"; {n} of the {total} manoeuvres {'is' if n == 1 else 'are'} not valid, "
+        words += f"{consequence} {'it' if n == 1 else 'them'}"
+    as_recorded = any(manoeuvre.get("recorded_exceedance") for manoeuvre in manoeuvres)
+    if level == "good" and (invalid or as_recorded or outside):
+        level = "caution"
+    if as_recorded:
+        words = words.replace(NONE_EXCEEDED, f"{NONE_EXCEEDED} from trim")
+        words += "; a limit was exceeded as recorded, not from trim"
+    if outside and any(manoeuvre["exceedance"] for manoeuvre in manoeuvres):
+        words += "; one was also exceeded outside every manoeuvre"
+    elif outside:
+        words = words.replace(NONE_EXCEEDED, f"{NONE_EXCEEDED} in a manoeuvre")
+        words += "; a limit was exceeded outside every manoeuvre"
+    return level, words
 
 
 def _of_exceeded_invalid(exceeded: Sequence[Plain]) -> tuple[str, str]:
@@ -106,8 +99,8 @@ def _of_valid(manoeuvres: Sequence[Plain]) -> tuple[str, str]:
         return "caution", "A limit was exceeded; every exceedance had a timely alert"
     of = amplitude_in_words([s["amplitude"] for s in manoeuvres if s.get("amplitude")])
     if n["false_alert"]:
-        return level, f"No limit was exceeded, but there was an alert{of}"
-    return level, f"No limit was exceeded, and there was no alert{of}"
+        return level, f"{NONE_EXCEEDED}, but there was an alert{of}"
+    return level, f"{NONE_EXCEEDED}, and there was no alert{of}"
 
 
 def counts(manoeuvres: Sequence[Plain]) -> dict[str, int]:
@@ -115,17 +108,13 @@ def counts(manoeuvres: Sequence[Plain]) -> dict[str, int]:
 
 
 def worst(manoeuvres: Sequence[Plain]) -> list[tuple[str, str]]:
-    """Names of the manoeuvres to check first, each with its reason."""
-    named = []
-    for manoeuvre in manoeuvres:
-        outcome = manoeuvre["outcome"]
-        if outcome in ("missed", "late_alert"):
-            named.append((manoeuvre["name"], OUTCOMES[outcome].text))
-        elif outcome == "invalid" and manoeuvre["exceedance"]:
-            named.append((manoeuvre["name"], "limit exceeded, no verdict"))
-        elif outcome == "unseen":
-            named.append((manoeuvre["name"], "data missing"))
-    return named
+    """Names of the manoeuvres to check first, each with its outcome in words."""
+    return [
+        (manoeuvre["name"], outcome_of(manoeuvre)[1])
+        for manoeuvre in manoeuvres
+        if (outcome := manoeuvre["outcome"]) in ("missed", "late_alert", "unseen")
+        or (outcome == "invalid" and manoeuvre["exceedance"])
+    ]
 
 
 def alerts(manoeuvres: Sequence[Plain]) -> list[dict[str, Any]]:
@@ -134,37 +123,30 @@ def alerts(manoeuvres: Sequence[Plain]) -> list[dict[str, Any]]:
     first: of its manoeuvre.   exceeds: whether that manoeuvre exceeds a limit.
     lead: from the alert to the exceedance [s]; None where none follows.
     """
-    rows = []
-    for number, manoeuvre in enumerate(manoeuvres, 1):
-        exceedance = manoeuvre["exceedance"]
-        for begin, end in manoeuvre["alerts"]:
-            rows.append(
-                {
-                    "number": number,
-                    "name": manoeuvre["name"],
-                    "start": begin,
-                    "end": end,
-                    "first": begin == manoeuvre["alerts"][0][0],
-                    "exceeds": exceedance is not None,
-                    "lead": exceedance["t"] - begin
-                    if exceedance and exceedance["t"] >= begin
-                    else None,
-                }
-            )
-    return rows
+    return [
+        {
+            "number": number,
+            "name": manoeuvre["name"],
+            "start": begin,
+            "end": end,
+            "first": begin == manoeuvre["alerts"][0][0],
+            "exceeds": exceedance is not None,
+            "lead": exceedance["t"] - begin if exceedance and exceedance["t"] >= begin else None,
+        }
+        for number, manoeuvre in enumerate(manoeuvres, 1)
+        for exceedance in [manoeuvre["exceedance"]]
+        for begin, end in manoeuvre["alerts"]
+    ]
 
 
 def exceeded_own(manoeuvres: Sequence[Plain], key: str, limit: float) -> list[tuple[Plain, Plain]]:
     """Manoeuvres that exceed a limit of the monitor's own, each with its exceedance."""
-    first = [
-        (manoeuvre, manoeuvre.get("own_exceedance") or manoeuvre["exceedance"])
-        for manoeuvre in manoeuvres
-        if manoeuvre["exceedance"] or manoeuvre.get("own_exceedance")
-    ]
     return [
         (manoeuvre, exceedance)
-        for manoeuvre, exceedance in first
-        if exceedance["channel"] == key and abs(exceedance["value"]) >= limit
+        for manoeuvre in manoeuvres
+        if (exceedance := manoeuvre.get("own_exceedance") or manoeuvre["exceedance"])
+        and exceedance["channel"] == key
+        and abs(exceedance["value"]) >= limit
     ]
 
 

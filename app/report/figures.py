@@ -175,7 +175,6 @@ def risk_strip(
 
 
 def _shown(y: Array, c: int) -> Array:
-    """(n,) a channel of (n, 6) in its display unit."""
     return y[:, c] * CHANNELS[c].display_factor
 
 

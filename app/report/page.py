@@ -143,7 +143,6 @@ def _delay(estimate: Mapping[str, float] | None) -> str:
 
 
 def _trimmed(trim: Sequence[float | None]) -> list[tuple[Channel, float]]:
-    """The channels with a trim other than 0."""
     return [(channel, value) for channel, value in zip(CHANNELS, trim, strict=True) if value]
 
 

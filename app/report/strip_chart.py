@@ -76,7 +76,6 @@ class Strip:
         self._draw(kind, path)
 
     def moments(self, kind: str, times: Iterable[float]) -> None:
-        """A vertical line at each time."""
         at = self.chart.x(np.array([*times], np.float64)).tolist()
         self._draw(kind, [f"M{x:.1f} {self.top:.1f}v{self.height:.1f}" for x in at])
 

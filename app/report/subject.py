@@ -41,7 +41,6 @@ class ReportSubject:
 
 
 def of_contents(contents: Contents) -> dict[str, Any]:
-    """The fields of a report about the file's contents."""
     return {
         "start": contents.start,
         "n_bad_rows": contents.n_bad_rows,

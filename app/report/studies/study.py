@@ -13,6 +13,7 @@ from core.evaluation.study import MethodResult, StudyResult
 from core.whole_file import write_whole
 
 SHOWN = (0.05, 0.1, 0.2, 0.3)
+SHARES = ("miss_rate", "miss_interval", "power", "power_interval")
 
 
 def write_study(result: StudyResult, out: Path) -> str:
@@ -44,10 +45,7 @@ def summary(result: StudyResult) -> dict[str, Any]:
         "methods": {
             name: {
                 "epsilon": method.epsilons.tolist(),
-                "miss_rate": method.miss_rate.tolist(),
-                "miss_interval": method.miss_interval.tolist(),
-                "power": method.power.tolist(),
-                "power_interval": method.power_interval.tolist(),
+                **{share: getattr(method, share).tolist() for share in SHARES},
                 "misses": method.misses.tolist(),
                 "n_unsafe": method.n_unsafe[:, 0].tolist(),
                 "false_alerts": method.false_alerts.tolist(),
@@ -91,15 +89,7 @@ def _csv(result: StudyResult) -> str:
     head = "method,epsilon,miss_rate,miss_low,miss_high,power,power_low,power_high"
     writer.writerow(head.split(","))
     for name, method in result.methods.items():
-        curves = zip(
-            method.epsilons,
-            method.miss_rate,
-            method.miss_interval,
-            method.power,
-            method.power_interval,
-            strict=True,
-        )
-        for epsilon, miss, miss_interval, power, power_interval in curves:
-            numbers = (epsilon, miss, *miss_interval, power, *power_interval)
-            writer.writerow([name, *(f"{number:.6g}" for number in numbers)])
+        curves = [method.epsilons, *(getattr(method, share) for share in SHARES)]
+        for row in np.column_stack(curves).tolist():
+            writer.writerow([name, *(f"{number:.6g}" for number in row)])
     return text.getvalue()

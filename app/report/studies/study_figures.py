@@ -15,7 +15,7 @@ from core.monitor import Assessments, Monitor
 from core.types import Array, Indices
 
 if TYPE_CHECKING:
-    from core.evaluation.study import MethodResult, StudyResult
+    from core.evaluation.study import StudyResult
 
 
 # Okabe and Ito's colours keep apart for colour-blind eyes; dashes repeat the difference.
@@ -67,11 +67,15 @@ def study_curves(result: "StudyResult") -> Figure:
         figure = Figure(figsize=(10, 4.6), layout="constrained")
         miss, power = figure.subplots(1, 2)
         for axes, quantity, label in (
-            (miss, "miss", "miss rate: failing flights without a timely alert"),
+            (miss, "miss_rate", "miss rate: failing flights without a timely alert"),
             (power, "power", "safe flights without a false alarm"),
         ):
-            for index, (name, method) in enumerate(result.methods.items()):
-                _curve(axes, name, method, quantity, index)
+            looks = zip(COLOURS, DASHES, result.methods.items(), strict=False)
+            for colour, dashes, (name, method) in looks:
+                share, epsilons = getattr(method, quantity), method.epsilons
+                low, high = getattr(method, f"{quantity.removesuffix('_rate')}_interval").T
+                axes.plot(epsilons, share, color=colour, ls=dashes, lw=1.8, label=name)
+                axes.fill_between(epsilons, low, high, color=colour, alpha=0.15, lw=0)
             axes.set(xlim=(0, 1), ylim=(-0.02, 1.02), xlabel="ε, accepted miss rate", ylabel=label)
         miss.plot([0, 1], [0, 1], color=LIMIT, lw=1, ls="--", label="guarantee: miss rate ≤ ε")
         miss.legend(loc="upper left", frameon=False)
@@ -82,14 +86,6 @@ def study_curves(result: "StudyResult") -> Figure:
             f"warning lead time {result.monitor.lead:g} s; bands: 95 % intervals"
         )
     return figure
-
-
-def _curve(axes: Axes, name: str, method: "MethodResult", quantity: str, index: int) -> None:
-    share = method.miss_rate if quantity == "miss" else method.power
-    low, high = (method.miss_interval if quantity == "miss" else method.power_interval).T
-    colour = COLOURS[index]
-    axes.plot(method.epsilons, share, color=colour, ls=DASHES[index], lw=1.8, label=name)
-    axes.fill_between(method.epsilons, low, high, color=colour, alpha=0.15, lw=0)
 
 
 def study_rollouts(result: "StudyResult") -> Figure:
@@ -149,23 +145,17 @@ def draw_flight(
         if np.isfinite(limit):
             strip.axhline(factor * limit, color=LIMIT, lw=1, label="limit")
             strip.axhline(-factor * limit, color=LIMIT, lw=1)
-        strip.set_ylabel(
-            f"${channel.symbol}$ [{channel.display_unit}]"
-            if "_" in channel.symbol
-            else f"{channel.symbol} [{channel.display_unit}]"
-        )
+        symbol = f"${channel.symbol}$" if "_" in channel.symbol else channel.symbol
+        strip.set_ylabel(f"{symbol} [{channel.display_unit}]")
     risk = axes[-1]
     risk.step(assessments.t, assessments.p_value, where="post", color=MEASURED, lw=1.2)
-    risk.fill_between(
-        assessments.t,
-        0,
-        1,
-        where=assessments.alert.tolist(),
-        step="post",
-        color=ALERT,
-        alpha=0.2,
-        label="alert",
-    )
+    for where, step, colour, alpha, label in (
+        (assessments.alert, "post", ALERT, 0.2, "alert"),
+        (np.isnan(assessments.p_value), "mid", "#999999", 0.4, "not assessed"),
+    ):
+        shown = {"where": where.tolist(), "step": step, "color": colour, "alpha": alpha}
+        if where.any():
+            risk.fill_between(assessments.t, 0, 1, **shown, label=label)
     risk.plot(
         assessments.t[assessments.alert],
         assessments.p_value[assessments.alert],
@@ -175,18 +165,6 @@ def draw_flight(
         ls="none",
     )
     risk.axhline(alert_above, color=LIMIT, lw=1, ls="--", label=f"alerts above {alert_above:.4g}")
-    unassessed = np.isnan(assessments.p_value)
-    if unassessed.any():
-        risk.fill_between(
-            assessments.t,
-            0,
-            1,
-            where=unassessed.tolist(),
-            step="mid",
-            color="#999999",
-            alpha=0.4,
-            label="not assessed",
-        )
     risk.set(ylim=(0, 1.02), ylabel="risk p-value\n(higher is worse)")
     risk.legend(loc="upper right", fontsize=8)
 
