@@ -3,10 +3,10 @@
 Start at `score`: it returns one table of samples and one verdict for each manoeuvre.
 """
 
-from app.assessment.recipe import Interval, ScoringRecipe
 from app.assessment.recorded import MissingChannels
 from app.assessment.score import manoeuvres_in, score, score_at_each
 from app.assessment.scored import BETWEEN, SAMPLE, ScoredManoeuvre, ScoredRecording
+from app.assessment.segments import Interval, ScoringRecipe
 
 __all__ = [
     "BETWEEN",

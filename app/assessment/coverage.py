@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from app.assessment.grid import missing_after
-from app.assessment.outcome import SAME_TIME, Alerts, Hole, Limited, RecordedExceedance
+from app.assessment.outcome import Alerts, Hole, Limited, RecordedExceedance
+from core.limits.exceedance import SAME_TIME
 from core.monitor import Assessments
 from core.monitor.assessment import STATES, State
 from core.types import Array, Flags

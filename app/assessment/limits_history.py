@@ -14,13 +14,13 @@ from app.assessment.limits_in_force import (
     LimitsRule,
     Ruling,
 )
-from app.assessment.outcome import SAME_TIME
 from app.telemetry.contents import Columns
 from app.telemetry.mapping.mapping import Mapping as ChannelMapping
 from app.telemetry.mapping.mapping import TimeSource
 from app.telemetry.recording import TelemetryError
 from app.telemetry.units import convert
 from core.channels import KEYS, N_CHANNELS
+from core.limits.exceedance import SAME_TIME
 from core.limits.limit_sets import CONDITION_KEYS, MISSING, STALE, Condition
 from core.limits.limits import specification_to_plain
 from core.types import Array, Flags, Indices

@@ -8,21 +8,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from app.assessment.assessed_segment import AssessedSegment
 from app.assessment.compatibility import compatibility
 from app.assessment.coverage import why_outcome_unknown, why_warning_unknown
-from app.assessment.exceedances_outside import MOST_OUTSIDE, exceedances_outside, notes_on_outside
 from app.assessment.limits_history import LimitsHistory
 from app.assessment.outcome import (
-    SAME_TIME,
+    MOST_OUTSIDE,
     Limited,
     RecordedExceedance,
     against_limits,
+    exceedances_outside,
+    notes_on_outside,
     outcome,
     runs,
 )
 from app.assessment.planned_test import input_of
-from app.assessment.recipe import Interval, ScoringRecipe
 from app.assessment.recorded import RecordedFlight
 from app.assessment.scored import (
     BETWEEN,
@@ -32,13 +31,14 @@ from app.assessment.scored import (
     ScoredRecording,
     Validity,
 )
-from app.assessment.segments import Segment, detected_segments, segments
-from app.assessment.validity import under_limits, validity
+from app.assessment.segments import Interval, ScoringRecipe, Segment, detected_segments, segments
+from app.assessment.validity import AssessedSegment, under_limits, validity
 from app.assessment.wording import guarantee, limits_remarks, remarks, withdrawn
 from app.telemetry.contents import release
 from app.telemetry.recording import ATTITUDE
 from app.telemetry.timing.repair import RepairedTraces
 from core.channels import KEYS
+from core.limits.exceedance import SAME_TIME
 from core.monitor import Assessments, Monitor
 from core.monitor.assessment import STATES, State, Withdrawal
 from core.monitor.calibration import smallest_epsilon

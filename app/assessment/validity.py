@@ -1,18 +1,78 @@
 """Validity of a manoeuvre: all conditions of the guarantee in one verdict."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from app.assessment.assessed_segment import AssessedSegment
-from app.assessment.checks import channels, coverage, flight_condition, manoeuvre, rate, trim, units
-from app.assessment.planned_test import read_channels
+from app.assessment.coverage import lost_samples
+from app.assessment.planned_test import (
+    SURFACE_NAMES,
+    SURFACES,
+    PlannedTest,
+    first_direction,
+    read_channels,
+)
 from app.assessment.scored import OBSERVATIONS, Check, Validity
-from core.channels import KEYS
+from app.assessment.segments import Segment
+from app.assessment.trim import largest_at_rest
+from app.telemetry.recording import Recording, Traces
+from core.channels import CHANNELS, KEYS
+from core.kernels.causal_grid import RATE_RATIO
+from core.kernels.innovation import N_RESPONSES
+from core.monitor import Assessments, Monitor
 from core.monitor.assessment import Withdrawal
 from core.monitor.validity.verdict import ValidityVerdict, in_words
+from core.types import Array, Flags
+
+
+@dataclass(frozen=True, eq=False)
+class AssessedSegment:
+    """A segment of a recording and the monitor's assessments of it.
+
+    traces: repaired.   trim: (6,), NaN where unknown.   y: (n, 6) from trim, NaN where not
+    recorded, with the samples before a manoeuvre that fill the history; n_history of them.
+    y_read: (n, 6) the same, 0 in unknown channels that the monitor does not read.   streamed: their
+    assessments.   needed: (6,) channels the monitor reads.
+    repeats: by channel, how many rows repeat each value (the recorder is faster than the sensor).
+    """
+
+    monitor: Monitor
+    planned: PlannedTest
+    traces: Traces
+    recording: Recording
+    segment: Segment
+    needed: Flags
+    trim: Array
+    y: Array
+    y_read: Array
+    streamed: Assessments
+    n_history: int
+    repeats: Mapping[str, int]
+
+    @cached_property
+    def assessments(self) -> Assessments:
+        """Those of the segment itself."""
+        return self.streamed.from_sample(self.n_history)
+
+    @cached_property
+    def counted(self) -> Assessments:
+        """Those up to and including the first exceedance; all of them if there is none."""
+        last = self.monitor.last_counted(self.y_read[self.n_history :])
+        return self.assessments if last is None else self.assessments.from_sample(0, last + 1)
+
+    @cached_property
+    def largest(self) -> Array:
+        """(6,) largest magnitude of each channel from trim; -inf where not recorded."""
+        return largest(self.y)
+
+
+def largest(y: Array) -> Array:
+    """(6,) largest magnitude of each column of y (n, 6), ignoring NaN; -inf if all are NaN."""
+    return np.abs(y).max(axis=0, initial=-np.inf, where=np.isfinite(y))
+
 
 LIMITS = "limits in force"
 """Name of the check that these are the monitor's own limits."""
@@ -82,3 +142,183 @@ def _support_text(verdict: ValidityVerdict) -> str:
     parts = {"residual": verdict.residual_p, "distance": verdict.distance_p}
     each = ", ".join(f"{name} {p:.3g}" for name, p in parts.items() if p is not None)
     return f"{numbers} ({each})" + "".join(f"; {reason}" for reason in verdict.reasons)
+
+
+SPEED_SHARE = 0.1
+"""Share of the model's airspeed. Further off, the derivatives belong to another condition."""
+LARGER, FAR_LARGER = 2.0, 10.0
+"""Times the largest in training: above the first, a remark; above the second, a failed check."""
+DEGREES = 30.0
+"""Times as large: probably degrees read as radians."""
+FLOWN_SHARE = 0.3
+"""Share of the planned amplitude. A planned input that moves less was not flown; a surface that
+should stay still and moves more makes it another manoeuvre."""
+ASSESSED_SHARE = 0.9
+"""Share of the counted samples that must be assessed for the guarantee to apply."""
+LONGER = 2.0
+"""Times the simulated duration. Longer segments hold more than one manoeuvre."""
+
+
+def rate(assessed: AssessedSegment) -> Check:
+    """Were the needed channels recorded fast enough, and how many samples were assessed?"""
+    t, dt = assessed.assessments.t, assessed.monitor.dt
+    steps = {}
+    for key in (KEYS[c] for c in np.flatnonzero(assessed.needed)):
+        trace = assessed.traces.channels[key]
+        part = slice(*np.searchsorted(trace.t, (t[0] - dt, t[-1] + dt)).tolist())
+        n_known = np.count_nonzero(np.isfinite(trace.values[part]))
+        if n_known > 1:
+            recorded = trace.t[part]
+            step = float(recorded[-1] - recorded[0]) / (n_known - 1)
+            steps[key] = step * assessed.repeats.get(key, 1)
+    n_assessed, n = int(np.isfinite(assessed.assessments.p_value).sum()), len(t)
+    text = f"{n_assessed} of {n} samples assessed"
+    if not steps:
+        return Check("rate", False, text)
+    slowest = max(steps, key=lambda key: steps[key])
+    rates = f"{slowest} recorded at {1 / steps[slowest]:.4g} Hz, monitor runs at {1 / dt:.4g} Hz"
+    fast_enough = True if steps[slowest] <= 1.05 * dt else None
+    if (rows := assessed.repeats.get(slowest, 1)) > 1:
+        rates += f" (each value repeats in {rows} rows)"
+        fast_enough = fast_enough if steps[slowest] <= RATE_RATIO * dt else False
+    return Check("rate", fast_enough if n_assessed else False, f"{rates}; {text}")
+
+
+def coverage(assessed: AssessedSegment) -> Check:
+    """Were enough samples assessed, up to the first exceedance?"""
+    lost = lost_samples(assessed.counted, assessed.monitor.dt).lost
+    n_lost, n = int(lost.sum()), len(lost)
+    if n_lost <= (1.0 - ASSESSED_SHARE) * n:
+        return Check("coverage", True, f"at least {ASSESSED_SHARE:.0%} of the samples")
+    text = f"{n_lost} of {n} samples are missing or were not assessed"
+    return Check("coverage", None, f"{text}; the limit is {1.0 - ASSESSED_SHARE:.0%}")
+
+
+def channels(assessed: AssessedSegment) -> Check:
+    """Is every needed channel there, and which are derived?"""
+    there = np.isfinite(assessed.y).any(axis=0)
+    if lost := [KEYS[c] for c in np.flatnonzero(assessed.needed & ~there)]:
+        text = f"no sample of {', '.join(lost)} here, or none to take its trim from"
+        return Check("channels", False, text)
+    derived = [key for key in KEYS if key in assessed.recording.derived]
+    absent = [KEYS[c] for c in np.flatnonzero(~there)]
+    remarks = [f"{', '.join(derived)} derived, not measured"] if derived else []
+    remarks += [f"{', '.join(absent)} not recorded and not needed"] if absent else []
+    return Check("channels", True, "; ".join(["all needed channels", *remarks]))
+
+
+def units(assessed: AssessedSegment) -> Check:
+    """Are the values of the same order as in training? The support check is the fine one."""
+    known = assessed.monitor.training_max_abs
+    ratio = np.divide(assessed.largest, known, out=np.zeros_like(known), where=known > 0.0)
+    worst = int(ratio.argmax())
+    if ratio[worst] <= LARGER:
+        return Check(
+            "units", True, f"every channel within {LARGER:g} times its largest in training"
+        )
+    channel = CHANNELS[worst]
+    text = (
+        f"{channel.key} peaks at {channel.read(assessed.largest[worst])}, {ratio[worst]:.3g} times "
+        "its largest in training"
+    )
+    if ratio[worst] <= FAR_LARGER:
+        return Check("units", None, text)
+    is_degrees = channel.unit.startswith("rad") and DEGREES <= ratio[worst] <= 2 * np.degrees(1.0)
+    hint = " (degrees read as radians?)" if is_degrees else ""
+    return Check("units", False, f"{text}: check its unit and the manoeuvre{hint}")
+
+
+def flight_condition(assessed: AssessedSegment) -> Check:
+    """Did the aircraft fly at the model's airspeed?"""
+    name, part = "flight condition", slice(assessed.segment.first, assessed.segment.last + 1)
+    condition = {key: values[part] for key, values in assessed.recording.condition.items()}
+    means = {key: v[np.isfinite(v)].mean() for key, v in condition.items() if np.isfinite(v).any()}
+    height = f"; altitude {means['h']:.0f} m, not checked" if "h" in means else ""
+    if "V" not in means:
+        return Check(name, None, f"no airspeed recorded{height}")
+    speed, model = means["V"], assessed.planned.speed
+    if model is None:
+        return Check(name, None, f"{speed:.1f} m/s; model airspeed unknown{height}")
+    off = speed / model - 1.0
+    text = f"{speed:.1f} m/s, {off:+.1%} from the model's {model:.1f} m/s{height}"
+    return Check(name, bool(abs(off) <= SPEED_SHARE), text)
+
+
+def manoeuvre(assessed: AssessedSegment) -> Iterator[Check]:
+    """Was it the planned manoeuvre: surface, direction, length?"""
+    planned = assessed.planned
+    if planned.duration is None:
+        yield Check("manoeuvre", None, "the monitor does not record its planned test")
+        return
+    surfaces = surfaces_flown(planned, assessed.y, assessed.monitor.training_max_abs)
+    yield Check("manoeuvre", *surfaces)
+    first, last = assessed.recording.t[[assessed.segment.first, assessed.segment.last]]
+    length = float(last - first)
+    text = f"{length:.2f} s, simulated {planned.duration:.2f} s"
+    longer = length - planned.duration > 0.5 * planned.dt
+    if length > LONGER * planned.duration:
+        yield Check("length", False, f"{text}: mark the manoeuvre by itself")
+    elif longer:
+        yield Check("length", None, f"{text}: the rest is not covered")
+    else:
+        yield Check("length", True, text)
+
+
+def surfaces_flown(planned: PlannedTest, y: Array, usual: Array) -> tuple[bool | None, str]:
+    """Did the surfaces move as planned? None where not recorded; and the finding in words.
+
+    y: (n, 6) from trim, NaN where unknown.   usual: (6,) largest magnitudes in simulation.
+    """
+    amplitudes, texts, oks, flown = planned.amplitudes, [], [], largest(y)
+    for column, (c, name) in enumerate(zip(SURFACES, SURFACE_NAMES, strict=True)):
+        moved, amplitude = flown[c], amplitudes[column]
+        if not np.isfinite(moved):
+            oks.append(None)
+            texts.append(f"{name} not recorded")
+            continue
+        text = f"{name} moved by {CHANNELS[c].read(moved, 2)}"
+        oks.append(True)
+        if amplitude > 0.0:
+            text += f", planned {CHANNELS[c].read(amplitude, 2)}"
+            flown_first = first_direction(y[:, c])
+            planned_first = first_direction(planned.commands[:, column])
+            if moved < FLOWN_SHARE * amplitude:
+                oks[-1] = False
+                text += ": hardly flown"
+            elif flown_first != planned_first:
+                oks[-1] = False
+                text += ": moved the other way first, or its sign is reversed"
+        elif moved > max(FLOWN_SHARE * amplitudes.max(initial=0.0), LARGER * usual[c]):
+            oks[-1] = False
+            text += ", although the planned manoeuvre does not use it"
+        elif moved > LARGER * usual[c]:
+            known = CHANNELS[c].read(usual[c], 2)
+            text += f", at most {known} in training"
+        texts.append(text)
+    ok = False if False in oks else None if None in oks else True
+    return ok, "; ".join(texts)
+
+
+def trim(assessed: AssessedSegment) -> Check:
+    """Was the aircraft trimmed before the first input?"""
+    segment = assessed.segment
+    if segment.rest is None:
+        return Check("trim", None, "no trim subtracted")
+    length = (segment.rest.stop - segment.rest.start) * assessed.monitor.dt
+    text = f"mean of the first {length:.2f} s"
+    unknown = assessed.needed & np.isnan(assessed.trim)
+    if unknown.any() and segment.onset is not None:
+        keys = ", ".join(KEYS[c] for c in np.flatnonzero(unknown))
+        return Check("trim", False, f"trim of {keys} unknown: the aircraft moved before it")
+    if segment.onset is not None:
+        text = f"mean of the {length:.2f} s before the first input"
+    rest = assessed.recording.y[segment.rest, :N_RESPONSES]
+    known = np.isfinite(rest)
+    spread = rest.max(0, initial=-np.inf, where=known) - rest.min(0, initial=np.inf, where=known)
+    most = largest_at_rest(assessed.monitor.training_max_abs[:N_RESPONSES])
+    share = np.where(assessed.needed[:N_RESPONSES], spread / most, 0.0)
+    worst = int(share.argmax())
+    moved = f"{CHANNELS[worst].key} moves by {CHANNELS[worst].read(spread[worst], 2)} in it"
+    if share[worst] > 1.0:
+        return Check("trim", False, f"{text}, but {moved}: the flight does not begin in trim")
+    return Check("trim", True, text)

@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 
 from app.assessment.limits_in_force import limits_in_words
-from app.assessment.outcome import SAME_TIME, Limited, Peak
+from app.assessment.outcome import Limited, Peak
 from app.assessment.planned_test import PlannedTest
 from app.assessment.scored import Validity
 from app.assessment.segments import Segment
 from core.channels import BY_KEY
+from core.limits.exceedance import SAME_TIME
 from core.monitor import Assessments, Monitor
 from core.monitor.assessment import STATES, State
 from core.monitor.calibration import Guarantee

@@ -4,13 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.assessment.checks import surfaces_flown
-from app.assessment.exceedances_outside import exceedances_outside, notes_on_outside
+from app.assessment.outcome import exceedances_outside, notes_on_outside
 from app.assessment.planned_test import SURFACES, PlannedTest
-from app.assessment.recipe import Interval, ScoringRecipe
 from app.assessment.recorded import on_grid
-from app.assessment.segments import Segment, detected_segments, segments
+from app.assessment.segments import Interval, ScoringRecipe, Segment, detected_segments, segments
 from app.assessment.trim import AFTERWARDS, CausalTrim, FollowedManoeuvre
+from app.assessment.validity import surfaces_flown
 from app.campaigns.point import CampaignError, FlownPoint
 from app.telemetry.recording import Recording
 from app.telemetry.timing.repair import RepairedTraces

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from app import json_codec
-from app.assessment.recipe import Interval
+from app.assessment.segments import Interval
 from app.campaigns.campaign import USUAL_STEPS, Campaign, load
 from app.campaigns.clearing import checklist, clear_next, identification_plain, identified, updated
 from app.campaigns.flying import aborted_flight, flown_point

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from app.assessment.checks import LONGER
 from app.assessment.outcome import (
     EXCEEDED,
     Outcome,
@@ -17,6 +16,7 @@ from app.assessment.outcome import (
     verdict_of,
     warning_words,
 )
+from app.assessment.validity import LONGER
 from app.messages import Verdict
 from app.recipes.recipes import from_plain
 from core.limits.exceedance import MeasuredExceedance

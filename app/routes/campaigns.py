@@ -9,7 +9,7 @@ from fastapi.responses import HTMLResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.access.people import Person
-from app.assessment.recipe import Interval
+from app.assessment.segments import Interval
 from app.campaigns.campaign import Campaign, from_file
 from app.campaigns.clearing import check_computable, derivatives
 from app.campaigns.flying import aborted_flight, flown_point

@@ -15,6 +15,9 @@ from core.channels import KEYS
 from core.kernels.exceedance import exceeds_any
 from core.types import Array, Flags, Indices
 
+SAME_TIME = 1e-6
+"""[s] Times that differ by less are equal: a clock may count from 1970."""
+
 Judged = Literal["from_trim", "recorded", "both"]
 
 

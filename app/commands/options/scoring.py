@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # slow to import, and not needed for help
-    from app.assessment.recipe import Interval, ScoringRecipe
+    from app.assessment.segments import Interval, ScoringRecipe
     from app.recordings.scored_file import MappingMemory, ScoreRequest
 
 TRIM_SEGMENT, NO_TRIM = "trim-segment", "none"
@@ -93,7 +93,7 @@ def _epsilon(text: str) -> float:
 
 
 def _recipe(options: argparse.Namespace) -> ScoringRecipe:
-    from app.assessment.recipe import ScoringRecipe
+    from app.assessment.segments import ScoringRecipe
 
     named = {TRIM_SEGMENT: "trim_segment", NO_TRIM: None}
     trim = named[options.trim] if options.trim in named else _seconds("--trim", options.trim)
@@ -104,7 +104,7 @@ def _recipe(options: argparse.Namespace) -> ScoringRecipe:
 
 
 def _interval(text: str) -> Interval:
-    from app.assessment.recipe import Interval
+    from app.assessment.segments import Interval
 
     start, colon, end = text.partition(":")
     if not colon:

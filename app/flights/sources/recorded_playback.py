@@ -12,12 +12,11 @@ import numpy.typing as npt
 
 from app.assessment.limits_history import InForceTimeline
 from app.assessment.limits_in_force import InForceFrom, Ruling
-from app.assessment.outcome import SAME_TIME
 from app.assessment.planned_test import input_of, limits_of, needed_channels
 from app.flights.sources.playback import Angles, FollowedForecast, Script, onsets
 from app.recordings.scoring_answers import reason
 from core.channels import KEYS
-from core.limits.exceedance import Judged, MeasuredExceedance, exceeds
+from core.limits.exceedance import SAME_TIME, Judged, MeasuredExceedance, exceeds
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import STATES, code_of
 from core.monitor.peak_forecast import Ahead

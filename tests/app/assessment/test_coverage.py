@@ -7,13 +7,15 @@ import pytest
 
 from app.assessment import ScoredManoeuvre, ScoringRecipe
 from app.assessment.coverage import why_warning_unknown
-from app.assessment.exceedances_outside import (
+from app.assessment.outcome import (
     APART,
     MOST_OUTSIDE,
+    Hole,
+    Limited,
+    RecordedExceedance,
     exceedances_outside,
     notes_on_outside,
 )
-from app.assessment.outcome import Hole, Limited, RecordedExceedance
 from app.assessment.verdict import verdict
 from app.report.facts import headline
 from app.telemetry.recording import Trace, Traces

@@ -7,8 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.assessment.exceedances_outside import notes_on_outside
-from app.assessment.outcome import Limited, Peak, RecordedExceedance, against_limits, lead_words
+from app.assessment.outcome import (
+    Limited,
+    Peak,
+    RecordedExceedance,
+    against_limits,
+    lead_words,
+    notes_on_outside,
+)
 from app.assessment.scored import ScoredManoeuvre, Validity
 from app.assessment.verdict import verdict
 from app.assessment.wording import remarks, withdrawn

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.assessment.recipe import Interval
+from app.assessment.segments import Interval
 from app.campaigns.campaign import Campaign
 from app.campaigns.flying import aborted_flight, flown_point
 from app.campaigns.point import CampaignError, Condition, FlownPoint
