@@ -131,7 +131,7 @@ const bar = createDemonstrationBar(document.querySelector("#preparing"), { navig
 bindUnitsButton(document.querySelector("#units"));
 bindThemeButton(document.querySelector("#theme"));
 document.querySelector("#logout").hidden = !document.cookie.split("; ").includes("forewarn-page=1");
-const [me] = await Promise.all([loadMe(api), demonstration.follow(api)]);
+const [me] = await Promise.all([loadMe(), demonstration.follow(api)]);
 showMe(me);
 addEventListener("hashchange", open);
 open();

@@ -189,8 +189,10 @@ export function inWords(editors, message) {
   return trueMinus(message === lowered(message) ? sentence : capital(sentence));
 }
 
+const editorsOf = (fields) => new Map(fields.flatMap((part) => [...part.editors]));
+
 export function refusal({ fields, refuse }, error) {
-  const editors = new Map(fields.flatMap((part) => [...part.editors]));
+  const editors = editorsOf(fields);
   const message = reason(error);
   const words = inWords(editors, message);
   const field = error.status === 422 ? fieldNamed(editors, message) : null;
@@ -234,16 +236,8 @@ export function createForm({ title, word, route, content, fields = [], send, bes
 
   function watch(job) {
     const { title: titleOf, done, ...rest } = follow;
-    const editors = new Map(fields.flatMap((part) => [...part.editors]));
-    const progress = followInPlace({
-      ...rest,
-      form,
-      stage,
-      focus: go,
-      job,
-      title: titleOf(job),
-      worded: (words) => inWords(editors, words),
-      done: (result) => done(result, progress.back),
-    });
+    const worded = (words) => inWords(editorsOf(fields), words);
+    const place = { form, stage, focus: go };
+    const progress = followInPlace({ ...rest, ...place, job, title: titleOf(job), worded, done: (result) => done(result, progress.back) });
   }
 }

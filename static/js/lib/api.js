@@ -1,6 +1,7 @@
 /**
  * The server's REST interface: paths below /api/v1, JSON both ways, errors as one sentence; and who may use it.
  *
+ * api.upload(path, file, progress(sent, total)) -> {ended: Promise<answer | null where cancelled>, cancel()}
  * api.watchJob(id, changed) -> {ended: Promise<job>, close()}     by server-sent events; changed(job) now and at each
  *     change; `ended` resolves with the ended job (done, failed, cancelled, interrupted), or rejects with an ApiError
  * may("POST /flights/{}/end")    by the server's own table; true until it has answered. It checks every request itself
@@ -12,7 +13,7 @@
 import { capital } from "./numbers.js";
 
 const BASE = "/api/v1";
-const JSON_TYPE = "application/json";
+const ACCEPTED = "application/json, application/problem+json";
 const ENDED = ["done", "failed", "cancelled", "interrupted"];
 const ROLE = "urn:forewarn:role";
 const NO_ANSWER = "The server does not answer. Check that `forewarn serve` is running, then try again.";
@@ -28,41 +29,45 @@ export class ApiError extends Error {
   }
 }
 
-async function call(method, path, body, type = JSON_TYPE) {
-  const headers = { Accept: `${JSON_TYPE}, application/problem+json` };
-  if (body !== undefined) headers["Content-Type"] = type;
-  const content = type === JSON_TYPE && body !== undefined ? JSON.stringify(body) : body;
-  let response;
-  try {
-    response = await fetch(address(path), { method, headers, body: content });
-  } catch {
+const address = (path) => (path.startsWith(BASE) ? path : BASE + path);
+
+const noAnswer = () => new ApiError(NO_ANSWER, 0);
+
+async function call(method, path, body) {
+  const headers = { Accept: ACCEPTED, ...(body !== undefined && { "Content-Type": "application/json" }) };
+  const response = await fetch(address(path), { method, headers, body: JSON.stringify(body) }).catch(() => {
     throw noAnswer();
-  }
-  if (!response.ok) throw await problemOf(response);
-  return response.status === 204 ? null : response.json();
+  });
+  if (response.status === 204) return null;
+  if (response.ok) return response.json();
+  throw refusal(response, await response.json().catch(() => ({})));
 }
 
-export function address(path) {
-  return path.startsWith(BASE) ? path : BASE + path;
+/** A file, with its progress, which fetch cannot report. */
+function upload(path, file, progress) {
+  const request = new XMLHttpRequest();
+  const ended = new Promise((resolve, reject) => {
+    request.upload.addEventListener("progress", ({ loaded, total }) => progress(loaded, total));
+    request.addEventListener("abort", () => resolve(null));
+    request.addEventListener("error", () => reject(noAnswer()));
+    request.addEventListener("load", () => {
+      if (request.status >= 200 && request.status < 300) resolve(request.response);
+      else reject(refusal(request, request.response ?? {}));
+    });
+  });
+  request.open("POST", address(path));
+  request.responseType = "json";
+  request.setRequestHeader("Accept", ACCEPTED);
+  request.setRequestHeader("Content-Type", "application/octet-stream");
+  request.send(file);
+  return { ended, cancel: () => request.abort() };
 }
 
-export function noAnswer() {
-  return new ApiError(NO_ANSWER, 0);
-}
-
-async function problemOf(response) {
-  const problem = await response.json().catch(() => ({}));
-  return refusal(response.status, { title: response.statusText, ...problem });
-}
-
-export function refusal(status, problem) {
-  if (problem.type === ROLE) {
+function refusal({ status, statusText }, problem) {
+  if (problem.type === ROLE)
     return new ApiError(`This needs the role ${problem.needed}; you are logged in as ${problem.role}.`, status, problem);
-  }
-  if (status === 401) {
-    return new ApiError("This server needs a token. Open /login and enter it.", 401, problem);
-  }
-  return new ApiError(sentence(problem.detail || problem.title || "no reason given"), status, problem);
+  if (status === 401) return new ApiError("This server needs a token. Open /login and enter it.", 401, problem);
+  return new ApiError(sentence(problem.detail || problem.title || statusText || "no reason given"), status, problem);
 }
 
 const sentence = (text) => capital(/[.!?]$/.test(text) ? text : `${text}.`);
@@ -99,18 +104,14 @@ export const api = {
   post: (path, body = {}) => call("POST", path, body),
   put: (path, body) => call("PUT", path, body),
   delete: (path) => call("DELETE", path),
-  upload: (path, file) => call("POST", path, file, "application/octet-stream"),
+  upload,
   watchJob,
 };
 
 let me = null;
 
-export async function loadMe(api) {
-  try {
-    me = await api.get("/me");
-  } catch {
-    me = null; // the view reports that the server does not answer
-  }
+export async function loadMe() {
+  me = await api.get("/me").catch(() => null); // the view reports that the server does not answer
   return me;
 }
 

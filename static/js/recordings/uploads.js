@@ -1,6 +1,6 @@
 /** Uploads in progress, and why a file was refused.   done([recording], someFailed)   all uploads have ended; these succeeded */
 
-import { address, noAnswer, reason, refusal } from "../lib/api.js";
+import { api, reason } from "../lib/api.js";
 import { button, h } from "../lib/dom.js";
 import { bytesText } from "../lib/numbers.js";
 import { badRowsTable } from "./facts.js";
@@ -24,10 +24,10 @@ export function createUploads({ aircraft, done }) {
     rows.append(row);
     const craft = aircraft();
     const query = new URLSearchParams({ name: file.name.slice(-LONGEST_NAME), ...(craft && { aircraft: craft }) });
-    const upload = sendFile(`/recordings?${query}`, file, (share, text) => {
-      if (share === null) bar.removeAttribute("value");
-      else bar.value = share;
-      words.textContent = text;
+    const upload = api.upload(`/recordings?${query}`, file, (sent, total) => {
+      if (sent === total) bar.removeAttribute("value");
+      else bar.value = sent / total;
+      words.textContent = sent === total ? "sent; the server is reading it" : `${bytesText(sent)} of ${bytesText(total)}`;
     });
     sending.add(upload);
     try {
@@ -70,29 +70,4 @@ function withoutName(words, name) {
   const start = `${name}: `;
   if (!words.toLowerCase().startsWith(start.toLowerCase())) return words;
   return words.charAt(start.length).toUpperCase() + words.slice(start.length + 1);
-}
-
-/**
- * Send a file and report progress, which fetch cannot.   changed(share | null, words)   null: all bytes are sent
- * Returns {ended, cancel()}; ended: the answer, null if cancelled; rejects with an ApiError.
- */
-function sendFile(path, file, changed) {
-  const request = new XMLHttpRequest();
-  const ended = new Promise((resolve, reject) => {
-    request.upload.addEventListener("progress", ({ loaded, total }) => changed(loaded / (total || 1), `${bytesText(loaded)} of ${bytesText(total)}`));
-    request.upload.addEventListener("load", () => changed(null, "sent; the server is reading it"));
-    request.addEventListener("abort", () => resolve(null));
-    request.addEventListener("error", () => reject(noAnswer()));
-    request.addEventListener("load", () => {
-      const answer = request.response ?? {};
-      if (request.status >= 200 && request.status < 300) resolve(answer);
-      else reject(refusal(request.status, { title: request.statusText, ...answer }));
-    });
-  });
-  request.open("POST", address(path));
-  request.responseType = "json";
-  request.setRequestHeader("Accept", "application/json, application/problem+json");
-  request.setRequestHeader("Content-Type", "application/octet-stream");
-  request.send(file);
-  return { ended, cancel: () => request.abort() };
 }

@@ -29,10 +29,8 @@ export function createMappingSection({ api, catalog, recording, known, bins, pre
   const remember = checkbox({ id: "map-remember", checked: true });
   const rememberWords = h("span");
   const isAgain = recording.mapping_state === "confirmed";
-  const confirm = button(isAgain ? "Confirm the change" : "Confirm the mapping", put, {
-    class: "button button-primary",
-    ...needs("PUT /recordings/{}/mapping"),
-  });
+  const look = { class: "button button-primary", ...needs("PUT /recordings/{}/mapping") };
+  const confirm = button(isAgain ? "Confirm the change" : "Confirm the mapping", put, look);
   const { word, level, text } = mappingState(recording);
   const file = pasteBox({
     label: "mapping as text",

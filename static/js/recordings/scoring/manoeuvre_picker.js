@@ -25,31 +25,60 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
   let detected = [];
   let turn = 0;
   let refusal = ""; // why the chosen monitor cannot look for its manoeuvre
-  const chart = createPreviewChart(catalog, recording.id);
+  let chart = null;
+  let tiles = null;
+  const place = h("div.picker-chart");
   const hint = h("p.hint", { role: "status" });
   const marked = createManoeuvreTable({ changed: () => showManoeuvres() });
-  const toggle = () => press(mark.getAttribute("aria-pressed") !== "true");
-  const mark = button("Mark by dragging", toggle, { "aria-pressed": "false" });
+  const isMarking = () => mark.getAttribute("aria-pressed") === "true";
+  const mark = button("Mark by dragging", () => press(!isMarking()), { "aria-pressed": "false" });
   const add = button("Add the manoeuvre from A to B", addMarked);
   const copy = button("Copy the detected ones", () => marked.set(detected));
   const byHand = h("div.stack-tight", { hidden: true }, h("div.row", mark, add, copy), marked.element);
   const choice = radioGroup({ name: "manoeuvres", ways: WAYS, value: way, onchange: () => turnTo(choice.value()) });
-  const element = h("fieldset.stack-tight", h("legend", "Manoeuvres"), choice.element, hint, chart.element, byHand);
-  followUnits(element, () => {
-    chart.draw();
-    showManoeuvres();
-  });
+  const element = h("fieldset.stack-tight", h("legend", "Manoeuvres"), choice.element, hint, place, byHand);
+  followUnits(element, draw);
   return {
     element,
-    show: (channels) => {
-      chart.show(channels);
-      showManoeuvres();
-    },
+    show,
     refresh,
     read: () => (way === "marked" ? marked.read() : way),
     check: () => way !== "marked" || marked.check(),
-    close: chart.close,
+    close: () => chart?.destroy(),
   };
+
+  /** The same signals at the same times keep window and cursors. */
+  function show(channels) {
+    const preview = previewTiles(channels);
+    if (preview === null) return;
+    const signatureOf = ({ start, end, channels: drawn }) => JSON.stringify([start, end, Object.keys(drawn)]);
+    const isSame = tiles && signatureOf(tiles) === signatureOf(preview);
+    tiles = preview;
+    if (!chart || !isSame) return draw();
+    chart.reload();
+    return showManoeuvres();
+  }
+
+  function draw() {
+    chart?.destroy();
+    chart = null;
+    place.replaceChildren();
+    const known = tiles ? catalog.channels.filter(({ key }) => key in tiles.channels) : [];
+    if (known.length) chart = createChart(known);
+    chart?.setMarking(isMarking());
+    showManoeuvres();
+  }
+
+  function createChart(known) {
+    const { start, end, step: dt, channels } = tiles;
+    return createRecordingChart(place, {
+      channels: known.map((channel) => ({ ...channel, limit: null })),
+      order: [...new Set([...SURFACES.filter((key) => key in channels), ...known.map(({ key }) => key)])],
+      sources: [{ load: async () => tiles, start, end, dt, manoeuvres: null }],
+      label: "Recording with its manoeuvres",
+      key: `${recording.id} ${start} ${end}`,
+    });
+  }
 
   function turnTo(value) {
     way = value;
@@ -61,7 +90,7 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
   function press(active) {
     mark.setAttribute("aria-pressed", String(active));
     mark.textContent = active ? "Dragging marks A to B" : "Mark by dragging";
-    chart.setMarking(active);
+    chart?.setMarking(active);
   }
 
   async function refresh() {
@@ -76,24 +105,24 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
   }
 
   function addMarked() {
-    const { a, b } = chart.marks();
+    const { a, b } = chart?.window.marks ?? {};
     if (!Number.isFinite(a) || !Number.isFinite(b) || a === b) {
       hint.textContent = "Set the cursors A and B first: drag over the manoeuvre in the chart, or press A and B.";
       return;
     }
     marked.add({ start: Math.min(a, b), end: Math.max(a, b), name: "" });
-    chart.clearMarks();
+    chart.window.clearMarks();
   }
 
   function showManoeuvres() {
     const shown = way === "detected" ? detected : way === "entire" ? entire() : marked.read();
     hint.textContent = wordsOf(shown);
-    chart.showManoeuvres(shown);
+    chart?.setEvents(shown.map(({ start }) => ({ t: start })));
+    chart?.setLane(shown.map(laneItem));
   }
 
   function entire() {
-    const extent = chart.extent();
-    return extent ? [{ ...extent, name: "the entire recording" }] : [];
+    return tiles ? [{ start: tiles.start, end: tiles.end, name: "the entire recording" }] : [];
   }
 
   function wordsOf(shown) {
@@ -106,62 +135,6 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
       return "No manoeuvre like the monitor's was detected. Mark one by hand, or score the entire recording.";
     return `${shown.length} detected from aileron and rudder; each begins a little before its first input.`;
   }
-}
-
-function createPreviewChart(catalog, recording) {
-  const element = h("div.picker-chart");
-  let chart = null;
-  let tiles = null;
-  let signature = "";
-  let isMarking = false;
-
-  function show(channels) {
-    const preview = previewTiles(channels);
-    if (preview === null) return;
-    const before = signature;
-    tiles = preview;
-    signature = JSON.stringify([tiles.start, tiles.end, Object.keys(tiles.channels)]);
-    if (chart && signature === before) chart.reload();
-    else draw();
-  }
-
-  function draw() {
-    chart?.destroy();
-    chart = null;
-    element.replaceChildren();
-    if (tiles === null) return;
-    const { start, end, step: dt, channels } = tiles;
-    const known = catalog.channels.filter(({ key }) => key in channels);
-    if (!known.length) return;
-    chart = createRecordingChart(element, {
-      channels: known.map((channel) => ({ ...channel, limit: null })),
-      order: [...new Set([...SURFACES.filter((key) => key in channels), ...known.map(({ key }) => key)])],
-      sources: [{ load: async () => tiles, start, end, dt, manoeuvres: null }],
-      label: "Recording with its manoeuvres",
-      key: `${recording} ${start} ${end}`,
-    });
-    chart.setMarking(isMarking);
-  }
-
-  function showManoeuvres(manoeuvres) {
-    chart?.setEvents(manoeuvres.map(({ start }) => ({ t: start })));
-    chart?.setLane(manoeuvres.map(laneItem));
-  }
-
-  return {
-    element,
-    show,
-    draw,
-    showManoeuvres,
-    extent: () => tiles && { start: tiles.start, end: tiles.end },
-    marks: () => chart?.window.marks ?? {},
-    clearMarks: () => chart.window.clearMarks(),
-    setMarking: (active) => {
-      isMarking = active;
-      chart?.setMarking(active);
-    },
-    close: () => chart?.destroy(),
-  };
 }
 
 function laneItem({ start, end, name }, k) {

@@ -36,47 +36,31 @@ export function createMonitorChoice({ api, recording, monitors, used, catalog, c
   /** Choose the newest monitor that finds its manoeuvre in the recording. */
   async function preselect() {
     for (const row of rows.slice(0, MOST_TRIED)) {
-      if (isTouched) return;
-      const manoeuvres = await manoeuvresFor(row);
-      if (isTouched) return;
-      if (manoeuvres.length) {
-        row.turn(true);
-        return;
-      }
+      const isFitting = (await manoeuvresFor(row)).length > 0;
+      if (isTouched) return undefined;
+      if (isFitting) return row.turn(true);
     }
     status.textContent = rows.length ? "No monitor here fits this recording." : "";
-    none();
+    return none();
   }
 
-  async function manoeuvresFor({ monitor, refused }) {
-    try {
-      return await api.get(`/recordings/${recording.id}/manoeuvres?monitor=${monitor.id}`);
-    } catch (error) {
+  function manoeuvresFor({ monitor, refused }) {
+    return api.get(`/recordings/${recording.id}/manoeuvres?monitor=${monitor.id}`).catch((error) => {
       if (error.status === 422) refused.textContent = `◆ ${reason(error)}`;
       return [];
-    }
+    });
   }
 
   function rowOf(monitor, isChecked) {
     const { aircraft, maneuver, limits } = monitor.dataset_recipe;
-    const box = checkbox({
-      id: `choose-${monitor.id}`,
-      checked: isChecked,
-      onchange: () => {
-        isTouched = true;
-        turn(box.checked);
-      },
-    });
+    const box = checkbox({ id: `choose-${monitor.id}`, checked: isChecked, onchange: choose });
     const epsilons = textInput({
       inputmode: "decimal",
       class: "narrow",
       value: monitor.epsilon,
       disabled: !isChecked,
       "aria-label": `epsilons of ${monitor.name}, separated by spaces`,
-      oninput: () => {
-        epsilons.removeAttribute("aria-invalid");
-        warn();
-      },
+      oninput: warn,
     });
     const marks = h("span", warningMark(monitor));
     const refused = h("span.monitor-refused");
@@ -94,9 +78,15 @@ export function createMonitorChoice({ api, recording, monitors, used, catalog, c
 
     /** Warnings depend on epsilon: show those of the epsilons that are typed. */
     async function warn() {
+      epsilons.removeAttribute("aria-invalid");
       const asked = epsilons.value;
       const warned = await warningsAt(api, monitor, decimals(asked).map(Number));
       if (asked === epsilons.value) marks.replaceChildren(...[warningMark(warned)].filter(Boolean));
+    }
+
+    function choose() {
+      isTouched = true;
+      turn(box.checked);
     }
 
     function turn(isChosen) {
@@ -110,10 +100,10 @@ export function createMonitorChoice({ api, recording, monitors, used, catalog, c
   async function check() {
     await ready;
     const wrong = chosen().find((row) => wrongOf(row));
-    const none = chosen().length ? "" : "Choose at least one monitor.";
-    const words = wrong ? `${wrong.monitor.name}: ${wrongOf(wrong)}` : none;
+    const isNone = chosen().length === 0;
+    const words = wrong ? `${wrong.monitor.name}: ${wrongOf(wrong)}` : isNone ? "Choose at least one monitor." : "";
     failure.show(words);
-    if (wrong) wrong.epsilons.setAttribute("aria-invalid", "true");
+    wrong?.epsilons.setAttribute("aria-invalid", "true");
     wrong?.epsilons.focus();
     if (words) failure.element.scrollIntoView({ block: "center" });
     return words === "";
