@@ -1,6 +1,6 @@
 /** Figures of a dataset: a channel's rollouts coloured by outcome, and their peaks. */
 
-import { barKey, framed, keyOf, sample, SPARE } from "../charts/figure.js";
+import { barKey, createFigure, framed, SPARE } from "../charts/figure.js";
 import { createPlot } from "../charts/plot.js";
 import { select } from "../forms/controls.js";
 import { h } from "../lib/dom.js";
@@ -15,40 +15,35 @@ export function rolloutFigure({ catalog, limits, rollouts, n_unsafe, n_safe }) {
     catalog.channels.map(({ key, symbol, label }) => [key, `${symbol}, ${label}`]),
     { "aria-label": "channel", onchange: draw, value: (limited[0] ?? catalog.channels[0]).key },
   );
-  const count = (outcome) => rollouts.filter((rollout) => rollout.outcome === outcome).length;
-  const key = keyOf(
-    [sample("plot-unsafe", "cross"), `unsafe: ${count("unsafe")} of ${n_unsafe}, each to its failure`],
-    [sample("plot-safe"), `safe: ${count("safe")} of ${n_safe}`],
-    [sample("plot-limit"), "limit"],
-  );
   draw();
-  return framed("Rollouts by outcome", [h("div.field.field-inline.figure-choice", choice), holder], key);
+  return h("div.stack-tight", h("div.field.field-inline.figure-choice", choice), holder);
 
   function draw() {
     const channel = catalog.channels.find((entry) => entry.key === choice.value);
     const { unit, factor } = shownIn(channel);
     const inUnit = (value) => (value === null ? null : value * factor);
     const limit = inUnit(limits?.[channel.key] ?? null);
-    const lines = rollouts.map(({ outcome, telemetry: { t, [channel.key]: values } }) => ({
-      outcome,
-      points: t.map((time, k) => [time, inUnit(values[k])]),
-    }));
-    const peaks = lines.map(({ points }) => points.reduce((most, [, value]) => Math.max(most, Math.abs(value ?? 0)), 0));
-    const top = SPARE * Math.max(limit ?? 0, 1e-6, ...peaks);
-    const plot = createPlot({
-      x: { label: "time [s]", domain: [0, Math.max(0.1, ...lines.map(({ points }) => points.at(-1)[0]))] },
-      y: { label: `${channel.symbol} [${unit}]`, domain: [-top, top] },
+    const pointsOf = ({ t, [channel.key]: values }) => t.map((time, k) => [time, inUnit(values[k])]);
+    const seriesOf = (outcome) =>
+      rollouts.filter((rollout) => rollout.outcome === outcome).map(({ telemetry }) => ({ look: `plot-${outcome}`, line: pointsOf(telemetry) }));
+    const [safe, unsafe] = ["safe", "unsafe"].map(seriesOf);
+    const lines = [...safe, ...unsafe];
+    const top = SPARE * Math.max(limit ?? 0, 1e-6, ...lines.flatMap(({ line }) => line.map(([, value]) => Math.abs(value ?? 0))));
+    const ends = unsafe.map(({ line }) => line.at(-1));
+    const figure = createFigure({
+      title: "Rollouts by outcome",
       label: `${channel.label} of ${lines.length} rollouts; the unsafe ones end with a cross at the failure`,
+      x: { label: "time [s]", domain: [0, Math.max(0.1, ...lines.map(({ line }) => line.at(-1)[0]))] },
+      y: { label: `${channel.symbol} [${unit}]`, domain: [-top, top] },
+      series: [
+        ...lines,
+        { look: "plot-unsafe", line: [], mark: "cross", marks: ends, words: `unsafe: ${unsafe.length} of ${n_unsafe}, each to its failure` },
+        { look: "plot-safe", words: `safe: ${safe.length} of ${n_safe}` },
+        { look: "plot-limit", words: "limit" },
+      ],
+      rules: limit === null ? [] : [{ y: limit, look: "plot-limit", words: `limit ${number(limit)} ${unit}` }, { y: -limit, look: "plot-limit" }],
     });
-    const unsafe = lines.filter(({ outcome }) => outcome === "unsafe");
-    for (const { outcome, points } of [...lines.filter((line) => !unsafe.includes(line)), ...unsafe])
-      plot.line(points, `plot-${outcome}`);
-    plot.marks(unsafe.map(({ points }) => points.at(-1)), "cross", "plot-unsafe");
-    if (limit !== null) {
-      plot.horizontal(limit, "plot-limit", `limit ${number(limit)} ${unit}`);
-      plot.horizontal(-limit, "plot-limit", "");
-    }
-    holder.replaceChildren(plot.svg);
+    holder.replaceChildren(figure);
   }
 }
 

@@ -152,9 +152,7 @@ function modelInput(use) {
 function modelOf(text) {
   const refused = (words) => new ApiError(words, 422);
   const plain = parsedJson(text, (error) => `Not JSON (${error.message}): write it like ${EXAMPLE}.`);
-  if (typeof plain !== "object" || plain === null || Array.isArray(plain))
-    throw refused("A model is an object with A, B, C, D and uncertainty.");
-  const entries = Object.entries(plain).filter(([key]) => key !== "kind");
+  const entries = Object.entries(plain ?? {}).filter(([key]) => key !== "kind");
   const model = { states: [], ...Object.fromEntries(entries.map(([key, value]) => [key.toLowerCase(), value])) };
   const missing = NEEDED.filter((key) => !(key in model)).map((key) => (key.length > 1 ? key : key.toUpperCase()));
   const strange = Object.keys(model).filter((key) => !KNOWN.includes(key));
