@@ -29,7 +29,6 @@ from app.http.document import (
     describe_examples,
     describe_names,
 )
-from app.http.head_requests import Route
 from app.http.idempotency import Idempotent, describe_keys
 from app.http.metrics import Measured, Metrics
 from app.http.page import serve_page
@@ -141,7 +140,6 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.sessions = app.state.sessions = Sessions(settings.session_seconds)
     app.audit = app.state.audit = Audit()
     install_problems(app)
-    app.router.route_class = Route
     _serve_docs(app)
     if STATIC.is_dir():
         serve_page(app, STATIC)

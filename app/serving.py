@@ -18,8 +18,6 @@ from fastapi import FastAPI
 from filelock import FileLock, Timeout
 
 from app.http.bounded_protocol import BoundedHttp
-from app.http.direct_websocket import DirectWebSocket
-from app.http.refusals import Refusals
 from app.main import create_app
 from app.settings import Settings, SettingsError
 from app.store.database import address, file_of
@@ -47,7 +45,7 @@ class Server(uvicorn.Server):
 
     def __init__(self, app: FastAPI, opened: Opened | None = None) -> None:
         settings: Settings = app.state.settings
-        http: Any = partial(BoundedHttp, settings, Refusals())
+        http: Any = partial(BoundedHttp, settings)
         super().__init__(
             uvicorn.Config(
                 app,
@@ -57,7 +55,7 @@ class Server(uvicorn.Server):
                 proxy_headers=False,
                 http=http,
                 timeout_keep_alive=settings.idle_seconds,  # pyright: ignore[reportArgumentType]
-                ws=DirectWebSocket,
+                ws="websockets-sansio",
                 ws_max_size=LARGEST_MESSAGE,
                 ws_per_message_deflate=False,
                 timeout_graceful_shutdown=PATIENCE + GRACE,

@@ -6,7 +6,6 @@ One ASGI layer surrounds everything, HTTP and WebSocket alike, so that no route 
 import asyncio
 import re
 import socket
-from collections import deque
 from collections.abc import Awaitable, Callable, Coroutine, Mapping, MutableMapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -40,9 +39,6 @@ EVENTS_SUFFIX = "/events"
 """The path of every event stream ends with it."""
 REFUSED, SESSION_OVER = 4403, 4401
 """WebSocket close codes; before the handshake they become HTTP 403."""
-SESSION_OVER_REASON = "the session or its token has ended: log in again"
-MOST_READ_AHEAD = 16
-"""Messages of a WebSocket that wait for the application."""
 
 PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
@@ -120,16 +116,9 @@ class Guard:
         except Refusal as refusal:
             return await self._refuse(refusal, scope, receive, send)
         send = _noted(send, partial(self.audit.note_answer, connection, person))
-        if scope["type"] == "http":
-            if not scope["path"].endswith(EVENTS_SUFFIX):
-                return await self.app(scope, receive, send)
-            return await self._stream(self._wait_for_end(admission, session), scope, receive, send)
-        ended = asyncio.ensure_future(self._wait_for_end(admission, session))
-        websocket = _SessionWebSocket(ended, receive, send)
-        try:
-            return await self.app(scope, websocket.receive, websocket.send)
-        finally:
-            websocket.close()
+        if scope["type"] == "http" and not scope["path"].endswith(EVENTS_SUFFIX):
+            return await self.app(scope, receive, send)
+        return await self._stream(self._wait_for_end(admission, session), scope, receive, send)
 
     def check_host(self, headers: Headers) -> None:
         """Refuse a foreign Host, against DNS rebinding.
@@ -197,7 +186,7 @@ class Guard:
     async def _stream(
         self, end: Coroutine[Any, Any, None], scope: Scope, receive: Receive, send: Send
     ) -> None:
-        """Serve a stream of events until its token or session ends."""
+        """Serve a stream of events or a WebSocket until its token or session ends."""
         is_open = False
 
         async def send_on(message: Message) -> None:
@@ -215,6 +204,9 @@ class Guard:
             await asyncio.wait((ended, work))
         if not work.cancelled():
             work.result()
+        elif scope["type"] == "websocket":
+            reason = "the session or its token has ended: log in again"
+            await send({"type": "websocket.close", "code": SESSION_OVER, "reason": reason})
         elif is_open:
             await send({"type": "http.response.body", "body": b""})
 
@@ -301,57 +293,6 @@ def _is_address(name: str, settings: Settings) -> bool:
     except ValueError:
         return False
     return address.is_loopback or not settings.is_local
-
-
-class _SessionWebSocket:
-    """Receive and send of a WebSocket that closes when its session ends.
-
-    To the application the client seems to have left; later messages of either side are dropped.
-    One task reads for the whole connection: a task per message would cost more than the message.
-    """
-
-    def __init__(self, ended: asyncio.Future[None], receive: Receive, send: Send) -> None:
-        self._ended, self._receive, self._send = ended, receive, send
-        self._messages: deque[Message] = deque()
-        self._has_news, self._has_space = asyncio.Event(), asyncio.Event()
-        self._reading: asyncio.Future[None] | None = None
-        ended.add_done_callback(lambda _: self._has_news.set())
-
-    async def receive(self) -> Message:
-        if self._reading is None:
-            self._reading = asyncio.ensure_future(self._read())
-        while not (self._messages or self._ended.done()):
-            self._has_news.clear()
-            await self._has_news.wait()
-        if self._messages:
-            message = self._messages.popleft()
-            self._has_space.set()
-            if not self._ended.done() or message["type"] == "websocket.disconnect":
-                return message
-        await self._send(
-            {"type": "websocket.close", "code": SESSION_OVER, "reason": SESSION_OVER_REASON}
-        )
-        return {"type": "websocket.disconnect", "code": SESSION_OVER, "reason": SESSION_OVER_REASON}
-
-    async def send(self, message: Message) -> None:
-        if not self._ended.done():
-            await self._send(message)
-
-    def close(self) -> None:
-        self._ended.cancel()
-        if self._reading is not None:
-            self._reading.cancel()
-
-    async def _read(self) -> None:
-        while True:
-            message = await self._receive()
-            self._messages.append(message)
-            self._has_news.set()
-            if message["type"] == "websocket.disconnect":
-                return
-            while len(self._messages) >= MOST_READ_AHEAD:
-                self._has_space.clear()
-                await self._has_space.wait()
 
 
 def _noted(send: Send, note: Callable[[int], None]) -> Send:

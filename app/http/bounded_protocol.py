@@ -2,13 +2,10 @@
 
 Limits: the header's size and time, the time between requests, and the slowest rate of a body. Time
 counts only while the server reads, so a slow server cuts no client off.
-
-The server reads a flooding address slowly (see `refusals`): its refused connections, and new ones,
-wait HELD_S before they are read further. Its other connections go on as before.
 """
 
 import asyncio
-from typing import Any, ClassVar
+from typing import Any
 
 from uvicorn.protocols.http.httptools_impl import (
     STATUS_LINE,
@@ -17,33 +14,18 @@ from uvicorn.protocols.http.httptools_impl import (
 )
 
 from app.http.problems import Problem, problem_response
-from app.http.refusals import Refusals
 from app.settings import Settings
 
 SLOWEST_BODY = 4096
 """[bytes/s] A body that is slower on average is refused."""
 
-CHUNK_BYTES = 16_384
-"""Bytes parsed at once: pipelined requests take memory."""
-HELD_S = 1.0
-MOST_HELD = 200
-"""New connections on hold; further ones are dropped."""
-
 
 class BoundedHttp(HttpToolsProtocol):
     """A connection within the settings' `max_header_bytes`, `header_seconds`, `body_seconds`."""
 
-    _n_held: ClassVar[int] = 0
-    """New connections on hold in this process."""
-
-    def __init__(self, settings: Settings, refusals: Refusals, **options: Any) -> None:
+    def __init__(self, settings: Settings, **options: Any) -> None:
         super().__init__(**options)
-        self.settings, self._refusals = settings, refusals
-        self._application, self.app = self.app, self._record_status
-        self._address, self._status = "", 0
-        self._unread = b""
-        """Bytes received behind requests that wait for their answers."""
-        self._is_held = False
+        self.settings = settings
         self._in_header = True
         self._header_started = False
         self._n_outside_body = 0
@@ -56,23 +38,7 @@ class BoundedHttp(HttpToolsProtocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         super().connection_made(transport)  # pyright: ignore[reportArgumentType]
-        self._address = self.client[0] if self.client else ""
-        if not self._refusals.is_flooding(self._address):
-            self._expect_header()
-        elif BoundedHttp._n_held < MOST_HELD:
-            BoundedHttp._n_held += 1
-            self._is_held = True
-            self.loop.call_later(HELD_S, self._release)
-        else:
-            self.transport.abort()
-
-    def _release(self) -> None:
-        BoundedHttp._n_held -= 1
-        self._is_held = False
-        if not self.transport.is_closing():
-            self.flow.resume_reading()
-            self._expect_header()
-            self.data_received(b"")
+        self._expect_header()
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._stop_timer()
@@ -83,59 +49,23 @@ class BoundedHttp(HttpToolsProtocol):
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """Parse at most a header's size at once, and not far ahead of the answers."""
-        if self._is_held:  # a loop may deliver the first bytes even when paused
-            self._unread += data
-            return self.flow.pause_reading()
+        """Parse at most a header's size at once."""
         most = self.settings.max_header_bytes
-        data, self._unread = self._unread + data, b""
         while data and not self.transport.is_closing():
             if (protocol := self.transport.get_protocol()) is not self:
                 return protocol.data_received(data)  # pyright: ignore
-            if self._n_outside_body >= most:
-                text = f"the header is too large: send at most {most} bytes"
-                return self._refuse(431, text)
-            if self.pipeline:
-                self._unread = data
-                return self.flow.pause_reading()
-            size = min(CHUNK_BYTES, most - self._n_outside_body)
+            size = most - self._n_outside_body
             chunk, data = data[:size], data[size:]
             self._parse(chunk)
+            if self._n_outside_body >= most:
+                self._refuse(431, f"the header is too large: send at most {most} bytes")
         return None
 
     def on_response_complete(self) -> None:
-        """Continue with the next request; a flooding address waits first."""
-        if 400 <= self._status < 500:
-            self._refusals.note(self._address)
-            if self._refusals.is_flooding(self._address):
-                self.flow.pause_reading()
-                self.loop.call_later(HELD_S, self._continue)
-                return
-        self._continue()
-
-    def _continue(self) -> None:
+        """Continue with the next request; read no further ones while some wait for answers."""
         super().on_response_complete()
-        if self._unread:
+        if self.pipeline:
             self.flow.pause_reading()
-            if not self.pipeline:
-                self.loop.call_soon(self._resume)
-
-    def _resume(self) -> None:
-        if not self.transport.is_closing():
-            self.flow.resume_reading()
-            self.data_received(b"")
-
-    def send_400_response(self, msg: str) -> None:
-        self._refusals.note(self._address)
-        super().send_400_response(msg)
-
-    async def _record_status(self, scope: Any, receive: Any, send: Any) -> None:
-        async def send_recorded(message: Any) -> None:
-            if message["type"] == "http.response.start":
-                self._status = message["status"]
-            await send(message)
-
-        await self._application(scope, receive, send_recorded)
 
     def _start_asgi_task(self, cycle: RequestResponseCycle, app: Any) -> None:
         self._current = cycle

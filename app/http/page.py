@@ -35,7 +35,7 @@ def serve_page(app: FastAPI, static: Path) -> None:
     text = (static / "index.html").read_text(encoding="utf-8")
     page = text.replace("</head>", f"{links}</head>", 1)
 
-    @app.get("/", include_in_schema=False)
+    @app.api_route("/", methods=["GET", "HEAD"], include_in_schema=False)
     @app.get("/index.html", include_in_schema=False)
     async def index() -> Response:
         return HTMLResponse(page)

@@ -164,8 +164,7 @@ def _allowed(request: Request) -> list[str]:
         for context in iter_route_contexts(request.app.routes)
         if context.path and compile_path(context.path)[0].match(request.url.path)
     ]
-    allowed = {method for methods in routes for method in methods}
-    return sorted(allowed | {"HEAD"} if "GET" in allowed else allowed)
+    return sorted({method for methods in routes for method in methods})
 
 
 async def _validation(request: Request, error: Exception) -> Response:

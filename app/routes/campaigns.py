@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable
 from typing import Annotated, Any
 
-from fastapi import Depends, Response
+from fastapi import APIRouter, Depends, Response
 from fastapi.responses import HTMLResponse
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -15,7 +15,6 @@ from app.campaigns.clearing import check_computable, derivatives
 from app.campaigns.flying import aborted_flight, flown_point
 from app.campaigns.point import CampaignError, FlownPoint
 from app.campaigns.stored import CampaignDetails, Campaigns, CampaignSummary, check_next
-from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.jobs.campaigns import (
     CampaignRequest,
@@ -48,7 +47,7 @@ from app.store.jobs import ENDED
 from app.store.tokens import LOCAL
 from core.bounds import quoted
 
-router = Router(prefix="/api/v1/campaigns", tags=["campaigns"])
+router = APIRouter(prefix="/api/v1/campaigns", tags=["campaigns"])
 
 
 class Decision(BaseModel):

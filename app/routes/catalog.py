@@ -4,13 +4,12 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, NamedTuple
 
-from fastapi import Response
+from fastapi import APIRouter, Response
 from pydantic import BaseModel, Field
 from pydantic.json_schema import models_json_schema
 
 from app.catalog import catalog
 from app.flights.sources.messages import UPLINK_DOWN, UPLINK_UP
-from app.http.head_requests import Router
 from app.messages import DOWN, UP
 from app.routes.dependencies import json_response
 from app.routes.recordings import Derivable
@@ -22,7 +21,7 @@ from core.limits.limit_sets import ConditionChannel
 STREAMS: dict[int | str, dict[str, Any]] = {
     200: {"content": {"application/json": {"schema": {"type": "object"}}}}
 }
-router = Router(prefix="/api/v1", tags=["catalog"])
+router = APIRouter(prefix="/api/v1", tags=["catalog"])
 
 
 class Member(BaseModel):

@@ -6,11 +6,10 @@ from dataclasses import asdict
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from fastapi import Query, Response
+from fastapi import APIRouter, Query, Response
 from pydantic import BaseModel, Field
 
 from app.catalog import amplitude_request_schema, dataset_request_schema
-from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.jobs.kinds import simulate_dataset as run
 from app.jobs.requests import amplitude_suggestion, dataset_request
@@ -29,7 +28,7 @@ from app.store.datasets import DatasetInfo
 from app.store.store import Store
 from core.channels import CHANNELS, KEYS
 
-router = Router(prefix="/api/v1/datasets", tags=["datasets"])
+router = APIRouter(prefix="/api/v1/datasets", tags=["datasets"])
 Outcome = Literal["unsafe", "safe"]
 MOST_ROLLOUTS = 500
 

@@ -5,7 +5,7 @@ from collections import deque
 from functools import partial
 from typing import Literal
 
-from fastapi import WebSocket
+from fastapi import APIRouter, WebSocket
 from starlette.status import (
     WS_1000_NORMAL_CLOSURE,
     WS_1008_POLICY_VIOLATION,
@@ -20,14 +20,13 @@ from app.flights.sources.messages import Refused, Stored, Welcome
 from app.flights.transport import NotPossible
 from app.flights.watcher import Watcher
 from app.http.connection import Connection, accept
-from app.http.head_requests import Router
 from app.messages import Credit, End, MessageError, decode
 from app.routes.live import sender_of
 from app.store.store import NotFound
 from app.telemetry.journal import JournalFull
 from app.telemetry.recording import TelemetryError
 
-router = Router(prefix="/api/v1/flights", tags=["flights"])
+router = APIRouter(prefix="/api/v1/flights", tags=["flights"])
 NO_SUCH_FLIGHT = 4404
 """Close code of a WebSocket to a flight that is not in progress."""
 

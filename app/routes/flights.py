@@ -3,7 +3,7 @@
 import asyncio
 from typing import Annotated, Any, Literal
 
-from fastapi import Depends, Request, Response
+from fastapi import APIRouter, Depends, Request, Response
 from pydantic import BaseModel, Field, StrictBool
 
 from app.flights.display_monitors import flown_monitors
@@ -15,7 +15,6 @@ from app.flights.recorder import INTERVAL_S
 from app.flights.request import FlightRequest
 from app.flights.sources.source import mode_of
 from app.flights.transport import NotPossible, TransportError
-from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.messages import (
     Alarm,
@@ -51,7 +50,7 @@ from core.monitor import State
 from core.monitor.assessment import Cause
 from core.monitor.status import Facts, Level, Status, headline
 
-router = Router(prefix="/api/v1/flights", tags=["flights"])
+router = APIRouter(prefix="/api/v1/flights", tags=["flights"])
 
 
 async def _flights(request: Request) -> Flights:

@@ -11,13 +11,11 @@ from pathlib import Path
 from textwrap import shorten
 from typing import Annotated, Any
 
-from fastapi import HTTPException, Query
+from fastapi import APIRouter, HTTPException, Query
 from fastapi.responses import HTMLResponse
 from jinja2 import Environment, FileSystemLoader
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
-
-from app.http.head_requests import Router
 
 SLUGS = (
     "what-the-numbers-mean",
@@ -69,9 +67,9 @@ class GuidePage:
         return self.sections[0].title
 
 
-def guide_router(directory: Path) -> Router:
+def guide_router(directory: Path) -> APIRouter:
     """Serve the pages of a directory at /guide; the first request reads them."""
-    router = Router(include_in_schema=False)
+    router = APIRouter(include_in_schema=False)
 
     @cache
     def pages() -> dict[str, GuidePage]:

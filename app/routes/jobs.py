@@ -5,13 +5,12 @@ from collections.abc import AsyncIterator, Callable
 from dataclasses import replace
 from typing import Annotated, Any
 
-from fastapi import Header, Request, Response
+from fastapi import APIRouter, Header, Request, Response
 from fastapi.responses import StreamingResponse
 from fastapi.sse import format_sse_event
 
 from app import json_codec
 from app.catalog import study_request_schema, sweep_request_schema
-from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.jobs.jobs import STOPPED, Jobs, NotRunning, QueueFull, Result, Task
 from app.jobs.kinds import compare_methods as run_study
@@ -31,7 +30,7 @@ from app.routes.dependencies import (
 )
 from app.store.jobs import ENDED, JobInfo
 
-router = Router(prefix="/api/v1", tags=["jobs"])
+router = APIRouter(prefix="/api/v1", tags=["jobs"])
 KEEP_ALIVE = 15.0
 """[s] between comments on a quiet event stream, so that no proxy closes it."""
 LAST_EVENT = "end"

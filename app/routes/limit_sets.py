@@ -3,12 +3,11 @@
 import asyncio
 from typing import Annotated
 
-from fastapi import Path
+from fastapi import APIRouter, Path
 from pydantic import BaseModel, Field, JsonValue
 
 from app.flights.flight_limits import to_store
 from app.flights.transport import NotPossible
-from app.http.head_requests import Router
 from app.http.problems import problem_responses
 from app.json_codec import Whole
 from app.messages import LimitsStatus
@@ -19,7 +18,7 @@ from app.store.tokens import LOCAL
 from app.telemetry.journal import JournalFull
 from core.limits.limit_sets import ConditionKey, LimitSet, limit_set_from_plain
 
-router = Router(prefix="/api/v1", tags=["limit sets"])
+router = APIRouter(prefix="/api/v1", tags=["limit sets"])
 MOST_CASES = 100
 CASES: list[JsonValue] = [
     {"name": "below M 0.8", "ranges": {"mach": [None, 0.8]}, "limits": {"Ny": 0.5}},

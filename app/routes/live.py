@@ -4,14 +4,13 @@ import asyncio
 from typing import Annotated, Any
 
 import numpy as np
-from fastapi import Body, Request, Response
+from fastapi import APIRouter, Body, Request, Response
 from pydantic import BaseModel, Field
 from starlette.requests import HTTPConnection
 
 from app.flights.flights import Flights, TooManyFlights
 from app.flights.sources.live import LiveFlight, SequenceConflict
 from app.flights.transport import NotPossible
-from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.messages import Frame, LiveStatus, plain_frame
 from app.routes.dependencies import (
@@ -32,7 +31,7 @@ from app.routes.flights import FlightsDep
 from app.telemetry.journal import JournalFull
 from app.telemetry.recording import TelemetryError
 
-router = Router(prefix="/api/v1/flights", tags=["flights"])
+router = APIRouter(prefix="/api/v1/flights", tags=["flights"])
 DURABLE_WITHIN_S = 5.0
 EXAMPLE = {
     "sequence": 1,

@@ -6,7 +6,7 @@ from pathlib import PurePath
 from typing import Annotated, Any
 
 import numpy as np
-from fastapi import Query, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import HTMLResponse
 from pydantic import BaseModel, Field
 
@@ -15,7 +15,6 @@ from app.catalog import (
     combination_request_schema,
     monitor_request_schema,
 )
-from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.jobs import kinds
 from app.jobs.requests import choice_request, combination_request, monitor_request
@@ -43,7 +42,7 @@ from core.evaluation.certificate import warnings_of, with_power_of_quiet
 from core.monitor import Monitor
 from core.monitor.combination import members_of
 
-router = Router(prefix="/api/v1/monitors", tags=["monitors"])
+router = APIRouter(prefix="/api/v1/monitors", tags=["monitors"])
 
 
 class GroupCalibration(BaseModel):

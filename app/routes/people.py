@@ -9,7 +9,7 @@ from dataclasses import asdict, fields
 from datetime import UTC, datetime
 from typing import Annotated, Literal
 
-from fastapi import Depends, Query, Request, Response
+from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import StreamingResponse
 from pydantic import BaseModel, Field
 
@@ -17,7 +17,6 @@ from app import json_codec
 from app.access.audit import Audit
 from app.access.people import People
 from app.access.roles import allowed_to
-from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.routes.dependencies import PersonDep, StoreDep, refused, strictly
 from app.store.audit import AuditEntry
@@ -25,7 +24,7 @@ from app.store.store import StoreError
 from app.store.tables import time_text
 from app.store.tokens import LINK_SECONDS, LONGEST_DAYS, Role, StoredToken, TokenError
 
-router = Router(prefix="/api/v1", tags=["people"])
+router = APIRouter(prefix="/api/v1", tags=["people"])
 
 
 async def _people(request: Request) -> People:

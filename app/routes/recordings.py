@@ -4,11 +4,10 @@ import asyncio
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from fastapi import Query, Request
+from fastapi import APIRouter, Query, Request
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, model_validator
 from starlette.requests import ClientDisconnect
 
-from app.http.head_requests import Router
 from app.http.problems import Problem, problem_responses
 from app.json_codec import Whole
 from app.recordings.answers import preview, recording_answer, signal_bands
@@ -31,7 +30,7 @@ from app.telemetry.contents import BadRow
 from app.telemetry.mapping.mapping import Mapping
 from app.telemetry.mapping.proposal_builder import Rationale
 
-router = Router(prefix="/api/v1/recordings", tags=["recordings"])
+router = APIRouter(prefix="/api/v1/recordings", tags=["recordings"])
 LONGEST_NAME = 255
 UNNAMED = "upload"
 """Name of a file sent without one."""

@@ -14,7 +14,7 @@ from typing import Annotated, Any
 from urllib.parse import urlsplit
 
 import viser
-from fastapi import Depends, Header, HTTPException, Request, Response, WebSocket
+from fastapi import APIRouter, Depends, Header, HTTPException, Request, Response, WebSocket
 from fastapi.exceptions import WebSocketException
 from starlette.requests import HTTPConnection
 from starlette.status import WS_1001_GOING_AWAY, WS_1008_POLICY_VIOLATION
@@ -22,7 +22,6 @@ from starlette.websockets import WebSocketDisconnect
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 
-from app.http.head_requests import Router
 from app.scene.scene import Scene, Scenes
 from app.scene.server import SUBPROTOCOL, admitted, credentials
 
@@ -73,12 +72,12 @@ def _scene(connection: HTTPConnection, flight: str) -> Scene | None:
     return scenes.get(flight)
 
 
-def scene_router(check_origin: CheckOrigin = same_origin) -> Router:
+def scene_router(check_origin: CheckOrigin = same_origin) -> APIRouter:
     """Routes /scene/{flight}/ (page) and /scene/{flight} (WebSocket); need app.state.scenes.
 
     check_origin: called with the WebSocket before it is accepted; raises WebSocketException.
     """
-    router = Router(include_in_schema=False)
+    router = APIRouter(include_in_schema=False)
 
     @router.get("/scene/{flight}/")
     async def page(

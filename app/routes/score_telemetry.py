@@ -5,10 +5,9 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
-from fastapi import Query
+from fastapi import APIRouter, Query
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
-from app.http.head_requests import Router
 from app.http.problems import problem_responses
 from app.routes.dependencies import PlainBody, StoreDep, body_of, json_response, refused
 from app.telemetry.recording import ATTITUDE, Recording, TelemetryError
@@ -16,7 +15,7 @@ from core.channels import CHANNELS, KEYS
 from core.monitor import Monitor
 from core.monitor.assessment import Exemplar
 
-router = Router(prefix="/api/v1/monitors", tags=["monitors"])
+router = APIRouter(prefix="/api/v1/monitors", tags=["monitors"])
 Values = list[float | None]
 MOST_SAMPLES = 1_000_000
 Times = Annotated[list[float], Field(min_length=1, max_length=MOST_SAMPLES)]

@@ -8,12 +8,11 @@ from pathlib import PurePath
 from typing import Annotated, Any, BinaryIO, Literal
 from urllib.parse import quote
 
-from fastapi import Query, Response
+from fastapi import APIRouter, Query, Response
 from fastapi.responses import StreamingResponse
 from pydantic import BaseModel, Field
 
 from app.assessment import Interval, ScoringRecipe
-from app.http.head_requests import Router
 from app.http.problems import problem_responses
 from app.messages import ChannelLimit, Frame
 from app.recordings.exports import EXPORTS, export
@@ -37,7 +36,7 @@ from app.routes.recordings import ManoeuvreInterval
 from app.store.scorings import ScoringInfo
 from app.telemetry.mapping.mapping import Mapping
 
-router = Router(prefix="/api/v1/recordings/{recording_id}", tags=["recordings"])
+router = APIRouter(prefix="/api/v1/recordings/{recording_id}", tags=["recordings"])
 Seconds = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 MOST_BINS = 10_000
 MOST_MARKED = 1000

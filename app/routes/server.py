@@ -3,13 +3,12 @@
 import asyncio
 from typing import Annotated, Any
 
-from fastapi import Depends, Request, Response
+from fastapi import APIRouter, Depends, Request, Response
 from pydantic import BaseModel, Field
 from starlette.datastructures import State as AppState
 
 from app.demonstration import Demonstration, DemonstrationProgress
 from app.flights.flights import Flights
-from app.http.head_requests import Router
 from app.http.metrics import CONTENT_TYPE
 from app.http.problems import Problem, problem_responses
 from app.routes.dependencies import JournalsDep, RecordingsDep, SettingsDep, StoreDep, strictly
@@ -17,7 +16,7 @@ from app.upkeep.integrity import Damage, Integrity, State
 from app.upkeep.usage import DiskSpace, StorageUsage, space_of, usage_of
 from core import __version__
 
-router = Router()
+router = APIRouter()
 MOST_DAMAGED = 20
 """Largest number of damaged items in a readiness response."""
 
@@ -63,12 +62,14 @@ class IntegrityReport(BaseModel):
 
 
 @router.get("/healthz", tags=["health"])
+@router.head("/healthz", include_in_schema=False)
 async def health() -> Health:
     """Whether the process answers. Needs no token."""
     return Health(status="ok")
 
 
 @router.get("/readyz", tags=["health"], responses=problem_responses(503))
+@router.head("/readyz", include_in_schema=False)
 async def readiness(request: Request) -> Readiness:
     """Whether the store can be read and written, and every flight is recorded."""
     state = request.app.state

@@ -24,14 +24,12 @@ def test_the_server_is_alive_and_ready(client):
 
 
 def test_head_answers_with_the_headers_of_get(client):
-    for path in ("/healthz", "/readyz", "/", "/api/v1/catalog", "/api/v1/datasets/none"):
+    for path in ("/healthz", "/readyz", "/"):
         plain = {"accept-encoding": "identity"}
         whole, head = client.get(path, headers=plain), client.head(path, headers=plain)
         assert head.content == b""
         assert head.status_code == whole.status_code
         assert head.headers == whole.headers
-    job = store_of(client).jobs.add("study", {})
-    assert client.head(f"/api/v1/jobs/{job}/events").status_code == 200  # GET waits for events
     refused = client.head("/api/v1/flights/none/end")
     assert (refused.status_code, refused.headers["allow"]) == (405, "POST")
     assert client.post("/healthz").headers["allow"] == "GET, HEAD"
@@ -40,7 +38,7 @@ def test_head_answers_with_the_headers_of_get(client):
 
 def test_the_server_sends_the_head_of_a_page_without_an_error(tmp_path, caplog):
     with served(tmp_path) as (origin, _):
-        for path in ("/", "/api/v1/catalog", "/docs"):
+        for path in ("/", "/readyz", "/style.css"):
             assert httpx2.head(f"{origin}{path}").status_code == 200
     assert not [record for record in caplog.records if record.levelname == "ERROR"]
 
