@@ -1,7 +1,7 @@
 """Run migrations in the program's transaction, or from the command line.
 
-From the repository's root: `alembic -x url=forewarn.db upgrade head`. Without `-x`, this uses the
-database of the settings.
+`alembic check` and `alembic revision --autogenerate`, from the repository's root, compare the
+database of the settings, or of `-x url=forewarn.db`, with the tables.
 """
 
 from alembic import context

@@ -6,6 +6,8 @@ from typing import Any
 import sqlalchemy as sa
 from alembic import op
 
+from app.store.tables import metadata
+
 revision = "0024"
 down_revision = "0005"
 
@@ -60,14 +62,15 @@ NEW_COLUMNS: dict[str, tuple[sa.Column[Any], ...]] = {
 def upgrade() -> None:
     """Change the tables of 0.1.0 and add the new ones; every row stays."""
     rename_columns_of_scorings()
-    rename_channel_maps()
+    # the new tables; a later migration that changes one must write it out here as it is now
+    metadata.create_all(op.get_bind())
+    copy_channel_maps()
     for table, columns in NEW_COLUMNS.items():
         for column in columns:
             op.add_column(table, column)
     op.create_index("ix_flights_recording_id", "flights", ["recording_id"])
     copy_specifications()
     rename_inside_json()
-    make_new_tables()
 
 
 def rename_columns_of_scorings() -> None:
@@ -80,17 +83,8 @@ def rename_columns_of_scorings() -> None:
         table.create_unique_constraint("uq_scorings_recording_id_request_digest", unique)
 
 
-def rename_channel_maps() -> None:
+def copy_channel_maps() -> None:
     """Copy the rows: indices and constraints are named after their table."""
-    op.create_table(
-        "mappings",
-        sa.Column("id", sa.String(12), primary_key=True),
-        sa.Column("aircraft", sa.Text, nullable=False),
-        sa.Column("signature", sa.String(64), nullable=False, index=True),
-        sa.Column("saved", sa.String(27), nullable=False),
-        sa.Column("mapping", sa.JSON, nullable=False),
-        sa.UniqueConstraint("aircraft", "signature"),
-    )
     columns = "id, aircraft, signature, saved, mapping"
     op.execute(f"INSERT INTO mappings ({columns}) SELECT {columns} FROM channel_maps")
     op.drop_table("channel_maps")
@@ -150,132 +144,3 @@ def in_request(request: dict[str, Any]) -> dict[str, Any]:
         if isinstance(request.get(key), str)
     }
     return request | choices
-
-
-def make_new_tables() -> None:
-    op.create_table(
-        "answers",
-        sa.Column("path", sa.Text, primary_key=True),
-        sa.Column("key", sa.Text, primary_key=True),
-        sa.Column("created", sa.String(27), nullable=False, index=True),
-        sa.Column("fingerprint", sa.String(64), nullable=False),
-        sa.Column("status", sa.Integer),
-        sa.Column("headers", sa.JSON),
-        sa.Column("body", sa.LargeBinary),
-    )
-    op.create_table(
-        "flight_markers",
-        sa.Column("id", sa.String(12), primary_key=True),
-        sa.Column(
-            "flight_id",
-            sa.String(12),
-            sa.ForeignKey("flights.id", ondelete="CASCADE"),
-            nullable=False,
-        ),
-        sa.Column("number", sa.Integer, nullable=False),
-        sa.Column("kind", sa.String(16), nullable=False),
-        sa.Column("seq", sa.BigInteger, nullable=False),
-        sa.Column("t", sa.Float, nullable=False),
-        sa.Column("created", sa.String(27), nullable=False),
-        sa.Column("by", sa.Text, nullable=False),
-        sa.Column("text", sa.Text),
-        sa.UniqueConstraint("flight_id", "number"),
-    )
-    op.create_table(
-        "tokens",
-        sa.Column("id", sa.String(12), nullable=False),
-        sa.Column("name", sa.Text, nullable=False),
-        sa.Column("role", sa.String(16), nullable=False),
-        sa.Column("digest", sa.String(64), nullable=False),
-        sa.Column("created", sa.String(27), nullable=False),
-        sa.Column("expires", sa.String(27)),
-        sa.Column("revoked", sa.String(27)),
-        sa.Column("last_used", sa.String(27)),
-        sa.Column("link", sa.String(64)),
-        sa.Column("link_expires", sa.String(27)),
-        sa.PrimaryKeyConstraint("id", name="pk_tokens"),
-        sa.UniqueConstraint("digest", name="uq_tokens_digest"),
-    )
-    op.create_table(
-        "audit",
-        sa.Column("id", sa.Integer, nullable=False),
-        sa.Column("time", sa.String(27), nullable=False),
-        sa.Column("who", sa.Text, nullable=False),
-        sa.Column("role", sa.String(16), nullable=False),
-        sa.Column("address", sa.Text, nullable=False),
-        sa.Column("method", sa.String(16), nullable=False),
-        sa.Column("path", sa.Text, nullable=False),
-        sa.Column("status", sa.Integer, nullable=False),
-        sa.PrimaryKeyConstraint("id", name="pk_audit"),
-    )
-    op.create_index("ix_audit_time", "audit", ["time"])
-    op.create_table(
-        "display_monitors",
-        sa.Column(
-            "flight_id",
-            sa.String(12),
-            sa.ForeignKey("flights.id", ondelete="CASCADE"),
-            primary_key=True,
-        ),
-        sa.Column("position", sa.Integer, primary_key=True, autoincrement=False),
-        sa.Column(
-            "monitor_id",
-            sa.String(12),
-            sa.ForeignKey("monitors.id", ondelete="RESTRICT"),
-            nullable=False,
-        ),
-        sa.Column("epsilon", sa.Float, nullable=False),
-    )
-    op.create_index("ix_display_monitors_monitor_id", "display_monitors", ["monitor_id"])
-    op.create_table(
-        "limit_sets",
-        sa.Column("id", sa.String(12), primary_key=True),
-        sa.Column("name", sa.Text, nullable=False),
-        sa.Column("created", sa.String(27), nullable=False),
-    )
-    op.create_table(
-        "limit_set_versions",
-        sa.Column(
-            "limit_set_id",
-            sa.String(12),
-            sa.ForeignKey("limit_sets.id", ondelete="CASCADE"),
-            primary_key=True,
-        ),
-        sa.Column("version", sa.Integer, primary_key=True, autoincrement=False),
-        sa.Column("created", sa.String(27), nullable=False),
-        sa.Column("by", sa.Text, nullable=False),
-        sa.Column("text", sa.Text),
-        sa.Column("cases", sa.JSON, nullable=False),
-    )
-    op.create_table(
-        "flight_limits",
-        sa.Column(
-            "flight_id",
-            sa.String(12),
-            sa.ForeignKey("flights.id", ondelete="CASCADE"),
-            primary_key=True,
-        ),
-        sa.Column("number", sa.Integer, primary_key=True, autoincrement=False),
-        sa.Column(
-            "limit_set_id",
-            sa.String(12),
-            sa.ForeignKey("limit_sets.id", ondelete="RESTRICT"),
-            nullable=False,
-        ),
-        sa.Column("version", sa.Integer, nullable=False),
-        sa.Column("fixed", sa.JSON, nullable=False),
-        sa.Column("seq", sa.BigInteger, nullable=False),
-        sa.Column("t", sa.Float, nullable=False),
-        sa.Column("created", sa.String(27), nullable=False),
-        sa.Column("by", sa.Text, nullable=False),
-    )
-    op.create_index("ix_flight_limits_limit_set_id", "flight_limits", ["limit_set_id"])
-    op.create_table(
-        "campaigns",
-        sa.Column("id", sa.String(12), primary_key=True),
-        sa.Column("name", sa.Text, nullable=False),
-        sa.Column("created", sa.String(27), nullable=False),
-        sa.Column("changed", sa.String(27), nullable=False),
-        sa.Column("revision", sa.Integer, nullable=False),
-        sa.Column("content", sa.JSON, nullable=False),
-    )

@@ -17,7 +17,7 @@ from app.store import repository
 from app.store.assessments import StoredAssessments
 from app.store.database import address
 from app.store.recordings import MappedColumns
-from app.store.schema import configuration, current_revision, migrating
+from app.store.schema import configuration, migrating
 from app.store.scorings import ScoringInfo
 from app.store.store import Store, open_store
 from core.monitor import Monitor
@@ -99,13 +99,11 @@ EVALUATION = {
 
 
 def move(path: Path, revision: str, config: Config | None = None) -> None:
-    """Migrate a database up or down to a revision."""
+    """Upgrade a database to a revision."""
     config = config or configuration()
-    current = current_revision(address(path)) or ""
     with migrating(address(path)) as connection:
         config.attributes["connection"] = connection
-        down = revision == "base" or revision < current
-        (command.downgrade if down else command.upgrade)(config, revision)
+        command.upgrade(config, revision)
 
 
 def make_parts_small(monkeypatch: pytest.MonkeyPatch) -> None:

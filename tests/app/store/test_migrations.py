@@ -24,17 +24,16 @@ from app.store.tables import jobs, metadata
 from core.dataset import Dataset
 from core.monitor import train
 from tests.support.api import api
-from tests.support.places import ROOT
+from tests.support.places import DATA, ROOT
 from tests.support.store_writer import add_a_job, open_by_migrations, remaining, start
-from tests.support.stored import (
-    move,
-)
+from tests.support.stored import move
 
 REVISIONS = [
     script.revision for script in ScriptDirectory.from_config(configuration()).walk_revisions()
 ][::-1]
 
 OLDEST = REVISIONS[0]
+OLD_DATABASE = DATA / "version_0_1_0" / "data" / "forewarn.db"
 
 NEXT = """
 '''One change more.'''
@@ -56,6 +55,11 @@ def downgrade():
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     return tmp_path / "forewarn.db"
+
+
+def old_database(path: Path) -> Path:
+    """A database that version 0.1.0 wrote."""
+    return Path(shutil.copy(OLD_DATABASE, path))
 
 
 def tables(path: Path) -> set[str]:
@@ -95,7 +99,7 @@ def configured(directory: Path) -> Config:
 
 
 def test_migrations_make_the_tables_that_the_program_uses(path: Path) -> None:
-    move(path, "head")
+    open_store(old_database(path)).close()
     engine = make_engine(address(path))
     with engine.connect() as connection:
         context = MigrationContext.configure(
@@ -106,15 +110,15 @@ def test_migrations_make_the_tables_that_the_program_uses(path: Path) -> None:
 
 
 def test_a_new_store_has_the_schema_that_migrations_make(path: Path, tmp_path: Path) -> None:
-    migrated = tmp_path / "migrated.db"
-    move(migrated, "head")
+    migrated = old_database(tmp_path / "migrated.db")
+    open_store(migrated).close()
     open_store(path).close()
     assert described(path) == described(migrated)
     assert current_revision(address(path)) == REVISIONS[-1]
 
 
 def test_a_store_of_an_older_program_is_upgraded_when_it_opens(path: Path) -> None:
-    move(path, OLDEST)
+    old_database(path)
     engine = make_engine(address(path))
     row = {"id": "a", "kind": "collect", "request": {}, "status": "done", "message": ""}
     with writing(engine) as connection:
@@ -122,12 +126,12 @@ def test_a_store_of_an_older_program_is_upgraded_when_it_opens(path: Path) -> No
     engine.dispose()
     store = open_store(path)
     assert store.revision() == REVISIONS[-1]
-    assert [job.id for job in store.jobs.all()] == ["a"]
+    assert "a" in [job.id for job in store.jobs.all()]
     store.close()
 
 
 def test_a_store_of_an_unreleased_program_is_refused_untouched(path: Path) -> None:
-    move(path, OLDEST)
+    old_database(path)
     with sqlite3.connect(path) as connection:
         connection.execute("UPDATE alembic_version SET version_num = '0013'")
     connection.close()
@@ -280,6 +284,7 @@ def test_the_command_alembic_finds_its_configuration(
 ) -> None:
     monkeypatch.chdir(ROOT)
     monkeypatch.setenv("FOREWARN_DATABASE_URL", f"sqlite:///{path}")
+    old_database(path)
     alembic(["upgrade", "head"])
     assert current_revision(address(path)) == REVISIONS[-1]
     alembic(["check"])
@@ -290,15 +295,15 @@ def test_the_command_alembic_finds_its_configuration(
     finally:
         metadata.remove(more)
     monkeypatch.delenv("FOREWARN_DATABASE_URL")
-    another = path.with_name("another.db")
-    alembic(["-x", f"url={another}", "upgrade", OLDEST])
-    assert current_revision(address(another)) == OLDEST
+    another = old_database(path.with_name("another.db"))
+    alembic(["-x", f"url={another}", "upgrade", "head"])
+    assert current_revision(address(another)) == REVISIONS[-1]
 
 
 def test_a_migration_keeps_a_copy_until_the_next_good_start(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    move(path, OLDEST)
+    old_database(path)
     before = sorted(tables(path))
     with api(path.parent, database_url=f"sqlite:///{path}"):
         pass
@@ -315,7 +320,7 @@ def test_a_migration_keeps_a_copy_until_the_next_good_start(
 def test_a_database_that_cannot_be_copied_is_not_migrated(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    move(path, OLDEST)
+    old_database(path)
     path.with_name(f"{path.name}.before-{OLDEST}.part").mkdir()
     with pytest.raises(StoreError, match="make space for the copy"):
         open_store(path)
