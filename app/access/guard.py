@@ -6,7 +6,7 @@ One ASGI layer surrounds everything, HTTP and WebSocket alike, so that no route 
 import asyncio
 import re
 import socket
-from collections.abc import Awaitable, Callable, Coroutine, Mapping, MutableMapping
+from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from ipaddress import ip_address
@@ -16,6 +16,7 @@ from urllib.parse import urlsplit
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import HTTPConnection, Request
 from starlette.responses import RedirectResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.access import login
 from app.access.audit import SAFE_METHODS, Audit, method_of
@@ -25,12 +26,6 @@ from app.access.roles import may, rule_of
 from app.access.sessions import Sessions
 from app.http.problems import Problem, problem_response
 from app.settings import Settings
-
-Scope = MutableMapping[str, Any]
-Message = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[Message]]
-Send = Callable[[Message], Awaitable[None]]
-Application = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 HOST = re.compile(r"(?:\[([0-9A-Fa-f:.]+)\]|([0-9A-Za-z._-]+))(?::[0-9]{0,5})?")
 HEALTH_PATH = "/healthz"
@@ -81,7 +76,7 @@ class Guard:
 
     def __init__(
         self,
-        app: Application,
+        app: ASGIApp,
         settings: Settings,
         people: People,
         sessions: Sessions,
@@ -245,7 +240,7 @@ class BodyLimit:
     """
 
     def __init__(
-        self, app: Application, max_bytes: int, uploads: Mapping[tuple[str, str], int]
+        self, app: ASGIApp, max_bytes: int, uploads: Mapping[tuple[str, str], int]
     ) -> None:
         self.app = app
         self.max_bytes = max_bytes

@@ -15,20 +15,15 @@ import asyncio
 import hashlib
 import logging
 import re
-from collections.abc import Awaitable, Callable, MutableMapping
 from typing import Any
 
 from starlette.datastructures import Headers
 from starlette.responses import Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.http.problems import Problem, problem_response, problem_responses
 from app.store.answers import Answer, AnswerRepository
 from app.store.store import StoreError
-
-Message = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[Message]]
-Send = Callable[[Message], Awaitable[None]]
-ASGIApp = Callable[[MutableMapping[str, Any], Receive, Send], Awaitable[None]]
 
 LOG = logging.getLogger("forewarn")
 NAME, REPLAYED = "Idempotency-Key", "Idempotent-Replayed"
@@ -55,7 +50,7 @@ class Idempotent:
         self.app = app
         self._in_progress: set[tuple[str, str]] = set()
 
-    async def __call__(self, scope: MutableMapping[str, Any], receive: Receive, send: Send) -> None:
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         key = _key(scope)
         if key is None:
             return await self.app(scope, receive, send)
@@ -78,7 +73,7 @@ class Idempotent:
     async def _run_once(
         self,
         request: tuple[str, str],
-        scope: MutableMapping[str, Any],
+        scope: Scope,
         receive: Receive,
         send: Send,
     ) -> None:
@@ -116,7 +111,7 @@ def _store(
 class _Body:
     """The body of a request, hashed while it is read."""
 
-    def __init__(self, scope: MutableMapping[str, Any], receive: Receive) -> None:
+    def __init__(self, scope: Scope, receive: Receive) -> None:
         self._receive, self._ended = receive, False
         kind = Headers(scope=scope).get("content-type", "")
         self._sha = hashlib.sha256(b"\0".join([scope["query_string"], kind.encode()]) + b"\0")
@@ -168,7 +163,7 @@ async def _replay(
     earlier: Answer,
     fingerprint: str,
     is_gone: bool,
-    scope: MutableMapping[str, Any],
+    scope: Scope,
     send: Send,
 ) -> None:
     """Answer a repeated key.   is_gone: what the first request created has been deleted."""
@@ -192,7 +187,7 @@ async def _replay(
     return await response(scope, _disconnected, send)
 
 
-async def _refuse(status: int, text: str, scope: MutableMapping[str, Any], send: Send) -> None:
+async def _refuse(status: int, text: str, scope: Scope, send: Send) -> None:
     problem = Problem(status, f"{NAME}: {text}", "urn:forewarn:idempotency-key")
     await problem_response(problem)(scope, _disconnected, send)
 
@@ -201,7 +196,7 @@ async def _disconnected() -> Message:
     return {"type": "http.disconnect"}
 
 
-def _key(scope: MutableMapping[str, Any]) -> str | None:
+def _key(scope: Scope) -> str | None:
     """The key of a request that creates; None without one."""
     if scope["type"] != "http" or scope["method"] != "POST":
         return None
