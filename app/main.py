@@ -23,12 +23,7 @@ from app.flights.clock import MonotonicClock
 from app.flights.flights import Flights
 from app.flights.frame_ticks import FrameTicks
 from app.flights.sources.udp import UdpAccess
-from app.http.document import (
-    TAGS,
-    describe_arrays,
-    describe_examples,
-    describe_names,
-)
+from app.http.document import TAGS, describe_arrays, describe_examples, describe_names
 from app.http.idempotency import Idempotent, describe_keys
 from app.http.metrics import Measured, Metrics
 from app.http.page import serve_page
@@ -56,8 +51,7 @@ from app.routes.guide import guide_router
 from app.routes.scene import scene_router
 from app.scene.scene import Scenes
 from app.settings import Settings
-from app.store.health import StoreHealth
-from app.store.store import open_store
+from app.store.store import StoreHealth, open_store
 from app.telemetry.journal import Journals
 from app.upkeep.integrity import Integrity
 from app.upkeep.restore import finish
@@ -91,20 +85,15 @@ and the `Location` of a job."""
 class Application(FastAPI):
     """FastAPI with the guard as outermost layer, outside the error pages too."""
 
-    settings: Settings
-    metrics: Metrics
-    people: People
-    sessions: Sessions
-    audit: Audit
-
     def build_middleware_stack(self) -> Any:
+        state, settings = self.state, self.state.settings
         limited = BodyLimit(
             GZipMiddleware(Idempotent(super().build_middleware_stack()), **COMPRESSION),
-            self.settings.max_body_bytes,
-            {("POST", recordings.router.prefix): self.settings.max_upload_bytes},
+            settings.max_body_bytes,
+            {("POST", recordings.router.prefix): settings.max_upload_bytes},
         )
-        measured = Measured(limited, self.metrics)
-        return Guard(measured, self.settings, self.people, self.sessions, self.audit)
+        measured = Measured(limited, state.metrics)
+        return Guard(measured, settings, state.people, state.sessions, state.audit)
 
     def openapi(self) -> dict[str, Any]:
         if self.openapi_schema is None:
@@ -134,11 +123,11 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         telemetry={"tracing": False, "metrics": False},
         routes=[*_routes()],
     )
-    app.settings = app.state.settings = settings
-    app.metrics = app.state.metrics = Metrics()
-    app.people = app.state.people = People(settings.token)
-    app.sessions = app.state.sessions = Sessions(settings.session_seconds)
-    app.audit = app.state.audit = Audit()
+    app.state.settings = settings
+    app.state.metrics = Metrics()
+    app.state.people = People(settings.token)
+    app.state.sessions = Sessions(settings.session_seconds)
+    app.state.audit = Audit()
     install_problems(app)
     _serve_docs(app)
     if STATIC.is_dir():

@@ -1,28 +1,6 @@
 """Settings of the server. Options of the command line override the environment.
 
-| setting          | environment               | default                                          |
-|------------------|---------------------------|--------------------------------------------------|
-| data_dir         | FOREWARN_DATA_DIR         | the platform's data directory of the user        |
-| host             | FOREWARN_HOST             | 127.0.0.1; any other needs a token               |
-| port             | FOREWARN_PORT             | 8000                                             |
-| token            | FOREWARN_TOKEN            | none; at least 16 characters                     |
-| database_url     | FOREWARN_DATABASE_URL     | sqlite, forewarn.db in the data directory        |
-| allowed_hosts    | FOREWARN_ALLOWED_HOSTS    | none besides the address itself; comma separated |
-| max_flights      | FOREWARN_MAX_FLIGHTS      | 64                                               |
-| max_jobs         | FOREWARN_MAX_JOBS         | 1 at once                                        |
-| max_queued_jobs  | FOREWARN_MAX_QUEUED_JOBS  | 20                                               |
-| max_body_bytes   | FOREWARN_MAX_BODY_BYTES   | 32 MiB                                           |
-| max_upload_bytes | FOREWARN_MAX_UPLOAD_BYTES | 4 GiB, of a recording                            |
-| max_array_bytes  | FOREWARN_MAX_ARRAY_BYTES  | 4 GiB, of the arrays that a job may make         |
-| max_header_bytes | FOREWARN_MAX_HEADER_BYTES | 64 KiB, of a request                             |
-| header_seconds   | FOREWARN_HEADER_SECONDS   | 10, until a header is whole                      |
-| body_seconds     | FOREWARN_BODY_SECONDS     | 30, that a body may come at less than 4096 B/s   |
-| idle_seconds     | FOREWARN_IDLE_SECONDS     | 5, between two requests of a connection          |
-| session_seconds  | FOREWARN_SESSION_SECONDS  | 12 h, that a login lasts from when it was used   |
-| udp_senders      | FOREWARN_UDP_SENDERS      | none: addresses or networks that may send UDP    |
-| udp_key          | FOREWARN_UDP_KEY          | none: at least 16 characters, in each UDP batch  |
-| retain_days      | FOREWARN_RETAIN_DAYS      | 0: nothing is deleted for its age                |
-| retain_gb        | FOREWARN_RETAIN_GB        | 0: nothing is deleted for its size               |
+Each is read from FOREWARN_NAME; the guide describes them (several-people.md).
 """
 
 import math

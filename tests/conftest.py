@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
-from app.store import reserve
+from app.store import disk
 from app.telemetry.readers import isolation, worker
 from core.dataset import Dataset
 from core.monitor import Monitor
@@ -104,7 +104,7 @@ def attas() -> "Monitor":
 def hold_little() -> Iterator[None]:
     """A server here holds the least reserve: writing the full one is a third of its start."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(reserve, "RESERVE_BYTES", reserve.LEAST_BYTES)
+        patch.setattr(disk, "RESERVE_BYTES", disk.LEAST_BYTES)
         yield
 
 

@@ -14,7 +14,7 @@ from starlette.requests import HTTPConnection
 
 from app.access.people import Person
 from app.access.roles import CHANGES_NOTHING, LOGGED_ONCE, WEBSOCKET, rule_of
-from app.store.audit import AuditEntry
+from app.store.people import AuditEntry
 from app.store.store import Store, StoreError
 from app.store.tables import now
 

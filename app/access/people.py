@@ -13,9 +13,9 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 
+from app.store.people import LOCAL, SERVER, Role, StoredToken, digest_of
 from app.store.store import Store, StoreError
 from app.store.tables import now
-from app.store.tokens import LOCAL, SERVER, Role, StoredToken, digest_of
 
 LOG = logging.getLogger("forewarn")
 REFRESH_EVERY_S = 1.0

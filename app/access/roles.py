@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from functools import cache, lru_cache
 
-from app.store.tokens import ROLES, Role
+from app.store.people import ROLES, Role
 
 API = "/api/v1"
 FLIGHT, RECORDING = f"{API}/flights/{{id}}", f"{API}/recordings/{{id}}"

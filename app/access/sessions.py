@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from app.access.people import Admission
-from app.store.tokens import LINK_SECONDS
+from app.store.people import LINK_SECONDS
 
 MOST_SESSIONS = 1000
 

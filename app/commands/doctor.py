@@ -28,7 +28,7 @@ from app.recordings.files import RecordingFiles
 from app.scene.server import SUBPROTOCOL
 from app.serving import Server, address_of, listen
 from app.settings import Settings, SettingsError
-from app.store.last_stop import LastStop
+from app.store.disk import LastStop
 from app.store.schema import current_revision, needs_upgrade, newest_revision
 from app.store.store import StoreError, open_store
 from app.upkeep.integrity import all_items

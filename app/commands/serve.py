@@ -46,7 +46,7 @@ def login_link(app: FastAPI, address: str) -> str | None:
 
 
 def say_link(app: FastAPI, address: str) -> None:
-    from app.store.tokens import LINK_SECONDS  # slow to import, not needed for help
+    from app.store.people import LINK_SECONDS  # slow to import, not needed for help
 
     if link := login_link(app, address):
         say(f"log in once, within {LINK_SECONDS / 60:.0f} minutes: {link}")

@@ -7,10 +7,9 @@ from dataclasses import asdict
 from app.commands.options.stored_data import add_place, place_of
 from app.commands.output.results import add_json, print_result
 from app.settings import Settings
-from app.store.audit import AuditEntry
+from app.store.people import LINK_SECONDS, LOCAL, ROLES, AuditEntry, StoredToken
 from app.store.store import Store, open_store
 from app.store.tables import now
-from app.store.tokens import LINK_SECONDS, LOCAL, ROLES, StoredToken
 
 TOKENS = "/api/v1/tokens"
 

@@ -1,7 +1,7 @@
 """The markers of a flight in progress, as sent to every watcher."""
 
 from app.messages import FlightMarker
-from app.store.flight_markers import StoredFlightMarker
+from app.store.alarms import StoredFlightMarker
 from core.flight_markers import FLIGHT_MARKERS, FlightMarkerKey
 
 KEPT = 50

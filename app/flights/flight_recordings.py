@@ -16,7 +16,7 @@ from app.recordings.flown_journal import FlownJournal
 from app.recordings.recordings import Recordings
 from app.recordings.workers import run_to_end
 from app.store.flights import INTERRUPTED, FlightInfo
-from app.store.markers import Marker
+from app.store.recordings import Marker
 from app.store.store import NotFound
 from app.store.tables import new_id, now, time_text
 from app.telemetry.journal import Journals, lines_of

@@ -47,9 +47,8 @@ from app.flights.verdict import first_exceedance
 from app.messages import FlightMarker, LiveStatus
 from app.recordings.scored import ScoredRecordings
 from app.store.flights import INTERRUPTED, FlightInProgress
-from app.store.health import StoreHealth
-from app.store.store import NotFound, Store, StoreError
-from app.store.tokens import LOCAL
+from app.store.people import LOCAL
+from app.store.store import NotFound, Store, StoreError, StoreHealth
 from app.telemetry.journal import Journals, lines_of
 from core.evaluation.certificate import check_use
 from core.flight_markers import FlightMarkerKey

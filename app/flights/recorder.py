@@ -22,9 +22,8 @@ from app.flights.clock import Clock, Timer
 from app.flights.flight_markers import to_store
 from app.messages import Alarm, FlightMarker, LimitsFrom
 from app.store.assessments import DISPLAY, StoredDisplay
-from app.store.health import StoreHealth
 from app.store.limit_sets import FlightLimits
-from app.store.store import NotFound, Store, StoreError
+from app.store.store import NotFound, Store, StoreError, StoreHealth
 from core.channels import N_CHANNELS
 from core.limits.exceedance import ChannelExceedances
 from core.monitor import Assessment

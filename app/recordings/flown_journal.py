@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.recordings.files import reporting_full_disk
-from app.store.markers import Marker
+from app.store.recordings import Marker
 from app.telemetry.contents import Columns
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource

@@ -10,8 +10,7 @@ import numpy as np
 from app import json_codec
 from app.assessment import ScoredRecording
 from app.recordings.mapped_recording import MappedRecording
-from app.store.mappings import RememberedMapping
-from app.store.recordings import MappedColumns, MappingState
+from app.store.recordings import MappedColumns, MappingState, RememberedMapping
 from app.telemetry.contents import Columns, Contents
 from app.telemetry.mapping.derivations import DERIVATIONS, Derivation
 from app.telemetry.mapping.mapping import Mapping

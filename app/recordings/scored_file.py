@@ -24,7 +24,7 @@ from core.monitor import Monitor, load
 from core.simulation.attitude import surface_signs
 
 if TYPE_CHECKING:
-    from app.store.mappings import MappingRepository
+    from app.store.recordings import MappingRepository
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ from app.routes.dependencies import (
 from app.routes.jobs import accepted, queued
 from app.store.campaigns import CampaignChanged
 from app.store.jobs import ENDED
-from app.store.tokens import LOCAL
+from app.store.people import LOCAL
 from core.bounds import quoted
 
 router = APIRouter(prefix="/api/v1/campaigns", tags=["campaigns"])

@@ -15,8 +15,8 @@ from app.jobs.jobs import Jobs
 from app.recordings.recordings import Recordings
 from app.recordings.scored import ScoredRecordings
 from app.settings import Settings
+from app.store.people import LOCAL
 from app.store.store import Store
-from app.store.tokens import LOCAL
 from app.telemetry.journal import Journals
 
 PAGE_TO_PRINT = {

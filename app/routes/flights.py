@@ -42,7 +42,7 @@ from app.routes.dependencies import (
     strictly,
 )
 from app.store.flights import FlightInfo, FlightInProgress
-from app.store.tokens import LOCAL
+from app.store.people import LOCAL
 from core.evaluation.certificate import UselessMonitor
 from core.flight_markers import FlightMarkerKey
 from core.limits.exceedance import ChannelExceedances

@@ -14,7 +14,7 @@ from app.messages import LimitsStatus
 from app.routes.dependencies import By, Finite, PersonDep, StoreDep, refused, signature, strictly
 from app.routes.flights import FlightsDep
 from app.store.limit_sets import FlightLimits, LimitSetInfo, StoredLimits
-from app.store.tokens import LOCAL
+from app.store.people import LOCAL
 from app.telemetry.journal import JournalFull
 from core.limits.limit_sets import ConditionKey, LimitSet, limit_set_from_plain
 

@@ -23,8 +23,7 @@ from app.routes.dependencies import (
     strictly,
 )
 from app.routes.sent_files import CONTENT, sent_file
-from app.store.markers import Marker, MarkerKind
-from app.store.recordings import RecordingInfo
+from app.store.recordings import Marker, MarkerKind, RecordingInfo
 from app.store.tables import new_id, now
 from app.telemetry.contents import BadRow
 from app.telemetry.mapping.mapping import Mapping

@@ -147,7 +147,7 @@ def read_space(settings: SettingsDep) -> DiskSpace:
 )
 def keep_flight(flight_id: str, keeping: Keeping, store: StoreDep) -> Keeping:
     """Keep a flight permanently, or release it."""
-    store.retention_flags.set_flight(flight_id, keeping.keep)
+    store.flights.keep(flight_id, keeping.keep)
     return keeping
 
 
@@ -158,7 +158,7 @@ def keep_flight(flight_id: str, keeping: Keeping, store: StoreDep) -> Keeping:
 )
 def keep_recording(recording_id: str, keeping: Keeping, store: StoreDep) -> Keeping:
     """Keep a recording permanently, or release it."""
-    store.retention_flags.set_recording(recording_id, keeping.keep)
+    store.recordings.keep(recording_id, keeping.keep)
     return keeping
 
 

@@ -1,15 +1,16 @@
-"""Stored alarms: numbered within their flight, acknowledged once."""
+"""Stored alarms and markers of flights, numbered within their flight."""
 
 from collections import defaultdict
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from sqlalchemy import Connection, bindparam, func, insert, select, update
 
 from app.store.flights import fetch_flight, head_of
 from app.store.repository import Entry, NotFound, Repository, columns, fetch
-from app.store.tables import alarms, new_id, now
+from app.store.tables import alarms, flight_markers, new_id, now
+from core.flight_markers import FlightMarkerKey
 from core.monitor.status import AlarmKind, Level
 
 _BY_NUMBER = (alarms.c.flight_id == bindparam("flight")) & (alarms.c.number == bindparam("number"))
@@ -48,7 +49,7 @@ class StoredAlarm(Entry):
 
 
 class AlarmRepository(Repository):
-    """Alarms of flights."""
+    """Alarms of flights, each acknowledged once."""
 
     def add(
         self,
@@ -131,3 +132,48 @@ class AlarmRepository(Repository):
 def _next_number(connection: Connection, flight_id: str) -> int:
     last = select(func.max(alarms.c.number)).where(alarms.c.flight_id == flight_id)
     return (connection.execute(last).scalar() or 0) + 1
+
+
+@dataclass(frozen=True)
+class StoredFlightMarker(Entry):
+    """A marker set during a flight."""
+
+    number: int
+    """1, 2, ... in its flight"""
+    kind: FlightMarkerKey
+    seq: int
+    """newest sample number when it was set; -1 before the first sample"""
+    t: float
+    """time of that sample [s]"""
+    created: str
+    """UTC, ISO 8601"""
+    by: str
+    """who set it"""
+    text: str | None
+    """remark"""
+
+
+class FlightMarkerRepository(Repository):
+    """Markers of flights."""
+
+    def add(self, flight_id: str, marker: StoredFlightMarker) -> None:
+        """Store a marker; one already stored under this number is left unchanged."""
+        marked = flight_markers.c
+        existing = select(marked.id).where(
+            marked.flight_id == flight_id, marked.number == marker.number
+        )
+        with self._writing() as connection:
+            fetch_flight(connection, flight_id)
+            if connection.execute(existing).first() is None:
+                row = {"id": new_id(), "flight_id": flight_id} | asdict(marker)
+                connection.execute(insert(flight_markers).values(**row))
+
+    def of(self, flight_id: str) -> list[StoredFlightMarker]:
+        """Markers of a flight in the order they were set."""
+        query = select(*columns(flight_markers, StoredFlightMarker)).where(
+            flight_markers.c.flight_id == flight_id
+        )
+        with self._reading() as connection:
+            fetch_flight(connection, flight_id)
+            rows = connection.execute(query.order_by(flight_markers.c.number))
+            return [StoredFlightMarker(**row._mapping) for row in rows]

@@ -2,21 +2,23 @@
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
+import numpy as np
 from pydantic import Field
 from sqlalchemy import Connection, Row, delete, select
 
 from app.recipes.recipes import SentRecipe
 from app.store.arrays import from_blob, from_blocks, to_blocks
 from app.store.database import Damaged
-from app.store.peaks import PeakHistogram, peak_histograms
 from app.store.repository import Entry, InUse, NotFound, Repository, columns, complete, fetch
 from app.store.tables import dataset_blocks, datasets, monitors, new_id, now
 from core import __version__
+from core.channels import KEYS
 from core.dataset import Dataset
 from core.limits.limits import (
     PlainSpecification,
+    magnitudes_of,
     specification_from_plain,
     specification_to_plain,
 )
@@ -31,8 +33,30 @@ ROWS = {
     "theta_safe": "n_safe",
 }
 """Arrays of a dataset, and the field that counts their rows."""
+BINS_TO_THE_LIMIT = 20
+MOST_BINS = 60
 
 Outcome = Literal["unsafe", "safe"]
+
+
+@dataclass(frozen=True)
+class PeakHistogram(Entry):
+    """Rollouts counted by their peak |channel| / limit; a bin starts at 1, the limit."""
+
+    channel: str
+    limit: float
+    """in the channel's unit"""
+    edges: tuple[float, ...]
+    """(n_bins + 1,) the last bin counts all higher peaks"""
+    unsafe: tuple[int, ...]
+    """(n_bins,) rollouts"""
+    safe: tuple[int, ...]
+    """(n_bins,) rollouts"""
+
+    @classmethod
+    def from_plain(cls, plain: dict[str, Any]) -> Self:
+        rows = (tuple(plain[name]) for name in ("edges", "unsafe", "safe"))
+        return cls(plain["channel"], plain["limit"], *rows)
 
 
 @dataclass(frozen=True)
@@ -169,6 +193,10 @@ class DatasetRepository(Repository):
         names = info.theta_names or tuple(f"theta[{i}]" for i in range(len(theta)))
         return StoredRollout(y.copy(), dict(zip(names, theta.tolist(), strict=True)), fail_index)
 
+    def sizes(self) -> dict[str, int]:
+        """Bytes in the database by id."""
+        return self._sizes(dataset_blocks, "dataset_id")
+
     def delete(self, dataset_id: str) -> None:
         """Delete a dataset. InUse if monitors were trained on it."""
         users = select(monitors.c.name, monitors.c.id).where(monitors.c.dataset_id == dataset_id)
@@ -224,3 +252,33 @@ def _array_row(connection: Connection, dataset_id: str, name: str, index: int) -
     )
     first_row, content = connection.execute(query).one()
     return from_blob(content)[index - first_row]
+
+
+def peak_histograms(dataset: Dataset) -> tuple[PeakHistogram, ...]:
+    """One histogram per limited channel; none unless the specification is one of limits."""
+    limits = magnitudes_of(dataset.specification)
+    if limits is None:
+        return ()
+    return tuple(
+        _histogram(
+            key,
+            limit,
+            _peaks(dataset.unsafe[..., c], limit),
+            _peaks(dataset.safe[..., c], limit),
+        )
+        for c, (key, limit) in enumerate(zip(KEYS, limits.tolist(), strict=True))
+        if np.isfinite(limit)
+    )
+
+
+def _peaks(y: Array, limit: float) -> Array:
+    """(n,) highest |y| / limit of each rollout (n, n_samples)."""
+    return np.fmax.reduce(np.abs(y), axis=1, initial=0.0) / limit
+
+
+def _histogram(key: str, limit: float, unsafe: Array, safe: Array) -> PeakHistogram:
+    bins = [np.minimum(p * BINS_TO_THE_LIMIT, MOST_BINS - 1).astype(int) for p in (unsafe, safe)]
+    n_bins = max(BINS_TO_THE_LIMIT, *(int(b.max(initial=0)) + 1 for b in bins))
+    counts = [tuple(np.bincount(b, minlength=n_bins).tolist()) for b in bins]
+    edges = np.arange(n_bins + 1) / BINS_TO_THE_LIMIT
+    return PeakHistogram(key, limit, tuple(edges.tolist()), *counts)

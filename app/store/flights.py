@@ -166,6 +166,14 @@ class FlightRepository(Repository):
         with self._reading() as connection:
             return [FlightInfo(**row._mapping) for row in connection.execute(query)]
 
+    def keep(self, flight_id: str, keep: bool) -> None:
+        """Keep a flight permanently, or release it."""
+        self._keep(flights, "flight", flight_id, keep)
+
+    def sizes(self) -> dict[str, int]:
+        """Bytes in the database by id."""
+        return self._sizes(assessment_chunks, "flight_id")
+
     def delete(self, flight_id: str) -> None:
         """Delete an ended flight with its assessments, alarms and markers.
 

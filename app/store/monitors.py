@@ -262,6 +262,10 @@ class MonitorRepository(Repository):
             for monitor_id, epsilon in pairs
         }
 
+    def sizes(self) -> dict[str, int]:
+        """Bytes in the database by id."""
+        return self._sizes(monitor_parts, "monitor_id")
+
     def delete(self, monitor_id: str) -> None:
         """Delete a monitor. InUse if flights or scorings refer to it."""
         with self._deleting() as connection:

@@ -1,11 +1,11 @@
-"""Stored recordings and the meaning of their columns.
+"""Stored recordings, the meaning of their columns, and remarks on them.
 
 The files themselves are in the data directory, see `app.recordings.files`.
 """
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, fields
-from typing import TYPE_CHECKING, Any, Literal
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any, Literal
 
 from sqlalchemy import Connection, Select, delete, func, insert, select, update
 
@@ -19,12 +19,10 @@ from app.store.repository import (
     complete,
     fetch,
 )
-from app.store.tables import flights, markers, now, recordings, scorings
-
-if TYPE_CHECKING:
-    from app.store.markers import Marker
+from app.store.tables import flights, mappings, markers, new_id, now, recordings, scorings
 
 MappingState = Literal["proposed", "remembered", "confirmed"]
+MarkerKind = Literal["note", "marker"]
 
 
 @dataclass(frozen=True)
@@ -77,6 +75,31 @@ class MappedColumns(Entry):
     """warnings by channel that were open when the mapping was confirmed; null if unknown"""
 
 
+@dataclass(frozen=True)
+class RememberedMapping(Entry):
+    """A mapping confirmed earlier."""
+
+    aircraft: str
+    """aircraft it was confirmed for"""
+    mapping: dict[str, Any]
+    """see app.telemetry.mapping.mapping"""
+
+
+@dataclass(frozen=True)
+class Marker(Entry):
+    """A remark on a moment or an interval of a recording."""
+
+    id: str
+    created: str
+    """UTC, ISO 8601"""
+    kind: MarkerKind
+    t: float
+    """[s]"""
+    end: float | None
+    """[s] of an interval; null: a moment"""
+    text: str
+
+
 class RecordingRepository(Repository):
     """Recordings by id."""
 
@@ -104,7 +127,7 @@ class RecordingRepository(Repository):
             connection.execute(insert(recordings).values(**row, **asdict(mapped), complete=False))
 
     def complete(
-        self, recording_id: str, flight_id: str | None = None, remarks: Iterable["Marker"] = ()
+        self, recording_id: str, flight_id: str | None = None, remarks: Iterable[Marker] = ()
     ) -> None:
         """Make a recording visible once its folder is in place.
 
@@ -149,6 +172,10 @@ class RecordingRepository(Repository):
             fetch_recording(connection, recording_id)
             is_row = recordings.c.id == recording_id
             connection.execute(update(recordings).where(is_row).values(**values))
+
+    def keep(self, recording_id: str, keep: bool) -> None:
+        """Keep a recording permanently, or release it."""
+        self._keep(recordings, "recording", recording_id, keep)
 
     def withdraw(self, recording_id: str) -> None:
         """Hide a recording before its folder is deleted, and delete its scorings.
@@ -201,3 +228,72 @@ def _recordings() -> Select:
 def fetch_recording(connection: Connection, recording_id: str) -> RecordingInfo:
     query = _recordings().where(complete(recordings, recording_id))
     return RecordingInfo(**fetch(connection, query, "recording", recording_id)._mapping)
+
+
+class MarkerRepository(Repository):
+    """Markers of recordings."""
+
+    def add(self, recording_id: str, marker: Marker) -> Marker:
+        with self._writing() as connection:
+            fetch_recording(connection, recording_id)
+            values = asdict(marker) | {"recording_id": recording_id}
+            connection.execute(insert(markers).values(**values))
+        return marker
+
+    def of(self, recording_id: str) -> list[Marker]:
+        """Remarks on a recording, ordered by time."""
+        query = select(*columns(markers, Marker)).where(markers.c.recording_id == recording_id)
+        with self._reading() as connection:
+            fetch_recording(connection, recording_id)
+            rows = connection.execute(query.order_by(markers.c.t, markers.c.created))
+            return [Marker(**row._mapping) for row in rows]
+
+    def update(self, recording_id: str, marker: Marker) -> Marker:
+        """Replace the remark with this id, keeping its time of creation; return it as stored."""
+        with self._writing() as connection:
+            marker = replace(marker, created=_marker(connection, recording_id, marker.id).created)
+            is_row = markers.c.id == marker.id
+            connection.execute(update(markers).where(is_row).values(**asdict(marker)))
+        return marker
+
+    def delete(self, recording_id: str, marker_id: str) -> None:
+        with self._deleting() as connection:
+            _marker(connection, recording_id, marker_id)
+            connection.execute(delete(markers).where(markers.c.id == marker_id))
+
+
+def _marker(connection: Connection, recording_id: str, marker_id: str) -> Marker:
+    query = select(*columns(markers, Marker)).where(
+        markers.c.id == marker_id, markers.c.recording_id == recording_id
+    )
+    return Marker(**fetch(connection, query, "marker", marker_id)._mapping)
+
+
+class MappingRepository(Repository):
+    """Mappings by aircraft and signature of the signals."""
+
+    def save(self, aircraft: str, signature: str, mapping: dict[str, Any]) -> None:
+        """Store a mapping for this aircraft, replacing the earlier one."""
+        key = {"aircraft": aircraft, "signature": signature}
+        same = (mappings.c.aircraft == aircraft) & (mappings.c.signature == signature)
+        with self._writing() as connection:
+            connection.execute(delete(mappings).where(same))
+            row = {"id": new_id(), **key, "saved": now(), "mapping": mapping}
+            connection.execute(insert(mappings).values(**row))
+
+    def find(self, aircraft: str | None, signature: str) -> RememberedMapping | None:
+        """Mapping last confirmed for this aircraft, preferably for the same signals.
+
+        None if the aircraft is unknown: on another, signs may be reversed under the same names.
+        """
+        if not aircraft:
+            return None
+        table = mappings.c
+        newest = select(table.aircraft, table.mapping).order_by(table.saved.desc()).limit(1)
+        of_aircraft = table.aircraft == aircraft
+        with self._reading() as connection:
+            for condition in (of_aircraft & (table.signature == signature), of_aircraft):
+                row = connection.execute(newest.where(condition)).one_or_none()
+                if row is not None:
+                    return RememberedMapping(**row._mapping)
+        return None

@@ -7,10 +7,10 @@ from threading import RLock
 from typing import Any
 
 from pydantic import ConfigDict
-from sqlalchemy import Connection, Engine, Row, Select, Table, delete, insert, select, update
+from sqlalchemy import Connection, Engine, Row, Select, Table, delete, func, insert, select, update
 
 from app.store.database import reading, writing
-from app.store.reserve import Reserve
+from app.store.disk import Reserve
 
 TRANSACTION_BYTES = 4 * 2**20
 
@@ -94,6 +94,20 @@ class Repository:
             writing(self._engine) as connection,
         ):
             yield connection
+
+    def _keep(self, table: Table, kind: str, identity: str, keep: bool) -> None:
+        """Set the flag `keep`, which protects a row from deletion."""
+        is_row = complete(table, identity) if "complete" in table.c else table.c.id == identity
+        with self._writing() as connection:
+            fetch(connection, select(table.c.id).where(is_row), kind, identity)
+            connection.execute(update(table).where(is_row).values(keep=keep))
+
+    def _sizes(self, parts: Table, owner: str) -> dict[str, int]:
+        """Bytes of the content of each owner of parts, by id."""
+        size = func.sum(func.length(parts.c.content))
+        with self._reading() as connection:
+            rows = connection.execute(select(parts.c[owner], size).group_by(parts.c[owner]))
+            return {identity: int(size) for identity, size in rows}
 
     def _add_in_parts(
         self,

@@ -4,34 +4,33 @@ Every method is synchronous and may be called from any thread; coroutines call i
 `asyncio.to_thread`. Only this package converts between rows and core objects.
 """
 
+import asyncio
 import logging
+from collections.abc import Callable
 from pathlib import Path
 
 from sqlalchemy import Engine
 
-from app.store.alarms import AlarmRepository
+from app.store.alarms import AlarmRepository, FlightMarkerRepository
 from app.store.answers import AnswerRepository
-from app.store.audit import AuditRepository
 from app.store.campaigns import CampaignRepository
 from app.store.database import Damaged, StoreError, address, damage, make_engine
 from app.store.datasets import DatasetRepository
-from app.store.flight_markers import FlightMarkerRepository
+from app.store.disk import LastStop, Reserve
 from app.store.flights import FlightRepository
 from app.store.jobs import JobRepository
-from app.store.last_stop import LastStop
 from app.store.limit_sets import LimitSetRepository
-from app.store.mappings import MappingRepository
-from app.store.markers import MarkerRepository
 from app.store.monitors import MonitorRepository
-from app.store.recordings import RecordingRepository
+from app.store.people import AuditRepository, TokenRepository
+from app.store.recordings import MappingRepository, MarkerRepository, RecordingRepository
 from app.store.repository import InUse, KeptPermanently, NotFound, Writer
-from app.store.reserve import Reserve
-from app.store.retention_flags import RetentionFlagRepository
 from app.store.schema import bring_up_to_date, current_revision, forget_copies
 from app.store.scorings import ScoringRepository
-from app.store.tokens import TokenRepository
 
 LOG = logging.getLogger("forewarn")
+ANSWER_S = 2.0
+"""A store that takes longer to answer is not ready [s]."""
+CHECK_S = 5.0
 __all__ = ["Damaged", "InUse", "KeptPermanently", "NotFound", "Store", "StoreError", "open_store"]
 
 
@@ -57,7 +56,6 @@ class Store:
         self.scorings = ScoringRepository(*shared)
         self.markers = MarkerRepository(*shared)
         self.campaigns = CampaignRepository(*shared)
-        self.retention_flags = RetentionFlagRepository(*shared)
         self.answers = AnswerRepository(*shared)
         self.tokens = TokenRepository(*shared)
         self.audit = AuditRepository(*shared)
@@ -136,3 +134,44 @@ def open_store(url_or_path: str | Path, *, recover: bool = True) -> Store:
     if recover:
         store.recover()
     return store
+
+
+class StoreHealth:
+    """Whether the store works, as of the newest check.
+
+    fault: one sentence; empty if the store works.
+    """
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._check: asyncio.Future[str] | None = None
+        self.fault = ""
+
+    async def check(self) -> str:
+        """Check now and return the fault; a store that hangs is checked only once."""
+        if self._check is None or self._check.done():
+            self._check = asyncio.ensure_future(asyncio.to_thread(_fault_of, self._store))
+        try:
+            self.fault = await asyncio.wait_for(asyncio.shield(self._check), ANSWER_S)
+        except TimeoutError:
+            self.fault = f"the store has not answered for {ANSWER_S:g} s: check its disk"
+        return self.fault
+
+    async def repeat(self, is_needed: Callable[[], bool]) -> None:
+        """Check every CHECK_S while `is_needed()` or after a write; never returns."""
+        while True:
+            await asyncio.sleep(CHECK_S)
+            if is_needed() or self._store.has_written:
+                await self.check()
+
+
+def _fault_of(store: Store) -> str:
+    try:
+        store.jobs.all()
+    except Exception:
+        return "the store cannot be read: see the log for the reason"
+    try:
+        store.touch()
+    except Exception:
+        return "the store cannot be written: check that its disk has space and allows writing"
+    return ""

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from app.recordings.files import sync
 from app.store.database import StoreError, address, file_of
-from app.store.last_stop import ENDING
+from app.store.disk import ENDING
 from app.store.schema import migrations, revisions
 from app.upkeep.archive import DATABASE, JOURNALS, RECORDINGS, Archive, Manifest, open_archive
 from app.upkeep.backup import check_pages

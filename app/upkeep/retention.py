@@ -80,7 +80,7 @@ class Retention:
 def everything(recordings: Recordings, journals: Journals) -> list[Retained]:
     """All flights, with the size of their journals, and all recordings."""
     store, files = recordings.store, recordings.files
-    sizes, flights = store.retention_flags.sizes()["flights"], store.flights.all()
+    sizes, flights = store.flights.sizes(), store.flights.all()
     flown = {info.recording for info in flights if info.keep}
     return [_flight(info, sizes.get(info.id, 0) + journals.size(info.id)) for info in flights] + [
         Retained(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from app.recordings.files import SPARE_BYTES
 from app.recordings.recordings import Recordings
-from app.store.database import file_of
+from app.store.database import file_of, reusable_bytes
 from app.telemetry.journal import Journals
 from app.upkeep.retention import Retained, everything
 
@@ -68,20 +68,20 @@ def space_of(data_dir: Path) -> DiskSpace:
 def usage_of(recordings: Recordings, journals: Journals, data_dir: Path) -> StorageUsage:
     """Usage of everything stored. StoreError."""
     store, items = recordings.store, everything(recordings, journals)
-    sizes = store.retention_flags.sizes()
     kinds = [
         _kind("flight", [item for item in items if item.kind == "flight"]),
         _kind("recording", [item for item in items if item.kind == "recording"]),
     ]
-    for kind, infos in (("dataset", store.datasets.all()), ("monitor", store.monitors.all())):
-        size = sum(sizes[f"{kind}s"].get(info.id, 0) for info in infos)
+    for kind, repository in (("dataset", store.datasets), ("monitor", store.monitors)):
+        infos, sizes = repository.all(), repository.sizes()
+        size = sum(sizes.get(info.id, 0) for info in infos)
         oldest = min((info.created for info in infos), default=None)
         kinds.append(KindUsage(kind, len(infos), 0, size, oldest))
     database = file_of(store.engine.url)
     return StorageUsage(
         space=space_of(data_dir),
         database=None if database is None else _size(database),
-        reusable=store.retention_flags.reusable(),
+        reusable=reusable_bytes(store.engine),
         recordings=kinds[1].size,
         journals=sum(journals.size(info.id) for info in store.flights.all()),
         kinds=kinds,

@@ -6,7 +6,7 @@ import httpx2
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
-from app.store.tokens import Role
+from app.store.people import Role
 from core.monitor import MonitorRecipe, train
 from core.planned_test.collection import DatasetRecipe, collect
 from tests.browser.site import open_site

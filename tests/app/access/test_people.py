@@ -10,8 +10,8 @@ import pytest
 
 from app.access import people as module
 from app.access.people import People, Person
+from app.store.people import TokenError, digest_of
 from app.store.store import Store, StoreError, open_store
-from app.store.tokens import TokenError, digest_of
 from tests.support.told_clock import ToldClock
 
 TOKEN = "a-token-of-a-good-length"

@@ -14,7 +14,7 @@ from app.access.guard import REFUSED
 from app.access.roles import ALLOWED, CHANGES_NOTHING, WEBSOCKET, allowed_to, rule_of
 from app.main import create_app
 from app.settings import Settings
-from app.store.tokens import ROLES, Role
+from app.store.people import ROLES, Role
 from tests.support.api import api, document, problem, store_of
 
 NAMED = {"viewer": "Vi", "operator": "Op", "engineer": "Eng", "admin": "Ada"}

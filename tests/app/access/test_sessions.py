@@ -4,7 +4,7 @@ import pytest
 
 from app.access.people import Admission, Person
 from app.access.sessions import MOST_SESSIONS, Sessions
-from app.store.tokens import LINK_SECONDS
+from app.store.people import LINK_SECONDS
 from tests.support.told_clock import ToldClock
 
 ANN = Admission(Person("Ann", "operator"))

@@ -10,8 +10,7 @@ import pytest
 from app.flights import recorder as module
 from app.flights.recorder import INTERVAL_S, JOURNALLED_S, Recorder
 from app.messages import Alarm
-from app.store.health import StoreHealth
-from app.store.store import StoreError, open_store
+from app.store.store import StoreError, StoreHealth, open_store
 from core.dataset import Dataset
 from core.monitor import train
 from core.monitor.assessment import Assessment, State

@@ -17,8 +17,8 @@ from app.access.audit import Audit
 from app.access.guard import SESSION_OVER
 from app.access.people import Person
 from app.cli import main
+from app.store.people import Role
 from app.store.store import StoreError
-from app.store.tokens import Role
 from core.monitor import MonitorRecipe, train
 from tests.support.api import api, problem, store_of
 

@@ -10,7 +10,7 @@ import pytest
 
 from app.commands import doctor
 from app.settings import Settings
-from app.store.last_stop import LastStop
+from app.store.disk import LastStop
 from app.store.store import open_store
 from app.upkeep.backup import back_up
 from app.upkeep.restore import restore

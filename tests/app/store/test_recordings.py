@@ -4,9 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from app.store.mappings import RememberedMapping
-from app.store.markers import Marker
-from app.store.recordings import RecordingInfo
+from app.store.recordings import Marker, RecordingInfo, RememberedMapping
 from app.store.repository import InUse, NotFound
 from app.store.store import Store
 from app.store.tables import mappings, markers, recordings, scorings

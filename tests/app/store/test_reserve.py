@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import pytest
 
-from app.store import reserve as module
+from app.store import disk as module
+from app.store.disk import RESERVE_BYTES
 from app.store.repository import NotFound
-from app.store.reserve import RESERVE_BYTES
 from app.store.store import Store, StoreError, open_store
 from core.monitor import Monitor
 from tests.support.stored import flown

@@ -14,7 +14,7 @@ import pytest
 from app.recipes.recipes import from_plain
 from app.recordings.files import Verified
 from app.recordings.samples import digest, open_samples
-from app.store.mappings import RememberedMapping
+from app.store.recordings import RememberedMapping
 from app.store.store import Store
 from core.monitor.assessment import STATES
 from core.planned_test.collection import DatasetRecipe, collect

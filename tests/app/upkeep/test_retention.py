@@ -187,7 +187,7 @@ def test_what_is_kept_between_the_choice_and_the_deletion_stays(
     journals = stocked.client.app.state.journals  # pyright: ignore
     listed = everything(recordings, journals)
     monkeypatch.setattr("app.upkeep.retention.everything", lambda *_: listed)
-    stocked.store.retention_flags.set_flight(stocked.flights[0], True)
+    stocked.store.flights.keep(stocked.flights[0], True)
     done = retain(recordings, journals, retention_rule(365.0, 0.0))
     assert [one.id for one in done.goes] == [stocked.recordings[0]]
     assert stocked.flights[0] in [one.id for one in done.stays]
@@ -197,7 +197,7 @@ def test_what_is_kept_between_the_choice_and_the_deletion_stays(
 def test_the_storage_says_what_everything_takes(
     stocked: Stocked, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    stocked.store.retention_flags.set_flight(stocked.flights[0], True)
+    stocked.store.flights.keep(stocked.flights[0], True)
     usage = stocked.client.get("/api/v1/storage").json()
     kinds = {one["kind"]: one for one in usage["kinds"]}
     assert {kind: one["n"] for kind, one in kinds.items()} == {
@@ -239,7 +239,7 @@ def test_the_recording_of_a_flight_that_is_kept_stays(stocked: Stocked) -> None:
     journals = stocked.client.app.state.journals  # pyright: ignore
     recording = stocked.recordings[0]
     stocked.store.recordings.complete(recording, stocked.flights[0])
-    stocked.store.retention_flags.set_flight(stocked.flights[0], True)
+    stocked.store.flights.keep(stocked.flights[0], True)
     retain(recordings, journals, retention_rule(365.0, 0.0))
     assert recording in [info.id for info in stocked.store.recordings.all()]
 

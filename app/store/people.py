@@ -1,21 +1,21 @@
-"""Personal tokens: stored as digests, with a role, an expiry, and a link for one login.
+"""People: tokens with a role, an expiry and a link for one login; and the log of changes.
 
-A token has 256 random bits, so its plain SHA-256 cannot be reversed, and the timing of a look-up
-by that digest reveals nothing.
+Tokens are stored as digests. A token has 256 random bits, so its plain SHA-256 cannot be reversed,
+and the timing of a look-up by digest reveals nothing.
 """
 
 import hashlib
 import re
 import secrets
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Literal, get_args
 
 from sqlalchemy import ColumnElement, Connection, insert, select, update
 
 from app.store.repository import Entry, NotFound, Repository, columns, fetch
-from app.store.tables import new_id, now, time_text, tokens
+from app.store.tables import audit, new_id, now, time_text, tokens
 
 Role = Literal["viewer", "operator", "engineer", "admin"]
 ROLES: tuple[Role, ...] = get_args(Role)
@@ -27,6 +27,8 @@ LONGEST_DAYS = 36_500
 LINK_SECONDS = 600.0
 """How long a login link is valid [s]."""
 SECRET_BYTES = 32
+READ_AT_ONCE = 1000
+"""Rows of the audit log."""
 
 
 class TokenError(ValueError):
@@ -162,3 +164,53 @@ def _same(name: str, other: str) -> bool:
 
 def _in(wait: timedelta) -> str:
     return time_text(datetime.now(UTC) + wait)
+
+
+@dataclass(frozen=True)
+class AuditEntry(Entry):
+    """A change, a login, or an attempt refused because of the role."""
+
+    time: str
+    """of the answer, UTC, ISO 8601"""
+    who: str
+    """person's name; `server` for the token in the settings, `local` without authentication"""
+    role: str
+    address: str
+    """client address"""
+    method: str
+    """HTTP method; `WEBSOCKET` for a WebSocket that sends"""
+    path: str
+    status: int
+    """of the answer; 403: refused because of the role"""
+
+
+class AuditRepository(Repository):
+    """Entries of the audit log in the order they were written; none is ever changed."""
+
+    def add(self, entries: Sequence[AuditEntry]) -> None:
+        with self._writing() as connection:
+            connection.execute(insert(audit), [asdict(entry) for entry in entries])
+
+    def read(
+        self, since: str | None = None, until: str | None = None, who: str | None = None
+    ) -> Iterator[AuditEntry]:
+        """Entries with since <= time < until (UTC, ISO 8601), of a person if given."""
+        conditions: list[ColumnElement[bool]] = []
+        if since is not None:
+            conditions.append(audit.c.time >= since)
+        if until is not None:
+            conditions.append(audit.c.time < until)
+        if who is not None:
+            conditions.append(audit.c.who == who)
+        last = 0
+        while True:
+            query = select(*columns(audit, AuditEntry), audit.c.id)
+            query = query.where(audit.c.id > last, *conditions).order_by(audit.c.id)
+            with self._reading() as connection:
+                rows = connection.execute(query.limit(READ_AT_ONCE)).all()
+            for row in rows:
+                stored = dict(row._mapping)
+                last = stored.pop("id")
+                yield AuditEntry(**stored)
+            if len(rows) < READ_AT_ONCE:
+                return
