@@ -7,7 +7,6 @@ import asyncio
 import re
 import socket
 from collections.abc import Callable, Coroutine, Mapping
-from dataclasses import dataclass, field
 from functools import partial
 from ipaddress import ip_address
 from typing import Any
@@ -57,15 +56,9 @@ HEADERS = {
 }
 
 
-@dataclass(frozen=True)
-class Refusal(Exception):
+def refusal(status: int, detail: str, kind: str, **extra: Any) -> Problem:
     """The reason why a connection is refused."""
-
-    status: int
-    reason: str
-    kind: str
-    extra: Mapping[str, str] = field(default_factory=dict)
-    """Further members of the problem document."""
+    return Problem(status, detail, f"urn:forewarn:{kind}", **extra)
 
 
 class Guard:
@@ -108,8 +101,8 @@ class Guard:
             admission, session = self.check_token(scope, connection)
             scope["person"] = person = admission.person
             self.check_role(connection, person)
-        except Refusal as refusal:
-            return await self._refuse(refusal, scope, receive, send)
+        except Problem as problem:
+            return await self._refuse(problem, scope, receive, send)
         send = _noted(send, partial(self.audit.note_answer, connection, person))
         if scope["type"] == "http" and not scope["path"].endswith(EVENTS_SUFFIX):
             return await self.app(scope, receive, send)
@@ -123,10 +116,10 @@ class Guard:
         hosts = headers.getlist("host")
         name = _host_name(hosts[0]) if len(hosts) == 1 else None
         if name is None:
-            raise Refusal(400, "the request needs exactly one valid host in `Host`", "host")
+            raise refusal(400, "the request needs exactly one valid host in `Host`", "host")
         if name in self.hosts or _is_address(name, self.settings):
             return
-        raise Refusal(
+        raise refusal(
             400,
             f"{name} is not a host name of this server: use its address, or add the name to "
             "FOREWARN_ALLOWED_HOSTS",
@@ -140,10 +133,10 @@ class Guard:
             parts = urlsplit(origin)
             same = parts.scheme in ("http", "https") and parts.netloc == headers["host"]
             if len(headers.getlist("origin")) > 1 or not same:
-                raise Refusal(403, f"the request comes from another site, {origin}", "origin")
+                raise refusal(403, f"the request comes from another site, {origin}", "origin")
         changes = scope["type"] == "websocket" or scope["method"] not in SAFE_METHODS
         if changes and headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
-            raise Refusal(403, "the request comes from another site", "origin")
+            raise refusal(403, "the request comes from another site", "origin")
 
     def check_token(self, scope: Scope, connection: HTTPConnection) -> tuple[Admission, str]:
         """Refuse a connection without a valid token in header, cookie or (WebSocket) query.
@@ -165,7 +158,7 @@ class Guard:
         if token:
             self.login.log_wrong_token(connection)
         text = "the token is missing, wrong or expired: send `Authorization: Bearer TOKEN`"
-        raise Refusal(401, text, "token")
+        raise refusal(401, text, "token")
 
     def check_role(self, connection: HTTPConnection, person: Person) -> None:
         """Refuse and log a request that the person's role does not allow."""
@@ -176,7 +169,7 @@ class Guard:
         self.audit.note(connection, person, 403)
         has = f"{person.name} has the role {person.role}"
         text = f"{method} {path} needs the role {needed}; {has}"
-        raise Refusal(403, text, "role", {"needed": needed, "role": person.role})
+        raise refusal(403, text, "role", needed=needed, role=person.role)
 
     async def _stream(
         self, end: Coroutine[Any, Any, None], scope: Scope, receive: Receive, send: Send
@@ -217,17 +210,15 @@ class Guard:
             for task in tasks:
                 task.cancel()
 
-    async def _refuse(self, refusal: Refusal, scope: Scope, receive: Receive, send: Send) -> None:
+    async def _refuse(self, problem: Problem, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "websocket":
             await receive()
-            await send({"type": "websocket.close", "code": REFUSED, "reason": refusal.reason})
+            await send({"type": "websocket.close", "code": REFUSED, "reason": problem.detail})
             return
-        kind = f"urn:forewarn:{refusal.kind}"
-        problem = Problem(refusal.status, refusal.reason, kind, **refusal.extra)
-        headers = {"WWW-Authenticate": "Bearer"} if refusal.status == 401 else {}
+        headers = {"WWW-Authenticate": "Bearer"} if problem.status == 401 else {}
         response = problem_response(problem, headers)
         wants_page = "text/html" in Headers(scope=scope).get("accept", "")
-        if refusal.status == 401 and wants_page and scope["method"] == "GET":
+        if problem.status == 401 and wants_page and scope["method"] == "GET":
             response = RedirectResponse("/login", 303)
         await response(scope, receive, send)
 
