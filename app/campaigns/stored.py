@@ -129,7 +129,7 @@ class Campaigns:
 
     def get(self, campaign_id: str) -> tuple[StoredCampaign, Campaign]:
         """One campaign, as stored and as an object. Raises NotFound."""
-        stored = self.store.campaigns.get(campaign_id)
+        stored = self.store.campaigns.info(campaign_id)
         return stored, _campaign(stored)
 
     def details(self, campaign_id: str) -> CampaignDetails:

@@ -7,9 +7,9 @@ from typing import Any
 
 from sqlalchemy import Connection, bindparam, func, insert, select, update
 
-from app.store.flights import fetch_flight, head_of
-from app.store.repository import Entry, NotFound, Repository, columns, fetch
-from app.store.tables import alarms, flight_markers, new_id, now
+from app.store.flights import head_of
+from app.store.repository import Entry, NotFound, Repository, columns, fetch, require
+from app.store.tables import alarms, flight_markers, flights, new_id, now
 from core.flight_markers import FlightMarkerKey
 from core.monitor.status import AlarmKind, Level
 
@@ -93,7 +93,7 @@ class AlarmRepository(Repository):
 
     def acknowledge_number(self, flight_id: str, number: int, by: str) -> StoredAlarm:
         with self._reading() as connection:
-            fetch_flight(connection, flight_id)
+            require(connection, flights, flight_id)
             numbered = connection.execute(_NUMBERED, {"flight": flight_id, "number": number})
             alarm_id = numbered.scalar_one_or_none()
         if alarm_id is None:
@@ -114,7 +114,7 @@ class AlarmRepository(Repository):
         """Alarms of a flight in the order they were raised."""
         query = select(*columns(alarms, StoredAlarm)).where(alarms.c.flight_id == flight_id)
         with self._reading() as connection:
-            fetch_flight(connection, flight_id)
+            require(connection, flights, flight_id)
             rows = connection.execute(query.order_by(alarms.c.number))
             return [StoredAlarm(**row._mapping) for row in rows]
 
@@ -163,7 +163,7 @@ class FlightMarkerRepository(Repository):
             marked.flight_id == flight_id, marked.number == marker.number
         )
         with self._writing() as connection:
-            fetch_flight(connection, flight_id)
+            require(connection, flights, flight_id)
             if connection.execute(existing).first() is None:
                 row = {"id": new_id(), "flight_id": flight_id} | asdict(marker)
                 connection.execute(insert(flight_markers).values(**row))
@@ -174,6 +174,6 @@ class FlightMarkerRepository(Repository):
             flight_markers.c.flight_id == flight_id
         )
         with self._reading() as connection:
-            fetch_flight(connection, flight_id)
+            require(connection, flights, flight_id)
             rows = connection.execute(query.order_by(flight_markers.c.number))
             return [StoredFlightMarker(**row._mapping) for row in rows]

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import delete, insert, select, update
+from sqlalchemy import delete, insert, update
 
-from app.store.repository import Entry, Repository, columns, fetch
+from app.store.repository import Entries, Entry, require
 from app.store.tables import campaigns, new_id, now
 
 
@@ -28,8 +28,10 @@ class StoredCampaign(Entry):
     content: dict[str, Any]
 
 
-class CampaignRepository(Repository):
+class CampaignRepository(Entries[StoredCampaign]):
     """Campaigns by id."""
+
+    table, entry = campaigns, StoredCampaign
 
     def add(self, name: str, content: dict[str, Any]) -> StoredCampaign:
         at = now()
@@ -41,14 +43,7 @@ class CampaignRepository(Repository):
 
     def all(self) -> list[StoredCampaign]:
         """All campaigns, last changed first."""
-        query = select(*columns(campaigns, StoredCampaign)).order_by(campaigns.c.changed.desc())
-        with self._reading() as connection:
-            return [StoredCampaign(**row._mapping) for row in connection.execute(query)]
-
-    def get(self, campaign_id: str) -> StoredCampaign:
-        query = select(*columns(campaigns, StoredCampaign)).where(campaigns.c.id == campaign_id)
-        with self._reading() as connection:
-            return StoredCampaign(**fetch(connection, query, "campaign", campaign_id)._mapping)
+        return sorted(super().all(), key=lambda campaign: campaign.changed, reverse=True)
 
     def put(self, before: StoredCampaign, content: dict[str, Any]) -> StoredCampaign:
         """Replace the content. CampaignChanged if `before` is not the newest revision."""
@@ -64,9 +59,9 @@ class CampaignRepository(Repository):
                     f"the campaign {before.name!r} was changed by another person: reload it, then "
                     "repeat your change"
                 )
-        return self.get(before.id)
+        return self.info(before.id)
 
     def delete(self, campaign_id: str) -> None:
-        self.get(campaign_id)
         with self._writing() as connection:
+            require(connection, campaigns, campaign_id)
             connection.execute(delete(campaigns).where(campaigns.c.id == campaign_id))

@@ -11,7 +11,7 @@ from sqlalchemy import Connection, Row, delete, select
 from app.recipes.recipes import SentRecipe
 from app.store.arrays import from_blob, from_blocks, to_blocks
 from app.store.database import Damaged
-from app.store.repository import Entry, InUse, NotFound, Repository, columns, complete, fetch
+from app.store.repository import Entries, Entry, InUse, NotFound
 from app.store.tables import dataset_blocks, datasets, monitors, new_id, now
 from core import __version__
 from core.channels import KEYS
@@ -107,8 +107,10 @@ class StoredRollout(NamedTuple):
     fail_index: int | None
 
 
-class DatasetRepository(Repository):
+class DatasetRepository(Entries[DatasetInfo]):
     """Datasets by id."""
+
+    table, entry = datasets, DatasetInfo
 
     def add(self, dataset: Dataset, name: str) -> DatasetInfo:
         """Store a dataset; it becomes visible once complete."""
@@ -136,21 +138,10 @@ class DatasetRepository(Repository):
         self._add_in_parts(datasets, row, dataset_blocks, _blocks(info.id, dataset))
         return info
 
-    def info(self, dataset_id: str) -> DatasetInfo:
-        with self._reading() as connection:
-            return _info(_row(connection, dataset_id))
-
-    def all(self) -> list[DatasetInfo]:
-        """All datasets, newest first."""
-        query = select(*columns(datasets, DatasetInfo)).where(datasets.c.complete)
-        query = query.order_by(datasets.c.created.desc())
-        with self._reading() as connection:
-            return [_info(row) for row in connection.execute(query)]
-
     def get(self, dataset_id: str) -> Dataset:
         """The dataset with its arrays. StoreError if damaged."""
         with self._reading() as connection:
-            info = _info(_row(connection, dataset_id))
+            info = self._fetch(connection, dataset_id)
             arrays: dict[str, Any] = {
                 name: from_blocks(_contents(connection, dataset_id, name), getattr(info, count))
                 for name, count in ROWS.items()
@@ -177,7 +168,7 @@ class DatasetRepository(Repository):
         index: from 0 within its outcome.
         """
         with self._reading() as connection:
-            info = _info(_row(connection, dataset_id))
+            info = self._fetch(connection, dataset_id)
             n = info.n_unsafe if outcome == "unsafe" else info.n_safe
             if not 0 <= index < n:
                 raise NotFound(
@@ -201,7 +192,7 @@ class DatasetRepository(Repository):
         """Delete a dataset. InUse if monitors were trained on it."""
         users = select(monitors.c.name, monitors.c.id).where(monitors.c.dataset_id == dataset_id)
         with self._deleting() as connection:
-            name = _row(connection, dataset_id).name
+            name = self._fetch(connection, dataset_id).name
             if using := connection.execute(users.order_by(monitors.c.created)).all():
                 raise InUse(f"dataset {name}", [(row.name, row.id) for row in using])
             connection.execute(delete(datasets).where(datasets.c.id == dataset_id))
@@ -211,17 +202,11 @@ class DatasetRepository(Repository):
         with self._deleting() as connection:
             connection.execute(delete(datasets).where(~datasets.c.complete))
 
-
-def _row(connection: Connection, dataset_id: str) -> Row:
-    query = select(*columns(datasets, DatasetInfo)).where(complete(datasets, dataset_id))
-    return fetch(connection, query, "dataset", dataset_id)
-
-
-def _info(row: Row) -> DatasetInfo:
-    values = dict(row._mapping)
-    values["theta_names"] = tuple(values["theta_names"])
-    values["peaks"] = tuple(PeakHistogram.from_plain(peak) for peak in values["peaks"])
-    return DatasetInfo(**values)
+    def _entry(self, row: Row) -> DatasetInfo:
+        values = dict(row._mapping)
+        values["theta_names"] = tuple(values["theta_names"])
+        values["peaks"] = tuple(PeakHistogram.from_plain(peak) for peak in values["peaks"])
+        return DatasetInfo(**values)
 
 
 def _blocks(dataset_id: str, dataset: Dataset) -> Iterator[dict[str, Any]]:

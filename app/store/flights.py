@@ -19,7 +19,7 @@ from app.store.assessments import (
     pack,
 )
 from app.store.database import Damaged
-from app.store.repository import Entry, Repository, check_deletable, columns, complete, fetch
+from app.store.repository import Entries, Entry, check_deletable, columns, fetch, require
 from app.store.tables import (
     assessment_chunks,
     display_monitors,
@@ -83,8 +83,10 @@ _HEAD_OF = select(_HEAD.label("head")).select_from(flights).where(flights.c.id =
 """Built once, because every batch of a flight in progress uses it."""
 
 
-class FlightRepository(Repository):
+class FlightRepository(Entries[FlightInfo]):
     """Flights by id."""
+
+    table, entry = flights, FlightInfo
 
     def add(
         self,
@@ -101,8 +103,7 @@ class FlightRepository(Repository):
         row = {"id": flight_id, "source": source, "monitor_id": monitor_id, "epsilon": epsilon}
         with self._writing() as connection:
             for used_id in (monitor_id, *(display_id for display_id, _ in display)):
-                query = select(monitors.c.id).where(complete(monitors, used_id))
-                fetch(connection, query, "monitor", used_id)
+                require(connection, monitors, used_id)
             connection.execute(insert(flights).values(**row, status="running", created=now()))
             for position, (display_id, display_epsilon) in enumerate(display):
                 row = {"flight_id": flight_id, "position": position}
@@ -143,7 +144,7 @@ class FlightRepository(Repository):
             ending = {"status": status, "ended": now(), "exceeded_t": exceeded_t}
             ending |= {"exceedances": exceedances, "limits_held": limits_held}
             connection.execute(update(flights).where(running).values(**ending))
-            return fetch_flight(connection, flight_id)
+            return self._fetch(connection, flight_id)
 
     def resume(self, flight_id: str, head: int) -> None:
         """Continue an interrupted flight after sample `head`; other flights are left unchanged.
@@ -156,19 +157,9 @@ class FlightRepository(Repository):
             if connection.execute(update(flights).where(interrupted).values(**running)).rowcount:
                 _cut(connection, flight_id, head)
 
-    def info(self, flight_id: str) -> FlightInfo:
-        with self._reading() as connection:
-            return fetch_flight(connection, flight_id)
-
-    def all(self) -> list[FlightInfo]:
-        """All flights, newest first."""
-        query = _flights().order_by(flights.c.created.desc())
-        with self._reading() as connection:
-            return [FlightInfo(**row._mapping) for row in connection.execute(query)]
-
     def keep(self, flight_id: str, keep: bool) -> None:
         """Keep a flight permanently, or release it."""
-        self._keep(flights, "flight", flight_id, keep)
+        self._keep(flights, flight_id, keep)
 
     def sizes(self) -> dict[str, int]:
         """Bytes in the database by id."""
@@ -183,11 +174,11 @@ class FlightRepository(Repository):
             if was_deleted(connection, "flights", flight_id):
                 return
             note_deleted(connection, "flights", flight_id)
-            if fetch_flight(connection, flight_id).status == "running":
+            if self._fetch(connection, flight_id).status == "running":
                 raise FlightInProgress(
                     f"flight {flight_id} is in progress: end it, then delete its record"
                 )
-            check_deletable(connection, flights, "flight", flight_id)
+            check_deletable(connection, flights, flight_id)
             connection.execute(delete(flights).where(flights.c.id == flight_id))
 
     def append(
@@ -244,7 +235,7 @@ class FlightRepository(Repository):
         if last_seq is not None:
             query = query.where(chunk.first_seq <= last_seq)
         with self._reading() as connection:
-            fetch_flight(connection, flight_id)
+            require(connection, flights, flight_id)
             rows = connection.execute(query.order_by(chunk.first_seq)).all()
         chunks = [chunk_of(row) for row in rows]
         samples = np.concatenate([np.empty(0, SAMPLE), *(part.samples for part in chunks)])
@@ -274,7 +265,7 @@ class FlightRepository(Repository):
                 chunk.flight_id == flight_id, chunk.first_seq > head
             )
             with self._reading() as connection:
-                fetch_flight(connection, flight_id)
+                require(connection, flights, flight_id)
                 query = query.order_by(chunk.first_seq).limit(ROWS_AT_ONCE)
                 rows = connection.execute(query).all()
             for row in rows:
@@ -312,6 +303,21 @@ class FlightRepository(Repository):
         with self._deleting() as connection:
             connection.execute(update(flights).where(running).values(**interrupted))
 
+    def _query(self) -> Select:
+        chunk, of_flight, head = assessment_chunks.c, _OF_FLIGHT, _HEAD
+        n_stored = func.sum(chunk.last_seq - chunk.first_seq + 1)
+        n_lost = func.max(chunk.last_seq) + 1 - n_stored
+        lost = select(func.coalesce(n_lost, 0)).where(of_flight).scalar_subquery()
+        known = case((flights.c.status != INTERRUPTED, lost))
+        made = recordings.c.id == flights.c.recording_id
+        recording = select(recordings.c.id).where(made, recordings.c.complete).scalar_subquery()
+        return select(
+            *columns(flights, FlightInfo),
+            recording.label("recording"),
+            head.label("head"),
+            known.label("lost"),
+        )
+
 
 def _cut(connection: Connection, flight_id: str, head: int) -> None:
     """Delete the samples after `head`."""
@@ -337,27 +343,6 @@ def replays_of(connection: Connection, kind: str, identity: str) -> list[tuple[s
     ]
 
 
-def fetch_flight(connection: Connection, flight_id: str) -> FlightInfo:
-    query = _flights().where(flights.c.id == flight_id)
-    return FlightInfo(**fetch(connection, query, "flight", flight_id)._mapping)
-
-
 def head_of(connection: Connection, flight_id: str) -> int | None:
     """Newest stored sample of a flight; None before the first. NotFound."""
     return fetch(connection, _HEAD_OF.params(id=flight_id), "flight", flight_id).head
-
-
-def _flights() -> Select:
-    chunk, of_flight, head = assessment_chunks.c, _OF_FLIGHT, _HEAD
-    n_stored = func.sum(chunk.last_seq - chunk.first_seq + 1)
-    n_lost = func.max(chunk.last_seq) + 1 - n_stored
-    lost = select(func.coalesce(n_lost, 0)).where(of_flight).scalar_subquery()
-    known = case((flights.c.status != INTERRUPTED, lost))
-    made = recordings.c.id == flights.c.recording_id
-    recording = select(recordings.c.id).where(made, recordings.c.complete).scalar_subquery()
-    return select(
-        *columns(flights, FlightInfo),
-        recording.label("recording"),
-        head.label("head"),
-        known.label("lost"),
-    )

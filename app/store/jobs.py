@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from sqlalchemy import Connection, insert, select, update
+from sqlalchemy import insert, update
 
-from app.store.repository import Entry, Repository, columns, fetch
+from app.store.repository import Entries, Entry
 from app.store.tables import jobs, new_id, now
 
 JobStatus = Literal["queued", "running", "done", "failed", "cancelled", "interrupted"]
@@ -41,8 +41,10 @@ class JobInfo(Entry):
     """UTC, ISO 8601"""
 
 
-class JobRepository(Repository):
+class JobRepository(Entries[JobInfo]):
     """Jobs by id."""
+
+    table, entry = jobs, JobInfo
 
     def add(self, kind: str, request: dict[str, Any]) -> str:
         """Store a queued job and return its id."""
@@ -77,23 +79,13 @@ class JobRepository(Repository):
         }
         changes = {key: value for key, value in changes.items() if value is not None}
         with self._writing() as connection:
-            job = _job(connection, job_id)
+            job = self._fetch(connection, job_id)
             if not changes or job.status in ENDED:
                 return job
             if job.started is not None:
                 changes.pop("started", None)
             connection.execute(update(jobs).where(jobs.c.id == job_id).values(**changes))
-            return _job(connection, job_id)
-
-    def info(self, job_id: str) -> JobInfo:
-        with self._reading() as connection:
-            return _job(connection, job_id)
-
-    def all(self) -> list[JobInfo]:
-        """All jobs, newest first."""
-        query = select(*columns(jobs, JobInfo)).order_by(jobs.c.created.desc())
-        with self._reading() as connection:
-            return [JobInfo(**row._mapping) for row in connection.execute(query)]
+            return self._fetch(connection, job_id)
 
     def recover(self) -> None:
         """Mark unfinished jobs as interrupted: the process that ran them died."""
@@ -101,8 +93,3 @@ class JobRepository(Repository):
         interrupted = {"status": "interrupted", "ended": now()}
         with self._writing() as connection:
             connection.execute(update(jobs).where(unfinished).values(**interrupted))
-
-
-def _job(connection: Connection, job_id: str) -> JobInfo:
-    query = select(*columns(jobs, JobInfo)).where(jobs.c.id == job_id)
-    return JobInfo(**fetch(connection, query, "job", job_id)._mapping)

@@ -4,11 +4,10 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from sqlalchemy import Connection, func, insert, select
+from sqlalchemy import Connection, Select, func, insert, select
 
-from app.store.flights import fetch_flight
-from app.store.repository import Entry, Repository, columns, fetch
-from app.store.tables import flight_limits, limit_set_versions, limit_sets, new_id, now
+from app.store.repository import Entries, Entry, columns, fetch, require
+from app.store.tables import flight_limits, flights, limit_set_versions, limit_sets, new_id, now
 from core.limits.limit_sets import LimitSet, limit_set_from_plain, limit_set_to_plain
 
 
@@ -71,8 +70,10 @@ class FlightLimits(Entry):
     """person who put it in force"""
 
 
-class LimitSetRepository(Repository):
+class LimitSetRepository(Entries[LimitSetInfo]):
     """Limit sets by id, their versions by number."""
+
+    table, entry = limit_sets, LimitSetInfo
 
     def add(self, name: str, limits: LimitSet, by: str, text: str | None = None) -> StoredLimits:
         """Store a limit set with its first version."""
@@ -87,26 +88,20 @@ class LimitSetRepository(Repository):
         self, set_id: str, limits: LimitSet, by: str, text: str | None = None
     ) -> StoredLimits:
         with self._writing() as connection:
-            newest = _info(connection, set_id).newest
+            newest = self._fetch(connection, set_id).newest
             _add_version(connection, set_id, newest + 1, limits, by, text)
             return _version(connection, set_id, newest + 1)
-
-    def all(self) -> list[LimitSetInfo]:
-        """All limit sets, newest first."""
-        with self._reading() as connection:
-            rows = connection.execute(_sets().order_by(limit_sets.c.created.desc()))
-            return [LimitSetInfo(**row._mapping) for row in rows]
 
     def versions(self, set_id: str) -> list[StoredLimits]:
         """All versions of a set, newest first."""
         with self._reading() as connection:
-            newest = _info(connection, set_id).newest
+            newest = self._fetch(connection, set_id).newest
             return [_version(connection, set_id, n) for n in range(newest, 0, -1)]
 
     def version(self, set_id: str, version: int | None = None) -> StoredLimits:
         """A version of a set; the newest if None."""
         with self._reading() as connection:
-            newest = _info(connection, set_id).newest
+            newest = self._fetch(connection, set_id).newest
             return _version(connection, set_id, newest if version is None else version)
 
     def note(self, flight_id: str, limits: FlightLimits) -> None:
@@ -116,8 +111,8 @@ class LimitSetRepository(Repository):
             stored.flight_id == flight_id, stored.number == limits.number
         )
         with self._writing() as connection:
-            fetch_flight(connection, flight_id)
-            _info(connection, limits.limit_set)
+            require(connection, flights, flight_id)
+            require(connection, limit_sets, limits.limit_set)
             if connection.execute(existing).first() is None:
                 row = asdict(limits) | {"flight_id": flight_id, "limit_set_id": limits.limit_set}
                 del row["limit_set"], row["name"]
@@ -136,16 +131,10 @@ class LimitSetRepository(Repository):
                     by_flight.setdefault(flight_id, []).append(FlightLimits(**values))
         return by_flight
 
-
-def _sets() -> Any:
-    of_set = limit_set_versions.c.limit_set_id == limit_sets.c.id
-    newest = select(func.max(limit_set_versions.c.version)).where(of_set).scalar_subquery()
-    return select(*columns(limit_sets, LimitSetInfo), newest.label("newest"))
-
-
-def _info(connection: Connection, set_id: str) -> LimitSetInfo:
-    query = _sets().where(limit_sets.c.id == set_id)
-    return LimitSetInfo(**fetch(connection, query, "limit set", set_id)._mapping)
+    def _query(self) -> Select:
+        of_set = limit_set_versions.c.limit_set_id == limit_sets.c.id
+        newest = select(func.max(limit_set_versions.c.version)).where(of_set).scalar_subquery()
+        return select(*columns(limit_sets, LimitSetInfo), newest.label("newest"))
 
 
 def _version(connection: Connection, set_id: str, version: int) -> StoredLimits:

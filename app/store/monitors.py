@@ -8,12 +8,12 @@ from threading import Lock
 from typing import Annotated, Any
 
 from pydantic import Field
-from sqlalchemy import Connection, Engine, Row, delete, select
+from sqlalchemy import Connection, Engine, Row, Select, delete, select
 
 from app.recipes.recipes import SentRecipe, to_plain
 from app.store import monitor_upload
 from app.store.database import Damaged
-from app.store.repository import Entry, InUse, Repository, Writer, columns, complete, fetch
+from app.store.repository import Entries, Entry, InUse, Writer, fetch
 from app.store.tables import (
     datasets,
     display_monitors,
@@ -105,8 +105,10 @@ def guarantee_of(recipe: Mapping[str, Any]) -> Guarantee:
     return recipe.get("guarantee", MonitorRecipe.guarantee)
 
 
-class MonitorRepository(Repository):
+class MonitorRepository(Entries[MonitorInfo]):
     """Monitors by id."""
+
+    table, entry = monitors, MonitorInfo
 
     def __init__(self, engine: Engine, writer: Writer) -> None:
         super().__init__(engine, writer)
@@ -169,7 +171,7 @@ class MonitorRepository(Repository):
         return info
 
     def _check_dataset(self, monitor: Monitor, dataset_id: str) -> None:
-        query = select(datasets.c.digest).where(complete(datasets, dataset_id))
+        query = select(datasets.c.digest).where(datasets.c.complete, datasets.c.id == dataset_id)
         with self._reading() as connection:
             digest = fetch(connection, query, "dataset", dataset_id).digest
         if digest != monitor.dataset_digest:
@@ -178,17 +180,11 @@ class MonitorRepository(Repository):
                 "differ): give the dataset it was trained on, or none"
             )
 
-    def info(self, monitor_id: str, epsilon: float | None = None) -> MonitorInfo:
+    def info(self, identity: str, epsilon: float | None = None) -> MonitorInfo:
         """epsilon: for its warnings; None for its default."""
+        query = self._query().where(monitors.c.id == identity)
         with self._reading() as connection:
-            return _info(_row(connection, monitor_id), epsilon)
-
-    def all(self) -> list[MonitorInfo]:
-        """All monitors, newest first."""
-        query = select(*_COLUMNS).where(monitors.c.complete)
-        with self._reading() as connection:
-            rows = connection.execute(query.order_by(monitors.c.created.desc()))
-            return [_info(row) for row in rows]
+            return self._entry(fetch(connection, query, "monitor", identity), epsilon)
 
     def get(self, monitor_id: str) -> Monitor:
         """The monitor, ready to assess; the last few stay in memory."""
@@ -212,20 +208,20 @@ class MonitorRepository(Repository):
         """The portable file, byte for byte as it was added. StoreError if damaged."""
         query = select(monitor_parts.c.content).where(monitor_parts.c.monitor_id == monitor_id)
         with self._reading() as connection:
-            row = _row(connection, monitor_id)
+            info = self._fetch(connection, monitor_id)
             content = b"".join(
                 connection.execute(query.order_by(monitor_parts.c.part)).scalars().all()
             )
-        if hashlib.sha256(content).hexdigest() != row.digest:
+        if hashlib.sha256(content).hexdigest() != info.digest:
             raise Damaged(
-                f"monitor {row.name} ({monitor_id}) is damaged (its digest does not match): train "
+                f"monitor {info.name} ({monitor_id}) is damaged (its digest does not match): train "
                 "it again, or add its file again"
             )
         return content
 
     def evaluation(self, monitor_id: str) -> dict[str, Any] | None:
         """Evaluation of a monitor on fresh flights, if any."""
-        query = select(monitors.c.evaluation).where(complete(monitors, monitor_id))
+        query = self._query().where(monitors.c.id == monitor_id)
         with self._reading() as connection:
             return _evaluation(fetch(connection, query, "monitor", monitor_id).evaluation)
 
@@ -269,7 +265,7 @@ class MonitorRepository(Repository):
     def delete(self, monitor_id: str) -> None:
         """Delete a monitor. InUse if flights or scorings refer to it."""
         with self._deleting() as connection:
-            name = _row(connection, monitor_id).name
+            name = self._fetch(connection, monitor_id).name
             if users := _users(connection, monitor_id):
                 raise InUse(f"monitor {name}", users)
             connection.execute(delete(monitors).where(monitors.c.id == monitor_id))
@@ -281,8 +277,18 @@ class MonitorRepository(Repository):
         with self._deleting() as connection:
             connection.execute(delete(monitors).where(~monitors.c.complete))
 
+    def _query(self) -> Select:
+        return super()._query().add_columns(monitors.c.evaluation)
 
-_COLUMNS = [*columns(monitors, MonitorInfo), monitors.c.evaluation]
+    def _entry(self, row: Row, epsilon: float | None = None) -> MonitorInfo:
+        values = dict(row._mapping)
+        stored = values.pop(EVALUATION)
+        support = (stored or {}).get(SUPPORT)
+        return MonitorInfo(
+            **values,
+            support=support and SupportInfo(**support),
+            warnings=warnings_of(_evaluation(stored), epsilon or values["epsilon"]),
+        )
 
 
 def _evaluation(stored: dict[str, Any] | None) -> dict[str, Any] | None:
@@ -299,22 +305,6 @@ def _joined(
 ) -> dict[str, Any] | None:
     """Content of the column `evaluation`: evaluation and validity calibration."""
     return evaluation if support is None else (evaluation or {}) | {SUPPORT: asdict(support)}
-
-
-def _row(connection: Connection, monitor_id: str) -> Row:
-    query = select(*_COLUMNS).where(complete(monitors, monitor_id))
-    return fetch(connection, query, "monitor", monitor_id)
-
-
-def _info(row: Row, epsilon: float | None = None) -> MonitorInfo:
-    values = dict(row._mapping)
-    stored = values.pop(EVALUATION)
-    support = (stored or {}).get(SUPPORT)
-    return MonitorInfo(
-        **values,
-        support=support and SupportInfo(**support),
-        warnings=warnings_of(_evaluation(stored), epsilon or values["epsilon"]),
-    )
 
 
 def _users(connection: Connection, monitor_id: str) -> list[tuple[str, str]]:

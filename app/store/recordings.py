@@ -11,13 +11,14 @@ from sqlalchemy import Connection, Select, delete, func, insert, select, update
 
 from app.store.flights import replays_of
 from app.store.repository import (
+    Entries,
     Entry,
     InUse,
     Repository,
     check_deletable,
     columns,
-    complete,
     fetch,
+    require,
 )
 from app.store.tables import flights, mappings, markers, new_id, now, recordings, scorings
 
@@ -100,8 +101,10 @@ class Marker(Entry):
     text: str
 
 
-class RecordingRepository(Repository):
+class RecordingRepository(Entries[RecordingInfo]):
     """Recordings by id."""
+
+    table, entry = recordings, RecordingInfo
 
     def add(
         self,
@@ -143,20 +146,9 @@ class RecordingRepository(Repository):
             if rows:
                 connection.execute(insert(markers), rows)
 
-    def info(self, recording_id: str) -> RecordingInfo:
-        with self._reading() as connection:
-            return fetch_recording(connection, recording_id)
-
-    def all(self) -> list[RecordingInfo]:
-        """All recordings, newest first."""
-        query = _recordings().where(recordings.c.complete).order_by(recordings.c.created.desc())
-        with self._reading() as connection:
-            return [RecordingInfo(**row._mapping) for row in connection.execute(query)]
-
     def mapped_columns(self, recording_id: str) -> MappedColumns:
-        query = select(*columns(recordings, MappedColumns)).where(
-            complete(recordings, recording_id)
-        )
+        of_recording = recordings.c.complete, recordings.c.id == recording_id
+        query = select(*columns(recordings, MappedColumns)).where(*of_recording)
         with self._reading() as connection:
             row = fetch(connection, query, "recording", recording_id)
             return MappedColumns(**row._mapping)
@@ -169,13 +161,13 @@ class RecordingRepository(Repository):
         values = {name: getattr(mapped, name) for name in changed}
         values |= {} if aircraft is None else {"aircraft": aircraft}
         with self._writing() as connection:
-            fetch_recording(connection, recording_id)
+            require(connection, recordings, recording_id)
             is_row = recordings.c.id == recording_id
             connection.execute(update(recordings).where(is_row).values(**values))
 
     def keep(self, recording_id: str, keep: bool) -> None:
         """Keep a recording permanently, or release it."""
-        self._keep(recordings, "recording", recording_id, keep)
+        self._keep(recordings, recording_id, keep)
 
     def withdraw(self, recording_id: str) -> None:
         """Hide a recording before its folder is deleted, and delete its scorings.
@@ -183,10 +175,10 @@ class RecordingRepository(Repository):
         InUse while it is replayed; KeptPermanently.
         """
         with self._deleting() as connection:
-            name = fetch_recording(connection, recording_id).name
+            name = self._fetch(connection, recording_id).name
             if users := replays_of(connection, "recording", recording_id):
                 raise InUse(f"recording {name}", users)
-            check_deletable(connection, recordings, "recording", recording_id)
+            check_deletable(connection, recordings, recording_id)
             is_row = recordings.c.id == recording_id
             connection.execute(update(recordings).where(is_row).values(complete=False))
             connection.execute(delete(scorings).where(scorings.c.recording_id == recording_id))
@@ -203,31 +195,26 @@ class RecordingRepository(Repository):
         with self._reading() as connection:
             return list(connection.execute(query).scalars())
 
-
-def _recordings() -> Select:
-    n_scorings = (
-        select(func.count())
-        .where(scorings.c.recording_id == recordings.c.id)
-        .scalar_subquery()
-        .label("n_scorings")
-    )
-    same = recordings.alias()
-    first = (
-        select(same.c.id)
-        .where(same.c.digest == recordings.c.digest, same.c.complete)
-        .order_by(same.c.created, same.c.id)
-        .limit(1)
-        .scalar_subquery()
-    )
-    same_as = func.nullif(first, recordings.c.id).label("same_as")
-    flown = select(flights.c.id).where(flights.c.recording_id == recordings.c.id)
-    flight_id = flown.limit(1).scalar_subquery().label("flight_id")
-    return select(*columns(recordings, RecordingInfo), n_scorings, same_as, flight_id)
-
-
-def fetch_recording(connection: Connection, recording_id: str) -> RecordingInfo:
-    query = _recordings().where(complete(recordings, recording_id))
-    return RecordingInfo(**fetch(connection, query, "recording", recording_id)._mapping)
+    def _query(self) -> Select:
+        n_scorings = (
+            select(func.count())
+            .where(scorings.c.recording_id == recordings.c.id)
+            .scalar_subquery()
+            .label("n_scorings")
+        )
+        same = recordings.alias()
+        first = (
+            select(same.c.id)
+            .where(same.c.digest == recordings.c.digest, same.c.complete)
+            .order_by(same.c.created, same.c.id)
+            .limit(1)
+            .scalar_subquery()
+        )
+        same_as = func.nullif(first, recordings.c.id).label("same_as")
+        flown = select(flights.c.id).where(flights.c.recording_id == recordings.c.id)
+        flight_id = flown.limit(1).scalar_subquery().label("flight_id")
+        query = select(*columns(recordings, RecordingInfo), n_scorings, same_as, flight_id)
+        return query.where(recordings.c.complete)
 
 
 class MarkerRepository(Repository):
@@ -235,7 +222,7 @@ class MarkerRepository(Repository):
 
     def add(self, recording_id: str, marker: Marker) -> Marker:
         with self._writing() as connection:
-            fetch_recording(connection, recording_id)
+            require(connection, recordings, recording_id)
             values = asdict(marker) | {"recording_id": recording_id}
             connection.execute(insert(markers).values(**values))
         return marker
@@ -244,7 +231,7 @@ class MarkerRepository(Repository):
         """Remarks on a recording, ordered by time."""
         query = select(*columns(markers, Marker)).where(markers.c.recording_id == recording_id)
         with self._reading() as connection:
-            fetch_recording(connection, recording_id)
+            require(connection, recordings, recording_id)
             rows = connection.execute(query.order_by(markers.c.t, markers.c.created))
             return [Marker(**row._mapping) for row in rows]
 

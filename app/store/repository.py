@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import fields
 from threading import RLock
-from typing import Any
+from typing import Any, ClassVar, Generic, TypeVar
 
 from pydantic import ConfigDict
 from sqlalchemy import Connection, Engine, Row, Select, Table, delete, func, insert, select, update
@@ -37,6 +37,9 @@ class Entry:
     """Base of dataclasses of a row: their docstrings describe the fields in the API."""
 
     __pydantic_config__ = ConfigDict(use_attribute_docstrings=True)
+
+
+E = TypeVar("E", bound=Entry)
 
 
 class Writer:
@@ -95,12 +98,11 @@ class Repository:
         ):
             yield connection
 
-    def _keep(self, table: Table, kind: str, identity: str, keep: bool) -> None:
+    def _keep(self, table: Table, identity: str, keep: bool) -> None:
         """Set the flag `keep`, which protects a row from deletion."""
-        is_row = complete(table, identity) if "complete" in table.c else table.c.id == identity
         with self._writing() as connection:
-            fetch(connection, select(table.c.id).where(is_row), kind, identity)
-            connection.execute(update(table).where(is_row).values(keep=keep))
+            require(connection, table, identity)
+            connection.execute(update(table).where(table.c.id == identity).values(keep=keep))
 
     def _sizes(self, parts: Table, owner: str) -> dict[str, int]:
         """Bytes of the content of each owner of parts, by id."""
@@ -136,6 +138,34 @@ class Repository:
             raise
 
 
+class Entries(Repository, Generic[E]):
+    """Rows of a table as entries with an id; content that is not `complete` is hidden."""
+
+    table: ClassVar[Table]
+    entry: type[E]
+
+    def info(self, identity: str) -> E:
+        with self._reading() as connection:
+            return self._fetch(connection, identity)
+
+    def all(self) -> list[E]:
+        """All entries, newest first."""
+        query = self._query().order_by(self.table.c.created.desc())
+        with self._reading() as connection:
+            return [self._entry(row) for row in connection.execute(query)]
+
+    def _query(self) -> Select:
+        query = select(*columns(self.table, self.entry))
+        return query.where(self.table.c.complete) if "complete" in self.table.c else query
+
+    def _entry(self, row: Row) -> E:
+        return self.entry(**row._mapping)
+
+    def _fetch(self, connection: Connection, identity: str) -> E:
+        query = self._query().where(self.table.c.id == identity)
+        return self._entry(fetch(connection, query, kind_of(self.table), identity))
+
+
 def _transactions(parts: Iterable[dict[str, Any]]) -> Iterator[list[dict[str, Any]]]:
     group, size = [], 0
     for part in parts:
@@ -148,11 +178,11 @@ def _transactions(parts: Iterable[dict[str, Any]]) -> Iterator[list[dict[str, An
         yield group
 
 
-def check_deletable(connection: Connection, table: Table, kind: str, identity: str) -> None:
+def check_deletable(connection: Connection, table: Table, identity: str) -> None:
     """Raise KeptPermanently if the row has the flag `keep`."""
     keep = connection.execute(select(table.c.keep).where(table.c.id == identity)).scalar()
     if keep:
-        raise KeptPermanently(f"{kind} {identity} is kept permanently: release it first")
+        raise KeptPermanently(f"{kind_of(table)} {identity} is kept permanently: release it first")
 
 
 def columns(table: Table, entry: type) -> list[Any]:
@@ -168,6 +198,13 @@ def fetch(connection: Connection, query: Select, kind: str, identity: str) -> Ro
     return row
 
 
-def complete(table: Table, identity: str) -> Any:
-    """Condition: the row has this id and is complete."""
-    return (table.c.id == identity) & table.c.complete
+def require(connection: Connection, table: Table, identity: str) -> None:
+    """Raise NotFound unless a complete row has this id."""
+    query = select(table.c.id).where(table.c.id == identity)
+    query = query.where(table.c.complete) if "complete" in table.c else query
+    fetch(connection, query, kind_of(table), identity)
+
+
+def kind_of(table: Table) -> str:
+    """Name of one row of a table, for messages."""
+    return table.name.removesuffix("s").replace("_", " ")

@@ -9,9 +9,8 @@ from sqlalchemy import Row, Select, delete, insert, select
 
 from app.store.database import Damaged, to_text
 from app.store.flights import replays_of
-from app.store.recordings import fetch_recording
-from app.store.repository import Entry, InUse, Repository, columns, complete, fetch
-from app.store.tables import monitors, scorings
+from app.store.repository import Entry, InUse, Repository, columns, fetch, require
+from app.store.tables import monitors, recordings, scorings
 from core.limits.limits import PlainSpecification
 
 
@@ -97,9 +96,8 @@ class ScoringRepository(Repository):
         scoring = scoring.sealed()
         values = {key: value for key, value in asdict(scoring).items() if key in scorings.c}
         with self._writing() as connection:
-            fetch_recording(connection, scoring.recording_id)
-            monitor = select(monitors.c.id).where(complete(monitors, scoring.monitor_id))
-            fetch(connection, monitor, "monitor", scoring.monitor_id)
+            require(connection, recordings, scoring.recording_id)
+            require(connection, monitors, scoring.monitor_id)
             earlier = _same_request(scoring.recording_id, scoring.request_digest)
             if (row := connection.execute(earlier).one_or_none()) is not None:
                 return _checked(row)
@@ -122,7 +120,7 @@ class ScoringRepository(Repository):
         """All scorings of a recording, newest first; `damage` of each may be set."""
         query = _scorings(recording_id).order_by(scorings.c.created.desc())
         with self._reading() as connection:
-            fetch_recording(connection, recording_id)
+            require(connection, recordings, recording_id)
             return [ScoringInfo(**row._mapping) for row in connection.execute(query)]
 
     def ids(self, recording_id: str | None = None) -> set[str]:

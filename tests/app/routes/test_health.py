@@ -4,7 +4,7 @@ import threading
 import httpx2
 import pytest
 
-from app.store import health
+from app.store import store as health
 from app.store.store import StoreError
 from core import __version__
 from tests.support.api import api, problem, served, store_of
