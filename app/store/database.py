@@ -7,7 +7,7 @@ import os
 import sqlite3
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from functools import partial
 from json import JSONDecodeError
@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from pydantic_core import to_json
-from sqlalchemy import URL, Connection, Engine, create_engine, event, inspect, make_url, text
+from sqlalchemy import URL, Connection, Engine, create_engine, event, inspect, make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError, NoSuchModuleError
 from sqlalchemy.exc import TimeoutError as NoConnection
 from sqlalchemy.pool import NullPool
@@ -249,30 +249,34 @@ def reusable_bytes(engine: Engine) -> int | None:
     return int(pages) * int(size)
 
 
-def damage(engine: Engine) -> list[str]:
-    """Check the whole database; one line per fault."""
-    with reading(engine) as connection:
-        if not is_sqlite(engine.url):
-            connection.execute(text("SELECT 1"))
-            return []
-        lines = [
-            str(line) for line in connection.exec_driver_sql("PRAGMA integrity_check").scalars()
-        ]
-        return [line for line in lines if line != "ok"] + broken_references(connection)
+def check_pages(
+    engine: Engine,
+    stopped: threading.Event | None = None,
+    rest: Callable[[], None] = lambda: None,
+    quick_s: float | None = None,
+) -> list[str]:
+    """Check pages, rows, indices and references, table by table; one line per fault.
 
-
-def quick_check(engine: Engine, stopped: threading.Event, seconds: float) -> list[str]:
-    """Check pages and rows, but not the indices; one line per fault.
-
-    seconds: time limit [s].   Interrupted if stopped or over the limit.
+    stopped: interrupts the check.   rest: called between tables.
+    quick_s: check pages and rows only, for at most this time [s].   Interrupted.
     """
-    return _checked(engine, ["quick_check(20)"], stopped, lambda: None, seconds)
-
-
-def check_pages(engine: Engine, stopped: threading.Event, rest: Callable[[], None]) -> list[str]:
-    """As `damage`, table by table. rest: called between tables.   Interrupted if stopped."""
-    tables = [f'integrity_check("{name}")' for name in table_names(engine)]
-    return _checked(engine, [*tables, "foreign_key_check"], stopped, rest)
+    if not is_sqlite(engine.url):
+        return []
+    pragmas = ["quick_check(20)"]
+    if quick_s is None:
+        tables = (f'integrity_check("{name}")' for name in table_names(engine))
+        pragmas = [*tables, "foreign_key_check"]
+    uri = f"{Path(str(engine.url.database)).resolve().as_uri()}?mode=ro"
+    connecting = partial(sqlite3.connect, uri, uri=True, timeout=BUSY_TIMEOUT_MS / 1000)
+    lines: list[str] = []
+    with (
+        closing(connecting(check_same_thread=False)) as connection,
+        _watched(connection, stopped or threading.Event(), quick_s),
+    ):
+        for pragma in pragmas:
+            lines += _lines_of(connection, pragma)
+            rest()
+    return lines
 
 
 def table_names(engine: Engine) -> list[str]:
@@ -283,29 +287,6 @@ def table_names(engine: Engine) -> list[str]:
         return []
 
 
-def _checked(
-    engine: Engine,
-    pragmas: Iterable[str],
-    stopped: threading.Event,
-    rest: Callable[[], None],
-    seconds: float | None = None,
-) -> list[str]:
-    """Output of check pragmas, on a separate read-only connection."""
-    if not is_sqlite(engine.url):
-        return []
-    uri = f"{Path(str(engine.url.database)).resolve().as_uri()}?mode=ro"
-    connecting = partial(sqlite3.connect, uri, uri=True, timeout=BUSY_TIMEOUT_MS / 1000)
-    lines: list[str] = []
-    with (
-        closing(connecting(check_same_thread=False)) as connection,
-        _watched(connection, stopped, seconds),
-    ):
-        for pragma in pragmas:
-            lines += _lines_of(connection, pragma)
-            rest()
-    return lines
-
-
 def _lines_of(connection: sqlite3.Connection, pragma: str) -> list[str]:
     try:
         rows = connection.execute(f"PRAGMA {pragma}").fetchall()
@@ -314,7 +295,7 @@ def _lines_of(connection: sqlite3.Connection, pragma: str) -> list[str]:
             raise Interrupted("the check of the database was interrupted") from None
         return [str(error)]
     if pragma == "foreign_key_check":
-        return [f"row {row[1]} of {row[0]} refers to a missing row of {row[2]}" for row in rows]
+        return _broken(rows)
     return [" ".join(str(row[0]).split()) for row in rows if row[0] != "ok"]
 
 
@@ -344,7 +325,10 @@ def broken_references(connection: Connection) -> list[str]:
     """Rows that refer to missing rows, one line each."""
     if connection.dialect.name != "sqlite":
         return []
-    rows = connection.exec_driver_sql("PRAGMA foreign_key_check")
+    return _broken(connection.exec_driver_sql("PRAGMA foreign_key_check").all())
+
+
+def _broken(rows: Iterable[Sequence[Any]]) -> list[str]:
     return [f"row {row[1]} of {row[0]} refers to a missing row of {row[2]}" for row in rows]
 
 

@@ -14,7 +14,7 @@ from sqlalchemy import Engine
 from app.store.alarms import AlarmRepository, FlightMarkerRepository
 from app.store.answers import AnswerRepository
 from app.store.campaigns import CampaignRepository
-from app.store.database import Damaged, StoreError, address, damage, make_engine
+from app.store.database import Damaged, StoreError, address, check_pages, make_engine
 from app.store.datasets import DatasetRepository
 from app.store.disk import LastStop, Reserve
 from app.store.flights import FlightRepository
@@ -108,7 +108,7 @@ class Store:
 
     def damage(self) -> list[str]:
         """Check the whole database; one line per fault."""
-        return damage(self.engine)
+        return check_pages(self.engine)
 
     def forget_copies(self) -> None:
         """Delete copies made before earlier migrations, once the server has started well."""

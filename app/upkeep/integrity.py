@@ -15,8 +15,8 @@ from typing import Literal
 
 from app.recordings.files import RecordingFiles, digest_of
 from app.recordings.samples import open_samples, open_tiles
-from app.store.database import Damaged, Interrupted, check_pages, quick_check
-from app.store.repository import Entry
+from app.store.database import Damaged, Interrupted, check_pages
+from app.store.repository import Entries, Entry
 from app.store.store import NotFound, Store, StoreError
 
 LOG = logging.getLogger("forewarn")
@@ -71,7 +71,7 @@ class Item:
 
 
 class Stopped(Exception):
-    """The server is stopping."""
+    """The server is stopping, or the time for a check is over."""
 
 
 class Pace:
@@ -91,14 +91,6 @@ class Pace:
             raise Stopped
 
 
-def small_items(store: Store, files: RecordingFiles) -> Iterator[Item]:
-    """Items that are quick to check: monitors, and the columns of recordings."""
-    for monitor in store.monitors.all():
-        yield Item("monitor", monitor.id, monitor.name, partial(store.monitors.file, monitor.id))
-    for recording in store.recordings.all():
-        yield Item("recording", recording.id, recording.name, partial(files.columns, recording.id))
-
-
 def all_items(
     store: Store,
     files: RecordingFiles,
@@ -112,8 +104,6 @@ def all_items(
     """
     for monitor in store.monitors.all():
         yield Item("monitor", monitor.id, monitor.name, partial(store.monitors.file, monitor.id))
-    for dataset in store.datasets.all():
-        yield Item("dataset", dataset.id, dataset.name, partial(store.datasets.get, dataset.id))
     digest = partial(digest_of, rest=rest)
     for recording in store.recordings.all():
         check = partial(files.check, recording.id, recording.digest, digest)
@@ -124,6 +114,8 @@ def all_items(
     for flight in store.flights.all():
         check = partial(_check_flight, store, flight.id, unverified, rest)
         yield Item("flight", flight.id, f"of {flight.created[:19]}Z", check)
+    for dataset in store.datasets.all():
+        yield Item("dataset", dataset.id, dataset.name, partial(store.datasets.get, dataset.id))
 
 
 def _check_flight(
@@ -171,15 +163,17 @@ class Integrity:
         return list(self._known_damage.values())
 
     def look(self) -> None:
-        """The quick check: pages and small items, at most LOOK_S."""
+        """The quick check: pages, then items while the time of LOOK_S lasts."""
         deadline = time.monotonic() + LOOK_S
+
+        def rest() -> None:
+            if time.monotonic() > deadline:
+                raise Stopped(f"it took more than {LOOK_S:g} s")
+
         try:
-            self._note_pages(quick_check(self.store.engine, self._pace.stopped, LOOK_S))
-            for item in small_items(self.store, self.files):
-                if time.monotonic() > deadline:
-                    break
-                self._check(item)
-        except (Interrupted, StoreError) as error:
+            self._note_pages(check_pages(self.store.engine, quick_s=LOOK_S))
+            self._check_items(rest)
+        except (Interrupted, Stopped, StoreError) as error:
             LOG.info("the quick integrity check ended early: %s", error)
 
     def start(self) -> None:
@@ -196,11 +190,17 @@ class Integrity:
         pace = self._pace
         self._note_pages(check_pages(self.store.engine, pace.stopped, pace.rest))
         try:
-            for item in all_items(self.store, self.files, self.unverified, pace.rest):
-                self._check(item)
-                pace.rest()
+            self._check_items(pace.rest)
         except Damaged as error:
             self._note_pages([str(error)])
+
+    def _check_items(self, rest: Callable[[], None]) -> None:
+        self.n_checked = 0
+        for item in all_items(self.store, self.files, self.unverified, rest):
+            rest()
+            if (damage := item.damage()) is not None:
+                self._note(damage)
+            self.n_checked += 1
 
     def _run(self) -> None:
         if self._pace.stopped.wait(BEGIN_AFTER_S):
@@ -221,11 +221,6 @@ class Integrity:
             detail = f"the database is damaged ({line}): restore a backup"
             self._note(Damage("database", "", "", detail))
 
-    def _check(self, item: Item) -> None:
-        if (damage := item.damage()) is not None:
-            self._note(damage)
-        self.n_checked += 1
-
     def _note(self, damage: Damage) -> None:
         key = damage.kind, damage.id, "" if damage.id else damage.detail
         if key not in self._known_damage:
@@ -235,18 +230,17 @@ class Integrity:
     def _is_there(self, damage: Damage) -> bool:
         if damage.kind == "database":
             return True
+        store = self.store
+        if damage.kind == "scoring":
+            return damage.id in store.scorings.ids()
+        repositories: dict[Kind, Entries] = {
+            "monitor": store.monitors,
+            "dataset": store.datasets,
+            "recording": store.recordings,
+            "flight": store.flights,
+        }
         try:
-            match damage.kind:
-                case "monitor":
-                    self.store.monitors.info(damage.id)
-                case "dataset":
-                    self.store.datasets.info(damage.id)
-                case "recording":
-                    self.store.recordings.info(damage.id)
-                case "scoring":
-                    return damage.id in self.store.scorings.ids()
-                case "flight":
-                    self.store.flights.info(damage.id)
+            repositories[damage.kind].info(damage.id)
         except NotFound:
             return False
         except StoreError:
