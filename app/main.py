@@ -26,7 +26,6 @@ from app.flights.sources.udp import UdpAccess
 from app.http.document import TAGS, describe_arrays, describe_examples, describe_names
 from app.http.idempotency import Idempotent, describe_keys
 from app.http.metrics import Measured, Metrics
-from app.http.page import serve_page
 from app.http.problems import describe_problems, install_problems
 from app.jobs.jobs import Jobs
 from app.recordings.recordings import Recordings
@@ -131,7 +130,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     install_problems(app)
     _serve_docs(app)
     if STATIC.is_dir():
-        serve_page(app, STATIC)
+        app.frontend("/", directory=STATIC, fallback=None)
     return app
 
 

@@ -14,11 +14,12 @@ from json import JSONDecodeError
 from pathlib import Path
 from typing import Any
 
-from pydantic_core import to_json
 from sqlalchemy import URL, Connection, Engine, create_engine, event, inspect, make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError, NoSuchModuleError
 from sqlalchemy.exc import TimeoutError as NoConnection
 from sqlalchemy.pool import NullPool
+
+from app import json_codec
 
 WRITES = "writes"
 """Execution option of connections that will write."""
@@ -360,10 +361,4 @@ def _explained(engine: Engine) -> Iterator[None]:
 
 def to_text(value: Any) -> str:
     """JSON; non-finite numbers become null, arrays become lists."""
-    return to_json(value, inf_nan_mode="null", fallback=_plain).decode()
-
-
-def _plain(value: Any) -> Any:
-    if hasattr(value, "tolist"):
-        return value.tolist()
-    raise TypeError(f"{type(value).__name__} cannot be stored as JSON: give plain data")
+    return json_codec.encode(value).decode()

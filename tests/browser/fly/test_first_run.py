@@ -7,10 +7,9 @@ from collections.abc import Iterator, Mapping
 import pytest
 from playwright.sync_api import Page, expect
 
-from app.http.page import modules
 from app.messages import Frame, Hello, StatusChange
 from core.monitor import Monitor
-from tests.browser.chromium import ROOT, wait_until
+from tests.browser.chromium import wait_until
 from tests.browser.recorded_site import RecordedSite, open_recorded_site
 from tests.browser.site import Site, open_site
 from tests.support.demonstration_recording import FILE, MODE
@@ -195,13 +194,6 @@ def test_a_monitor_that_can_be_simulated_is_preselected(page: Page, used: Record
     }"""
     page.goto(f"{used.http}/#/datasets")
     assert page.evaluate(choice) == ["flown", "flown", "files"]
-
-
-def test_the_page_names_the_modules_that_its_first_views_import():
-    paths = modules(ROOT / "static")
-    assert len(paths) == len(set(paths))
-    assert {"/js/main.js", "/js/fly/live_flight.js", "/js/lib/dom.js"} <= set(paths)
-    assert all((ROOT / "static" / path.removeprefix("/")).is_file() for path in paths)
 
 
 def test_files_are_compressed_and_streams_are_not(page: Page, fresh: Site):
