@@ -149,14 +149,24 @@ class TransportState(Message):
     )
 
 
-class DisplayAssessment(Message):
-    """Assessment by a monitor for display, which raises no alarm."""
+class Validity(Message):
+    """Whether the newest sample was assessed."""
+
+    state: State
+    reason: str
+    cause: Cause | None = Field(
+        default=None,
+        description="special cause of an invalid sample: it is outside every manoeuvre "
+        "(`between_manoeuvres`), the limits in force are not the monitor's (`not_applicable`), or "
+        "they are unknown (`limits_unknown`)",
+    )
+
+
+class SampleAssessment(Validity):
+    """Assessment of a sample by a monitor; one for display raises no alarm."""
 
     p_value: float | None = Field(description="null unless state is `ok`, like alert")
     alert: bool | None
-    state: State
-    reason: str
-    cause: Cause | None = Field(default=None, description="as in a frame")
 
 
 class FlownMonitor(Message):
@@ -210,7 +220,7 @@ class CardAhead(Message):
     why: str = Field(default="", description="why there is no forecast; absent if there is one")
 
 
-class Frame(Message):
+class Frame(SampleAssessment):
     """One sample with its assessment; SI units, N_y in g, channels in order.
 
     Unknown values are null; p_value, alert and y_hat are null unless state is `ok`.
@@ -221,16 +231,6 @@ class Frame(Message):
     seq: int
     t: float | None
     y: Outputs
-    p_value: float | None
-    alert: bool | None
-    state: State
-    reason: str
-    cause: Cause | None = Field(
-        default=None,
-        description="special cause of an invalid sample: it is outside every manoeuvre "
-        "(`between_manoeuvres`), the limits in force are not the monitor's (`not_applicable`), or "
-        "they are unknown (`limits_unknown`)",
-    )
     y_hat: Outputs | None
     sent: float | None
     taken: float | None = Field(
@@ -243,7 +243,7 @@ class Frame(Message):
         description="with some samples during a test card, from a monitor that knows the card, "
         "while someone watches; else absent",
     )
-    display: list[DisplayAssessment] = Field(
+    display: list[SampleAssessment] = Field(
         default_factory=list,
         description="by the monitors for display, in the order of `monitors`; absent if there are "
         "none",
@@ -334,7 +334,25 @@ class LimitsStatus(Message):
     by: str = Field(description="who put it in force")
 
 
-class Hello(Message):
+class Headline(Message):
+    """The worst that is true of the flight now.
+
+    beside: `stale` and `invalid`, if true and not the headline.
+    """
+
+    status: Status
+    level: Level
+    beside: list[Status]
+    exceeded_t: float | None = Field(
+        default=None,
+        description="first exceedance of the flight [s], also after seeking back",
+    )
+    verdict: Verdict | None = Field(
+        default=None, description="on that exceedance; null before one and where none is known"
+    )
+
+
+class Hello(Validity, Headline):
     """First message: all that a display needs to draw the flight."""
 
     type: Literal["hello"] = "hello"
@@ -379,19 +397,6 @@ class Hello(Message):
     fail_t: float | None = Field(description="when the source exceeds a limit [s], if known")
     duration: float | None
     transport: TransportState
-    state: State
-    reason: str
-    cause: Cause | None = Field(default=None, description="as in a frame")
-    status: Status
-    level: Level
-    beside: list[Status]
-    exceeded_t: float | None = Field(
-        default=None,
-        description="first exceedance of the flight [s], also after seeking back",
-    )
-    verdict: Verdict | None = Field(
-        default=None, description="on that exceedance; null before one and where none is known"
-    )
     exceedances: list[ChannelExceedances] = Field(description="exceedances so far, per channel")
     latched: list[LatchedExceedance] = Field(description="exceedances that the strips show")
     held: list[LimitsFrom] = Field(
@@ -438,30 +443,16 @@ class LimitsChange(Message):
     channels: list[ChannelLimit] = Field(description="as in hello, with the limits in force")
 
 
-class StateChange(Message):
+class StateChange(Validity):
     """The monitor's state changed, or the source is late (`stale`)."""
 
     type: Literal["state"] = "state"
-    state: State
-    reason: str
-    cause: Cause | None = Field(default=None, description="as in a frame")
 
 
-class StatusChange(Message):
-    """The headline or the verdict changed: the worst that is true of the flight now.
-
-    beside: `stale` and `invalid`, if true and not the headline.
-    """
+class StatusChange(Headline):
+    """The headline or the verdict changed."""
 
     type: Literal["status"] = "status"
-    status: Status
-    level: Level
-    beside: list[Status]
-    exceeded_t: float | None = Field(
-        default=None,
-        description="first exceedance of the flight [s], also after seeking back",
-    )
-    verdict: Verdict | None = Field(default=None, description="as in hello")
 
 
 class AlarmRaised(Message):
@@ -598,11 +589,7 @@ def plain_frame(
         "seq": seq,
         "t": assessment.t,
         "y": y.tolist(),
-        "p_value": assessment.p_value,
-        "alert": assessment.alert,
-        "state": assessment.state.value,
-        "reason": assessment.reason,
-        "cause": assessment.cause,
+        **_plain_assessment(assessment),
         "y_hat": assessment.y_hat if assessment.y_hat is None else assessment.y_hat.tolist(),
         "sent": sent,
     }
@@ -611,17 +598,18 @@ def plain_frame(
     if ahead is not None:
         frame["ahead"] = plain_ahead(ahead)
     if display:
-        frame["display"] = [
-            {
-                "p_value": shown.p_value,
-                "alert": shown.alert,
-                "state": shown.state.value,
-                "reason": shown.reason,
-                "cause": shown.cause,
-            }
-            for shown in display
-        ]
+        frame["display"] = [_plain_assessment(shown) for shown in display]
     return frame
+
+
+def _plain_assessment(assessment: Assessment) -> dict[str, Any]:
+    return {
+        "p_value": assessment.p_value,
+        "alert": assessment.alert,
+        "state": assessment.state.value,
+        "reason": assessment.reason,
+        "cause": assessment.cause,
+    }
 
 
 def plain_ahead(ahead: Ahead) -> dict[str, Any]:
