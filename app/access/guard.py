@@ -31,6 +31,8 @@ HEALTH_PATH = "/healthz"
 """Answered without a token: it reveals nothing."""
 EVENTS_SUFFIX = "/events"
 """The path of every event stream ends with it."""
+LOOK_EVERY_S = 0.5
+"""[s] How often the end of a stream's session is looked for."""
 REFUSED, SESSION_OVER = 4403, 4401
 """WebSocket close codes; before the handshake they become HTTP 403."""
 
@@ -200,15 +202,8 @@ class Guard:
 
     async def _wait_for_end(self, admission: Admission, session: str) -> None:
         """Return once the token or the session has ended."""
-        ends = [admission.wait_for_end()]
-        if session:
-            ends.append(self.sessions.wait_for_end(session))
-        tasks = [asyncio.ensure_future(end) for end in ends]
-        try:
-            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            for task in tasks:
-                task.cancel()
+        while not admission.has_ended and (not session or self.sessions.is_open(session)):
+            await asyncio.sleep(LOOK_EVERY_S)
 
     async def _refuse(self, problem: Problem, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "websocket":

@@ -9,8 +9,8 @@ import logging
 import math
 import time
 from collections.abc import AsyncIterator, Callable, Mapping
-from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass, field
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
 from datetime import datetime
 
 from app.store.people import LOCAL, SERVER, Role, StoredToken, digest_of
@@ -21,8 +21,6 @@ LOG = logging.getLogger("forewarn")
 REFRESH_EVERY_S = 1.0
 NOTED_EVERY_S = 60.0
 """[s] The last use of a token is stored no more often."""
-LONGEST_SLEEP_S = 60.0
-"""[s] Then the clock is read again: it may have been set."""
 
 Clock = Callable[[], float]
 
@@ -37,22 +35,16 @@ class Person:
 
 @dataclass(eq=False)
 class Admission:
-    """Access of a person. expires: [s] by the clock.   ended: set if revoked earlier."""
+    """Access of a person. expires: [s] by the clock.   is_revoked: it ended earlier."""
 
     person: Person
     expires: float = math.inf
     clock: Clock = time.time
-    ended: asyncio.Event = field(default_factory=asyncio.Event)
+    is_revoked: bool = False
 
     @property
     def has_ended(self) -> bool:
-        return self.ended.is_set() or self.clock() >= self.expires
-
-    async def wait_for_end(self) -> None:
-        while not self.has_ended:
-            left = min(self.expires - self.clock(), LONGEST_SLEEP_S)
-            with suppress(TimeoutError):
-                await asyncio.wait_for(self.ended.wait(), max(left, 0.0))
+        return self.is_revoked or self.clock() >= self.expires
 
 
 class People:
@@ -70,7 +62,7 @@ class People:
         self._of_settings = {} if token is None else {digest_of(token): self.server}
         self._stored: dict[str, tuple[str, Admission]] = {}
         self._used: dict[str, str] = {}
-        self._noted: dict[str, float] = {}
+        self._noted = -math.inf
         self._store: Store | None = None
         self._lock = asyncio.Lock()
 
@@ -118,7 +110,7 @@ class People:
         for digest, (_, admission) in [*self._stored.items()]:
             token = known.get(digest)
             if token is None or token.revoked is not None:
-                admission.ended.set()
+                admission.is_revoked = True
             if token is None:
                 del self._stored[digest]
 
@@ -138,25 +130,22 @@ class People:
                 is_failing = True
 
     async def _note_used(self) -> None:
-        """Store the last use of tokens, each at most every NOTED_EVERY_S. StoreError."""
+        """Store the last use of tokens, at most every NOTED_EVERY_S. StoreError."""
         assert self._store is not None
-        tick = time.monotonic()
-        due = {
-            token_id: used
-            for token_id, used in self._used.items()
-            if tick - self._noted.get(token_id, -math.inf) >= NOTED_EVERY_S
-        }
-        if due:
-            await asyncio.to_thread(self._store.tokens.note_used, due)
-        for token_id, used in due.items():
-            self._noted[token_id] = tick
-            if self._used[token_id] == used:
-                del self._used[token_id]
+        if not self._used or time.monotonic() - self._noted < NOTED_EVERY_S:
+            return
+        used, self._used = self._used, {}
+        try:
+            await asyncio.to_thread(self._store.tokens.note_used, used)
+        except StoreError:
+            self._used = used | self._used
+            raise
+        self._noted = time.monotonic()
 
     def _require_token(self) -> None:
         if not self.needs_token:
             self.needs_token = True
-            self.local.ended.set()
+            self.local.is_revoked = True
 
     def _admission(self, token: StoredToken) -> Admission:
         expiry = token.expires

@@ -1,14 +1,12 @@
 """Browser logins: sessions that expire, and one-time links."""
 
-import asyncio
 import hashlib
 import math
 import secrets
 import time
 from collections import OrderedDict
 from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from app.access.people import Admission
 from app.store.people import LINK_SECONDS
@@ -18,13 +16,12 @@ MOST_SESSIONS = 1000
 Clock = Callable[[], float]
 
 
-@dataclass(eq=False)
+@dataclass
 class Session:
-    """An open session. ends: [s] by the clock.   ended: set if it ends earlier."""
+    """An open session. ends: [s] by the clock."""
 
     admission: Admission
     ends: float
-    ended: asyncio.Event = field(default_factory=asyncio.Event)
 
 
 class Sessions:
@@ -44,7 +41,7 @@ class Sessions:
         key = secrets.token_urlsafe(32)
         self._open[_digest(key)] = Session(admission, self._clock() + self._seconds)
         while len(self._open) > MOST_SESSIONS:
-            self._open.popitem(last=False)[1].ended.set()
+            self._open.popitem(last=False)
         return key
 
     def use(self, key: str) -> Admission | None:
@@ -59,19 +56,13 @@ class Sessions:
 
     def end(self, key: str) -> Admission | None:
         """End a session, if open, and return its admission."""
-        if (session := self._open.pop(_digest(key), None)) is None:
-            return None
-        session.ended.set()
-        return session.admission
+        session = self._open.pop(_digest(key), None)
+        return session and session.admission
 
-    async def wait_for_end(self, key: str) -> None:
-        """Return once a session has ended; waiting does not prolong it."""
+    def is_open(self, key: str) -> bool:
+        """Whether a session is open; this does not prolong it."""
         session = self._open.get(_digest(key))
-        if session is None:
-            return
-        while not session.ended.is_set() and (left := session.ends - self._clock()) > 0:
-            with suppress(TimeoutError):
-                await asyncio.wait_for(session.ended.wait(), left)
+        return session is not None and self._clock() < session.ends
 
     def make_link(self) -> str:
         """A code for one login with the settings' token, within LINK_SECONDS."""

@@ -55,27 +55,24 @@ class Idempotent:
         if key is None:
             return await self.app(scope, receive, send)
         request = scope["path"], f"{scope['person'].name} {key}"
-        if not KEY.fullmatch(key):
-            return await _refuse(422, "give 1 to 200 ASCII characters without blanks", scope, send)
-        if request in self._in_progress:
-            text = "the first request with this key is in progress: wait for its answer"
-            return await _refuse(409, text, scope, send)
-        self._in_progress.add(request)
         try:
-            return await self._run_once(request, scope, receive, send)
+            if not KEY.fullmatch(key):
+                raise _problem(422, "give 1 to 200 ASCII characters without blanks")
+            if request in self._in_progress:
+                text = "the first request with this key is in progress: wait for its answer"
+                raise _problem(409, text)
+            self._in_progress.add(request)
+            try:
+                await self._run_once(request, scope, receive, send)
+            finally:
+                self._in_progress.discard(request)
         except Problem as problem:
-            return await problem_response(problem)(scope, _disconnected, send)
+            await problem_response(problem)(scope, receive, send)
         except StoreError as error:
-            return await _refuse(503, str(error), scope, send)
-        finally:
-            self._in_progress.discard(request)
+            await problem_response(_problem(503, str(error)))(scope, receive, send)
 
     async def _run_once(
-        self,
-        request: tuple[str, str],
-        scope: Scope,
-        receive: Receive,
-        send: Send,
+        self, request: tuple[str, str], scope: Scope, receive: Receive, send: Send
     ) -> None:
         answers = scope["app"].state.store.answers
         body, response = _Body(scope, receive), _BufferedResponse(send)
@@ -83,7 +80,8 @@ class Idempotent:
         if earlier is not None:
             await body.drain()
             is_gone = await asyncio.to_thread(answers.is_gone, request[0], earlier)
-            return await _replay(earlier, body.fingerprint, is_gone, scope, send)
+            repeated = _repeated(earlier, body.fingerprint, is_gone)
+            return await repeated(scope, receive, send)
         await asyncio.to_thread(answers.start, *request, "")
         try:
             await self.app(scope, body.receive, response.send)
@@ -159,41 +157,27 @@ class _BufferedResponse:
             await self._send(message)
 
 
-async def _replay(
-    earlier: Answer,
-    fingerprint: str,
-    is_gone: bool,
-    scope: Scope,
-    send: Send,
-) -> None:
-    """Answer a repeated key.   is_gone: what the first request created has been deleted."""
+def _repeated(earlier: Answer, fingerprint: str, is_gone: bool) -> Response:
+    """Answer a repeated key. Problem.   is_gone: what the first request created was deleted."""
     if earlier.status is None:
-        text = (
+        raise _problem(
+            409,
             "the server stopped during the first request with this key: check whether it was "
-            "carried out, and if not, send it with a new key"
+            "carried out, and if not, send it with a new key",
         )
-        return await _refuse(409, text, scope, send)
     if earlier.fingerprint != fingerprint:
-        text = "this key belongs to another request: use a new key"
-        return await _refuse(422, text, scope, send)
+        raise _problem(422, "this key belongs to another request: use a new key")
     if is_gone:
-        text = (
+        raise _problem(
+            410,
             "this request was carried out, and what it created has been deleted: use a new key to "
-            "create it again"
+            "create it again",
         )
-        return await _refuse(410, text, scope, send)
-    headers = {**(earlier.headers or {}), REPLAYED: "true"}
-    response = Response(earlier.body, earlier.status, headers)
-    return await response(scope, _disconnected, send)
+    return Response(earlier.body, earlier.status, {**(earlier.headers or {}), REPLAYED: "true"})
 
 
-async def _refuse(status: int, text: str, scope: Scope, send: Send) -> None:
-    problem = Problem(status, f"{NAME}: {text}", "urn:forewarn:idempotency-key")
-    await problem_response(problem)(scope, _disconnected, send)
-
-
-async def _disconnected() -> Message:
-    return {"type": "http.disconnect"}
+def _problem(status: int, text: str) -> Problem:
+    return Problem(status, f"{NAME}: {text}", "urn:forewarn:idempotency-key")
 
 
 def _key(scope: Scope) -> str | None:

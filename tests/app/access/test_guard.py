@@ -209,7 +209,7 @@ async def watched(sessions: Sessions, ends: str) -> list[dict[str, Any]]:
         if ends == "by logging out":
             sessions.end(key)
         if ends == "with its token":
-            admission.ended.set()
+            admission.is_revoked = True
         try:
             await receive()
         except asyncio.CancelledError:
@@ -249,7 +249,7 @@ def test_a_stream_of_events_ends_with_its_token(by_token: bool) -> None:
         await send(before)
         await send(event)
         if by_token:
-            admission.ended.set()
+            admission.is_revoked = True
             await asyncio.Event().wait()
         await send(last)
 

@@ -45,6 +45,6 @@ def test_a_session_ends_with_its_token(sessions: Sessions) -> None:
     revoked, other = Admission(Person("Bo", "viewer")), sessions.start(ANN)
     key = sessions.start(revoked)
     assert sessions.use(key) is revoked
-    revoked.ended.set()
+    revoked.is_revoked = True
     assert sessions.use(key) is None
     assert sessions.use(other) is ANN
