@@ -177,7 +177,10 @@ def test_a_check_that_is_told_to_stop_ends_at_its_next_rest() -> None:
         pace.rest()
 
 
-def test_a_server_that_stops_does_not_wait_for_the_check(kept: Kept) -> None:
+def test_a_server_that_stops_does_not_wait_for_the_check(
+    kept: Kept, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(integrity, "LOOK_S", 0.0)
     with api(kept.data_dir) as client:
         known = client.app.state.integrity  # pyright: ignore
         assert known.state == "begun"
