@@ -106,23 +106,23 @@ def flown_monitors(store: Store, flights: Sequence[FlightInfo]) -> dict[str, lis
     """The monitors of stored flights by flight id, the alarm authority first."""
     shown = store.flights.display(info.id for info in flights)
     used = {info.id: [(info.monitor_id, info.epsilon), *shown.get(info.id, ())] for info in flights}
-    warnings = store.monitors.warnings(pair for pairs in used.values() for pair in pairs)
-    monitors = {monitor.id: monitor for monitor in store.monitors.all()} if used else {}
+    monitors = store.monitors.used(pair for pairs in used.values() for pair in pairs)
     delays = {
-        info.id: stated_delay(store, info.source, monitors[info.monitor_id].dt) for info in flights
+        info.id: stated_delay(store, info.source, monitors[info.monitor_id, info.epsilon].dt)
+        for info in flights
     }
     return {
         flight_id: [
             flown_monitor(
-                monitor_id,
-                monitors[monitor_id].name,
-                monitors[monitor_id],
-                epsilon,
-                warnings[monitor_id, epsilon],
+                pair[0],
+                monitors[pair].name,
+                monitors[pair],
+                pair[1],
+                monitors[pair].warnings,
                 delay=delays[flight_id],
                 is_authority=position == 0,
             )
-            for position, (monitor_id, epsilon) in enumerate(pairs)
+            for position, pair in enumerate(pairs)
         ]
         for flight_id, pairs in used.items()
     }

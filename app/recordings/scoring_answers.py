@@ -34,11 +34,10 @@ def answers(
     verified: whether all samples have just been checked; otherwise each scoring has its own flag.
     """
     used = [(info.monitor_id, info.epsilon) for info in infos]
-    warnings = scored.store.monitors.warnings(used)
-    above = scored.store.monitors.alerts_above(used)
+    monitors = scored.store.monitors.used(used)
     return [
-        _answer(info, warnings[pair], verified or scored.verified(info))
-        | {"alert_above": above[pair]}
+        _answer(info, monitors[pair].warnings, verified or scored.verified(info))
+        | {"alert_above": monitors[pair].alert_above(info.epsilon)}
         for info, pair in zip(infos, used, strict=True)
     ]
 

@@ -225,37 +225,15 @@ class MonitorRepository(Entries[MonitorInfo]):
         with self._reading() as connection:
             return _evaluation(fetch(connection, query, "monitor", monitor_id).evaluation)
 
-    def warnings(self, used: Iterable[tuple[str, float]]) -> dict[tuple[str, float], list[str]]:
-        """Warnings about each monitor at the epsilon it is used with.
-
-        used: pairs of id and epsilon.
-        """
-        pairs = set(used)
-        query = select(monitors.c.id, monitors.c.evaluation)
-        selected = monitors.c.id.in_({monitor_id for monitor_id, _ in pairs})
+    def used(self, pairs: Iterable[tuple[str, float]]) -> dict[tuple[str, float], MonitorInfo]:
+        """Monitors by id and the epsilon they are used with, which their warnings are for."""
+        wanted = set(pairs)
+        query = self._query().where(monitors.c.id.in_({identity for identity, _ in wanted}))
         with self._reading() as connection:
-            rows = connection.execute(query.where(selected))
-            evaluations = {row.id: _evaluation(row.evaluation) for row in rows}
+            rows = {row.id: row for row in connection.execute(query)}
         return {
-            (monitor_id, epsilon): warnings_of(evaluations.get(monitor_id), epsilon)
-            for monitor_id, epsilon in pairs
-        }
-
-    def alerts_above(self, used: Iterable[tuple[str, float]]) -> dict[tuple[str, float], float]:
-        """Risk above which each monitor alerts at the epsilon it is used with.
-
-        used: pairs of id and epsilon, which the monitor must support.
-        """
-        pairs = set(used)
-        query = select(monitors.c.id, monitors.c.n_unsafe, monitors.c.recipe)
-        selected = monitors.c.id.in_({monitor_id for monitor_id, _ in pairs})
-        with self._reading() as connection:
-            stored = {row.id: row for row in connection.execute(query.where(selected))}
-        return {
-            (monitor_id, epsilon): alert_above(
-                epsilon, stored[monitor_id].n_unsafe, guarantee_of(stored[monitor_id].recipe)
-            )
-            for monitor_id, epsilon in pairs
+            (identity, epsilon): self._entry(rows[identity], epsilon)
+            for identity, epsilon in wanted
         }
 
     def sizes(self) -> dict[str, int]:
