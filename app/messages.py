@@ -57,9 +57,7 @@ class Verdict(Message):
     """How a flight was warned of the limit that it exceeded; of a replay, as its recording."""
 
     exceeded_t: float = Field(description="[s] of the exceedance")
-    lead: float | None = Field(
-        description="[s] from the first alarm of a risk to it; null where there was none before"
-    )
+    lead: float | None = Field(description="[s] from the first risk alarm to it; null without one")
     text: str = Field(description="for people")
     warning: str = Field(
         default="",
@@ -85,9 +83,7 @@ class Alarm(Message):
 
     id: str = Field(description="in its flight; part of the path of its acknowledgement")
     number: int = Field(description="1, 2, 3 ... in the order raised")
-    seq: int = Field(
-        description="sample that raised it; for a late source the last one received, -1 for none"
-    )
+    seq: int = Field(description="sample that raised it, or the last one received; -1 for none")
     t: float = Field(description="[s]")
     p_value: float | None
     kind: AlarmKind = Field(
@@ -96,19 +92,14 @@ class Alarm(Message):
         "monitor that is not applicable (`invalid`), a late source (`stale`), samples in doubt: "
         "`surfaces` that rest while the aircraft moves, `frozen`, `contradiction`",
     )
-    level: Level = Field(
-        default=Level.WARNING,
-        description="14 CFR 25.1322: `warning` needs action now, `caution` attention now",
-    )
+    level: Level = Field(default=Level.WARNING, description="14 CFR 25.1322")
     exceedance: MeasuredExceedance | None = Field(default=None, description="for kind `limit`")
     reason: str | None = Field(default=None, description="of a caution")
     cause: Cause | None = Field(default=None, description="for kind `invalid`, as in a frame")
     raised: str = Field(description="UTC, ISO 8601")
     acknowledged: str | None = Field(default=None, description="UTC, ISO 8601")
     by: str | None = None
-    stored: bool = Field(
-        default=False, description="false until it is stored: a crash would lose it"
-    )
+    stored: bool = Field(default=False, description="whether a crash would not lose it")
 
 
 class FlightMarker(Message):
@@ -124,9 +115,7 @@ class FlightMarker(Message):
     created: str = Field(description="UTC, ISO 8601")
     by: str
     text: str | None = None
-    stored: bool = Field(
-        default=False, description="false until it is stored: a crash would lose it"
-    )
+    stored: bool = Field(default=False, description="whether a crash would not lose it")
 
 
 class TransportState(Message):
@@ -143,9 +132,7 @@ class TransportState(Message):
     slipped: float = Field(description="total time that the flight fell behind its clock [s]")
     seekable: bool = Field(description="false for a live source")
     waiting: bool = Field(
-        default=False,
-        description="whether it waits at its start for a first viewer: it plays when the stream is "
-        "first connected, or after 10 s",
+        default=False, description="at its start for a first viewer, at most 10 s"
     )
 
 
@@ -175,14 +162,12 @@ class FlownMonitor(Message):
     id: str
     name: str
     authority: bool = Field(description="whether its alerts are alarms: true of one monitor")
-    lead: float = Field(
-        description="lead time of its alerts [s], less the longest wait of live samples"
-    )
+    lead: float = Field(description="lead time [s], less the longest wait of samples")
     epsilon: float = Field(description="accepted miss rate")
     alert_above: float = Field(description="risk above which it alerts")
     n_unsafe: int
     limits: dict[str, float | None] | None = Field(
-        description="limits it was trained for by channel, whatever is in force; null if unknown"
+        description="that it was trained for; null if unknown"
     )
     validity: Literal["checked", "not calibrated"]
     warnings: list[str] = Field(description="reasons not to rely on it")
@@ -214,9 +199,7 @@ class CardAhead(Message):
 
     t: list[float] = Field(description="times of the forecast to the end of the card [s]; thinned")
     channels: dict[str, ChannelAhead]
-    peak: PeakToCome | None = Field(
-        default=None, description="from a monitor that forecasts only the peak; else absent"
-    )
+    peak: PeakToCome | None = Field(default=None, description="of a monitor that forecasts only it")
     why: str = Field(default="", description="why there is no forecast; absent if there is one")
 
 
@@ -244,9 +227,7 @@ class Frame(SampleAssessment):
         "while someone watches; else absent",
     )
     display: list[SampleAssessment] = Field(
-        default_factory=list,
-        description="by the monitors for display, in the order of `monitors`; absent if there are "
-        "none",
+        default_factory=list, description="of monitors for display"
     )
 
 
@@ -260,46 +241,24 @@ class ManoeuvreBegun(Message):
 class LiveStatus(Message):
     """State of a live source."""
 
-    delay: float = Field(
-        description="longest wait of a sample for others [s], subtracted from the stated lead"
-    )
-    interval: float | None = Field(
-        description="sample interval of the source [s]; null before the first sample"
-    )
-    lag: float = Field(
-        description="age of the newest sample less the best of the flight, without clock drift [s]"
-    )
+    delay: float = Field(description="longest wait of a sample [s], subtracted from the lead")
+    interval: float | None = Field(description="of samples [s]; null before the first sample")
+    lag: float = Field(description="age of the newest sample less the best of the flight [s]")
     manoeuvre: int = Field(description="number of the current one; 0 for none")
     trim: Literal["detected", "none"]
-    begun: list[ManoeuvreBegun] = Field(
-        default_factory=list, description="the newest manoeuvres, including the current one"
-    )
-    resumed: int = Field(
-        default=0, description="times that the flight was resumed after its server was killed"
-    )
+    begun: list[ManoeuvreBegun] = Field(default_factory=list, description="newest ones, in order")
+    resumed: int = Field(default=0, description="times that it was resumed after a crash")
     needed: list[str] = Field(description="channels that the monitors need")
     names: list[str] = Field(description="names that a batch contains, time first")
     batches: int = Field(description="batches received, without repetitions")
     last_sequence: int | None = Field(description="largest number received; null for none")
-    malformed: int = Field(
-        description="messages that were not a valid batch, or had the number of another one"
-    )
-    refused: str = Field(
-        default="", description="why the newest message was refused; empty if it was accepted"
-    )
+    malformed: int = Field(description="messages that were no valid batch or reused a number")
+    refused: str = Field(default="", description="why the newest message was refused, if it was")
     foreign: int = Field(description="datagrams from other senders, or without the key")
-    sender: str | None = Field(
-        default=None, description="host:port of the datagrams' sender; null before the first"
-    )
-    other_sender: str | None = Field(
-        default=None, description="newest other sender, which a person may accept instead"
-    )
-    counts: dict[str, int] = Field(
-        description="samples by kind: see First live flight in the guide"
-    )
-    unread: list[str] = Field(
-        default_factory=list, description="names in batches that are not read, the first 20"
-    )
+    sender: str | None = Field(default=None, description="host:port; null before the first")
+    other_sender: str | None = Field(default=None, description="newest other one, to accept")
+    counts: dict[str, int] = Field(description="samples by kind: First live flight in the guide")
+    unread: list[str] = Field(default_factory=list, description="names in batches not read")
     udp: str | None = Field(description="host:port for datagrams; null for none")
     problem: str = Field(description="why the journal is not being written; empty if it is")
     drift: int = Field(
@@ -324,9 +283,7 @@ class LimitsStatus(Message):
     case: str = Field(description="name of the flight condition; empty if none matches")
     limits: dict[str, float | None] | None = Field(description="by channel; null if unknown")
     reason: str = Field(description="why they are unknown; empty if known")
-    since: float | None = Field(
-        description="time of the sample before the first one under these limits [s]; null for all"
-    )
+    since: float | None = Field(description="time of the sample before they applied [s]; null: all")
     fixed: dict[str, float] = Field(description="declared values of the flight condition")
     seq: int = Field(description="first sample under this version")
     t: float = Field(description="time of the sample before [s]; 0 before the first")
@@ -343,13 +300,8 @@ class Headline(Message):
     status: Status
     level: Level
     beside: list[Status]
-    exceeded_t: float | None = Field(
-        default=None,
-        description="first exceedance of the flight [s], also after seeking back",
-    )
-    verdict: Verdict | None = Field(
-        default=None, description="on that exceedance; null before one and where none is known"
-    )
+    exceeded_t: float | None = Field(default=None, description="first exceedance, ever [s]")
+    verdict: Verdict | None = Field(default=None, description="on that exceedance; null if unknown")
 
 
 class Hello(Validity, Headline):
@@ -361,13 +313,9 @@ class Hello(Validity, Headline):
     server_time: str
     channels: list[ChannelLimit]
     epsilon: float = Field(description="accepted miss rate")
-    guarantee: Guarantee = Field(
-        description="whether the miss rate holds on average over monitors or for this monitor"
-    )
+    guarantee: Guarantee = Field(description="the miss rate holds on average, or for this monitor")
     n_unsafe: int
-    lead: float = Field(
-        description="lead time of alerts [s]: the monitor's less the longest wait of live samples"
-    )
+    lead: float = Field(description="lead time [s], less the longest wait of samples")
     dt: float
     stale_after: float = Field(
         description="time without a sample after which the display is stale, at speed 1 [s]; at "
@@ -377,20 +325,13 @@ class Hello(Validity, Headline):
         description="`checked`: the flight becomes `invalid` when it is unlike those of training"
     )
     monitor: dict[str, str]
-    monitors: list[FlownMonitor] = Field(
-        description="the alarm authority, then the monitors for display"
-    )
+    monitors: list[FlownMonitor] = Field(description="the alarm authority, then those for display")
     warnings: list[str] = Field(
         description="reasons from its test flights not to rely on the monitor at this epsilon, or "
         "that it was not tested: problem, colon, figures and remedy"
     )
-    no_rest: str = Field(
-        description="why the alarm authority never forecasts the rest of the test card; empty if "
-        "it does"
-    )
-    ahead: CardAhead | None = Field(
-        description="its forecast by the newest sample, `head`, as in a frame"
-    )
+    no_rest: str = Field(description="why it never forecasts the rest of a test card; else empty")
+    ahead: CardAhead | None = Field(description="forecast at sample `head`, as in a frame")
     source: dict[str, Any]
     mode: Mode = Field(description="live, replayed or simulated")
     theta: dict[str, float] | None
@@ -407,13 +348,9 @@ class Hello(Validity, Headline):
     alarms: list[Alarm] = Field(description="unacknowledged ones, and the last acknowledged")
     markers: list[FlightMarker] = Field(description="those not stored yet, and the last stored")
     marker_kinds: list[FlightMarkerKind] = Field(description="kinds of markers that can be set")
-    credit: int = Field(
-        description="frames messages that are sent before the client must grant more"
-    )
+    credit: int = Field(description="frames messages sent before the client must grant more")
     live: LiveStatus | None = Field(default=None, description="of a live flight")
-    limits: LimitsStatus | None = Field(
-        default=None, description="null if the monitor's own limits are in force"
-    )
+    limits: LimitsStatus | None = Field(default=None, description="null: the monitor's own")
 
 
 class Frames(Message):
