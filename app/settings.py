@@ -81,19 +81,12 @@ class Settings:
             )
         if not 0 <= self.port <= 65535:
             raise SettingsError(f"port={self.port}: give a number between 0 and 65535")
-        for name in ("max_flights", "max_jobs", "max_queued_jobs"):
-            if getattr(self, name) < 0:
-                raise SettingsError(f"{name}={getattr(self, name)}: give 0 or more")
-        names = [entry.name for entry in fields(self)]
-        for name in (name for name in names if name.endswith("_bytes")):
-            if getattr(self, name) < 1024:
-                raise SettingsError(f"{name}={getattr(self, name)}: give at least 1024 bytes")
-        for name in (name for name in names if name.endswith("_seconds")):
-            if not 0 < getattr(self, name) < math.inf:
-                raise SettingsError(f"{name}={getattr(self, name)}: give a positive number")
-        for name in ("retain_days", "retain_gb"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise SettingsError(f"{name}={getattr(self, name)}: give 0 or more")
+        for name, value in vars(self).items():
+            least = 1024 if name.endswith("_bytes") else 0
+            if isinstance(value, int | float) and not least <= value < math.inf:
+                raise SettingsError(f"{name}={value}: give {least} or more")
+            if name.endswith("_seconds") and not value:
+                raise SettingsError(f"{name}={value}: give a positive number")
 
     @property
     def url(self) -> str:

@@ -1,6 +1,5 @@
 """Stored alarms and markers of flights, numbered within their flight."""
 
-from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -8,7 +7,7 @@ from typing import Any
 from sqlalchemy import Connection, bindparam, func, insert, select, update
 
 from app.store.flights import head_of
-from app.store.repository import Entry, NotFound, Repository, columns, fetch, require
+from app.store.repository import Entry, NotFound, Repository, Time, columns, fetch, require
 from app.store.tables import alarms, flight_markers, flights, new_id, now
 from core.flight_markers import FlightMarkerKey
 from core.monitor.status import AlarmKind, Level
@@ -40,10 +39,8 @@ class StoredAlarm(Entry):
     """for kind `limit`: channel, value, limit, and which value was judged"""
     reason: str | None
     """reason for a caution"""
-    raised: str
-    """UTC, ISO 8601"""
-    acknowledged: str | None
-    """UTC, ISO 8601"""
+    raised: Time
+    acknowledged: Time | None
     by: str | None
     """who acknowledged it"""
 
@@ -120,13 +117,9 @@ class AlarmRepository(Repository):
 
     def of_flights(self, flight_ids: Iterable[str]) -> dict[str, list[StoredAlarm]]:
         """Alarms by flight, in the order they were raised; flights without any are absent."""
-        wanted, by_flight = set(flight_ids), defaultdict[str, list[StoredAlarm]](list)
-        query = select(*columns(alarms, StoredAlarm)).order_by(alarms.c.flight_id, alarms.c.number)
-        with self._reading() as connection:
-            for row in connection.execute(query):
-                if row.flight_id in wanted:
-                    by_flight[row.flight_id].append(StoredAlarm(**row._mapping))
-        return dict(by_flight)
+        query = select(*columns(alarms, StoredAlarm)).order_by(alarms.c.number)
+        by_flight = self._by_flight(query, flight_ids)
+        return {key: [StoredAlarm(**row) for row in rows] for key, rows in by_flight.items()}
 
 
 def _next_number(connection: Connection, flight_id: str) -> int:
@@ -145,8 +138,7 @@ class StoredFlightMarker(Entry):
     """newest sample number when it was set; -1 before the first sample"""
     t: float
     """time of that sample [s]"""
-    created: str
-    """UTC, ISO 8601"""
+    created: Time
     by: str
     """who set it"""
     text: str | None
@@ -158,15 +150,7 @@ class FlightMarkerRepository(Repository):
 
     def add(self, flight_id: str, marker: StoredFlightMarker) -> None:
         """Store a marker; one already stored under this number is left unchanged."""
-        marked = flight_markers.c
-        existing = select(marked.id).where(
-            marked.flight_id == flight_id, marked.number == marker.number
-        )
-        with self._writing() as connection:
-            require(connection, flights, flight_id)
-            if connection.execute(existing).first() is None:
-                row = {"id": new_id(), "flight_id": flight_id} | asdict(marker)
-                connection.execute(insert(flight_markers).values(**row))
+        self._add_numbered(flight_markers, flight_id, {"id": new_id()} | asdict(marker))
 
     def of(self, flight_id: str) -> list[StoredFlightMarker]:
         """Markers of a flight in the order they were set."""

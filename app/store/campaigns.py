@@ -5,7 +5,7 @@ from typing import Any
 
 from sqlalchemy import delete, insert, update
 
-from app.store.repository import Entries, Entry, require
+from app.store.repository import Entries, Entry, Time, require
 from app.store.tables import campaigns, new_id, now
 
 
@@ -19,10 +19,8 @@ class StoredCampaign(Entry):
 
     id: str
     name: str
-    created: str
-    """UTC, ISO 8601"""
-    changed: str
-    """UTC, ISO 8601"""
+    created: Time
+    changed: Time
     revision: int
     """1, 2, ...: increases with each change"""
     content: dict[str, Any]

@@ -11,7 +11,7 @@ from sqlalchemy import Connection, Row, delete, select
 from app.recipes.recipes import SentRecipe
 from app.store.arrays import from_blob, from_blocks, to_blocks
 from app.store.database import Damaged
-from app.store.repository import Entries, Entry, InUse, NotFound
+from app.store.repository import Entries, Entry, InUse, NotFound, Time
 from app.store.tables import dataset_blocks, datasets, monitors, new_id, now
 from core import __version__
 from core.channels import KEYS
@@ -65,8 +65,7 @@ class DatasetInfo(Entry):
 
     id: str
     name: str
-    created: str
-    """UTC, ISO 8601"""
+    created: Time
     digest: str
     """SHA-256 of the data a monitor can learn from"""
     seed: int | None

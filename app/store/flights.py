@@ -19,7 +19,7 @@ from app.store.assessments import (
     pack,
 )
 from app.store.database import Damaged
-from app.store.repository import Entries, Entry, check_deletable, columns, fetch, require
+from app.store.repository import Entries, Entry, Time, check_deletable, columns, fetch, require
 from app.store.tables import (
     assessment_chunks,
     display_monitors,
@@ -55,10 +55,8 @@ class FlightInfo(Entry):
     """accepted miss rate"""
     status: str
     """`running`, `interrupted`, or the word given when it ended"""
-    created: str
-    """UTC, ISO 8601"""
-    ended: str | None
-    """UTC, ISO 8601"""
+    created: Time
+    ended: Time | None
     exceeded_t: float | None
     """first exceedance up to the end [s], whether flown or skipped by a seek"""
     exceedances: list[dict[str, Any]] | None
@@ -113,16 +111,13 @@ class FlightRepository(Entries[FlightInfo]):
 
     def display(self, flight_ids: Iterable[str]) -> dict[str, list[tuple[str, float]]]:
         """Id and epsilon of each flight's display monitors; flights without any are absent."""
-        monitors_shown, ids = display_monitors.c, set(flight_ids)
-        query = select(
-            monitors_shown.flight_id, monitors_shown.monitor_id, monitors_shown.epsilon
-        ).order_by(monitors_shown.position)
-        by_flight: dict[str, list[tuple[str, float]]] = {}
-        with self._reading() as connection:
-            for flight_id, monitor_id, epsilon in connection.execute(query):
-                if flight_id in ids:
-                    by_flight.setdefault(flight_id, []).append((monitor_id, epsilon))
-        return by_flight
+        shown = display_monitors.c
+        query = select(shown.flight_id, shown.monitor_id, shown.epsilon).order_by(shown.position)
+        by_flight = self._by_flight(query, flight_ids)
+        return {
+            key: [(row["monitor_id"], row["epsilon"]) for row in rows]
+            for key, rows in by_flight.items()
+        }
 
     def end(
         self,

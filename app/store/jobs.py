@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 from sqlalchemy import insert, update
 
-from app.store.repository import Entries, Entry
+from app.store.repository import Entries, Entry, Time
 from app.store.tables import jobs, new_id, now
 
 JobStatus = Literal["queued", "running", "done", "failed", "cancelled", "interrupted"]
@@ -33,12 +33,9 @@ class JobInfo(Entry):
     """ids of the dataset and monitor it made, or a study's curves"""
     error: str | None
     """why it failed or was interrupted"""
-    created: str
-    """UTC, ISO 8601"""
-    started: str | None
-    """UTC, ISO 8601"""
-    ended: str | None
-    """UTC, ISO 8601"""
+    created: Time
+    started: Time | None
+    ended: Time | None
 
 
 class JobRepository(Entries[JobInfo]):

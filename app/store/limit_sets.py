@@ -6,8 +6,8 @@ from typing import Any
 
 from sqlalchemy import Connection, Select, func, insert, select
 
-from app.store.repository import Entries, Entry, columns, fetch, require
-from app.store.tables import flight_limits, flights, limit_set_versions, limit_sets, new_id, now
+from app.store.repository import Entries, Entry, Time, columns, fetch
+from app.store.tables import flight_limits, limit_set_versions, limit_sets, new_id, now
 from core.limits.limit_sets import LimitSet, limit_set_from_plain, limit_set_to_plain
 
 
@@ -17,8 +17,7 @@ class LimitSetInfo(Entry):
 
     id: str
     name: str
-    created: str
-    """UTC, ISO 8601"""
+    created: Time
     newest: int
     """newest version: 1, 2, ..."""
 
@@ -33,8 +32,7 @@ class StoredLimits(Entry):
     """of the set"""
     version: int
     """1, 2, ... in order of creation"""
-    created: str
-    """UTC, ISO 8601"""
+    created: Time
     by: str
     """person who made it"""
     text: str | None
@@ -64,8 +62,7 @@ class FlightLimits(Entry):
     """first sample number it applies to"""
     t: float
     """time of the previous sample [s]; 0 before the first"""
-    created: str
-    """UTC, ISO 8601"""
+    created: Time
     by: str
     """person who put it in force"""
 
@@ -106,30 +103,20 @@ class LimitSetRepository(Entries[LimitSetInfo]):
 
     def note(self, flight_id: str, limits: FlightLimits) -> None:
         """Store limits put in force; those already stored under this number are left unchanged."""
-        stored = flight_limits.c
-        existing = select(stored.number).where(
-            stored.flight_id == flight_id, stored.number == limits.number
-        )
-        with self._writing() as connection:
-            require(connection, flights, flight_id)
-            require(connection, limit_sets, limits.limit_set)
-            if connection.execute(existing).first() is None:
-                row = asdict(limits) | {"flight_id": flight_id, "limit_set_id": limits.limit_set}
-                del row["limit_set"], row["name"]
-                connection.execute(insert(flight_limits).values(**row))
+        row = asdict(limits) | {"limit_set_id": limits.limit_set}
+        del row["limit_set"], row["name"]
+        self._add_numbered(flight_limits, flight_id, row)
 
     def of_flights(self, flight_ids: Iterable[str]) -> dict[str, list[FlightLimits]]:
         """Limits put in force during flights, in order; flights without any are absent."""
-        ids, limits = set(flight_ids), flight_limits.c
+        limits = flight_limits.c
         named = limit_sets.c.name, limits.limit_set_id.label("limit_set"), limits.flight_id
         query = select(*columns(flight_limits, FlightLimits), *named).join(limit_sets)
-        by_flight: dict[str, list[FlightLimits]] = {}
-        with self._reading() as connection:
-            for row in connection.execute(query.order_by(limits.number)):
-                values = dict(row._mapping)
-                if (flight_id := values.pop("flight_id")) in ids:
-                    by_flight.setdefault(flight_id, []).append(FlightLimits(**values))
-        return by_flight
+        by_flight = self._by_flight(query.order_by(limits.number), flight_ids)
+        return {
+            key: [FlightLimits(**{k: row[k] for k in row if k != "flight_id"}) for row in rows]
+            for key, rows in by_flight.items()
+        }
 
     def _query(self) -> Select:
         of_set = limit_set_versions.c.limit_set_id == limit_sets.c.id

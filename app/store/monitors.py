@@ -13,7 +13,7 @@ from sqlalchemy import Connection, Engine, Row, Select, delete, select
 from app.recipes.recipes import SentRecipe, to_plain
 from app.store import monitor_upload
 from app.store.database import Damaged
-from app.store.repository import Entries, Entry, InUse, Writer, fetch
+from app.store.repository import Entries, Entry, InUse, Time, Writer, fetch
 from app.store.tables import (
     datasets,
     display_monitors,
@@ -57,8 +57,7 @@ class MonitorInfo(Entry):
 
     id: str
     name: str
-    created: str
-    """UTC, ISO 8601"""
+    created: Time
     digest: str
     """SHA-256 of its portable file"""
     dataset_id: str | None

@@ -12,9 +12,9 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Literal, get_args
 
-from sqlalchemy import ColumnElement, Connection, insert, select, update
+from sqlalchemy import ColumnElement, insert, select, update
 
-from app.store.repository import Entry, NotFound, Repository, columns, fetch
+from app.store.repository import Entries, Entry, NotFound, Repository, Time, columns
 from app.store.tables import audit, new_id, now, time_text, tokens
 
 Role = Literal["viewer", "operator", "engineer", "admin"]
@@ -43,12 +43,10 @@ class StoredToken(Entry):
     name: str
     """person's name"""
     role: Role
-    created: str
-    """UTC, ISO 8601"""
+    created: Time
     expires: str | None
     """UTC, ISO 8601; null: never"""
-    revoked: str | None
-    """UTC, ISO 8601"""
+    revoked: Time | None
     last_used: str | None
     """UTC, ISO 8601, to about a minute"""
 
@@ -57,8 +55,10 @@ class StoredToken(Entry):
         return self.revoked is None and (self.expires is None or now() < self.expires)
 
 
-class TokenRepository(Repository):
+class TokenRepository(Entries[StoredToken]):
     """Tokens by the digest of the secret; a name has at most one valid token."""
+
+    table, entry = tokens, StoredToken
 
     def add(self, name: str, role: Role, days: float | None = None) -> tuple[StoredToken, str]:
         """Store a new token; return it with its secret, which cannot be read again.
@@ -76,15 +76,11 @@ class TokenRepository(Repository):
         expires = None if days is None else _in(timedelta(days=days))
         token = StoredToken(new_id(), name, role, now(), expires, None, None)
         with self._writing() as connection:
-            if any(_same(other.name, name) for other in _all(connection) if other.is_valid):
+            others = [self._entry(row) for row in connection.execute(self._query())]
+            if any(_same(other.name, name) for other in others if other.is_valid):
                 raise TokenError(f"{name} has a token already: revoke it before making another")
             connection.execute(insert(tokens).values(**vars(token), digest=digest_of(secret)))
         return token, secret
-
-    def all(self) -> list[StoredToken]:
-        """All tokens ever made, newest first."""
-        with self._reading() as connection:
-            return _all(connection)[::-1]
 
     def known(self) -> dict[str, StoredToken]:
         """All tokens ever made, by digest."""
@@ -105,7 +101,7 @@ class TokenRepository(Repository):
         valid = _has_id(token_id) & tokens.c.revoked.is_(None)
         with self._deleting() as connection:
             connection.execute(update(tokens).where(valid).values(revoked=now(), link=None))
-            return _fetch(connection, token_id)
+            return self._fetch(connection, token_id)
 
     def make_link(self, token_id: str) -> str:
         """Code that logs the person in once within LINK_SECONDS; it replaces an earlier code.
@@ -115,7 +111,7 @@ class TokenRepository(Repository):
         code = secrets.token_urlsafe(SECRET_BYTES)
         values = {"link": digest_of(code), "link_expires": _in(timedelta(seconds=LINK_SECONDS))}
         with self._writing() as connection:
-            token = _fetch(connection, token_id)
+            token = self._fetch(connection, token_id)
             if not token.is_valid:
                 raise TokenError(
                     f"the token of {token.name} is revoked or has expired: make a new one"
@@ -142,16 +138,6 @@ class TokenRepository(Repository):
 
 def digest_of(secret: str) -> str:
     return hashlib.sha256(secret.encode("utf-8", "surrogateescape")).hexdigest()
-
-
-def _all(connection: Connection) -> list[StoredToken]:
-    query = select(*columns(tokens, StoredToken)).order_by(tokens.c.created)
-    return [StoredToken(**row._mapping) for row in connection.execute(query)]
-
-
-def _fetch(connection: Connection, token_id: str) -> StoredToken:
-    query = select(*columns(tokens, StoredToken)).where(_has_id(token_id))
-    return StoredToken(**fetch(connection, query, "token", token_id)._mapping)
 
 
 def _has_id(token_id: str) -> ColumnElement[bool]:

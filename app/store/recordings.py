@@ -15,6 +15,7 @@ from app.store.repository import (
     Entry,
     InUse,
     Repository,
+    Time,
     check_deletable,
     columns,
     fetch,
@@ -32,8 +33,7 @@ class RecordingInfo(Entry):
 
     id: str
     name: str
-    created: str
-    """UTC, ISO 8601"""
+    created: Time
     size: int
     """of the file [bytes]"""
     digest: str
@@ -91,8 +91,7 @@ class Marker(Entry):
     """A remark on a moment or an interval of a recording."""
 
     id: str
-    created: str
-    """UTC, ISO 8601"""
+    created: Time
     kind: MarkerKind
     t: float
     """[s]"""

@@ -1,16 +1,18 @@
 """Base of the store's repositories: one engine, short transactions, rows by id."""
 
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import fields
 from threading import RLock
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, TypeVar
 
-from pydantic import ConfigDict
+from pydantic import ConfigDict, Field
 from sqlalchemy import Connection, Engine, Row, Select, Table, delete, func, insert, select, update
 
 from app.store.database import reading, writing
 from app.store.disk import Reserve
+from app.store.tables import flights
 
 TRANSACTION_BYTES = 4 * 2**20
 
@@ -31,6 +33,9 @@ class InUse(ValueError):
 
 class KeptPermanently(ValueError):
     """The thing to delete is kept permanently."""
+
+
+Time = Annotated[str, Field(description="UTC, ISO 8601")]
 
 
 class Entry:
@@ -110,6 +115,27 @@ class Repository:
         with self._reading() as connection:
             rows = connection.execute(select(parts.c[owner], size).group_by(parts.c[owner]))
             return {identity: int(size) for identity, size in rows}
+
+    def _add_numbered(self, table: Table, flight_id: str, row: Mapping[str, Any]) -> None:
+        """Store a row of a flight; one already stored under its number is left unchanged."""
+        existing = select(table.c.number).where(
+            table.c.flight_id == flight_id, table.c.number == row["number"]
+        )
+        with self._writing() as connection:
+            require(connection, flights, flight_id)
+            if connection.execute(existing).first() is None:
+                connection.execute(insert(table).values(**row, flight_id=flight_id))
+
+    def _by_flight(
+        self, query: Select, flight_ids: Iterable[str]
+    ) -> dict[str, list[dict[str, Any]]]:
+        """Rows of flights by their `flight_id`; flights without any are absent."""
+        wanted, by_flight = set(flight_ids), defaultdict[str, list[dict[str, Any]]](list)
+        with self._reading() as connection:
+            for row in connection.execute(query):
+                if row.flight_id in wanted:
+                    by_flight[row.flight_id].append(dict(row._mapping))
+        return dict(by_flight)
 
     def _add_in_parts(
         self,

@@ -9,7 +9,7 @@ from sqlalchemy import Row, Select, delete, insert, select
 
 from app.store.database import Damaged, to_text
 from app.store.flights import replays_of
-from app.store.repository import Entry, InUse, Repository, columns, fetch, require
+from app.store.repository import Entry, InUse, Repository, Time, columns, fetch, require
 from app.store.tables import monitors, recordings, scorings
 from core.limits.limits import PlainSpecification
 
@@ -30,8 +30,7 @@ class ScoringInfo(Entry):
     """SHA-256 of everything that determines the samples"""
     digest: str
     """SHA-256 of the samples; the same request gives the same digest"""
-    created: str
-    """UTC, ISO 8601"""
+    created: Time
     version: str
     """version of the program that scored it"""
     epsilon: float
