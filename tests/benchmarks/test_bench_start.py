@@ -15,7 +15,7 @@ HELP = """
 from app.cli import main
 main(["serve", "--help"])
 """
-IMPORTS = "import app.serving, app.access.people, app.access.sessions, app.store.tokens\n"
+IMPORTS = "import app.serving, app.access.people, app.access.sessions, app.store.people\n"
 
 
 def cpu_s(program: str) -> float:
