@@ -24,7 +24,7 @@ MOST_WAITING = 10_000
 MOST_AT_ONCE = 500
 MOST_REMEMBERED = 10_000
 """Pairs of person and flight whose first push is logged."""
-RETRY_AFTER_S = 1.0
+STORE_EVERY_S = 0.5
 
 
 class Audit:
@@ -32,22 +32,24 @@ class Audit:
 
     def __init__(self) -> None:
         self._waiting: deque[AuditEntry] = deque()
-        self._has_entries, self._lock = asyncio.Event(), asyncio.Lock()
-        self._closing = False
+        self._lock = asyncio.Lock()
         self._pushed: OrderedDict[tuple[str, str], None] = OrderedDict()
         self._n_lost = 0
 
     @asynccontextmanager
     async def open(self, store: Store) -> AsyncIterator[None]:
         """Store entries while open, and at the end those that still wait."""
-        self._has_entries, self._lock, self._closing = asyncio.Event(), asyncio.Lock(), False
-        storing = asyncio.create_task(self._store_entries(store))
+        self._lock = asyncio.Lock()
+        storing = asyncio.create_task(self._store_regularly(store))
         try:
             yield
         finally:
-            self._closing = True
-            self._has_entries.set()
-            await storing
+            async with self._lock:  # not in the middle of a flush
+                storing.cancel()
+            try:
+                await self.flush(store)
+            except StoreError as error:
+                LOG.error("%d audit entries lost: %s", len(self._waiting), error)
 
     def note_answer(self, connection: HTTPConnection, person: Person, status: int) -> None:
         """Log the answer to a change, unless it was refused (4xx)."""
@@ -69,7 +71,6 @@ class Audit:
         method, path = method_of(connection), connection.scope["path"]
         entry = AuditEntry(now(), person.name, person.role, address, method, path, status)
         self._waiting.append(entry)
-        self._has_entries.set()
 
     def _is_first(self, name: str, path: str) -> bool:
         is_first = (name, path) not in self._pushed
@@ -79,32 +80,25 @@ class Audit:
             self._pushed.popitem(last=False)
         return is_first
 
-    async def _store_entries(self, store: Store) -> None:
+    async def _store_regularly(self, store: Store) -> None:
         is_failing = False
-        while not self._closing or self._waiting:
-            await self._has_entries.wait()
+        while True:
+            await asyncio.sleep(STORE_EVERY_S)
             try:
                 await self.flush(store)
                 is_failing = False
             except StoreError as error:
-                if self._closing:
-                    LOG.error("%d audit entries lost: %s", len(self._waiting), error)
-                    return
                 if not is_failing:
                     LOG.warning("audit entries wait for the store: %s", error)
                 is_failing = True
-                await asyncio.sleep(RETRY_AFTER_S)
 
     async def flush(self, store: Store) -> None:
         """Store the waiting entries. StoreError: the rest keeps waiting."""
         async with self._lock:
-            while self._waiting:
-                entries = [*islice(self._waiting, MOST_AT_ONCE)]
+            while entries := [*islice(self._waiting, MOST_AT_ONCE)]:
                 await asyncio.to_thread(store.audit.add, entries)
                 for _ in entries:
                     self._waiting.popleft()
-            if not self._closing:
-                self._has_entries.clear()
         if self._n_lost:
             LOG.error("%d audit entries lost: too many waited for the store", self._n_lost)
             self._n_lost = 0

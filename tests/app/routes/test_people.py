@@ -199,7 +199,7 @@ def test_entries_are_logged_once_the_store_accepts_writes(
     client: TestClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store = store_of(client)
-    monkeypatch.setattr(audit_module, "RETRY_AFTER_S", 0.01)
+    monkeypatch.setattr(audit_module, "STORE_EVERY_S", 0.01)
 
     def fail(entries: Any) -> None:
         raise StoreError("the disk is full")
