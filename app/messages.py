@@ -60,9 +60,7 @@ class Verdict(Message):
     lead: float | None = Field(description="[s] from the first risk alarm to it; null without one")
     text: str = Field(description="for people")
     warning: str = Field(
-        default="",
-        description="`Warned 0.45 s before the limit` or `Missed: no alert before the limit`, "
-        "shown beside the headline; empty where the monitor could not warn",
+        default="", description="`Warned 0.45 s before the limit` or `Missed: ...`; else empty"
     )
 
 
@@ -71,11 +69,7 @@ class LimitsFrom(Message):
 
     t: float | None = Field(description="time of the last sample before [s]; null for all")
     limits: dict[str, float | None] | None = Field(description="by channel; null if unknown")
-    seq: int | None = Field(
-        default=None,
-        description="number of the first sample, in a record (times repeat where a flight was "
-        "sought); null elsewhere and in old records",
-    )
+    seq: int | None = Field(default=None, description="first sample, in a record; else null")
 
 
 class Alarm(Message):
@@ -131,9 +125,7 @@ class TransportState(Message):
     n_samples: int | None
     slipped: float = Field(description="total time that the flight fell behind its clock [s]")
     seekable: bool = Field(description="false for a live source")
-    waiting: bool = Field(
-        default=False, description="at its start for a first viewer, at most 10 s"
-    )
+    waiting: bool = Field(default=False, description="for a first viewer, at most 10 s")
 
 
 class Validity(Message):
@@ -143,9 +135,8 @@ class Validity(Message):
     reason: str
     cause: Cause | None = Field(
         default=None,
-        description="special cause of an invalid sample: it is outside every manoeuvre "
-        "(`between_manoeuvres`), the limits in force are not the monitor's (`not_applicable`), or "
-        "they are unknown (`limits_unknown`)",
+        description="why it is invalid: outside every manoeuvre, or the limits in force are not "
+        "the monitor's (`not_applicable`) or unknown",
     )
 
 
@@ -166,9 +157,7 @@ class FlownMonitor(Message):
     epsilon: float = Field(description="accepted miss rate")
     alert_above: float = Field(description="risk above which it alerts")
     n_unsafe: int
-    limits: dict[str, float | None] | None = Field(
-        description="that it was trained for; null if unknown"
-    )
+    limits: dict[str, float | None] | None = Field(description="of its training; null: unknown")
     validity: Literal["checked", "not calibrated"]
     warnings: list[str] = Field(description="reasons not to rely on it")
 
@@ -208,7 +197,6 @@ class Frame(SampleAssessment):
 
     Unknown values are null; p_value, alert and y_hat are null unless state is `ok`.
     `sent`: monotonic milliseconds of the server when the sample was due; null in a record.
-    `taken`: the same when the sample was taken, if known to be earlier (live sources).
     """
 
     seq: int
@@ -218,17 +206,13 @@ class Frame(SampleAssessment):
     sent: float | None
     taken: float | None = Field(
         default=None,
-        description="monotonic milliseconds of the server when a live source took it: earlier than "
-        "`sent` by the lag of the source; else absent",
+        description="of a live source: as `sent`, but when the sample was taken; else absent",
     )
     ahead: CardAhead | None = Field(
         default=None,
-        description="with some samples during a test card, from a monitor that knows the card, "
-        "while someone watches; else absent",
+        description="with some samples of a test card that the monitor knows; else absent",
     )
-    display: list[SampleAssessment] = Field(
-        default_factory=list, description="of monitors for display"
-    )
+    display: list[SampleAssessment] = Field(default_factory=list, description="if any")
 
 
 class ManoeuvreBegun(Message):
@@ -262,14 +246,11 @@ class LiveStatus(Message):
     udp: str | None = Field(description="host:port for datagrams; null for none")
     problem: str = Field(description="why the journal is not being written; empty if it is")
     drift: int = Field(
-        default=0,
-        description="estimated drift of the source's clock [1e-6], at most 100 and 0 in the first "
-        "minutes; samples that become later by more are late",
+        default=0, description="of the source's clock [1e-6], at most 100; 0 in the first minutes"
     )
     doubts: list[str] = Field(
         default_factory=list,
-        description="why the newest samples are no picture of the aircraft: frozen, contradicting, "
-        "or without the surfaces that move it; also advisories",
+        description="why the newest samples may not show the aircraft; also advisories",
     )
 
 
@@ -318,8 +299,7 @@ class Hello(Validity, Headline):
     lead: float = Field(description="lead time [s], less the longest wait of samples")
     dt: float
     stale_after: float = Field(
-        description="time without a sample after which the display is stale, at speed 1 [s]; at "
-        "lower speeds three intervals as played, if longer"
+        description="[s] without a sample at speed 1; slower, at least three intervals as played"
     )
     validity: Literal["checked", "not calibrated"] = Field(
         description="`checked`: the flight becomes `invalid` when it is unlike those of training"
@@ -327,8 +307,7 @@ class Hello(Validity, Headline):
     monitor: dict[str, str]
     monitors: list[FlownMonitor] = Field(description="the alarm authority, then those for display")
     warnings: list[str] = Field(
-        description="reasons from its test flights not to rely on the monitor at this epsilon, or "
-        "that it was not tested: problem, colon, figures and remedy"
+        description="reasons not to rely on the monitor: problem, colon, figures and remedy"
     )
     no_rest: str = Field(description="why it never forecasts the rest of a test card; else empty")
     ahead: CardAhead | None = Field(description="forecast at sample `head`, as in a frame")
@@ -341,8 +320,7 @@ class Hello(Validity, Headline):
     exceedances: list[ChannelExceedances] = Field(description="exceedances so far, per channel")
     latched: list[LatchedExceedance] = Field(description="exceedances that the strips show")
     held: list[LimitsFrom] = Field(
-        description="newest changes of the limits since the flight began or was sought; empty if "
-        "those of `channels` were in force all the time"
+        description="newest changes of the limits; empty if `channels` has those of all samples"
     )
     head: int = Field(description="newest seq; -1 before the first sample")
     alarms: list[Alarm] = Field(description="unacknowledged ones, and the last acknowledged")
@@ -421,8 +399,7 @@ class Reset(Message):
     t: float = Field(description="[s] where the flight began or was sought, with sample `since`")
     since: int = Field(
         default=0,
-        description="samples from `since` up to `seq` belong to the same strips; they are not "
-        "streamed any more, and are at /assessments",
+        description="first sample of the same strips; those up to `seq` are at /assessments",
     )
     held: list[LimitsFrom] = Field(default_factory=list, description="as in hello, by now")
 
