@@ -5,6 +5,7 @@ parts that a short transaction can write. Every change here needs a migration in
 """
 
 import secrets
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from typing import Any
 
@@ -76,11 +77,13 @@ def _part_of(table: str) -> Column[str]:
     return Column(f"{table.removesuffix('s')}_id", String(2 * ID_BYTES), row, primary_key=True)
 
 
-def _refers_to(table: str, ondelete: str, *, index: bool = True) -> Column[str]:
+def _refers_to(
+    table: str, ondelete: str, *, index: bool = True, nullable: bool = False
+) -> Column[str]:
     """Reference to another table's row, which this row needs (RESTRICT) or belongs to (CASCADE)."""
     row = ForeignKey(f"{table}.id", ondelete=ondelete)
     name = f"{table.removesuffix('s')}_id"
-    return Column(name, String(2 * ID_BYTES), row, nullable=False, index=index)
+    return Column(name, String(2 * ID_BYTES), row, nullable=nullable, index=index)
 
 
 def _time(name: str, *, nullable: bool = True) -> Column[str]:
@@ -91,12 +94,22 @@ def _plain(name: str, *, nullable: bool = False) -> Column[Any]:
     return Column(name, JSON(none_as_null=True), nullable=nullable)
 
 
+def _named() -> Iterator[Column[str]]:
+    yield from (_id(), Column("name", Text, nullable=False), _time("created", nullable=False))
+
+
+def _called() -> Iterator[Column[Any]]:
+    """At which sample of a flight, when and by whom."""
+    yield Column("seq", BigInteger, nullable=False)
+    yield Column("t", Float, nullable=False)
+    yield _time("created", nullable=False)
+    yield Column("by", Text, nullable=False)
+
+
 datasets = Table(
     "datasets",
     metadata,
-    _id(),
-    Column("name", Text, nullable=False),
-    _time("created", nullable=False),
+    *_named(),
     Column("complete", Boolean, nullable=False),
     Column("digest", String(64), nullable=False, index=True),
     Column("seed", WholeNumber),
@@ -126,17 +139,10 @@ dataset_blocks = Table(
 monitors = Table(
     "monitors",
     metadata,
-    _id(),
-    Column("name", Text, nullable=False),
-    _time("created", nullable=False),
+    *_named(),
     Column("complete", Boolean, nullable=False),
     Column("digest", String(64), nullable=False),
-    Column(
-        "dataset_id",
-        String(2 * ID_BYTES),
-        ForeignKey("datasets.id", ondelete="RESTRICT"),
-        index=True,
-    ),
+    _refers_to("datasets", "RESTRICT", nullable=True),
     Column("dataset_digest", String(64), nullable=False),
     _plain("dataset_recipe"),
     _plain("recipe"),
@@ -242,10 +248,7 @@ flight_markers = Table(
     _refers_to("flights", "CASCADE", index=False),
     Column("number", Integer, nullable=False),
     Column("kind", String(16), nullable=False),
-    Column("seq", BigInteger, nullable=False),
-    Column("t", Float, nullable=False),
-    _time("created", nullable=False),
-    Column("by", Text, nullable=False),
+    *_called(),
     Column("text", Text),
     UniqueConstraint("flight_id", "number"),
 )
@@ -253,9 +256,7 @@ flight_markers = Table(
 limit_sets = Table(
     "limit_sets",
     metadata,
-    _id(),
-    Column("name", Text, nullable=False),
-    _time("created", nullable=False),
+    *_named(),
 )
 
 limit_set_versions = Table(
@@ -277,18 +278,13 @@ flight_limits = Table(
     _refers_to("limit_sets", "RESTRICT"),
     Column("version", Integer, nullable=False),
     _plain("fixed"),
-    Column("seq", BigInteger, nullable=False),
-    Column("t", Float, nullable=False),
-    _time("created", nullable=False),
-    Column("by", Text, nullable=False),
+    *_called(),
 )
 
 recordings = Table(
     "recordings",
     metadata,
-    _id(),
-    Column("name", Text, nullable=False),
-    _time("created", nullable=False),
+    *_named(),
     Column("complete", Boolean, nullable=False),
     Column("size", BigInteger, nullable=False),
     Column("digest", String(64), nullable=False, index=True),
@@ -359,9 +355,7 @@ markers = Table(
 campaigns = Table(
     "campaigns",
     metadata,
-    _id(),
-    Column("name", Text, nullable=False),
-    _time("created", nullable=False),
+    *_named(),
     _time("changed", nullable=False),
     Column("revision", Integer, nullable=False),
     _plain("content"),
