@@ -64,6 +64,9 @@ RECIPES: dict[str, Any] = {
     "epsilon": ChoiceRecipe(most_missed=0.1, most_false_alarms=0.2),
 }
 
+USUAL: dict[str, Any] = {"dataset": USUAL_DATASET, "monitor": USUAL_MONITOR}
+"""Recipes of an empty request, where they differ from the default."""
+
 
 @cache
 def catalog() -> dict[str, Any]:
@@ -85,8 +88,8 @@ def catalog() -> dict[str, Any]:
             name: {
                 "schema": schema_of(recipe),
                 "default": to_plain(recipe),
-                "as_flown": _as_flown(recipe),
-                "usual": _usual(recipe),
+                "as_flown": to_plain(recipe.as_flown()) if name == "dataset" else None,
+                "usual": to_plain(USUAL[name]) if name in USUAL else None,
             }
             for name, recipe in RECIPES.items()
         },
@@ -115,16 +118,6 @@ def _method_words(predictor: Any, score: Any) -> str:
     titles = (labels.METHODS[kind] for kind, pair in METHODS.items() if pair == (predictor, score))
     parts = (to_plain(part)["kind"] for part in (predictor, score))
     return next(titles, "") or ", ".join(map(kind_label, parts))
-
-
-def _as_flown(recipe: Any) -> dict[str, Any] | None:
-    return to_plain(recipe.as_flown()) if isinstance(recipe, DatasetRecipe) else None
-
-
-def _usual(recipe: Any) -> dict[str, Any] | None:
-    """The recipe of an empty request, if it differs from the default."""
-    usual: dict[type, Any] = {DatasetRecipe: USUAL_DATASET, MonitorRecipe: USUAL_MONITOR}
-    return to_plain(usual[type(recipe)]) if type(recipe) in usual else None
 
 
 def _entry(kind: str, member: Any) -> dict[str, Any]:
@@ -195,7 +188,8 @@ def schema_of(member: Any) -> dict[str, Any]:
     for field in fields(member):
         value, words = getattr(member, field.name), described.get(field.name, "")
         entry: dict[str, Any] = _property(known[field.name], value)
-        entry |= _bounds(kind, field.name)
+        if (bounds := bounds_of(kind).get(field.name)) is not None:
+            entry |= bounds.as_schema
         name = LIMITS if field.name == STORED_LIMITS else field.name
         entry |= {"title": title_of(name, words), "default": to_plain(value)}
         entry["description"] = words or entry.get("description", "")
@@ -225,12 +219,6 @@ def _definitions() -> dict[str, Any]:
 def first_line(kind: type) -> str:
     """First paragraph of a class's docstring, on one line."""
     return " ".join(cleandoc(kind.__doc__ or "").partition("\n\n")[0].split())
-
-
-def _bounds(kind: type, name: str) -> dict[str, float]:
-    """The bounds that a recipe checks for a parameter."""
-    bounds = bounds_of(kind).get(name)
-    return {} if bounds is None else bounds.as_schema
 
 
 def _property(schema: dict[str, Any], value: Any) -> dict[str, Any]:
