@@ -82,7 +82,7 @@ class Idempotent:
             is_gone = await asyncio.to_thread(answers.is_gone, request[0], earlier)
             repeated = _repeated(earlier, body.fingerprint, is_gone)
             return await repeated(scope, receive, send)
-        await asyncio.to_thread(answers.start, *request, "")
+        await asyncio.to_thread(answers.start, *request)
         try:
             await self.app(scope, body.receive, response.send)
         finally:

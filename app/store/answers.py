@@ -30,15 +30,10 @@ class Answer:
 class AnswerRepository(Repository):
     """Answers by request path and key."""
 
-    def start(self, path: str, key: str, fingerprint: str) -> Answer | None:
-        """Record a request that starts; return the earlier answer if it is a repetition."""
+    def start(self, path: str, key: str) -> None:
+        """Record a request that starts."""
         with self._writing() as connection:
-            connection.execute(delete(answers).where(answers.c.created < _oldest()))
-            if (earlier := _find(connection, path, key)) is not None:
-                return earlier
-            row = {"path": path, "key": key, "created": now(), "fingerprint": fingerprint}
-            connection.execute(insert(answers).values(**row))
-        return None
+            _add(connection, path, key)
 
     def find(self, path: str, key: str) -> Answer | None:
         """The answer to a request; None if it is unknown or older than a day."""
@@ -75,8 +70,12 @@ class AnswerRepository(Repository):
 
 def note_deleted(connection: Connection, table: str, identity: str) -> None:
     """Record a deletion, so that deleting the same row again succeeds."""
-    row = {"path": f"{table}/{identity}", "key": DELETED, "created": now(), "fingerprint": ""}
+    _add(connection, f"{table}/{identity}", DELETED)
+
+
+def _add(connection: Connection, path: str, key: str) -> None:
     connection.execute(delete(answers).where(answers.c.created < _oldest()))
+    row = {"path": path, "key": key, "created": now(), "fingerprint": ""}
     connection.execute(insert(answers).values(**row))
 
 

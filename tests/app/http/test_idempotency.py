@@ -65,7 +65,7 @@ def test_a_key_expires(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_a_request_cut_off_by_the_servers_end_is_not_repeated(client: TestClient) -> None:
-    store_of(client).answers.start(DATASETS, "local k1", "")
+    store_of(client).answers.start(DATASETS, "local k1")
     assert "the server stopped" in problem(post(client), 409)
     assert store_of(client).jobs.all() == []
 
