@@ -128,7 +128,7 @@ class TransportState(Message):
     waiting: bool = Field(default=False, description="for a first viewer, at most 10 s")
 
 
-class Validity(Message):
+class SampleState(Message):
     """Whether the newest sample was assessed."""
 
     state: State
@@ -140,7 +140,7 @@ class Validity(Message):
     )
 
 
-class SampleAssessment(Validity):
+class SampleAssessment(SampleState):
     """Assessment of a sample by a monitor; one for display raises no alarm."""
 
     p_value: float | None = Field(description="null unless state is `ok`, like alert")
@@ -272,7 +272,7 @@ class LimitsStatus(Message):
     by: str = Field(description="who put it in force")
 
 
-class Headline(Message):
+class CurrentStatus(Message):
     """The worst that is true of the flight now.
 
     beside: `stale` and `invalid`, if true and not the headline.
@@ -285,7 +285,7 @@ class Headline(Message):
     verdict: Verdict | None = Field(default=None, description="on that exceedance; null if unknown")
 
 
-class Hello(Validity, Headline):
+class Hello(SampleState, CurrentStatus):
     """First message: all that a display needs to draw the flight."""
 
     type: Literal["hello"] = "hello"
@@ -358,13 +358,13 @@ class LimitsChange(Message):
     channels: list[ChannelLimit] = Field(description="as in hello, with the limits in force")
 
 
-class StateChange(Validity):
+class StateChange(SampleState):
     """The monitor's state changed, or the source is late (`stale`)."""
 
     type: Literal["state"] = "state"
 
 
-class StatusChange(Headline):
+class StatusChange(CurrentStatus):
     """The headline or the verdict changed."""
 
     type: Literal["status"] = "status"

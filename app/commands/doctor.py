@@ -59,7 +59,6 @@ TESTED = {
     "prometheus-client": "0.26",
     "pyarrow": "26.0",
     "pydantic": "2.14",
-    "pydantic-core": "2.50",
     "rich": "14.3",
     "scipy": "1.17",
     "sqlalchemy": "2.1",
