@@ -13,8 +13,8 @@ VARIATION = 0.3
 """Standard deviation of a reaction time, as a share of its mean; Gamma distributed."""
 
 Stopped = Callable[[Indices, Indices], Indices]
-"""Repeats flights, see stopped_flights of the collection: from (m,) numbers and (m,) samples of the
-first neutral command to (m,) first samples that exceed a limit."""
+"""Repeats flights, see stopping_flights of the collection: from (m,) numbers and (m,) samples of
+the first neutral command to (m,) first samples that exceed a limit."""
 
 
 @dataclass(frozen=True, eq=False)

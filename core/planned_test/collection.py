@@ -123,19 +123,12 @@ def evaluation_flights(recipe: DatasetRecipe, n: int) -> Rollouts:
     return Simulator(recipe).rollouts(n, stream(recipe.seed, Branch.TEST))
 
 
-def stopped_flights(
-    recipe: DatasetRecipe, n: int, which: Indices, neutral_from: Indices
-) -> Indices:
-    """Fly some of these n flights again, stopping the manoeuvre on the way.
-
-    which: (m,) numbers.   neutral_from: (m,) sample from which the controls are neutral.
-    Returns (m,) their first sample that exceeds a limit, n_samples without one.
-    """
-    return stopping_flights(recipe, n)(which, neutral_from)
-
-
 def stopping_flights(recipe: DatasetRecipe, n: int) -> Callable[[Indices, Indices], Indices]:
-    """As stopped_flights, for several calls: draws the n flights only once."""
+    """Draw these n flights, to fly some again with the manoeuvre stopped on the way.
+
+    Returns a function of (m,) flight numbers and (m,) samples from which the controls are neutral,
+    to (m,) first samples that exceed a limit, n_samples without one.
+    """
     return Simulator(recipe).stopping(n, stream(recipe.seed, Branch.TEST))
 
 

@@ -1,7 +1,6 @@
 """The lead-time study: same counts as monitors trained and tested one by one."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from core.evaluation.lead_sweep import (
 from core.evaluation.prevention import prevention
 from core.evaluation.rates import evaluate, first_alerts
 from core.monitor import MonitorRecipe, train
-from core.planned_test.collection import card_of, collect, evaluation_flights, stopped_flights
+from core.planned_test.collection import card_of, collect, evaluation_flights, stopping_flights
 from core.seeds import Branch, monitor_seeds, stream
 from core.simulation.maneuver import FrequencySweep
 
@@ -70,7 +69,7 @@ def test_sharing_work_between_methods_changes_no_count() -> None:
         alone = evaluate(monitor, y, fails, np.array([0.1]))
         assert (cell.misses[0], cell.false_alerts[0]) == (alone.misses[0], alone.false_alerts[0])
         first = first_alerts(monitor, y, fails)
-        again = partial(stopped_flights, test, recipe.n_test)
+        again = stopping_flights(test, recipe.n_test)
         rng = stream(test.seed, Branch.REACTION)
         first[~flights.is_unsafe] = n_samples
         reacted = prevention(first, fails, n_samples, 0.05, again, rng)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from core.evaluation.prevention import VARIATION, prevention
-from core.planned_test.collection import DatasetRecipe, evaluation_flights, stopped_flights
+from core.planned_test.collection import DatasetRecipe, evaluation_flights, stopping_flights
 from core.types import Indices
 
 RECIPE = DatasetRecipe(n_unsafe=30, seed=4)
@@ -18,7 +18,7 @@ N = 40
 def test_a_stopped_flight_is_the_same_until_it_is_stopped(recipe: DatasetRecipe) -> None:
     flown = evaluation_flights(recipe, N)
     n_samples, which = flown.y.shape[1], np.flatnonzero(flown.is_unsafe)
-    again = partial(stopped_flights, recipe, N, which)
+    again = partial(stopping_flights(recipe, N), which)
     assert (again(np.full(len(which), n_samples)) == flown.fail_index[which]).all()
     assert (again(np.zeros_like(which)) == n_samples).all()
     late = again(flown.fail_index[which])
@@ -30,7 +30,7 @@ def test_stopping_too_late_does_not_undo_the_input() -> None:
     """Neutral controls just before the failure come too late, early ones do not."""
     flown = evaluation_flights(RECIPE, N)
     which = np.flatnonzero(flown.is_unsafe)
-    late = stopped_flights(RECIPE, N, which, flown.fail_index[which] - 1)
+    late = stopping_flights(RECIPE, N)(which, flown.fail_index[which] - 1)
     assert (late == flown.fail_index[which]).any()
 
 
@@ -72,7 +72,7 @@ def test_a_faster_reaction_prevents_more() -> None:
     flown = evaluation_flights(recipe, 300)
     n_samples = flown.y.shape[1]
     alerts = np.where(flown.is_unsafe, np.maximum(flown.fail_index - 10, 0), n_samples)
-    again = partial(stopped_flights, recipe, 300)
+    again = stopping_flights(recipe, 300)
     counts = prevention(alerts, flown.fail_index, n_samples, 0.05, again, np.random.default_rng(2))
     assert (np.diff(counts.prevented) <= 0).all()
     assert counts.prevented[0] > 0.5 * counts.n_unsafe
