@@ -125,7 +125,11 @@ def _entry(kind: str, member: Any) -> dict[str, Any]:
         "kind": kind,
         "label": kind_label(kind),
         "description": getattr(member, "description", None) or first_line(type(member)),
-        **({"aircraft_class": member.aircraft_class} if isinstance(member, Aircraft) else {}),
+        **(
+            {"aircraft_class": member.condition.aircraft_class}
+            if isinstance(member, Aircraft)
+            else {}
+        ),
         "schema": schema_of(member),
         "default": {key: value for key, value in to_plain(member).items() if key != "kind"},
         "usual_test": _usual_test(member) if isinstance(member, Aircraft) else None,

@@ -57,7 +57,7 @@ class PlannedTest:
     @property
     def speed(self) -> float | None:
         """True airspeed of the model [m/s]; None where it has none."""
-        return self.aircraft.airspeed if self.aircraft else None
+        return self.aircraft.condition.airspeed if self.aircraft else None
 
     @cached_property
     def commands(self) -> Array:

@@ -565,7 +565,7 @@ class Flights:
         aircraft = aircraft_of(recipe)
         signs = surface_signs(aircraft.uncertain_plant()) if aircraft else SurfaceSigns(1, -1)
         try:
-            looks = aircraft.aircraft_class if aircraft else "fighter"
+            looks = aircraft.condition.aircraft_class if aircraft else "fighter"
             alpha0 = trim_angles(recipe)[0]
             return self._scenes.open(plan.id, signs, alpha0, stale_after_s, looks)
         except (RuntimeError, OSError):

@@ -25,7 +25,7 @@ from core.simulation.rollout import roll_out, sideslip_state
 from core.types import Array, Flags, Indices
 
 DEFAULT_AIRCRAFT = AIRCRAFT["f16_sl_h0_v502"]
-USUAL = DEFAULT_AIRCRAFT.usual_test
+USUAL = DEFAULT_AIRCRAFT.condition.usual_test
 MOST_SAMPLES = 20_000
 """Largest number of steps of a rollout, so that a chunk fits in memory."""
 
@@ -154,7 +154,7 @@ class DatasetRecipe:
     @classmethod
     def usual(cls, aircraft: Aircraft) -> "DatasetRecipe":
         """The usual first test of this aircraft: about a quarter of the rollouts exceed a limit."""
-        usual = aircraft.usual_test
+        usual = aircraft.condition.usual_test
         return cls(
             aircraft=aircraft,
             control_law=CONTROL_LAWS[usual.control_law],
@@ -192,8 +192,8 @@ class Simulator:
             recipe.control_law.actuator,
             recipe.maneuver.duration_s,
         )
-        aircraft = recipe.aircraft
-        self.gust = recipe.imperfections.gust(aircraft.altitude, aircraft.airspeed)
+        condition = recipe.aircraft.condition
+        self.gust = recipe.imperfections.gust(condition.altitude, condition.airspeed)
         if self.gust is not None:
             sideslip_state(self.plant.nominal_plant())
 

@@ -4,7 +4,7 @@ import re
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from math import cos, inf, sin, tan
-from typing import Any, Literal, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -33,6 +33,19 @@ PUBLISHED_SCATTER = Uncertainty(dict(SIGMA_FRACTION))
 """The flight-to-flight scatter of identified derivatives, see core.simulation.published."""
 
 
+class FlightCondition(NamedTuple):
+    """About an aircraft and how it flies.
+
+    aircraft_class: its shape, for display.   usual_test: law, rudder doublet and limit.
+    altitude: [m], 0 for a sea-level model.   airspeed: true [m/s].   None where unknown.
+    """
+
+    aircraft_class: AircraftClass
+    usual_test: UsualTest
+    altitude: float | None
+    airspeed: float | None
+
+
 @dataclass(frozen=True)
 class Aircraft(ABC):
     """The recipe of an uncertain aircraft: a model and its uncertainty."""
@@ -44,23 +57,8 @@ class Aircraft(ABC):
 
     @property
     @abstractmethod
-    def aircraft_class(self) -> AircraftClass:
-        """Its shape, for display."""
-
-    @property
-    @abstractmethod
-    def usual_test(self) -> UsualTest:
-        """The usual first test: law, rudder doublet and limit."""
-
-    @property
-    @abstractmethod
-    def altitude(self) -> float | None:
-        """Altitude [m], 0 for a sea-level model; None where unknown."""
-
-    @property
-    @abstractmethod
-    def airspeed(self) -> float | None:
-        """True airspeed [m/s]; None where unknown."""
+    def condition(self) -> FlightCondition:
+        """Its shape, usual first test and flight condition."""
 
     @abstractmethod
     def uncertain_plant(self) -> UncertainPlant:
@@ -100,26 +98,15 @@ class PublishedAircraft(Aircraft):
         return MODELS[self.name]
 
     @property
-    def aircraft_class(self) -> AircraftClass:
-        return self.model.aircraft_class
-
-    @property
     def description(self) -> str:
         """The aircraft, its flight condition, source and check, in one line."""
         model = self.model
         return f"{model.title}, {model.condition}; {model.reference}; {model.checked}"
 
     @property
-    def usual_test(self) -> UsualTest:
-        return self.model.usual_test
-
-    @property
-    def altitude(self) -> float:
-        return self.model.altitude
-
-    @property
-    def airspeed(self) -> float:
-        return self.model.speed
+    def condition(self) -> FlightCondition:
+        model = self.model
+        return FlightCondition(model.aircraft_class, model.usual_test, model.altitude, model.speed)
 
     def uncertain_plant(self) -> UncertainPlant:
         """The derivatives with their distribution, in the order of published.DERIVATIVES."""
@@ -252,27 +239,14 @@ class MatrixAircraft(Aircraft):
         )
 
     @property
-    def aircraft_class(self) -> AircraftClass:
-        """A fighter: the shape is unknown."""
-        return "fighter"
-
-    @property
     def description(self) -> str:
         """Its name in lists, and its size."""
         return f"Your own model (matrices); {len(self.a)} states"
 
     @property
-    def usual_test(self) -> UsualTest:
-        """Without a law; the amplitude suits the example, other models need their own."""
-        return OWN_MODEL_TEST
-
-    @property
-    def altitude(self) -> float | None:
-        return self.altitude_m
-
-    @property
-    def airspeed(self) -> float | None:
-        return self.airspeed_mps
+    def condition(self) -> FlightCondition:
+        """Drawn as a fighter; the test suits the example, other models need their own."""
+        return FlightCondition("fighter", OWN_MODEL_TEST, self.altitude_m, self.airspeed_mps)
 
     def uncertain_plant(self) -> UncertainPlant:
         """The uncertain entries as parameters, named as in the uncertainty."""
@@ -438,20 +412,8 @@ class IdentifiedAircraft(Aircraft):
         return f"{self.base.description}; identified from {', '.join(self.sources) or 'no flight'}"
 
     @property
-    def aircraft_class(self) -> AircraftClass:
-        return self.base.aircraft_class
-
-    @property
-    def usual_test(self) -> UsualTest:
-        return self.base.usual_test
-
-    @property
-    def altitude(self) -> float | None:
-        return self.base.altitude
-
-    @property
-    def airspeed(self) -> float | None:
-        return self.base.airspeed
+    def condition(self) -> FlightCondition:
+        return self.base.condition
 
     def uncertain_plant(self) -> UncertainPlant:
         """The model's parameters with their joint distribution."""

@@ -169,8 +169,16 @@ class Steps(OneSurface, ABC):
 
     @property
     @abstractmethod
+    def levels_s(self) -> tuple[tuple[float, float], ...]:
+        """Level, in amplitudes, and planned duration [s] of each segment."""
+
+    @property
     def levels(self) -> tuple[float, ...]:
-        """Level of each segment, in amplitudes."""
+        return tuple(level for level, _ in self.levels_s)
+
+    @property
+    def segments_s(self) -> tuple[float, ...]:
+        return tuple(duration for _, duration in self.levels_s)
 
     @property
     def switches(self) -> tuple[tuple[float, float], ...]:
@@ -200,12 +208,8 @@ class Doublet(Steps):
     """length of each half [s]."""
 
     @property
-    def segments_s(self) -> tuple[float, ...]:
-        return self.half_s, self.half_s
-
-    @property
-    def levels(self) -> tuple[float, ...]:
-        return 1.0, -1.0
+    def levels_s(self) -> tuple[tuple[float, float], ...]:
+        return (1.0, self.half_s), (-1.0, self.half_s)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,12 +217,8 @@ class Step(Steps):
     """One input, held to the end."""
 
     @property
-    def segments_s(self) -> tuple[float, ...]:
-        return (inf,)
-
-    @property
-    def levels(self) -> tuple[float, ...]:
-        return (1.0,)
+    def levels_s(self) -> tuple[tuple[float, float], ...]:
+        return ((1.0, inf),)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -229,12 +229,8 @@ class Pulse(Steps):
     """length of the pulse [s]."""
 
     @property
-    def segments_s(self) -> tuple[float, ...]:
-        return (self.width_s,)
-
-    @property
-    def levels(self) -> tuple[float, ...]:
-        return (1.0,)
+    def levels_s(self) -> tuple[tuple[float, float], ...]:
+        return ((1.0, self.width_s),)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -245,12 +241,8 @@ class Multistep3211(Steps):
     """length of one unit [s]."""
 
     @property
-    def segments_s(self) -> tuple[float, ...]:
-        return 3 * self.unit_s, 2 * self.unit_s, self.unit_s, self.unit_s
-
-    @property
-    def levels(self) -> tuple[float, ...]:
-        return 1.0, -1.0, 1.0, -1.0
+    def levels_s(self) -> tuple[tuple[float, float], ...]:
+        return tuple(((-1.0) ** k, n * self.unit_s) for k, n in enumerate((3, 2, 1, 1)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -264,12 +256,9 @@ class BankToBank(Steps):
     """length of each hold [s]."""
 
     @property
-    def segments_s(self) -> tuple[float, ...]:
-        return self.roll_s, self.hold_s, 2 * self.roll_s, self.hold_s, self.roll_s
-
-    @property
-    def levels(self) -> tuple[float, ...]:
-        return 1.0, 0.0, -1.0, 0.0, 1.0
+    def levels_s(self) -> tuple[tuple[float, float], ...]:
+        roll, hold = self.roll_s, self.hold_s
+        return (1.0, roll), (0.0, hold), (-1.0, 2 * roll), (0.0, hold), (1.0, roll)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -84,7 +84,7 @@ def test_every_aircraft_brings_its_usual_test(kind: str, tmp_path: Path, capsys)
     recipe = printed_recipe(capsys, "--aircraft", kind)
     usual = replace(DatasetRecipe.usual(AIRCRAFT[kind]), n_unsafe=500)
     assert recipe == limits_named(to_plain(usual.as_flown()))
-    assert recipe["control_law"]["kind"] == AIRCRAFT[kind].usual_test.control_law
+    assert recipe["control_law"]["kind"] == AIRCRAFT[kind].condition.usual_test.control_law
     arguments = ["--aircraft", kind, "--n-unsafe", "30", "--n-test", "20"]
     assert main(["train", *arguments, "-o", str(tmp_path / "m.fwm")]) == 0
 

@@ -273,7 +273,7 @@ class TestIdentifiedAircraft:
         aircraft: Aircraft = IdentifiedAircraft.undetermined(ATTAS)
         plant = aircraft.uncertain_plant()
         np.testing.assert_allclose(plant.spread, ATTAS.uncertain_plant().spread)
-        assert (aircraft.airspeed, aircraft.altitude) == (ATTAS.airspeed, ATTAS.altitude)
+        assert aircraft.condition == ATTAS.condition
         assert aircraft.description.endswith("identified from no flight")
 
     @pytest.mark.parametrize(

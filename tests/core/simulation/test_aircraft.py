@@ -200,7 +200,7 @@ def test_altitude_is_that_of_the_stated_condition(name):
     condition = MODELS[name].condition
     feet = re.findall(r"([\d,]+) ft(?!/)", condition)
     expected = 0.0 if "sea level" in condition else float(feet[0].replace(",", "")) * 0.3048
-    assert PublishedAircraft(name).altitude == pytest.approx(expected)
+    assert PublishedAircraft(name).condition.altitude == pytest.approx(expected)
 
 
 def test_the_default_scatter_is_the_published_one_sigma():
@@ -328,9 +328,9 @@ def test_unfitting_own_matrices_are_refused_in_one_sentence(changes, message):
 
 
 def test_own_matrices_may_have_a_flight_condition():
-    assert (matrices().altitude, matrices().airspeed) == (None, None)
+    assert matrices().condition[2:] == (None, None)
     flown = matrices(altitude_m=4800, airspeed_mps=131.0)
-    assert (flown.altitude, flown.airspeed) == (4800, 131.0)
+    assert flown.condition[2:] == (4800, 131.0)
 
 
 def test_a_document_without_a_model_is_refused():
