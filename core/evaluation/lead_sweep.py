@@ -26,6 +26,7 @@ from core.limits.limits import Limits, magnitudes_of
 from core.monitor.calibration import Guarantee, alert_above, check_epsilon, p_values
 from core.monitor.monitor import Monitor
 from core.monitor.observation import lead_steps
+from core.monitor.peak_forecast import lowest_within
 from core.monitor.peak_ridge import LearnedFlights, fit_windows
 from core.monitor.predictor import PREDICTORS, PeakRidge, Predictor
 from core.monitor.recipe import MISS_RATE, MonitorRecipe
@@ -396,7 +397,7 @@ class _Part:
 
     def _forecast_scores(self, failures: Array, tests: Array, h: int) -> _Scores:
         """failures, tests: scores of all their samples."""
-        alphas = np.sort(_lowest(failures, self._dataset.fail_index - h))
+        alphas = np.sort(lowest_within(failures, self._dataset.fail_index - h))
         return _at_level(tests, self._flights, h, _highest_alerting(alphas, self._above))
 
 
@@ -444,7 +445,7 @@ class _CeilingTest:
         stopped = stopping_flights(test, CEILING_POOL)
         counted: dict[tuple[str, float], Cell] = {}
         for (lead, h, _), look in zip(self._looks, np.concatenate(scores, axis=1), strict=True):
-            lowest = _lowest(look, _last_timely(flights, h))
+            lowest = lowest_within(look, _last_timely(flights, h))
             level = _level_at(recipe.epsilon, lowest[flights.is_unsafe])
             cell = _counted(
                 _at_level(look, flights, h, level),
@@ -461,7 +462,7 @@ class _CeilingTest:
 def _at_level(scores: Array, flights: Rollouts, h: int, level: float) -> _Scores:
     """scores: (n, n_samples) of the flights up to their failure.   level: highest that alerts."""
     last = _last_timely(flights, h)
-    lowest = _lowest(scores, last)
+    lowest = lowest_within(scores, last)
     first = partial(_first_at_or_below, scores, flights)
     return _Scores(h, lowest, (last >= 0) & (lowest <= level), level, first)
 
@@ -488,12 +489,6 @@ def _first_alerts(monitor: Monitor, flights: Rollouts, level: float) -> Indices:
 def _last_timely(flights: Rollouts, h: int) -> Indices:
     """(n,) last sample at which an alert counts: timely before a failure, else the last one."""
     return np.where(flights.is_unsafe, flights.fail_index - h, flights.y.shape[1] - 1)
-
-
-def _lowest(scores: Array, last: Indices) -> Array:
-    """(n,) lowest of the scores (n, n_samples) 0..last; +inf where last < 0."""
-    until = np.arange(scores.shape[1]) <= last[:, np.newaxis]
-    return np.where(until, scores, np.inf).min(axis=1)
 
 
 def _highest_alerting(alphas: Array, above: float) -> float:

@@ -15,17 +15,71 @@ import numpy as np
 from core.kernels import N_CHANNELS
 from core.kernels.assessing import INVALID, OK, STALE, states
 from core.kernels.compiled import in_chunks, jit
-from core.kernels.innovation import N_RESPONSES, Innovation, innovate, root_mean_square
-from core.kernels.lanes import WIDTH, address
-from core.kernels.mapping import map_observation
+from core.kernels.lanes import WIDTH, address, read
+from core.kernels.mapping import map_observation, map_rows
 from core.kernels.nearest import Tree, locate, nearest_at, squared_distance_at
 from core.types import Array, Indices
 
+N_RESPONSES = 4
+"""Channels before the surfaces: the response of the aircraft."""
+N_BYTES = 8
+"""Size of a number."""
 DISTANCE, INNOVATION = N_CHANNELS, N_CHANNELS + 1
 """Columns of distance and innovation, after the residuals of the channels."""
 SIZE, AT, WHEN = range(3)
 SAMPLES, FRESH, RUN, COMPARED, PLACED, NEAR = range(6)
 FLIGHTS_A_TASK = 32
+
+
+class Innovation(NamedTuple):
+    """The affine map from a sample and past outputs to its innovations.
+
+    matrix: (6 * (n_past + 1), 8) of outputs, oldest first.   offset: (8,).   The first four results
+    are the innovations whitened to unit covariance in training, the others those of each response
+    in its unit.   sigma: (4,) their deviation in training.
+    n_past: past outputs, `spacing` samples apart.   window: samples to sum over; 0 without a
+    forecast.
+    """
+
+    matrix: Array
+    offset: Array
+    sigma: Array
+    n_past: int
+    spacing: int
+    window: int
+
+    @property
+    def history(self) -> int:
+        """Samples of history that a forecast needs."""
+        return self.n_past * self.spacing
+
+
+NO_INNOVATION = Innovation(
+    np.zeros((0, WIDTH)), np.zeros(WIDTH), np.ones(N_RESPONSES), n_past=0, spacing=0, window=0
+)
+
+
+@jit
+def innovate(matrix, offset, y, row, n_past, spacing, last, slot):
+    """Write the innovations of sample `row` of y (m, 6) to last[slot]. Arrays by address."""
+    out = last + slot * WIDTH * N_BYTES
+    width = np.int64(WIDTH)  # a literal compiles `map_rows` again
+    map_rows(matrix, offset, y, out, width, row, n_past, spacing)
+
+
+@jit
+def root_mean_square(last, n, window, first, stop):
+    """Root mean square of innovations first..stop over a window; infinite for NaN.
+
+    last: address of (window, 8).   n: samples in it so far; missing ones count as zeros.
+    """
+    total = 0.0
+    for k in range(n):
+        for o in range(first, stop):
+            value = read(last, k * WIDTH + o)
+            total += value * value
+    size = np.sqrt(total / ((stop - first) * window))
+    return size if size == size else np.inf
 
 
 class Reference(NamedTuple):
@@ -213,60 +267,24 @@ def update_deviation(reference, deviation, history, y, t, code, distance):
 
 
 @jit
-def _farthest_some(reference, t, y, last, start, stop, farthest):
-    unknown, largest = np.full(t.shape[0], -1), np.empty((t.shape[0], 2))
+def _largest_some(reference, t, y, last, start, stop, largest):
+    unknown = np.full(t.shape[0], -1)
     for i in range(start, stop):
         n = last[i] + 1
         codes = states(t[:n], y[i, :n], reference.dt, reference.n_delay)
-        follow(
-            reference, begin(reference), t[:n], y[i], np.int64(0), codes, unknown, np.nan, largest
-        )
-        farthest[i] = largest[n - 1]
+        row, so_far = np.int64(0), largest[i, :n]
+        follow(reference, begin(reference), t[:n], y[i], row, codes, unknown, np.nan, so_far)
 
 
-def farthest(reference: Reference, y: Array, last: Indices) -> Array:
-    """Largest forecast error and distance of each trajectory over its samples 0..last.
+def largest_so_far(reference: Reference, y: Array, last: Indices) -> Array:
+    """Largest forecast error and distance of each trajectory up to each of its samples 0..last.
 
-    y: (n, n_samples, 6).   last: (n,) 0 or more.   Returns (n, 2).
+    y: (n, n_samples, 6).   last: (n,) 0 or more.   Returns (n, n_samples, 2); 0 after `last`.
     """
-    farthest_of = np.empty((len(y), 2))
+    largest = np.zeros((*y.shape[:2], 2))
     t = np.arange(y.shape[1]) * reference.dt
     y = np.ascontiguousarray(y, np.float64)
     in_chunks(
-        len(y),
-        FLIGHTS_A_TASK,
-        lambda a, b: _farthest_some(reference, t, y, last, a, b, farthest_of),
+        len(y), FLIGHTS_A_TASK, lambda a, b: _largest_some(reference, t, y, last, a, b, largest)
     )
-    return farthest_of
-
-
-@jit
-def _first_beyond_some(reference, t, y, last, bounds, start, stop, first):
-    unknown, largest = np.full(t.shape[0], -1), np.empty((t.shape[0], 2))
-    for i in range(start, stop):
-        n = last[i] + 1
-        codes = states(t[:n], y[i, :n], reference.dt, reference.n_delay)
-        follow(
-            reference, begin(reference), t[:n], y[i], np.int64(0), codes, unknown, np.nan, largest
-        )
-        for k in range(n):
-            if largest[k, 0] > bounds[0] or largest[k, 1] > bounds[1]:
-                first[i] = k
-                break
-
-
-def first_beyond(reference: Reference, y: Array, last: Indices, bounds: Array) -> Indices:
-    """First sample in 0..last at which each trajectory exceeds the bounds.
-
-    y: (n, n_samples, 6).   last: (n,) 0 or more.   bounds: (2,) of both.
-    Returns (n,); n_samples for none.
-    """
-    first = np.full(len(y), y.shape[1])
-    t = np.arange(y.shape[1]) * reference.dt
-    y = np.ascontiguousarray(y, np.float64)
-    in_chunks(
-        len(y),
-        FLIGHTS_A_TASK,
-        lambda a, b: _first_beyond_some(reference, t, y, last, bounds, a, b, first),
-    )
-    return first
+    return largest

@@ -11,13 +11,11 @@ from numba.np.numpy_support import carray
 
 from core.kernels import N_CHANNELS
 from core.kernels.assessing import Fitted, update
-from core.kernels.calibration_tree import CalibrationTree
 from core.kernels.compiled import brief, inlined
-from core.kernels.deviation import Deviation, Reference, update_deviation
-from core.kernels.innovation import Innovation
+from core.kernels.deviation import Deviation, Innovation, Reference, update_deviation
 from core.kernels.lanes import WIDTH, pointer_to
 from core.kernels.nearest import Tree
-from core.kernels.p_value import Transduction
+from core.kernels.p_value import CalibrationTree, Transduction
 from core.types import Array, Indices
 
 

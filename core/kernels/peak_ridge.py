@@ -144,30 +144,6 @@ def follow(peaks, t, y, codes, dt, s):
 
 
 @jit
-def _lowest_some(peaks, y, first, last, start, stop, lowest):
-    for i in range(start, stop):
-        history = begin(peaks)
-        for t in range(last[i] + 1):
-            _add_sample(peaks, history, y[i, t], True)
-            if history.counts[LOST] != 0:
-                break
-            if t >= first[i]:
-                lowest[i] = min(lowest[i], _score(peaks, history))
-
-
-def lowest_scores(peaks: PeakWeights, y: Array, first: Indices, last: Indices) -> Array:
-    """Lowest score of each trajectory over its samples first..last.
-
-    y: (n, n_samples, 6), finite over samples 0..last.   first, last: (n,); +inf if last < first.
-    """
-    lowest = np.full(len(y), np.inf)
-    in_chunks(
-        len(y), FLIGHTS_A_TASK, lambda a, b: _lowest_some(peaks, y, first, last, a, b, lowest)
-    )
-    return lowest
-
-
-@jit
 def _scores_some(peaks, y, last, start, stop, scores):
     for i in range(start, stop):
         history = begin(peaks)

@@ -418,27 +418,6 @@ def squares(card, y, off, expected):
 
 
 @jit
-def _lowest_some(card, y, first, last, start, stop, lowest):
-    for i in range(start, stop):
-        estimate = begin(card.steps.shape[0])
-        for t in range(last[i] + 1):
-            _add_sample(card, estimate, y[i, t], True)
-            if t >= first[i]:
-                lowest[i] = min(lowest[i], -_danger(card, estimate))
-            estimate.counts[TAKEN] += 1
-
-
-def lowest_scores(card: CardResponses, y: Array, first: Indices, last: Indices) -> Array:
-    """Lowest score of each trajectory over its samples first..last; the score is -danger.
-
-    y: (n, n_samples, 6), finite over samples 0..last.   first, last: (n,); +inf if last < first.
-    """
-    lowest = np.full(len(y), np.inf)
-    in_chunks(len(y), FLIGHTS_A_TASK, lambda a, b: _lowest_some(card, y, first, last, a, b, lowest))
-    return lowest
-
-
-@jit
 def _scores_some(card, windows, y, last, start, stop, scores):
     rest = windows[0] == 0
     within, dangers = windows[1:] if rest else windows, np.empty(len(windows))

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from core.channels import KEYS
-from core.kernels.exceedance import exceeds_any
+from core.kernels.reductions import exceeds_any
 from core.types import Array, Flags, Indices
 
 SAME_TIME = 1e-6

@@ -7,7 +7,7 @@ import numpy as np
 
 from core.bounds import Bounds, check_bounds
 from core.channels import KEYS
-from core.kernels.exceedance import first_exceedance
+from core.kernels.reductions import first_exceedance
 from core.types import Array, Indices
 
 Magnitude = Annotated[

@@ -20,6 +20,7 @@ from core.channels import CHANNELS, N_CHANNELS
 from core.limits.limits import Specification, magnitudes_of
 from core.monitor.calibration import Guarantee, failures_needed, p_values
 from core.monitor.file.portable import Section
+from core.monitor.file.values import check_alphas
 from core.monitor.validity.flown_input import SURFACES
 from core.monitor.validity.input_shape import deflections
 from core.recipe import family
@@ -409,12 +410,7 @@ class Groups:
     def from_section(cls, section: Section) -> Self:
         """Read the section of a file. ValueError for impossible values."""
         rule, alphas = _rule_of(section.header), section.arrays["alphas"]
-        if alphas.ndim != 2 or len(alphas) != len(rule.names) or alphas.dtype != np.float64:
-            raise ValueError(f"alphas of groups are {alphas.dtype} {alphas.shape}")
-        if not alphas.size or np.isnan(alphas).any() or (alphas == -np.inf).any():
-            raise ValueError("alphas of groups are empty, or hold NaN or -inf")
-        if (alphas[:, 1:] < alphas[:, :-1]).any():
-            raise ValueError("alphas of groups are not sorted")
+        check_alphas("alphas of groups", alphas, (len(rule.names), alphas.shape[-1]))
         return cls(rule, np.ascontiguousarray(alphas))
 
 

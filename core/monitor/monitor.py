@@ -9,10 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from core.channels import N_CHANNELS
-from core.kernels import assessing, compiled, peak_risk, trajectory_p
+from core.kernels import assessing, compiled, peak_risk
 from core.kernels.assessing import Fitted
-from core.kernels.deviation import Reference, first_beyond
-from core.kernels.innovation import NO_INNOVATION, Innovation
+from core.kernels.deviation import NO_INNOVATION, Innovation, Reference, largest_so_far
 from core.kernels.live_call import live_call, update_at
 from core.kernels.nearest import Tree, build
 from core.kernels.p_value import SIMPLE, Transduction, simple_p
@@ -39,11 +38,8 @@ from core.monitor.validity.support import NOT_CALIBRATED, Support, ValidityBasis
 from core.monitor.validity.verdict import (
     RunningValidity,
     ValidityVerdict,
-    first_withdrawn,
+    compare,
     in_words,
-    judge,
-    judge_and_withdraw,
-    withdrawal,
 )
 from core.recipe import to_plain
 from core.types import Array, Flags, Indices
@@ -191,9 +187,10 @@ class Monitor:
             return self.assess(t, y).p_value
         state = assessing.states(t, y, self.dt, self.recipe.n_delay)
         ok = state == assessing.OK
-        p = trajectory_p.simple_p_values(self.fitted, y, ok, self.recipe.n_delay)
+        p = peak_risk.simple_p_values(self.fitted, y, ok, self.recipe.n_delay)
         if self.validity_basis is not None:
-            first = first_withdrawn(self.validity_basis, t, y, state, self.last_counted(y))
+            end = self.last_counted(y)
+            first = compare(self.validity_basis, t, y, state, end=end).first_outside
             p[len(p) if first is None else first :] = np.nan
         return p
 
@@ -245,16 +242,9 @@ class Monitor:
             group=None if group is None else _spread(group, fresh, NO_GROUP),
             group_names=() if self.groups is None else self.groups.rule.names,
         ).withdrawn_from(lost_from)
-        return result.withdrawn_from(self.withdrawal(t, y, result)) if withdraw else result
-
-    def withdrawal(self, t: Array, y: Array, assessments: Assessments) -> Withdrawal | None:
-        """First sample at which a flight is outside training, and why; None if it never is.
-
-        t: (n,) [s].   y: (n, 6).   assessments: of these samples, not withdrawn.
-        """
-        if self.validity_basis is None:
-            return None
-        return withdrawal(self.validity_basis, t, y, assessments, self.last_counted(y))
+        return (
+            result.withdrawn_from(self.judge_and_withdraw(t, y, result)[1]) if withdraw else result
+        )
 
     def last_counted(self, y: Array) -> int | None:
         """First sample that exceeds a limit, after which nothing is judged; None for none.
@@ -267,14 +257,18 @@ class Monitor:
     def judge_and_withdraw(
         self, t: Array, y: Array, assessments: Assessments
     ) -> tuple[ValidityVerdict, Withdrawal | None]:
-        """Verdict on a whole manoeuvre, and the sample from which it is withdrawn, if any.
+        """Verdict on a whole manoeuvre; first sample outside training and why, None if it never is.
 
         Samples count up to the first exceedance.   assessments: of these samples, not withdrawn.
         """
         if self.validity_basis is None:
             return ValidityVerdict(None, reasons=(NOT_CALIBRATED,)), None
-        end = self.last_counted(y)
-        return judge_and_withdraw(self.validity_basis, t, y, assessments, end)
+        samples = self.validity_basis, t, y, assessments.state, assessments.nearest_safe
+        whole, withdrawal = compare(*samples, self.last_counted(y)), None
+        if (first := whole.first_outside) is not None:
+            reasons = compare(*samples, first).verdict(assessments.y_hat).reasons
+            withdrawal = Withdrawal(first, in_words(reasons))
+        return whole.verdict(assessments.y_hat), withdrawal
 
     def judge(
         self,
@@ -292,7 +286,8 @@ class Monitor:
         """
         if self.validity_basis is None:
             return ValidityVerdict(None, reasons=(NOT_CALIBRATED,))
-        return judge(self.validity_basis, t, y, assessments, level, end)
+        samples = self.validity_basis, t, y, assessments.state, assessments.nearest_safe
+        return compare(*samples, end).verdict(assessments.y_hat, level)
 
     def flown_input(
         self, y: Array, end: int | None = None, planned: Array | None = None
@@ -406,7 +401,9 @@ class Monitor:
             return np.full(len(y), y.shape[1])
         last = np.minimum(fail_index, y.shape[1] - 1)
         basis = self.validity_basis
-        first = first_beyond(basis.reference, y, last, basis.support.bounds())
+        largest = largest_so_far(basis.reference, y, last)
+        beyond: Flags = np.any(largest > basis.support.bounds(), axis=2)
+        first = np.where(np.any(beyond, axis=1), np.argmax(beyond, axis=1), y.shape[1])
         if basis.input_shape is None:
             return first
         wrong = basis.input_shape.first_wrong_of(y, self.dt)

@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from core.kernels.spread import spread
+from core.kernels.reductions import spread
 from core.types import Array, Indices
 
 

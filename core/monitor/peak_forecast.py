@@ -164,3 +164,12 @@ class PeakForecast(ABC):
 
     @abstractmethod
     def to_section(self) -> Section: ...
+
+
+def lowest_within(scores: Array, last: Indices, first: Indices | None = None) -> Array:
+    """(n,) lowest of the scores (n, n_samples) of samples first..last; +inf for none."""
+    k = np.arange(scores.shape[1])
+    counts = k <= last[:, np.newaxis]
+    if first is not None:
+        counts &= k >= first[:, np.newaxis]
+    return np.where(counts, scores, np.inf).min(axis=1)

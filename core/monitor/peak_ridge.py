@@ -17,6 +17,7 @@ from core.kernels import peak_ridge as kernels
 from core.kernels.compiled import entry
 from core.kernels.peak_ridge import LOST, PHASE, PeakWeights, begin, update
 from core.monitor.file.portable import Section
+from core.monitor.file.values import MOST_SAMPLES, check_array, check_count
 from core.monitor.peak_forecast import (
     NOT_BEGUN,
     OVER,
@@ -26,6 +27,7 @@ from core.monitor.peak_forecast import (
     PeakAhead,
     PeakForecast,
     RunningForecast,
+    lowest_within,
 )
 from core.monitor.predictor import PeakRidge
 from core.monitor.validity.flown_input import SURFACES
@@ -54,7 +56,6 @@ NO_PEAK = (
 )
 LEAST_WEIGHT = 0.05
 """Smallest weight of a flight in a Newton step, which keeps steps from diverging."""
-MOST_SAMPLES = 100_000
 
 Fit = Callable[[Array, list[Array]], list[tuple[Array, float, float]]]
 """Regressors (n, m) and targets (n,) -> weights (m,), constant and deviation of each target."""
@@ -352,7 +353,7 @@ class RidgeForecast(PeakForecast):
         return ForecastScores(score, state, np.full((len(t), N_CHANNELS), np.nan), lost)
 
     def lowest_scores(self, y: Array, first: Indices, last: Indices) -> Array:
-        return kernels.lowest_scores(self.peaks, y, first, last)
+        return lowest_within(self.scores(y, last), last, first)
 
     def scores(self, y: Array, last: Indices) -> Array:
         """Scores (n, n_samples) of samples 0..last of each flight; +inf for the rest.
@@ -374,31 +375,19 @@ def from_section(section: Section) -> RidgeForecast:
     counts = {name: section.header[name] for name in ("every", "stride", "surface")}
     threshold = section.header["threshold"]
     weights, offset = (np.ascontiguousarray(section.arrays[key]) for key in ("weights", "offset"))
-    if any(type(count) is not int for count in counts.values()) or type(threshold) is not float:
-        raise ValueError("peaks every, stride, surface or threshold has the wrong type")
-    n_past = weights.shape[1] if weights.ndim == 3 else 0
-    for name, array, shape in (
-        ("weights", weights, (len(offset), n_past, N_CHANNELS)),
-        ("offset", offset, (len(offset),)),
-    ):
-        if array.dtype != np.float64 or array.shape != shape or not array.size:
-            raise ValueError(f"peaks {name} is {array.dtype} {array.shape}")
-        if not np.isfinite(array).all():
-            raise ValueError(f"peaks {name} holds a value that is not finite")
+    if type(threshold) is not float or not 0 <= threshold < np.inf:
+        raise ValueError(f"peaks threshold is {threshold!r}")
+    if type(counts["surface"]) is not int or counts["surface"] not in (-1, *SURFACES):
+        raise ValueError(f"peaks surface is {counts['surface']!r}")
+    n, n_past = max(len(offset), 1), weights.shape[1]
+    check_array("peaks weights", weights, (n, max(n_past, 1), N_CHANNELS))
+    check_array("peaks offset", offset, (n,))
     for name in ("every", "stride"):
-        if not 1 <= counts[name] <= MOST_SAMPLES:
-            raise ValueError(f"peaks {name} is {counts[name]} instead of 1 to {MOST_SAMPLES}")
+        check_count(f"peaks {name}", counts[name], 1)
     if n_past * counts["stride"] + counts["every"] > MOST_SAMPLES:
         raise ValueError("peaks weights need a longer history than any flight has")
-    if counts["surface"] not in (-1, *SURFACES) or not 0 <= threshold < np.inf:
-        raise ValueError(f"peaks surface is {counts['surface']}, threshold {threshold}")
     deviation = section.arrays.get("deviation")
-    if deviation is not None and not (
-        deviation.dtype == np.float64
-        and deviation.shape == offset.shape
-        and np.isfinite(deviation).all()
-        and (deviation > 0).all()
-    ):
-        raise ValueError("peaks deviation is not a positive number for each phase")
+    if deviation is not None:
+        check_array("peaks deviation", deviation, offset.shape, above=0)
     peaks = PeakWeights(weights, offset, **counts, threshold=threshold)
     return RidgeForecast(peaks, deviation)

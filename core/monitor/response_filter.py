@@ -16,6 +16,7 @@ from core.kernels.lanes import WIDTH
 from core.kernels.response_filter import CardResponses, begin, look_ahead, squares, update
 from core.limits.limits import Specification, magnitudes_of
 from core.monitor.file.portable import Section
+from core.monitor.file.values import MOST_SAMPLES, check_array, check_count
 from core.monitor.peak_forecast import (
     NOT_BEGUN,
     OVER,
@@ -25,6 +26,7 @@ from core.monitor.peak_forecast import (
     NothingAhead,
     PeakForecast,
     RunningForecast,
+    lowest_within,
 )
 from core.monitor.score import Score
 from core.types import Array, Indices
@@ -48,7 +50,6 @@ NO_CARD = (
 )
 ARRAYS = ("mean", "components", "residual", "noise", "steps", "apart", "later", "limits")
 NUMBERS = ("tail", "surface", "seen_after", "least_apart", "h", "window")
-MOST_SAMPLES = 100_000
 
 
 def fit_card(
@@ -208,7 +209,8 @@ class CardForecast(PeakForecast):
         return ForecastScores(score, state, y_hat, lost)
 
     def lowest_scores(self, y: Array, first: Indices, last: Indices) -> Array:
-        return kernels.lowest_scores(self.card, y, first, last)
+        window = np.array([self.card.window])
+        return lowest_within(self.scores_within(window, y, last)[0], last, first)
 
     def scores_within(self, windows: Indices, y: Array, last: Indices) -> Array:
         """Score of each sample for other windows of the card, without fitting again.
@@ -233,38 +235,29 @@ def from_section(section: Section, h: int, score: Score) -> CardForecast:
     header = {name: section.header[name] for name in (*NUMBERS, "share")}
     arrays = {name: np.ascontiguousarray(section.arrays[name]) for name in ARRAYS}
     n_lags, m = len(arrays["mean"]), len(arrays["steps"])
-    shapes = {
-        "mean": (n_lags, N_CHANNELS),
-        "components": (n_lags, N_CHANNELS, WIDTH),
-        "residual": (n_lags, N_CHANNELS),
-        "noise": (N_CHANNELS,),
-        "steps": (m,),
-        "apart": (m,),
-        "later": (m, n_lags, arrays["later"].shape[-1]),
-        "limits": (N_CHANNELS,),
+    by_lag, whole = (n_lags, N_CHANNELS), {"kind": np.int64, "least": 0, "most": MOST_SAMPLES}
+    ranges: dict[str, tuple[tuple[int, ...], dict[str, Any]]] = {
+        "mean": (by_lag, {}),
+        "components": ((*by_lag, WIDTH), {}),
+        "residual": (by_lag, {"least": 0}),
+        "noise": ((N_CHANNELS,), {"above": 0}),
+        "steps": ((m,), {}),
+        "apart": ((m,), whole),
+        "later": ((m, n_lags, arrays["later"].shape[-1]), whole),
+        "limits": ((N_CHANNELS,), {"above": 0, "finite": False}),
     }
-    for name, shape in shapes.items():
-        kind = np.int64 if name in ("apart", "later") else np.float64
-        if arrays[name].dtype != kind or arrays[name].shape != shape or not arrays[name].size:
-            raise ValueError(f"card {name} is {arrays[name].dtype} {arrays[name].shape}")
-        if name != "limits" and not np.isfinite(arrays[name]).all():
-            raise ValueError(f"card {name} holds a value that is not finite")
+    for name, (shape, values) in ranges.items():
+        check_array(f"card {name}", arrays[name], shape, **values)
     for name in NUMBERS:
-        if type(header[name]) is not int or not 0 <= header[name] <= MOST_SAMPLES:
-            raise ValueError(f"card {name} is {header[name]!r} instead of 0 to {MOST_SAMPLES}")
-    for name in ("apart", "later"):
-        if not 0 <= arrays[name].min() <= arrays[name].max() <= MOST_SAMPLES:
-            raise ValueError(f"card {name} holds numbers outside 0 to {MOST_SAMPLES} samples")
+        check_count(f"card {name}", header[name])
+    if not arrays["mean"].size or not arrays["later"].size or arrays["steps"][0] != 1:
+        raise ValueError("card mean, later or steps is impossible")
     if header["h"] != h or header["window"] != score.window(h) or header["tail"] > n_lags:
         raise ValueError("card h, window or tail does not match the monitor")
     if not (header["surface"] < N_CHANNELS and 1 <= header["seen_after"] < n_lags):
         raise ValueError("card surface or seen_after is out of range")
     if type(header["share"]) is not float or not 0 < header["share"] <= 1:
         raise ValueError(f"card share is {header['share']!r}")
-    if not (arrays["noise"] > 0).all() or (arrays["residual"] < 0).any() or arrays["steps"][0] != 1:
-        raise ValueError("card noise, residual or steps hold impossible values")
     if not arrays["mean"][header["seen_after"], header["surface"]]:
         raise ValueError("card mean has no response to the first step")
-    if np.isnan(arrays["limits"]).any() or (arrays["limits"] <= 0).any():
-        raise ValueError("card limits hold NaN or a value that is not positive")
     return CardForecast(CardResponses(**arrays, **header))

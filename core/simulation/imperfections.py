@@ -9,8 +9,13 @@ import numpy as np
 from core.bounds import NOT_NEGATIVE, Bounds, check_bounds
 from core.channels import KEYS
 from core.kernels.compiled import in_chunks
-from core.kernels.inexact_inputs import InexactInputs, fill_commands
-from core.kernels.recording import Instruments, record, subtract_trim
+from core.kernels.imperfections import (
+    InexactInputs,
+    Instruments,
+    fill_commands,
+    record,
+    subtract_trim,
+)
 from core.simulation.turbulence import (
     LateralGust,
     Turbulence,

@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from core.kernels.compiled import in_chunks
-from core.kernels.gusts import fill_gusts
+from core.kernels.imperfections import fill_gusts
 from core.types import Array
 
 Turbulence = Literal["none", "smooth", "light", "moderate", "severe", "given"]

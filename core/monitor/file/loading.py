@@ -15,10 +15,7 @@ from core.monitor.file.checks import (
     check_arrays,
     check_evaluation,
     check_header,
-    check_innovation,
-    check_residuals,
     check_specification,
-    check_support,
     recipe_of,
 )
 from core.monitor.file.portable import MonitorFileError, Section
@@ -64,6 +61,9 @@ def _rebuild(sections: Mapping[str, Section]) -> Monitor:
     check_arrays(recipe, affine, exact, header, arrays)
     specification = sections["specification"].header["specification"]
     check_specification(specification)
+    if "evaluation" in sections:
+        check_evaluation(sections["evaluation"].header)
+    validity, inputs = sections.get("validity"), sections.get("input")
     points = arrays["unsafe_points"], arrays["safe_points"]
     return Monitor(
         recipe=recipe,
@@ -71,9 +71,9 @@ def _rebuild(sections: Mapping[str, Section]) -> Monitor:
         exact=exact.indexed() if recipe.is_exact else SIMPLE,
         theta_names=tuple(header["theta_names"]),
         specification=specification_from_plain(specification),
-        support=_support(sections.get("validity"), recipe.predictor.forecasts),
-        evaluation=_evaluation(sections.get("evaluation")),
-        inputs=_inputs(sections.get("input")),
+        support=validity and Support.from_section(validity, recipe.predictor.forecasts),
+        evaluation=dict(sections["evaluation"].header) if "evaluation" in sections else None,
+        inputs=inputs and InputSupport.from_section(inputs),
         forecast=_forecast(sections, recipe, header["h"]),
         groups=_groups(sections.get("groups"), recipe),
         **{key: header[key] for key in portable.MONITOR_FIELDS} | {"dt": float(header["dt"])},
@@ -88,18 +88,6 @@ def _exact(section: Section | None) -> Transduction:
     return Transduction(
         **arrays, always=section.header["always"], running=section.header["running"]
     )
-
-
-def _support(section: Section | None, forecasts: bool) -> Support | None:
-    if section is None:
-        return None
-    support = Support.from_section(section)
-    if section.version == 1:
-        check_residuals(support, forecasts)
-    else:
-        check_innovation(support.innovation)
-    check_support(support)
-    return support
 
 
 def _forecast(
@@ -137,14 +125,3 @@ def _members(section: Section) -> tuple[Monitor, ...]:
             raise ValueError(f"{name} is itself a combination")
         members.append(_rebuild(parts))
     return tuple(members)
-
-
-def _inputs(section: Section | None) -> InputSupport | None:
-    return None if section is None else InputSupport.from_section(section)
-
-
-def _evaluation(section: Section | None) -> dict[str, Any] | None:
-    if section is None:
-        return None
-    check_evaluation(section.header)
-    return dict(section.header)

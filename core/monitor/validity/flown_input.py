@@ -14,6 +14,7 @@ import numpy as np
 
 from core.channels import CHANNELS, KEYS, Channel
 from core.monitor.file.portable import Section
+from core.monitor.file.values import check_array
 from core.monitor.validity.input_shape import BEGUN, FreshShapes, InputShape, deflections
 from core.monitor.validity.support import LEVEL, WORST_LEVEL
 from core.types import Array, Flags, Indices
@@ -76,17 +77,13 @@ class InputSupport:
 
     def check(self) -> None:
         k = len(self.surfaces)
-        if self.surfaces.dtype != np.int64 or not set(self.surfaces.tolist()) <= set(SURFACES):
+        check_array("input surfaces", self.surfaces, (k,), np.int64)
+        if not set(self.surfaces.tolist()) <= set(SURFACES):
             raise ValueError(f"input surfaces are {self.surfaces}")
         for name, array in (("safe", self.safe), ("unsafe", self.unsafe)):
-            if array.dtype != np.float64 or array.shape != (len(array), k, len(MEASURES)):
-                raise ValueError(f"input {name} is {array.dtype} {array.shape}")
-            if not np.isfinite(array).all() or (array[1:] < array[:-1]).any() or (array < 0).any():
-                raise ValueError(f"input {name} is not sorted, or holds impossible values")
-        if self.usual.dtype != np.float64 or self.usual.shape != (k,):
-            raise ValueError(f"input planned is {self.usual.dtype} {self.usual.shape}")
-        if not (np.isfinite(self.usual).all() and (self.usual > 0).all()):
-            raise ValueError("input planned holds a value that is not positive")
+            shape = len(array), k, len(MEASURES)
+            check_array(f"input {name}", array, shape, least=0, ascending=True)
+        check_array("input planned", self.usual, (k,), above=0)
         if self.shape is not None:
             self.shape.check()
 

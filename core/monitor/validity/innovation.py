@@ -5,7 +5,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from core.channels import N_CHANNELS
 from core.dataset import Dataset
-from core.kernels.innovation import N_RESPONSES, NO_INNOVATION, Innovation
+from core.kernels.deviation import N_RESPONSES, NO_INNOVATION, Innovation
 from core.monitor.observation import channel_scale
 from core.monitor.predictor import PREDICTORS
 from core.types import Array

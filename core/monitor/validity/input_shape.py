@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from core.channels import CHANNELS
+from core.monitor.file.values import check_array
 from core.types import Array, Flags, Indices
 
 BEGUN = 0.5
@@ -89,20 +90,10 @@ class InputShape:
     longest_s: Array
 
     def check(self) -> None:
-        k = len(self.surfaces)
-        if self.begun.dtype != np.float64 or self.begun.shape != (k,):
-            raise ValueError(f"input begun is {self.begun.dtype} {self.begun.shape}")
-        if not (np.isfinite(self.begun).all() and (self.begun > 0).all()):
-            raise ValueError("input begun holds a value that is not positive")
-        if self.flights.dtype != np.int64 or self.flights.shape != (k, 2):
-            raise ValueError(f"input flights is {self.flights.dtype} {self.flights.shape}")
-        if (self.flights < 0).any():
-            raise ValueError("input flights holds a negative count")
-        longest = self.longest_s
-        if longest.dtype != np.float64 or longest.ndim != 2 or len(longest) != k:
-            raise ValueError(f"input longest_s is {longest.dtype} {longest.shape}")
-        if not (np.isfinite(longest).all() and (longest >= 0).all()):
-            raise ValueError("input longest_s holds a negative time or NaN")
+        k, m = len(self.surfaces), self.longest_s.shape[-1]
+        check_array("input begun", self.begun, (k,), above=0)
+        check_array("input flights", self.flights, (k, 2), np.int64, least=0)
+        check_array("input longest_s", self.longest_s, (k, m), least=0)
 
     def first_wrong(self, t: Array, y: Array, counts: Flags) -> WrongInput | None:
         """The first sample at which a surface moves differently from almost all fresh flights.

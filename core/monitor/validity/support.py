@@ -8,10 +8,16 @@ from typing import Any, Self
 import numpy as np
 
 from core.channels import N_CHANNELS
-from core.kernels.deviation import Reference, farthest
-from core.kernels.innovation import NO_INNOVATION, Innovation
+from core.kernels.deviation import (
+    N_RESPONSES,
+    NO_INNOVATION,
+    Innovation,
+    Reference,
+    largest_so_far,
+)
 from core.monitor.calibration import p_values
 from core.monitor.file.portable import Section
+from core.monitor.file.values import MOST_SAMPLES, check_array, check_count
 from core.monitor.validity.input_shape import InputShape
 from core.types import Array, Indices
 
@@ -55,16 +61,6 @@ class Support:
     level: float = LEVEL
     innovation: Innovation = NO_INNOVATION
 
-    def check(self) -> None:
-        for name, array in (("safe", self.safe), ("unsafe", self.unsafe)):
-            if array.dtype != np.float64 or array.shape != (len(array), 2) or not len(array):
-                raise ValueError(f"support {name} is {array.dtype} {array.shape}")
-            if np.isnan(array).any() or (array[1:] < array[:-1]).any():
-                raise ValueError(f"support {name} is not sorted")
-        if self.sigma.dtype != np.float64 or self.sigma.shape != (N_CHANNELS,):
-            raise ValueError(f"support sigma is {self.sigma.dtype} {self.sigma.shape}")
-        self.check_level()
-
     def to_section(self) -> Section:
         """Section of a monitor's file; version 1 has residuals, 2 innovations."""
         header = {name: getattr(self, name) for name in FIELDS}
@@ -76,19 +72,25 @@ class Support:
         return Section("validity", 2, True, header, arrays | innovation)
 
     @classmethod
-    def from_section(cls, section: Section) -> Self:
-        """Rebuild it from its section, unchecked."""
-        header, arrays = section.header, section.arrays
+    def from_section(cls, section: Section, forecasts: bool) -> Self:
+        """Rebuild it from its section.
+
+        forecasts: whether the predictor of the monitor forecasts outputs.   ValueError for values
+        that are impossible or that kernels cannot read.
+        """
+        header, arrays, sigma = section.header, section.arrays, np.full(N_CHANNELS, np.nan)
+        for name in KINDS:
+            shape = max(len(arrays[name]), 1), 2
+            check_array(f"support {name}", arrays[name], shape, finite=False, ascending=True)
+        check_count("support n_samples", header["n_samples"], 1, 2**53)
+        if section.version == 1 and forecasts:
+            check_array("support sigma", sigma := arrays["sigma"], (N_CHANNELS,), above=0)
+        innovation = NO_INNOVATION if section.version == 1 else _innovation_of(section)
         known: dict[str, Any] = {name: header[name] for name in FIELDS}
         known |= {name: arrays[name] for name in KINDS}
-        if section.version == 1:
-            return cls(sigma=arrays["sigma"], **known)
-        forecast: dict[str, Any] = {
-            name: np.ascontiguousarray(arrays[name]) for name in INNOVATION_ARRAYS
-        }
-        forecast |= {name: header[name] for name in INNOVATION_FIELDS}
-        nothing = np.full(N_CHANNELS, np.nan)
-        return cls(sigma=nothing, innovation=Innovation(**forecast), **known)
+        support = cls(sigma=sigma, innovation=innovation, **known)
+        support.check_level()
+        return support
 
     @property
     def statistics(self) -> tuple[int, ...]:
@@ -143,6 +145,22 @@ class Support:
         return bounds
 
 
+def _innovation_of(section: Section) -> Innovation:
+    """ValueError for a forecast that is impossible or that kernels cannot read."""
+    counts: dict[str, Any] = {name: section.header[name] for name in INNOVATION_FIELDS}
+    for name, number in counts.items():
+        check_count(f"innovation {name}", number)
+    n_known = N_CHANNELS * (counts["n_past"] + 1) if counts["n_past"] else 0
+    shapes = (n_known, 2 * N_RESPONSES), (2 * N_RESPONSES,), (N_RESPONSES,)
+    arrays: list[Any] = [np.ascontiguousarray(section.arrays[k]) for k in INNOVATION_ARRAYS]
+    for name, array, shape in zip(INNOVATION_ARRAYS, arrays, shapes, strict=True):
+        check_array(f"innovation {name}", array, shape, above=0 if name == "sigma" else None)
+    innovation = Innovation(*arrays, *counts.values())
+    if len({number > 0 for number in counts.values()}) > 1 or innovation.history > MOST_SAMPLES:
+        raise ValueError(f"innovation counts {counts} do not match")
+    return innovation
+
+
 @dataclass(frozen=True, eq=False)
 class ValidityBasis:
     """Basis for judging a flight: a monitor's memory of its training.
@@ -178,7 +196,8 @@ def calibrate(
         for kind, is_kind in enumerate((~is_unsafe, is_unsafe)):
             chosen = np.flatnonzero(is_kind)[: MOST - counts[kind]]
             last = np.minimum(fail_index[chosen], y.shape[1] - 1)
-            kinds[kind].append(farthest(reference, y[chosen], last))
+            largest = largest_so_far(reference, y[chosen], last)
+            kinds[kind].append(largest[np.arange(len(chosen)), last])
             counts[kind] += len(chosen)
         level = max(LEVEL, _smallest_level(n_statistics, min(counts)))
         if n_flights >= LEAST and level <= LEVEL:

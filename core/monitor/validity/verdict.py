@@ -13,6 +13,7 @@ moment is final: an aircraft is not called invalid for what it does outside its 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,7 +33,7 @@ from core.kernels.deviation import (
     n_before,
 )
 from core.kernels.live_call import deviation_at, deviation_call
-from core.monitor.assessment import Assessment, Assessments, Withdrawal, code_of
+from core.monitor.assessment import Assessment, code_of
 from core.monitor.validity.input_shape import WrongInput
 from core.monitor.validity.reasons import outside_training, too_little
 from core.monitor.validity.support import ValidityBasis
@@ -68,139 +69,61 @@ class ValidityVerdict:
     reasons: tuple[str, ...] = ()
 
 
-def judge(
+class Comparison(NamedTuple):
+    """A manoeuvre compared with training, up to the last sample that counts.
+
+    deviation: the final one.   largest: (n, 2) both statistics up to each sample.
+    wrong: the first wrong input, if any.
+    """
+
+    basis: ValidityBasis
+    deviation: Deviation
+    largest: Array
+    wrong: WrongInput | None
+
+    @property
+    def first_outside(self) -> int | None:
+        """First sample at which a statistic exceeds its bound or the input is wrong, if any.
+
+        It is the sample at which `RunningValidity` becomes invalid.
+        """
+        beyond = (self.largest > self.basis.support.bounds()).any(axis=1)
+        first = [int(beyond.argmax())] if beyond.any() else []
+        return min(first + ([] if self.wrong is None else [self.wrong.sample]), default=None)
+
+    def verdict(self, y_hat: Array, level: float | None = None) -> ValidityVerdict:
+        """y_hat: (n, 6) forecasts of the samples.   level: that of the support unless given."""
+        at = int(self.deviation.peaks[AT, DISTANCE])
+        outlier = y_hat[at] if at >= 0 else None
+        return _verdict(self.basis, self.deviation, level, outlier, self.wrong)
+
+
+def compare(
     basis: ValidityBasis,
     t: Array,
     y: Array,
-    assessments: Assessments,
-    level: float | None = None,
+    state: Indices,
+    near: Indices | None = None,
     end: int | None = None,
-) -> ValidityVerdict:
-    """Judge a whole manoeuvre.
+) -> Comparison:
+    """Compare a whole manoeuvre with training.
 
-    t: (n,) [s].   y: (n, 6).   assessments: of these samples, not withdrawn.
-    level: that of the support unless given.   end: last sample that counts, the first that exceeds
-    a limit if one does, because failing flights are calibrated up to there.
-    """
-    deviation, _ = deviation_of(basis, t, y, assessments, end)
-    wrong = _wrong_input(basis, assessments.t, y, assessments.state, end)
-    return _verdict(basis, deviation, level, _outlier(deviation, assessments), wrong)
-
-
-def judge_and_withdraw(
-    basis: ValidityBasis,
-    t: Array,
-    y: Array,
-    assessments: Assessments,
-    end: int | None = None,
-) -> tuple[ValidityVerdict, Withdrawal | None]:
-    """The verdict on a whole manoeuvre, and its `withdrawal`.
-
-    Arguments as in `judge`.
-    """
-    deviation, largest = deviation_of(basis, t, y, assessments, end)
-    wrong = _wrong_input(basis, assessments.t, y, assessments.state, end)
-    verdict = _verdict(basis, deviation, None, _outlier(deviation, assessments), wrong)
-    return verdict, _withdrawal(basis, t, y, assessments, largest, wrong)
-
-
-def _outlier(deviation: Deviation, assessments: Assessments) -> Array | None:
-    """The forecast at the largest distance, if any."""
-    at = int(deviation.peaks[AT, DISTANCE])
-    return assessments.y_hat[at] if at >= 0 else None
-
-
-def _first_outside(basis: ValidityBasis, largest: Array, wrong: WrongInput | None) -> int | None:
-    """First sample at which a statistic exceeds its bound, or the input is wrong.
-
-    largest: (n, 2).
-    """
-    beyond = (largest > basis.support.bounds()).any(axis=1)
-    first = [int(beyond.argmax())] if beyond.any() else []
-    return min(first + ([] if wrong is None else [wrong.sample]), default=None)
-
-
-def _wrong_input(
-    basis: ValidityBasis, t: Array, y: Array, state: Indices, end: int | None
-) -> WrongInput | None:
-    """First wrong input of a manoeuvre, among assessed samples up to `end`."""
-    if basis.input_shape is None:
-        return None
-    n = len(t) if end is None else end + 1
-    return basis.input_shape.first_wrong(t, y[:n], state[:n] == OK)
-
-
-def deviation_of(
-    basis: ValidityBasis,
-    t: Array,
-    y: Array,
-    assessments: Assessments,
-    end: int | None = None,
-) -> tuple[Deviation, Array]:
-    """Final deviation of a manoeuvre, and (n, 2) both statistics up to each sample.
-
+    t: (n,) [s].   y: (n, 6).   state: (n,) codes, not withdrawn.   near: (n,) nearest safe points,
+    -1 or None if unknown.   end: last sample that counts, the first that exceeds a limit if one
+    does, because failing flights are calibrated up to there.
     Samples that were not assessed add nothing. A forecast is checked only if its sample and all
     samples it uses were assessed.
     """
-    return _deviation_of(basis, t, y, assessments.state, assessments.nearest_safe, end)
-
-
-def _deviation_of(
-    basis: ValidityBasis, t: Array, y: Array, state: Indices, near: Indices, end: int | None
-) -> tuple[Deviation, Array]:
-    """`deviation_of`. state: (n,) codes.   near: (n,) nearest safe points, -1 if unknown."""
     n = len(state) if end is None else end + 1
-    codes, near = state[:n], near[:n]
+    codes, near = state[:n], np.full(n, -1) if near is None else near[:n]
     t, y = np.ascontiguousarray(t, np.float64)[:n], np.ascontiguousarray(y, np.float64)[:n]
     fresh = codes != STALE
     deviation, largest = begin(basis.reference), np.empty((n, 2))
-    y = y if fresh.all() else y[fresh]
-    follow(basis.reference, deviation, t, y, 0, codes, near, np.nan, largest)
-    return deviation, largest
-
-
-def withdrawal(
-    basis: ValidityBasis,
-    t: Array,
-    y: Array,
-    assessments: Assessments,
-    end: int | None = None,
-) -> Withdrawal | None:
-    """First sample from which a flight is withdrawn, and why; None for a valid flight.
-
-    Arguments as in `judge`. It is the sample at which `RunningValidity` becomes invalid.
-    """
-    _, largest = deviation_of(basis, t, y, assessments, end)
-    wrong = _wrong_input(basis, assessments.t, y, assessments.state, end)
-    return _withdrawal(basis, t, y, assessments, largest, wrong)
-
-
-def first_withdrawn(
-    basis: ValidityBasis, t: Array, y: Array, state: Indices, end: int | None = None
-) -> int | None:
-    """The sample of `withdrawal`, computed from the states alone.
-
-    t: (n,) [s].   y: (n, 6).   state: (n,) codes, not withdrawn.   end: as in `judge`.
-    """
-    _, largest = _deviation_of(basis, t, y, state, np.full(len(state), -1), end)
-    return _first_outside(basis, largest, _wrong_input(basis, t, y, state, end))
-
-
-def _withdrawal(
-    basis: ValidityBasis,
-    t: Array,
-    y: Array,
-    assessments: Assessments,
-    largest: Array,
-    wrong: WrongInput | None,
-) -> Withdrawal | None:
-    """The first sample outside training, and why, from the samples up to it.
-
-    largest: (n, 2).
-    """
-    if (first := _first_outside(basis, largest, wrong)) is None:
-        return None
-    return Withdrawal(first, in_words(judge(basis, t, y, assessments, end=first).reasons))
+    read = y if fresh.all() else y[fresh]
+    follow(basis.reference, deviation, t, read, 0, codes, near, np.nan, largest)
+    shape = basis.input_shape
+    wrong = None if shape is None else shape.first_wrong(t, y, codes == OK)
+    return Comparison(basis, deviation, largest, wrong)
 
 
 def in_words(reasons: Sequence[str]) -> str:

@@ -14,7 +14,7 @@ from filelock import FileLock
 
 import core
 from core.kernels.compiled import KEEP_S, cache_directory, jit, prune
-from core.kernels.spread import spread
+from core.kernels.reductions import spread
 
 CORE = Path(core.__file__).parent
 KERNELS = CORE / "kernels"
@@ -78,7 +78,7 @@ def test_a_home_that_cannot_be_written_stops_no_process(tmp_path: Path) -> None:
 def import_kernels(cache_home: Path) -> None:
     """In a process of its own."""
     environment = {**os.environ, "XDG_CACHE_HOME": str(cache_home), "NUMBA_CACHE_DIR": ""}
-    code = "import core.kernels.exceedance"
+    code = "import core.kernels.reductions"
     subprocess.run([sys.executable, "-c", code], check=True, env=environment)
 
 
@@ -120,7 +120,7 @@ LATER = """
 import sys
 import numba
 import numpy as np
-from core.kernels.spread import spread
+from core.kernels.reductions import spread
 
 points = np.random.default_rng(0).normal(size=(40, 3))
 spread(points)

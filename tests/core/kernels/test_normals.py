@@ -3,7 +3,7 @@ from scipy import stats
 from scipy.special import ndtri
 
 from core.kernels.compiled import jit
-from core.kernels.normals import (
+from core.kernels.imperfections import (
     _QUANTILES,
     CELLS,
     _half,

@@ -305,7 +305,7 @@ def test_an_unknown_predictor_is_refused(blob: bytes, tmp_path: Path) -> None:
         ("monitor/alphas", lambda a: a[None], "alphas is float64"),
         ("monitor/safe_points", lambda a: a[:, :3], "safe points is float64"),
         ("monitor/safe_points", lambda a: a.astype(np.float32), "safe points is float32"),
-        ("monitor/safe_where", lambda a: a[:-1], "safe where has shape"),
+        ("monitor/safe_where", lambda a: a[:-1], "safe where is int64"),
         ("monitor/safe_where", lambda a: a + 10**6, "safe where holds numbers outside"),
         ("monitor/unsafe_where", lambda a: a - 10**6, "unsafe where holds numbers outside"),
         ("monitor/theta_unsafe", lambda a: a[:, :0], "theta unsafe is float64"),

@@ -7,7 +7,7 @@ import pytest
 
 from core.limits.limits import Limits
 from core.monitor import Monitor, load
-from core.monitor.validity.verdict import deviation_of
+from core.monitor.validity.verdict import compare
 from tests.support.places import VERSION_0_1_0
 
 FILES = {"certified": Limits(beta=0.2, Ny=0.5), "unknown_limits": None}
@@ -54,7 +54,10 @@ def test_its_validity_is_that_of_the_version_that_saved_it() -> None:
     t = np.arange(flights.shape[1]) * monitor.dt
     for y, so_far in zip(flights, largest, strict=True):
         assessments = monitor.assess(t, y, withdraw=False)
-        assert deviation_of(basis, t, y, assessments)[1].tobytes() == so_far.tobytes()
+        assert (
+            compare(basis, t, y, assessments.state, assessments.nearest_safe).largest.tobytes()
+            == so_far.tobytes()
+        )
     assert basis.support.bounds().tolist() == [12.921456048648304, 1.774138691339043]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from core.channels import KEYS
-from core.kernels.deviation import farthest
+from core.kernels.deviation import Reference, largest_so_far
 from core.monitor import Monitor, train
 from core.monitor.training import with_validity
 from core.monitor.validity.support import LEVEL
@@ -19,7 +19,7 @@ from core.planned_test.planned_test import SensorNoise
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import CONTROL_LAWS, RateDamper
 from core.simulation.maneuver import Doublet
-from core.types import Array
+from core.types import Array, Indices
 
 NOISE = SensorNoise(beta=5e-4, p=4e-3, r=1e-3, Ny=4e-3, delta_a=3e-4, delta_r=3e-4)
 PLANTS = {
@@ -42,6 +42,11 @@ def recipe_of(name: str) -> DatasetRecipe:
         n_unsafe=60,
         seed=5,
     )
+
+
+def farthest(reference: Reference, y: Array, last: Indices) -> Array:
+    """(n, 2) what each flight reaches up to sample `last`."""
+    return largest_so_far(reference, y, last)[np.arange(len(y)), last]
 
 
 @dataclass

@@ -22,7 +22,7 @@ from core.monitor.score import SCORES
 from core.monitor.training import with_validity
 from core.monitor.validity.innovation import fit_innovation
 from core.monitor.validity.support import LEVEL, Support, SupportError, ValidityBasis, calibrate
-from core.monitor.validity.verdict import RunningValidity, deviation_of
+from core.monitor.validity.verdict import Comparison, RunningValidity, compare
 from tests.support import oscillator
 from tests.support.oscillator import DT, N_SAMPLES, NY, TIMES, Array
 
@@ -59,6 +59,10 @@ def support_of(monitor: Monitor) -> Support:
 def basis_of(monitor: Monitor) -> ValidityBasis:
     assert monitor.validity_basis is not None
     return monitor.validity_basis
+
+
+def compared(monitor: Monitor, t: Array, y: Array, said: Assessments) -> Comparison:
+    return compare(basis_of(monitor), t, y, said.state, said.nearest_safe)
 
 
 def untouched(monitor: Monitor, t: Array, y: Array) -> Assessments:
@@ -147,7 +151,7 @@ def test_statistics_equal_brute_force(
         (TIMES, oscillator.fly(np.random.default_rng(seed), 1)[1][0]),
     ):
         said = untouched(monitor, t, y)
-        _, reached = deviation_of(basis_of(monitor), t, y, said)
+        reached = compared(monitor, t, y, said).largest
         expected = brute_force(monitor, t, y, said)
         np.testing.assert_allclose(reached, expected, rtol=1e-6)
         assert (reached[-1, 0] > 0) == has_forecasts
@@ -161,10 +165,10 @@ def test_the_nearest_safe_points_need_not_be_known(monitor: Monitor) -> None:
         said = untouched(monitor, t, y)
         unknown = replace(said, nearest_safe=np.full(len(t), -1))
         of_known, of_unknown = (
-            deviation_of(basis_of(monitor), t, y, assessments) for assessments in (said, unknown)
+            compared(monitor, t, y, assessments) for assessments in (said, unknown)
         )
-        assert of_known[1].tobytes() == of_unknown[1].tobytes()
-        assert of_known[0].peaks.tobytes() == of_unknown[0].peaks.tobytes()
+        assert of_known.largest.tobytes() == of_unknown.largest.tobytes()
+        assert of_known.deviation.peaks.tobytes() == of_unknown.deviation.peaks.tobytes()
         p = monitor.assess(TIMES, y).p_value
         assert monitor.p_values(y).tobytes() == p.tobytes()
         withdrawn += np.isnan(p[-1])
@@ -203,13 +207,13 @@ def test_rollouts_too_short_for_a_forecast_are_judged_by_distance_alone(dataset:
 
 
 def test_calibration_flights_are_measured_as_a_flight_is(monitor: Monitor) -> None:
-    """Each column of the support is made of what `deviation_of` says of its flights, sorted."""
+    """Each column of the support is made of what `compare` says of its flights, sorted."""
     y, fail = next(batches())
     support, found = support_of(monitor), []
     for i in np.flatnonzero(fail < N_SAMPLES):
         t = TIMES[: fail[i] + 1]
         said = untouched(monitor, t, y[i, : fail[i] + 1])
-        found.append(deviation_of(basis_of(monitor), t, y[i], said)[1][-1])
+        found.append(compared(monitor, t, y[i], said).largest[-1])
     assert np.sort(found, axis=0).tobytes() == support.unsafe.tobytes()
     assert len(support.safe) + len(support.unsafe) == len(y)
     assert support.n_samples == N_SAMPLES
@@ -359,7 +363,6 @@ def test_verdict_and_withdrawal_are_those_of_a_manoeuvre_that_ends_with_its_exce
         end = monitor.last_counted(y)
         assert end is not None
         assert repr(verdict) == repr(monitor.judge(t, y, assessments, end=end))
-        assert withdrawal == monitor.withdrawal(t, y, assessments)
         assert (withdrawal is None) == (verdict.valid is not False)
 
 
