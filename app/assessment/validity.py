@@ -21,7 +21,7 @@ from app.assessment.trim import largest_at_rest
 from app.telemetry.recording import Recording, Traces
 from core.channels import CHANNELS, KEYS
 from core.kernels.causal_grid import RATE_RATIO
-from core.kernels.innovation import N_RESPONSES
+from core.kernels.deviation import N_RESPONSES
 from core.monitor import Assessments, Monitor
 from core.monitor.assessment import Withdrawal
 from core.monitor.validity.verdict import ValidityVerdict, in_words
