@@ -19,12 +19,11 @@ class Gains(NamedTuple):
     """Gains of n filters, sample by sample; the last ones apply to all later samples.
 
     gain: n_settled arrays (n, k, m).   root: as many (n, m, m); they whiten a residual to variance
-    1.   log_root: (n,) sum of the traces of their logarithms over all samples.
+    1.
     """
 
     gain: list[Array]
     root: list[Array]
-    log_root: Array
 
 
 def gains(model: JointModel, noise: Array, n_samples: int) -> Gains:
@@ -36,7 +35,7 @@ def gains(model: JointModel, noise: Array, n_samples: int) -> Gains:
     h, r = model.h[:, measured], np.square(noise[:, measured])
     turned = np.swapaxes(h, -1, -2)
     diagonal = np.arange(h.shape[1])
-    covariance, gain, root, log_roots = model.start, [], [], []
+    covariance, gain, root = model.start, [], []
     before = np.full((len(h), h.shape[1]), np.inf)
     for _ in range(n_samples):
         seen = h @ covariance
@@ -50,12 +49,10 @@ def gains(model: JointModel, noise: Array, n_samples: int) -> Gains:
         white = inverse @ seen
         gain.append(np.swapaxes(white, -1, -2) @ inverse)
         root.append(inverse)
-        log_roots.append(np.log(inverse[:, diagonal, diagonal]).sum(axis=1))
         updated = covariance - np.swapaxes(white, -1, -2) @ white
         following = model.f @ updated @ np.swapaxes(model.f, -1, -2) + model.q
         covariance = 0.5 * (following + np.swapaxes(following, -1, -2))
-    log_root = np.sum(log_roots, axis=0) + (n_samples - len(root)) * log_roots[-1]
-    return Gains(gain, root, log_root)
+    return Gains(gain, root)
 
 
 def white_residuals(

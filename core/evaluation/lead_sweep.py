@@ -17,10 +17,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from core.bounds import Bounds, check_bounds
-from core.card import Card, CardError
+from core.card import CardError
 from core.evaluation.ceiling import Ceiling
 from core.evaluation.prevention import REACTIONS_S, Stopped, prevention
-from core.evaluation.rates import clustered_interval, first_sample
+from core.evaluation.rates import PooledCounts, first_sample
 from core.kernels.compiled import on_this_thread
 from core.limits.limits import Limits, magnitudes_of
 from core.monitor.calibration import Guarantee, alert_above, check_epsilon, p_values
@@ -133,25 +133,21 @@ class SweepRecipe:
 
 
 @dataclass(frozen=True, eq=False)
-class Cell:
+class Cell(PooledCounts):
     """Counts of one method at one lead on one planned test, one row for each monitor.
 
-    misses, n_unsafe, false_alerts, n_safe: (n_monitors,).   prevented: (n_monitors, n_reactions).
+    epsilon: promised.   lead: in effect [s].
     n_early: (n_monitors,) failures too early for any timely alert.
+    prevented: (n_monitors, n_reactions) failures that an alert prevents.
     power_at_epsilon: (n_monitors,) share of safe flights without an alert, at the threshold that
     misses exactly epsilon of these failing flights.
-    prevented_alike: (n_monitors, n_reactions) prevented failures at the threshold that alerts on
-    FALSE_ALARMS of these safe flights; for comparing methods.
-    lead: in effect [s].   epsilon: promised.
+    prevented_alike: as `prevented`, at the threshold that alerts on FALSE_ALARMS of these safe
+    flights; for comparing methods.
     """
 
     epsilon: float
     lead: float
-    misses: Indices
-    n_unsafe: Indices
     n_early: Indices
-    false_alerts: Indices
-    n_safe: Indices
     prevented: Indices
     power_at_epsilon: Array
     prevented_alike: Indices
@@ -159,29 +155,9 @@ class Cell:
     @classmethod
     def pool(cls, cells: list["Cell"]) -> "Cell":
         """Pool cells of one method and lead with different monitors."""
-        rows = (field.name for field in fields(cls)[2:])
+        rows = {field.name for field in fields(cls)} - {"epsilon", "lead"}
         columns = {name: np.concatenate([getattr(cell, name) for cell in cells]) for name in rows}
-        return cls(cells[0].epsilon, cells[0].lead, **columns)
-
-    @property
-    def miss_rate(self) -> float:
-        """Share of all failing flights without a timely alert."""
-        return float(self.misses.sum() / max(self.n_unsafe.sum(), 1))
-
-    @property
-    def miss_interval(self) -> Array:
-        """(2,) 95 % interval, including the scatter between monitors."""
-        return clustered_interval(self.misses, self.n_unsafe)
-
-    @property
-    def power(self) -> float:
-        """Share of all safe flights without an alert."""
-        return float(1 - self.false_alerts.sum() / max(self.n_safe.sum(), 1))
-
-    @property
-    def power_interval(self) -> Array:
-        """(2,) 95 % interval, including the scatter between monitors."""
-        return clustered_interval(self.n_safe - self.false_alerts, self.n_safe)
+        return replace(cells[0], **columns)
 
     @property
     def prevented_share(self) -> Array:
@@ -379,8 +355,9 @@ class _Part:
             (flights.y, np.minimum(flights.fail_index, flights.y.shape[1] - 1)),
         )
         if predictor.forecast == "card":
-            card = _card(self._test)
-            if card is None:
+            try:
+                card = card_of(self._test)
+            except CardError:
                 return {}
             forecast = fit_card(card, dataset.safe, dataset.specification, RestOfCard(), 0)
             failures, tests = (forecast.scores_within(np.array(windows), *flown) for flown in both)
@@ -502,13 +479,6 @@ def _earliest(flights: Rollouts, test: DatasetRecipe) -> float:
     fails = flights.fail_index[flights.is_unsafe]
     earliest = float(np.quantile(fails, 0.05) * test.dt) if len(fails) else np.nan
     return earliest - test.maneuver.lead_in_s
-
-
-def _card(test: DatasetRecipe) -> Card | None:
-    try:
-        return card_of(test)
-    except CardError:
-        return None
 
 
 def _counted(

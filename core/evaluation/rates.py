@@ -60,6 +60,39 @@ def clustered_interval(
 
 
 @dataclass(frozen=True, eq=False)
+class PooledCounts:
+    """Counts of one method over several monitors, one row for each.
+
+    misses, false_alerts: (n_monitors, ...) failing flights without a timely alert, and safe flights
+    with an alert.   n_unsafe, n_safe: the same or broadcast to it, flights that failed and that did
+    not.   Intervals are of 95 % and include the scatter between monitors.
+    """
+
+    misses: Indices
+    n_unsafe: Indices
+    false_alerts: Indices
+    n_safe: Indices
+
+    @property
+    def miss_rate(self) -> Array:
+        """(...,) share of all failing flights without a timely alert."""
+        return self.misses.sum(axis=0) / max(self.n_unsafe.sum(), 1)
+
+    @property
+    def miss_interval(self) -> Array:
+        return clustered_interval(self.misses, self.n_unsafe)
+
+    @property
+    def power(self) -> Array:
+        """(...,) share of all safe flights without an alert."""
+        return 1 - self.false_alerts.sum(axis=0) / max(self.n_safe.sum(), 1)
+
+    @property
+    def power_interval(self) -> Array:
+        return clustered_interval(self.n_safe - self.false_alerts, self.n_safe)
+
+
+@dataclass(frozen=True, eq=False)
 class Evaluation:
     """Counts over fresh flights at each epsilon.
 

@@ -12,7 +12,7 @@ import numpy as np
 from core.bounds import Bounds, check_bounds
 from core.channels import KEYS
 from core.dataset import Dataset
-from core.evaluation.rates import EPSILONS, Evaluation, clustered_interval, evaluate
+from core.evaluation.rates import EPSILONS, Evaluation, PooledCounts, evaluate
 from core.kernels.compiled import on_this_thread
 from core.limits.limits import Limits
 from core.monitor.calibration import smallest_epsilon
@@ -23,7 +23,7 @@ from core.monitor.score import SCORES, NegativeMagnitude, Score
 from core.monitor.training import SafeObservations, train
 from core.planned_test.collection import DatasetRecipe, Rollouts, Simulator, collect
 from core.seeds import monitor_seeds
-from core.types import Array, Indices
+from core.types import Array
 
 METHODS: dict[str, tuple[str, str]] = {
     "linear + nearest neighbor": ("linear", "nearest_neighbor"),
@@ -64,18 +64,10 @@ class StudyRecipe:
 
 
 @dataclass(frozen=True, eq=False)
-class MethodResult:
-    """One method's counts, one row for each monitor.
-
-    epsilons: (n_eps,).   misses, false_alerts: (n_monitors, n_eps).
-    n_unsafe, n_safe: (n_monitors, 1) test flights that failed and that did not.
-    """
+class MethodResult(PooledCounts):
+    """One method's counts at each of epsilons (n_eps,); counts of flights are (n_monitors, 1)."""
 
     epsilons: Array
-    misses: Indices
-    n_unsafe: Indices
-    false_alerts: Indices
-    n_safe: Indices
 
     @classmethod
     def pool(cls, evaluations: list[Evaluation]) -> "MethodResult":
@@ -87,26 +79,6 @@ class MethodResult:
             false_alerts=np.array([e.false_alerts for e in evaluations]),
             n_safe=np.array([[e.n_safe] for e in evaluations]),
         )
-
-    @property
-    def miss_rate(self) -> Array:
-        """(n_eps,) share of all failing flights that were missed."""
-        return self.misses.sum(axis=0) / max(self.n_unsafe.sum(), 1)
-
-    @property
-    def miss_interval(self) -> Array:
-        """(n_eps, 2) 95 % interval, including the scatter between monitors."""
-        return clustered_interval(self.misses, self.n_unsafe)
-
-    @property
-    def power(self) -> Array:
-        """(n_eps,) share of all safe flights without an alert."""
-        return 1 - self.false_alerts.sum(axis=0) / max(self.n_safe.sum(), 1)
-
-    @property
-    def power_interval(self) -> Array:
-        """(n_eps, 2) 95 % interval, including the scatter between monitors."""
-        return clustered_interval(self.n_safe - self.false_alerts, self.n_safe)
 
     @property
     def mean_power(self) -> float:

@@ -266,7 +266,7 @@ class Monitor:
         samples = self.validity_basis, t, y, assessments.state, assessments.nearest_safe
         whole, withdrawal = compare(*samples, self.last_counted(y)), None
         if (first := whole.first_outside) is not None:
-            reasons = compare(*samples, first).verdict(assessments.y_hat).reasons
+            reasons = self.judge(t, y, assessments, end=first).reasons
             withdrawal = Withdrawal(first, in_words(reasons))
         return whole.verdict(assessments.y_hat), withdrawal
 
@@ -409,12 +409,6 @@ class Monitor:
         wrong = basis.input_shape.first_wrong_of(y, self.dt)
         return np.minimum(first, np.where(wrong <= last, wrong, y.shape[1]))
 
-    def _unsafe_neighbour(self) -> "_Neighbour":
-        return _Neighbour(self.unsafe_where, self.theta_unsafe, self.theta_names, self.dt)
-
-    def _safe_neighbour(self) -> "_Neighbour":
-        return _Neighbour(self.safe_where, self.theta_safe, self.theta_names, self.dt)
-
 
 class Stream:
     """Assesses one flight, sample by sample.
@@ -440,7 +434,9 @@ class Stream:
         self._scale = monitor.scale
         self._maps_ahead = monitor.recipe.predictor.forecasts and not has_outputs
         self._with_exemplars = exemplars
-        self._unsafe, self._safe = monitor._unsafe_neighbour(), monitor._safe_neighbour()
+        names = monitor.theta_names, monitor.dt
+        self._unsafe = _Neighbour(monitor.unsafe_where, monitor.theta_unsafe, *names)
+        self._safe = _Neighbour(monitor.safe_where, monitor.theta_safe, *names)
         arrays = self._buffer, self._status, self._clock, self._point
         self._call = live_call(self._fitted, self._exact, *arrays, monitor.dt)
         self._update = compiled.entry(update_at, *self._call, 0.0, self._buffer[0])

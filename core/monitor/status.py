@@ -81,18 +81,7 @@ LEVELS = {
     Status.OK: Level.NONE,
 }
 
-WORDS = {
-    Status.EXCEEDING: "EXCEEDING",
-    Status.ALARM: "ALARM",
-    Status.RISK: "ALERT",
-    Status.STALE: "STALE",
-    Status.INVALID: "INVALID",
-    Status.CAUTION: "CAUTION",
-    Status.WARMING_UP: "WARMING UP",
-    Status.NOT_CALIBRATED: "NOT CALIBRATED",
-    Status.EXCEEDED: "EXCEEDED",
-    Status.OK: "OK",
-}
+WORDS = {status: status.replace("_", " ").upper() for status in Status} | {Status.RISK: "ALERT"}
 BETWEEN = "between manoeuvres"
 """Reason of samples between manoeuvres, which are not assessed."""
 NOT_APPLICABLE, LIMITS_UNKNOWN = "not applicable", "limits unknown"

@@ -88,7 +88,7 @@ def hopeless_leads(test: PlannedTestSweep) -> list[float]:
     best: dict[float, float] = {}
     for (method, _), cell in test.cells.items():
         if method != CEILING:
-            best[cell.lead] = max(best.get(cell.lead, 0.0), cell.power)
+            best[cell.lead] = max(best.get(cell.lead, 0.0), float(cell.power))
     return [lead for lead, power in best.items() if power < USELESS]
 
 
