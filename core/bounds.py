@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import cache
 from math import isfinite
 from reprlib import Repr
-from typing import Any, get_type_hints
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 MOST_SIGNS = 80
 _short = Repr()
@@ -61,11 +61,22 @@ def bounds_of(kind: type) -> dict[str, Bounds]:
     }
 
 
+@cache
+def choices_of(kind: type) -> dict[str, tuple[Any, ...]]:
+    """Allowed values of a dataclass's parameters by name, of those with a Literal type."""
+    hints = get_type_hints(kind)
+    return {name: get_args(hint) for name, hint in hints.items() if get_origin(hint) is Literal}
+
+
 def check_bounds(recipe: Any, what: str = "") -> None:
-    """ValueError for the first parameter out of its bounds; None is always allowed.
+    """ValueError for the first parameter that is no choice or out of its bounds; None is allowed.
 
     what: prefix of its name in the message.
     """
+    for name, choices in choices_of(type(recipe)).items():
+        if (value := getattr(recipe, name)) not in choices:
+            known = (" or " if len(choices) == 2 else ", ").join(map(str, choices))
+            raise ValueError(f"{what}{name}={value!r} was given: choose {known}")
     for name, bounds in bounds_of(type(recipe)).items():
         value = getattr(recipe, name)
         if value is not None and not bounds.hold(value):

@@ -122,7 +122,6 @@ class SweepRecipe:
         for kind, given, known in (
             ("method", self.methods, METHODS),
             ("planned test", self.tests, TESTS),
-            ("imperfections", (self.imperfections,), ("none", "usual")),
         ):
             if unknown := [name for name in given if name not in known]:
                 raise ValueError(f"{kind} {unknown[0]!r} was given: choose {', '.join(known)}")

@@ -1,7 +1,7 @@
 """The recipe of a monitor: every choice for training, as shown in the form."""
 
 from dataclasses import dataclass
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal
 
 from core.bounds import Bounds, check_bounds
 from core.monitor.calibration import Guarantee
@@ -46,17 +46,6 @@ class MonitorRecipe:
 
     def __post_init__(self) -> None:
         check_bounds(self)
-        for name, choices in (
-            ("calibration", Calibration),
-            ("p_value", PValue),
-            ("scaling", Scaling),
-            ("guarantee", Guarantee),
-        ):
-            if getattr(self, name) not in get_args(choices):
-                raise ValueError(
-                    f"{name}={getattr(self, name)!r} was given: choose "
-                    f"{' or '.join(get_args(choices))}"
-                )
         if not isinstance(self.groups, Pooled) and self.is_exact:
             raise ValueError("groups need p_value simple: choose it, or groups pooled")
         if wrong := mismatch(self.predictor, self.score):

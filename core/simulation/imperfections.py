@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from math import exp, radians
-from typing import Annotated, get_args
+from typing import Annotated
 
 import numpy as np
 
@@ -115,11 +115,6 @@ class Imperfections:
     bits (IRIG 106) over +-30 deg, +-120 deg/s in roll, +-60 deg/s in yaw and +-1 g."""
 
     def __post_init__(self) -> None:
-        if self.turbulence not in get_args(Turbulence):
-            raise ValueError(
-                f"turbulence={self.turbulence!r} was given: choose "
-                f"{', '.join(get_args(Turbulence))}"
-            )
         check_bounds(self)
         if self.turbulence != "none" and self.gust_time_s == 0:
             raise ValueError("gust_time_s=0 was given: give a time above zero")

@@ -7,10 +7,11 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from math import inf, isfinite, log
-from typing import Literal, Self, get_args
+from typing import Literal, Self
 
 import numpy as np
 
+from core.bounds import check_bounds
 from core.recipe import family
 from core.types import Array
 
@@ -50,6 +51,7 @@ class Maneuver(ABC):
     none: the full amplitude."""
 
     def __post_init__(self) -> None:
+        check_bounds(self)
         for entry in fields(self):
             value = getattr(self, entry.name)
             if isinstance(value, str | Maneuver):
@@ -127,11 +129,6 @@ class Maneuver(ABC):
         return rng.choice(self.build_up, n) if self.build_up else np.ones(1)
 
 
-def _check_word(name: str, word: str, known: tuple[str, ...]) -> None:
-    if word not in known:
-        raise ValueError(f"{name} is {word!r}; give one of {', '.join(known)}")
-
-
 @dataclass(frozen=True, kw_only=True)
 class OneSurface(Maneuver, ABC):
     """A manoeuvre flown with one control."""
@@ -140,10 +137,6 @@ class OneSurface(Maneuver, ABC):
     """control surface."""
     amplitude_deg: float = 5.0
     """amplitude of the command: either sign [deg]."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _check_word("surface", self.surface, get_args(Surface))
 
     @property
     def peak_deg(self) -> float:
@@ -281,7 +274,6 @@ class FrequencySweep(OneSurface):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _check_word("spacing", self.spacing, get_args(Spacing))
         if min(self.start_hz, self.end_hz) <= 0.0:
             raise ValueError(
                 f"start_hz={self.start_hz}, end_hz={self.end_hz}; both must be above zero"
@@ -332,7 +324,6 @@ class Table(Maneuver):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _check_word("interpolation", self.interpolation, get_args(Interpolation))
         rows = len(self.t_s)
         if not rows == len(self.delta_a_deg) == len(self.delta_r_deg) > 0:
             raise ValueError(

@@ -5,10 +5,11 @@ x_dot = A x + B u,  y = C x + D u,  u = (delta_a, delta_r) [rad], y in the order
 
 from dataclasses import dataclass, field
 from math import isfinite
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple
 
 import numpy as np
 
+from core.bounds import check_bounds
 from core.types import Array
 
 Distribution = Literal["normal", "uniform"]
@@ -53,9 +54,7 @@ class Uncertainty:
     unit."""
 
     def __post_init__(self) -> None:
-        for given, known in ((self.distribution, Distribution), (self.unit, Unit)):
-            if given not in get_args(known):
-                raise ValueError(f"{given!r} is not one of {', '.join(get_args(known))}")
+        check_bounds(self)
         numbers = self.spread if isinstance(self.spread, dict) else {"every parameter": self.spread}
         for name, number in numbers.items():
             if not (isinstance(number, int | float) and isfinite(number) and number >= 0):

@@ -318,7 +318,7 @@ def test_an_own_zero_varies_by_an_absolute_spread():
         ({"uncertainty": {"spread": {"A[00,0]": 0.1}}}, "write it like"),
         ({"uncertainty": {"spread": {"L_p": 0.1}}}, "'L_p' is not an entry"),
         ({"uncertainty": {"spread": {"C[3,1]": 0.1}}}, r"C\[3,1\] is 0 and a fraction of 0"),
-        ({"uncertainty": {"spread": 0.1, "unit": "percent"}}, "'percent' is not one of"),
+        ({"uncertainty": {"spread": 0.1, "unit": "percent"}}, "unit='percent' was given: choose"),
     ],
 )
 def test_unfitting_own_matrices_are_refused_in_one_sentence(changes, message):
@@ -352,7 +352,10 @@ def test_a_document_without_a_model_is_refused():
         (lambda: Uncertainty(-0.1), "spread of every parameter is -0.1; give"),
         (lambda: Uncertainty(float("nan")), "spread of every parameter is nan"),
         (lambda: Uncertainty({"L_p": float("inf")}), "spread of L_p is inf"),
-        (lambda: Uncertainty(0.1, "gaussian"), "'gaussian' is not one of normal, uniform"),  # pyright: ignore[reportArgumentType]
+        (
+            lambda: Uncertainty(0.1, "gaussian"),
+            "distribution='gaussian' was given: choose normal or uniform",
+        ),  # pyright: ignore[reportArgumentType]
     ],
 )
 def test_an_impossible_recipe_is_refused_in_one_sentence(make, message):

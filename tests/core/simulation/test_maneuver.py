@@ -300,12 +300,18 @@ def test_a_table_of_one_row_is_a_step():
         (lambda: table(t_s=(0.0, 0.5, 0.5)), r"t_s\[2\]=0.5 follows 0.5; the times must increase"),
         (lambda: table(t_s=(-0.5, 0.5, 0.6)), "t_s is -0.5; give a finite number, zero or more"),
         (lambda: table(delta_a_deg=(1.0, float("nan"), 1.0)), "delta_a_deg is nan; give"),
-        (lambda: table(interpolation="cubic"), "interpolation is 'cubic'; give one of hold"),
+        (lambda: table(interpolation="cubic"), "interpolation='cubic' was given: choose hold"),
         (lambda: Doublet(amplitude_deg=float("nan")), "amplitude_deg is nan; give a finite number"),
         (lambda: Doublet(half_s=-1.0), "half_s is -1.0; give a finite number, zero or more"),
-        (lambda: Doublet(surface="elevator"), "surface is 'elevator'; give one of aileron, rudder"),  # pyright: ignore[reportArgumentType]
+        (
+            lambda: Doublet(surface="elevator"),
+            "surface='elevator' was given: choose aileron or rudder",
+        ),  # pyright: ignore[reportArgumentType]
         (lambda: FrequencySweep(start_hz=0.0), "start_hz=0.0, end_hz=2.0; both must be above zero"),
-        (lambda: FrequencySweep(spacing="cubic"), "spacing is 'cubic'; give one of log, linear"),  # pyright: ignore[reportArgumentType]
+        (
+            lambda: FrequencySweep(spacing="cubic"),
+            "spacing='cubic' was given: choose log or linear",
+        ),  # pyright: ignore[reportArgumentType]
         (lambda: Doublet().n_samples(0.07), "duration_s=6.0 is 85.7143 steps .* duration_s=6.02"),
         (lambda: Doublet().n_samples(0.0), "dt=0.0 s; give a finite time step above zero"),
         (lambda: Doublet().n_samples(float("nan")), "dt=nan s"),
