@@ -4,7 +4,7 @@ from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from math import radians
-from typing import Annotated, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from core.simulation.aircraft import AIRCRAFT, Aircraft
 from core.simulation.control_law import CONTROL_LAWS, ControlLaw, check_usable
 from core.simulation.imperfections import (
     USUAL_IMPERFECTIONS,
+    ByChannel,
     Imperfections,
     channel_array,
     from_trim,
@@ -30,27 +31,14 @@ MOST_SAMPLES = 20_000
 """Largest number of steps of a rollout, so that a chunk fits in memory."""
 
 
-Deviation = Annotated[
-    float, Bounds(least=0, words="a standard deviation is a finite number, 0 or more")
-]
-
-
 @dataclass(frozen=True)
-class SensorNoise:
+class SensorNoise(ByChannel):
     """White Gaussian sensor noise, 1 sigma of each channel in its SI unit.
 
     It is not fed back, and limits are judged without it.
     """
 
-    beta: Deviation = 0.0
-    p: Deviation = 0.0
-    r: Deviation = 0.0
-    Ny: Deviation = 0.0
-    delta_a: Deviation = 0.0
-    delta_r: Deviation = 0.0
-
-    def __post_init__(self) -> None:
-        check_bounds(self, "noise ")
+    called: ClassVar[str] = "noise"
 
     def add_to(self, y: Array, rng: np.random.Generator) -> None:
         """Add noise to y (n, n_samples, 6) in place, channel by channel."""

@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass, replace
 from math import exp, radians
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 
-from core.bounds import NOT_NEGATIVE, Bounds, check_bounds
+from core.bounds import NOT_NEGATIVE, check_bounds
 from core.channels import KEYS
 from core.kernels.compiled import in_chunks
 from core.kernels.imperfections import (
@@ -39,26 +39,33 @@ def channel_array(by_channel: object) -> Array:
     return np.array([getattr(by_channel, key) for key in KEYS], dtype=np.float64)
 
 
-Step = Annotated[float, Bounds(least=0, words="a step is a finite number, 0 or more")]
 NotNegative = Annotated[float, NOT_NEGATIVE]
 
 
 @dataclass(frozen=True)
-class Quantisation:
+class ByChannel:
+    """One number of each channel, in its SI unit (N_y in g)."""
+
+    called: ClassVar[str]
+    beta: NotNegative = 0.0
+    p: NotNegative = 0.0
+    r: NotNegative = 0.0
+    Ny: NotNegative = 0.0
+    delta_a: NotNegative = 0.0
+    delta_r: NotNegative = 0.0
+
+    def __post_init__(self) -> None:
+        check_bounds(self, f"{self.called} ")
+
+
+@dataclass(frozen=True)
+class Quantisation(ByChannel):
     """Step between recorded values, by channel, in its SI unit (N_y in g); 0 for none.
 
     The trim may lie anywhere between two values.
     """
 
-    beta: Step = 0.0
-    p: Step = 0.0
-    r: Step = 0.0
-    Ny: Step = 0.0
-    delta_a: Step = 0.0
-    delta_r: Step = 0.0
-
-    def __post_init__(self) -> None:
-        check_bounds(self, "quantisation ")
+    called: ClassVar[str] = "quantisation"
 
     @classmethod
     def of_words(cls, bits: int) -> "Quantisation":
