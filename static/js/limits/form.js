@@ -19,6 +19,7 @@ export function createLimitForm({ catalog, newest, word, route, send }) {
   const holder = h("div.stack");
   let cases = [];
   (newest?.cases ?? [{ ...NEW, name: "any condition" }]).forEach(add);
+  const reasonGiven = () => (why.value.trim() ? { text: why.value.trim() } : {});
   const own = newest === null ? { name: named } : {};
   const { element } = createForm({
     title: word,
@@ -37,28 +38,18 @@ export function createLimitForm({ catalog, newest, word, route, send }) {
       h("div.row", button("Add a condition", () => add(NEW))),
       labelled("Reason", why).element,
     ],
-    send: () => {
-      const text = why.value.trim();
-      return send({
-        ...(newest === null && { name: name.value.trim() }),
-        ...(text && { text }),
-        cases: cases.map(({ read }) => read()),
-      });
-    },
+    send: () => send({ ...(newest === null && { name: name.value.trim() }), ...reasonGiven(), cases: cases.map(({ read }) => read()) }),
   });
   if ("data-refused" in needs(route)) element.toggleAttribute("data-refused", true);
   return element;
 
   function add(given) {
-    const added = createCase(catalog, given, () => {
-      cases = cases.filter((other) => other !== added);
-      place();
-    });
-    cases.push(added);
-    place();
+    const added = createCase(catalog, given, () => place(cases.filter((other) => other !== added)));
+    place([...cases, added]);
   }
 
-  function place() {
+  function place(left) {
+    cases = left;
     holder.replaceChildren(...cases.map((each) => each.element));
     for (const { away } of cases) away.hidden = cases.length === 1;
   }

@@ -9,11 +9,8 @@ import { proposalOf } from "../recordings/training_offer.js";
 
 export async function recordedTest(api, id) {
   const recording = await api.get(`/recordings/${encodeURIComponent(id)}`);
-  try {
-    return { recording, proposal: await proposalOf(api, id), problem: "" };
-  } catch (error) {
-    return { recording, proposal: null, problem: reason(error) };
-  }
+  const refused = (error) => ({ recording, proposal: null, problem: reason(error) });
+  return proposalOf(api, id).then((proposal) => ({ recording, proposal, problem: "" }), refused);
 }
 
 export function createRecordedOrigin({ catalog, recorded, changed }) {
@@ -22,9 +19,8 @@ export function createRecordedOrigin({ catalog, recorded, changed }) {
   failure.show(problem);
   const known = Object.values(catalog.families.aircraft.entries).map((entry) => [entry.kind, aircraftCondition(entry)]);
   const choice = select([["", "choose the aircraft"], ...known], { id: "recorded-aircraft", onchange: changed });
-  const field = labelled("Which aircraft was flown?", choice, {
-    hint: "The form opens with this aircraft's usual test and what the recording shows.",
-  });
+  const hint = "The form opens with this aircraft's usual test and what the recording shows.";
+  const field = labelled("Which aircraft was flown?", choice, { hint });
   const element = panel(
     ["For the recording ", h("a", { href: `#/recordings/${recording.id}` }, recording.name)],
     [proposal && sentences(proposal.reasons.map(formatted)), field.element, failure.element],
@@ -36,10 +32,7 @@ export function createRecordedOrigin({ catalog, recorded, changed }) {
     if (!choice.value) return null;
     const { dataset = {}, ...monitor } = proposal?.recipe ?? {};
     const { usual: recipeOf, default: clean } = catalog.recipes.monitor;
-    return {
-      recipe: { ...(recipeOf ?? clean), ...monitor },
-      dataset_recipe: testOf(catalog, choice.value, dataset),
-    };
+    return { recipe: { ...(recipeOf ?? clean), ...monitor }, dataset_recipe: testOf(catalog, choice.value, dataset) };
   }
 }
 
@@ -49,11 +42,8 @@ function testOf(catalog, kind, shown) {
   const { usual_test: test, default: aircraft } = catalog.families.aircraft.entries[kind];
   const usual = { ...dataset.usual, ...test, aircraft: { kind, ...aircraft } };
   usual.maneuver = { ...usual.maneuver, ...scatterOf(dataset, "as_flown") };
-  const merged = Object.entries(shown).map(([key, value]) => [
-    key,
-    isSame(usual[key], value) ? { ...usual[key], ...value } : value,
-  ]);
-  return { ...usual, ...Object.fromEntries(merged) };
+  for (const [key, value] of Object.entries(shown)) usual[key] = isSame(usual[key], value) ? { ...usual[key], ...value } : value;
+  return usual;
 }
 
 /** Whether both are objects of one kind, of which the second may leave parameters out. */
