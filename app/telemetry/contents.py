@@ -144,7 +144,6 @@ class ColumnWriter:
     notes: tuple[str, ...] = ()
     bad: BadRows = field(init=False)
     _groups: list[Group] = field(default_factory=list)
-    _times: dict[int, str] = field(default_factory=dict)
     _signals: list[Signal] = field(default_factory=list)
     _rows: list[int] = field(default_factory=list)
     _numbers: dict[str, int] = field(default_factory=dict)
@@ -171,20 +170,14 @@ class ColumnWriter:
             raise TelemetryError(
                 f"the file has more than {MOST_SIGNALS} signals: export only those of this test"
             )
-        name = printable(name, LONGEST_NAME) or f"signal_{len(self._signals) + 1}"
-        unique = self._unique(name)
-        self._signals.append(
-            Signal(
-                unique,
-                printable(unit, LONGEST_NAME),
-                group,
-                printable(description, LONGEST_TEXT),
-            )
-        )
+        number = len(self._signals)
+        unique = self._unique(printable(name, LONGEST_NAME) or f"signal_{number + 1}")
+        unit, description = printable(unit, LONGEST_NAME), printable(description, LONGEST_TEXT)
+        self._signals.append(Signal(unique, unit, group, description))
         self._rows.append(0)
         if time:
-            self._times[group] = unique
-        return len(self._signals) - 1
+            self._groups[group] = replace(self._groups[group], time=unique)
+        return number
 
     def _unique(self, name: str) -> str:
         number, unique = self._numbers.get(name, 1), name
@@ -211,22 +204,19 @@ class ColumnWriter:
         self,
         file_format: str,
         *,
-        start: str = "",
         ignored: Sequence[str] = (),
         notes: Sequence[str] = (),
-        limits: tuple[dict[str, Any], ...] = (),
-        conditions: dict[str, str] | None = None,
-        flown: dict[str, Any] | None = None,
+        **others: Any,
     ) -> Contents:
-        """Write the contents, which completes the folder. TelemetryError if it is empty."""
-        groups = []
-        for number, group in enumerate(self._groups):
-            of_group = zip(self._signals, self._rows, strict=True)
-            lengths = {rows for signal, rows in of_group if signal.group == number}
-            assert len(lengths) <= 1, "signals of a group have equal lengths"
-            n_rows, time = lengths.pop() if lengths else 0, self._times.get(number, "")
-            groups.append(replace(group, n_rows=n_rows, time=time))
-        if max((group.n_rows for group in groups), default=0) < 2:
+        """Write the contents, which completes the folder. TelemetryError if it is empty.
+
+        others: fields of Contents.
+        """
+        n_rows = {
+            signal.group: rows for signal, rows in zip(self._signals, self._rows, strict=True)
+        }
+        groups = [replace(g, n_rows=n_rows.get(k, 0)) for k, g in enumerate(self._groups)]
+        if max(n_rows.values(), default=0) < 2:
             raise TelemetryError(
                 "the file has no table of numbers with at least two rows: export the signals "
                 "of the test with their times"
@@ -237,14 +227,11 @@ class ColumnWriter:
             format=file_format,
             groups=tuple(groups),
             signals=tuple(self._signals),
-            start=start,
             bad_rows=tuple(self.bad.listed),
             n_bad_rows=self.bad.n,
             ignored=tuple(printable(text, LONGEST_TEXT) for text in listed),
             notes=tuple(printable(text, LONGEST_TEXT) for text in (*self.notes, *notes)),
-            limits=limits,
-            conditions=conditions or {},
-            flown=flown or {},
+            **others,
         )
         text = json.dumps(asdict(contents), ensure_ascii=False)
         (self.folder / CONTENTS).write_text(text, encoding="utf-8")
@@ -294,20 +281,10 @@ def release(values: Array) -> None:
 def open_columns(folder: Path) -> Columns:
     """Open a complete folder of columns. FileNotFoundError if it is missing or incomplete."""
     plain = json.loads((folder / CONTENTS).read_text(encoding="utf-8"))
-    return Columns(
-        folder,
-        Contents(
-            **plain
-            | {
-                "groups": tuple(Group(**group) for group in plain["groups"]),
-                "signals": tuple(Signal(**signal) for signal in plain["signals"]),
-                "bad_rows": tuple(BadRow(**row) for row in plain["bad_rows"]),
-                "ignored": tuple(plain["ignored"]),
-                "notes": tuple(plain["notes"]),
-                "limits": tuple(plain.get("limits", ())),
-            }
-        ),
-    )
+    for name, kind in (("groups", Group), ("signals", Signal), ("bad_rows", BadRow)):
+        plain[name] = [kind(**each) for each in plain[name]]
+    fields: dict[str, Any] = {k: tuple(x) if isinstance(x, list) else x for k, x in plain.items()}
+    return Columns(folder, Contents(**fields))
 
 
 def printable(text: str, most: int) -> str:

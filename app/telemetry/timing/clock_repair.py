@@ -1,6 +1,7 @@
 """Repair the times of one clock and list its faults."""
 
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -159,26 +160,50 @@ def repair_clock(recorded: Array, values: dict[str, Array], clock: OrderedClock)
     recorded: (n,) [s].   values: (n,) by channel.   clock: their order.
     Raises TelemetryError if fewer than two rows have a time, or all are too close together.
     """
-    times = _unique_times(clock.t, clock.rows, values)
+    times, channels = _unique_times(clock.t, clock.rows, values), tuple(values)
     t, rows = times.t, times.rows
-    _check_usable(t, len(recorded), ", ".join(values))
+    _check_usable(t, len(recorded), ", ".join(channels))
     untouched = len(rows) == len(recorded) and bool((np.diff(rows) == 1).all())
     chosen = {key: _finite(x if untouched else x[rows]) for key, x in values.items()}
-    quality, gaps = _quality(t, tuple(values), len(recorded))
     bad_times = len(recorded) - int((np.abs(recorded) < NO_TIME).sum())
-    quality = replace(
-        quality,
+    steps = np.diff(t)
+    usual = float(np.median(steps))
+    gap = steps > GAP_RATIO * usual
+    step = float(steps[~gap].mean())
+    lengths, begin, end = steps[gap], t[:-1][gap], t[1:][gap]
+    quality = ClockQuality(
+        channels=channels,
+        n_rows=len(recorded),
+        start=float(t[0]),
+        end=float(t[-1]),
+        step=step,
+        rate=1.0 / step,
+        jitter=float(np.sqrt(np.mean((steps[~gap] - usual) ** 2))),
+        n_gaps=len(lengths),
+        gap_time=float(lengths.sum()),
+        longest_gap=float(lengths.max(initial=0.0)),
+        longest_gap_at=float(begin[lengths.argmax()]) if len(lengths) else 0.0,
         bad_times=bad_times,
-        repeated=times.n_repeated,
+        repeated=len(times.repeated),
         conflicting=times.n_conflicting,
         reordered=len(clock.late),
         backward=clock.backward,
         wraps=tuple(name for name, _ in clock.wraps),
         sets=tuple((clock_set.before, clock_set.after) for clock_set in clock.sets),
-        lost=len(recorded) - len(t) - bad_times - times.n_repeated,
+        lost=len(recorded) - len(t) - bad_times - len(times.repeated),
         rounded_to=times.rounded_to,
     )
-    return RepairedClock(t, chosen, quality, _faults(t, gaps, clock, times.repeated))
+    ambiguous = [clock_set for clock_set in clock.sets if clock_set.ambiguous]
+    set_back = np.array([s.after for s in ambiguous]), np.array([s.before for s in ambiguous])
+    marks: dict[str, tuple[Array, Array]] = {
+        "gap": (begin, end),
+        "clock": set_back,
+        "repeated": (times.repeated, times.repeated),
+        "reordered": (clock.late, clock.late),
+    }
+    duration = float(t[-1] - t[0])
+    found = [faults(kind, *interval, duration) for kind, interval in marks.items()]
+    return RepairedClock(t, chosen, quality, tuple(chain(*found)))
 
 
 def _check_usable(t: Array, n_rows: int, channels: str) -> None:
@@ -194,20 +219,6 @@ def _check_usable(t: Array, n_rows: int, channels: str) -> None:
         )
 
 
-def _faults(
-    t: Array, gaps: tuple[Array, Array], clock: OrderedClock, repeated: Array
-) -> tuple[Fault, ...]:
-    ambiguous = [clock_set for clock_set in clock.sets if clock_set.ambiguous]
-    begin, end = np.array([s.after for s in ambiguous]), np.array([s.before for s in ambiguous])
-    duration = float(t[-1] - t[0])
-    return (
-        *faults("gap", *gaps, duration),
-        *faults("clock", begin, end, duration),
-        *faults("repeated", repeated, repeated, duration),
-        *faults("reordered", clock.late, clock.late, duration),
-    )
-
-
 class _UniqueTimes(NamedTuple):
     """One row per time. repeated: times of removed rows.   rounded_to: see ClockQuality [s]."""
 
@@ -216,10 +227,6 @@ class _UniqueTimes(NamedTuple):
     repeated: Array
     n_conflicting: int = 0
     rounded_to: float = 0.0
-
-    @property
-    def n_repeated(self) -> int:
-        return len(self.repeated)
 
 
 def _unique_times(t: Array, rows: Indices, values: dict[str, Array]) -> _UniqueTimes:
@@ -255,28 +262,3 @@ def _finite(x: Array) -> Array:
     finite = np.where(is_infinite, np.nan, x) if is_infinite.any() else x
     release(x)
     return finite
-
-
-def _quality(
-    t: Array, channels: tuple[str, ...], n_rows: int
-) -> tuple[ClockQuality, tuple[Array, Array]]:
-    """Rate, jitter and gaps of increasing times; begin and end of the gaps."""
-    steps = np.diff(t)
-    usual = float(np.median(steps))
-    gap = steps > GAP_RATIO * usual
-    step = float(steps[~gap].mean())
-    lengths, begin = steps[gap], t[:-1][gap]
-    quality = ClockQuality(
-        channels=channels,
-        n_rows=n_rows,
-        start=float(t[0]),
-        end=float(t[-1]),
-        step=step,
-        rate=1.0 / step,
-        jitter=float(np.sqrt(np.mean((steps[~gap] - usual) ** 2))),
-        n_gaps=len(lengths),
-        gap_time=float(lengths.sum()),
-        longest_gap=float(lengths.max(initial=0.0)),
-        longest_gap_at=float(begin[lengths.argmax()]) if len(lengths) else 0.0,
-    )
-    return quality, (begin, t[1:][gap])
