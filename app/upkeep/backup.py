@@ -111,7 +111,7 @@ def back_up(url: str, data_dir: Path, path: Path) -> Backup:
 def _write(url: str, data_dir: Path, copy: Path, part: Path) -> tuple[Manifest, list[str]]:
     files, journals = RecordingFiles(data_dir / RECORDINGS), Journals(data_dir / JOURNALS)
     copy_database(address(url), copy, "choose a place with space for twice the database")
-    check_pages(copy)
+    check_copy(copy)
     damaged: list[str] = []
     with part.open("wb") as file:
         os.chmod(part, 0o600)
@@ -202,7 +202,7 @@ def _check_not_deleted(live: Store, recording_id: str, scorings: set[str]) -> No
         raise Changed
 
 
-def check_pages(copy: Path) -> None:
+def check_copy(copy: Path) -> None:
     """Check a database that no program is writing. Damaged."""
     uri = f"{copy.resolve().as_uri()}?immutable=1"
     try:

@@ -19,7 +19,7 @@ from app.store.database import StoreError, address, file_of
 from app.store.disk import ENDING
 from app.store.schema import migrations, revisions
 from app.upkeep.archive import DATABASE, JOURNALS, RECORDINGS, Archive, Manifest, open_archive
-from app.upkeep.backup import check_pages
+from app.upkeep.backup import check_copy
 from core.whole_file import write_whole
 
 MOVES, UNPACKED = "restore.json", "restoring"
@@ -133,7 +133,7 @@ def _unpack(archive: Archive, data_dir: Path, database: Path) -> tuple[Path, ...
             (folder / "scorings").mkdir(exist_ok=True)
         for folder in (*places[0].rglob("*/"), *places):
             sync(folder)
-        check_pages(copy)
+        check_copy(copy)
     except BaseException as error:
         _clear(places)
         if isinstance(error, OSError) and not isinstance(error, StoreError):
