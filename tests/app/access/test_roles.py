@@ -29,7 +29,7 @@ def routes() -> list[tuple[str, str]]:
     served = {
         (method, context.path or "")
         for context in iter_route_contexts(app.routes)
-        for method in set(context.methods or ()) - {"HEAD"} or {WEBSOCKET}
+        for method in set(context.methods or (WEBSOCKET,)) - {"HEAD"}
     } - {(WEBSOCKET, "/docs/assets")}  # a folder of files
     assert described <= served
     return sorted((method, re.sub(r"{[^}]*}", "nothing", path)) for method, path in served)
