@@ -44,7 +44,7 @@ async function call(method, path, body) {
 }
 
 /** A file, with its progress, which fetch cannot report. */
-function upload(path, file, progress) {
+function upload(path, file, progress = () => {}) {
   const request = new XMLHttpRequest();
   const ended = new Promise((resolve, reject) => {
     request.upload.addEventListener("progress", ({ loaded, total }) => progress(loaded, total));

@@ -60,7 +60,7 @@ function uploader(api, navigate) {
     failure,
     read: async (file) => {
       const name = file.name.replace(/\.fwm$/, "").slice(0, 200) || "uploaded";
-      const { id } = await api.upload(`/monitors?name=${encodeURIComponent(name)}`, file, () => {}).ended;
+      const { id } = await api.upload(`/monitors?name=${encodeURIComponent(name)}`, file).ended;
       navigate(`#/monitors/${id}`);
     },
   });

@@ -154,7 +154,7 @@ async function uploaded(api, recording) {
   const known = (await api.get("/recordings")).find(({ name }) => name === EXAMPLE);
   if (known !== undefined) return known.id;
   const file = new Blob([csvOf(recording)]);
-  return (await api.upload(`/recordings?${new URLSearchParams({ name: EXAMPLE })}`, file)).id;
+  return (await api.upload(`/recordings?${new URLSearchParams({ name: EXAMPLE })}`, file).ended).id;
 }
 
 function csvOf({ hello: { dt }, frames: { whole: { y } } }) {
