@@ -77,7 +77,7 @@ def test_paper_gets_the_light_theme_on_page_and_canvas(strips: Open) -> None:
 
 def test_nothing_overflows_on_a_small_screen_or_a_tablet(strips: Open) -> None:
     page = strips()
-    run(page, "h.feed(0, 30, 1000, { growth: 0.5 }); h.chart.setMark('a', 25); h.draw(1000)")
+    run(page, "h.feed(0, 30, 1000, { growth: 0.5 }); h.timeline.setMark('a', 25); h.draw(1000)")
     page.evaluate("document.querySelector('#alarm').hidden = false")
     overflow = """(({ scrollWidth, scrollHeight }) =>
         [innerWidth, innerHeight, scrollWidth, scrollHeight])(document.documentElement)"""
