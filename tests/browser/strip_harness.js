@@ -8,8 +8,9 @@ import { changedChannels } from "/static/js/recordings/mapping/changes.js";
 import { validityWords } from "/static/js/recordings/words.js";
 import { createRingBuffer } from "/static/js/charts/live/ring_buffer.js";
 import { createRiskGauge } from "/static/js/fly/assessment/risk_gauge.js";
+import { headlineOf } from "/static/js/fly/headline.js";
 import { decimal, decimals, riskText } from "/static/js/lib/numbers.js";
-import { loopStats } from "/static/js/lib/draw_loop.js";
+import { addDrawer, loopStats } from "/static/js/lib/draw_loop.js";
 import { createFlightChart } from "/static/js/charts/live/flight_chart.js";
 import { createTimeline } from "/static/js/charts/live/timeline.js";
 import { bindMuteButton, createTone } from "/static/js/fly/tone.js";
@@ -61,9 +62,28 @@ const chart = createFlightChart(document.querySelector("#strips"), {
   channels: CHANNELS, epsilon: EPSILON, dt, lead, timeline, autostart: options.has("auto"),
   history: Number(options.get("history") ?? 180_000),
 });
-const gauge = createRiskGauge(document.querySelector("#gauge"), { timeline: options.has("auto") ? timeline : null });
+const dial = createRiskGauge(document.querySelector("#gauge"), options.has("auto") ? timeline : null);
+let reading = { state: null };
+const gauge = {
+  update: (given) => {
+    reading = given;
+    dial.update(reading);
+    drawGauge(performance.now());
+  },
+};
+if (options.has("auto")) addDrawer(drawGauge);
 const tone = createTone();
-bindMuteButton(document.querySelector("#mute"), tone);
+bindMuteButton(document.querySelector("#mute"), tone, new AbortController().signal);
+
+/** Draws the gauge as the headline of a flight with this sample only has it. */
+function drawGauge(wall) {
+  if (reading.state === null) return dial.draw(wall);
+  const { state, alert, p_value } = reading;
+  const status = state === "ok" && alert ? "risk" : state === "ok" && !Number.isFinite(p_value) ? "invalid" : state;
+  const level = { risk: "warning", stale: "caution", invalid: "caution", ok: "none" }[status] ?? "advisory";
+  const stale = options.has("auto") && timeline.stale(wall);
+  dial.draw(wall, headlineOf({ status, level, beside: [] }, { stale, alarms: 0 }));
+}
 
 /** Frames of times from..to, a sample every dt, all arriving at `wall`. */
 function feed(from, to, wall, given = {}) {

@@ -56,13 +56,10 @@ export function watchTheme(element, changed) {
     changed();
   };
   observer.observe(document.documentElement, { attributeFilter: ["data-theme"] });
-  print.addEventListener("change", changed);
-  addEventListener("beforeprint", lighten);
-  addEventListener("afterprint", restore);
-  return () => {
-    observer.disconnect();
-    print.removeEventListener("change", changed);
-    removeEventListener("beforeprint", lighten);
-    removeEventListener("afterprint", restore);
-  };
+  const life = new AbortController();
+  print.addEventListener("change", changed, life);
+  addEventListener("beforeprint", lighten, life);
+  addEventListener("afterprint", restore, life);
+  life.signal.addEventListener("abort", () => observer.disconnect());
+  return () => life.abort();
 }

@@ -74,8 +74,8 @@ export function createStripChart(host, options) {
     const step = (view.end - view.start) / plot;
     const first = Math.round(view.end / step) - plot; // whole columns: the trace does not shimmer
     const picture = `${source.stamp()} ${time.revision} ${look}`;
-    const isMoving = strips.some(({ axis }) => axis.moving || axis.roomy);
-    if (picture !== last.picture || first !== last.first || isMoving) draw(view, step, first);
+    const isRoomy = strips.some(({ axis }) => axis.roomy);
+    if (picture !== last.picture || first !== last.first || isRoomy) draw(view, step, first);
     const news = `${source.news()} ${time.revision} ${look}`;
     if (news !== last.news || (source.follows && wall - last.read >= READ_EVERY)) {
       Object.assign(last, { news, read: wall });

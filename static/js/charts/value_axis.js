@@ -9,13 +9,12 @@
  * createRiskAxis() -> the same for risk, 0..1, by its square root: small risks stay legible
  * roundStep(least) -> number, of 1, 2, 5, 10, ...
  *
- * Axis  {low, high, step, moving, roomy}    roomy: the range is too wide
+ * Axis  {low, high, step, roomy}    roomy: the range is too wide
  *   fit(low, high, wall)   the least and greatest visible value (low > high: none), wall clock [ms]
  *   share(value) -> 0 at the bottom .. 1 at the top; outside the range beyond
  */
 
 const ROOMY = 0.45; // share of the range below which it is
-const EASE = 60; // [ms] time constant of the way to a new range
 
 export function createValueAxis({
   limits = null,
@@ -23,22 +22,18 @@ export function createValueAxis({
   leastHeight = 0.02,
   narrowAfter = 4000,
 }) {
-  let target = range(...(limits ?? [0, 0]).map((limit) => (Number.isFinite(limit) ? limit : 0)));
   let roomySince = null;
-  let last = NaN;
   const axis = {
-    low: target.low,
-    high: target.high,
-    step: target.step,
+    ...range(...(limits ?? [0, 0]).map((limit) => (Number.isFinite(limit) ? limit : 0))),
     factor,
-    moving: false,
-    roomy: false,
+    get roomy() {
+      return roomySince !== null;
+    },
     fit,
     share,
     setLimits: (given) => {
       limits = given;
-      target = range(target.low, target.high);
-      axis.moving = true;
+      Object.assign(axis, range(axis.low, axis.high));
     },
   };
 
@@ -59,30 +54,19 @@ export function createValueAxis({
   }
 
   function fit(low, high, wall) {
-    if (low <= high) {
-      const margin = 0.05 * (high - low);
-      if (low < target.low || high > target.high) {
-        target = range(Math.min(low - margin, target.low), Math.max(high + margin, target.high));
-        roomySince = null;
-      } else {
-        const tight = range(low - margin, high + margin);
-        const roomy = tight.high - tight.low < ROOMY * (target.high - target.low);
-        if (!roomy) roomySince = null;
-        else if (roomySince === null) roomySince = wall;
-        else if (wall - roomySince > narrowAfter) {
-          target = tight;
-          roomySince = null;
-        }
-      }
+    if (!(low <= high)) return;
+    const margin = 0.05 * (high - low);
+    if (low < axis.low || high > axis.high) {
+      Object.assign(axis, range(Math.min(low - margin, axis.low), Math.max(high + margin, axis.high)));
+      roomySince = null;
+      return;
     }
-    const way = Number.isNaN(last) ? 1 : 1 - Math.exp(-Math.max(0, wall - last) / EASE);
-    last = wall;
-    const near = 0.002 * (target.high - target.low);
-    axis.low = approach(axis.low, target.low, way, near);
-    axis.high = approach(axis.high, target.high, way, near);
-    axis.step = target.step;
-    axis.roomy = roomySince !== null;
-    axis.moving = axis.low !== target.low || axis.high !== target.high;
+    const tight = range(low - margin, high + margin);
+    const isRoomy = tight.high - tight.low < ROOMY * (axis.high - axis.low);
+    roomySince = isRoomy ? (roomySince ?? wall) : null;
+    if (!isRoomy || wall - roomySince <= narrowAfter) return;
+    Object.assign(axis, tight);
+    roomySince = null;
   }
 
   function share(value) {
@@ -94,7 +78,7 @@ export function createValueAxis({
 
 export function createRiskAxis() {
   const share = (value) => Math.sqrt(Math.max(0, value));
-  return { low: 0, high: 1, step: 0.5, moving: false, roomy: false, fit: () => {}, share };
+  return { low: 0, high: 1, step: 0.5, roomy: false, fit: () => {}, share };
 }
 
 export function axisTicks(axis) {
@@ -110,9 +94,4 @@ export function roundStep(least) {
   const power = 10 ** Math.floor(Math.log10(least));
   const digit = [1, 2, 5, 10].find((candidate) => candidate * power >= least * (1 - 1e-9));
   return (digit ?? 10) * power;
-}
-
-function approach(from, to, way, near) {
-  const next = from + (to - from) * way;
-  return Math.abs(to - next) < near ? to : next;
 }

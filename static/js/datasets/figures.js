@@ -1,7 +1,6 @@
 /** Figures of a dataset: a channel's rollouts coloured by outcome, and their peaks. */
 
-import { barKey, createFigure, framed, SPARE } from "../charts/figure.js";
-import { createPlot } from "../charts/plot.js";
+import { barKey, createFigure, createPlot, framed, SPARE } from "../charts/figure.js";
 import { select } from "../forms/controls.js";
 import { h } from "../lib/dom.js";
 import { figure as number, magnitudeIn, shownIn } from "../lib/numbers.js";

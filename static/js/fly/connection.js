@@ -21,6 +21,7 @@
  *     unwritten, problem   samples that wait for the server's disk, and why it takes none at present
  */
 
+const INNER = ["alarm", "marker", "transport", "live"]; // messages of which only their content is of interest
 const DRAWN = 4; // messages of frames that are credited at once: a quarter of what the server gives
 const BEAT = 1000; // ms between the server's heartbeats
 const LATE = 600; // ms that a heartbeat may be late
@@ -164,18 +165,13 @@ export function createConnection(flight, on, { Socket = WebSocket } = {}) {
       Object.assign(counts, { lost: message.lost, unwritten: message.unwritten, problem: message.problem });
       on.heartbeat?.(message);
     },
-    state: (message) => on.state?.(message),
-    status: (message) => on.status?.(message),
-    alarm: (message) => on.alarm?.(message.alarm),
-    marker: (message) => on.marker?.(message.marker),
-    transport: (message) => on.transport?.(message.transport),
-    live: (message) => on.live?.(message.live),
-    limits: (message) => on.limits?.(message),
     end: (message) => finish(message.reason),
   };
 
   function onMessage(message) {
-    handlers[message.type]?.(message);
+    const { type } = message;
+    if (type in handlers) handlers[type](message);
+    else on[type]?.(INNER.includes(type) ? message[type] : message);
   }
 
   function send(message) {

@@ -2,7 +2,7 @@
  * The limits of a flight: the line that names them, and the dialog that changes them.
  *
  * createFlightLimits(element, {api, path}) -> {show(limits, channels)}    as hello has them; limits null: the monitor's own
- * limitsNote(limits, since) -> {event, flag}    since: when the condition began to hold [s]
+ * limitsNote(limits) -> {event, flag}
  * putLines(put) -> elements    limit sets that were put in force during an ended flight
  * createLimitChoice(api, own) -> {element, ready, chosen() -> {limit_set, condition} or {}}
  *     own: label of the choice without a limit set; null where one must be chosen
@@ -65,8 +65,8 @@ export function createFlightLimits(element, { api, path }) {
   return { show };
 }
 
-export function limitsNote(inForce, since) {
-  const { name, version, case: condition, by, limits, t } = inForce;
+export function limitsNote(inForce) {
+  const { name, version, case: condition, by, limits, t, since } = inForce;
   const [words, level] = limits === null ? [`limits unknown, ${whyOf(inForce)}`, "caution"] : [`limits in force: ${condition}`];
   const text = `${words} (${name} version ${version}, put in force by ${by})`;
   const flag = { key: null, t: since ?? t, word: limits === null ? "limits unknown" : "limits", colour: "caution" };

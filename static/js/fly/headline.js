@@ -3,7 +3,7 @@
  *
  * The browser adds only that no samples arrive any more, in the same order of severity.
  *
- * FACES {status: {word, long, shape}}     `shape` names the gauge's sign
+ * FACES {status: {word, shape}}     `shape` names the gauge's sign
  * headlineOf({status, level, beside, exceeded_t, verdict}, {stale, alarms, blank}) -> Headline
  *     stale: no samples arrive.   alarms: number of unacknowledged warnings
  *     blank: no sample is shown yet: the headline must not look calm
@@ -22,18 +22,18 @@ const CALM = ["none", "advisory"];
 const BESIDE = ["stale", "invalid"]; // always shown
 
 export const FACES = {
-  exceeding: { word: "EXCEEDING", long: "limit exceeded now", shape: "warning" },
-  alarm: { word: "ALARM", long: "alarm not acknowledged", shape: "bell" },
-  risk: { word: "ALERT", long: "risk above the alert level", shape: "warning" },
-  stale: { word: "STALE", long: "no new sample", shape: "clock" },
-  invalid: { word: "INVALID", long: "the monitor is not applicable", shape: "cross" },
-  caution: { word: "CAUTION", long: "caution not acknowledged", shape: "diamond" },
-  not_assessed: { word: "NOT ASSESSED", long: "between manoeuvres", shape: "ring" },
-  warming_up: { word: "WARMING UP", long: "the history is not full yet", shape: "hourglass" },
-  not_calibrated: { word: "NOT CALIBRATED", long: "validity not calibrated", shape: "query" },
-  exceeded: { word: "EXCEEDED", long: "limit exceeded earlier", shape: "flag" },
-  ok: { word: "OK", long: "", shape: "check" },
-  no_data: { word: "NO DATA", long: "no sample is shown yet", shape: "dash" },
+  exceeding: { word: "EXCEEDING", shape: "warning" },
+  alarm: { word: "ALARM", shape: "bell" },
+  risk: { word: "ALERT", shape: "warning" },
+  stale: { word: "STALE", shape: "clock" },
+  invalid: { word: "INVALID", shape: "cross" },
+  caution: { word: "CAUTION", shape: "diamond" },
+  not_assessed: { word: "NOT ASSESSED", shape: "ring" },
+  warming_up: { word: "WARMING UP", shape: "hourglass" },
+  not_calibrated: { word: "NOT CALIBRATED", shape: "query" },
+  exceeded: { word: "EXCEEDED", shape: "flag" },
+  ok: { word: "OK", shape: "check" },
+  no_data: { word: "NO DATA", shape: "dash" },
 };
 export const LEVEL_OF = { warning: "alert", caution: "caution", advisory: "advisory", none: "ok" };
 export const MARKS = { warning: "▲ ", caution: "◆ ", advisory: "", none: "✓ " };
@@ -48,10 +48,8 @@ export function headlineOf(server, { stale, alarms, blank = false }) {
   return { status, level: LEVELS[status], beside, exceeded_t: server.exceeded_t, verdict: server.verdict };
 }
 
-export function ofSample({ state, alert, p_value: risk }) {
-  const assessed = state !== "ok" || Number.isFinite(risk);
-  const status = !assessed || !(state in FACES) ? "invalid" : state === "ok" && alert ? "risk" : state;
-  return { status, level: LEVELS[status] ?? (status === "ok" ? "none" : "advisory"), beside: [] };
+export function isStale(headline) {
+  return headline !== null && [headline.status, ...headline.beside].includes("stale");
 }
 
 export function staleText(cause, age) {

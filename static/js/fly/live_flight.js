@@ -7,7 +7,7 @@
  */
 
 import { reason } from "../lib/api.js";
-import { askToConfirm, h, put, state as stateOf } from "../lib/dom.js";
+import { askToConfirm, button, h, put, state as stateOf } from "../lib/dom.js";
 import { addDrawer } from "../lib/draw_loop.js";
 import { createEventList } from "../lib/event_list.js";
 import { sentence } from "../lib/monitors.js";
@@ -17,7 +17,7 @@ import { createBackfill } from "./backfill.js";
 import { createConnection } from "./connection.js";
 import { createFlightLimits, limitsNote } from "./flight_limits.js";
 import { createFlightMarkers, markerNote } from "./flight_markers.js";
-import { LEVEL_OF, staleText, textOf } from "./headline.js";
+import { isStale, LEVEL_OF, staleText, textOf } from "./headline.js";
 import { createLivePanel } from "./live_panel.js";
 import {
   acknowledgementOf,
@@ -29,7 +29,6 @@ import {
   sourceText,
 } from "./panels.js";
 import { createReplayNotes } from "./playback/replay_notes.js";
-import { createSeekHistory } from "./playback/seek_history.js";
 import { createTransportBar } from "./playback/transport_bar.js";
 import { createSceneFrame } from "./scene_frame.js";
 import { bindShortcuts, createShortcutList } from "./shortcuts.js";
@@ -65,7 +64,9 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   panels.events.prepend(panels.marker);
   const scene = recorded ? besideRecording(panels.scene, recorded.beside) : createSceneFrame(panels.scene, id);
   const keys = { ...transport.keys, k: alarm.acknowledgeAll, t: () => notes?.write(), g: () => source?.begin() };
-  const unbind = [bindControls(panels.status, keys, markers), addDrawer(show)];
+  const life = new AbortController();
+  bindControls(panels.status, keys, markers, life.signal);
+  life.signal.addEventListener("abort", addDrawer(show));
   const raised = new Set();
   let hello = null; // set together with display
   let display = null;
@@ -105,8 +106,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     hello = message;
     const { channels, epsilon, lead, warnings, state, reason: why, cause } = hello;
     if (!again) {
-      const history = createSeekHistory(api, path, hello.transport);
-      display = createAssessmentDisplay(panels, { hello, history, alarm, events, onExceedance });
+      display = createAssessmentDisplay(panels, { hello, api, path, alarm, events, onExceedance });
       if (hello.source.kind === "recording") showNotes();
       if (hello.live) {
         showSource();
@@ -115,9 +115,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     }
     if (hello.head < display.seq) forgetFrom(hello.head);
     alarm.describe({ epsilon, alertAbove: alertAbove(), guarantee: hello.guarantee, lead, warnings, limits: limitsOf(warnedOf()), channels });
-    if (again) display.chart.setLimits(channels, hello.limits?.since ?? -Infinity);
-    if (hello.held.length > 0) display.chart.setHeld(hello.held);
-    limits.show(hello.limits, channels);
+    showLimits(hello.limits);
     onTransport(hello.transport);
     if (hello.live) onLive(hello.live);
     display.setAssessment({ state, reason: why, cause }, true);
@@ -177,7 +175,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     backfill.hold();
     hello.held = held;
     showEventsUntil(t);
-    const newest = await display.restart(t, () => hello.held);
+    const newest = await display.restart(t, () => display.chart.setLimits(hello.channels, hello.held));
     if (mine === resets) {
       backfill.need(since, seq - 1);
       backfill.release();
@@ -222,13 +220,18 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   /** New limits from the next sample on, set by hand or by the flight condition. */
   function onLimits({ limits: inForce, channels }) {
     hello.channels = channels;
-    const since = inForce === null ? null : inForce.since;
-    display.chart.setLimits(channels, since ?? -Infinity);
-    limits.show(inForce, channels);
+    if (inForce !== null) {
+      const before = hello.held.length > 0 ? hello.held : [{ t: null, limits: hello.monitors[0].limits }];
+      hello.held = [...before, { t: inForce.since, limits: inForce.limits }];
+    }
+    showLimits(inForce);
     if (inForce === null) return; // a seek to before the first limits
-    const before = hello.held.length > 0 ? hello.held : [{ t: null, limits: hello.monitors[0].limits }];
-    hello.held = [...before, { t: since, limits: inForce.limits }];
-    note(limitsNote(inForce, since));
+    note(limitsNote(inForce));
+  }
+
+  function showLimits(inForce) {
+    display.chart.setLimits(hello.channels, hello.held);
+    limits.show(inForce, hello.channels);
   }
 
   function onHeartbeat({ problem, lost }) {
@@ -293,7 +296,6 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     const words = headline.level === "none" ? "" : `${textOf(headline, cause)} – `;
     const title = `${words}${hello.name} – Forewarn`;
     if (document.title !== title) document.title = title;
-    const isStale = ({ status, beside }) => [status, ...beside].includes("stale");
     const alone = isStale(headline) && !isStale(decided) && playback.playing;
     if (alone && !cautioned) tone.caution();
     cautioned = alone;
@@ -302,7 +304,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   /** The scene does not know that the link is lost: a cover keeps it from passing as current. */
   function coverScene(headline, wall) {
     const lost = connection.link === "lost";
-    const stale = headline !== null && [headline.status, ...headline.beside].includes("stale");
+    const stale = isStale(headline);
     const blank = headline?.status === "no_data" && hello.mode === "live";
     panels.lost.hidden = !lost && !stale && !blank;
     panels.lost.toggleAttribute("data-calm", blank);
@@ -335,8 +337,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     coverScene(headline, wall);
     if (headline !== null) {
       follow(headline, display.withdrawal);
-      const stale = [headline.status, ...headline.beside].includes("stale");
-      alarm.setStale(stale ? staleText(display.cause, display.timeline.age(wall)) : "");
+      alarm.setStale(isStale(headline) ? staleText(display.cause, display.timeline.age(wall)) : "");
     }
     status.update({
       mode: hello?.mode,
@@ -361,7 +362,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
       connection.close();
       backfill.clear();
       alarm.close();
-      for (const release of unbind) release();
+      life.abort();
       notes?.close();
       display?.close();
       scene.close();
@@ -376,24 +377,14 @@ function besideRecording(element, beside) {
   return { wake: () => {}, close: () => {} };
 }
 
-/** Keys, their list, and the mute button; the first touch of the page unlocks the tone. */
-function bindControls(element, keys, markers) {
+/** Keys, their list, and the mute button. */
+function bindControls(element, keys, markers, signal) {
   const shortcuts = createShortcutList(markers.shortcuts);
-  const mute = h("button", { type: "button", class: "button button-small mute" });
-  const list = h("button", { type: "button", class: "button button-small", title: "Keyboard shortcuts (key ?)", onclick: shortcuts.open }, "Keys ?");
-  element.append(h("div", { class: "row spread" }, mute, list), shortcuts.dialog);
-  const touch = (event) => {
-    if (!mute.contains(event.target)) tone.unlock();
-  };
-  const unbind = [
-    bindMuteButton(mute, tone),
-    bindShortcuts({ ...keys, m: () => mute.click(), "?": shortcuts.open }, markers.keys),
-  ];
-  for (const kind of ["pointerdown", "keydown"]) addEventListener(kind, touch);
-  return () => {
-    for (const release of unbind) release();
-    for (const kind of ["pointerdown", "keydown"]) removeEventListener(kind, touch);
-  };
+  const mute = h("button.button.button-small.mute", { type: "button" });
+  const list = button("Keys ?", shortcuts.open, { class: "button button-small", title: "Keyboard shortcuts (key ?)" });
+  element.append(h("div.row.spread", mute, list), shortcuts.dialog);
+  bindMuteButton(mute, tone, signal);
+  bindShortcuts({ ...keys, m: () => mute.click(), "?": shortcuts.open }, markers.keys, signal);
 }
 
 function coverText(cause, age) {

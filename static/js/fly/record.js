@@ -91,6 +91,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     shown.result = resultOf(now);
     status.update(shown);
     gauge.update({ state: "over", reason: "the flight has ended", alertAbove, result: shown.result });
+    gauge.draw(performance.now());
   }
 
   const marked = api.get(`${path}/markers`);
@@ -185,7 +186,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
         found.push({ t: exceedance.t, text: exceedanceText(exceedance, channels), level: "alert", seen: true }),
     });
     chart.setTransport({ playing: false, speed: 1 });
-    if (held.length > 0) chart.setHeld(held);
+    chart.setLimits(channels, held);
     chart.push(frames);
     chart.setWindow(first, Math.max(last, first + dt) + lead);
     if (passes > 1) events.add({ t: null, text: `flown in ${passes} passes; the longest is shown` });
@@ -236,7 +237,6 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     close: () => {
       closed = true;
       chart?.destroy();
-      gauge.destroy();
       delete element.dataset.flight;
     },
   };

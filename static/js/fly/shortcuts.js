@@ -1,7 +1,7 @@
 /**
  * The page's keys, and the list of them that `?` opens.
  *
- * bindShortcuts(actions, urgent) -> unbind    {key: act}; ignored in text fields and dialogs
+ * bindShortcuts(actions, urgent, signal)    {key: act}; ignored in text fields and dialogs
  *     urgent: work also in lists, boxes and every dialog but this one; once for a held key
  * createShortcutList(urgent) -> {dialog, open()}     urgent() -> [[key, what]], asked for when it opens
  */
@@ -36,7 +36,7 @@ const GROUPS = [
 
 const TYPED = "input:not([type=range], [type=checkbox], [type=radio]), textarea, [contenteditable]";
 
-export function bindShortcuts(actions, urgent = {}) {
+export function bindShortcuts(actions, urgent, signal) {
   const press = (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || event.defaultPrevented) return;
     const { target } = event;
@@ -55,8 +55,7 @@ export function bindShortcuts(actions, urgent = {}) {
     event.preventDefault();
     act();
   };
-  addEventListener("keydown", press);
-  return () => removeEventListener("keydown", press);
+  addEventListener("keydown", press, { signal });
 }
 
 export function createShortcutList(urgent) {

@@ -9,10 +9,9 @@ import { asksForToken, may, needs, reason } from "../lib/api.js";
 import { demonstration } from "../lib/demonstration.js";
 import { button, errorLine, h, link, put, state } from "../lib/dom.js";
 import { jobList } from "../lib/job_progress.js";
-import { canFly, fittingMonitor, startFlight, warningLines, warningMark, warningsAt, warningWords } from "../lib/monitors.js";
+import { canFly, createDisplayChoice, fittingMonitor, startFlight, warningLines, warningMark, warningsAt, warningWords } from "../lib/monitors.js";
 import { leadSeconds, moment } from "../lib/numbers.js";
 import { guarantee } from "./alarm_panel.js";
-import { createDisplayChoice } from "./display_choice.js";
 import { createLimitChoice } from "./flight_limits.js";
 import { resultOf, staleText } from "./headline.js";
 import { sourceText } from "./panels.js";
@@ -105,14 +104,9 @@ function noMonitor(training, { api, load }) {
 
   async function prepare() {
     small.disabled = true;
-    try {
-      await demonstration.start(api);
-      await demonstration.ended();
-      load();
-    } catch (error) {
-      failure.show(reason(error));
-      small.disabled = false;
-    }
+    const train = () => demonstration.start(api).then(demonstration.ended);
+    if (await failure.attempt(train)) load();
+    small.disabled = false;
   }
 }
 
@@ -226,19 +220,15 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
 
   async function start(event) {
     event.preventDefault();
-    failure.show("");
-    go.disabled = true;
     const sources = {
       live: live.source,
       replay: () => ({ kind: "replay", dataset: dataset.value, outcome: outcome.value, rollout: Number(rollout.value) }),
       simulated: () => ({ kind: "simulated", seed: Number(seed.value), outcome: outcome.value }),
     };
-    try {
-      await startFlight({ api, navigate }, { source: sources[kind.value](), monitor: monitor.value, monitors: display.chosen(), ...limits.chosen(), epsilon: Number(epsilon.value) });
-    } catch (error) {
-      failure.show(reason(error));
-      go.disabled = false;
-    }
+    const request = { source: sources[kind.value](), monitor: monitor.value, monitors: display.chosen(), ...limits.chosen(), epsilon: Number(epsilon.value) };
+    go.disabled = true;
+    await failure.attempt(() => startFlight({ api, navigate }, request));
+    go.disabled = false;
   }
 
   const outcomes = field("Outcome", outcome);

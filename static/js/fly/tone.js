@@ -10,7 +10,7 @@
  *   caution()     the steady tone, once; not while it or a warning sounds
  *   setMuted(boolean), unlock()    unlock must be called from a click or key
  *   muted, sounding, state -> "on" | "muted" | "blocked" | "unavailable"
- * bindMuteButton(button, tone) -> unbind    text, aria-pressed and data-sound follow the tone
+ * bindMuteButton(button, tone, signal)    until its abort: it follows the tone, and the first touch of the page unlocks that
  */
 
 import { remember, remembered } from "../lib/storage.js";
@@ -120,7 +120,7 @@ export function createTone({ Context = globalThis.AudioContext } = {}) {
   return tone;
 }
 
-export function bindMuteButton(button, tone) {
+export function bindMuteButton(button, tone, signal) {
   const show = () => {
     button.textContent = TEXTS[tone.state];
     button.dataset.sound = tone.state;
@@ -132,13 +132,13 @@ export function bindMuteButton(button, tone) {
     else tone.setMuted(!tone.muted);
     tone.unlock();
   };
-  const unsubscribe = tone.subscribe(show);
-  button.addEventListener("click", press);
-  show();
-  return () => {
-    unsubscribe();
-    button.removeEventListener("click", press);
+  const touch = (event) => {
+    if (!button.contains(event.target)) tone.unlock();
   };
+  button.addEventListener("click", press);
+  for (const kind of ["pointerdown", "keydown"]) addEventListener(kind, touch, { signal });
+  signal.addEventListener("abort", tone.subscribe(show));
+  show();
 }
 
 function writePattern(context, beeps, length) {

@@ -5,10 +5,12 @@
  * warningsAt(api, monitor, epsilons) -> Promise<{warnings}>     at these epsilons
  * startFlight({api, navigate}, request) -> Promise    opens the flight's page; asks first where the monitor is of no
  *     use; rejects with the server's sentence, also while the question is open
+ * createDisplayChoice(monitors, more) -> {element, adapt(now), chosen() -> [id]}     further monitors of the same test
+ *     now: the monitor that raises the alarms.   more: further words about the choice
  */
 
 import { askToConfirm, h } from "./dom.js";
-import { capital } from "./numbers.js";
+import { capital, leadSeconds } from "./numbers.js";
 
 const brief = (text) => text.split(":")[0].replace(/^the monitor (is|was) /, "");
 
@@ -58,4 +60,22 @@ export async function startFlight({ api, navigate }, request) {
     if (error.kind === USELESS) askToConfirm("Fly with a monitor that is of no use?", error.message, "Fly anyway", anyway);
     throw error;
   }
+}
+
+export function createDisplayChoice(monitors, more = "") {
+  const boxes = monitors.map((monitor) => ({ monitor, box: h("input", { type: "checkbox", value: monitor.id }) }));
+  const lines = boxes.map(({ monitor, box }) => h("label", { class: "display-choice" }, box, `${leadSeconds(monitor.lead)} s ahead: ${monitor.name} `, warningMark(monitor)));
+  const element = h("details", {}, h("summary", {}, "Further monitors, for display"),
+    h("div", { class: "stack" }, h("p", { class: "hint" }, `For the same aircraft, manoeuvre and sample interval. They show their risk and raise no alarm.${more}`), ...lines));
+  const test = ({ dt, dataset_recipe: { aircraft, maneuver } }) => JSON.stringify([dt, aircraft, maneuver]);
+
+  function adapt(now) {
+    boxes.forEach(({ monitor, box }, k) => {
+      lines[k].hidden = box.disabled = monitor.id === now.id || test(monitor) !== test(now);
+      if (box.disabled) box.checked = false;
+    });
+    element.hidden = boxes.every(({ box }) => box.disabled);
+  }
+
+  return { element, adapt, chosen: () => boxes.filter(({ box }) => box.checked).map(({ box }) => box.value) };
 }

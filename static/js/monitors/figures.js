@@ -7,8 +7,7 @@
  *     alike: share of safe flights with an alert at which the latter compares methods
  */
 
-import { barKey, createFigure, EPSILON, framed, SPARE, UNIT_SHARE } from "../charts/figure.js";
-import { createPlot } from "../charts/plot.js";
+import { barKey, createFigure, createPlot, EPSILON, framed, SPARE, UNIT_SHARE } from "../charts/figure.js";
 import { figure as number, percent } from "../lib/numbers.js";
 
 const METHOD_MARKS = ["circle", "square", "triangle", "diamond", "plus", "cross"];

@@ -5,7 +5,7 @@
  *     times in [s];  kind "gap", "missing:beta", ...
  */
 
-import { niceTicks } from "../charts/plot.js";
+import { niceTicks } from "../charts/figure.js";
 import { h, sentences, svg } from "../lib/dom.js";
 import { durationText, formatTime } from "../lib/numbers.js";
 

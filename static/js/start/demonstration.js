@@ -84,14 +84,7 @@ function createStory(recording, { again, api }) {
   const promise = h("p", { class: "hint", hidden: true }, guarantee(recording.hello));
   const next = h("div", { class: "row", hidden: true });
   const refused = errorLine();
-  const element = h(
-    "div",
-    { class: "story" },
-    h("ol", {}, steps.map(({ item }) => item)),
-    promise,
-    next,
-    refused.element,
-  );
+  const element = h("div.story", h("ol", steps.map(({ item }) => item)), promise, next, refused.element);
 
   function moved(t) {
     for (const step of steps) step.item.toggleAttribute("data-done", t >= step.t - 1e-6);
@@ -107,13 +100,8 @@ function createStory(recording, { again, api }) {
 
     async function prepare() {
       live.disabled = true;
-      try {
-        await demonstration.start(api);
-        live.remove();
-      } catch (error) {
-        refused.show(error.message);
-        live.disabled = false;
-      }
+      if (await refused.attempt(() => demonstration.start(api))) live.remove();
+      live.disabled = false;
     }
   }
 

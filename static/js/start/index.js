@@ -1,6 +1,6 @@
 /** The start page: five jobs, each with a button that works at once. */
 
-import { may, needs, reason } from "../lib/api.js";
+import { may, needs } from "../lib/api.js";
 import { demonstration } from "../lib/demonstration.js";
 import { button, errorLine, h, link } from "../lib/dom.js";
 import { canFly, fittingMonitor, startFlight } from "../lib/monitors.js";
@@ -51,24 +51,9 @@ export function show(element, { api, navigate }) {
       more: link("Your monitors", "#/monitors"),
     }),
   ];
-  element.replaceChildren(
-    h(
-      "div",
-      { class: "page start" },
-      h(
-        "header",
-        { class: "start-head" },
-        h(
-          "div",
-          { class: "stack" },
-          h("h1", {}, "An alert before the limit"),
-          h("p", {}, "Forewarn watches a flight-test manoeuvre as it is flown, and warns a set time before it exceeds a safety limit. It states how often it may miss."),
-        ),
-        picture,
-      ),
-      h("ul", { class: "jobs" }, jobs),
-    ),
-  );
+  const promise = "Forewarn watches a flight-test manoeuvre as it is flown, and warns a set time before it exceeds a safety limit. It states how often it may miss.";
+  const head = h("header.start-head", h("div.stack", h("h1", "An alert before the limit"), h("p", promise)), picture);
+  element.replaceChildren(h("div.page.start", head, h("ul.jobs", jobs)));
   return {
     close: () => {
       closed = true;
@@ -105,26 +90,13 @@ export function show(element, { api, navigate }) {
 
 function job({ title, text, action: [words, act, attributes = {}], more }) {
   const refused = errorLine();
-  const status = h("p", { class: "hint", role: "status", hidden: true });
+  const status = h("p.hint", { role: "status", hidden: true });
   const go = button(words, press, { class: "button button-primary", ...attributes });
-  return h(
-    "li",
-    { class: "panel job-card" },
-    h("h2", {}, title),
-    h("p", {}, text),
-    h("div", { class: "row" }, go, more ?? null),
-    status,
-    refused.element,
-  );
+  return h("li.panel.job-card", h("h2", title), h("p", text), h("div.row", go, more), status, refused.element);
 
   async function press() {
     go.disabled = true;
-    refused.show("");
-    try {
-      await act(say);
-    } catch (error) {
-      refused.show(reason(error));
-    }
+    await refused.attempt(() => act(say));
     status.hidden = true;
     go.disabled = false;
   }

@@ -344,7 +344,7 @@ def test_who_joins_late_shows_what_was_latched_and_the_limits_that_held(strips: 
         page,
         """
         const held = [[null, 0.5], [1, 0.3], [2, null]];
-        h.chart.setHeld(held.map(([t, Ny]) => ({ t, limits: Ny && { Ny } })));
+        h.chart.setLimits(h.CHANNELS, held.map(([t, Ny]) => ({ t, limits: Ny && { Ny } })));
         const latched = { channel: 'Ny', t: 0.2, value: 0.7, over: false, acknowledged: false };
         h.chart.latch([latched], 119);
         for (let k = 20; k < 130; k++) {

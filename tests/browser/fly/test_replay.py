@@ -162,7 +162,8 @@ def test_a_note_written_during_the_replay_stays_with_the_recording(
 ) -> None:
     seeks: list[Route] = []
     replay.route("**/transport", lambda route: seeks.append(route))
-    replay.get_by_label("Time in the flight").fill(str(START + 3.0))
+    with replay.expect_request("**/transport"):
+        replay.get_by_label("Time in the flight").fill(str(START + 3.0))
     clock = replay.locator(".transport-time")
     expect(clock).to_have_text(re.compile(rf"^→ {START + 3.0:.2f} / "))  # it has not come yet
     replay.keyboard.press("t")

@@ -19,8 +19,8 @@
  *   insert(frames, complete)        earlier samples; complete: the sample after them follows
  *   setState({state, cause})        when it changes without a sample ("stale" by the server's clock)
  *   setLinked(isLinked)             whether the server is heard; STALE where it is not, also before the first sample
- *   setHeld([{t, limits}])          which limits by key held for samples after t [s], null for all, since the flight began
- *   setLimits(channels, t)          new limits for samples after t [s]: null for none or unknown
+ *   setLimits(channels, [{t, limits}])      limits in force; and which, by key, held for samples after t [s], null for all,
+ *                                   where they changed
  *   latch([{channel, t, value, over, acknowledged}], seq)    exceedances up to sample seq
  *   exceedances() -> [{key, t, value}], acknowledge()    latched until acknowledged and over
  *   values(t) -> {key: number}      of the nearest sample; NaN where missing or in a gap
@@ -88,30 +88,14 @@ export function createFlightChart(host, options) {
     return stored;
   }
 
-  function setHeld(held) {
-    for (const strip of strips) {
-      if (strip.risk) continue;
-      const each = held.map(({ t, limits }) => ({
-        from: t ?? -Infinity,
-        limits: limitsByKey(limits, strip.key),
-      }));
-      if (each.every(({ limits }) => isSame(limits, strip.limits))) continue;
-      const changes = each.filter(({ limits }, k) => k === 0 || !isSame(limits, each[k - 1].limits));
-      strip.held = until(changes);
-      strip.axis.setLimits(widest(each.map(({ limits }) => limits)));
-    }
-    redraw();
-  }
-
-  function setLimits(given, t) {
-    for (const strip of strips) {
+  function setLimits(given, held = []) {
+    for (const strip of strips.filter(({ risk }) => !risk)) {
       const channel = given.find(({ key }) => key === strip.key);
-      const limits = channel === undefined ? null : limitsOf(channel);
-      if (strip.risk || isSame(limits, strip.limits)) continue;
-      const before = strip.held ?? [{ from: -Infinity, limits: strip.limits }];
-      strip.held = until([...before.slice(-CHANGES), { from: t, limits }]);
-      strip.limits = limits;
-      strip.axis.setLimits(limits);
+      strip.limits = channel === undefined ? null : limitsOf(channel);
+      const each = held.slice(-CHANGES).map(({ t, limits }) => ({ from: t ?? -Infinity, limits: limitsByKey(limits, strip.key) }));
+      const changes = each.filter(({ limits }, k) => k === 0 || !isSame(limits, each[k - 1].limits));
+      strip.held = changes.length === 0 ? null : until(changes);
+      strip.axis.setLimits(widest([strip.limits, ...changes.map(({ limits }) => limits)]));
     }
     redraw();
   }
@@ -120,7 +104,6 @@ export function createFlightChart(host, options) {
     timeline,
     ring,
     push,
-    setHeld,
     setLimits,
     update: chart.update,
     destroy: chart.destroy,

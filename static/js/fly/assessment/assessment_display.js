@@ -1,10 +1,10 @@
 /**
  * The monitor's assessments of a flight, sample by sample, on the strips, the gauge and the alarm line.
  *
- * createAssessmentDisplay(panels, {hello, history, alarm, events, onExceedance}) -> Display
- *     history: a SeekHistory.   onExceedance({key, symbol, t, value})
+ * createAssessmentDisplay(panels, {hello, api, path, alarm, events, onExceedance}) -> Display
+ *     path: of the flight.   onExceedance({key, symbol, t, value})
  *   onFrames(frames)           newest last; returns the newest that is shown, or null
- *   restart(t, held) -> Promise<frames | null>    after a seek or a loop: draws what lies before t [s]; held() as of hello
+ *   restart(t, showLimits) -> Promise<frames | null>    after a seek or a loop: draws what lies before t [s]
  *   forget()                   clears the strips: the samples shown were lost
  *   setAssessment({state, reason, cause}, quiet)    as the server says it, without a sample
  *   setHeadline({status, level, beside})     as the server decided it
@@ -19,21 +19,25 @@ import { createFlightChart } from "../../charts/live/flight_chart.js";
 import { createTimeline } from "../../charts/live/timeline.js";
 import { shownState } from "../../lib/states.js";
 import { formatTime, riskText } from "../../lib/numbers.js";
-import { headlineOf } from "../headline.js";
+import { headlineOf, isStale } from "../headline.js";
 import { windowOf } from "../panels.js";
 import { createRestOfCard } from "./rest_of_card.js";
 import { createRiskAhead } from "./risk_ahead.js";
 import { createRiskGauge } from "./risk_gauge.js";
 
+const MOST = 5000; // samples before a point that is sought
+const PAGE = 10_000; // frames that the server sends at once
+const READING = 1000; // ms that reading the source may take
 const LOST = { state: "stale", reason: "connection lost" };
 const ALARMED = ["stale", "invalid"]; // cautions, which are listed as alarms
 
-export function createAssessmentDisplay(panels, { hello, history, alarm, events, onExceedance }) {
+export function createAssessmentDisplay(panels, { hello, api, path, alarm, events, onExceedance }) {
   const { channels, lead, dt } = hello;
   const alertAbove = hello.monitors[0].alert_above;
   const timeline = createTimeline({ seconds: windowOf(hello), staleAfter: hello.stale_after, start: hello.transport.start });
   timeline.begin(performance.now());
-  const gauge = createRiskGauge(panels.gauge, { timeline, led: true });
+  const history = createSeekHistory(api, path, hello.transport);
+  const gauge = createRiskGauge(panels.gauge, timeline);
   const ahead = createRiskAhead(panels.ahead, hello.monitors);
   const rest = createRestOfCard(panels.rest, hello.no_rest);
   const chart = createFlightChart(panels.strips, {
@@ -113,14 +117,14 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     chart.setState(assessment);
   }
 
-  async function restart(t, held) {
+  async function restart(t, showLimits) {
     newest = null;
     ahead.onFrame(null);
     origin = t;
     const read = await history.readBefore(t);
     if (read === null) return null;
     chart.clear();
-    if (held().length > 0) chart.setHeld(held());
+    showLimits();
     if (read.before.length > 0) chart.push(read.before);
     return onFrames(read.frames);
   }
@@ -184,7 +188,7 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
       if (linked && newest !== null && alertNote() !== noted) show(newest);
       const headline = headlineNow(wall);
       gauge.draw(wall, headline);
-      const stale = headline.status === "stale" || headline.beside.includes("stale");
+      const stale = isStale(headline);
       ahead.draw(stale);
       rest.show(linked && late === null ? chart.ahead : null, { t: newest?.t ?? 0, channels: hello.channels, state: sampled ? shownState(assessment) : null });
       rest.draw(stale);
@@ -192,8 +196,66 @@ export function createAssessmentDisplay(panels, { hello, history, alarm, events,
     },
     close: () => {
       history.close();
-      gauge.destroy();
       chart.destroy();
+    },
+  };
+}
+
+/**
+ * A seek in a flight: frames wait until the samples before that point have been read, so that the strips are never empty.
+ *
+ * waits    whether frames wait;   keep(frames, wall) -> bool     false once they have waited so long that they count as late
+ * readBefore(t) -> Promise<{before, frames} | null>     before: at most MOST source samples, oldest first; frames: those
+ *     that waited. Null where another seek overtook this one
+ */
+function createSeekHistory(api, path, { n_samples: samples, start, duration, seekable }) {
+  const isOnePage = samples !== null && samples <= PAGE;
+  let source = null; // all of it, where it is one page
+  let waiting = null;
+  let began = 0;
+  let turn = 0;
+
+  async function read(t) {
+    if (isOnePage) return api.get(`${path}/source?first=0&last=${samples - 1}`);
+    const index = Math.round(((t - start) / duration) * (samples - 1));
+    return api.get(`${path}/source?first=${Math.max(0, index - MOST)}&last=${index}`);
+  }
+
+  async function framesBefore(t) {
+    if (!seekable || t <= start) return [];
+    try {
+      const { frames } = source ?? (await read(t));
+      if (isOnePage) source = { frames };
+      const end = frames.findIndex((frame) => frame.t >= t - 1e-9);
+      const before = end < 0 ? frames : frames.slice(0, end);
+      return before.slice(-MOST).map(({ seq: _, ...frame }) => frame);
+    } catch {
+      return []; // the strips then begin at t
+    }
+  }
+
+  async function readBefore(t) {
+    const mine = ++turn;
+    waiting = [];
+    began = performance.now();
+    const before = await framesBefore(t);
+    if (mine !== turn) return null;
+    const frames = waiting;
+    waiting = null;
+    return { before, frames };
+  }
+
+  return {
+    get waits() {
+      return waiting !== null;
+    },
+    keep: (frames, wall) => {
+      waiting.push(...frames);
+      return wall - began < READING;
+    },
+    readBefore,
+    close: () => {
+      turn += 1;
     },
   };
 }

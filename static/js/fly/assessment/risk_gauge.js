@@ -5,9 +5,7 @@
  * There is a number only where the sample was assessed; otherwise the dial is hatched grey and shows the word.
  * Risks are spaced by their square root, as on the risk strip.
  *
- * createRiskGauge(element, {timeline, led}) -> {update(reading), draw(wall, headline), destroy()}
- *     led: drawn by `draw` alone, with the flight's headline; else by itself, with that of the sample
- *     timeline: the strips' clock; with it the gauge turns stale when samples stop
+ * createRiskGauge(element, timeline) -> {update(reading), draw(wall, headline)}     timeline: the strips' clock
  *     reading: {p_value, alertAbove, state, alert, reason, note, result, last, said}, as a frame has them
  *       state: also over (the flight has ended), or null for no data.   note: below the number
  *       last, said: risk and cause of the last sample, where none follows.   result: {words, level} of an ended flight
@@ -15,9 +13,8 @@
 
 import { shownState } from "../../lib/states.js";
 import { h, svg } from "../../lib/dom.js";
-import { addDrawer } from "../../lib/draw_loop.js";
 import { figure, riskText } from "../../lib/numbers.js";
-import { besideOf, FACES, headlineOf, ofSample, staleText, wordOf } from "../headline.js";
+import { besideOf, FACES, isStale, staleText, wordOf } from "../headline.js";
 
 const CENTRE = { x: 170, y: 150 };
 const RADIUS = 122;
@@ -45,7 +42,7 @@ const SHAPES = {
 
 let gauges = 0;
 
-export function createRiskGauge(element, { timeline = null, led = false } = {}) {
+export function createRiskGauge(element, timeline = null) {
   const share = Math.sqrt;
   const id = `risk-hatch-${++gauges}`;
   const unassessed = svg("path.gauge-wide", { d: arc(0, 1), stroke: `url(#${id}-grey)` });
@@ -72,13 +69,8 @@ export function createRiskGauge(element, { timeline = null, led = false } = {}) 
   let reading = { state: null };
   let shown = "";
 
-  function update(given) {
-    reading = given;
-    if (!led) render(performance.now());
-  }
-
-  function render(wall, headline = null) {
-    const face = faceOf(wall, headline);
+  function draw(wall, headline = null) {
+    const face = faceOf(headline);
     const { key, assessed } = face;
     const { p_value: risk = null, alertAbove = null } = reading;
     const digits = assessed ? riskText(risk, alertAbove) : "";
@@ -103,12 +95,10 @@ export function createRiskGauge(element, { timeline = null, led = false } = {}) 
   }
 
   /** What is shown: the word, its level, what stands beside it, and whether there is a number. */
-  function faceOf(wall, headline) {
+  function faceOf(said) {
     const { state, p_value: risk } = reading;
-    const late = timeline !== null && timeline.stale(wall);
     const cause = reading.said ?? reading.cause;
-    const said = headline ?? headlineOf(ofSample(reading), { stale: late, alarms: 0 });
-    const stale = said.status === "stale" || said.beside.includes("stale");
+    const stale = isStale(said);
     if (state === "over" || (state == null && !stale)) {
       const key = state ?? "none";
       const { words = "", level = "" } = reading.result ?? {};
@@ -179,14 +169,11 @@ export function createRiskGauge(element, { timeline = null, led = false } = {}) 
     }
   }
 
-  const stop = timeline === null || led ? () => {} : addDrawer((wall) => render(wall));
-  render(performance.now());
+  draw(performance.now());
   return {
-    update,
-    draw: render,
-    destroy: () => {
-      stop();
-      element.replaceChildren();
+    draw,
+    update: (given) => {
+      reading = given;
     },
   };
 }

@@ -1,7 +1,6 @@
 /** One scoring: strips, events, verdicts and notes, with replay, report and export. */
 
 import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
-import { createDisplayChoice } from "../../fly/display_choice.js";
 import { foldedPanel } from "../../forms/controls.js";
 import { needs } from "../../lib/api.js";
 import {
@@ -19,7 +18,7 @@ import {
   sentences,
 } from "../../lib/dom.js";
 import { createEventList } from "../../lib/event_list.js";
-import { startFlight, warningMark } from "../../lib/monitors.js";
+import { createDisplayChoice, startFlight, warningMark } from "../../lib/monitors.js";
 import { count, figure, magnitudeIn, moment } from "../../lib/numbers.js";
 import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
 import { createTrainingOffer } from "../training_offer.js";
