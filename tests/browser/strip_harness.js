@@ -57,7 +57,7 @@ export function frame(t, { growth = 0.06, state = "ok", reason = "", cause = nul
   };
 }
 
-const timeline = createTimeline({ seconds: Number(options.get("seconds") ?? 60) });
+const timeline = createTimeline({ seconds: Number(options.get("seconds") ?? 60), lead, dt });
 const chart = createFlightChart(document.querySelector("#strips"), {
   channels: CHANNELS, epsilon: EPSILON, dt, lead, timeline, autostart: options.has("auto"),
   history: Number(options.get("history") ?? 180_000),

@@ -66,16 +66,14 @@ export function isCurrent(ahead, t) {
 export function createFlightChart(host, options) {
   const { channels, seconds = 60, history = 180_000 } = options;
   const { alertAbove = NaN, lead = 0, dt = 0.02 } = options;
-  const timeline = options.timeline ?? createTimeline({ seconds });
-  timeline.setFlight({ lead, dt });
+  const timeline = options.timeline ?? createTimeline({ seconds, lead, dt });
   const strips = arrange(options);
   const forecasts = strips.map(({ forecast }) => forecast).filter((key) => key !== null);
   const keys = [...channels.map(({ key }) => key), "risk", ...forecasts];
   const seriesOf = new Map(keys.map((key, series) => [key, series]));
   const ring = createRingBuffer({ series: keys.length, capacity: history });
-  const source = createSource({ ring, seriesOf, strips, timeline, alertAbove, lead, dt });
-  const intake = createIntake({ ring, channels, strips, source, onExceedance: options.onExceedance });
-  source.setIntake(intake);
+  const intake = createIntake({ ring, channels, strips, dt, onExceedance: options.onExceedance });
+  const source = createSource({ ring, seriesOf, intake, timeline, alertAbove, lead, dt });
   const layout = layOut(host, strips, "Strip charts");
   const chart = createStripChart(host, { strips, source, layout, autostart: options.autostart });
   const { redraw } = chart;
@@ -174,18 +172,16 @@ function until(changes) {
 }
 
 /** The ring buffer as a source of strip_chart.js. */
-function createSource({ ring, seriesOf, strips, timeline, alertAbove, lead, dt }) {
+function createSource({ ring, seriesOf, intake, timeline, alertAbove, lead, dt }) {
   const cells = createCells(ring, seriesOf);
   const flags = [];
   let wall = performance.now();
-  let intake = null;
   let ahead = null; // current forecast of the rest of the card
   const source = {
     time: timeline,
     follows: true,
     isLinked: true,
     alertAbove,
-    lead,
     dt,
     flags,
     newest,
@@ -200,9 +196,6 @@ function createSource({ ring, seriesOf, strips, timeline, alertAbove, lead, dt }
     },
     stamp: () => `${ring.count()} ${staleWord()}`,
     news: () => `${state()} ${intake.status.alert} ${intake.exceedances.size}`,
-    setIntake: (given) => {
-      intake = given;
-    },
     get ahead() {
       return ahead;
     },
@@ -238,9 +231,9 @@ function createSource({ ring, seriesOf, strips, timeline, alertAbove, lead, dt }
   }
 
   function read({ view, start, step, width, x }) {
-    const before = Math.ceil(source.lead / step) + 1;
-    cells.scan({ start, step, columns: width, before, dt: source.dt });
-    const where = { x, now: view.now, width, newest: newest(), samplePx: source.dt / step };
+    const before = Math.ceil(lead / step) + 1;
+    cells.scan({ start, step, columns: width, before, dt: dt });
+    const where = { x, now: view.now, width, newest: newest(), samplePx: dt / step };
     const bands = bandsOf(cells, where, staleWord());
     const boxes = bands.filter(({ kind }) => kind === "invalid" || kind === "unassessed");
     const current = aheadNow();
@@ -248,14 +241,14 @@ function createSource({ ring, seriesOf, strips, timeline, alertAbove, lead, dt }
       parts: [{ cells, colour: "trace", quiet: { boxes, colour: "dim", alpha: 1 } }],
       bands,
       now: view.now,
-      lead: source.lead,
+      lead,
       ahead: current && { ...current, word: AHEAD },
     };
   }
 
   function valuesAt({ key }, t) {
     const i = ring.nearest(t);
-    const known = i >= 0 && Math.abs(ring.time(i) - t) <= 1.5 * source.dt;
+    const known = i >= 0 && Math.abs(ring.time(i) - t) <= 1.5 * dt;
     return [single(known ? ring.value(seriesOf.get(key), i) : NaN)];
   }
 
@@ -289,7 +282,7 @@ function createSource({ ring, seriesOf, strips, timeline, alertAbove, lead, dt }
     if (now !== "ok" || last < 0 || strip.forecast === null) return "";
     const value = ring.value(seriesOf.get(strip.forecast), last);
     if (!Number.isFinite(value)) return "";
-    return `in ${leadSeconds(source.lead, 2)} s ${reading(strip, value)}`;
+    return `in ${leadSeconds(lead, 2)} s ${reading(strip, value)}`;
   }
 
   /** The newest sample that has a value, -1 where none is near. */
@@ -302,7 +295,7 @@ function createSource({ ring, seriesOf, strips, timeline, alertAbove, lead, dt }
   }
 
   function bar(view) {
-    const behind = view.now - (view.end - source.lead);
+    const behind = view.now - (view.end - lead);
     const late = !view.live && behind > 0.05 ? `, ${behind.toFixed(1)} s behind` : "";
     return { mode: modeOf(view), interval: `${intervalText(view.end - view.start)}${late}` };
   }

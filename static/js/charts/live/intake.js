@@ -2,7 +2,7 @@
  * Puts a flight's frames into the ring buffer: their flags, the newest state, and the exceedances,
  * each latched until it is acknowledged and over.
  *
- * createIntake({ring, channels, strips, source: {dt}, onExceedance}) -> Intake     strips: series in the order channels, risk, forecasts
+ * createIntake({ring, channels, strips, dt, onExceedance}) -> Intake     strips: series in the order channels, risk, forecasts
  *   push(frames) -> how many were stored;   insert(frames, complete)    earlier ones; complete: the sample after them follows
  *   status -> {state, alert}          of the newest frame, or as set by setStatus
  *   exceedances -> Map of key -> {t, value, over}     the first exceedance and the peak since; over: it is in progress
@@ -16,7 +16,7 @@ import { BROKEN, FLAG } from "./ring_buffer.js";
 
 const NO_DATA = { state: "none", alert: false };
 
-export function createIntake({ ring, channels, strips, source, onExceedance }) {
+export function createIntake({ ring, channels, strips, dt, onExceedance }) {
   const placeOf = new Map(channels.map(({ key }, k) => [key, k]));
   const measured = strips.filter(({ risk }) => !risk);
   const forecasting = measured.filter(({ forecast }) => forecast !== null);
@@ -87,7 +87,7 @@ export function createIntake({ ring, channels, strips, source, onExceedance }) {
   }
 
   function gapFlag(before, t) {
-    return Number.isFinite(before) && Number.isFinite(t) && t - before > 1.5 * source.dt ? FLAG.gap : 0;
+    return Number.isFinite(before) && Number.isFinite(t) && t - before > 1.5 * dt ? FLAG.gap : 0;
   }
 
   function flagsOf(frame) {

@@ -8,7 +8,6 @@
  * createTimeline({seconds, dt, lead, staleAfter, start}) -> Timeline, with all of TimeWindow of ../time_window.js
  *     seconds: width of the live window.   start: time of the first sample, which a live window does not begin before
  *     lead: how far forecasts reach past now.   staleAfter: age that is too great, at speed 1
- *   setFlight({dt, lead, staleAfter})
  *   setRoom(seconds)                      forecasts reach so far past now, too: a live window has room for the farthest
  *   observe(t, wall)                      a sample of time t has arrived;   heard(wall)   samples that are not shown yet
  *   begin(wall)                           the page begins to listen: it calls nothing stale before SETTLED
@@ -29,7 +28,7 @@ const ROOM = 0.3; // largest share of a live window after the newest time
 const SILENT = 0.4; // of a live window, at most, that shows no samples: the last good ones stay in sight
 
 export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter = 0.25, start = -Infinity } = {}) {
-  const flight = { dt, lead, staleAfter, room: 0 };
+  let room = 0;
   const clock = { t: NaN, wall: NaN, newest: NaN, arrived: NaN, speed: 1, playing: true };
   const shown = createTimeWindow({ width: seconds, least: SHORTEST, longest: LONGEST, follow });
   const { changed } = shown;
@@ -38,12 +37,8 @@ export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter =
 
   const timeline = {
     __proto__: shown,
-    setFlight: (given) => {
-      Object.assign(flight, given);
-      changed();
-    },
     setRoom: (seconds) => {
-      if (seconds > flight.room) flight.room = Math.min(seconds, ROOM * shown.width);
+      if (seconds > room) room = Math.min(seconds, ROOM * shown.width);
     },
     observe,
     heard: (wall) => {
@@ -65,7 +60,7 @@ export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter =
       return Number.isFinite(known) ? known : silence(wall);
     },
     get staleAfter() {
-      return Math.max(flight.staleAfter, (INTERVALS * flight.dt) / clock.speed);
+      return Math.max(staleAfter, (INTERVALS * dt) / clock.speed);
     },
     stale: (wall) => clock.playing && wall > settled && silence(wall) > timeline.staleAfter,
     reset: () => {
@@ -101,7 +96,7 @@ export function createTimeline({ seconds = 60, dt = 0.02, lead = 0, staleAfter =
   function follow(width, wall) {
     const edge = now(wall);
     const last = Number.isNaN(edge) ? 0 : Math.min(edge, clock.newest + SILENT * width);
-    const end = Math.max(last + Math.max(flight.lead, flight.room), start + width);
+    const end = Math.max(last + Math.max(lead, room), start + width);
     return { start: end - width, end, now: edge };
   }
 

@@ -34,7 +34,7 @@ const ALARMED = ["stale", "invalid"]; // cautions, which are listed as alarms
 export function createAssessmentDisplay(panels, { hello, api, path, alarm, events, onExceedance }) {
   const { channels, lead, dt } = hello;
   const alertAbove = hello.monitors[0].alert_above;
-  const timeline = createTimeline({ seconds: windowOf(hello), staleAfter: hello.stale_after, start: hello.transport.start });
+  const timeline = createTimeline({ seconds: windowOf(hello), lead, dt, staleAfter: hello.stale_after, start: hello.transport.start });
   timeline.begin(performance.now());
   const history = createSeekHistory(api, path, hello.transport);
   const gauge = createRiskGauge(panels.gauge, timeline);
