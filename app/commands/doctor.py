@@ -40,7 +40,6 @@ PACKAGES = ("numpy", "scipy", "numba", "fastapi", "uvicorn", "sqlalchemy", "vise
 TESTED = {
     "alembic": "1.20",
     "anyio": "4.16",
-    "control": "0.10",
     "fastapi": "0.165",
     "fastapi-offline": "1.7",
     "filelock": "4.2",
