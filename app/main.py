@@ -189,7 +189,7 @@ async def _parts(app: FastAPI) -> AsyncIterator[None]:
         app.state.scored = ScoredRecordings(stored_recordings)
         work = app.state.jobs = Jobs(store, settings.max_jobs, settings.max_queued_jobs)
         parts.push_async_callback(asyncio.to_thread, work.close)
-        scenes = app.state.scenes = Scenes(settings.max_flights)
+        scenes = app.state.scenes = Scenes()
         await parts.enter_async_context(scenes.lifespan())
         journals = app.state.journals = Journals(settings.data_dir / "live")
         parts.push_async_callback(asyncio.to_thread, journals.close)

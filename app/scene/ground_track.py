@@ -45,7 +45,6 @@ class GroundTrack:
         self._tips, self._colour = np.zeros((3, 2)), (0, 0, 0)
 
     def advance(self, t: float, attitude: Attitude, beta: float, colour: Colour) -> None:
-        """Advance to flight time t [s]."""
         step = np.inf if self._t is None else t - self._t
         if not 0.0 <= step <= LONGEST_STEP_S:
             self._trail.clear()

@@ -222,7 +222,6 @@ class Picture:
     # --- moving ---------------------------------------------------------------------------------
 
     def _move(self, shown: Shown, colour: Colour) -> None:
-        """Turn the world under the camera, move the ground, extend the trail."""
         track = self._track
         track.advance(shown.t, shown.attitude, shown.beta, colour)
         north, east = -(track.place % SECTION)
@@ -251,7 +250,6 @@ class Picture:
         self._set(self._slip, text=beta, visible=not lost)
 
     def _risk(self, shown: Shown, colour: Colour) -> None:
-        """Column, threshold ring, level ring and words."""
         known = colour != GREY
         level = height(shown.p_value) if known and shown.p_value is not None else COLUMN_HEIGHT
         level = max(level, 0.02)
@@ -305,9 +303,8 @@ def _stage(server: viser.ViserServer) -> None:
     camera.position, camera.look_at, camera.fov = CAMERA_AT, LOOKS_AT, FIELD_OF_VIEW
 
 
-def circle(radius: float, n: int = 96) -> Lines:
-    """A level circle."""
-    angle = np.linspace(0.0, 2 * pi, n + 1)
+def circle(radius: float) -> Lines:
+    angle = np.linspace(0.0, 2 * pi, 97)
     ring = np.stack((radius * np.cos(angle), radius * np.sin(angle), 0 * angle), 1)
     return np.stack((ring[:-1], ring[1:]), 1).astype(np.float32)
 

@@ -25,18 +25,23 @@ PERIOD_S = 0.05
 """Between two drawings [s]: 20 Hz."""
 STALE_AFTER_S = 2.0
 """Default time without a new sample after which a scene is STALE [s]."""
-MAX_SCENES = 64
 LOG = logging.getLogger("forewarn")
 
 Clock = Callable[[], float]
 NOTHING_YET = Shown(
-    0.0, Attitude(0.0, 0.0, 0.0), 0.0, 0.0, 0.0, None, 1.0, False, State.STALE, "no sample yet"
+    0.0,
+    Attitude(0.0, 0.0, 0.0),
+    0.0,
+    0.0,
+    0.0,
+    p_value=None,
+    alert_above=1.0,
+    alert=False,
+    state=State.STALE,
+    reason="no sample yet",
+    facts=Facts(stale=True),
 )
 USUAL_SIGNS = SurfaceSigns(aileron=1, rudder=-1)
-
-
-class TooManyScenes(RuntimeError):
-    """The program has its most scenes open."""
 
 
 class Scene:
@@ -82,7 +87,6 @@ class Scene:
             self._stale_after_s, self._shown_at = stale_after_s, self._clock()
 
     def restate(self, facts: Facts) -> None:
-        """Change the facts of the headline without a sample."""
         with self._latest:
             self._shown = self._shown._replace(facts=facts)
 
@@ -104,14 +108,13 @@ class Scene:
             return True
 
     def _now(self) -> Shown:
-        """The state to draw: the newest one, or STALE if that is too old."""
         with self._latest:
             shown_at, shown, stale_after_s = self._shown_at, self._shown, self._stale_after_s
         silent = self._clock() - shown_at
         if silent <= stale_after_s or shown.paused or shown.state is State.STALE:
             return shown
         reason = f"no sample for {max(silent // 1.0, stale_after_s):g} s"
-        facts = shown.facts and shown.facts._replace(stale=True)
+        facts = shown.facts._replace(stale=True)
         late = {"p_value": None, "alert": False, "state": State.STALE, "reason": reason}
         return shown._replace(**late, facts=facts)
 
@@ -149,16 +152,14 @@ class Scene:
 class Scenes:
     """All scenes of the program, by flight, and the thread that draws them.
 
-    clock: monotonic seconds.   Use `lifespan` around the server's life, or `stop` at its end.
+    Use `lifespan` around the server's life, or `stop` at its end.
     """
 
     def __init__(
         self,
-        max_scenes: int = MAX_SCENES,
-        clock: Clock = time.monotonic,
         stale_after_s: float = STALE_AFTER_S,
     ) -> None:
-        self.max_scenes, self._clock, self._stale_after_s = max_scenes, clock, stale_after_s
+        self._stale_after_s = stale_after_s
         self._scenes: dict[str, Scene] = {}
         self._lock = threading.Lock()
         self._stopping = threading.Event()
@@ -176,20 +177,15 @@ class Scenes:
 
         signs: directions in which the surfaces act.   alpha0: angle of attack at trim [rad].
         stale_after_s: see `Scene.wait`.   aircraft_class: shape of the drawn aircraft.
-        Raises TooManyScenes at max_scenes, and RuntimeError after `stop`.
+        RuntimeError after `stop`.
         """
         with self._lock:
             if self._stopping.is_set():
                 raise RuntimeError("the server is stopping: no scene can be opened")
             if flight in self._scenes:
                 return self._scenes[flight]
-            if len(self._scenes) >= self.max_scenes:
-                raise TooManyScenes(
-                    f"{self.max_scenes} flights show a scene, the most allowed: end one of them, "
-                    "or raise the number of flights"
-                )
             stale_after_s = stale_after_s or self._stale_after_s
-            scene = Scene(self._clock, signs, alpha0, stale_after_s, aircraft_class)
+            scene = Scene(time.monotonic, signs, alpha0, stale_after_s, aircraft_class)
             self._scenes[flight] = scene
             if self._ticker is None:
                 self._ticker = threading.Thread(target=self._tick, name="scenes", daemon=True)
@@ -207,7 +203,6 @@ class Scenes:
             scene.close()
 
     def stop(self) -> None:
-        """Close every scene and end the drawing thread."""
         with self._lock:
             self._stopping.set()
         for flight in list(self._scenes):

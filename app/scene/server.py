@@ -44,7 +44,6 @@ class SceneServerError(RuntimeError):
 
 @cache
 def secret() -> str:
-    """The secret of this process for its viser servers."""
     return secrets.token_urlsafe(32)
 
 

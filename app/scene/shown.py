@@ -46,23 +46,13 @@ class Shown(NamedTuple):
     alert: bool
     state: State
     reason: str
-    paused: bool = False
-    facts: Facts | None = None
+    facts: Facts
     cause: Cause | None = None
+    paused: bool = False
 
     @property
     def headline(self) -> Headline:
-        """The flight's headline; by default that of the sample alone."""
-        return headline(self._sampled() if self.facts is None else self.facts)
-
-    def _sampled(self) -> Facts:
-        unknown = self.state is State.OK and self.p_value is None
-        return Facts(
-            alert=self.alert,
-            stale=self.state is State.STALE,
-            invalid=self.state is State.INVALID or unknown,
-            warming_up=self.state is State.WARMING_UP,
-        )
+        return headline(self.facts)
 
 
 class Caption(NamedTuple):
@@ -125,7 +115,6 @@ def readout(words: Caption, colour: Colour) -> str:
 
 
 def tone(shown: Shown) -> Colour:
-    """Colour of the risk: calm, alert, or grey if unknown."""
     if shown.state is not State.OK or shown.p_value is None:
         return GREY
     return ALERT if shown.alert else CALM

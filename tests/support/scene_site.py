@@ -15,6 +15,7 @@ from app.routes.scene import scene_router
 from app.scene.scene import Scene, Scenes
 from app.scene.shown import Shown
 from core.monitor.assessment import State
+from core.monitor.status import Facts
 from core.simulation.attitude import Attitude
 
 NEVER = 1e9
@@ -78,4 +79,12 @@ def show(scene: Scene, t: float = 1.0, **changes) -> None:
         "state": State.OK,
         "reason": "",
     }
-    scene.show(Shown(**(calm | changes)))
+    shown = Shown(**{"facts": Facts(), **calm, **changes})
+    state = shown.state
+    of_sample = Facts(
+        alert=shown.alert,
+        stale=state is State.STALE,
+        invalid=state is State.INVALID,
+        warming_up=state is State.WARMING_UP,
+    )
+    scene.show(shown if "facts" in changes else shown._replace(facts=of_sample))

@@ -50,7 +50,7 @@ def on_screen(points):
     return seen @ right / depth, seen @ up / depth
 
 
-OK = Shown(1.0, Attitude(0.2, 0.1, 0.3), 0.02, 0.03, -0.05, 0.12, 0.2, False, State.OK, "")
+OK = Shown(1.0, Attitude(0.2, 0.1, 0.3), 0.02, 0.03, -0.05, 0.12, 0.2, False, State.OK, "", Facts())
 SILENT = (State.STALE, State.INVALID, State.WARMING_UP)
 
 
@@ -115,7 +115,8 @@ class TestShow:
     def test_ok_without_a_number_is_not_calm(self, scene):
         show(scene, p_value=None)
         scene.draw()
-        assert nodes(scene)._headline.text == "INVALID"
+        assert nodes(scene)._fill.color == GREY
+        assert "no risk known" in nodes(scene)._readout.content
 
     def test_writing_after_close_does_no_harm(self, scene):
         show(scene)
@@ -157,13 +158,14 @@ class TestWhatIsSaid:
         assert f"drawn ×{EXAGGERATION:g}" in said
 
     def test_an_alert_is_a_word_and_a_colour(self):
-        alert = OK._replace(p_value=0.5, alert=True)
+        alert = OK._replace(p_value=0.5, alert=True, facts=Facts(alert=True))
         assert caption(alert).word == "ALERT"
         assert (tone(alert), tone(OK)) == (ALERT, CALM)
 
     @pytest.mark.parametrize("state", SILENT)
     def test_a_state_without_a_risk_is_a_word_in_grey_and_never_a_number(self, state):
-        shown = OK._replace(state=state, reason="a gap")  # whatever else was filled in
+        facts = Facts(**{state.value: True})
+        shown = OK._replace(state=state, reason="a gap", facts=facts)
         assert caption(shown) == (state.replace("_", " ").upper(), "", "a gap")
         assert tone(shown) == GREY
         assert "RISK" not in readout(caption(shown), GREY)

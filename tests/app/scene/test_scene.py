@@ -4,20 +4,18 @@ import threading
 import pytest
 from websockets.sync.client import connect
 
-from app.scene.scene import Scene, Scenes, TooManyScenes
+from app.scene.scene import Scene, Scenes
 from app.scene.server import credentials
 from app.scene.shown import Shown
 from tests.support.scene_site import show
 
 
 class TestScenes:
-    def test_there_is_one_scene_a_flight_and_a_limit(self):
-        scenes = Scenes(max_scenes=2)
+    def test_there_is_one_scene_a_flight(self):
+        scenes = Scenes()
         first = scenes.open("a")
         assert scenes.open("a") is first
         assert scenes.open("b") is not first
-        with pytest.raises(TooManyScenes, match="2 flights"):
-            scenes.open("c")
         scenes.close("a")
         assert scenes.get("a") is None
         assert scenes.open("c", stale_after_s=0.25)._stale_after_s == 0.25
