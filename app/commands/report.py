@@ -80,7 +80,7 @@ class ReportFiles:
     def paths(self, label: str) -> tuple[Path, ...]:
         """Paths of the report and of the exports of one scoring."""
         stem = f"{self.out.stem}-{label}" if label else self.out.stem
-        endings = (self.out.suffix, *(f".{EXPORTS[kind].ending}" for kind in self.exports))
+        endings = (self.out.suffix, *(f".{kind}" for kind in self.exports))
         return tuple(self.out.with_name(f"{stem}{ending}") for ending in endings)
 
     def check(self, request: ScoreRequest) -> None:
@@ -136,4 +136,4 @@ def evaluation(monitor: Monitor, n_test: int) -> dict[str, Any] | None:
         return None
     if not (n_test and monitor.dataset_recipe):
         return None
-    return fly_test(monitor, recipe, n_test).as_plain(n_test, monitor.lead, monitor.dt)
+    return fly_test(monitor, recipe, n_test).as_plain(n_test, monitor)

@@ -1,7 +1,7 @@
 """The kinds of long work, one function for each kind of request."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from app.jobs.jobs import Result, Task
@@ -14,10 +14,10 @@ from app.jobs.requests import (
 from app.jobs.training import (
     FlownTest,
     Progress,
-    fly_test,
     simulate,
     test_to_fly,
     train_and_test,
+    with_test,
 )
 from app.store.store import Store
 from core.evaluation.epsilon_choice import Choice, ChoiceRecipe, choose
@@ -131,7 +131,7 @@ def combine_and_test(
 
     The test is None if n_test is 0.   ValueError if the members do not fit together.
     """
-    member, dataset = planned_test(members, recipe.lead)
+    dataset = planned_test(members, recipe.lead)
 
     def report(n_unsafe: int, n_made: int) -> None:
         message = f"calibrating: {n_unsafe} unsafe of {n_made} fresh flights"
@@ -148,14 +148,7 @@ def combine_and_test(
     if recipe.n_test == 0:
         return combination, None
     progress(f"flying {recipe.n_test} fresh flights", 1, 2)
-    test = fly_test(combination, dataset, recipe.n_test)
-    evaluation = test.as_plain(recipe.n_test, combination.lead, combination.dt) | {
-        "unsafe_rate": recipe.n_unsafe / n_made,
-        "seed": member.seed,
-        "dataset_digest": member.dataset_digest,
-        "version": combination.version,
-    }
-    return replace(combination, evaluation=evaluation), test
+    return with_test(combination, dataset, recipe.n_test, recipe.n_unsafe / n_made)
 
 
 def fly_and_choose(monitor: Monitor, recipe: ChoiceRecipe, progress: Progress) -> Choice:

@@ -149,25 +149,24 @@ def combination_request(
         )
     recipe = _recipe(CombinationRecipe(), plain, "combination")
     with _refusing():
-        _, dataset = planned_test([store.monitors.get(each) for each in ids], recipe.lead)
+        dataset = planned_test([store.monitors.get(each) for each in ids], recipe.lead)
     _check_test_size(dataset, max(recipe.n_test, recipe.n_unsafe), max_bytes)
     name = name or f"{len(ids)} monitors as one, {recipe.lead:g} s ahead"
     return name, ids, recipe
 
 
-def planned_test(members: Sequence[Monitor], lead: float) -> tuple[Monitor, DatasetRecipe]:
-    """The member with this lead [s], and the planned test of all members.
+def planned_test(members: Sequence[Monitor], lead: float) -> DatasetRecipe:
+    """The planned test of all members, one of which has this lead [s].
 
     ValueError if they do not fit together or were not trained on simulated flights.
     """
-    member = check_members(members, lead)
-    recipe = simulated_test(member.dataset_recipe)
+    recipe = simulated_test(check_members(members, lead).dataset_recipe)
     if recipe is None:
         raise ValueError(
             "the members have no recipe to simulate fresh failures: combine them in Python, "
             "core.monitor.combine(members, flights, lead=...), on failing flights of your own"
         )
-    return member, recipe
+    return recipe
 
 
 def study_request(plain: dict[str, Any], store: Store, max_bytes: int) -> StudyRecipe:

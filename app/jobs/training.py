@@ -74,21 +74,18 @@ class FlownTest:
     robustness: dict[str, Evaluation] = field(default_factory=dict)
     groups: dict[str, dict[str, Evaluation]] = field(default_factory=dict)
 
-    def as_plain(self, n_test: int, lead: float, dt: float) -> dict[str, Any]:
-        """As JSON types; None where nothing could be counted.
-
-        lead: required warning lead time [s].   dt: sample interval [s].
-        """
+    def as_plain(self, n_test: int, monitor: Monitor) -> dict[str, Any]:
+        """As JSON types; None where nothing could be counted."""
         return {
             "n_test": n_test,
             "epsilon": self.epsilon,
-            "lead": lead,
+            "lead": monitor.lead,
             "n_unsafe": self.curves.n_unsafe,
             "n_safe": self.curves.n_safe,
             "n_early": self.curves.n_early,
             "at_epsilon": {key: values[0] for key, values in _curves(self.at_epsilon).items()},
             "curves": _curves(self.curves),
-            "leads": _histogram(self.leads, lead, dt),
+            "leads": _histogram(self.leads, monitor.lead, monitor.dt),
             "prevention": _prevention(self.prevention),
             "robustness": {
                 name: {"words": DIFFERENCES[name].words, "n_unsafe": counts.n_unsafe}
@@ -177,15 +174,23 @@ def train_and_test(
     if n_test == 0:
         return Training(dataset, monitor, not_calibrated=not_calibrated)
     progress(f"flying {n_test} fresh flights", 2, 3)
-    test = fly_test(monitor, simulated, n_test)
+    monitor, test = with_test(monitor, simulated, n_test, dataset.unsafe_rate)
     progress("done", 3, 3)
-    evaluation = test.as_plain(n_test, monitor.lead, monitor.dt) | {
-        "unsafe_rate": dataset.unsafe_rate,
-        "seed": dataset.seed,
-        "dataset_digest": dataset.digest(),
+    return Training(dataset, monitor, test, not_calibrated)
+
+
+def with_test(
+    monitor: Monitor, recipe: DatasetRecipe, n: int, unsafe_rate: float
+) -> tuple[Monitor, FlownTest]:
+    """The monitor with its test on n fresh flights. unsafe_rate: of its planned test."""
+    test = fly_test(monitor, recipe, n)
+    evaluation = test.as_plain(n, monitor) | {
+        "unsafe_rate": unsafe_rate,
+        "seed": monitor.seed,
+        "dataset_digest": monitor.dataset_digest,
         "version": monitor.version,
     }
-    return Training(dataset, replace(monitor, evaluation=evaluation), test, not_calibrated)
+    return replace(monitor, evaluation=evaluation), test
 
 
 def _with_validity(

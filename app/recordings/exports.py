@@ -55,7 +55,6 @@ class ExportColumn:
 class ExportFormat:
     """A format of exports. write: writes columns and plain data about them to a file."""
 
-    ending: str
     media_type: str
     write: Callable[[list[ExportColumn], Mapping[str, Any], BinaryIO], object]
 
@@ -184,7 +183,7 @@ def _text(about: Mapping[str, Any]) -> str:
 
 
 EXPORTS: dict[str, ExportFormat] = {
-    "csv": ExportFormat("csv", "text/csv", _csv),
-    "parquet": ExportFormat("parquet", "application/vnd.apache.parquet", _parquet),
-    "mat": ExportFormat("mat", "application/x-matlab-data", _mat),
+    "csv": ExportFormat("text/csv", _csv),
+    "parquet": ExportFormat("application/vnd.apache.parquet", _parquet),
+    "mat": ExportFormat("application/x-matlab-data", _mat),
 }

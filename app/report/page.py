@@ -121,6 +121,11 @@ def _with_si(value: float, channel: Channel) -> str:
     text = channel.read(value)
     if channel.display_unit != channel.unit:
         text = f"{text} ({significant(value)} {channel.unit})"
+    return _glued(text)
+
+
+def _glued(text: str) -> str:
+    """A number with its unit on one line; only its bracket may move to the next."""
     return text.replace(" ", GLUE).replace(f"{GLUE}(", " (").replace("-", "−")
 
 
@@ -130,8 +135,7 @@ def _interval(estimate: Mapping[str, float] | None, channel: Channel | None = No
         return "–"
     factor, unit = (channel.display_factor, channel.display_unit) if channel else (1.0, "")
     value, low, high = (significant(factor * estimate[name]) for name in ("value", "low", "high"))
-    text = f"{value} ({low} to {high}) {unit}".strip()
-    return text.replace(" ", GLUE).replace(f"{GLUE}(", " (").replace("-", "−")
+    return _glued(f"{value} ({low} to {high}) {unit}".strip())
 
 
 def _delay(estimate: Mapping[str, float] | None) -> str:
@@ -139,7 +143,7 @@ def _delay(estimate: Mapping[str, float] | None) -> str:
     if estimate is None:
         return "–"
     value, low, high = (f"{estimate[name]:.3f}" for name in ("value", "low", "high"))
-    return f"{value} ({low}{GLUE}to{GLUE}{high})".replace("-", "−")
+    return _glued(f"{value} ({low} to {high})")
 
 
 def _trimmed(trim: Sequence[float | None]) -> list[tuple[Channel, float]]:

@@ -340,7 +340,7 @@ def export_samples(
         with reporting_full_disk():
             export(samples, about(asdict(recording), asdict(info)), form, file)
             headers = {"Content-Length": str(file.tell())}
-        headers |= _as_file(f"{PurePath(recording.name).stem} scored.{kind.ending}")
+        headers |= _as_file(f"{PurePath(recording.name).stem} scored.{form}")
         held.pop_all()
     return StreamingResponse(_blocks(file), headers=headers, media_type=kind.media_type)
 
