@@ -6,12 +6,13 @@
 
 import { createForm, fieldset, foldedPanel, group, labelled, optionalName, select } from "../forms/controls.js";
 import { createFields } from "../forms/form.js";
-import { datasetChoice } from "../forms/planned_test.js";
-import { loadCatalog, methodOf } from "../lib/catalog.js";
-import { h, link, loadingView, pageOf } from "../lib/dom.js";
+import { datasetChoice, scatterOf } from "../forms/planned_test.js";
+import { reason } from "../lib/api.js";
+import { aircraftCondition, loadCatalog, methodOf } from "../lib/catalog.js";
+import { errorLine, formatted, h, link, loadingView, pageOf, panel, sentences } from "../lib/dom.js";
 import { figure } from "../lib/numbers.js";
+import { proposalOf } from "../recordings/training_offer.js";
 import { leastFor, neededFor } from "./calibration_rule.js";
-import { createRecordedOrigin, recordedTest } from "./recorded_origin.js";
 
 const TITLE = "Train a monitor";
 const MAIN = ["t_early", "epsilon"];
@@ -114,4 +115,49 @@ function servedWords(n, { epsilon, guarantee }) {
       ? `${n} failures: enough for ε ≥ ${figure(leastFor(n, guarantee))}.`
       : `ε = ${figure(epsilon)} needs at least ${needed} unsafe rollouts, and ${n} are set: raise ε or the number of rollouts.`;
   return { words, isEnough: n >= needed };
+}
+
+async function recordedTest(api, id) {
+  const recording = await api.get(`/recordings/${encodeURIComponent(id)}`);
+  const refused = (error) => ({ recording, proposal: null, problem: reason(error) });
+  return proposalOf(api, id).then((proposal) => ({ recording, proposal, problem: "" }), refused);
+}
+
+function createRecordedOrigin({ catalog, recorded, changed }) {
+  const { recording, proposal, problem } = recorded;
+  const failure = errorLine();
+  failure.show(problem);
+  const known = Object.values(catalog.families.aircraft.entries).map((entry) => [entry.kind, aircraftCondition(entry)]);
+  const choice = select([["", "choose the aircraft"], ...known], { id: "recorded-aircraft", onchange: changed });
+  const hint = "The form opens with this aircraft's usual test and what the recording shows.";
+  const field = labelled("Which aircraft was flown?", choice, { hint });
+  const element = panel(
+    ["For the recording ", h("a", { href: `#/recordings/${recording.id}` }, recording.name)],
+    [proposal && sentences(proposal.reasons.map(formatted)), field.element, failure.element],
+    { class: "panel stack-tight recorded-origin", "aria-label": "From a recording" },
+  );
+  return { element, recipe };
+
+  function recipe() {
+    if (!choice.value) return null;
+    const { dataset = {}, ...monitor } = proposal?.recipe ?? {};
+    const { usual: recipeOf, default: clean } = catalog.recipes.monitor;
+    return { recipe: { ...(recipeOf ?? clean), ...monitor }, dataset_recipe: testOf(catalog, choice.value, dataset) };
+  }
+}
+
+/** The usual test of the aircraft, with what the recording shows in place of it. */
+function testOf(catalog, kind, shown) {
+  const { dataset } = catalog.recipes;
+  const { usual_test: test, default: aircraft } = catalog.families.aircraft.entries[kind];
+  const usual = { ...dataset.usual, ...test, aircraft: { kind, ...aircraft } };
+  usual.maneuver = { ...usual.maneuver, ...scatterOf(dataset, "as_flown") };
+  for (const [key, value] of Object.entries(shown)) usual[key] = isSame(usual[key], value) ? { ...usual[key], ...value } : value;
+  return usual;
+}
+
+/** Whether both are objects of one kind, of which the second may leave parameters out. */
+function isSame(usual, shown) {
+  const isObject = (value) => typeof value === "object" && value !== null && !Array.isArray(value);
+  return isObject(usual) && isObject(shown) && (shown.kind ?? usual.kind) === usual.kind;
 }
