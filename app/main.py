@@ -46,6 +46,7 @@ from app.routes import (
     scorings,
     server,
 )
+from app.routes.dependencies import REFUSALS
 from app.routes.guide import guide_router
 from app.routes.scene import scene_router
 from app.scene.scene import Scenes
@@ -127,7 +128,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.people = People(settings.token)
     app.state.sessions = Sessions(settings.session_seconds)
     app.state.audit = Audit()
-    install_problems(app)
+    install_problems(app, REFUSALS)
     _serve_docs(app)
     if STATIC.is_dir():
         app.frontend("/", directory=STATIC, fallback=None)

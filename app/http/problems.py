@@ -71,7 +71,7 @@ class Problem(Exception):
 
 
 def problem_responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    """OpenAPI responses for the problems of a route."""
+    """OpenAPI responses for the problems of a route, besides those that many have."""
     content = {MEDIA_TYPE: {"schema": REFERENCE}}
     return {
         status: {"description": DESCRIPTIONS[status], "content": content} for status in statuses
@@ -79,15 +79,20 @@ def problem_responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
 
 
 def describe_problems(document: dict[str, Any]) -> None:
-    """Add the problem schema to the OpenAPI document, in place of FastAPI's own for 422."""
+    """Add the problem schema, in place of FastAPI's own for 422, and the problems of all routes."""
     schemas = document.setdefault("components", {}).setdefault("schemas", {})
     schemas["Problem"] = SCHEMA
     for name in ("HTTPValidationError", "ValidationError"):
         schemas.pop(name, None)
-    for item in document["paths"].values():
+    for path, item in document["paths"].items():
         for operation in item.values():
-            if "422" in operation["responses"]:
-                operation["responses"] |= {"422": problem_responses(422)[422]}
+            statuses = [503] if path.startswith("/api/") or path == "/readyz" else []
+            statuses += [404, 413, 415, 422] if "requestBody" in operation else []
+            statuses += [404] if "{" in path else []
+            statuses += [422] if "parameters" in operation else []
+            common = {str(key): answer for key, answer in problem_responses(*statuses).items()}
+            answers = operation["responses"] | common
+            operation["responses"] = dict(sorted(answers.items()))
 
 
 def problem_response(problem: Problem, headers: dict[str, str] | None = None) -> Response:
@@ -103,8 +108,12 @@ def problem_response(problem: Problem, headers: dict[str, str] | None = None) ->
     return JSONResponse(document | problem.extra, problem.status, headers, MEDIA_TYPE)
 
 
-def install_problems(app: FastAPI) -> None:
-    """Answer every error of the application with a problem document."""
+ErrorAnswers = dict[type[Exception], tuple[int, str]]
+"""Status and kind of the problem that answers an error."""
+
+
+def install_problems(app: FastAPI, answers: ErrorAnswers) -> None:
+    """Answer every error with a problem document: those of all routes, and `answers`."""
     from app.store.store import Damaged, InUse, KeptPermanently, NotFound, StoreError
 
     def answer(status: int, kind: str):
@@ -114,7 +123,7 @@ def install_problems(app: FastAPI) -> None:
 
         return handler
 
-    handlers: dict[type[Exception], tuple[int, str]] = {
+    handlers: ErrorAnswers = {
         NotFound: (404, "not-found"),
         InUse: (409, "in-use"),
         KeptPermanently: (409, "kept"),
@@ -129,7 +138,7 @@ def install_problems(app: FastAPI) -> None:
         Stalled: (408, "stalled"),
         ClientDisconnect: (408, "stalled"),  # the client has left
     }
-    for error, (status, kind) in handlers.items():
+    for error, (status, kind) in (handlers | answers).items():
         app.add_exception_handler(error, answer(status, kind))
     app.add_exception_handler(Problem, _problem)
     app.add_exception_handler(HTTPException, _http)

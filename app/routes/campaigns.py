@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, Response
+from fastapi import APIRouter, Depends
 from fastapi.responses import HTMLResponse
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -42,7 +42,6 @@ from app.routes.dependencies import (
     signature,
 )
 from app.routes.jobs import accepted, queued
-from app.store.campaigns import CampaignChanged
 from app.store.jobs import ENDED
 from app.store.people import LOCAL
 from core.bounds import quoted
@@ -118,10 +117,10 @@ def list_campaigns(campaigns: CampaignsDep) -> list[CampaignSummary]:
     return campaigns.all()
 
 
-@router.post(
-    "", status_code=201, response_model=CampaignDetails, responses=problem_responses(413, 422)
-)
-def plan_campaign(request: CampaignRequest, campaigns: CampaignsDep, settings: SettingsDep):
+@router.post("", status_code=201)
+def plan_campaign(
+    request: CampaignRequest, campaigns: CampaignsDep, settings: SettingsDep
+) -> CampaignDetails:
     """Plan a campaign: a build-up at one or more flight conditions.
 
     Parts missing from a condition's `dataset` come from the aircraft's usual test.
@@ -134,11 +133,9 @@ def plan_campaign(request: CampaignRequest, campaigns: CampaignsDep, settings: S
 @router.post(
     "/file",
     status_code=201,
-    response_model=CampaignDetails,
-    responses=problem_responses(413, 415, 422),
     openapi_extra=body_of(_FILE, {"format": "forewarn campaign", "version": 2}),
 )
-def add_campaign_file(plain: PlainBody, campaigns: CampaignsDep):
+def add_campaign_file(plain: PlainBody, campaigns: CampaignsDep) -> CampaignDetails:
     """Store a campaign file from `forewarn campaign` or `GET /campaigns/{id}/file`.
 
     The names of people in it are marked as unverified.
@@ -148,38 +145,34 @@ def add_campaign_file(plain: PlainBody, campaigns: CampaignsDep):
         return _made(campaigns.add(campaign.imported))
 
 
-def _made(details: CampaignDetails) -> Response:
+def _made(details: CampaignDetails) -> Any:
     return json_response(
         limits_named(to_plain(details)), 201, {"Location": f"/api/v1/campaigns/{details.id}"}
     )
 
 
-@router.get("/{campaign_id}", responses=problem_responses(404))
+@router.get("/{campaign_id}")
 def read_campaign(campaign_id: str, campaigns: CampaignsDep) -> CampaignDetails:
     """One campaign, point by point."""
     return campaigns.details(campaign_id)
 
 
-@router.delete("/{campaign_id}", status_code=204, responses=problem_responses(404))
+@router.delete("/{campaign_id}", status_code=204)
 def delete_campaign(campaign_id: str, store: StoreDep) -> None:
     """Delete a campaign. Its recordings and monitors are kept."""
     store.campaigns.delete(campaign_id)
 
 
-@router.get("/{campaign_id}/file", response_model=dict[str, Any], responses=problem_responses(404))
-def read_campaign_file(campaign_id: str, campaigns: CampaignsDep) -> Response:
+@router.get("/{campaign_id}/file")
+def read_campaign_file(campaign_id: str, campaigns: CampaignsDep) -> dict[str, Any]:
     """The whole campaign with its flown samples as one file, for another server."""
     _, campaign = campaigns.get(campaign_id)
     disposition = f'attachment; filename="campaign-{campaign_id}.json"'
     return json_response(campaign.as_plain(), 200, {"Content-Disposition": disposition})
 
 
-@router.get(
-    "/{campaign_id}/derivatives",
-    response_model=list[dict[str, Any]],
-    responses=problem_responses(404),
-)
-def read_derivatives(campaign_id: str, campaigns: CampaignsDep) -> Response:
+@router.get("/{campaign_id}/derivatives")
+def read_derivatives(campaign_id: str, campaigns: CampaignsDep) -> list[dict[str, Any]]:
     """Identified parameters of the aircraft at each flight condition after each completed point.
 
     Each parameter is [mean, standard deviation] before and after the point, with a flag whether the
@@ -189,26 +182,22 @@ def read_derivatives(campaign_id: str, campaigns: CampaignsDep) -> Response:
     return json_response(derivatives(campaign))
 
 
-@router.get("/{campaign_id}/report", response_class=HTMLResponse, responses=problem_responses(404))
+@router.get("/{campaign_id}/report", response_class=HTMLResponse)
 def read_campaign_report(campaign_id: str, campaigns: CampaignsDep) -> HTMLResponse:
     """A page to print: the card of the next point and the results so far."""
     _, campaign = campaigns.get(campaign_id)
     return HTMLResponse(campaign_page(campaign), headers=PAGE_TO_PRINT)
 
 
-@router.post(
-    "/{campaign_id}/conditions",
-    response_model=CampaignDetails,
-    responses=problem_responses(404, 409, 413, 422),
-)
+@router.post("/{campaign_id}/conditions", responses=problem_responses(409))
 def add_condition(
     campaign_id: str, request: ConditionRequest, campaigns: CampaignsDep, settings: SettingsDep
-):
+) -> CampaignDetails:
     """Add points at another flight condition after the planned ones.
 
     A `dataset` without an aircraft needs only the differences from the last condition.
     """
-    with refused(422, "campaign", CampaignError), refused(409, "campaign", CampaignChanged):
+    with refused(422, "campaign", CampaignError):
         stored, campaign = campaigns.get(campaign_id)
         if "aircraft" not in request.dataset:
             last = to_plain(campaign.conditions[-1].test)
@@ -309,14 +298,10 @@ async def _decided(
 async def _changed(
     campaigns: Campaigns, campaign_id: str, point: str, decide: Callable[[Campaign], Campaign]
 ) -> CampaignDetails:
-    with refused(409, "campaign", CampaignError, CampaignChanged):
-        return await asyncio.to_thread(campaigns.change, campaign_id, point, decide)
+    return await asyncio.to_thread(campaigns.change, campaign_id, point, decide)
 
 
-@router.post(
-    "/{campaign_id}/clearance",
-    **queued(409),
-)
+@router.post("/{campaign_id}/clearance", **queued(409))
 async def clear_point(
     campaign_id: str,
     decision: Decision,
@@ -330,9 +315,8 @@ async def clear_point(
     """
     by = signature(person, decision.by)
     _, campaign = await asyncio.to_thread(campaigns.get, campaign_id)
-    with refused(409, "campaign", CampaignError):
-        check_next(campaign, decision.point)
-        await asyncio.to_thread(check_computable, campaign)
+    check_next(campaign, decision.point)
+    await asyncio.to_thread(check_computable, campaign)
     if await asyncio.to_thread(_is_clearing, campaigns, campaign_id):
         text = f"the clearance of {decision.point!r} is being computed: wait for it or cancel it"
         raise Problem(409, text, "urn:forewarn:campaign")
@@ -376,8 +360,7 @@ async def train_next_monitor(
         raise Problem(422, "dataset is determined by the campaign: omit it")
     _, campaign = await asyncio.to_thread(campaigns.get, campaign_id)
     about = campaign, point, recipe, campaigns.store, settings.max_array_bytes
-    with refused(409, "campaign", CampaignError):
-        training = await asyncio.to_thread(next_monitor_request, *about)
+    training = await asyncio.to_thread(next_monitor_request, *about)
     details = {"name": training.name, "campaign": campaign_id, "point": point}
     details |= {"n_test": training.n_test} | to_plain(training.recipe)
     about = campaigns, campaign_id, point, training

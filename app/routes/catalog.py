@@ -114,8 +114,8 @@ class Catalog(BaseModel):
     telemetry: Telemetry
 
 
-@router.get("/catalog", response_model=Catalog)
-async def read_catalog():
+@router.get("/catalog")
+async def read_catalog() -> Catalog:
     """All families with the JSON schemas of their parameters, and the recipes made of them.
 
     `x-unit` of a schema is the unit of the parameter. Angles are in radians unless the name ends in

@@ -86,14 +86,12 @@ async def simulate_dataset(plain: PlainBody, store: StoreDep, jobs: JobsDep, set
 
 @router.post(
     "/amplitude",
-    response_model=SuggestedAmplitude,
-    responses=problem_responses(415, 422),
     openapi_extra=body_of(
         amplitude_request_schema(),
         {"aircraft": {"kind": "attas_id_16kft"}, "limits": {"Ny": 0.2}, "share": 0.25},
     ),
 )
-def read_suggested_amplitude(plain: PlainBody, settings: SettingsDep):
+def read_suggested_amplitude(plain: PlainBody, settings: SettingsDep) -> SuggestedAmplitude:
     """Suggest the amplitude at which a given share of the rollouts exceeds a limit.
 
     A short pilot run finds it. The body is that of a dataset; only the sign of its amplitude is
@@ -111,13 +109,13 @@ def list_datasets(store: StoreDep) -> list[DatasetInfo]:
     return store.datasets.all()
 
 
-@router.get("/{dataset_id}", responses=problem_responses(404))
+@router.get("/{dataset_id}")
 def read_dataset(dataset_id: str, store: StoreDep) -> DatasetInfo:
     """One dataset, without its arrays."""
     return store.datasets.info(dataset_id)
 
 
-@router.delete("/{dataset_id}", status_code=204, responses=problem_responses(404, 409))
+@router.delete("/{dataset_id}", status_code=204, responses=problem_responses(409))
 def delete_dataset(dataset_id: str, store: StoreDep) -> None:
     """Delete a dataset; 409 with their names if monitors were trained on it."""
     store.datasets.delete(dataset_id)
@@ -126,8 +124,7 @@ def delete_dataset(dataset_id: str, store: StoreDep) -> None:
 @router.get(
     "/{dataset_id}/arrays",
     response_class=Response,
-    responses=problem_responses(404)
-    | file_of("application/octet-stream", "npz archive of the dataset"),
+    responses=file_of("application/octet-stream", "npz archive of the dataset"),
 )
 def read_arrays(dataset_id: str, store: StoreDep) -> Response:
     """The dataset's arrays as npz: unsafe, fail_index, safe, safe_times, theta_unsafe and others.
@@ -159,9 +156,7 @@ def _arrays(store: Store, dataset_id: str) -> bytes:
     return archive.getvalue()
 
 
-@router.get(
-    "/{dataset_id}/rollouts", response_model=list[Rollout], responses=problem_responses(404, 422)
-)
+@router.get("/{dataset_id}/rollouts")
 def list_rollouts(
     dataset_id: str,
     store: StoreDep,
@@ -172,7 +167,7 @@ def list_rollouts(
     count: Annotated[
         int, Query(ge=1, le=MOST_ROLLOUTS, description="maximum number of rollouts")
     ] = 20,
-):
+) -> list[Rollout]:
     """Rollouts of one outcome, starting at index `first`."""
     info = store.datasets.info(dataset_id)
     n = info.n_unsafe if outcome == "unsafe" else info.n_safe
@@ -182,10 +177,8 @@ def list_rollouts(
     return json_response(answer)
 
 
-@router.get(
-    "/{dataset_id}/rollouts/{n}", response_model=Rollout, responses=problem_responses(404, 422)
-)
-def read_rollout(dataset_id: str, n: int, store: StoreDep):
+@router.get("/{dataset_id}/rollouts/{n}")
+def read_rollout(dataset_id: str, n: int, store: StoreDep) -> Rollout:
     """One rollout by number; unsafe rollouts are numbered first, then safe ones."""
     info = store.datasets.info(dataset_id)
     total = info.n_unsafe + info.n_safe

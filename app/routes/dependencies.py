@@ -5,19 +5,25 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Annotated, Any
 
-from fastapi import Depends, Query, Request, Response
+from fastapi import Body, Depends, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from app import json_codec
 from app.access.people import Person
-from app.http.problems import Problem
-from app.jobs.jobs import Jobs
+from app.campaigns.point import CampaignError
+from app.flights.flights import Flights, TooManyFlights
+from app.flights.sources.live import SequenceConflict
+from app.flights.transport import NotPossible, TransportError
+from app.http.problems import ErrorAnswers, Problem
+from app.jobs.jobs import Jobs, NotRunning, QueueFull
 from app.recordings.recordings import Recordings
 from app.recordings.scored import ScoredRecordings
 from app.settings import Settings
-from app.store.people import LOCAL
+from app.store.campaigns import CampaignChanged
+from app.store.flights import FlightInProgress
+from app.store.people import LOCAL, TokenError
 from app.store.store import Store
-from app.telemetry.journal import Journals
+from app.telemetry.journal import JournalFull, Journals
 
 PAGE_TO_PRINT = {
     "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; img-src data:; "
@@ -26,40 +32,26 @@ PAGE_TO_PRINT = {
 """Headers of a page that needs no other file; its styles are inline."""
 
 
-async def _store(request: Request) -> Store:
-    return request.app.state.store
+def part(name: str) -> Any:
+    """Dependency on a part of the running application, by its name in the application's state."""
 
+    async def read(request: Request) -> Any:
+        return getattr(request.app.state, name)
 
-async def _jobs(request: Request) -> Jobs:
-    return request.app.state.jobs
-
-
-async def _settings(request: Request) -> Settings:
-    return request.app.state.settings
-
-
-async def _recordings(request: Request) -> Recordings:
-    return request.app.state.recordings
-
-
-async def _journals(request: Request) -> Journals:
-    return request.app.state.journals
-
-
-async def _scored(request: Request) -> ScoredRecordings:
-    return request.app.state.scored
+    return Depends(read)
 
 
 async def _person(request: Request) -> Person:
     return request.scope["person"]
 
 
-StoreDep = Annotated[Store, Depends(_store)]
-JobsDep = Annotated[Jobs, Depends(_jobs)]
-SettingsDep = Annotated[Settings, Depends(_settings)]
-RecordingsDep = Annotated[Recordings, Depends(_recordings)]
-JournalsDep = Annotated[Journals, Depends(_journals)]
-ScoredDep = Annotated[ScoredRecordings, Depends(_scored)]
+StoreDep = Annotated[Store, part("store")]
+JobsDep = Annotated[Jobs, part("jobs")]
+SettingsDep = Annotated[Settings, part("settings")]
+RecordingsDep = Annotated[Recordings, part("recordings")]
+JournalsDep = Annotated[Journals, part("journals")]
+ScoredDep = Annotated[ScoredRecordings, part("scored")]
+FlightsDep = Annotated[Flights, part("flights")]
 PersonDep = Annotated[Person, Depends(_person)]
 
 
@@ -113,6 +105,35 @@ class SignedRequest(BaseModel):
     by: By = LOCAL
 
 
+def signature(person: Person, given: str) -> str:
+    """The name of the person who is logged in, else the given one."""
+    return given if person.name == LOCAL else person.name
+
+
+async def _signed(person: PersonDep, who: Annotated[SignedRequest | None, Body()] = None) -> str:
+    return signature(person, who.by if who else LOCAL)
+
+
+SignedBy = Annotated[str, Depends(_signed)]
+"""Name of the person, from the login or from a body that may be absent."""
+
+
+REFUSALS: ErrorAnswers = {
+    CampaignChanged: (409, "campaign"),
+    CampaignError: (409, "campaign"),
+    FlightInProgress: (409, "under-way"),
+    JournalFull: (503, "not-durable"),
+    NotPossible: (409, "not-possible"),
+    NotRunning: (409, "not-running"),
+    QueueFull: (429, "queue-full"),
+    SequenceConflict: (409, "sequence"),
+    TokenError: (422, "token"),
+    TooManyFlights: (429, "too-many-flights"),
+    TransportError: (422, "transport"),
+}
+"""Problems that answer an error, unless a route gives others."""
+
+
 @contextmanager
 def refused(status: int, kind: str, *errors: type[Exception]) -> Iterator[None]:
     """Answer these errors with a Problem of this status and kind."""
@@ -120,11 +141,6 @@ def refused(status: int, kind: str, *errors: type[Exception]) -> Iterator[None]:
         yield
     except errors as error:
         raise Problem(status, str(error), f"urn:forewarn:{kind}") from error
-
-
-def signature(person: Person, given: str) -> str:
-    """The name of the person who is logged in, else the given one."""
-    return given if person.name == LOCAL else person.name
 
 
 async def plain_body(request: Request) -> dict[str, Any]:
@@ -159,8 +175,8 @@ def parse_object(body: bytes) -> dict[str, Any]:
 PlainBody = Annotated[dict[str, Any], Depends(plain_body)]
 
 
-def json_response(content: Any, status: int = 200, headers: dict[str, str] | None = None):
-    """JSON of plain data and numpy arrays; NaN becomes null."""
+def json_response(content: Any, status: int = 200, headers: dict[str, str] | None = None) -> Any:
+    """JSON of plain data and numpy arrays; NaN becomes null. A route is annotated with its type."""
     return Response(json_codec.encode(content), status, headers, "application/json")
 
 

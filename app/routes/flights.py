@@ -3,18 +3,17 @@
 import asyncio
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Depends, Request, Response
+from fastapi import APIRouter, Response
 from pydantic import BaseModel, Field, StrictBool
 
 from app.flights.display_monitors import flown_monitors
 from app.flights.ended import Record, records
 from app.flights.flight import Flight
 from app.flights.flight_records import accepts_useless, flight_name, source_of
-from app.flights.flights import Flights, TooManyFlights
+from app.flights.flights import Flights
 from app.flights.recorder import INTERVAL_S
 from app.flights.request import FlightRequest
 from app.flights.sources.source import mode_of
-from app.flights.transport import NotPossible, TransportError
 from app.http.problems import Problem, problem_responses
 from app.messages import (
     Alarm,
@@ -28,20 +27,19 @@ from app.messages import (
     TransportState,
     Verdict,
 )
-from app.recipes.recipes import RecipeError
 from app.routes.dependencies import (
     By,
     First,
+    FlightsDep,
     Last,
     PersonDep,
-    SignedRequest,
+    SignedBy,
     json_response,
     last_frame,
-    refused,
     signature,
     strictly,
 )
-from app.store.flights import FlightInfo, FlightInProgress
+from app.store.flights import FlightInfo
 from app.store.people import LOCAL
 from core.evaluation.certificate import UselessMonitor
 from core.flight_markers import FlightMarkerKey
@@ -51,13 +49,6 @@ from core.monitor.assessment import Cause
 from core.monitor.status import Facts, Level, Status, headline
 
 router = APIRouter(prefix="/api/v1/flights", tags=["flights"])
-
-
-async def _flights(request: Request) -> Flights:
-    return request.app.state.flights
-
-
-FlightsDep = Annotated[Flights, Depends(_flights)]
 
 
 class FlightStatus(BaseModel):
@@ -187,7 +178,7 @@ class MarkerRequest(BaseModel):
     text: str | None = Field(default=None, min_length=1, max_length=2000)
 
 
-@router.post("", status_code=201, responses=problem_responses(404, 422, 429))
+@router.post("", status_code=201, responses=problem_responses(429))
 async def start_flight(
     request: FlightRequest, flights: FlightsDep, response: Response, person: PersonDep
 ) -> FlightStatus:
@@ -197,10 +188,7 @@ async def start_flight(
     steering, unless a watcher is connected while an alarm is unacknowledged.
     """
     try:
-        with refused(429, "too-many-flights", TooManyFlights):
-            flight = await flights.start(request, signature(person, LOCAL))
-    except RecipeError:
-        raise
+        flight = await flights.start(request, signature(person, LOCAL))
     except UselessMonitor as error:
         raise Problem(422, f"{error}: accept_useless", "urn:forewarn:useless-monitor") from error
     except ValueError as error:
@@ -215,7 +203,7 @@ async def list_flights(flights: FlightsDep) -> list[FlightStatus]:
     return await _statuses(flights, await asyncio.to_thread(flights.store.flights.all))
 
 
-@router.get("/{flight_id}", responses=problem_responses(404, 422))
+@router.get("/{flight_id}")
 async def read_flight(flight_id: str, flights: FlightsDep) -> FlightStatus:
     """One flight."""
     info = await asyncio.to_thread(flights.store.flights.info, flight_id)
@@ -224,45 +212,36 @@ async def read_flight(flight_id: str, flights: FlightsDep) -> FlightStatus:
     return status.model_copy(update={"live": live, "end_reason": why})
 
 
-@router.post("/{flight_id}/end", responses=problem_responses(404, 409, 422, 429, 503))
-async def end_flight(
-    flight_id: str, flights: FlightsDep, person: PersonDep, who: SignedRequest | None = None
-) -> FlightStatus:
+@router.post("/{flight_id}/end", responses=problem_responses(409, 429))
+async def end_flight(flight_id: str, flights: FlightsDep, by: SignedBy) -> FlightStatus:
     """End a flight in progress and keep its record. An ended flight does not change.
 
     An interrupted live flight is first completed from its journal. A live flight then becomes a
     recording in the background. 503 if the record could not be completed: the flight is over, and
     the rest of its record is written once the store accepts writes.
     """
-    by = signature(person, (who or SignedRequest()).by)
-    too_many = refused(429, "too-many-flights", TooManyFlights)
-    with too_many, refused(409, "not-live", NotPossible):
-        await flights.end(flight_id, by)
+    await flights.end(flight_id, by)
     return await read_flight(flight_id, flights)
 
 
-@router.delete("/{flight_id}", status_code=204, responses=problem_responses(404, 409, 422, 503))
+@router.delete("/{flight_id}", status_code=204, responses=problem_responses(409))
 async def delete_flight(flight_id: str, flights: FlightsDep) -> None:
     """Delete the record of an ended flight; 409 if it is in progress or kept permanently."""
-    with refused(409, "under-way", FlightInProgress):
-        await flights.delete(flight_id)
+    await flights.delete(flight_id)
 
 
-@router.post("/{flight_id}/transport", responses=problem_responses(404, 409, 422))
+@router.post("/{flight_id}/transport", responses=problem_responses(409))
 async def steer(flight_id: str, request: TransportRequest, flights: FlightsDep) -> TransportState:
     """Steer a flight: play, pause, seek, step, speed, loop or next_alert."""
     flight = flights.flying(flight_id)
-    with refused(422, "transport", TransportError), refused(409, "transport", NotPossible):
-        flight.act(request.action, request.value)
+    flight.act(request.action, request.value)
     return flight.transport
 
 
-@router.get(
-    "/{flight_id}/assessments", response_model=FramesPart, responses=problem_responses(404, 422)
-)
+@router.get("/{flight_id}/assessments")
 async def read_assessments(
     flight_id: str, flights: FlightsDep, first: First = 0, last: Last = None
-) -> Response:
+) -> FramesPart:
     """Samples and assessments as `frames` of the stream, up to now for a flight in progress.
 
     `next` is the number of the next frame to request, null at the end.
@@ -272,54 +251,42 @@ async def read_assessments(
     return await _frames_response(frames, first, stop, last)
 
 
-@router.get(
-    "/{flight_id}/source", response_model=FramesPart, responses=problem_responses(404, 409, 422)
-)
+@router.get("/{flight_id}/source", responses=problem_responses(409))
 async def read_source(
     flight_id: str, flights: FlightsDep, first: First = 0, last: Last = None
-) -> Response:
+) -> FramesPart:
     """Samples of the source, flown or not: the strips before a point that the flight jumped to.
 
     As `assessments`, but `seq` is the number in the source. 409 for a live source.
     """
     flight, stop = flights.flying(flight_id), last_frame(first, last)
-    with refused(409, "transport", NotPossible):
-        frames = flight.source_frames(first, stop)
+    frames = flight.source_frames(first, stop)
     return await _frames_response(frames, first, stop, last)
 
 
-@router.get("/{flight_id}/alarms", responses=problem_responses(404, 422))
+@router.get("/{flight_id}/alarms")
 async def list_alarms(flight_id: str, flights: FlightsDep) -> list[Alarm]:
     """All alarms of a flight, in the order raised."""
     return await flights.records.alarms(flight_id)
 
 
-@router.post(
-    "/{flight_id}/alarms/{alarm_id}/acknowledge", responses=problem_responses(404, 422, 503)
-)
-async def acknowledge(
-    flight_id: str,
-    alarm_id: str,
-    flights: FlightsDep,
-    person: PersonDep,
-    who: SignedRequest | None = None,
-) -> Alarm:
+@router.post("/{flight_id}/alarms/{alarm_id}/acknowledge")
+async def acknowledge(flight_id: str, alarm_id: str, flights: FlightsDep, by: SignedBy) -> Alarm:
     """Acknowledge an alarm. Of several acknowledgements the first one counts.
 
     The response is sent once the acknowledgement is stored; on 503 it is not, and the alarm stays
     unacknowledged.
     """
-    by = signature(person, (who or SignedRequest()).by)
     return await flights.records.acknowledge(flight_id, alarm_id, by)
 
 
-@router.get("/{flight_id}/markers", responses=problem_responses(404, 422))
+@router.get("/{flight_id}/markers")
 async def list_flight_markers(flight_id: str, flights: FlightsDep) -> list[FlightMarker]:
     """All markers of a flight, in the order set."""
     return await flights.records.markers(flight_id)
 
 
-@router.post("/{flight_id}/markers", status_code=201, responses=problem_responses(404, 422, 503))
+@router.post("/{flight_id}/markers", status_code=201)
 async def set_flight_marker(
     flight_id: str, marker: MarkerRequest, flights: FlightsDep, person: PersonDep
 ) -> FlightMarker:
@@ -335,7 +302,7 @@ async def set_flight_marker(
 
 async def _frames_response(
     frames: list[dict[str, Any]], first: int, stop: int, last: int | None
-) -> Response:
+) -> Any:
     more = bool(frames) and frames[-1]["seq"] == stop and stop != last
     content = {"first": first, "next": stop + 1 if more else None, "frames": frames}
     return await asyncio.to_thread(json_response, content)

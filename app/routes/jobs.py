@@ -12,7 +12,7 @@ from fastapi.sse import format_sse_event
 from app import json_codec
 from app.catalog import study_request_schema, sweep_request_schema
 from app.http.problems import Problem, problem_responses
-from app.jobs.jobs import STOPPED, Jobs, NotRunning, QueueFull, Result, Task
+from app.jobs.jobs import STOPPED, Jobs, Result
 from app.jobs.kinds import compare_methods as run_study
 from app.jobs.kinds import sweep_leads as run_sweep
 from app.jobs.kinds import without_figures
@@ -26,7 +26,6 @@ from app.routes.dependencies import (
     body_of,
     file_of,
     json_response,
-    refused,
 )
 from app.store.jobs import ENDED, JobInfo
 
@@ -36,7 +35,7 @@ KEEP_ALIVE = 15.0
 LAST_EVENT = "end"
 
 
-ACCEPTED: dict[int | str, dict[str, Any]] = problem_responses(404, 413, 415, 422, 429) | {
+ACCEPTED: dict[int | str, dict[str, Any]] = problem_responses(429) | {
     202: {
         "description": "queued; the job is at `Location`",
         "headers": {
@@ -50,9 +49,8 @@ ACCEPTED: dict[int | str, dict[str, Any]] = problem_responses(404, 413, 415, 422
 
 
 def queued(*problems: int) -> Any:
-    """Arguments of a route that queues long work."""
-    responses = ACCEPTED | problem_responses(*problems)
-    return {"status_code": 202, "response_model": JobInfo, "responses": responses}
+    """Arguments of a route that queues long work and returns `accepted`."""
+    return {"status_code": 202, "responses": ACCEPTED | problem_responses(*problems)}
 
 
 def as_sent(info: JobInfo) -> JobInfo:
@@ -68,14 +66,12 @@ async def accepted(
     request: dict[str, Any],
     work: Callable[..., Result],
     *arguments: Any,
-) -> Response:
+) -> Any:
     """Queue `work(task, *arguments)`; 429 if the queue is full."""
 
-    def run(task: Task) -> Result:
-        return work(task, *arguments)
-
-    with refused(429, "queue-full", QueueFull):
-        job_id = await asyncio.to_thread(jobs.submit, kind, request, run)
+    job_id = await asyncio.to_thread(
+        jobs.submit, kind, request, lambda task: work(task, *arguments)
+    )
     job = as_sent(await asyncio.to_thread(jobs.info, job_id))
     return json_response(job, 202, {"Location": f"/api/v1/jobs/{job_id}"})
 
@@ -91,7 +87,7 @@ def _short(info: JobInfo) -> JobInfo:
     return replace(info, result=None) if info.kind in ("study", "sweep") else info
 
 
-@router.get("/jobs/{job_id}", responses=problem_responses(404))
+@router.get("/jobs/{job_id}")
 def read_job(job_id: str, jobs: JobsDep) -> JobInfo:
     """One job, with its result when done."""
     return as_sent(jobs.info(job_id))
@@ -99,7 +95,7 @@ def read_job(job_id: str, jobs: JobsDep) -> JobInfo:
 
 @router.get(
     "/jobs/{job_id}/figures/{name}",
-    responses=problem_responses(404) | file_of("image/svg+xml", "the figure"),
+    responses=file_of("image/svg+xml", "the figure"),
     response_class=Response,
 )
 def read_figure(job_id: str, name: str, jobs: JobsDep) -> Response:
@@ -111,11 +107,10 @@ def read_figure(job_id: str, name: str, jobs: JobsDep) -> Response:
     return Response(figures[name], media_type="image/svg+xml")
 
 
-@router.post("/jobs/{job_id}/cancel", status_code=202, responses=problem_responses(404, 409))
+@router.post("/jobs/{job_id}/cancel", status_code=202, responses=problem_responses(409))
 def cancel_job(job_id: str, jobs: JobsDep) -> JobInfo:
     """Cancel a job: it ends at its next step as `cancelled`."""
-    with refused(409, "not-running", NotRunning):
-        jobs.cancel(job_id)
+    jobs.cancel(job_id)
     return as_sent(jobs.info(job_id))
 
 
@@ -137,11 +132,7 @@ EVENTS: dict[int | str, dict[str, Any]] = {
 }
 
 
-@router.get(
-    "/jobs/{job_id}/events",
-    responses=problem_responses(404) | EVENTS,
-    response_class=StreamingResponse,
-)
+@router.get("/jobs/{job_id}/events", responses=EVENTS, response_class=StreamingResponse)
 def stream_job(
     job_id: str,
     request: Request,

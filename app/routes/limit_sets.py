@@ -7,15 +7,21 @@ from fastapi import APIRouter, Path
 from pydantic import BaseModel, Field, JsonValue
 
 from app.flights.flight_limits import to_store
-from app.flights.transport import NotPossible
 from app.http.problems import problem_responses
 from app.json_codec import Whole
 from app.messages import LimitsStatus
-from app.routes.dependencies import By, Finite, PersonDep, StoreDep, refused, signature, strictly
-from app.routes.flights import FlightsDep
+from app.routes.dependencies import (
+    By,
+    Finite,
+    FlightsDep,
+    PersonDep,
+    StoreDep,
+    refused,
+    signature,
+    strictly,
+)
 from app.store.limit_sets import FlightLimits, LimitSetInfo, StoredLimits
 from app.store.people import LOCAL
-from app.telemetry.journal import JournalFull
 from core.limits.limit_sets import ConditionKey, LimitSet, limit_set_from_plain
 
 router = APIRouter(prefix="/api/v1", tags=["limit sets"])
@@ -88,35 +94,33 @@ def list_limit_sets(store: StoreDep) -> list[LimitSetInfo]:
     return store.limit_sets.all()
 
 
-@router.post("/limit-sets", status_code=201, responses=problem_responses(422))
+@router.post("/limit-sets", status_code=201)
 def add_limit_set(new: NewLimitSet, store: StoreDep, person: PersonDep) -> StoredLimits:
     """Store a limit set with its first version."""
     about = new.limits, signature(person, new.by), new.text
     return store.limit_sets.add(new.name, *about)
 
 
-@router.get("/limit-sets/{set_id}", responses=problem_responses(404))
+@router.get("/limit-sets/{set_id}")
 def read_limit_set(set_id: str, store: StoreDep) -> list[StoredLimits]:
     """All versions of a limit set, newest first."""
     return store.limit_sets.versions(set_id)
 
 
-@router.post(
-    "/limit-sets/{set_id}/versions", status_code=201, responses=problem_responses(404, 422)
-)
+@router.post("/limit-sets/{set_id}/versions", status_code=201)
 def add_version(set_id: str, new: LimitsText, store: StoreDep, person: PersonDep) -> StoredLimits:
     """Store the next version of a limit set. Earlier versions do not change."""
     about = new.limits, signature(person, new.by), new.text
     return store.limit_sets.add_version(set_id, *about)
 
 
-@router.get("/limit-sets/{set_id}/versions/{version}", responses=problem_responses(404, 422))
+@router.get("/limit-sets/{set_id}/versions/{version}")
 def read_version(set_id: str, version: Version, store: StoreDep) -> StoredLimits:
     """One version of a limit set."""
     return store.limit_sets.version(set_id, version)
 
 
-@router.get("/flights/{flight_id}/limits", responses=problem_responses(404, 422))
+@router.get("/flights/{flight_id}/limits")
 async def list_flight_limits(flight_id: str, flights: FlightsDep) -> list[FlightLimits]:
     """All versions of limit sets put in force during a flight, in order."""
     await asyncio.to_thread(flights.store.flights.info, flight_id)
@@ -127,7 +131,7 @@ async def list_flight_limits(flight_id: str, flights: FlightsDep) -> list[Flight
     return list((in_store | {change.number: change for change in in_flight}).values())
 
 
-@router.put("/flights/{flight_id}/limits", responses=problem_responses(404, 409, 422, 503))
+@router.put("/flights/{flight_id}/limits", responses=problem_responses(409))
 async def put_in_force(
     flight_id: str, request: LimitsRequest, flights: FlightsDep, person: PersonDep
 ) -> LimitsStatus:
@@ -138,9 +142,7 @@ async def put_in_force(
     """
     by = signature(person, request.by)
     about = request.limit_set, request.version, request.fixed, by
-    not_durable = refused(503, "not-durable", JournalFull)
-    with refused(409, "limits", NotPossible), not_durable:
-        await flights.put_in_force(flight_id, *about)
+    await flights.put_in_force(flight_id, *about)
     limits = flights.flying(flight_id).limits
     assert limits is not None
     return limits

@@ -4,20 +4,20 @@ import asyncio
 from typing import Annotated, Any
 
 import numpy as np
-from fastapi import APIRouter, Body, Request, Response
+from fastapi import APIRouter, Body, Request
 from pydantic import BaseModel, Field
 from starlette.requests import HTTPConnection
 
-from app.flights.flights import Flights, TooManyFlights
-from app.flights.sources.live import LiveFlight, SequenceConflict
-from app.flights.transport import NotPossible
+from app.flights.flights import Flights
 from app.http.problems import Problem, problem_responses
 from app.messages import Frame, LiveStatus, plain_frame
 from app.routes.dependencies import (
     First,
+    FlightsDep,
     Last,
     PersonDep,
     RecordingsDep,
+    SignedBy,
     SignedRequest,
     TimeInterval,
     body_of,
@@ -27,9 +27,6 @@ from app.routes.dependencies import (
     signature,
     strictly,
 )
-from app.routes.flights import FlightsDep
-from app.telemetry.journal import JournalFull
-from app.telemetry.recording import TelemetryError
 
 router = APIRouter(prefix="/api/v1/flights", tags=["flights"])
 DURABLE_WITHIN_S = 5.0
@@ -66,7 +63,7 @@ class SenderRequest(SignedRequest):
 
 @router.post(
     "/{flight_id}/samples",
-    responses=problem_responses(404, 409, 422, 429, 503),
+    responses=problem_responses(409, 429),
     openapi_extra=body_of(
         {
             "type": "object",
@@ -84,14 +81,8 @@ async def push_samples(flight_id: str, request: Request, flights: FlightsDep) ->
     A repeated batch with the same number is used once; 409 for a different batch with that number.
     503: the batch is shown but not durable yet; repeat it until the answer is 200.
     """
-    flight = await _live(flight_id, flights)
-    with (
-        refused(409, "not-live", NotPossible),
-        refused(409, "sequence", SequenceConflict),
-        refused(422, "telemetry", TelemetryError),
-        refused(503, "not-durable", JournalFull),
-    ):
-        received = flight.receive(await request.body(), sender_of("REST", request))
+    flight = await flights.live(flight_id)
+    received = flight.receive(await request.body(), sender_of("REST", request))
     try:
         await asyncio.wait_for(asyncio.shield(received.stored), DURABLE_WITHIN_S)
     except TimeoutError:
@@ -106,46 +97,27 @@ async def push_samples(flight_id: str, request: Request, flights: FlightsDep) ->
     )
 
 
-@router.get("/{flight_id}/samples", responses=problem_responses(404, 409, 422, 429))
+@router.get("/{flight_id}/samples", responses=problem_responses(409, 429))
 async def read_live(flight_id: str, flights: FlightsDep) -> LiveStatus:
     """State of the source of a live flight, and the last batch received; continue after it."""
-    return (await _live(flight_id, flights)).live
+    return (await flights.live(flight_id)).live
 
 
-@router.post("/{flight_id}/manoeuvre", status_code=204, responses=problem_responses(404, 409, 422))
-async def begin_manoeuvre(
-    flight_id: str,
-    flights: FlightsDep,
-    person: PersonDep,
-    who: Annotated[SignedRequest | None, Body()] = None,
-) -> Response:
+@router.post("/{flight_id}/manoeuvre", status_code=204, responses=problem_responses(409))
+async def begin_manoeuvre(flight_id: str, flights: FlightsDep, by: SignedBy) -> None:
     """Mark the start of a manoeuvre that the control surfaces do not show."""
-    flight = await _live(flight_id, flights)
-    by = signature(person, (who or SignedRequest()).by)
-    with refused(409, "not-live", NotPossible):
-        await asyncio.shield(flight.begin_manoeuvre(by))
-    return Response(status_code=204)
+    flight = await flights.live(flight_id)
+    await asyncio.shield(flight.begin_manoeuvre(by))
 
 
-@router.post("/{flight_id}/sender", status_code=204, responses=problem_responses(404, 409, 422))
+@router.post("/{flight_id}/sender", status_code=204, responses=problem_responses(409))
 async def change_sender(
-    flight_id: str,
-    flights: FlightsDep,
-    person: PersonDep,
-    request: SenderRequest,
-) -> Response:
+    flight_id: str, flights: FlightsDep, person: PersonDep, request: SenderRequest
+) -> None:
     """Accept datagrams of another sender as the source, instead of the present one."""
-    flight = await _live(flight_id, flights)
+    flight = await flights.live(flight_id)
     by = signature(person, request.by)
-    with refused(409, "not-live", NotPossible):
-        await asyncio.shield(flight.change_sender(request.sender, by))
-    return Response(status_code=204)
-
-
-async def _live(flight_id: str, flights: Flights) -> LiveFlight:
-    too_many = refused(429, "too-many-flights", TooManyFlights)
-    with too_many, refused(409, "not-live", NotPossible):
-        return await flights.live(flight_id)
+    await asyncio.shield(flight.change_sender(request.sender, by))
 
 
 class LiveScoreRequest(BaseModel):
@@ -189,9 +161,7 @@ class LiveScore(BaseModel):
     frames: list[ShownFrame]
 
 
-@router.post(
-    "/{flight_id}/score", response_model=LiveScore, responses=problem_responses(404, 422, 429)
-)
+@router.post("/{flight_id}/score", responses=problem_responses(429))
 async def score_live(
     flight_id: str,
     flights: FlightsDep,
@@ -199,7 +169,7 @@ async def score_live(
     request: Annotated[LiveScoreRequest | None, Body()] = None,
     first: First = 0,
     last: Last = None,
-) -> Response:
+) -> LiveScore:
     """Rescore an ended live flight from its journal as in flight, without later samples.
 
     The journal holds each batch with its time of arrival. The flight's own monitor gives the same

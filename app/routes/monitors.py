@@ -102,7 +102,6 @@ _TRAINING_BODY["requestBody"]["content"] |= CONTENT
 @router.post(
     "",
     status_code=202,
-    response_model=JobInfo,
     responses=ACCEPTED | {201: {"model": MonitorInfo, "description": "the uploaded monitor"}},
     openapi_extra=_TRAINING_BODY,
 )
@@ -115,7 +114,7 @@ async def train_monitor(
     name: Annotated[
         str | None, Query(min_length=1, max_length=200, description="name of an uploaded monitor")
     ] = None,
-):
+) -> JobInfo:
     """Train a monitor on a stored dataset or one simulated first, or upload a monitor.
 
     A JSON body starts a job that trains the monitor and evaluates it on `n_test` fresh flights;
@@ -161,7 +160,7 @@ async def combine_monitors(plain: PlainBody, store: StoreDep, jobs: JobsDep, set
     return await accepted(jobs, "monitor", details, kinds.combine_monitors, *request, store)
 
 
-async def _add_file(body: bytes, name: str, recordings: Recordings) -> Response:
+async def _add_file(body: bytes, name: str, recordings: Recordings) -> Any:
     info = await recordings.workers.run(recordings.store.monitors.add_file, body, name)
     return json_response(
         limits_named(asdict(info)), 201, {"Location": f"/api/v1/monitors/{info.id}"}
@@ -174,7 +173,7 @@ def list_monitors(store: StoreDep) -> list[MonitorInfo]:
     return store.monitors.all()
 
 
-@router.get("/{monitor_id}", responses=problem_responses(404, 422))
+@router.get("/{monitor_id}")
 def read_monitor(
     monitor_id: str,
     store: StoreDep,
@@ -187,16 +186,14 @@ def read_monitor(
     return store.monitors.info(monitor_id, epsilon)
 
 
-@router.delete("/{monitor_id}", status_code=204, responses=problem_responses(404, 409))
+@router.delete("/{monitor_id}", status_code=204, responses=problem_responses(409))
 def delete_monitor(monitor_id: str, store: StoreDep) -> None:
     """Delete a monitor; 409 if it is in use."""
     store.monitors.delete(monitor_id)
 
 
-@router.get(
-    "/{monitor_id}/calibration", response_model=Calibration, responses=problem_responses(404)
-)
-def read_calibration(monitor_id: str, store: StoreDep):
+@router.get("/{monitor_id}/calibration")
+def read_calibration(monitor_id: str, store: StoreDep) -> Calibration:
     """Sorted calibration scores, the smallest epsilon they allow, and the monitor's epsilon.
 
     `alert_above` is the risk above which the monitor alerts to keep its `guarantee` at its epsilon.
@@ -237,7 +234,7 @@ def _groups(monitor: Monitor) -> list[dict[str, Any]]:
     ]
 
 
-@router.get("/{monitor_id}/evaluation", responses=problem_responses(404))
+@router.get("/{monitor_id}/evaluation")
 def read_evaluation(monitor_id: str, store: StoreDep) -> dict[str, Any]:
     """Results on fresh flights over epsilon, and the lead times.
 
@@ -278,11 +275,7 @@ async def choose_epsilon(monitor_id: str, plain: PlainBody, store: StoreDep, job
     return await accepted(jobs, "epsilon", details, kinds.choose_epsilon, monitor, recipe)
 
 
-@router.get(
-    "/{monitor_id}/certificate",
-    response_class=HTMLResponse,
-    responses=problem_responses(404),
-)
+@router.get("/{monitor_id}/certificate", response_class=HTMLResponse)
 def read_certificate(monitor_id: str, store: StoreDep) -> HTMLResponse:
     """The certificate as a page to print; `/evaluation` has its numbers as JSON.
 
@@ -297,9 +290,7 @@ def read_certificate(monitor_id: str, store: StoreDep) -> HTMLResponse:
 
 
 @router.get(
-    "/{monitor_id}/file",
-    response_class=Response,
-    responses=problem_responses(404) | file_of(OCTETS, "the portable monitor"),
+    "/{monitor_id}/file", response_class=Response, responses=file_of(OCTETS, "the portable monitor")
 )
 def read_monitor_file(monitor_id: str, store: StoreDep) -> Response:
     """The portable monitor, for `forewarn score` or another server."""

@@ -209,8 +209,7 @@ class TrainingProposal(BaseModel):
 @router.post(
     "",
     status_code=201,
-    response_model=RecordingDetails,
-    responses=problem_responses(408, 413, 415, 422, 429, 507)
+    responses=problem_responses(408, 429, 507)
     | {
         201: {
             "description": "read and stored",
@@ -236,7 +235,7 @@ async def upload_recording(
             min_length=1, max_length=200, description="propose the stored mapping of this aircraft"
         ),
     ] = None,
-):
+) -> RecordingDetails:
     """Upload a telemetry file in any format of the catalog, in a form or as the body.
 
     `curl -F file=@flight.csv URL`, or `curl --data-binary @flight.csv 'URL?name=flight.csv'` with
@@ -267,24 +266,22 @@ def list_recordings(recordings: RecordingsDep) -> list[RecordingInfo]:
     return recordings.store.recordings.all()
 
 
-@router.get("/{recording_id}", response_model=RecordingDetails, responses=problem_responses(404))
-def read_recording(recording_id: str, recordings: RecordingsDep):
+@router.get("/{recording_id}")
+def read_recording(recording_id: str, recordings: RecordingsDep) -> RecordingDetails:
     """One recording with its contents and mapping."""
     return json_response(recording_answer(recordings, recording_id))
 
 
-@router.delete("/{recording_id}", status_code=204, responses=problem_responses(404, 409))
+@router.delete("/{recording_id}", status_code=204, responses=problem_responses(409))
 def delete_recording(recording_id: str, recordings: RecordingsDep) -> None:
     """Delete a recording, its scorings and markers; 409 if it is flown or kept permanently."""
     recordings.delete(recording_id)
 
 
-@router.put(
-    "/{recording_id}/mapping",
-    response_model=RecordingDetails,
-    responses=problem_responses(404, 422),
-)
-def confirm_mapping(recording_id: str, request: MappingRequest, recordings: RecordingsDep):
+@router.put("/{recording_id}/mapping")
+def confirm_mapping(
+    recording_id: str, request: MappingRequest, recordings: RecordingsDep
+) -> RecordingDetails:
     """Confirm the mapping of signals to channels.
 
     It is proposed for the next recording of the aircraft. Earlier scorings keep their mapping. 422
@@ -295,10 +292,10 @@ def confirm_mapping(recording_id: str, request: MappingRequest, recordings: Reco
     return json_response(recording_answer(recordings, recording_id))
 
 
-@router.post(
-    "/{recording_id}/preview", response_model=Preview, responses=problem_responses(404, 422)
-)
-def preview_mapping(recording_id: str, request: PreviewRequest, recordings: RecordingsDep):
+@router.post("/{recording_id}/preview")
+def preview_mapping(
+    recording_id: str, request: PreviewRequest, recordings: RecordingsDep
+) -> Preview:
     """Try a mapping without storing it: each channel in bins, and the quality.
 
     If the mapping cannot be applied, `problem` has the reason and there are no channels.
@@ -307,28 +304,20 @@ def preview_mapping(recording_id: str, request: PreviewRequest, recordings: Reco
     return json_response(preview(recordings, recording_id, mapping, request.bins))
 
 
-@router.get(
-    "/{recording_id}/signals/{index}/preview",
-    response_model=SignalPreview,
-    responses=problem_responses(404, 422),
-)
-def preview_signal(recording_id: str, index: int, recordings: RecordingsDep):
+@router.get("/{recording_id}/signals/{index}/preview")
+def preview_signal(recording_id: str, index: int, recordings: RecordingsDep) -> SignalPreview:
     """A signal of the file in bins. index: its place in the signals of the contents."""
     return json_response(signal_bands(recordings, recording_id, index))
 
 
-@router.get(
-    "/{recording_id}/training-proposal",
-    response_model=TrainingProposal,
-    responses=problem_responses(404, 422, 429),
-)
+@router.get("/{recording_id}/training-proposal", responses=problem_responses(429))
 async def propose_training(
     recording_id: str,
     recordings: RecordingsDep,
     monitor: Annotated[
         str | None, Query(description="id of a monitor whose limits and lead are proposed")
     ] = None,
-):
+) -> TrainingProposal:
     """A partial body of `POST /monitors` for the manoeuvre of a recording.
 
     Use it where no monitor fits the recording. The largest control input is compared with the
@@ -361,29 +350,27 @@ class MarkerText(BaseModel):
         return self
 
 
-@router.get("/{recording_id}/markers", responses=problem_responses(404))
+@router.get("/{recording_id}/markers")
 def list_markers(recording_id: str, store: StoreDep) -> list[Marker]:
     """All markers and notes of a recording, in order of time."""
     return store.markers.of(recording_id)
 
 
-@router.post("/{recording_id}/markers", status_code=201, responses=problem_responses(404, 422))
+@router.post("/{recording_id}/markers", status_code=201)
 def add_marker(recording_id: str, text: MarkerText, store: StoreDep) -> Marker:
     """Add a marker or a note."""
     marker = Marker(id=new_id(), created=now(), **text.model_dump())
     return store.markers.add(recording_id, marker)
 
 
-@router.put("/{recording_id}/markers/{marker_id}", responses=problem_responses(404, 422))
+@router.put("/{recording_id}/markers/{marker_id}")
 def change_marker(recording_id: str, marker_id: str, text: MarkerText, store: StoreDep) -> Marker:
     """Change a marker's text or time."""
     marker = Marker(id=marker_id, created="", **text.model_dump())
     return store.markers.update(recording_id, marker)
 
 
-@router.delete(
-    "/{recording_id}/markers/{marker_id}", status_code=204, responses=problem_responses(404)
-)
+@router.delete("/{recording_id}/markers/{marker_id}", status_code=204)
 def delete_marker(recording_id: str, marker_id: str, store: StoreDep) -> None:
     """Delete a marker."""
     store.markers.delete(recording_id, marker_id)

@@ -8,7 +8,6 @@ import numpy as np
 from fastapi import APIRouter, Query
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
-from app.http.problems import problem_responses
 from app.routes.dependencies import PlainBody, StoreDep, body_of, json_response, refused
 from app.telemetry.recording import ATTITUDE, Recording, TelemetryError
 from core.channels import CHANNELS, KEYS
@@ -131,8 +130,6 @@ def assessed(monitor: Monitor, recording: Recording, epsilon: float, *, why: boo
 
 @router.post(
     "/{monitor_id}/score",
-    response_model=AssessedTelemetry,
-    responses=problem_responses(404, 413, 415, 422),
     openapi_extra=body_of(
         TelemetryBody.model_json_schema(),
         {"t": [0.0, 0.05, 0.1]} | {key: [0.0, 0.01, 0.02] for key in KEYS},
@@ -149,7 +146,7 @@ def score_telemetry(
     why: Annotated[
         bool, Query(description="add the nearest simulated rollouts to each assessment")
     ] = False,
-):
+) -> AssessedTelemetry:
     """Assess telemetry sample by sample. Its interval must be that of the monitor.
 
     One array per channel in SI units, N_y in g; null for a missing value. A sample at any other

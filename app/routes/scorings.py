@@ -176,16 +176,12 @@ class Tiles(BaseModel):
     alert: list[bool]
 
 
-@router.get(
-    "/manoeuvres",
-    response_model=list[ManoeuvreInterval],
-    responses=problem_responses(404, 422, 429),
-)
+@router.get("/manoeuvres", responses=problem_responses(429))
 async def find_manoeuvres(
     recording_id: str,
     monitor: Annotated[str, Query(description="id; its planned input is what to look for")],
     recordings: RecordingsDep,
-):
+) -> list[ManoeuvreInterval]:
     """Manoeuvres that a scoring by this monitor would detect by control activity."""
     run = recordings.workers.run
     return json_response(await run(detected_manoeuvres, recordings, recording_id, monitor))
@@ -194,13 +190,10 @@ async def find_manoeuvres(
 @router.post(
     "/scorings",
     status_code=201,
-    response_model=Scoring,
-    responses=problem_responses(404, 422, 429, 507)
+    responses=problem_responses(429, 507)
     | {200: {"model": Scoring, "description": "the stored scoring of an identical request"}},
 )
-async def score_recording(
-    recording_id: str, request: ScoringRequest, scored: ScoredDep
-) -> Response:
+async def score_recording(recording_id: str, request: ScoringRequest, scored: ScoredDep) -> Scoring:
     """Score a recording by a monitor; stored with the monitor's digest and the mapping.
 
     An identical request for the same file, mapping and monitor returns the stored scoring with 200,
@@ -225,38 +218,34 @@ def _epsilon(scored: ScoredDep, request: ScoringRequest) -> float:
         return scored.store.monitors.get(request.monitor).check_epsilon(request.epsilon)
 
 
-@router.get("/scorings", response_model=list[Scoring], responses=problem_responses(404))
-def list_scorings(recording_id: str, scored: ScoredDep):
+@router.get("/scorings")
+def list_scorings(recording_id: str, scored: ScoredDep) -> list[Scoring]:
     """All scorings of a recording, newest first."""
     return json_response(answers(scored, scored.store.scorings.of(recording_id)))
 
 
-@router.get("/scorings/{scoring_id}", response_model=Scoring, responses=problem_responses(404))
-def read_scoring(recording_id: str, scoring_id: str, scored: ScoredDep):
+@router.get("/scorings/{scoring_id}")
+def read_scoring(recording_id: str, scoring_id: str, scored: ScoredDep) -> Scoring:
     """One scoring with a verdict on each manoeuvre; 500 if its samples are damaged."""
     info = scored.store.scorings.info(recording_id, scoring_id)
     scored.samples(info)
     return json_response(answers(scored, [info], verified=True)[0])
 
 
-@router.delete("/scorings/{scoring_id}", status_code=204, responses=problem_responses(404, 409))
+@router.delete("/scorings/{scoring_id}", status_code=204, responses=problem_responses(409))
 def delete_scoring(recording_id: str, scoring_id: str, scored: ScoredDep) -> None:
     """Delete a scoring; 409 while it is flown."""
     scored.delete(recording_id, scoring_id)
 
 
-@router.get(
-    "/scorings/{scoring_id}/assessments",
-    response_model=ScoredFrames,
-    responses=problem_responses(404, 422),
-)
+@router.get("/scorings/{scoring_id}/assessments")
 def read_scored_samples(
     recording_id: str,
     scoring_id: str,
     scored: ScoredDep,
     first: First = 0,
     last: Last = None,
-):
+) -> ScoredFrames:
     """Samples and assessments of a scoring as frames of a flight.
 
     `next` is the number of the next frame to request, null at the end.
@@ -271,9 +260,7 @@ def read_scored_samples(
     return json_response(answer)
 
 
-@router.get(
-    "/scorings/{scoring_id}/tiles", response_model=Tiles, responses=problem_responses(404, 422)
-)
+@router.get("/scorings/{scoring_id}/tiles")
 def read_tiles(
     recording_id: str,
     scoring_id: str,
@@ -281,7 +268,7 @@ def read_tiles(
     start: Annotated[Finite | None, Query(description="[s]; that of the scoring if absent")] = None,
     end: Annotated[Finite | None, Query(description="[s]; that of the scoring if absent")] = None,
     bins: Annotated[int, Query(ge=1, le=MOST_BINS, description="most bins")] = 1000,
-):
+) -> Tiles:
     """An interval of a scoring in bins, computed from stored tiles."""
     info: ScoringInfo = scored.store.scorings.info(recording_id, scoring_id)
     window = (info.start if start is None else start, info.end if end is None else end)
@@ -302,8 +289,7 @@ SAMPLES: dict[int | str, dict[str, Any]] = {
 
 @router.get(
     "/scorings/{scoring_id}/report",
-    responses=problem_responses(404, 422)
-    | {200: {"description": "one HTML file", "content": {"text/html": {}}}},
+    responses={200: {"description": "one HTML file", "content": {"text/html": {}}}},
     response_class=Response,
 )
 def read_report(
@@ -320,11 +306,7 @@ def read_report(
     return Response(report(subject), headers=headers, media_type="text/html")
 
 
-@router.get(
-    "/scorings/{scoring_id}/export",
-    responses=problem_responses(404, 422) | SAMPLES,
-    response_class=Response,
-)
+@router.get("/scorings/{scoring_id}/export", responses=SAMPLES, response_class=Response)
 def export_samples(
     recording_id: str,
     scoring_id: str,

@@ -3,15 +3,22 @@
 import asyncio
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, Request, Response
+from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, Field
 from starlette.datastructures import State as AppState
 
 from app.demonstration import Demonstration, DemonstrationProgress
 from app.flights.flights import Flights
 from app.http.metrics import CONTENT_TYPE
-from app.http.problems import Problem, problem_responses
-from app.routes.dependencies import JournalsDep, RecordingsDep, SettingsDep, StoreDep, strictly
+from app.http.problems import Problem
+from app.routes.dependencies import (
+    JournalsDep,
+    RecordingsDep,
+    SettingsDep,
+    StoreDep,
+    part,
+    strictly,
+)
 from app.upkeep.integrity import Damage, Integrity, State
 from app.upkeep.usage import DiskSpace, StorageUsage, space_of, usage_of
 from core import __version__
@@ -68,7 +75,7 @@ async def health() -> Health:
     return Health(status="ok")
 
 
-@router.get("/readyz", tags=["health"], responses=problem_responses(503))
+@router.get("/readyz", tags=["health"])
 @router.head("/readyz", include_in_schema=False)
 async def readiness(request: Request) -> Readiness:
     """Whether the store can be read and written, and every flight is recorded."""
@@ -142,31 +149,21 @@ def read_space(settings: SettingsDep) -> DiskSpace:
     return space_of(settings.data_dir)
 
 
-@router.put(
-    "/api/v1/flights/{flight_id}/keep", tags=["storage"], responses=problem_responses(404, 422)
-)
+@router.put("/api/v1/flights/{flight_id}/keep", tags=["storage"])
 def keep_flight(flight_id: str, keeping: Keeping, store: StoreDep) -> Keeping:
     """Keep a flight permanently, or release it."""
     store.flights.keep(flight_id, keeping.keep)
     return keeping
 
 
-@router.put(
-    "/api/v1/recordings/{recording_id}/keep",
-    tags=["storage"],
-    responses=problem_responses(404, 422),
-)
+@router.put("/api/v1/recordings/{recording_id}/keep", tags=["storage"])
 def keep_recording(recording_id: str, keeping: Keeping, store: StoreDep) -> Keeping:
     """Keep a recording permanently, or release it."""
     store.recordings.keep(recording_id, keeping.keep)
     return keeping
 
 
-async def _demonstration(request: Request) -> Demonstration:
-    return request.app.state.demonstration
-
-
-DemonstrationDep = Annotated[Demonstration, Depends(_demonstration)]
+DemonstrationDep = Annotated[Demonstration, part("demonstration")]
 
 
 @router.get("/api/v1/demonstration", tags=["demonstration"])
