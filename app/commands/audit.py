@@ -3,15 +3,14 @@
 import argparse
 import sys
 
-from app.commands.options.stored_data import add_place, place_of
-from app.commands.output.results import add_json
+from app.commands.options.option import add_json, add_place, option, place_of
 
 
 def add(parser: argparse.ArgumentParser) -> None:
     for name, text in (("since", "first"), ("until", "end")):
         help_ = f"{text} day or time in ISO 8601; UTC unless it names a zone"
         parser.add_argument(f"--{name}", metavar="TIME", help=help_)
-    parser.add_argument("--who", metavar="NAME", help="only changes by this person")
+    option(parser, "--who NAME", "only changes by this person")
     add_place(parser)
     add_json(parser)
 

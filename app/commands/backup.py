@@ -4,18 +4,18 @@ import argparse
 from dataclasses import asdict
 from pathlib import Path
 
-from app.commands.options.stored_data import add_place, place_of
-from app.commands.output.results import add_json, print_result
+from app.commands.options.option import add_json, add_place, option, place_of
+from app.commands.output.results import print_result
 
 MIB = 2**20
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "place",
+    option(
+        parser,
+        "place FILE|DIR",
+        "a new file like b.fwbackup, or a directory for a file named after the time",
         type=Path,
-        metavar="FILE|DIR",
-        help="a new file like b.fwbackup, or a directory for a file named after the time",
     )
     add_place(parser)
     add_json(parser)

@@ -11,8 +11,9 @@ from app.campaigns.clearing import checklist, clear_next, identification_plain, 
 from app.campaigns.flying import aborted_flight, flown_point
 from app.campaigns.point import CampaignError, Condition, FlownPoint, Point, percent_at_most
 from app.commands.options.fields import add_fields, given_fields
+from app.commands.options.option import add_json, option
 from app.commands.options.recipe import add_recipe_options, plain_recipe
-from app.commands.output.results import add_json, check_file, print_result, progress_bar
+from app.commands.output.results import check_file, print_result, progress_bar
 from app.commands.output.scores import read_mapping
 from app.recipes.recipes import to_plain
 from app.recordings.mapped_recording import MappedRecording
@@ -30,23 +31,17 @@ def add(parser: argparse.ArgumentParser) -> None:
     new, add, clear, fly = (everything[name] for name in ("new", "add", "clear", "fly"))
     confirm, hold, abort = (everything[name] for name in ("confirm", "hold", "abort"))
     for action in everything.values():
-        action.add_argument("file", type=Path, metavar="CAMPAIGN.json", help="the campaign")
+        option(action, "file CAMPAIGN.json", "the campaign", type=Path)
     for action in (clear, confirm, hold, abort, fly):
-        action.add_argument("--by", required=True, metavar="NAME", help="who decides")
+        option(action, "--by NAME", "who decides", required=True)
     for action in (confirm, hold, abort):
-        action.add_argument("--why", default="", metavar="TEXT", help="reason")
-    fly.add_argument(
-        "recording", type=Path, metavar="RECORDING", help="telemetry in any known format"
-    )
-    abort.add_argument(
-        "--recording", type=Path, metavar="FILE", help="recording of a point aborted in flight"
-    )
+        option(action, "--why TEXT", "reason", default="")
+    option(fly, "recording RECORDING", "telemetry in any known format", type=Path)
+    option(abort, "--recording FILE", "recording of a point aborted in flight", type=Path)
     for action in (fly, abort):
-        action.add_argument("--start", type=float, help="start of the manoeuvre with its trim [s]")
-        action.add_argument("--end", type=float, help="end of the manoeuvre [s]")
-        action.add_argument(
-            "--mapping", type=Path, metavar="FILE", help="mapping, as `score` writes it"
-        )
+        option(action, "--start START", "start of the manoeuvre with its trim [s]", type=float)
+        option(action, "--end END", "end of the manoeuvre [s]", type=float)
+        option(action, "--mapping FILE", "mapping, as `score` writes it", type=Path)
     everything["report"].add_argument(
         "-o",
         "--out",
@@ -60,38 +55,36 @@ def add(parser: argparse.ArgumentParser) -> None:
     _add_plan(new)
     _add_points(add)
     condition = "name of the flight condition"
-    new.add_argument("--condition", default="", metavar="NAME", help=condition)
-    add.add_argument("--condition", required=True, metavar="NAME", help=condition)
+    option(new, "--condition NAME", condition, default="")
+    option(add, "--condition NAME", condition, required=True)
     for action in everything.values():
         add_json(action)
 
 
 def _add_points(parser: argparse.ArgumentParser) -> None:
     add_recipe_options(parser)
-    parser.add_argument(
-        "--steps",
+    option(
+        parser,
+        "--steps SHARE",
+        "shares of the planned amplitude, increasing; "
+        f"{' '.join(f'{step:g}' for step in USUAL_STEPS)} if absent",
         type=float,
         nargs="+",
         default=USUAL_STEPS,
-        metavar="SHARE",
-        help="shares of the planned amplitude, increasing; "
-        f"{' '.join(f'{step:g}' for step in USUAL_STEPS)} if absent",
     )
-    parser.add_argument(
-        "--passes-below",
+    option(
+        parser,
+        "--passes-below NUMBER",
+        "pass criterion: share of a limit to stay below; 1 if absent",
         type=float,
         default=1.0,
-        metavar="NUMBER",
-        help="pass criterion: share of a limit to stay below; 1 if absent",
     )
-    parser.add_argument(
-        "--criteria", default="", metavar="TEXT", help="other pass criteria of each point"
-    )
+    option(parser, "--criteria TEXT", "other pass criteria of each point", default="")
 
 
 def _add_plan(new: argparse.ArgumentParser) -> None:
     _add_points(new)
-    new.add_argument("--name", required=True, help="name of the campaign")
+    option(new, "--name NAME", "name of the campaign", required=True)
     add_fields(new, ClearanceRecipe, "epsilon", "guarantee", prefix="clearance_")
     add_fields(new, ClearanceRecipe, "n_exceeding", "n_aircraft")
 

@@ -4,12 +4,13 @@ import argparse
 import hashlib
 from pathlib import Path
 
-from app.commands.output.results import add_output, check_file, print_result
+from app.commands.options.option import add_output, option
+from app.commands.output.results import check_file, print_result
 from core.whole_file import write_whole
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("monitor", type=Path, metavar="MONITOR.fwm", help="a trained monitor")
+    option(parser, "monitor MONITOR.fwm", "a trained monitor", type=Path)
     add_output(parser, "FILE", "HTML file to write; named after the monitor if absent")
 
 

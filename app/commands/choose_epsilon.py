@@ -5,14 +5,15 @@ from dataclasses import asdict
 from pathlib import Path
 
 from app.commands.options.fields import add_fields, given_fields
-from app.commands.output.results import add_json, print_result
+from app.commands.options.option import add_json, option
+from app.commands.output.results import print_result
 from app.jobs.kinds import fly_and_choose, in_words
 from core.evaluation.epsilon_choice import ChoiceRecipe
 from core.monitor import load
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("monitor", type=Path, metavar="MONITOR.fwm", help="a trained monitor")
+    option(parser, "monitor MONITOR.fwm", "a trained monitor", type=Path)
     add_fields(parser, ChoiceRecipe)
     add_json(parser)
 

@@ -4,7 +4,8 @@ import argparse
 from pathlib import Path
 
 from app.commands.options.fields import add_fields, given_fields
-from app.commands.output.results import add_output, check_file, print_result, progress_bar
+from app.commands.options.option import add_output, option
+from app.commands.output.results import check_file, print_result, progress_bar
 from app.commands.train import promise, promise_lines
 from app.jobs.kinds import combine_and_test
 from app.jobs.requests import CombinationRecipe
@@ -12,12 +13,8 @@ from core.monitor import load
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "members",
-        nargs="+",
-        type=Path,
-        metavar="MONITOR.fwm",
-        help="trained monitors of one planned test",
+    option(
+        parser, "members MONITOR.fwm", "trained monitors of one planned test", nargs="+", type=Path
     )
     add_fields(parser, CombinationRecipe)
     add_output(parser, "FILE", "file to write", Path("combination.fwm"))

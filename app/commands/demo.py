@@ -14,6 +14,7 @@ import numpy as np
 from fastapi import FastAPI
 
 from app.commands import serve as serve_command
+from app.commands.options.option import option
 from app.commands.output.results import progress_bar
 from app.demonstration import (
     DATASET,
@@ -37,7 +38,7 @@ BAR_STEPS = 100
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--no-browser", action="store_true", help="print the address only")
+    option(parser, "--no-browser", "print the address only")
     serve_command.add(parser)
 
 

@@ -21,7 +21,8 @@ from sqlalchemy import make_url
 from websockets.asyncio.client import connect
 
 from app.commands import serve
-from app.commands.output.results import add_json, print_result
+from app.commands.options.option import add_json
+from app.commands.output.results import print_result
 from app.jobs.training import simulate
 from app.main import STATIC, create_app
 from app.recordings.files import RecordingFiles

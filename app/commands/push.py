@@ -12,7 +12,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.commands.output.results import add_json, print_result
+from app.commands.options.option import add_json, option
+from app.commands.output.results import print_result
 
 if TYPE_CHECKING:  # slow to import, and not needed for help
     from app.client import LiveClient
@@ -42,10 +43,10 @@ class Pushed:
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
-    parser.add_argument("file", type=Path, metavar="FILE", help="telemetry in any supported format")
+    option(parser, "file FILE", "telemetry in any supported format", type=Path)
     into = parser.add_mutually_exclusive_group(required=True)
-    into.add_argument("--flight", metavar="ID", help="live flight in progress")
-    into.add_argument("--monitor", metavar="ID", help="start a live flight with this monitor")
+    option(into, "--flight ID", "live flight in progress")
+    option(into, "--monitor ID", "start a live flight with this monitor")
     ways = parser.add_mutually_exclusive_group()
     for way, words in (
         ("websocket", "by WebSocket (the default)"),
@@ -53,32 +54,19 @@ def add(parser: argparse.ArgumentParser) -> None:
         ("udp", f"as datagrams, with {UDP_KEY} if set; lost ones by WebSocket at the end"),
     ):
         ways.add_argument(f"--{way}", dest="way", action="store_const", const=way, help=words)
-    parser.add_argument(
-        "--rate",
-        default="1x",
-        metavar="1x|4x|...|max",
-        help="multiple of the recorded rate",
+    option(parser, "--rate 1x|4x|...|max", "multiple of the recorded rate", default="1x")
+    option(parser, "--server URL", "default: %(default)s", default="http://127.0.0.1:8000")
+    option(parser, "--token TOKEN", f"an operator's token; default: {TOKEN}")
+    option(parser, "--name NAME", "of the started flight")
+    option(parser, "--mapping FILE.json", "mapping of the signals", type=Path)
+    option(parser, "--as-is", "send the file's own names and numbers; the flight maps them")
+    option(
+        parser, "--recording ID", "recording on the server whose mapping the started flight uses"
     )
-    parser.add_argument(
-        "--server", default="http://127.0.0.1:8000", metavar="URL", help="default: %(default)s"
-    )
-    parser.add_argument("--token", help=f"an operator's token; default: {TOKEN}")
-    parser.add_argument("--name", help="of the started flight")
-    parser.add_argument("--mapping", type=Path, metavar="FILE.json", help="mapping of the signals")
-    parser.add_argument(
-        "--as-is",
-        action="store_true",
-        help="send the file's own names and numbers; the flight maps them",
-    )
-    parser.add_argument(
-        "--recording",
-        metavar="ID",
-        help="recording on the server whose mapping the started flight uses",
-    )
-    parser.add_argument(
+    option(
+        parser,
         "--keep-open",
-        action="store_true",
-        help="leave the flight in progress; otherwise it ends when every sample is durable, also "
+        "leave the flight in progress; otherwise it ends when every sample is durable, also "
         "one given by --flight",
     )
     parser.add_argument("--end", action="store_true", help=argparse.SUPPRESS)  # the default now

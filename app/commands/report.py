@@ -6,8 +6,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from app.commands.options.option import add_output, option
 from app.commands.options.scoring import SETTINGS, add_scoring_options, request_of
-from app.commands.output.results import DestinationError, add_output, check_file, print_result
+from app.commands.output.results import DestinationError, check_file, print_result
 from app.commands.output.scores import (
     Outcome,
     Write,
@@ -29,19 +30,19 @@ from core.planned_test.collection import DatasetRecipe
 
 def add(parser: argparse.ArgumentParser) -> None:
     add_scoring_options(parser)
-    parser.add_argument(
-        "--export",
+    option(
+        parser,
+        "--export csv,parquet,mat",
+        "also write every sample to files for other programs",
         default="",
-        metavar="csv,parquet,mat",
-        help="also write every sample to files for other programs",
     )
-    parser.add_argument(
-        "--n-test",
+    option(
+        parser,
+        "--n-test NUMBER",
+        "fresh simulated flights to test a monitor that has no test results, 0 for none; "
+        f"{N_TEST} if absent",
         type=int,
         default=N_TEST,
-        metavar="NUMBER",
-        help="fresh simulated flights to test a monitor that has no test results, 0 for none; "
-        f"{N_TEST} if absent",
     )
     add_output(parser, "HTML", "report to write; named after FILE if absent")
     parser.epilog = f"Each monitor and each epsilon gets its own report. {SETTINGS}"

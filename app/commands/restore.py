@@ -4,15 +4,13 @@ import argparse
 from dataclasses import asdict
 from pathlib import Path
 
-from app.commands.options.stored_data import add_place, place_of
-from app.commands.output.results import add_json, print_result
+from app.commands.options.option import add_json, add_place, option, place_of
+from app.commands.output.results import print_result
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("backup", type=Path, metavar="FILE", help="file from `forewarn backup`")
-    parser.add_argument(
-        "--replace", action="store_true", help="move existing data aside instead of refusing"
-    )
+    option(parser, "backup FILE", "file from `forewarn backup`", type=Path)
+    option(parser, "--replace", "move existing data aside instead of refusing")
     add_place(parser)
     add_json(parser)
 

@@ -7,26 +7,17 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
-from app.commands.options.stored_data import add_place, place_of
-from app.commands.output.results import add_json, print_result
+from app.commands.options.option import add_json, add_place, option, place_of
+from app.commands.output.results import print_result
 
 if TYPE_CHECKING:  # slow to import, and not needed for help
     from app.upkeep.retention import Retained
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--older-than", type=float, metavar="DAYS", help="delete everything older than this"
-    )
-    parser.add_argument(
-        "--above",
-        type=float,
-        metavar="GB",
-        help="delete the oldest until no more than this is left",
-    )
-    parser.add_argument(
-        "--dry-run", action="store_true", help="list what would be deleted; delete nothing"
-    )
+    option(parser, "--older-than DAYS", "delete everything older than this", type=float)
+    option(parser, "--above GB", "delete the oldest until no more than this is left", type=float)
+    option(parser, "--dry-run", "list what would be deleted; delete nothing")
     add_place(parser)
     add_json(parser)
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from app.commands.output.results import add_output, check_file, print_result
+from app.commands.options.option import add_output, option
+from app.commands.output.results import check_file, print_result
 from core.channels import KEYS
 from core.planned_test.collection import DatasetRecipe, evaluation_flights
 from core.simulation.aircraft import AIRCRAFT
@@ -22,23 +23,22 @@ FLIGHTS = 100
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--aircraft",
+    option(
+        parser,
+        "--aircraft NAME",
+        f"whose usual rudder doublet is flown, %(default)s if absent: {', '.join(MODELS)}",
         choices=tuple(MODELS),
         default=next(iter(MODELS)),
-        metavar="NAME",
-        help=f"whose usual rudder doublet is flown, %(default)s if absent: {', '.join(MODELS)}",
     )
-    parser.add_argument(
-        "--amplitude", type=float, metavar="DEG", help="of the doublet, the usual one if absent"
-    )
-    parser.add_argument("--seed", type=int, default=0, metavar="NUMBER", help="of the aircraft")
-    parser.add_argument(
+    option(parser, "--amplitude DEG", "of the doublet, the usual one if absent", type=float)
+    option(parser, "--seed NUMBER", "of the aircraft", type=int, default=0)
+    option(
+        parser,
         "--outcome",
+        "whether the flight exceeds its limit; random: the same seed is the same aircraft at "
+        "any amplitude",
         choices=("unsafe", "safe", "random"),
         default="unsafe",
-        help="whether the flight exceeds its limit; random: the same seed is the same aircraft at "
-        "any amplitude",
     )
     add_output(parser, "FILE", "CSV file to write", Path("flight.csv"))
 

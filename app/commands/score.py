@@ -3,13 +3,14 @@
 import argparse
 from pathlib import Path
 
+from app.commands.options.option import add_output, option
 from app.commands.options.scoring import SETTINGS, add_scoring_options, request_of
-from app.commands.output.results import add_output, check_directory, print_result
+from app.commands.output.results import check_directory, print_result
 
 
 def add(parser: argparse.ArgumentParser) -> None:
     add_scoring_options(parser)
-    parser.add_argument("--png", action="store_true", help="also write the figure as PNG")
+    option(parser, "--png", "also write the figure as PNG")
     add_output(parser, "DIR", "directory to write to; named after FILE if absent")
     parser.epilog = SETTINGS
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from app.commands.options.stored_data import add_place
+from app.commands.options.option import add_place, option
 from app.settings import Settings, read_settings
 
 if TYPE_CHECKING:  # slow to import, and not needed for help
@@ -17,8 +17,8 @@ if TYPE_CHECKING:  # slow to import, and not needed for help
 
 def add(parser: argparse.ArgumentParser) -> None:
     add_place(parser)
-    parser.add_argument("--host", help="address to listen on; 127.0.0.1 if absent")
-    parser.add_argument("--port", type=int, help="port to listen on, 0 for any; 8000 if absent")
+    option(parser, "--host HOST", "address to listen on; 127.0.0.1 if absent")
+    option(parser, "--port PORT", "port to listen on, 0 for any; 8000 if absent", type=int)
     parser.epilog = (
         "FOREWARN_* variables set the same options; the token comes only from FOREWARN_TOKEN."
     )

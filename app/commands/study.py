@@ -3,8 +3,9 @@
 import argparse
 from pathlib import Path
 
+from app.commands.options.option import add_output
 from app.commands.options.recipe import add_recipe_options, plain_recipe, print_recipe
-from app.commands.output.results import add_output, check_directory, print_result, progress_bar
+from app.commands.output.results import check_directory, print_result, progress_bar
 from app.recipes.recipes import from_plain
 from app.report.studies.study import summary, write_study
 from core.evaluation.study import StudyRecipe, study

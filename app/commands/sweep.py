@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from app.commands.options.fields import add_fields, given_fields
-from app.commands.output.results import add_output, check_file, print_result, progress_bar
+from app.commands.options.option import add_output, option
+from app.commands.output.results import check_file, print_result, progress_bar
 from app.report.studies.sweep import in_words, rows_of
 from core.evaluation.lead_sweep import METHODS, TESTS, SweepRecipe, sweep
 from core.whole_file import write_whole
@@ -16,11 +17,11 @@ from core.whole_file import write_whole
 
 def add(parser: argparse.ArgumentParser) -> None:
     add_fields(parser, SweepRecipe, known={"tests": TESTS, "methods": METHODS})
-    parser.add_argument(
-        "--figure",
+    option(
+        parser,
+        "--figure FILE",
+        "figure to write, .png or .svg: safe flights without a false alarm by lead time",
         type=Path,
-        metavar="FILE",
-        help="figure to write, .png or .svg: safe flights without a false alarm by lead time",
     )
     add_output(parser, "FILE", "CSV table to write")
 

@@ -4,8 +4,8 @@ import argparse
 import getpass
 from dataclasses import asdict
 
-from app.commands.options.stored_data import add_place, place_of
-from app.commands.output.results import add_json, print_result
+from app.commands.options.option import add_json, add_place, option, place_of
+from app.commands.output.results import print_result
 from app.settings import Settings
 from app.store.people import LINK_SECONDS, LOCAL, ROLES, AuditEntry, StoredToken
 from app.store.store import Store, open_store
@@ -17,14 +17,14 @@ TOKENS = "/api/v1/tokens"
 def add(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(required=True, metavar="ACTION", dest="action")
     create = actions.add_parser("create", help="create a token; it is printed only once")
-    create.add_argument("--role", choices=ROLES, required=True, help="what the person may do")
-    create.add_argument("--days", type=float, help="days until it expires; never if absent")
+    option(create, "--role", "what the person may do", choices=ROLES, required=True)
+    option(create, "--days DAYS", "days until it expires; never if absent", type=float)
     listing = actions.add_parser("list", help="list the tokens with names and roles")
     revoke = actions.add_parser("revoke", help="revoke a person's token and close the sessions")
     link = actions.add_parser("link", help="create an address that logs the person in once")
-    link.add_argument("--address", help="address of the server for the person's browser")
+    option(link, "--address ADDRESS", "address of the server for the person's browser")
     for action in (create, revoke, link):
-        action.add_argument("name", help="name of the person")
+        option(action, "name", "name of the person")
     for action in (create, listing, revoke, link):
         add_place(action)
         add_json(action)

@@ -8,8 +8,9 @@ from typing import Annotated, Any
 import numpy as np
 
 from app.assessment.wording import PROMISED
+from app.commands.options.option import add_output
 from app.commands.options.recipe import add_recipe_options, plain_recipe, print_recipe
-from app.commands.output.results import add_output, check_file, print_result, progress_bar
+from app.commands.output.results import check_file, print_result, progress_bar
 from app.jobs.requests import N_TEST
 from app.jobs.training import FlownTest, Training, simulate, train_and_test
 from app.recipes.recipes import dataset_for, from_plain

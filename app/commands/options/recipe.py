@@ -13,6 +13,7 @@ from typing import Any, get_args
 import numpy as np
 
 from app.commands.options.fields import help_of, settings_of
+from app.commands.options.option import option
 from app.recipes.labels import FAMILIES, descriptions
 from app.recipes.recipes import (
     AUTO,
@@ -103,57 +104,53 @@ def add_recipe_options(
     usual defaults too.
     """
     group = parser.add_argument_group("recipe")
-    group.add_argument(
-        "--recipe", type=Path, metavar="FILE", help="recipe as JSON; other options change it"
-    )
-    group.add_argument(
-        "--aircraft",
-        metavar="NAME|FILE",
-        help=f"{', '.join(AIRCRAFT)}, or a JSON file of matrices; also sets the aircraft's control "
+    option(group, "--recipe FILE", "recipe as JSON; other options change it", type=Path)
+    option(
+        group,
+        "--aircraft NAME|FILE",
+        f"{', '.join(AIRCRAFT)}, or a JSON file of matrices; also sets the aircraft's control "
         "law, doublet and limit",
     )
-    group.add_argument("--control-law", metavar="NAME", help=", ".join(CONTROL_LAWS))
+    option(group, "--control-law NAME", ", ".join(CONTROL_LAWS))
     group.add_argument(
         "--maneuver",
         "--manoeuvre",
         metavar="NAME|FILE",
         help=f"{', '.join(MANEUVERS)}, or a CSV table",
     )
-    group.add_argument(
-        "--limit",
+    option(
+        group,
+        "--limit CHANNEL=VALUE",
+        "limit of a channel, such as Ny=0.5g or beta=7deg; replaces the default limits",
         action="append",
-        metavar="CHANNEL=VALUE",
-        help="limit of a channel, such as Ny=0.5g or beta=7deg; replaces the default limits",
     )
-    group.add_argument(
-        "--noise",
+    option(
+        group,
+        "--noise CHANNEL=SIGMA",
+        "sensor noise, 1 sigma, such as Ny=0.005g or p=0.2deg/s",
         action="append",
-        metavar="CHANNEL=SIGMA",
-        help="sensor noise, 1 sigma, such as Ny=0.005g or p=0.2deg/s",
     )
-    group.add_argument(
+    option(
+        group,
         "--imperfections",
-        choices=get_args(Imperfect),
-        help="gusts, instrument errors, noise and pilot scatter: as usual in flight, or none; "
+        "gusts, instrument errors, noise and pilot scatter: as usual in flight, or none; "
         f"{imperfections} if absent, none if a complete --recipe has none. Set single ones with "
         f"--set {IMPERFECTIONS}.NAME=VALUE; names: {', '.join(NAMES)}",
+        choices=get_args(Imperfect),
     )
     parser.set_defaults(usual_imperfections=imperfections)
     paths = PATHS | (METHOD if method else {}) | {name.replace("_", "-"): name for name in counts}
-    for option, path in paths.items():
+    for name, path in paths.items():
         text, settings = _option(of(), path)
-        text = f"{text}; {USUALLY[option]}" if option in USUALLY else text
-        dest = path if "." in path else f".{path}"
-        group.add_argument(f"--{option}", dest=dest, help=text, **settings)
-    group.add_argument(
-        "--set",
+        text = f"{text}; {USUALLY[name]}" if name in USUALLY else text
+        option(group, f"--{name}", text, dest=path if "." in path else f".{path}", **settings)
+    option(
+        group,
+        "--set PATH=VALUE",
+        "any other parameter, such as dataset.maneuver.timing_jitter_s=0.1",
         action="append",
-        metavar="PATH=VALUE",
-        help="any other parameter, such as dataset.maneuver.timing_jitter_s=0.1",
     )
-    group.add_argument(
-        "--print-recipe", action="store_true", help="print the complete recipe as JSON and stop"
-    )
+    option(group, "--print-recipe", "print the complete recipe as JSON and stop")
 
 
 def _option(recipe: Any, path: str) -> tuple[str, dict[str, Any]]:

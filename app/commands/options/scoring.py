@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from app.commands.options.option import option
+
 if TYPE_CHECKING:  # slow to import, and not needed for help
     from app.assessment.segments import Interval, ScoringRecipe
     from app.recordings.scored_file import MappingMemory, ScoreRequest
@@ -15,47 +17,43 @@ SETTINGS = "With --aircraft, FOREWARN_* variables set the data directory."
 
 
 def add_scoring_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("monitors", type=Path, nargs="+", metavar="MONITOR", help="monitor files")
-    parser.add_argument("file", type=Path, metavar="FILE", help="telemetry in any known format")
-    parser.add_argument(
-        "--epsilon",
+    option(parser, "monitors MONITOR", "monitor files", type=Path, nargs="+")
+    option(parser, "file FILE", "telemetry in any known format", type=Path)
+    option(
+        parser,
+        "--epsilon E[,E...]",
+        "accepted miss rates to compare; each monitor's own if absent",
         action="append",
         default=[],
-        metavar="E[,E...]",
-        help="accepted miss rates to compare; each monitor's own if absent",
     )
-    parser.add_argument(
-        "--mapping",
+    option(
+        parser,
+        "--mapping FILE.json",
+        "mapping of signals to channels; proposed by the program if absent",
         type=Path,
-        metavar="FILE.json",
-        help="mapping of signals to channels; proposed by the program if absent",
     )
-    parser.add_argument(
-        "--rate",
-        metavar="'50 Hz[ from 12:31:05]'",
-        help="sample rate of a file without times",
+    option(parser, "--rate '50 Hz[ from 12:31:05]'", "sample rate of a file without times")
+    option(
+        parser,
+        "--aircraft NAME",
+        "use the mapping stored for this aircraft; a given mapping is stored for it",
     )
-    parser.add_argument(
-        "--aircraft",
-        metavar="NAME",
-        help="use the mapping stored for this aircraft; a given mapping is stored for it",
-    )
-    parser.add_argument(
-        "--trim",
+    option(
+        parser,
+        "--trim SECONDS|trim-segment|none",
+        "trim of each manoeuvre: the mean over this time before its first input",
         default=TRIM_SEGMENT,
-        metavar="SECONDS|trim-segment|none",
-        help="trim of each manoeuvre: the mean over this time before its first input",
     )
-    parser.add_argument(
+    option(
+        parser,
         "--accept-useless",
-        action="store_true",
-        help="score even with a monitor that alerts on nearly every safe flight",
+        "score even with a monitor that alerts on nearly every safe flight",
     )
-    parser.add_argument(
-        "--manoeuvres",
+    option(
+        parser,
+        "--manoeuvres detected|entire|START:END,...",
+        "found by control activity, the entire recording, or given times [s]",
         default="detected",
-        metavar="detected|entire|START:END,...",
-        help="found by control activity, the entire recording, or given times [s]",
     )
 
 

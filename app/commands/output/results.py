@@ -8,18 +8,6 @@ from pathlib import Path
 from typing import Any
 
 
-def add_json(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--json", action="store_true", help="print the results as JSON")
-
-
-def add_output(
-    parser: argparse.ArgumentParser, metavar: str, text: str, default: Path | None = None
-) -> None:
-    text = text if default is None else f"{text}; {default} if absent"
-    parser.add_argument("-o", "--out", type=Path, metavar=metavar, default=default, help=text)
-    add_json(parser)
-
-
 def print_result(options: argparse.Namespace, text: str, plain: Any) -> None:
     """plain: JSON types and arrays; numbers that are not finite become null."""
     if options.json:
