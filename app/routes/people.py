@@ -19,7 +19,6 @@ from app.access.people import People
 from app.access.roles import allowed_to
 from app.http.problems import Problem, problem_responses
 from app.routes.dependencies import PersonDep, StoreDep, part, refused, strictly
-from app.store.audit import AuditEntry
 from app.store.people import LINK_SECONDS, LONGEST_DAYS, AuditEntry, Role, StoredToken, TokenError
 from app.store.store import StoreError
 from app.store.tables import time_text

@@ -23,22 +23,6 @@ def test_a_sound_installation_passes(settings):
     assert "numpy" in findings["versions"].words
 
 
-def test_no_dependency_here_is_newer_than_tested(settings):
-    assert doctor.dependencies(settings) == f"none of {len(doctor.TESTED)} is newer than tested"
-
-
-@pytest.mark.parametrize(("installed", "is_newer"), [("2.9.7", False), ("2.10.0rc1", True)])
-def test_a_dependency_newer_than_tested_is_named(settings, monkeypatch, installed, is_newer):
-    monkeypatch.setattr(doctor, "TESTED", {"numpy": "2.9"})
-    monkeypatch.setattr(doctor, "version", lambda _: installed)
-    assert (f"numpy {installed} (tested up to 2.9)" in doctor.dependencies(settings)) is is_newer
-
-
-def test_a_dependency_missing_on_this_system_is_skipped(settings, monkeypatch):
-    monkeypatch.setattr(doctor, "TESTED", {"none-of-this-name": "1.0"})
-    assert doctor.dependencies(settings) == "none of 1 is newer than tested"
-
-
 def test_a_failure_does_not_stop_the_other_checks(settings, monkeypatch):
     def broken(_):
         raise RuntimeError("no such thing")
