@@ -47,6 +47,9 @@ NUMBERS = {
     "float": "give a number",
     "numbers": "give numbers, separated by commas",
     "number_or_auto": "give a number, or auto",
+    "miss_rates": "give miss rates between 0 and 1, separated by commas",
+    "trim": "give a number of seconds, trim-segment or none",
+    "manoeuvres": "give detected, entire, or START:END in seconds, separated by commas",
 }
 """What to do, by the function that could not read a value."""
 

@@ -14,7 +14,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     option(
         parser,
         "place FILE|DIR",
-        "a new file like b.fwbackup, or a directory for a file named after the time",
+        "new file, or a directory for a file named after the time",
         type=Path,
     )
     add_place(parser)

@@ -75,7 +75,7 @@ def _add_points(parser: argparse.ArgumentParser) -> None:
     option(
         parser,
         "--passes-below NUMBER",
-        "pass criterion: share of a limit to stay below; 1 if absent",
+        "share of a limit to stay below; 1 if absent",
         type=float,
         default=1.0,
     )

@@ -60,14 +60,11 @@ def add(parser: argparse.ArgumentParser) -> None:
     option(parser, "--name NAME", "of the started flight")
     option(parser, "--mapping FILE.json", "mapping of the signals", type=Path)
     option(parser, "--as-is", "send the file's own names and numbers; the flight maps them")
-    option(
-        parser, "--recording ID", "recording on the server whose mapping the started flight uses"
-    )
+    option(parser, "--recording ID", "stored recording whose mapping the started flight uses")
     option(
         parser,
         "--keep-open",
-        "leave the flight in progress; otherwise it ends when every sample is durable, also "
-        "one given by --flight",
+        "do not end the flight, given or started, once every sample is durable",
     )
     parser.add_argument("--end", action="store_true", help=argparse.SUPPRESS)  # the default now
     add_json(parser)

@@ -31,16 +31,12 @@ from core.planned_test.collection import DatasetRecipe
 def add(parser: argparse.ArgumentParser) -> None:
     add_scoring_options(parser)
     option(
-        parser,
-        "--export csv,parquet,mat",
-        "also write every sample to files for other programs",
-        default="",
+        parser, "--export csv,parquet,mat", "also write every sample as these formats", default=""
     )
     option(
         parser,
         "--n-test NUMBER",
-        "fresh simulated flights to test a monitor that has no test results, 0 for none; "
-        f"{N_TEST} if absent",
+        f"fresh flights to test an untested monitor, 0 for none; {N_TEST} if absent",
         type=int,
         default=N_TEST,
     )

@@ -35,8 +35,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     option(
         parser,
         "--outcome",
-        "whether the flight exceeds its limit; random: the same seed is the same aircraft at "
-        "any amplitude",
+        "whether the flight exceeds its limit; random: whatever the seed gives",
         choices=("unsafe", "safe", "random"),
         default="unsafe",
     )

@@ -20,7 +20,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     option(
         parser,
         "--figure FILE",
-        "figure to write, .png or .svg: safe flights without a false alarm by lead time",
+        "PNG or SVG to write: safe flights without a false alarm",
         type=Path,
     )
     add_output(parser, "FILE", "CSV table to write")

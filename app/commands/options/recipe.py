@@ -121,14 +121,11 @@ def add_recipe_options(
     option(
         group,
         "--limit CHANNEL=VALUE",
-        "limit of a channel, such as Ny=0.5g or beta=7deg; replaces the default limits",
+        "limit, such as Ny=0.5g or beta=7deg, instead of the default",
         action="append",
     )
     option(
-        group,
-        "--noise CHANNEL=SIGMA",
-        "sensor noise, 1 sigma, such as Ny=0.005g or p=0.2deg/s",
-        action="append",
+        group, "--noise CHANNEL=SIGMA", "sensor noise, 1 sigma, such as p=0.2deg/s", action="append"
     )
     option(
         group,
@@ -144,12 +141,7 @@ def add_recipe_options(
         text, settings = _option(of(), path)
         text = f"{text}; {USUALLY[name]}" if name in USUALLY else text
         option(group, f"--{name}", text, dest=path if "." in path else f".{path}", **settings)
-    option(
-        group,
-        "--set PATH=VALUE",
-        "any other parameter, such as dataset.maneuver.timing_jitter_s=0.1",
-        action="append",
-    )
+    option(group, "--set PATH=VALUE", "any parameter, such as dataset.n_obs=3", action="append")
     option(group, "--print-recipe", "print the complete recipe as JSON and stop")
 
 

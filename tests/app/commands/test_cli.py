@@ -73,6 +73,23 @@ def test_a_mistyped_value_gets_the_closest_one_in_one_line(arguments, words, cap
     assert error.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("option", "value", "remedy"),
+    [
+        ("--trim", "long", "give a number of seconds"),
+        ("--epsilon", "0.1,x", "give miss rates between 0 and 1"),
+        ("--manoeuvres", "all", "give detected, entire, or START:END"),
+        ("--manoeuvres", "1:a", "give detected, entire, or START:END"),
+    ],
+)
+def test_a_mistyped_setting_of_a_scoring_gets_one_line(option, value, remedy, capsys):
+    with pytest.raises(SystemExit):
+        main(["score", "m.fwm", "f.csv", option, value])
+    error = capsys.readouterr().err
+    assert f"{option}: {value!r} was given: {remedy}" in error
+    assert error.count("\n") == 1
+
+
 @pytest.mark.parametrize("outcome", ["unsafe", "safe"])
 def test_a_sample_flight_has_its_outcome_and_units(outcome: str, tmp_path: Path, capsys):
     path = tmp_path / "flight.csv"
@@ -166,13 +183,6 @@ def test_train_score_report_and_study_print_json(tmp_path: Path, monkeypatch, ca
         (["train", "--score", "negative_magnitude", "--predictor", "pca"], "choose the predictor"),
         (["study", "--n-monitors", "0"], "n_monitors=0 was given"),
         (["score", "absent.fwm", "absent.csv"], "absent.fwm cannot be read"),
-        (["score", "m.fwm", "f.csv", "--trim", "long"], "'long': write a number of seconds, trim"),
-        (["score", "m.fwm", "f.csv", "--epsilon", "0.1,x"], "'x': write a miss rate between 0 and"),
-        (
-            ["score", "m.fwm", "f.csv", "--manoeuvres", "all"],
-            "'all': write detected, entire, or S",
-        ),
-        (["score", "m.fwm", "f.csv", "--manoeuvres", "1:a"], "'a': write a number of seconds"),
         (["score", "m.fwm", "f.csv", "--manoeuvres", "3:1"], "3 to 1 s has no length"),
         (["score", "m.fwm", "f.csv", "--mapping", "absent.json"], "absent.json is not readable"),
     ],

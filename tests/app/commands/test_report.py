@@ -104,7 +104,6 @@ def test_an_input_is_never_overwritten(given: Path, capsys: pytest.CaptureFixtur
         (["--n-test", "-1"], "--n-test -1: it must be 0 or more"),
         (["-o", "nowhere/kept.html"], "nowhere is not a directory"),
         (["-o", "."], "is a directory: give the path of the file to write"),
-        (["--epsilon", "many"], "--epsilon 'many': write a miss rate"),
         (["--epsilon", "0.0001"], "epsilon=0.0001 needs at least"),
         (["--manoeuvres", "1:999"], "1 to 999 s is not inside the recording"),
         (["--mapping", "none.json"], "none.json"),
