@@ -1,6 +1,7 @@
 """`forewarn train`: simulate, train and test a monitor; print a summary and write its file."""
 
 import argparse
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,7 +20,7 @@ from core.dataset import Dataset
 from core.evaluation.certificate import warnings_of
 from core.evaluation.prevention import Prevention
 from core.evaluation.rates import Evaluation, clopper_pearson
-from core.evaluation.robustness import DIFFERENCES
+from core.evaluation.robustness import DIFFERENCES, by_aircraft
 from core.monitor import Monitor, MonitorRecipe
 from core.monitor.calibration import check_epsilon
 from core.monitor.training import check_lead
@@ -189,12 +190,24 @@ def _prevention_lines(result: Prevention) -> list[str]:
 def _robustness_line(difference: str, counts: Evaluation) -> str:
     failing, safe = "none failed", "none was safe"
     if n := counts.n_unsafe:
-        missed, invalid = int(counts.misses[0]) / n, int(counts.withdrawn[0]) / n
-        failing = f"{n} failing: {missed:.1%} missed, {invalid:.1%} invalid before an alert"
+        missed, invalid = counts.miss_rate[0], int(counts.withdrawn[0]) / n
+        low, high = counts.miss_interval[0]
+        failing = (
+            f"{n} failing{_aircraft(by_aircraft(counts))}: {missed:.1%} [{low:.1%}, {high:.1%}] "
+            f"missed, {invalid:.1%} invalid before an alert"
+        )
     if n := counts.n_safe:
         false, invalid = int(counts.false_alerts[0]) / n, int(counts.safe_withdrawn[0]) / n
         safe = f"{n} safe: {false:.1%} false alarms, {invalid:.1%} invalid without an alert"
     return f"  {difference}: {failing}; {safe}"
+
+
+def _aircraft(counts: Mapping[str, Any]) -> str:
+    if not counts:
+        return ""
+    worst = counts["worst"]
+    missed = f", {worst[0]} of {worst[1]} missed of the worst" if worst else ""
+    return f" of {counts['n_aircraft']} aircraft{missed}"
 
 
 def _invalid(withdrawn: int, total: int, where: str) -> list[str]:

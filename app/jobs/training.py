@@ -18,7 +18,7 @@ from core.evaluation.rates import (
     first_alerts,
     leads,
 )
-from core.evaluation.robustness import DIFFERENCES, robustness
+from core.evaluation.robustness import DIFFERENCES, by_aircraft, robustness
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.training import with_validity
 from core.monitor.validity.support import SupportError
@@ -90,6 +90,7 @@ class FlownTest:
             "robustness": {
                 name: {"words": DIFFERENCES[name].words, "n_unsafe": counts.n_unsafe}
                 | {"n_safe": counts.n_safe}
+                | by_aircraft(counts)
                 | {key: values[0] for key, values in _curves(counts).items()}
                 for name, counts in self.robustness.items()
             },

@@ -7,7 +7,7 @@ from app.assessment.wording import PROMISED, alerts_above
 from app.recipes.recipes import to_plain
 from app.report.page import TEMPLATES, limited
 from core import __version__
-from core.evaluation.certificate import Share, certificate, warnings_of
+from core.evaluation.certificate import Share, certificate, miss_rate_of, warnings_of
 from core.evaluation.rates import clopper_pearson
 from core.monitor import Monitor
 from core.monitor.calibration import threshold
@@ -56,6 +56,7 @@ def certificate_page(monitor: Monitor, name: str, digest: str, created: str = ""
         if prevention
         else None,
         robustness=list(evaluation.get("robustness", {}).values()),
+        miss_rate_of=miss_rate_of,
         groups=evaluation.get("groups"),
         thresholds=_thresholds(monitor),
         version=__version__,

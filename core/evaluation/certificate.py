@@ -8,6 +8,9 @@ import numpy as np
 
 from core.evaluation.rates import clopper_pearson
 
+TWICE = 2.0
+"""A monitor is unreliable on flights of which it surely misses more than epsilon, and measured more
+than this multiple of it."""
 USELESS = 0.2
 """A monitor is useless if, with 97.5 % confidence, fewer safe flights than this pass it."""
 
@@ -147,7 +150,34 @@ def with_power_of_quiet(evaluation: Mapping[str, Any]) -> dict[str, Any]:
 def warnings_of(evaluation: Mapping[str, Any] | None, epsilon: float) -> list[str]:
     """Warnings to show wherever a monitor appears; also that it was not tested."""
     tested = certificate(evaluation, epsilon)
-    return [UNTESTED] if tested is None else tested.warnings
+    if evaluation is None or tested is None:
+        return [UNTESTED]
+    return [*tested.warnings, *_off_the_plan(evaluation)]
+
+
+def _off_the_plan(evaluation: Mapping[str, Any]) -> list[str]:
+    """The warning about flights that differ from the plan, if too many failures are missed."""
+    epsilon = evaluation["epsilon"]
+    missed = []
+    for row in evaluation.get("robustness", {}).values():
+        rate, (low, high) = miss_rate_of(row)
+        if rate is not None and rate > TWICE * epsilon and low > epsilon:
+            missed.append(f"{rate:.1%} [{low:.1%}, {high:.1%}] ({row['words']})")
+    if not missed:
+        return []
+    return [
+        "the monitor is unreliable off its planned test: of failing flights there it missed "
+        f"{', '.join(missed)} at epsilon {epsilon:.3g}, which the promise does not cover; fly as "
+        "planned, or train for such flights"
+    ]
+
+
+def miss_rate_of(row: Mapping[str, Any]) -> tuple[float | None, tuple[float, float]]:
+    """Miss rate of a stored robustness row, None without failures, and its 95 % interval."""
+    misses, n = row["misses"], row["n_unsafe"]
+    low, high = row.get("miss_interval") or clopper_pearson(misses, n).tolist()
+    rate = row.get("miss_rate")
+    return (misses / n if rate is None else rate) if n else None, (low, high)
 
 
 def _share(count: int, total: int) -> Share | None:

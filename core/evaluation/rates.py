@@ -105,8 +105,13 @@ class Evaluation:
     safe_withdrawn: (n_eps,) safe flights withdrawn without an alert: neither a false alarm nor
     quiet.
 
+    failures_of, misses_of: (n_aircraft,) and (n_aircraft, n_eps) the same of each aircraft with
+    failures, where aircraft were flown several times; every aircraft then weighs the same in
+    `miss_rate`.
+
     Each failing flight is missed, withdrawn or caught; each safe flight has a false alert, is
-    withdrawn or is quiet.
+    withdrawn or is quiet. An alert or a withdrawal counts only if it is in time: a later one leaves
+    the flight missed.
     """
 
     epsilons: Array
@@ -117,6 +122,8 @@ class Evaluation:
     false_alerts: Indices
     withdrawn: Indices
     safe_withdrawn: Indices
+    failures_of: Indices | None = None
+    misses_of: Indices | None = None
 
     @property
     def caught(self) -> Indices:
@@ -125,13 +132,20 @@ class Evaluation:
 
     @property
     def miss_rate(self) -> Array:
-        """(n_eps,) share of the failing flights that were missed."""
-        return self.misses / max(self.n_unsafe, 1)
+        """(n_eps,) share of the failing flights that were missed, or its mean over aircraft."""
+        if self.failures_of is None or self.misses_of is None or not self.n_unsafe:
+            return self.misses / max(self.n_unsafe, 1)
+        return (self.misses_of / self.failures_of[:, np.newaxis]).mean(axis=0)
 
     @property
     def miss_interval(self) -> Array:
-        """(n_eps, 2) Clopper-Pearson 95 % interval of the miss rate."""
-        return clopper_pearson(self.misses, self.n_unsafe)
+        """(n_eps, 2) 95 % interval of the miss rate: Clopper-Pearson, with the scatter between
+        aircraft where they were flown several times."""
+        if self.failures_of is None or self.misses_of is None or not self.n_unsafe:
+            return clopper_pearson(self.misses, self.n_unsafe)
+        failures, each = self.failures_of[:, np.newaxis], self.failures_of.mean()
+        shares = self.misses_of / failures
+        return clustered_interval(each * shares, np.full_like(shares, each))
 
     @property
     def quiet(self) -> Indices:
@@ -166,7 +180,11 @@ class Evaluation:
 
 
 def evaluate(
-    monitor: Monitor, y: Array, fail_index: Indices, epsilons: Array | None = None
+    monitor: Monitor,
+    y: Array,
+    fail_index: Indices,
+    epsilons: Array | None = None,
+    aircraft: Indices | None = None,
 ) -> Evaluation:
     """Fly fresh trajectories through a monitor and count at each epsilon.
 
@@ -175,6 +193,7 @@ def evaluate(
     y: (n, n_samples, 6), none of which trained the monitor; safe ones over the full horizon.
     fail_index: (n,) first sample that exceeds a limit, n_samples for a safe flight.
     epsilons: (n_eps,); default: those of EPSILONS for which the monitor has enough failures.
+    aircraft: (n,) number of each flight's aircraft, if aircraft were flown several times.
     """
     if epsilons is None:
         epsilons = EPSILONS[monitor.smallest_epsilon <= EPSILONS + 1e-9]
@@ -184,6 +203,11 @@ def evaluate(
     until = np.minimum(last, monitor.first_withdrawn(y, fail_index) - 1)
     silent = monitor.highest_p_values(y, until)[:, None] <= above
     is_missed = silent & (until == last)[:, None]
+    failures_of = misses_of = None
+    if aircraft is not None:
+        _, of, failures_of = np.unique(aircraft[is_unsafe], return_inverse=True, return_counts=True)
+        misses_of = np.zeros((len(failures_of), len(above)), np.int64)
+        np.add.at(misses_of, of, is_missed[is_unsafe])
     return Evaluation(
         epsilons=np.asarray(epsilons),
         n_unsafe=int(is_unsafe.sum()),
@@ -193,6 +217,8 @@ def evaluate(
         false_alerts=(~silent[~is_unsafe]).sum(axis=0),
         withdrawn=(silent & ~is_missed)[is_unsafe].sum(axis=0),
         safe_withdrawn=(silent & ~is_missed)[~is_unsafe].sum(axis=0),
+        failures_of=failures_of,
+        misses_of=misses_of,
     )
 
 

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -10,6 +12,7 @@ from core.monitor.monitor import Monitor
 from core.planned_test.planned_test import (
     USUAL_TIMING_JITTER_S,
     DatasetRecipe,
+    Rollouts,
     SensorNoise,
     Simulator,
 )
@@ -17,6 +20,7 @@ from core.seeds import Branch, stream
 from core.simulation.imperfections import USUAL_IMPERFECTIONS
 from core.simulation.maneuver import Altered
 from core.simulation.turbulence import Turbulence
+from core.types import Indices
 
 WORSE_AIR: dict[Turbulence, Turbulence] = {
     "none": "smooth",
@@ -27,6 +31,13 @@ WORSE_AIR: dict[Turbulence, Turbulence] = {
 """The next class of turbulence; given gusts are doubled instead."""
 DOUBLED = "gust_sigma_deg", "gain", "bias", "lag_s", "trim_deg", "unsteadiness_deg", "asymmetry"
 """Imperfections to double."""
+
+N_NEAR, FLIGHTS_EACH = 150, 20
+"""Aircraft near the planned one, and flights of each; those that never fail are not counted."""
+MOST_FAILURES, MOST_SAFE = 5, 1
+"""Failing and safe flights of such an aircraft that are counted, at most."""
+LEAST_FAILURES = 4
+"""Failures from which an aircraft may be the worst."""
 
 
 def _as_planned(recipe: DatasetRecipe) -> DatasetRecipe:
@@ -52,6 +63,10 @@ def _slower(recipe: DatasetRecipe) -> DatasetRecipe:
     return replace(recipe, maneuver=Altered.of(recipe.maneuver, slower=1.5))
 
 
+def _softer(recipe: DatasetRecipe, lag_s: float) -> DatasetRecipe:
+    return replace(recipe, maneuver=replace(recipe.maneuver, pedal_lag_s=lag_s))
+
+
 def _stopped(recipe: DatasetRecipe) -> DatasetRecipe:
     return replace(recipe, maneuver=Altered.of(recipe.maneuver, flown_share=0.5))
 
@@ -71,12 +86,16 @@ class Difference:
 
     words: the difference.   number: of its random stream; it never changes.
     recipe: changes the planned test.   spread: factor on the width of D_theta.
+    share: of the flights asked for.
+    factor: on the derivatives of aircraft near the planned one, as in `fly_near`; None: D_theta.
     """
 
     words: str
     number: int
     recipe: Callable[[DatasetRecipe], DatasetRecipe] = _as_planned
     spread: float = 1.0
+    share: float = 1.0
+    factor: float | None = None
 
 
 DIFFERENCES = {
@@ -87,6 +106,17 @@ DIFFERENCES = {
     "slower_input": Difference("every segment 1.5 times as long", 4, _slower),
     "stopped_input": Difference("input stopped midway", 5, _stopped),
     "imperfections": Difference("gusts, lags and gains worse than trained", 6, _less_perfect),
+    "lag_0.2": Difference(
+        "softer input: pedal lag 0.2 s", 7, partial(_softer, lag_s=0.2), share=0.3
+    ),
+    "lag_0.3": Difference(
+        "softer input: pedal lag 0.3 s", 8, partial(_softer, lag_s=0.3), share=0.3
+    ),
+    "lag_0.5": Difference(
+        "softer input: pedal lag 0.5 s", 9, partial(_softer, lag_s=0.5), share=0.3
+    ),
+    "near_1.25": Difference("derivatives within a factor of 1.25", 10, factor=1.25),
+    "near_1.5": Difference("derivatives within a factor of 1.5", 11, factor=1.5),
 }
 
 
@@ -95,12 +125,55 @@ def robustness(
 ) -> dict[str, Evaluation]:
     """Fly n flights of each difference through the monitor, and count at one epsilon.
 
+    Of softer inputs fewer are flown; aircraft near the planned one have their own number.
+
     recipe: the monitor's planned test.   epsilon: default: the monitor's own.
     """
     at, evaluations = np.array([monitor.check_epsilon(epsilon)]), {}
     for name, difference in DIFFERENCES.items():
         simulator = Simulator(difference.recipe(recipe), difference.spread)
-        rng = stream(recipe.seed, Branch.ROBUSTNESS, difference.number)
-        flights = simulator.rollouts(n, rng)
-        evaluations[name] = evaluate(monitor, flights.y, flights.fail_index, at)
+        rng, aircraft = stream(recipe.seed, Branch.ROBUSTNESS, difference.number), None
+        if difference.factor is None:
+            flights = simulator.rollouts(round(difference.share * n), rng)
+        else:
+            flights, aircraft = fly_near(simulator, difference.factor, rng)
+        evaluations[name] = evaluate(monitor, flights.y, flights.fail_index, at, aircraft)
     return evaluations
+
+
+def fly_near(
+    simulator: Simulator, factor: float, rng: np.random.Generator, n_aircraft: int = N_NEAR
+) -> tuple[Rollouts, Indices]:
+    """Fly aircraft whose nominal derivatives are each multiplied by exp(U(-ln factor, ln factor)).
+
+    An aircraft that diverges is left out.
+    Returns a few flights of each, failing and safe ones, and (n,) the number of their aircraft.
+    """
+    nominal, shape = simulator.plant.nominal, (n_aircraft, FLIGHTS_EACH)
+    widest = np.log(factor)
+    theta = nominal * np.exp(rng.uniform(-widest, widest, (n_aircraft, len(nominal))))
+    flights, peaks = simulator.fly(np.repeat(theta, FLIGHTS_EACH, axis=0), rng)
+    fails = flights.is_unsafe.reshape(shape)
+    failing, safe = fails.cumsum(axis=1), (~fails).cumsum(axis=1)
+    few = np.where(fails, failing <= MOST_FAILURES, safe <= MOST_SAFE)
+    few &= np.isfinite(peaks).reshape(shape).all(axis=1, keepdims=True)
+    chosen = np.flatnonzero(few)
+    return flights.some(chosen), chosen // FLIGHTS_EACH
+
+
+def by_aircraft(counts: Evaluation) -> dict[str, Any]:
+    """Aircraft that failed, and [misses, failures] of the worst with enough failures, if any.
+
+    At the first epsilon; empty where aircraft are not counted one by one.
+    """
+    if counts.failures_of is None or counts.misses_of is None:
+        return {}
+    enough = np.flatnonzero(counts.failures_of >= LEAST_FAILURES)
+    shares = counts.misses_of[enough, 0] / counts.failures_of[enough]
+    worst = enough[shares.argmax()] if len(enough) else None
+    return {
+        "n_aircraft": len(counts.failures_of),
+        "worst": None
+        if worst is None
+        else [int(counts.misses_of[worst, 0]), int(counts.failures_of[worst])],
+    }

@@ -75,6 +75,20 @@ EVALUATION = {
             "withdrawn": 20,
             "safe_withdrawn": 170,
         },
+        "near": {
+            "words": "derivatives within a factor of 1.25",
+            "n_unsafe": 80,
+            "n_safe": 40,
+            "n_aircraft": 30,
+            "worst": [3, 5],
+            "epsilon": 0.1,
+            "misses": 12,
+            "miss_rate": 0.125,
+            "miss_interval": [0.06, 0.22],
+            "false_alerts": 5,
+            "withdrawn": 10,
+            "safe_withdrawn": 1,
+        },
     },
     "groups": [
         {

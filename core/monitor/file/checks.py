@@ -154,6 +154,7 @@ def _evaluation_parts(evaluation: Mapping[str, Any]) -> Iterator[tuple[str, bool
     for robustness in evaluation.get("robustness", {}).values():
         yield "robustness", type(robustness["words"]) is str and is_count(robustness["n_unsafe"])
         yield "robustness", _counts_fit(_row(robustness, robustness), robustness)
+        yield "robustness", _shares_fit(robustness)
     for group in evaluation.get("groups", []):
         n, counts = group["n_unsafe"], (group["misses"], group["withdrawn"])
         low, high = group["miss_interval"]
@@ -161,6 +162,18 @@ def _evaluation_parts(evaluation: Mapping[str, Any]) -> Iterator[tuple[str, bool
         yield "groups", is_count(n, n_unsafe) and n > 0
         yield "groups", all(map(is_count, counts)) and sum(counts) <= n
         yield "groups", is_number(low) and is_number(high) and 0 <= low <= high <= 1
+
+
+def _shares_fit(robustness: Mapping[str, Any]) -> bool:
+    """Whether the shares of one difference are possible; each may be absent."""
+    rate, worst = robustness.get("miss_rate"), robustness.get("worst")
+    low, high = robustness.get("miss_interval", (0, 1))
+    return (
+        (rate is None or (is_number(rate) and 0 <= rate <= 1))
+        and (is_number(low) and is_number(high) and 0 <= low <= high <= 1)
+        and is_count(robustness.get("n_aircraft", 0))
+        and (worst is None or (is_count(worst[0], worst[1]) and worst[1] > 0))
+    )
 
 
 def _prevention_fits(prevention: Mapping[str, Any]) -> bool:

@@ -51,16 +51,25 @@ def test_an_invalid_safe_flight_is_neither_quiet_nor_a_false_alarm(monitor: Moni
     assert "10.0% (20 of 200 safe flights" in page
     differing = next(line for line in page.splitlines() if "sensor noise twice" in line)
     cells = re.findall(r'<td class="number">([^<]*)</td>', differing)
-    assert cells[3:] == ["210", "14.3%", "81.0%", "4.8%"]
+    assert cells[4:] == ["210", "14.3%", "81.0%", "4.8%"]
     older = {key: n for key, n in DOUBLED.items() if key != "safe_withdrawn"}
     evaluation = EVALUATION | {"robustness": {"doubled_noise": older}}
     page = certificate_page(replace(monitor, evaluation=evaluation), "it", "ab12")
     differing = next(line for line in page.splitlines() if "sensor noise twice" in line)
-    assert re.findall(r'<td class="number">([^<]*)</td>', differing)[4:] == [
+    assert re.findall(r'<td class="number">([^<]*)</td>', differing)[5:] == [
         "14.3%",
         "not counted",
         "not counted",
     ]
+
+
+def test_near_aircraft_are_counted_one_by_one(monitor: Monitor) -> None:
+    page = certificate_page(monitor, "it", "ab12")
+    row = next(line for line in page.splitlines() if "factor of 1.25" in line)
+    assert "30 aircraft; the worst missed 3 of 5" in row
+    cells = re.findall(r'<td class="number">([^<]*)</td>', row)
+    assert cells[:3] == ["80", "12.5%", "6.0% to 22.0%"]
+    assert "no method keeps ε for each single aircraft" in page
 
 
 def test_an_untested_monitor_has_no_certificate(monitor: Monitor) -> None:

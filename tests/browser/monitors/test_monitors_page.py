@@ -320,7 +320,7 @@ def test_of_flights_that_differ_the_safe_ones_that_were_called_invalid_are_not_q
     hidden = "(e) => e.parentElement.scrollWidth - e.parentElement.clientWidth"
     assert table.evaluate(hidden) <= 0
     for row, one in zip(rows.all(), found.values(), strict=True):
-        cells = row.locator("td").all_inner_texts()[4:]
+        cells = row.locator("td").all_inner_texts()[5:]
         quiet = one["n_safe"] - one["false_alerts"] - one["safe_withdrawn"]
         assert int(cells[0].replace(",", "")) == one["n_safe"]
         shares = [float(cell.replace("%", "")) / 100 for cell in cells[1:]]

@@ -54,6 +54,26 @@ def test_a_monitor_is_useless_if_too_few_safe_flights_pass(passed: int) -> None:
     assert any("of no use" in text for text in tested.warnings) == is_useless
 
 
+@pytest.mark.parametrize(("misses", "n"), [(20, 100), (21, 100), (1, 3), (60, 200)])
+def test_a_monitor_that_misses_twice_its_promise_off_the_plan_has_a_warning(
+    misses: int, n: int
+) -> None:
+    """Measured above 2 epsilon, and surely above epsilon; one miss of three is no evidence."""
+    row = {"words": "softer input", "misses": misses, "n_unsafe": n}
+    found = warnings_of(evaluation(20, 20, robustness={"lag": row}), 0.1)
+    assert any("softer input" in text for text in found) == (misses > 20)
+    share = f"{misses / n:.1%}"
+    assert all(share in text for text in found)
+
+
+def test_the_mean_over_aircraft_decides_about_a_warning() -> None:
+    row = {"words": "x 1.5", "misses": 30, "n_unsafe": 100, "n_aircraft": 80, "worst": [4, 5]}
+    mean = {"miss_rate": 0.15, "miss_interval": [0.11, 0.2]}
+    assert warnings_of(evaluation(20, 20, robustness={"near": row | mean}), 0.1) == []
+    assert len(warnings_of(evaluation(20, 20, robustness={"near": row}), 0.1)) == 1
+    assert warnings_of(evaluation(20, 20, robustness={"near": row | {"n_unsafe": 0}}), 0.1) == []
+
+
 def test_warnings_give_share_interval_and_promise() -> None:
     (text,) = warnings_of(evaluation(67, 20), 0.1)
     assert "13.4% [10.5%, 16.7%]" in text

@@ -151,6 +151,29 @@ def test_only_timely_alerts_count(by_hand: Monitor) -> None:
     assert result.fail_given_alert.tolist() == [0.5, 0.5]
 
 
+def test_a_withdrawal_counts_only_in_time(by_hand: Monitor, monkeypatch) -> None:
+    """Failures at 5 with h = 2: withdrawn at 3 is in time, at 4 it is too late."""
+    y, fail = np.zeros((3, 8, 6)), np.array([5, 5, 5])
+    withdrawn_at = np.array([3, 4, 8])
+    monkeypatch.setattr(Monitor, "first_withdrawn", lambda self, y, fail: withdrawn_at)
+    result = evaluate(by_hand, y, fail, np.array([0.1]))
+    assert (result.misses.tolist(), result.withdrawn.tolist()) == ([2], [1])
+
+
+def test_every_aircraft_weighs_the_same(by_hand: Monitor) -> None:
+    y, fail = flights_by_hand()
+    aircraft = np.array([7, 7, 3, 7, 3, 5, 5])  # 2 of 3 and 1 of 1 missed; the last never fails
+    result = evaluate(by_hand, y, fail, np.array([0.1, 0.5]), aircraft)
+    assert result.failures_of is not None
+    assert result.misses_of is not None
+    assert result.failures_of.tolist() == [1, 3]
+    assert result.misses_of.tolist() == [[1, 1], [2, 2]]
+    assert result.miss_rate == pytest.approx([5 / 6, 5 / 6])
+    shares = np.array([[1.0], [2 / 3]])
+    each = clustered_interval(2 * shares, np.full((2, 1), 2.0))
+    np.testing.assert_allclose(result.miss_interval, np.repeat(each, 2, axis=0))
+
+
 def test_an_alert_at_the_first_sample_is_in_time_for_a_failure_at_h(by_hand: Monitor) -> None:
     y = np.zeros((1, 8, 6))
     y[0, 0, 3] = 0.3

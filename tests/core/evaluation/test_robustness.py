@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from core.evaluation.lead_sweep import METHODS, TESTS
-from core.evaluation.robustness import DIFFERENCES, robustness
+from core.evaluation.rates import Evaluation
+from core.evaluation.robustness import DIFFERENCES, by_aircraft, fly_near, robustness
 from core.monitor import MonitorRecipe, train
 from core.planned_test.collection import DatasetRecipe, collect, fresh, training_rollouts
 from core.planned_test.planned_test import SensorNoise, Simulator
@@ -68,6 +69,36 @@ def test_a_wider_theta_has_the_same_mean() -> None:
     np.testing.assert_allclose(wide - nominal, 1.5 * (narrow - nominal), atol=1e-12)
 
 
+def test_a_softer_input_has_the_planned_amplitude() -> None:
+    for lag_s in (0.2, 0.3, 0.5):
+        maneuver = DIFFERENCES[f"lag_{lag_s}"].recipe(RECIPE).maneuver
+        assert maneuver == replace(RECIPE.maneuver, pedal_lag_s=lag_s)
+
+
+def test_near_aircraft_have_each_derivative_within_the_factor() -> None:
+    simulator = Simulator(RECIPE)
+    flights, aircraft = fly_near(simulator, 1.25, np.random.default_rng(2), 40)
+    factors = flights.theta / simulator.plant.nominal
+    assert (np.abs(np.log(factors)) <= np.log(1.25)).all()
+    assert np.log(factors).std() == pytest.approx(np.log(1.25) / np.sqrt(3), rel=0.1)
+    for number in np.unique(aircraft):
+        own = flights.some(aircraft == number)
+        assert (own.theta == own.theta[0]).all()
+        assert np.count_nonzero(own.is_unsafe) <= 5
+        assert np.count_nonzero(~own.is_unsafe) <= 1
+
+
+def test_the_worst_aircraft_has_enough_failures() -> None:
+    counts = Evaluation(
+        np.array([0.1]), 14, 0, 0, *[np.array([4])] * 4,
+        failures_of=np.array([1, 5, 5, 3]), misses_of=np.array([[1], [2], [1], [3]]),
+    )  # fmt: skip
+    assert by_aircraft(counts) == {"n_aircraft": 4, "worst": [2, 5]}
+    few = replace(counts, failures_of=np.array([1, 1, 1, 3]))
+    assert by_aircraft(few) == {"n_aircraft": 4, "worst": None}
+    assert by_aircraft(replace(counts, failures_of=None, misses_of=None)) == {}
+
+
 def test_an_opposite_input_is_invalid_and_not_silent() -> None:
     monitor = train(collect(RECIPE), MonitorRecipe(t_early=0.5), fresh(RECIPE))
     evaluations = robustness(monitor, RECIPE, 200)
@@ -76,6 +107,9 @@ def test_an_opposite_input_is_invalid_and_not_silent() -> None:
     assert opposite.withdrawn[0] > 0.9 * opposite.n_unsafe
     assert opposite.safe_withdrawn[0] > 0.9 * opposite.n_safe
     assert (opposite.safe_withdrawn <= opposite.n_safe - opposite.false_alerts).all()
+    near = by_aircraft(evaluations["near_1.5"])
+    assert 60 <= near["n_aircraft"] <= 150
+    assert by_aircraft(opposite) == {}
     assert evaluations["doubled_noise"].withdrawn[0] < 0.2 * evaluations["doubled_noise"].n_unsafe
 
 
