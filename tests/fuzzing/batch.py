@@ -8,12 +8,13 @@ import os
 import shutil
 import tempfile
 import time
+from importlib import import_module
 from pathlib import Path
 from signal import ITIMER_REAL, setitimer
 
 from app.recordings.mapped_columns import propose_mapping
 from app.telemetry.contents import Columns, ColumnWriter, open_columns
-from app.telemetry.formats import format_of
+from app.telemetry.formats import READERS, format_of
 from app.telemetry.recording import TelemetryError
 from tests.fuzzing.damage import Damaged, damaged
 
@@ -44,7 +45,8 @@ def outcome(file: Damaged, folder: Path) -> tuple[str, str]:
     columns.mkdir()
     try:
         known, notes = format_of(path, file.name)
-        contents = known.read(path, ColumnWriter(columns, MOST_BYTES, notes=notes))
+        writer = ColumnWriter(columns, MOST_BYTES, notes=notes)
+        contents = import_module(known.reader, READERS).read(path, writer)
         if open_columns(columns).contents != contents:
             return "wrong", "what was written is not what was answered"
         if reason := wrong_columns(open_columns(columns)):

@@ -200,7 +200,7 @@ def _recorded(
     channels["phi"] = _integral(p + tan(theta) * r, dt) + ATTITUDE_NOISE * rng.standard_normal(n)
     channels["theta"] = theta + ATTITUDE_NOISE * rng.standard_normal(n)
     channels["psi"] = _integral(r / cos(theta), dt) + ATTITUDE_NOISE * rng.standard_normal(n)
-    channels["V"] = aircraft.condition.airspeed + SPEED_NOISE * rng.standard_normal(n)
+    channels["V"] = aircraft.model.speed + SPEED_NOISE * rng.standard_normal(n)
     noise = dict(zip(KEYS, channel_array(planned.noise).tolist(), strict=True))
     noise |= dict.fromkeys(("phi", "theta", "psi"), ATTITUDE_NOISE) | {"V": SPEED_NOISE}
     return RecordedFlight(channels, dt, noise)

@@ -4,7 +4,7 @@ import re
 from collections.abc import Collection, Iterable
 from dataclasses import asdict, dataclass, field
 from math import isfinite
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 from pydantic import AliasChoices, ConfigDict, Field, Strict, TypeAdapter, ValidationError
 
@@ -83,10 +83,10 @@ class Mapping:
         return asdict(self)
 
     @classmethod
-    def from_plain(cls, plain: Any) -> Self:
+    def from_plain(cls, plain: Any) -> "Mapping":
         """Rebuild a mapping; TelemetryError names an invalid entry."""
         try:
-            mapping = TypeAdapter(cls).validate_python(plain)
+            mapping = _MAPPING.validate_python(plain)
         except ValidationError as error:
             fault = error.errors()[0]
             place = " of ".join(repr(part) for part in reversed(fault["loc"]))
@@ -103,6 +103,9 @@ class Mapping:
             if problem := source.problem():
                 raise TelemetryError(f"the {name} {problem}")
         return mapping
+
+
+_MAPPING = TypeAdapter(Mapping)
 
 
 def mapping_template(

@@ -111,7 +111,7 @@ def test_surfaces_of_every_class_turn_as_those_of_the_fighter(kind):
 
 
 def test_the_classes_of_the_published_aircraft_are_theirs():
-    looks = {key: getattr(aircraft, "aircraft_class", None) for key, aircraft in AIRCRAFT.items()}
+    looks = {key: aircraft.condition.aircraft_class for key, aircraft in AIRCRAFT.items()}
     assert looks["attas_id_16kft"] == looks["b747_40k_m0p8"] == "transport"
     assert looks["f16_sl_h0_v502"] == "fighter"
     assert set(looks.values()) <= AIRFRAMES.keys()

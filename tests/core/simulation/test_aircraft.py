@@ -353,9 +353,9 @@ def test_a_document_without_a_model_is_refused():
         (lambda: Uncertainty(float("nan")), "spread of every parameter is nan"),
         (lambda: Uncertainty({"L_p": float("inf")}), "spread of L_p is inf"),
         (
-            lambda: Uncertainty(0.1, "gaussian"),
+            lambda: Uncertainty(0.1, "gaussian"),  # pyright: ignore[reportArgumentType]
             "distribution='gaussian' was given: choose normal or uniform",
-        ),  # pyright: ignore[reportArgumentType]
+        ),
     ],
 )
 def test_an_impossible_recipe_is_refused_in_one_sentence(make, message):

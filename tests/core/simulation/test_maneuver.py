@@ -304,14 +304,14 @@ def test_a_table_of_one_row_is_a_step():
         (lambda: Doublet(amplitude_deg=float("nan")), "amplitude_deg is nan; give a finite number"),
         (lambda: Doublet(half_s=-1.0), "half_s is -1.0; give a finite number, zero or more"),
         (
-            lambda: Doublet(surface="elevator"),
+            lambda: Doublet(surface="elevator"),  # pyright: ignore[reportArgumentType]
             "surface='elevator' was given: choose aileron or rudder",
-        ),  # pyright: ignore[reportArgumentType]
+        ),
         (lambda: FrequencySweep(start_hz=0.0), "start_hz=0.0, end_hz=2.0; both must be above zero"),
         (
-            lambda: FrequencySweep(spacing="cubic"),
+            lambda: FrequencySweep(spacing="cubic"),  # pyright: ignore[reportArgumentType]
             "spacing='cubic' was given: choose log or linear",
-        ),  # pyright: ignore[reportArgumentType]
+        ),
         (lambda: Doublet().n_samples(0.07), "duration_s=6.0 is 85.7143 steps .* duration_s=6.02"),
         (lambda: Doublet().n_samples(0.0), "dt=0.0 s; give a finite time step above zero"),
         (lambda: Doublet().n_samples(float("nan")), "dt=nan s"),
