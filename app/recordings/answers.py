@@ -33,6 +33,7 @@ def recording_answer(recordings: Recordings, recording_id: str) -> dict[str, Any
         "bad_rows": _bad_rows(contents),
         "mapping": mapped.mapping,
         **{key: mapped.proposal[key] for key in ("rationales", "alternatives", "derivable")},
+        "mapping_notes": mapped.proposal.get("notes", []),
         "missing": [key for key in KEYS if key not in mapped.mapping["channels"]],
         "quality": mapped.quality,
         "problem": mapped.problem,

@@ -33,6 +33,7 @@ def propose_mapping(
     described = {
         "rationales": proposal.rationales,
         "alternatives": proposal.alternatives,
+        "notes": proposal.notes,
         "derivable": {
             key: [_way(DERIVATIONS[name]) for name in names]
             for key, names in proposal.derivable.items()

@@ -32,8 +32,8 @@ class ScoreRequest:
     """The request on the command line.
 
     epsilons: None for the monitor's own.   mapping: None to use the proposed one.
-    rate: sample rate of groups without a time.   accept_useless: score even if the only monitor's
-    alerts carry no information.
+    rate: sample rate of groups without a time.   group: flight to map, if the file has several.
+    accept_useless: score even if the only monitor's alerts carry no information.
     """
 
     monitors: tuple[Path, ...]
@@ -41,6 +41,7 @@ class ScoreRequest:
     epsilons: tuple[float | None, ...] = (None,)
     mapping: Mapping | None = None
     rate: TimeSource | None = None
+    group: str = ""
     recipe: ScoringRecipe = ScoringRecipe()  # noqa: RUF009
     accept_useless: bool = False
 
@@ -172,6 +173,7 @@ def _proposed(
         aircraft=memory.aircraft if memory else "",
         expected=surface_signs(aircraft.uncertain_plant()) if aircraft else CONVENTION,
         rate=request.rate,
+        group=request.group,
     )
 
 

@@ -99,6 +99,8 @@ class RecordingDetails(RecordingInfo):
     """other possible signals, by channel"""
     derivable: dict[str, list[Derivable]]
     """possible derivations, by channel"""
+    mapping_notes: list[str]
+    """on the proposed mapping as a whole"""
     missing: list[str]
     """channels without a signal"""
     quality: dict[str, Any] | None

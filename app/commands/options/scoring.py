@@ -30,6 +30,7 @@ def add_scoring_options(parser: argparse.ArgumentParser) -> None:
     )
     option(parser, "--mapping FILE.json", "mapping of signals; proposed if absent", type=Path)
     option(parser, "--rate '50 Hz[ from 12:31:05]'", "sample rate of a file without times")
+    option(parser, "--group NAME", "flight to map if the file has several", default="")
     option(parser, "--aircraft NAME", "use its stored mapping; a given mapping is stored for it")
     option(
         parser,
@@ -82,6 +83,7 @@ def request_of(options: argparse.Namespace) -> tuple[ScoreRequest, MappingMemory
         recipe=ScoringRecipe(trim=options.trim, manoeuvres=marked),
         mapping=None if options.mapping is None else read_mapping(options.mapping),
         rate=None if options.rate is None else read_rate(options.rate),
+        group=options.group,
         accept_useless=options.accept_useless,
     )
     memory = MappingMemory(read_settings(), options.aircraft) if options.aircraft else None

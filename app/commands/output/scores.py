@@ -179,6 +179,7 @@ def contents_lines(contents: Contents) -> Iterator[str]:
 def mapping_lines(mapping: Mapping, proposal: Proposal | None) -> Iterator[str]:
     """One line for each channel, with the confidence of a proposal."""
     yield "proposed mapping:" if proposal else "given mapping:"
+    yield from (f"  {note}" for note in (proposal.notes if proposal else ()))
     for key in (key for key in TARGETS if key in mapping.channels):
         source = mapping.channels[key]
         rationale = proposal.rationales.get(key) if proposal else None

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from app.telemetry.contents import Columns, Signal
 from app.telemetry.mapping.magnitudes import Extent, extent_of, plausible_units, unit_is_plausible
 from app.telemetry.mapping.names import NameMatch, rates_by_letter, signal_matches
+from app.telemetry.mapping.spelling import spellings
 from app.telemetry.targets import TARGETS
 from app.telemetry.units import NOT_GIVEN, PLAIN, factor, fits, spelled
 from core.channels import KEYS
@@ -15,6 +16,10 @@ PROPOSED = 0.4
 """Least certainty of a signal that is proposed."""
 MENTIONED = 0.15
 """Least certainty of an alternative."""
+RECORDED_ONCE = {"beta", "delta_a", "delta_r", "delta_a_left", "delta_a_right"}
+"""Channels that groups of one flight do not repeat by the same names; inertial units do."""
+SAME_CHANNELS = 3
+"""Groups that share so many channels by the same names are flights of their own."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +97,27 @@ def assign(candidates: Candidates, mapped: set[str]) -> dict[str, Candidate]:
             assigned[candidate.key] = candidate
             used.add(candidate.signal.name)
     return assigned
+
+
+def separate_flights(candidates: Candidates) -> list[int]:
+    """Groups that are flights of their own, the most complete first; [] if groups make one flight.
+
+    They repeat each other's channels under the same names, like structures of manoeuvres.
+    """
+    named: dict[int, set[tuple[str, tuple[str, ...]]]] = {}
+    for key, ranked in candidates.by_key.items():
+        for candidate in ranked:
+            if candidate.certainty >= PROPOSED:
+                words = spellings(candidate.signal.name)[0].words
+                named.setdefault(candidate.signal.group, set()).add((key, words))
+
+    def repeats(group: int, other: int) -> bool:
+        keys = {key for key, _ in named[group] & named[other]}
+        return group != other and len(keys) >= SAME_CHANNELS and bool(keys & RECORDED_ONCE)
+
+    flights = [group for group in named if any(repeats(group, other) for other in named)]
+    support = _support(candidates)
+    return sorted(flights, key=lambda group: (-support[group], group))
 
 
 def _support(candidates: Candidates) -> dict[int, int]:

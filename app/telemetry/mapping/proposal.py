@@ -11,6 +11,7 @@ from app.telemetry.mapping.candidates import (
     Candidates,
     assign,
     find_candidates,
+    separate_flights,
 )
 from app.telemetry.mapping.checks import check_against_motion
 from app.telemetry.mapping.derivations import DERIVATIONS, ways
@@ -27,6 +28,7 @@ from app.telemetry.mapping.names import signal_matches
 from app.telemetry.mapping.proposal_builder import ProposalBuilder, Rationale, recall
 from app.telemetry.mapping.recorded_motion import choose_rates
 from app.telemetry.mapping.signs import CONVENTION
+from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import TARGETS
 from core.channels import KEYS
 from core.simulation.attitude import SurfaceSigns
@@ -52,6 +54,7 @@ class Proposal:
     alternatives: key -> other signals that fit, the likeliest first.
     derivable: key -> derivations whose inputs are mapped.
     missing: channels of the monitor without a source.
+    notes: sentences about the mapping as a whole.
     """
 
     mapping: Mapping
@@ -59,6 +62,7 @@ class Proposal:
     alternatives: dict[str, tuple[str, ...]] = field(default_factory=dict)
     derivable: dict[str, tuple[str, ...]] = field(default_factory=dict)
     missing: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 @ANY_NUMBERS
@@ -69,6 +73,7 @@ def propose(
     aircraft: str = "",
     expected: SurfaceSigns = CONVENTION,
     rate: TimeSource | None = None,
+    group: str = "",
 ) -> Proposal:
     """Propose a mapping by names, units, ranges of values and motion.
 
@@ -76,12 +81,13 @@ def propose(
     aircraft: name of the aircraft that it was confirmed for.
     expected: how the monitor's aircraft responds to positive deflections.
     rate: sample rate given by a person, for groups without a time signal.
+    group: the flight to map, if groups are flights of their own; "" for the most complete.
     """
     builder = ProposalBuilder(columns)
     if remembered is not None:
         recall(builder, remembered, aircraft)
     _find_times(builder, rate)
-    candidates = _assign_signals(builder)
+    candidates = _assign_signals(builder, group)
     _derive(builder)
     check_against_motion(builder, expected)
     _explain_missing(builder, candidates)
@@ -100,10 +106,11 @@ def propose(
         alternatives,
         derivable,
         tuple(key for key in KEYS if key not in channels),
+        tuple(builder.notes),
     )
 
 
-def _assign_signals(builder: ProposalBuilder) -> Candidates:
+def _assign_signals(builder: ProposalBuilder, group: str) -> Candidates:
     """Assign to each channel the signal that fits best; return all that fit."""
     mapped = {source.signal for source in (*builder.channels.values(), *builder.times.values())}
     groups = builder.columns.contents.groups
@@ -114,6 +121,7 @@ def _assign_signals(builder: ProposalBuilder) -> Candidates:
         or not (builder.times or group.n_rows < 2 or dead_time(builder.columns, n))
     }
     candidates = find_candidates(builder.columns, usable, mapped)
+    _choose_flight(builder, candidates, group)
     assigned = assign(candidates, set(builder.channels))
     assigned = choose_rates(builder.columns, builder.mapping, candidates, assigned)
     decision = decide_units(builder.columns, builder.mapping, assigned)
@@ -123,6 +131,35 @@ def _assign_signals(builder: ProposalBuilder) -> Candidates:
         if key in builder.channels and key in decision.contradictions:
             builder.comment(key, *decision.contradictions[key])
     return candidates
+
+
+def _choose_flight(builder: ProposalBuilder, candidates: Candidates, group: str) -> None:
+    """Limit the candidates to one group if groups are flights of their own.
+
+    It is the group that a person chose or confirmed, else the most complete.
+    """
+    contents = builder.columns.contents
+    names = [each.name for each in contents.groups]
+    if group and group not in names:
+        raise TelemetryError(f"the file has no group {group!r}: choose one of {', '.join(names)}")
+    flights = separate_flights(candidates)
+    sources = [builder.channels[key].signal for key in builder.confirmed]
+    confirmed = [builder.columns.signal(name).group for name in sources if name]
+    if group:
+        chosen = names.index(group)
+    elif flights:
+        chosen = (*confirmed, *flights)[0]
+    else:
+        return
+    for key, ranked in candidates.by_key.items():
+        candidates.by_key[key] = [c for c in ranked if c.signal.group == chosen]
+    candidates.rejected.clear()
+    if others := [names[other] for other in sorted(flights) if other != chosen]:
+        more = f" and {len(others) - MOST_NAMED} more" if len(others) > MOST_NAMED else ""
+        builder.notes.append(
+            f"each group is a flight of its own: {names[chosen]} is mapped; the others are "
+            f"{', '.join(others[:MOST_NAMED])}{more}"
+        )
 
 
 def _find_times(builder: ProposalBuilder, rate: TimeSource | None) -> None:

@@ -29,6 +29,7 @@ class ProposalBuilder:
 
     confirmed: channels that a person has confirmed; they get comments but are never changed.
     most_confident: upper limit of the confidence in channels with an inferred unit.
+    notes: sentences about the mapping as a whole.
     """
 
     columns: Columns
@@ -37,6 +38,7 @@ class ProposalBuilder:
     rationales: dict[str, Rationale] = field(default_factory=dict)
     confirmed: set[str] = field(default_factory=set)
     most_confident: dict[str, float] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
 
     @property
     def mapping(self) -> Mapping:

@@ -52,6 +52,7 @@ export function createMappingTable({ catalog, recording, changed }) {
   const head = HEADS.map(([part, words]) => h("span", { class: `map-${part}` }, words));
   const element = h(
     "div.map-table",
+    recording.mapping_notes.map((note) => h("p.hint", `${note}.`)),
     h("div.map-head", { "aria-hidden": true }, head),
     time.element,
     listOf(rows.filter((row) => !others.includes(row))),
