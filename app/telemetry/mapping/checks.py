@@ -101,7 +101,7 @@ def _check_sign(builder: ProposalBuilder, key: str, evidence: SignEvidence) -> N
     if evidence.sign < 0:
         builder.change(key, sign=-builder.channels[key].sign)
         builder.comment(key, evidence.text, 0.95 if evidence.proven else 0.6)
-    elif evidence.proven:
+    elif evidence.proven and evidence.times == 1.0:
         builder.support(key, evidence.text, 0.6)
     else:
         builder.comment(key, evidence.text, 0.8)
@@ -231,7 +231,7 @@ def _warn_of_signs(warnings: MappingWarnings, mapping: Mapping, moves: Motion) -
             warnings[key].append(f"according to the motion it is {evidence.text}")
         if evidence.times != 1.0:
             angle = ANGLE_OF[key]
-            text = f"{key} is {evidence.times:.3g} times d({angle})/dt: one unit is wrong"
+            text = f"{key} is {evidence.times:.3g} times d({angle})/dt: a unit or signal is wrong"
             warnings[key].append(text)
             warnings[angle].append(text)
 

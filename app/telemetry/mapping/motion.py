@@ -8,7 +8,7 @@ noise averages out.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from math import pi
+from math import pi, sqrt
 
 import numpy as np
 
@@ -45,6 +45,11 @@ class PartialEffect:
 
     slope: float
     share: float
+
+    @property
+    def size(self) -> float:
+        """Magnitude of the slope, without its bias by noise in the cause."""
+        return abs(self.slope) / sqrt(self.share)
 
 
 @dataclass(frozen=True, eq=False)

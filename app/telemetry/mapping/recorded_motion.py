@@ -19,7 +19,7 @@ from app.telemetry.mapping.magnitudes import extent_of
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.mapping.motion import ANGLE_OF, LARGEST, Motion, motion, sideslip_balance
 from app.telemetry.mapping.names import is_derived
-from app.telemetry.mapping.signs import CLEAR, FOLLOWS
+from app.telemetry.mapping.signs import CLEAR, FOLLOWS, is_wrong_scale
 from app.telemetry.mapping.spelling import spellings
 from app.telemetry.mapping.vocabulary import MACH, NORMAL_ACCELERATION
 from app.telemetry.recording import TelemetryError
@@ -88,7 +88,8 @@ def choose_rates(
 ) -> dict[str, Candidate]:
     """Replace a rate by another signal that follows the derivative of its angle clearly better.
 
-    Rates that were derived from the angle would follow it best, so they do not replace others.
+    A signal that is a multiple of the derivative does not follow it. Rates that were derived from
+    the angle would follow it best, so they do not replace others.
     before: channels with confirmed sources, and the times of the groups.
     """
     chosen = dict(assigned)
@@ -102,34 +103,65 @@ def choose_rates(
         rivals = [
             candidate
             for candidate in candidates.by_key[key]
-            if candidate.certainty >= PROPOSED
-            and candidate.signal.name not in used
+            if candidate.signal.name not in used
             and (candidate is chosen[key] or not is_derived(candidate.signal.name))
         ][:MOST_TRIED]
         if len(rivals) < 2 or chosen[key] not in rivals:
             continue
+        unit = before.channels[angle].unit if angle in before.channels else ""
+        unit = unit or (chosen[angle].unit if angle in chosen else TARGETS[angle].unit)
         follows = {
-            rival.signal.name: _follows(columns, before, key, rival, of_angle) for rival in rivals
+            rival.signal.name: _Follows.of(columns, before, rival, of_angle, unit)
+            for rival in rivals
         }
-        best = max(rivals, key=lambda rival: follows[rival.signal.name])
-        current = chosen[key].signal.name
-        if follows[best.signal.name] ** 2 < FOLLOWS:
-            continue
-        if follows[best.signal.name] > follows[current] + CLEARER:
+        current = follows[chosen[key].signal.name]
+        named = [r for r in rivals if r.certainty >= PROPOSED or current.is_contradicted]
+        best = max(named, key=lambda rival: follows[rival.signal.name].score)
+        of_best = follows[best.signal.name]
+        if of_best.score**2 >= FOLLOWS and of_best.score > current.score + CLEARER:
+            how = f"is {current.size:.3g} times it" if current.is_contradicted else ""
+            how = how or f"with only {current.correlation:.2f}"
             chosen[key] = best.because(
-                f"it follows d({angle})/dt with a correlation of {follows[best.signal.name]:.2f}, "
-                f"{current} with only {follows[current]:.2f}"
+                f"it follows d({angle})/dt with a correlation of {of_best.correlation:.2f}, "
+                f"{chosen[key].signal.name} {how}"
             )
     return chosen
 
 
-def _follows(
-    columns: Columns, before: Mapping, key: str, rate: Candidate, of_angle: dict[str, str]
-) -> float:
-    """Magnitude of the correlation between a signal and the derivative of its angle."""
-    moves, _ = motion_as_recorded(columns, before.times, of_angle | {key: rate.signal.name})
-    effect = moves.rate_effect(key) if moves else None
-    return sqrt(max(effect.share, 0.0)) if effect else 0.0
+@dataclass(frozen=True)
+class _Follows:
+    """How a signal follows the derivative of its angle.
+
+    correlation: its magnitude.   size: ratio to the derivative, in the units that fit best if they
+    are not given.   is_contradicted: whether the ratio is far from 1.
+    """
+
+    correlation: float = 0.0
+    size: float = 1.0
+    is_contradicted: bool = False
+
+    @property
+    def score(self) -> float:
+        return 0.0 if self.is_contradicted else self.correlation
+
+    @classmethod
+    def of(
+        cls, columns: Columns, before: Mapping, rate: Candidate, of_angle: dict[str, str], unit: str
+    ) -> "_Follows":
+        """unit: of the angle, "" if unknown."""
+        names = of_angle | {rate.key: rate.signal.name}
+        moves, _ = motion_as_recorded(columns, before.times, names)
+        effect = moves.rate_effect(rate.key) if moves else None
+        if effect is None or effect.share <= 0.0:
+            return cls()
+        sizes = [
+            effect.size * factor(of_rate, "rad/s") / factor(of_angle, "rad")
+            for of_rate in ([rate.unit] if rate.unit else ["rad/s", "deg/s"])
+            for of_angle in ([unit] if unit else list(TURNS))
+        ]
+        size = min(sizes, key=lambda size: abs(log(size)))
+        follows = effect.share >= FOLLOWS
+        return cls(sqrt(effect.share), size, follows and is_wrong_scale(rate.key, size))
 
 
 SIDE_FORCE_CLEAR = 0.6
@@ -176,8 +208,7 @@ def relations_of_motion(moves: Motion) -> Iterator[UnitRelation]:
     for key, angle in ANGLE_OF.items():
         effect = moves.rate_effect(key)
         if effect and effect.share >= FOLLOWS:
-            # undo the bias of the slope by noise in the derivative
-            size = log(abs(effect.slope) / sqrt(effect.share))
+            size = log(effect.size)
             text = f"{key} is {{:.3g}} times d({angle})/dt"
             # in a bank r is smaller by cos(phi)
             yield UnitRelation({key: 1, angle: -1}, size, 0.0, 0.2 if key == "p" else 0.35, text)
@@ -185,7 +216,7 @@ def relations_of_motion(moves: Motion) -> Iterator[UnitRelation]:
         # beta-dot against the yaw rate
         effect = moves.effect(moves.rates["beta"], "r", "p", "phi")
         if effect and effect.share >= FOLLOWS:
-            size = log(abs(effect.slope) / sqrt(effect.share))
+            size = log(effect.size)
             text = "d(beta)/dt is {:.3g} times -r"
             yield UnitRelation({"beta": 1, "r": -1}, size, 0.1, 0.3, text)
     effect = moves.effect("Ny", "beta", "delta_r", "p", "r", "delta_a", "phi")

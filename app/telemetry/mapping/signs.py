@@ -33,8 +33,9 @@ SURFACES = {
     "delta_a": ("aileron", "rolls", "roll", "delta_r"),
 }
 """By surface: its name, what it does, the axis, the other surface."""
-MIX_UP = (40.0, 80.0)
-"""Ratios of a rate to the derivative of its angle that show degrees read as radians (57.3)."""
+WRONG_SCALE = {"p": 2.0, "r": 3.5}
+"""A rate is in a wrong unit, or another quantity, if its ratio to the derivative of its angle is
+beyond this or its inverse. In a bank r is smaller by cos(phi)."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class SignEvidence:
     """Sign of a channel according to the motion.
 
     sign: 1 correct, -1 reversed.   proven: by the channel itself.   times: ratio of a rate to the
-    derivative of its angle if that shows a wrong unit; otherwise 1.
+    derivative of its angle if that shows a wrong unit or quantity; otherwise 1.
     """
 
     sign: int
@@ -116,13 +117,15 @@ def _rate(moves: Motion, key: str) -> SignEvidence | None:
     effect = moves.rate_effect(key)
     if effect is None or effect.share < FOLLOWS or moves.spread(key) < RATE_MOVED:
         return None
-    size = abs(effect.slope)
-    is_mixed_up = any(MIX_UP[0] < ratio < MIX_UP[1] for ratio in (size, 1.0 / size))
     angle = ANGLE_OF[key]
     how = f"{effect.slope:+.2f} times d({angle})/dt, which explains {effect.share:.0%} of it"
     otherwise = "it is opposite to the attitude"
-    times = size if is_mixed_up else 1.0
+    times = effect.size if is_wrong_scale(key, effect.size) else 1.0
     return _evidence(effect.slope > 0.0, "the attitude", otherwise, how, times)
+
+
+def is_wrong_scale(key: str, size: float) -> bool:
+    return not 1.0 / WRONG_SCALE[key] < size < WRONG_SCALE[key]
 
 
 def _accelerations(moves: Motion, key: str, signs: dict[str, SignEvidence]) -> Array | None:

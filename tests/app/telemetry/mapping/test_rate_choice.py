@@ -73,3 +73,17 @@ def test_r_p_and_y_are_rates_of_roll_pitch_and_yaw(place, tmp_path):
     table[f"{place}Q"] = table.pop(f"{place}Y")
     channels = propose(columns_of(tmp_path, table)).mapping.channels
     assert channels["r"].signal == f"{place}R"
+
+
+def test_a_multiple_of_the_attitude_rate_is_not_the_rate(tmp_path):
+    channels = flight()
+    table = {name: channels[name] for name in OTHER_KEYS}
+    table |= {"roll_rate": 4.66 * channels["p"], "p_mix": 1.03 * channels["p"]}
+    units = {"roll_rate": "rad/s", "p_mix": "rad/s", "phi": "rad"}
+    proposal = propose(columns_of(tmp_path / "both", table, units=units))
+    assert proposal.mapping.channels["p"].signal == "p_mix"
+    assert "roll_rate is 4." in " ".join(proposal.rationales["p"].reasons)
+    del table["p_mix"]
+    rationale = propose(columns_of(tmp_path / "one", table, units=units)).rationales["p"]
+    assert rationale.confidence < 0.5
+    assert " 4." in " ".join(rationale.reasons)
