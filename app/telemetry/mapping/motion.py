@@ -15,7 +15,13 @@ import numpy as np
 from app.telemetry.mapping.derivations import values_at
 from app.telemetry.mapping.magnitudes import extent_of
 from app.telemetry.recording import Trace, Traces
-from core.clearance.equation_error import EquationError, Estimate, SmoothedSignal, smoothing_window
+from core.clearance.equation_error import (
+    WIDTH_S,
+    EquationError,
+    Estimate,
+    SmoothedSignal,
+    smoothing_window,
+)
 from core.types import Array, Indices
 
 STEP = 0.05
@@ -41,15 +47,22 @@ class PartialEffect:
     """Effect of one cause on a response, beside all other causes.
 
     slope: response per cause.   share: explained part of what the others leave, 0 to 1.
+    free: independent rows beyond the unknowns; the smoothing makes neighbours alike.
     """
 
     slope: float
     share: float
+    free: float
 
     @property
     def size(self) -> float:
         """Magnitude of the slope, without its bias by noise in the cause."""
         return abs(self.slope) / sqrt(self.share)
+
+    @property
+    def sigmas(self) -> float:
+        """The slope in multiples of its standard error."""
+        return sqrt(max(self.free, 0.0) * self.share / max(1.0 - self.share, 1e-12))
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +118,8 @@ class Motion:
         explained = slopes[0] ** 2 / inverse[0, 0] if inverse[0, 0] > 0.0 else 0.0
         total = explained + float(residual @ residual)
         share = float(explained / total) if total > 0.0 else 0.0
-        return PartialEffect(float(slopes[0] / scales[0]), share)
+        free = len(y) * STEP / WIDTH_S - len(moving)
+        return PartialEffect(float(slopes[0] / scales[0]), share, free)
 
     def _centred(self, columns: list[Array]) -> list[Array]:
         known = np.isfinite(columns).all(axis=0)

@@ -22,6 +22,11 @@ from core.types import Array
 CONVENTION = SurfaceSigns(aileron=-1, rudder=-1)
 CLEAR = 0.5
 """Share of the variation left by other causes that a cause must explain to show a sign."""
+SIGNIFICANT = 3.0
+"""Least multiple of its standard error of an effect that shows a sign."""
+LEAST_SIZE = 0.05
+"""The same for its size: [rad/s2] of angular acceleration or [g] of side force per rad. All
+published aircraft have more; less, as in a stall, says nothing about a sign."""
 FOLLOWS = 0.7
 """The same for a rate against the derivative of its angle."""
 MOVED = radians(0.12)
@@ -112,6 +117,12 @@ def _evidence(
     return SignEvidence(-1, f"reversed, because {otherwise}: {how}", times=times)
 
 
+def _is_shown(effect: PartialEffect) -> bool:
+    """Whether an effect is clear, significant and of the size of an aircraft's."""
+    is_clear = effect.share >= CLEAR and effect.sigmas >= SIGNIFICANT
+    return is_clear and abs(effect.slope) >= LEAST_SIZE
+
+
 def _rate(moves: Motion, key: str) -> SignEvidence | None:
     """Compare a body rate with the derivative of its angle."""
     effect = moves.rate_effect(key)
@@ -140,7 +151,7 @@ def _sideslip(moves: Motion, yaw: Array | None) -> SignEvidence | None:
     if yaw is None or moves.spread("beta") < MOVED:
         return None
     effect = moves.effect(yaw, "beta", "p", "r", "delta_a", "delta_r")
-    if effect is None or effect.share < CLEAR:
+    if effect is None or not _is_shown(effect):
         return None
     how = f"{effect.slope:+.2g} rad/s^2 of yaw acceleration per rad{_explains(effect)}"
     stability = "weathercock stability"
@@ -152,7 +163,7 @@ def _lateral(moves: Motion, signs: dict[str, SignEvidence]) -> SignEvidence | No
     if moves.spread("beta") < MOVED:
         return None
     effect = moves.effect("Ny", "beta", "p", "r", "delta_a", "delta_r", "gravity")
-    if effect is None or effect.share < CLEAR:
+    if effect is None or not _is_shown(effect):
         return None
     slope = effect.slope * (signs["beta"].sign if "beta" in signs else 1)
     how = f"{slope:+.2g} g per rad of sideslip{_explains(effect)}"
@@ -170,7 +181,7 @@ def _surface(
         # without sideslip only the surface that leads the motion can be separated from the response
         return None
     effect = moves.effect(acceleration, key, "p", "r", other, "beta")
-    if effect is None or effect.share < CLEAR:
+    if effect is None or not _is_shown(effect):
         return None
     measured, usual = (("right" if sign > 0 else "left") for sign in (effect.slope, expected))
     how = f"{effect.slope:+.2g} rad/s^2 of {axis} acceleration per rad{_explains(effect)}"

@@ -222,6 +222,15 @@ def test_a_bias_as_large_as_gravity_is_suspect(tmp_path):
     assert proposal.rationales["Ny"].confidence < 0.5
 
 
+@pytest.mark.parametrize("stability", [0.015, -0.015])
+def test_a_stability_that_no_aircraft_has_shows_no_sign(stability):
+    t = flight()["t"]
+    beta = 0.3 * np.sin(0.9 * t) * np.sin(0.1 * t)
+    r = stability * np.cumsum(beta) * (t[1] - t[0])
+    assert "beta" not in find_signs(moves_of({"t": t, "beta": beta, "r": r}))
+    assert find_signs(moves_of({"t": t, "beta": beta, "r": 100.0 * r}))["beta"].sign * stability > 0
+
+
 @pytest.mark.parametrize("start", ["trim", "moving"])
 def test_a_side_force_in_trim_or_in_motion_is_not_a_bias(start, tmp_path):
     channels = flight()
