@@ -1,7 +1,7 @@
 """The validity matrix: the monitor of each published aircraft on flights of every other.
 
-An exceeding flight of another aircraft counts as a miss only if it was valid and had no timely
-alert. The matrix counts the share of such flights.
+An exceeding flight of another aircraft counts as a miss unless an alert or a withdrawal came in
+time, at least a lead before the exceedance. The matrix counts the share of such flights.
 """
 
 from collections.abc import Iterator, Sequence
@@ -77,7 +77,8 @@ class Pair:
     """Flights of one aircraft through the monitor of another, or through its own.
 
     command: `same` as in training, or `retuned` so that a quarter of the flights exceeds.
-    missed: exceeding flights without a timely alert, valid or not; valid_and_missed: valid ones.
+    missed: exceeding flights without a timely alert, valid or not; valid_and_missed: those without
+    a timely withdrawal either.
     """
 
     monitor: str
@@ -177,7 +178,7 @@ def _pair(
     while n_flights < recipe.most_flights:
         flights = simulator.rollouts(min(BATCH, recipe.most_flights - n_flights), rng)
         n_flights += len(flights.y)
-        counts += _counts(monitor, flights.y, flights.fail_index)
+        counts += counts_of(monitor, flights.y, flights.fail_index)
         if not 0 < counts[N_FAILING] < recipe.n_failing:
             break
     return Pair(
@@ -190,14 +191,15 @@ def _pair(
     )
 
 
-def _counts(monitor: Monitor, y: Array, fail_index: Indices) -> Indices:
+def counts_of(monitor: Monitor, y: Array, fail_index: Indices) -> Indices:
     """(6,) the counts of a Pair, in the order of its fields."""
     fails = fail_index < y.shape[1]
-    invalid = monitor.first_withdrawn(y, fail_index) < y.shape[1]
+    first_invalid = monitor.first_withdrawn(y, fail_index)
+    invalid, late = first_invalid < y.shape[1], first_invalid > fail_index - monitor.h
     risk = monitor.highest_p_values(y[fails], fail_index[fails] - monitor.h)
     missed = np.zeros(len(y), bool)
     missed[fails] = risk <= monitor.alert_above()
-    kinds = ~fails, fails, invalid & ~fails, invalid & fails, missed, missed & ~invalid
+    kinds = ~fails, fails, invalid & ~fails, invalid & fails, missed, missed & late
     return np.array([np.count_nonzero(kind) for kind in kinds])
 
 
