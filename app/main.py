@@ -21,8 +21,8 @@ from app.access.sessions import Sessions
 from app.demonstration import Demonstration
 from app.flights.clock import MonotonicClock
 from app.flights.flights import Flights
-from app.flights.frame_ticks import FrameTicks
 from app.flights.sources.udp import UdpAccess
+from app.flights.watcher import FrameTicks
 from app.http.document import TAGS, describe_arrays, describe_examples, describe_names
 from app.http.idempotency import Idempotent, describe_keys
 from app.http.metrics import Measured, Metrics

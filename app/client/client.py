@@ -114,7 +114,6 @@ class LiveClient:
 
     @property
     def address(self) -> str:
-        """Address of the flight's page."""
         return f"{self.url}/#/fly/{self.flight}"
 
     # --- samples ------------------------------------------------------------------------------
@@ -163,7 +162,6 @@ class LiveClient:
             self._flushing = False
 
     def close(self) -> None:
-        """Stop at once."""
         self._closing = True
         if self._thread is not None:
             self._call("_stop")

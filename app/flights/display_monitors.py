@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import Any, NamedTuple
 
 from app.assessment.grid import DELAY_INTERVALS
-from app.flights.sources.track import SourceError
+from app.flights.sources.playback import SourceError
 from app.messages import FlownMonitor, validity_word
 from app.recipes.labels import kind_label
 from app.store.flights import FlightInfo
@@ -37,7 +37,6 @@ class DisplayMonitor(NamedTuple):
 
 
 def check_limits(monitor_id: str, monitor: Monitor) -> None:
-    """LimitsUnknown for a monitor without limits."""
     if monitor.limits is None:
         raise LimitsUnknown(
             f"monitor {monitor_id} does not contain the limits it was trained for, so exceedances "

@@ -10,6 +10,7 @@ from datetime import UTC, datetime, timedelta
 from operator import itemgetter
 
 from app.assessment.rescoring import header_of
+from app.flights.sources.source import mapping_of
 from app.recipes.labels import kind_label
 from app.recordings.files import NoSpace
 from app.recordings.flown_journal import FlownJournal
@@ -20,7 +21,6 @@ from app.store.recordings import Marker
 from app.store.store import NotFound
 from app.store.tables import new_id, now, time_text
 from app.telemetry.journal import Journals, lines_of
-from app.telemetry.mapping.mapping import Mapping
 from app.telemetry.recording import TelemetryError
 from core.flight_markers import FLIGHT_MARKERS
 
@@ -68,7 +68,7 @@ class FlightRecordings:
         if not self._journals.is_whole(flight_id):
             raise NoSpace(f"the journal of flight {flight_id} waits for the disk")
         header = header_of(path) or {}
-        mapping, aircraft = self._read_by(info, header)
+        mapping, aircraft = mapping_of(self._store, info.source.get("recording"), header)
         name = self._name(info, header, aircraft)
         markers = self._markers(flight_id, str(header.get("began", now())))
         flown = FlownJournal(flight_id, path, name, aircraft, mapping, markers)
@@ -89,7 +89,6 @@ class FlightRecordings:
         return info.status != INTERRUPTED or age >= RESUMED_WITHIN_S
 
     def _name(self, info: FlightInfo, header: dict[str, object], aircraft: str | None) -> str:
-        """The flight's name; by default from aircraft, manoeuvre, id and start."""
         given = str(info.source.get("name", header.get("name", UNNAMED)))
         if given != UNNAMED and not given.startswith(f"{UNNAMED}, "):
             return given
@@ -99,20 +98,6 @@ class FlightRecordings:
         test = " ".join(word for word in (aircraft or flown, maneuver) if word) or "flight"
         began = str(header.get("began", info.created))[:16].replace("T", " ")
         return f"{test}, flight {info.id}, {began} UTC"
-
-    def _read_by(
-        self, info: FlightInfo, header: dict[str, object]
-    ) -> tuple[Mapping | None, str | None]:
-        """The mapping and aircraft of a flight; old journals have neither."""
-        if "mapping" in header:
-            plain, aircraft = header["mapping"], header.get("aircraft")
-            mapping = None if plain is None else Mapping.from_plain(plain)
-            return mapping, None if aircraft is None else str(aircraft)
-        recording = info.source.get("recording")
-        if recording is None:
-            return None, None
-        plain = self._store.recordings.mapped_columns(recording).mapping
-        return Mapping.from_plain(plain), self._store.recordings.info(recording).aircraft
 
     def _markers(self, flight_id: str, began: str) -> list[Marker]:
         """Markers of a flight: calls, manoeuvres begun by hand, and limits put in force.

@@ -3,10 +3,10 @@
 import asyncio
 import logging
 import time
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import ValidationError
@@ -30,17 +30,15 @@ from app.flights.recorder import INTERVAL_S, Recorder
 from app.flights.request import FlightRequest
 from app.flights.shown_flight import ShownFlight
 from app.flights.sources.live import LiveFlight, LiveSetup
-from app.flights.sources.playback import Script
+from app.flights.sources.playback import Script, SourceError
 from app.flights.sources.source import (
     FlownLive,
     Live,
     Opening,
     aircraft_of,
     journal_setup,
-    mode_of,
     trim_angles,
 )
-from app.flights.sources.track import SourceError
 from app.flights.sources.udp import UdpAccess
 from app.flights.transport import NotPossible
 from app.flights.verdict import first_exceedance
@@ -152,7 +150,6 @@ class Flights:
         return next(filter(None, problems), "")
 
     def under_way(self) -> list[Flight]:
-        """Flights in progress, newest last."""
         return list(self._flights.values())
 
     def get(self, flight_id: str) -> Flight | None:
@@ -183,10 +180,26 @@ class Flights:
             opening = self._opening(request.monitor, monitor, epsilon)
             opening = opening._replace(display=display, conditions=request.source_names)
             script, name = await asyncio.to_thread(request.source.open, opening)
-            source = request.source.model_dump(exclude_none=True)
-            plan = await self._plan(request, request.name or name, source, epsilon, display)
-            waits = request.wait_for_viewer
-            plan = replace(plan, limits=limits, by=by, wait_for_viewer=waits)
+            name, source = request.name or name, request.source.model_dump(exclude_none=True)
+            info = await asyncio.to_thread(self.store.monitors.info, request.monitor)
+            stored = {**source, NAME: name, ACCEPT_USELESS: request.accept_useless}
+            used = [(shown.id, shown.epsilon) for shown in display]
+            add = self.store.flights.add
+            flight_id = await asyncio.to_thread(add, stored, request.monitor, epsilon, used)
+            plan = FlightPlan(
+                flight_id,
+                name,
+                source,
+                monitor,
+                request.monitor,
+                info.name,
+                epsilon,
+                request.source.mode,
+                display,
+                limits,
+                by,
+                request.wait_for_viewer,
+            )
             return await self._start(plan, request.source.flight, script)
         finally:
             self._starting -= 1
@@ -249,7 +262,6 @@ class Flights:
         return flight
 
     async def live_status(self, flight_id: str) -> LiveStatus | None:
-        """State of the source of a live flight, at its end if it has ended; None if unknown."""
         flight = self.get(flight_id)
         if flight is not None or self._journals is None:
             return flight.live if flight else None
@@ -300,10 +312,12 @@ class Flights:
             self._make_recording(flight_id)
 
     def _make_recording(self, flight_id: str) -> None:
-        """Make a recording of an ended live flight, in the background."""
         if self._recordings is None or self._closing:
             return
-        task = asyncio.create_task(self._recordings.make(flight_id))
+        self._in_background(self._recordings.make(flight_id))
+
+    def _in_background(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.get_running_loop().create_task(work)
         self._stopping.add(task)
         task.add_done_callback(self._stopping.discard)
 
@@ -327,7 +341,6 @@ class Flights:
         await self.stop(flight_id, reason=f"the flight was ended by {by}")
 
     async def _resume(self, flight_id: str) -> Flight:
-        """Resume a live flight of a killed server from its journal."""
         info = await asyncio.to_thread(self.store.flights.info, flight_id)
         source = source_of(info)
         journals = self._journals
@@ -341,27 +354,25 @@ class Flights:
         self._reserve_place()
         try:
             monitor = await asyncio.to_thread(self._monitor, info.monitor_id)
-            request = FlightRequest.model_validate({"source": source, "monitor": info.monitor_id})
             of_flight = await asyncio.to_thread(self.store.flights.display, [flight_id])
             shown = of_flight.get(flight_id, [])
             display = await asyncio.to_thread(self._display, monitor, shown)
             opening = self._opening(info.monitor_id, monitor, info.epsilon)
             opening = opening._replace(display=display)
-            live, path = request.source, journals.path(flight_id)
-            assert isinstance(live, Live)
+            live, path = Live.model_validate(source), journals.path(flight_id)
             if not path.exists():
                 raise NotPossible(
                     f"flight {flight_id} accepts no samples: it was interrupted and its journal "
                     "is missing"
                 )
             header = await asyncio.to_thread(header_of, path)
-            setup, name = await asyncio.to_thread(live.reopen, opening, header or {})
+            setup = await asyncio.to_thread(live.setup, opening, header or {})
             alarms = await self.records.alarms(flight_id)
             markers = await self.records.markers(flight_id)
             about = await asyncio.to_thread(self.store.monitors.info, info.monitor_id)
             plan = FlightPlan(
                 flight_id,
-                flight_name(info) or name,
+                flight_name(info),
                 source,
                 monitor,
                 info.monitor_id,
@@ -382,7 +393,7 @@ class Flights:
                 await asyncio.to_thread(self.store.flights.resume, flight_id, flight.head)
                 flight.resume(unrecorded)
 
-            return await self._start(plan, request.source.flight, setup, resume)
+            return await self._start(plan, LiveFlight, setup, resume)
         finally:
             self._starting -= 1
 
@@ -418,7 +429,6 @@ class Flights:
                 self._make_recording(flight_id)
 
     def _stop_later(self, flight_id: str, ending: "_Ending") -> None:
-        """Retry later to complete the record of an ended flight."""
 
         def retry() -> None:
             ending.timer = None
@@ -498,24 +508,6 @@ class Flights:
         check_alike(authority, display)
         return display
 
-    async def _plan(
-        self,
-        request: FlightRequest,
-        name: str,
-        source: dict[str, Any],
-        epsilon: float,
-        display: tuple[DisplayMonitor, ...],
-    ) -> FlightPlan:
-        monitor_id = request.monitor
-        monitor = await asyncio.to_thread(self.store.monitors.get, monitor_id)
-        info = await asyncio.to_thread(self.store.monitors.info, monitor_id)
-        stored = {**source, NAME: name, ACCEPT_USELESS: request.accept_useless}
-        used = [(shown.id, shown.epsilon) for shown in display]
-        add = self.store.flights.add
-        flight_id = await asyncio.to_thread(add, stored, monitor_id, epsilon, used)
-        about = monitor, monitor_id, info.name, epsilon, mode_of(source), display
-        return FlightPlan(flight_id, name, source, *about)
-
     async def _start(
         self,
         plan: FlightPlan,
@@ -545,9 +537,7 @@ class Flights:
 
     def _when_over(self, flight_id: str) -> Callable[[str, str], None]:
         def stop(status: str, reason: str) -> None:
-            task = asyncio.get_running_loop().create_task(try_to_stop(status, reason))
-            self._stopping.add(task)
-            task.add_done_callback(self._stopping.discard)
+            self._in_background(try_to_stop(status, reason))
 
         async def try_to_stop(status: str, reason: str) -> None:
             try:

@@ -71,13 +71,11 @@ class FlightRequest(BaseModel):
 
     @property
     def source_names(self) -> dict[ConditionKey, str]:
-        """Names under which a live source sends the other values."""
         return {key: v for key, v in self.condition.items() if isinstance(v, str)}
 
     @field_validator("monitor", mode="before")
     @classmethod
     def check_authority(cls, given: Any) -> Any:
-        """Refuse a list of monitors as alarm authority."""
         if isinstance(given, list):
             raise ValueError(
                 "a list of monitors has no calibrated miss rate: give one as `monitor`, which "
@@ -89,7 +87,6 @@ class FlightRequest(BaseModel):
 
     @model_validator(mode="after")
     def check_display(self) -> "FlightRequest":
-        """Refuse a monitor given twice, and a condition that cannot be used."""
         if self.limit_set is None and (self.limit_set_version is not None or self.condition):
             raise ValueError("a version or condition needs a limit_set: give its id")
         if self.source_names and getattr(self.source, "kind", "") != "live":

@@ -11,24 +11,19 @@ import numpy as np
 
 from app.assessment.input_checks import Doubt
 from app.assessment.limits_in_force import InForceFrom, Ruling
-from app.assessment.planned_test import input_of, limits_of, needed_channels
 from app.assessment.rescoring import ShownSample, rescored
 from app.flights.flight import stale_after
-from app.flights.recorder import CODES
 from app.flights.sources.lag import Lag
 from app.flights.sources.live import LiveSetup
-from app.flights.sources.playback import Angles, FollowedForecast, Script, onsets
-from app.flights.sources.track import SourceError
+from app.flights.sources.playback import Angles, SourceError, StoredScript, onsets
 from app.store.assessments import StoredAssessments
 from app.telemetry.journal import lines_of
 from core.channels import KEYS, N_CHANNELS
 from core.limits.exceedance import exceeds
-from core.monitor import Assessment, State
-from core.monitor.assessment import STATES
-from core.monitor.peak_forecast import Ahead
-from core.monitor.status import cause_of
+from core.monitor import Assessment
+from core.monitor.assessment import code_of
 from core.simulation.attitude import DisplayAttitude
-from core.types import Array, Flags
+from core.types import Array, Indices
 
 P, R = KEYS.index("p"), KEYS.index("r")
 SHOWN = np.dtype(
@@ -49,7 +44,7 @@ SHOWN = np.dtype(
 UNKNOWN = np.full(N_CHANNELS, np.nan)
 
 
-class ShownFlight(Script):
+class ShownFlight(StoredScript):
     """The journal of a flight, scored by a monitor. Slow to make, for a thread.
 
     Its times are those of the flight, each delayed by as much as its sample was later than the
@@ -59,30 +54,27 @@ class ShownFlight(Script):
     shows_rulings = True
 
     def __init__(self, setup: LiveSetup, flight_id: str) -> None:
-        self.dt, self.delay = setup.dt, setup.scorer().delay
+        self.delay = setup.scorer().delay
         self.is_checked = setup.monitor.support is not None
         self.reasons: list[str] = []
         self._display: list[tuple[Assessment, ...]] = []
         self._rulings: list[Ruling | None] = []
         self._doubts: list[tuple[Doubt, ...]] = []
         self._came: list[float] = []
-        self.samples = np.fromiter(self._read(setup, flight_id), SHOWN)
+        samples = np.fromiter(self._read(setup, flight_id), SHOWN)
+        super().__init__(samples, setup.dt, setup.monitor.recipe.predictor.forecasts)
         if not len(self.samples):
             raise SourceError(f"flight {flight_id} has no assessed sample: its source sent too few")
         shown = self.samples["shown"]
         self._began = float((shown - self.samples["t"]).min())
         self.t = np.maximum.accumulate(shown - self._began)
-        over = self._over(setup.monitor.limits)
-        self.alerts, self.exceedances = onsets(self.samples["alert"]), onsets(over)
+        self.alerts = onsets(self.samples["alert"])
+        self.exceedances = self.exceeding(setup.monitor.limits)
         self._late = self._lags(setup.scorer().lead)
         self._begun = np.concatenate([[0], 1 + np.flatnonzero(np.diff(self.samples["manoeuvre"]))])
         self._n_history = setup.monitor.recipe.n_delay + 1
-        self._needed = needed_channels(setup.monitor, limits_of(setup.monitor))
         self._first = 0
-        self._followed = FollowedForecast(setup.monitor, self._followed_sample)
-
-    def y(self, k: int) -> Array:
-        return self.samples["y"][k]
+        self._follow(setup.monitor)
 
     def recorded(self, k: int) -> Array:
         return self.samples["recorded"][k]
@@ -92,32 +84,22 @@ class ShownFlight(Script):
         phi, theta, psi = self.samples["attitude"][k].tolist()
         return phi, theta, psi
 
-    def assessment(self, k: int) -> Assessment:
-        sample, reason = self.samples[k], self.reasons[k]
-        t, state = float(sample["t"]), STATES[int(sample["state"])]
-        if state is not State.OK:
-            return Assessment(t, None, None, state, reason, cause=cause_of(state, reason))
-        y_hat = None if np.isnan(sample["y_hat"]).all() else sample["y_hat"]
-        p_value, alert = float(sample["p_value"]), bool(sample["alert"])
-        return Assessment(t, p_value, alert, state, reason, y_hat)
+    def _reason(self, k: int) -> str:
+        return self.reasons[k]
 
     def display(self, k: int) -> tuple[Assessment, ...]:
         return self._display[k]
 
-    def forecast_ahead(self, k: int) -> Ahead | None:
-        """Forecast of the rest of the card; each manoeuvre is a card."""
-        self._first = first = int(self._begun[np.searchsorted(self._begun, k, "right") - 1])
-        return self._followed.ahead(k, max(first - self._n_history, 0))
+    def _first_of_card(self, k: int) -> int:
+        """Each manoeuvre is a card; its forecast begins with the history before it."""
+        self._first = int(self._begun[np.searchsorted(self._begun, k, "right") - 1])
+        return max(self._first - self._n_history, 0)
 
-    def _followed_sample(self, k: int) -> tuple[float, Array, int]:
-        """Sample k from the trim of the followed manoeuvre, as the monitor read it."""
-        first, y, code = self._first, self.y(k), int(self.samples["state"][k])
-        if k < first:
-            y = self.recorded(k) - (self.recorded(first) - self.y(first))
-        y = input_of(y, self._needed)
-        if STATES[code] is State.INVALID and np.isfinite(y).all():
-            code = CODES[State.OK]
-        return float(self.samples["t"][k]), y, code
+    def _of_card(self, k: int) -> Array:
+        first = self._first
+        return (
+            self.y(k) if k >= first else self.recorded(k) - (self.recorded(first) - self.y(first))
+        )
 
     def ruling(self, k: int) -> Ruling | None:
         return self._rulings[k]
@@ -172,8 +154,8 @@ class ShownFlight(Script):
             self._doubts.append(scorer.doubts)
             yield _row(shown, display)
 
-    def _over(self, monitors: Array | None) -> Flags:
-        """(n,) whether a sample exceeds the limits in force. monitors: (6,) the monitor's own."""
+    def exceeding(self, limits: Array | None) -> Indices:
+        """Under the limits in force. limits: (6,) the monitor's own."""
         over, both = (
             np.zeros(len(self.samples), bool),
             (self.samples["y"], self.samples["recorded"]),
@@ -181,12 +163,12 @@ class ShownFlight(Script):
         held = {id(ruling): ruling for ruling in self._rulings}
         of_sample = np.array([id(ruling) for ruling in self._rulings])
         for key, ruling in held.items():
-            limits = monitors if ruling is None else ruling.limits
+            own = limits if ruling is None else ruling.limits
             here = of_sample == key
-            if limits is not None:
-                exceeding = (exceeds(limits, np.nan_to_num(values[here])) for values in both)
+            if own is not None:
+                exceeding = (exceeds(own, np.nan_to_num(values[here])) for values in both)
                 over[here] = np.logical_or(*exceeding)
-        return over
+        return onsets(over)
 
     def _lines(self, setup: LiveSetup, flight_id: str) -> Iterator[dict[str, Any]]:
         for line in lines_of(setup.journals.path(flight_id)):
@@ -207,7 +189,6 @@ class ShownFlight(Script):
 
 
 def _row(sample: ShownSample, display: DisplayAttitude) -> tuple[Any, ...]:
-    """A row of SHOWN."""
     assessed, assessment = sample.assessed, sample.assessed.assessment
     angles = assessed.attitude
     if angles is None:
@@ -221,7 +202,7 @@ def _row(sample: ShownSample, display: DisplayAttitude) -> tuple[Any, ...]:
         assessed.recorded,
         np.nan if assessment.p_value is None else assessment.p_value,
         bool(assessment.alert),
-        CODES[assessment.state],
+        code_of(assessment.state),
         UNKNOWN if assessment.y_hat is None else assessment.y_hat,
         angles,
         assessed.manoeuvre,

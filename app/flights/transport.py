@@ -40,7 +40,7 @@ class Due(NamedTuple):
 
 
 class Transport:
-    """Play, pause, step, seek, speed and loop over the samples of a source, from its start."""
+    """Plays the samples of a source."""
 
     def __init__(self, t: Array, dt: float, *, speed: float = 1.0, loop: bool = False) -> None:
         self._t, self._dt = t, dt

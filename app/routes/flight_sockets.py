@@ -14,11 +14,10 @@ from starlette.status import (
 
 from app.assessment.batches import sequence_of
 from app.flights.flights import Flights, TooManyFlights
-from app.flights.frame_ticks import FrameTicks
 from app.flights.sources.live import AcceptedBatch, LiveFlight, SequenceConflict
 from app.flights.sources.messages import Refused, Stored, Welcome
 from app.flights.transport import NotPossible
-from app.flights.watcher import Watcher
+from app.flights.watcher import FrameTicks, Watcher
 from app.http.connection import Connection, accept
 from app.messages import Credit, End, MessageError, decode
 from app.routes.live import sender_of
@@ -63,12 +62,9 @@ class _Screen:
         connection, watcher = self._connection, self._watcher
         if connection.is_closing:
             return
-        if connection.is_writable and (text := watcher.newest_message()) is not None:
-            connection.send(text)
-            return
         while connection.is_writable and (text := watcher.next_message()) is not None:
             connection.send(text)
-        if not (watcher.ended and watcher.is_done):
+        if not watcher.is_done:
             return
         if watcher.overrun:
             connection.close(WS_1013_TRY_AGAIN_LATER, "too slow for its alarms")

@@ -5,16 +5,21 @@ An assessment uses the history in the source, whatever the transport did before.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from app.assessment.input_checks import Doubt
 from app.assessment.limits_in_force import InForceFrom, Ruling
-from app.flights.sources.track import Track
+from app.assessment.planned_test import input_of, limits_of, needed_channels
 from core.limits.exceedance import MeasuredExceedance, exceedance, exceeds
-from core.monitor import Assessment, Monitor
+from core.monitor import Assessment, Monitor, State
+from core.monitor.assessment import STATES, code_of
 from core.monitor.peak_forecast import Ahead, RunningForecast
+from core.monitor.status import cause_of
+from core.simulation.attitude import attitude
 from core.types import Array, Flags, Indices
 
 MOST_FOLLOWED = 1_000
@@ -44,6 +49,7 @@ class Script(ABC):
     theta: dict[str, float] | None = None
     fail_t: float | None = None
     manoeuvres: Sequence[Mapping[str, Any]] | None = None
+    _followed: "FollowedForecast | None" = None
 
     @property
     def duration(self) -> float:
@@ -63,12 +69,16 @@ class Script(ABC):
         """Assessment of sample k."""
 
     def display(self, k: int) -> tuple[Assessment, ...]:
-        """Assessments of sample k by the monitors for display."""
         return ()
 
     def forecast_ahead(self, k: int) -> Ahead | None:
         """Forecast of the rest of the card by sample k, which is `ok`; None if there is none."""
-        return None
+        first = self._first_of_card(k)
+        return None if self._followed is None or first is None else self._followed.ahead(k, first)
+
+    def _first_of_card(self, k: int) -> int | None:
+        """First sample of the test card that sample k is part of."""
+        return 0
 
     def ruling(self, k: int) -> Ruling | None:
         """Limits in force for sample k when it was flown; None for the monitor's own."""
@@ -78,11 +88,9 @@ class Script(ABC):
         """Limits in force for the samples up to k when flown; empty for the monitor's own."""
         return []
 
+    @abstractmethod
     def exceeding(self, limits: Array | None) -> Indices:
         """Samples at which an exceedance begins. limits: (6,), None if unknown."""
-        n = len(self.t)
-        over = (k for k in range(n) if self.exceedance(k, limits) is not None)
-        return onsets(_flags(over, n))
 
     def late(self, k: int) -> str:
         """Why sample k was late when it was shown; empty if it was not."""
@@ -124,7 +132,7 @@ class FollowedForecast:
         self._first = self._followed = -1
         self._running: RunningForecast | None = None
 
-    def ahead(self, k: int, first: int = 0) -> Ahead | None:
+    def ahead(self, k: int, first: int) -> Ahead | None:
         """Forecast by sample k, which is `ok`.   first: first sample of its manoeuvre.
 
         After a long seek it returns None until several calls have caught up.
@@ -140,6 +148,84 @@ class FollowedForecast:
             self._running.update(t, np.ascontiguousarray(y, np.float64), code)
         self._followed = until
         return self._running.ahead() if until == k else None
+
+
+def stored_assessment(t: float, sample: Any, reason: str, y_hat: Array | None = None) -> Assessment:
+    """The assessment of a sample stored with p_value, alert and state."""
+    state = STATES[sample["state"]]
+    if state is not State.OK:
+        return Assessment(float(t), None, None, state, reason, cause=cause_of(state, reason))
+    risk = float(sample["p_value"]), bool(sample["alert"])
+    return Assessment(float(t), *risk, state, reason, y_hat)
+
+
+class StoredScript(Script):
+    """Samples with stored assessments.
+
+    samples: (n,) with t, y, p_value, alert, state and y_hat.   forecasts: whether y_hat is known.
+    """
+
+    def __init__(self, samples: npt.NDArray, dt: float, forecasts: bool) -> None:
+        self.samples, self.dt, self._forecasts = samples, dt, forecasts
+
+    def y(self, k: int) -> Array:
+        """Sample k as assessed, from trim, (6,)."""
+        return self.samples["y"][k]
+
+    def assessment(self, k: int) -> Assessment:
+        sample = self.samples[k]
+        y_hat = sample["y_hat"] if self._forecasts else None
+        reason = "" if STATES[sample["state"]] is State.OK else self._reason(k)
+        return stored_assessment(sample["t"], sample, reason, y_hat)
+
+    @abstractmethod
+    def _reason(self, k: int) -> str:
+        """Why sample k was not assessed."""
+
+    def _of_card(self, k: int) -> Array:
+        """Sample k from the trim of the followed card, (6,)."""
+        return self.y(k)
+
+    def _follow(self, monitor: Monitor) -> None:
+        self._needed = needed_channels(monitor, limits_of(monitor))
+        self._followed = FollowedForecast(monitor, self._followed_sample)
+
+    def _followed_sample(self, k: int) -> tuple[float, Array, int]:
+        """Sample k, also if the limits in force withdrew its assessment."""
+        y, code = input_of(self._of_card(k), self._needed), int(self.samples["state"][k])
+        if STATES[code] is State.INVALID and np.isfinite(y).all():
+            code = code_of(State.OK)
+        return float(self.samples["t"][k]), y, code
+
+
+class SourceError(ValueError):
+    """A source that cannot be flown, or not with this monitor."""
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A source known from start to end.
+
+    t: (n,) rising [s].   y: (n, 6), NaN where unknown.   dt: sample interval [s].
+    attitude: (n, 3) phi, theta, psi [rad]; integrated from the rates for display unless given.
+    theta: parameters of a simulated aircraft.   fail_index: first sample past a limit, if known.
+    """
+
+    t: Array
+    y: Array
+    dt: float
+    attitude: Array = field(default_factory=lambda: np.empty((0, 3)))
+    theta: dict[str, float] | None = None
+    fail_index: int | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.attitude) != len(self.t):
+            object.__setattr__(self, "attitude", attitude(self.t, self.y))
+
+
+def times(n: int, dt: float) -> Array:
+    """Times of n samples from 0 on [s], equal to the bit to those of batch scores."""
+    return (np.arange(n) * dt).astype(np.float64)
 
 
 class AssessedTrack(Script):
@@ -176,9 +262,6 @@ class AssessedTrack(Script):
     def assessment(self, k: int) -> Assessment:
         return self._assessments[k]
 
-    def forecast_ahead(self, k: int) -> Ahead | None:
-        return self._followed.ahead(k)
-
     def _followed_sample(self, k: int) -> tuple[float, Array, int]:
         return float(self.t[k]), self._track.y[k], int(self._assessments.state[k])
 
@@ -189,12 +272,6 @@ class AssessedTrack(Script):
         if limits is None:
             return np.empty(0, np.int64)
         return onsets(exceeds(limits, self._track.y))
-
-
-def _flags(active: Iterable[int], n: int) -> Flags:
-    flags = np.zeros(n, bool)
-    flags[list(active)] = True
-    return flags
 
 
 def onsets(active: Flags) -> Indices:

@@ -12,15 +12,11 @@ import numpy.typing as npt
 
 from app.assessment.limits_history import InForceTimeline
 from app.assessment.limits_in_force import InForceFrom, Ruling
-from app.assessment.planned_test import input_of, limits_of, needed_channels
-from app.flights.sources.playback import Angles, FollowedForecast, Script, onsets
+from app.flights.sources.playback import Angles, StoredScript, onsets
 from app.recordings.scoring_answers import reason
 from core.channels import KEYS
 from core.limits.exceedance import SAME_TIME, Judged, MeasuredExceedance, exceeds
-from core.monitor import Assessment, Monitor, State
-from core.monitor.assessment import STATES, code_of
-from core.monitor.peak_forecast import Ahead
-from core.monitor.status import cause_of
+from core.monitor import Assessment, Monitor
 from core.simulation.attitude import WASH_OUT_S, DisplayAttitude
 from core.types import Array, Indices
 
@@ -29,7 +25,7 @@ RUN_UP_S = 2 * WASH_OUT_S
 """A missing attitude is integrated from this time before its sample [s]."""
 
 
-class RecordedScript(Script):
+class RecordedScript(StoredScript):
     """Stored samples and their scored manoeuvres.
 
     samples: as app.assessment stores them, mapped.   manoeuvres: plain, see app.assessment.
@@ -54,7 +50,8 @@ class RecordedScript(Script):
         held: InForceTimeline | None = None,
         monitor: Monitor | None = None,
     ) -> None:
-        self.t, self.dt = np.ascontiguousarray(samples["t"]), dt
+        super().__init__(samples, dt, forecasts)
+        self.t = np.ascontiguousarray(samples["t"])
         self._held, self.shows_rulings = held, held is not None
         judged = [s["exceedance"] for s in manoeuvres if s["exceedance"] is not None]
         self.fail_t = min((exceedance["t"] for exceedance in judged), default=None)
@@ -63,7 +60,6 @@ class RecordedScript(Script):
         self._recorded_exceedances = {self._at(e["t"]): e for e in recorded}
         self.is_checked = all(s["validity"]["valid"] is not None for s in manoeuvres)
         self.manoeuvres = self._manoeuvres = manoeuvres
-        self._samples, self._forecasts = samples, forecasts
         begins = [begin for manoeuvre in manoeuvres for begin, _ in manoeuvre["alerts"]]
         self.alerts = np.searchsorted(self.t, np.sort(np.array(begins, float)) - 0.5 * dt)
         beyond = sorted({*self._exceedances, *self._recorded_exceedances})
@@ -75,29 +71,12 @@ class RecordedScript(Script):
         trims = [[value or 0.0 for value in trim] or [0.0] * len(KEYS) for trim in known]
         self._offsets = np.array([*trims, [0.0] * len(KEYS)]) + biases
         self._starts = np.array([s.get("first", 0) for s in manoeuvres])
-        self._followed: FollowedForecast | None = None
         if monitor is not None:
-            self._needed = needed_channels(monitor, limits_of(monitor))
-            self._followed = FollowedForecast(monitor, self._followed_sample)
+            self._follow(monitor)
 
-    def y(self, k: int) -> Array:
-        """Sample k as assessed, from trim, (6,)."""
-        return self._samples["y"][k]
-
-    def forecast_ahead(self, k: int) -> Ahead | None:
-        """Forecast of the rest of the card; each manoeuvre is a card."""
-        number = int(self._samples["manoeuvre"][k])
-        first = None if number < 0 else self._manoeuvres[number].get("first")
-        if self._followed is None or first is None:
-            return None
-        return self._followed.ahead(k, first)
-
-    def _followed_sample(self, k: int) -> tuple[float, Array, int]:
-        """Sample k as the monitor read it, also if the limits in force withdrew its assessment."""
-        y, code = input_of(self.y(k), self._needed), int(self._samples["state"][k])
-        if STATES[code] is State.INVALID and np.isfinite(y).all():
-            code = code_of(State.OK)
-        return float(self.t[k]), y, code
+    def _first_of_card(self, k: int) -> int | None:
+        number = int(self.samples["manoeuvre"][k])
+        return None if number < 0 else self._manoeuvres[number].get("first")
 
     def ruling(self, k: int) -> Ruling | None:
         return None if self._held is None else self._held.ruling(float(self.t[k]))
@@ -116,7 +95,7 @@ class RecordedScript(Script):
     def recorded(self, k: int) -> Array:
         """Sample k with bias and trim, (6,); between manoeuvres with the trim of the last one."""
         before = int(np.searchsorted(self._starts, k, "right")) - 1
-        return self._samples["y"][k] + self._offsets[max(before, 0)]
+        return self.samples["y"][k] + self._offsets[max(before, 0)]
 
     def exceedance(self, k: int, limits: Array | None) -> MeasuredExceedance | None:
         """The limit that sample k exceeds, or the recording between it and the last sample."""
@@ -140,10 +119,9 @@ class RecordedScript(Script):
         )
 
     def exceeding(self, limits: Array | None) -> Indices:
-        """Samples at which an exceedance begins."""
         if limits is None:
             return np.empty(0, np.int64)
-        y = self._samples["y"]
+        y = self.samples["y"]
         before = np.searchsorted(self._starts, np.arange(len(y)), "right") - 1
         recorded = y + self._offsets[np.maximum(before, 0)]
         over = np.logical_or(*(exceeds(limits, np.nan_to_num(v)) for v in (y, recorded)))
@@ -157,7 +135,7 @@ class RecordedScript(Script):
 
     def attitude(self, k: int) -> Angles:
         """As recorded; missing angles are integrated from the rates."""
-        recorded = self._samples["attitude"][k]
+        recorded = self.samples["attitude"][k]
         known = np.isfinite(recorded)
         if known.all():
             phi, theta, psi = recorded.tolist()
@@ -165,15 +143,10 @@ class RecordedScript(Script):
             phi, theta, psi = np.where(known, recorded, self._integrated(k)).tolist()
         return phi, theta, psi
 
-    def assessment(self, k: int) -> Assessment:
-        """Stored assessment of sample k."""
-        sample = self._samples[k]
-        t, code = float(sample["t"]), int(sample["state"])
-        if (state := STATES[code]) is not State.OK:
-            why = reason(code, t, int(sample["manoeuvre"]), self._manoeuvres)
-            return Assessment(t, None, None, state, why, cause=cause_of(state, why))
-        y_hat = sample["y_hat"] if self._forecasts else None
-        return Assessment(t, float(sample["p_value"]), bool(sample["alert"]), state, y_hat=y_hat)
+    def _reason(self, k: int) -> str:
+        sample = self.samples[k]
+        about = int(sample["state"]), float(sample["t"]), int(sample["manoeuvre"])
+        return reason(*about, self._manoeuvres)
 
     def display(self, k: int) -> tuple[Assessment, ...]:
         return tuple(script.assessment(k) for script in self._display_scripts)
@@ -183,7 +156,7 @@ class RecordedScript(Script):
         if k != self._displayed + 1:
             self._display.restart()
             self._displayed = max(k - round(RUN_UP_S / self.dt), 0) - 1
-        y, angles = self._samples["y"], None
+        y, angles = self.samples["y"], None
         for i in range(self._displayed + 1, k + 1):
             angles = self._display.update(self.t[i], float(y[i, P]), float(y[i, R]))
         self._displayed = k

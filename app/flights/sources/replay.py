@@ -56,7 +56,6 @@ class TrackFlight(Flight):
 
     @property
     def lead(self) -> float:
-        """Lead time of alerts [s], less the stated delay of a replayed live flight."""
         return self.plan.monitor.lead - self._script.delay
 
     @property
@@ -77,7 +76,6 @@ class TrackFlight(Flight):
         )
 
     def start(self) -> None:
-        """Play, or wait for the first viewer where the plan says so."""
         if self.plan.limits is not None:
             self.put_in_force(self.plan.limits, self.plan.by)
         self._send_heartbeat()
@@ -105,7 +103,6 @@ class TrackFlight(Flight):
         self._tick(changed=True)
 
     def source_frames(self, first: int, last: int) -> list[dict[str, Any]]:
-        """Samples first..last of the source, flown yet or not; `seq` is their number in it."""
         script = self._script
         span = range(max(first, 0), min(last + 1, len(script.t)))
         return [
@@ -177,7 +174,6 @@ class TrackFlight(Flight):
                 )
 
     def _tick(self, changed: bool = False) -> None:
-        """Fly the samples that are due, then plan the next tick."""
         transport = self._transport
         if self.is_over:
             return
@@ -212,7 +208,6 @@ class TrackFlight(Flight):
             self._call_at("stale", when, lambda: self._miss(stale_after(self.dt)))
 
     def _wait_at_end(self) -> None:
-        """At the end of the source, plan to end in LEFT_S unless steered."""
         if self._transport.at_end:
             self._call_at("left", self.clock.now() + LEFT_S, self._leave_end)
 
@@ -279,7 +274,6 @@ class TrackFlight(Flight):
         return began
 
     def _next_alert(self) -> int:
-        """Sample at which the next alert begins. NotPossible."""
         if self._held is not None and self._held.reasons[0]:
             raise NotPossible(f"no alerts under these limits: {self._held.reasons[0]}")
         k = self._script.next_alert(self._transport.index)

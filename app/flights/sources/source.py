@@ -5,6 +5,7 @@ A source is a request over the wire; its class opens it and names its kind of fl
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from collections.abc import Mapping as PlainMapping
 from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Union
@@ -20,10 +21,9 @@ from app.flights.display_monitors import DisplayMonitor
 from app.flights.flight import Flight
 from app.flights.shown_flight import ShownFlight
 from app.flights.sources.live import LiveFlight, LiveSetup
-from app.flights.sources.playback import AssessedTrack, Script
+from app.flights.sources.playback import AssessedTrack, Script, SourceError, Track, times
 from app.flights.sources.recorded_playback import RecordedScript
 from app.flights.sources.replay import TrackFlight
-from app.flights.sources.track import SourceError, Track, times
 from app.flights.sources.udp import UdpAccess
 from app.json_codec import Whole
 from app.messages import Mode
@@ -41,6 +41,7 @@ from core.simulation.attitude import attitude
 from core.types import Array
 
 FIRST_FREE_PORT = 1024
+NO_HEADER: PlainMapping[str, Any] = MappingProxyType({})
 BATCH, MOST_BATCHES = 256, 64
 """Rollouts per batch, and most batches, in the search for the requested outcome."""
 
@@ -239,13 +240,16 @@ class Live(Source):
 
     def open(self, opening: Opening) -> tuple[LiveSetup, str]:
         if self.udp is not None:
-            self._check_udp(opening)
-        return self._opened(opening)
+            self._check_udp(self.udp, opening)
+        setup, name = self.setup(opening), "live"
+        if self.recording is not None:
+            name = f"live, as {opening.store.recordings.info(self.recording).name}"
+        return setup, name
 
-    def _check_udp(self, opening: Opening) -> None:
-        if self.udp is not None and 0 < self.udp < FIRST_FREE_PORT:
+    def _check_udp(self, port: int, opening: Opening) -> None:
+        if 0 < port < FIRST_FREE_PORT:
             raise SourceError(
-                f"UDP port {self.udp} is reserved: give one from {FIRST_FREE_PORT} on, or 0"
+                f"UDP port {port} is reserved: give one from {FIRST_FREE_PORT} on, or 0"
             )
         access = opening.udp
         if not access.is_guarded and (access.is_shared or opening.store.tokens.all()):
@@ -255,20 +259,16 @@ class Live(Source):
                 "that each batch holds as `key`"
             )
 
-    def _opened(self, opening: Opening) -> tuple[LiveSetup, str]:
-        mapping, name, aircraft = None, "live", None
-        if self.recording is not None:
-            info = opening.store.recordings.info(self.recording)
-            columns = opening.store.recordings.mapped_columns(self.recording)
-            mapping, aircraft = Mapping.from_plain(columns.mapping), info.aircraft
-            name = f"live, as {info.name}"
+    def setup(self, opening: Opening, header: PlainMapping[str, Any] = NO_HEADER) -> LiveSetup:
+        """How its samples are read and scored. header: of the journal of a flight that resumes."""
         monitor = opening.monitor
         if opening.journals is None:
             raise SourceError("this server keeps no live flights: choose a simulated source")
+        mapping, aircraft = mapping_of(opening.store, self.recording, header)
         setup = LiveSetup(
             monitor,
             opening.epsilon,
-            ChannelReader(mapping, opening.conditions),
+            ChannelReader(mapping, header.get("conditions", opening.conditions)),
             opening.journals,
             trim_angles(monitor.dataset_recipe)[1],
             self.delay,
@@ -281,21 +281,23 @@ class Live(Source):
         setup.scorer()  # refuses a delay that is not shorter than the lead
         for flown in (monitor, *(shown.monitor for shown in opening.display)):
             make_ready(flown)
-        return setup, name
+        return setup
 
-    def reopen(self, opening: Opening, header: dict[str, Any]) -> tuple[LiveSetup, str]:
-        """Open a flight again, with the mapping in the header of its journal.
 
-        Old journals have none: then the recording's current mapping is used.
-        """
-        opening = opening._replace(conditions=header.get("conditions", {}))
-        if "mapping" not in header:
-            return self._opened(opening)
-        setup, name = self.model_copy(update={"recording": None})._opened(opening)
+def mapping_of(
+    store: Store, recording: str | None, header: PlainMapping[str, Any]
+) -> tuple[Mapping | None, str | None]:
+    """How a live flight is mapped, and the aircraft of the mapping.
+
+    In the header of its journal; old journals and new flights use the recording's current mapping.
+    """
+    if "mapping" in header:
         plain = header["mapping"]
-        mapping = None if plain is None else Mapping.from_plain(plain)
-        reader = ChannelReader(mapping, opening.conditions)
-        return setup._replace(reader=reader, aircraft=header.get("aircraft")), name
+        return None if plain is None else Mapping.from_plain(plain), header.get("aircraft")
+    if recording is None:
+        return None, None
+    plain = store.recordings.mapped_columns(recording).mapping
+    return Mapping.from_plain(plain), store.recordings.info(recording).aircraft
 
 
 class FlownLive(Source):
@@ -321,10 +323,9 @@ def journal_setup(opening: Opening, flight_id: str) -> LiveSetup:
         raise SourceError(f"flight {flight_id} has no journal: choose a live flight that has ended")
     if info.status == "running":
         raise SourceError(f"flight {flight_id} is in progress: end it, then score or replay it")
-    known = Live.model_fields
-    live = Live.model_validate({key: info.source[key] for key in info.source if key in known})
-    setup, _ = live.reopen(opening, header_of(journals.path(flight_id)) or {})
-    return setup
+    known = {key: info.source[key] for key in info.source if key in Live.model_fields}
+    live = Live.model_validate(known)
+    return live.setup(opening, header_of(journals.path(flight_id)) or {})
 
 
 def simulate(recipe: DatasetRecipe, request: Simulated) -> Track:
@@ -439,7 +440,6 @@ SOURCES: dict[str, type[Source]] = {
 
 
 def mode_of(source: dict[str, Any]) -> Mode:
-    """Whether a source in plain data is live, replayed or simulated."""
     kind = SOURCES.get(source.get("kind", ""))
     return "live" if kind is None else kind.mode
 

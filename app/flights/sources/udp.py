@@ -36,7 +36,6 @@ class UdpAccess(NamedTuple):
         return bool(self.senders or self.key)
 
     def admits(self, host: str) -> bool:
-        """Whether an address may send."""
         address = ip_address(host.partition("%")[0])
         mapped = getattr(address, "ipv4_mapped", None) or address
         return not self.senders or any(mapped in ip_network(net, False) for net in self.senders)

@@ -4,7 +4,7 @@ import logging
 
 import pytest
 
-from app.flights.frame_ticks import TICK_S, FrameTicks
+from app.flights.watcher import TICK_S, FrameTicks
 from tests.support.flying import ScriptedClock
 
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.flights.recorder import CODES
 from app.flights.shown_flight import ShownFlight
+from app.flights.sources.playback import SourceError
 from app.flights.sources.replay import TrackFlight
-from app.flights.sources.track import SourceError
 from app.store.assessments import StoredAssessments, pack
 from core.monitor import train
+from core.monitor.assessment import code_of
 from core.types import Array
 from tests.app.flights.sources import test_live
 from tests.app.flights.sources.test_live import Live, batch
@@ -82,7 +82,7 @@ def stored(live: Live) -> StoredAssessments:
         [one.y for one in samples],
         [np.nan if one.p_value is None else one.p_value for one in said],
         [bool(one.alert) for one in said],
-        [CODES[one.state] for one in said],
+        [code_of(one.state) for one in said],
         [missing if one.y_hat is None else one.y_hat for one in said],
     )
     names = packed.dtype.names or ()

@@ -12,9 +12,8 @@ import numpy.typing as npt
 import pytest
 
 from app.flights.request import FlightRequest
-from app.flights.sources.playback import AssessedTrack
+from app.flights.sources.playback import AssessedTrack, Track
 from app.flights.sources.source import Simulated
-from app.flights.sources.track import Track
 from app.jobs.training import train_and_test
 from app.messages import Frames, Hello, StateChange
 from app.recipes.recipes import to_plain

@@ -14,8 +14,7 @@ from starlette.websockets import WebSocketDisconnect
 
 from app.flights import watcher
 from app.flights.flights import Flights
-from app.flights.frame_ticks import TICK_S, FrameTicks
-from app.flights.watcher import CREDIT, NEWEST
+from app.flights.watcher import CREDIT, NEWEST, TICK_S, FrameTicks
 from app.messages import Hello
 from core.evaluation.certificate import UNTESTED
 from tests.app.flights.test_flights import RECIPE, monitor

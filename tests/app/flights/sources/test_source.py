@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app.flights.sources.playback import SourceError, Track, times
 from app.flights.sources.source import (
     Replay,
     Simulated,
@@ -14,7 +15,6 @@ from app.flights.sources.source import (
     simulate,
     trim_angles,
 )
-from app.flights.sources.track import SourceError, Track, times
 from app.recipes.recipes import RecipeError, to_plain
 from app.store.store import NotFound, Store, open_store
 from core.monitor import Monitor, MonitorRecipe, train
@@ -176,12 +176,3 @@ def test_the_aircraft_of_a_recipe_gives_the_trim() -> None:
     for unknown in ({}, {"aircraft": "oscillator"}):
         assert aircraft_of(unknown) is None
         assert trim_angles(unknown) == (0.0, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("t", "shape"),
-    [([], (0, 6)), ([0.0], (1, 5)), ([0.0, 1.0], (1, 6)), ([0.0, 0.0], (2, 6)), ([np.nan], (1, 6))],
-)
-def test_a_track_without_samples_or_order_is_refused(t: list, shape: tuple) -> None:
-    with pytest.raises(SourceError):
-        Track(np.array(t), np.zeros(shape), 0.05)
