@@ -1,10 +1,8 @@
-"""Messages of a flight's WebSocket: JSON objects, distinguished by `type`.
+"""Messages of a flight's WebSockets: JSON objects, distinguished by `type`.
 
-Down: hello, frames, state, status, alarm, marker, transport, live, limits, reset, heartbeat,
-waiting, end.
-Up: credit, resume.
-Times `t` are flight times [s]. `seq` numbers the samples flown, one up per sample whatever the
-transport does. `sent` and the heartbeat's `server_time` are times of the server.
+The stream is in DOWN and UP, the uplink of a live source in UPLINK_DOWN and UPLINK_UP. Times `t`
+are flight times [s]. `seq` numbers the samples flown, one up per sample whatever the transport
+does. `sent` and the heartbeat's `server_time` are times of the server.
 """
 
 from collections.abc import Sequence
@@ -116,15 +114,15 @@ class TransportState(Message):
     """Position of a flight in its source; `sample` and `n_samples` count source samples."""
 
     playing: bool
-    speed: float = Field(description="factor of the source's rate")
-    loop: bool
-    start: float = Field(description="time of the source's first sample [s]; 0 for a live source")
     position: float = Field(description="[s]")
-    duration: float | None = Field(description="[s]; null for a live source")
     sample: int
-    n_samples: int | None
-    slipped: float = Field(description="total time that the flight fell behind its clock [s]")
-    seekable: bool = Field(description="false for a live source")
+    speed: float = Field(default=1.0, description="factor of the source's rate")
+    loop: bool = False
+    start: float = Field(default=0.0, description="time of the source's first sample [s]")
+    duration: float | None = Field(default=None, description="[s]; null for a live source")
+    n_samples: int | None = None
+    slipped: float = Field(default=0.0, description="total time that it fell behind its clock [s]")
+    seekable: bool = Field(default=False, description="false for a live source")
     waiting: bool = Field(default=False, description="for a first viewer, at most 10 s")
 
 
@@ -457,6 +455,54 @@ class Resume(Message):
     seq: int = Field(ge=-1)
 
 
+class Welcome(Message):
+    """First message on the uplink: what the server has, and what a batch contains."""
+
+    type: Literal["welcome"] = "welcome"
+    flight: str
+    last_sequence: int | None = Field(
+        description="largest number of a received batch; null before the first. A source without a "
+        "buffer continues with the next number; one with a buffer repeats all that was not `stored`"
+    )
+    names: list[str] = Field(description="names that a batch contains, time first")
+
+
+class Stored(Message):
+    """Batches that are durable: they survive a crash of the server."""
+
+    type: Literal["stored"] = "stored"
+    sequences: list[int]
+    repeated: list[int] = Field(description="those of them that were repetitions")
+    unread: list[str] = Field(default_factory=list, description="names in them that are not read")
+    count: int = Field(description="batches in all, including those without a number")
+
+
+class Refused(Message):
+    """A message that was not accepted."""
+
+    type: Literal["refused"] = "refused"
+    sequence: int | None = Field(description="number of the batch; null if it has none")
+    status: Literal[409, 422, 503] = Field(
+        description="as over REST. 409: the number belongs to another batch; 422: not a valid "
+        "batch, ignored; 503: the disk refuses writes, repeat it later"
+    )
+    reason: str
+
+
+Values = float | None | list[float | None]
+
+
+class SentBatch(BaseModel):
+    """A number, null or a list of them per name; nested objects get names like `a/b`."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, Values | dict[str, Values]]  # pyright: ignore[reportIncompatibleVariableOverride]
+
+    sequence: int | None = Field(
+        default=None, ge=0, description="number of the batch; a repetition is used once"
+    )
+
+
 DOWN: tuple[type[Message], ...] = (
     Hello, Frames, StateChange, StatusChange, AlarmRaised, MarkerSet, TransportChange, LiveChange,
     LimitsChange, Reset, Heartbeat, Waiting, End,
@@ -464,6 +510,10 @@ DOWN: tuple[type[Message], ...] = (
 """Messages of the server on a flight's stream."""
 UP: tuple[type[Message], ...] = (Credit, Resume)
 """Messages of a client."""
+UPLINK_DOWN: tuple[type[Message], ...] = (Welcome, Stored, Refused, End)
+"""Messages of the server on a flight's uplink."""
+UPLINK_UP: tuple[type[BaseModel], ...] = (SentBatch,)
+"""Messages of a source."""
 
 
 class MessageError(ValueError):

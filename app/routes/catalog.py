@@ -9,8 +9,7 @@ from pydantic import BaseModel, Field
 from pydantic.json_schema import models_json_schema
 
 from app.catalog import catalog
-from app.flights.sources.messages import UPLINK_DOWN, UPLINK_UP
-from app.messages import DOWN, UP
+from app.messages import DOWN, UP, UPLINK_DOWN, UPLINK_UP
 from app.routes.dependencies import json_response
 from app.routes.recordings import Derivable
 from core import __version__

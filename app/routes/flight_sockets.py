@@ -15,11 +15,10 @@ from starlette.status import (
 from app.assessment.batches import sequence_of
 from app.flights.flights import Flights, TooManyFlights
 from app.flights.sources.live import AcceptedBatch, LiveFlight, SequenceConflict
-from app.flights.sources.messages import Refused, Stored, Welcome
 from app.flights.transport import NotPossible
 from app.flights.watcher import FrameTicks, Watcher
 from app.http.connection import Connection, accept
-from app.messages import Credit, End, MessageError, decode
+from app.messages import Credit, End, MessageError, Refused, Stored, Welcome, decode
 from app.routes.live import sender_of
 from app.store.store import NotFound
 from app.telemetry.journal import JournalFull

@@ -132,19 +132,7 @@ class LiveFlight(Flight):
 
     @property
     def transport(self) -> TransportState:
-        """The position is always the newest sample."""
-        return TransportState(
-            playing=not self.is_over,
-            speed=1.0,
-            loop=False,
-            start=0.0,
-            position=self.t,
-            duration=None,
-            sample=self.head,
-            n_samples=None,
-            slipped=0.0,
-            seekable=False,
-        )
+        return TransportState(playing=not self.is_over, position=self.t, sample=self.head)
 
     @property
     def live(self) -> LiveStatus:
