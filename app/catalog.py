@@ -44,7 +44,7 @@ from core.evaluation.epsilon_choice import ChoiceRecipe
 from core.evaluation.lead_sweep import METHODS as SWEPT
 from core.evaluation.lead_sweep import SweepRecipe
 from core.evaluation.study import StudyRecipe
-from core.flight_markers import FLIGHT_MARKERS
+from core.flight_events import FLIGHT_MARKERS
 from core.limits.limit_sets import CONDITIONS
 from core.limits.limits import SPECIFICATIONS, Limits
 from core.monitor import MonitorRecipe

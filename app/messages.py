@@ -6,7 +6,7 @@ does. `sent` and the heartbeat's `server_time` are times of the server.
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Annotated, Any, Literal
 
@@ -15,14 +15,14 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from app import json_codec
 from core.channels import CHANNELS, KEYS
-from core.flight_markers import FlightMarkerKey, FlightMarkerKind
-from core.limits.exceedance import ChannelExceedances, LatchedExceedance, MeasuredExceedance
+from core.flight_events import Alarm, FlightLimits, FlightMarker, FlightMarkerKind
+from core.limits.exceedance import ChannelExceedances, LatchedExceedance
 from core.limits.limits import Limits, Specification
 from core.monitor import Assessment
 from core.monitor.assessment import Cause, State
 from core.monitor.calibration import Guarantee
 from core.monitor.peak_forecast import Ahead, NothingAhead, PeakAhead
-from core.monitor.status import AlarmKind, Level, Status
+from core.monitor.status import Level, Status
 
 Mode = Literal["live", "replay", "simulated"]
 Outputs = Annotated[list[float | None], Field(min_length=6, max_length=6)]
@@ -68,46 +68,6 @@ class LimitsFrom(Message):
     t: float | None = Field(description="time of the last sample before [s]; null for all")
     limits: dict[str, float | None] | None = Field(description="by channel; null if unknown")
     seq: int | None = Field(default=None, description="first sample, in a record; else null")
-
-
-class Alarm(Message):
-    """A warning or caution, latched until someone acknowledges it."""
-
-    id: str = Field(description="in its flight; part of the path of its acknowledgement")
-    number: int = Field(description="1, 2, 3 ... in the order raised")
-    seq: int = Field(description="sample that raised it, or the last one received; -1 for none")
-    t: float = Field(description="[s]")
-    p_value: float | None
-    kind: AlarmKind = Field(
-        default="risk",
-        description="warnings: a predicted (`risk`) or measured (`limit`) exceedance; cautions: a "
-        "monitor that is not applicable (`invalid`), a late source (`stale`), samples in doubt: "
-        "`surfaces` that rest while the aircraft moves, `frozen`, `contradiction`",
-    )
-    level: Level = Field(default=Level.WARNING, description="14 CFR 25.1322")
-    exceedance: MeasuredExceedance | None = Field(default=None, description="for kind `limit`")
-    reason: str | None = Field(default=None, description="of a caution")
-    cause: Cause | None = Field(default=None, description="for kind `invalid`, as in a frame")
-    raised: str = Field(description="UTC, ISO 8601")
-    acknowledged: str | None = Field(default=None, description="UTC, ISO 8601")
-    by: str | None = None
-    stored: bool = Field(default=False, description="whether a crash would not lose it")
-
-
-class FlightMarker(Message):
-    """A marker set by a person; it neither ends nor pauses the flight."""
-
-    number: int = Field(description="1, 2, 3 ... in the order set")
-    kind: FlightMarkerKey = Field(title="Call")
-    word: str = Field(description="name of its kind")
-    meaning: str = Field(description="meaning of its kind")
-    level: Level
-    seq: int = Field(description="newest sample when it was set; -1 before the first")
-    t: float = Field(description="time of that sample [s]")
-    created: str = Field(description="UTC, ISO 8601")
-    by: str
-    text: str | None = None
-    stored: bool = Field(default=False, description="whether a crash would not lose it")
 
 
 class TransportState(Message):
@@ -201,7 +161,9 @@ class Frame(SampleAssessment):
     t: float | None
     y: Outputs
     y_hat: Outputs | None
-    sent: float | None
+    sent: float | None = Field(
+        description="monotonic milliseconds of the server when it was due; null in a record"
+    )
     taken: float | None = Field(
         default=None,
         description="of a live source: as `sent`, but when the sample was taken; else absent",
@@ -252,22 +214,18 @@ class LiveStatus(Message):
     )
 
 
-class LimitsStatus(Message):
+@dataclass(frozen=True)
+class LimitsStatus(FlightLimits):
     """The limits in force for the newest sample, from a limit set."""
 
-    number: int = Field(description="1, 2, 3 ... in the order put in force during the flight")
-    limit_set: str = Field(description="id")
-    name: str = Field(description="of the limit set")
-    version: int
-    case: str = Field(description="name of the flight condition; empty if none matches")
-    limits: dict[str, float | None] | None = Field(description="by channel; null if unknown")
-    reason: str = Field(description="why they are unknown; empty if known")
-    since: float | None = Field(description="time of the sample before they applied [s]; null: all")
-    fixed: dict[str, float] = Field(description="declared values of the flight condition")
-    seq: int = Field(description="first sample under this version")
-    t: float = Field(description="time of the sample before [s]; 0 before the first")
-    created: str = Field(description="UTC, ISO 8601")
-    by: str = Field(description="who put it in force")
+    case: str
+    """name of the flight condition; empty if none matches"""
+    limits: dict[str, float | None] | None
+    """by channel; null if unknown"""
+    reason: str
+    """why they are unknown; empty if known"""
+    since: float | None
+    """time of the sample before they applied [s]; null: all"""
 
 
 class CurrentStatus(Message):

@@ -14,6 +14,7 @@ After an acknowledgement every onset raises a new alarm.
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from math import inf
 from operator import attrgetter
 from typing import Any
@@ -21,7 +22,7 @@ from typing import Any
 from app.assessment.input_checks import DOUBT_KINDS, Doubt
 from app.flights.clock import Clock
 from app.flights.verdict import exceeds_from_trim
-from app.messages import Alarm
+from core.flight_events import Alarm
 from core.limits.exceedance import MeasuredExceedance
 from core.monitor import Assessment, State
 from core.monitor.assessment import Cause
@@ -112,8 +113,7 @@ class Alarms:
 
     def note_stored(self, alarm_id: str) -> None:
         if alarm_id in self._open:
-            stored = {"stored": True}
-            self._open[alarm_id] = self._open[alarm_id].model_copy(update=stored)
+            self._open[alarm_id] = replace(self._open[alarm_id], stored=True)
 
     def restart(self) -> None:
         for kind, onsets in self._onsets.items():
@@ -121,7 +121,6 @@ class Alarms:
                 onsets.restart()
 
     def restore(self, alarms: list[Alarm]) -> None:
-        """Continue with the alarms of a resumed flight."""
         for alarm in alarms:
             self._number = max(self._number, alarm.number)
             self._keep_evidence(alarm)
@@ -165,7 +164,6 @@ class Alarms:
                 p_value=assessment.p_value,
                 exceedance=exceedance if kind == "limit" else None,
                 reason=why,
-                cause=assessment.cause if kind == "invalid" else None,
                 raised=clock.utc(),
             )
             for kind, when, is_active, why in conditions
@@ -199,7 +197,6 @@ class Alarms:
         return [self._raise("stale", seq, **about)]
 
     def note_doubts(self, seq: int, doubts: Sequence[Doubt], clock: Clock) -> list[Alarm]:
-        """Return the cautions that doubts about the newest sample, seq, raise."""
         held = {doubt.kind: doubt for doubt in doubts if doubt.level is Level.CAUTION}
         raised = []
         for kind in DOUBT_KINDS:
@@ -211,8 +208,7 @@ class Alarms:
 
     def _raise(self, kind: AlarmKind, index: int, **about: Any) -> Alarm:
         self._number += 1
-        number, level = self._number, ALARM_LEVELS[kind]
-        alarm = Alarm(id=str(number), number=number, kind=kind, level=level, **about)
+        alarm = Alarm(self._number, kind=kind, level=ALARM_LEVELS[kind], **about)
         self._keep_open(alarm)
         self._keep_evidence(alarm)
         self._onsets[kind].latch(alarm.id, index)
@@ -247,6 +243,6 @@ class Alarms:
             return closed[alarm_id], False
         self._n_open[alarm.level] -= 1
         self._onsets[alarm.kind].release(alarm_id)
-        alarm = alarm.model_copy(update={"acknowledged": utc, "by": by})
+        alarm = replace(alarm, acknowledged=utc, by=by)
         self._closed = [*self._closed, alarm][-CLOSED_KEPT:]
         return alarm, True

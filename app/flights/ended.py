@@ -18,11 +18,11 @@ from app.flights.verdict import (
     verdict_of_recording,
 )
 from app.messages import Verdict
-from app.store.alarms import StoredAlarm
 from app.store.flights import FlightInfo
 from app.store.monitors import MonitorInfo
 from app.store.store import NotFound, Store
-from core.limits.exceedance import ChannelExceedances, MeasuredExceedance, of_alarms
+from core.flight_events import Alarm
+from core.limits.exceedance import ChannelExceedances, of_alarms
 from core.monitor import State
 from core.monitor.assessment import STATES, Cause
 from core.monitor.status import Facts, Headline, Level, cause_of, headline
@@ -45,7 +45,6 @@ class Record(BaseModel):
 
 
 def records(store: Store, flights: Iterable[FlightInfo]) -> dict[str, Record]:
-    """Records of the ended flights among these, by id."""
     over = [info for info in flights if info.status != RUNNING]
     if not over:
         return {}
@@ -68,7 +67,7 @@ def _record(
     store: Store,
     info: FlightInfo,
     monitor: MonitorInfo,
-    alarms: Sequence[StoredAlarm],
+    alarms: Sequence[Alarm],
     last: int,
     reason: str,
 ) -> Record:
@@ -94,19 +93,19 @@ def _record(
     )
 
 
-def _exceedances(info: FlightInfo, alarms: Sequence[StoredAlarm]) -> list[ChannelExceedances]:
+def _exceedances(info: FlightInfo, alarms: Sequence[Alarm]) -> list[ChannelExceedances]:
     """As noted in flight; for a flight that was cut short, from its alarms."""
     if info.exceedances is not None:
         return [ChannelExceedances(**plain) for plain in info.exceedances]
     return of_alarms(
-        (alarm.t, MeasuredExceedance(**alarm.exceedance))
+        (alarm.t, alarm.exceedance)
         for alarm in sorted(alarms, key=lambda alarm: alarm.t)
         if alarm.exceedance is not None
     )
 
 
 def _verdict(
-    store: Store, info: FlightInfo, monitor: MonitorInfo, alarms: Sequence[StoredAlarm]
+    store: Store, info: FlightInfo, monitor: MonitorInfo, alarms: Sequence[Alarm]
 ) -> Verdict | None:
     """The verdict of the scored recording; for other flights from their alarms."""
     promised = monitor.lead - stated_delay(store, info.source, monitor.dt)
@@ -135,8 +134,7 @@ def _scored(store: Store, info: FlightInfo) -> list[dict[str, Any]] | None:
     return None if stored.damage else stored.manoeuvres
 
 
-def _exceeded(info: FlightInfo, alarms: Sequence[StoredAlarm]) -> list[float]:
-    """Times of the exceedances of a flight [s]."""
+def _exceeded(info: FlightInfo, alarms: Sequence[Alarm]) -> list[float]:
     exceeded = [alarm.t for alarm in alarms if alarm.kind == "limit"]
     return exceeded if info.exceeded_t is None else [*exceeded, info.exceeded_t]
 
@@ -151,5 +149,5 @@ def before_exceedance(store: Store, flight_id: str, seq: int, dt: float) -> tupl
     return is_jump(stored.t, dt), any(withdrawn)
 
 
-def _n_waiting(alarms: Sequence[StoredAlarm], level: Level) -> int:
+def _n_waiting(alarms: Sequence[Alarm], level: Level) -> int:
     return sum(alarm.acknowledged is None and alarm.level == level for alarm in alarms)

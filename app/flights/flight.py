@@ -7,7 +7,7 @@ import logging
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from math import inf
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,6 @@ from app.flights.alarms import Alarms
 from app.flights.clock import Clock, Timer
 from app.flights.display_monitors import DisplayMonitor, flown_monitor, no_rest
 from app.flights.flight_limits import status_of, to_store
-from app.flights.flight_markers import FlightMarkers
 from app.flights.recorder import Recorder
 from app.flights.verdict import (
     BEFORE,
@@ -34,11 +33,9 @@ from app.flights.verdict import (
 )
 from app.flights.watcher import CREDIT, RecentFrames, Watcher
 from app.messages import (
-    Alarm,
     AlarmRaised,
     CardAhead,
     End,
-    FlightMarker,
     FlownMonitor,
     Heartbeat,
     Hello,
@@ -61,7 +58,7 @@ from app.messages import (
 from app.scene.shown import Shown
 from core.channels import KEYS
 from core.evaluation.certificate import warnings_of
-from core.flight_markers import FLIGHT_MARKERS, FlightMarkerKey
+from core.flight_events import FLIGHT_MARKERS, Alarm, FlightMarker, FlightMarkerKey
 from core.limits.exceedance import Exceedances, MeasuredExceedance
 from core.limits.limits import Specification, specification_to_plain
 from core.monitor import Assessment, Monitor, State
@@ -80,6 +77,8 @@ AHEAD_S = 0.1
 """[s] of flight between two forecasts of the rest of the card."""
 MOST_HELD = 200
 """Newest changes of the limits that a joining watcher receives."""
+MARKERS_KEPT = 50
+"""Stored markers that a flight keeps in memory; the store has all."""
 BETA, DELTA_A, DELTA_R = (KEYS.index(key) for key in ("beta", "delta_a", "delta_r"))
 Angles = tuple[float, float, float]
 LEVEL: Angles = (0.0, 0.0, 0.0)
@@ -150,7 +149,7 @@ class Flight(ABC):
         self.plan, self.scene = plan, scene
         self._longest = longest_manoeuvre(plan.monitor.dataset_recipe)
         self.recorder, self.alarms, self.clock = recorder, Alarms(self._longest), clock
-        self.markers = FlightMarkers()
+        self.markers: dict[int, FlightMarker] = {}
         self.limits_at_hand: list[LimitsInForce] = []
         self._ruling: Ruling | None = None
         self._held_since: float | None = None
@@ -205,7 +204,6 @@ class Flight(ABC):
 
     @property
     def lead(self) -> float:
-        """Lead time of alerts [s]."""
         return self.plan.monitor.lead
 
     @property
@@ -248,7 +246,6 @@ class Flight(ABC):
 
     @property
     def facts(self) -> Facts:
-        """Facts that decide the headline."""
         assessment = self._assessment
         return Facts(
             exceeds=self._exceeds and not self.is_over,
@@ -303,9 +300,11 @@ class Flight(ABC):
 
     def mark(self, kind: FlightMarkerKey, by: str, text: str | None) -> FlightMarker:
         """Set a marker at the newest sample: sent to all watchers, then stored."""
-        marker = self.markers.add(kind, self.head, self.t, self.clock.utc(), by, text)
+        number = max(self.markers, default=0) + 1
+        marker = FlightMarker(number, kind, self.head, self.t, self.clock.utc(), by, text)
+        self.markers[number] = marker
         self._broadcast(MarkerSet(marker=marker).encode())
-        self.recorder.add_marker(marker, partial(self._note_marker, marker.number))
+        self.recorder.add_event(marker, partial(self._note_marker, number))
         return marker
 
     def put_in_force(self, change: RequestedLimits, by: str) -> LimitsInForce:
@@ -327,7 +326,7 @@ class Flight(ABC):
         ruling = self._apply_limits(in_force)
         self.limits_at_hand.append(in_force)
         self._hold(ruling)
-        self.recorder.add_limits(to_store(in_force))
+        self.recorder.add_event(to_store(in_force))
         return in_force
 
     def _hold(self, ruling: Ruling | None) -> None:
@@ -373,7 +372,10 @@ class Flight(ABC):
 
     def _note_marker(self, number: int, is_stored: bool) -> None:
         if is_stored:
-            self._broadcast(MarkerSet(marker=self.markers.note_stored(number)).encode())
+            self.markers[number] = marker = replace(self.markers[number], stored=True)
+            for old in [n for n, known in self.markers.items() if known.stored][:-MARKERS_KEPT]:
+                del self.markers[old]
+            self._broadcast(MarkerSet(marker=marker).encode())
 
     async def stop(self, reason: str) -> None:
         self._halt(reason)
@@ -413,7 +415,7 @@ class Flight(ABC):
             held=list(self._limits_held),
             head=self.head,
             alarms=self.alarms.at_hand,
-            markers=self.markers.at_hand,
+            markers=list(self.markers.values()),
             marker_kinds=list(FLIGHT_MARKERS.values()),
             credit=CREDIT,
             live=self.live,
@@ -529,13 +531,11 @@ class Flight(ABC):
             self.judge((False, False))
 
     def _doubt(self, doubts: tuple[Doubt, ...]) -> None:
-        """Raise the cautions of new doubts about the newest sample."""
         if doubts != self.doubts:
             self.doubts = doubts
             self._raise_alarms(self.alarms.note_doubts(self.head, doubts, self.clock))
 
     def _judge(self, seq: int, assessment: Assessment) -> None:
-        """Decide the verdict by the alarms raised so far, the newest with sample seq."""
         first = first_exceedance(self.alarms.evidence)
         if first is not None and first.seq == seq:
             about = assessment.state, assessment.reason, assessment.cause
@@ -556,13 +556,11 @@ class Flight(ABC):
             self.verdict = verdict_of_recording(self.manoeuvres, *about)
 
     def _raise_alarms(self, alarms: list[Alarm]) -> None:
-        """Store alarms, then send them to all watchers."""
         for alarm in alarms:
             self._has_new_evidence |= alarm.level is Level.WARNING
-            self.recorder.add_alarm(alarm, partial(self._announce, alarm.id))
+            self.recorder.add_event(alarm, partial(self._announce, alarm.id))
 
     def _announce(self, alarm_id: str, is_stored: bool) -> None:
-        """Send an alarm to all watchers."""
         if is_stored:
             self.alarms.note_stored(alarm_id)
         for alarm in self.alarms.at_hand:
@@ -587,7 +585,6 @@ class Flight(ABC):
             self._change(held[-1].ruling, held[-1].t)
 
     def _show(self) -> None:
-        """Send new samples to watchers and scene."""
         self._send_headline()
         for watcher in self._watchers:
             watcher.wake()
@@ -612,7 +609,6 @@ class Flight(ABC):
         self._use_scene(lambda scene: scene.show(shown))
 
     def _miss(self, seconds: float) -> None:
-        """Become stale: no sample came for this time [s]."""
         reason, is_new = f"no sample came for {seconds:g} s", self.state is not State.STALE
         if is_new or self.reason == self._late:
             self._set_state(State.STALE, NOTHING_COMES)
@@ -680,7 +676,6 @@ class Flight(ABC):
             timer.cancel()
 
     def _halt(self, reason: str) -> None:
-        """Stop flying and tell the watchers."""
         if self.is_over:
             return
         self.is_over = True
@@ -695,7 +690,6 @@ class Flight(ABC):
         self._on_over(status, reason)
 
     def _fail(self) -> None:
-        """Log the current exception and end the flight."""
         LOG.exception("flight %s failed", self.id)
         self._end("failed", "the flight failed: see the server's log")
 

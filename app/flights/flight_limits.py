@@ -6,9 +6,9 @@ from typing import Any
 from app.assessment.limits_in_force import LimitsInForce, RequestedLimits, Ruling
 from app.flights.display_monitors import ALIKE
 from app.messages import LimitsStatus
-from app.store.limit_sets import FlightLimits
 from app.store.monitors import MonitorInfo
 from app.store.store import Store
+from core.flight_events import FlightLimits
 from core.limits.limit_sets import ConditionKey
 from core.limits.limits import Limits, specification_to_plain
 from core.monitor import Monitor

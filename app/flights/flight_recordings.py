@@ -22,7 +22,7 @@ from app.store.store import NotFound
 from app.store.tables import new_id, now, time_text
 from app.telemetry.journal import Journals, lines_of
 from app.telemetry.recording import TelemetryError
-from core.flight_markers import FLIGHT_MARKERS
+from core.flight_events import FLIGHT_MARKERS
 
 LOG = logging.getLogger("forewarn")
 UNNAMED = "live"

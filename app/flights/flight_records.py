@@ -9,16 +9,11 @@ from typing import Any
 import numpy as np
 
 from app.flights.flight import Flight
-from app.flights.flight_markers import of_store
-from app.messages import Alarm, FlightMarker, plain_frame
-from app.store.alarms import StoredAlarm
-from app.store.assessments import StoredDisplay
+from app.flights.sources.playback import stored_assessment
+from app.messages import plain_frame
 from app.store.flights import FlightInfo
 from app.store.store import NotFound, Store
-from core.limits.exceedance import MeasuredExceedance
-from core.monitor import Assessment, State
-from core.monitor.assessment import STATES
-from core.monitor.status import cause_of
+from core.flight_events import Alarm, FlightMarker
 
 NAME, ACCEPT_USELESS = "name", "accept_useless"
 """Stored with the source of a flight."""
@@ -39,7 +34,7 @@ class FlightRecords:
         flight = self._under_way.get(flight_id)
         at_hand = flight.alarms.at_hand if flight else []
         stored = await asyncio.to_thread(self._store.alarms.of, flight_id)
-        alarms = {alarm.number: _alarm(alarm) for alarm in stored}
+        alarms = {alarm.number: alarm for alarm in stored}
         alarms |= {alarm.number: alarm for alarm in at_hand}
         return [alarms[number] for number in sorted(alarms)]
 
@@ -54,20 +49,19 @@ class FlightRecords:
         if not (alarm_id.isascii() and alarm_id.isdigit()) or len(alarm_id) > MOST_DIGITS:
             raise NotFound(f"flight {flight_id} has no alarm {alarm_id}")
         stored = await asyncio.get_running_loop().run_in_executor(
-            self._threads, self._store.alarms.acknowledge_number, flight_id, int(alarm_id), by
+            self._threads, self._store.alarms.acknowledge, flight_id, int(alarm_id), by
         )
         if flight is not None:
             with suppress(KeyError):
                 flight.acknowledge(alarm_id, stored.by or by, stored.acknowledged or "")
-        return _alarm(stored)
+        return stored
 
     async def markers(self, flight_id: str) -> list[FlightMarker]:
         """All markers of a flight, in the order set. NotFound."""
         flight = self._under_way.get(flight_id)
-        at_hand = flight.markers.at_hand if flight else []
         stored = await asyncio.to_thread(self._store.flight_markers.of, flight_id)
-        markers = {marker.number: of_store(marker) for marker in stored}
-        return list((markers | {marker.number: marker for marker in at_hand}).values())
+        markers = {marker.number: marker for marker in stored}
+        return list((markers | (flight.markers if flight else {})).values())
 
     async def frames(self, flight_id: str, first: int, last: int) -> list[dict[str, Any]]:
         """Flown frames first..last, as streamed. NotFound."""
@@ -83,50 +77,17 @@ class FlightRecords:
 
     def _stored_frames(self, flight_id: str, first: int, last: int) -> list[dict[str, Any]]:
         stored = self._store.flights.assessments(flight_id, first, last)
+        names = "p_value", "alert", "state"
         frames = []
-        for i, code in enumerate(stored.state.tolist()):
-            ok = STATES[code] is State.OK
-            y_hat = stored.y_hat[i] if ok and np.isfinite(stored.y_hat[i]).all() else None
-            assessment = Assessment(
-                float(stored.t[i]),
-                float(stored.p_value[i]) if ok else None,
-                bool(stored.alert[i]) if ok else None,
-                STATES[code],
-                stored.reasons[i],
-                y_hat,
-                cause=cause_of(STATES[code], stored.reasons[i]),
-            )
-            display = [_displayed(shown, i, assessment.t) for shown in stored.display]
+        for i, (t, y_hat) in enumerate(zip(stored.t, stored.y_hat, strict=True)):
+            sample = {name: getattr(stored, name)[i] for name in names}
+            known = y_hat if np.isfinite(y_hat).all() else None
+            display = [
+                stored_assessment(t, shown.samples[i], shown.reasons[i]) for shown in stored.display
+            ]
+            assessment = stored_assessment(t, sample, stored.reasons[i], known)
             frames.append(plain_frame(int(stored.seq[i]), stored.y[i], assessment, None, display))
         return frames
-
-
-def _displayed(stored: StoredDisplay, i: int, t: float) -> Assessment:
-    """Assessment of stored sample i by a monitor for display."""
-    p_value, alert, code = stored.samples[i].tolist()
-    ok = STATES[code] is State.OK
-    risk = (p_value, alert) if ok else (None, None)
-    state, reason = STATES[code], stored.reasons[i]
-    return Assessment(t, *risk, state, reason, cause=cause_of(state, reason))
-
-
-def _alarm(stored: StoredAlarm) -> Alarm:
-    return Alarm(
-        id=str(stored.number),
-        number=stored.number,
-        seq=stored.seq,
-        t=stored.t,
-        p_value=stored.p_value,
-        kind=stored.kind,
-        level=stored.level,
-        exceedance=MeasuredExceedance(**stored.exceedance) if stored.exceedance else None,
-        reason=stored.reason,
-        cause=cause_of(State.INVALID, stored.reason or "") if stored.kind == "invalid" else None,
-        raised=stored.raised,
-        acknowledged=stored.acknowledged,
-        by=stored.by,
-        stored=True,
-    )
 
 
 def flight_name(info: FlightInfo) -> str:
@@ -134,7 +95,6 @@ def flight_name(info: FlightInfo) -> str:
 
 
 def source_of(info: FlightInfo) -> dict[str, Any]:
-    """The source of a stored flight as requested."""
     return {key: info.source[key] for key in info.source if key not in (NAME, ACCEPT_USELESS)}
 
 

@@ -6,7 +6,7 @@ import time
 from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import ValidationError
@@ -42,14 +42,14 @@ from app.flights.sources.source import (
 from app.flights.sources.udp import UdpAccess
 from app.flights.transport import NotPossible
 from app.flights.verdict import first_exceedance
-from app.messages import FlightMarker, LiveStatus
+from app.messages import LiveStatus
 from app.recordings.scored import ScoredRecordings
 from app.store.flights import INTERRUPTED, FlightInProgress
 from app.store.people import LOCAL
 from app.store.store import NotFound, Store, StoreError, StoreHealth
 from app.telemetry.journal import Journals, lines_of
 from core.evaluation.certificate import check_use
-from core.flight_markers import FlightMarkerKey
+from core.flight_events import FlightMarker, FlightMarkerKey
 from core.limits.limit_sets import ConditionKey
 from core.monitor import Monitor
 from core.simulation.attitude import SurfaceSigns, surface_signs
@@ -471,7 +471,7 @@ class Flights:
                 f"{marker.word} is on every screen but not stored yet ({error}): it is stored as "
                 "soon as possible, do not set it again"
             ) from error
-        return marker.model_copy(update={"stored": True})
+        return replace(marker, stored=True)
 
     # --- starting -----------------------------------------------------------------------------
 

@@ -19,15 +19,14 @@ import numpy as np
 import numpy.typing as npt
 
 from app.flights.clock import Clock, Timer
-from app.flights.flight_markers import to_store
-from app.messages import Alarm, FlightMarker, LimitsFrom
+from app.messages import LimitsFrom
 from app.store.assessments import DISPLAY, StoredDisplay
-from app.store.limit_sets import FlightLimits
 from app.store.store import NotFound, Store, StoreError, StoreHealth
 from core.channels import N_CHANNELS
+from core.flight_events import Alarm, FlightLimits, FlightMarker
 from core.limits.exceedance import ChannelExceedances
 from core.monitor import Assessment
-from core.monitor.assessment import STATES
+from core.monitor.assessment import code_of
 from core.types import Array, Flags
 
 LOG = logging.getLogger("forewarn")
@@ -42,7 +41,6 @@ BATCH = 10_000
 """Most samples per write."""
 MOST_WAITING = 200_000
 UNKNOWN = np.full(N_CHANNELS, np.nan)
-CODES = {state: code for code, state in enumerate(STATES)}
 Columns = tuple[Array, Flags, npt.NDArray[np.uint8]]
 
 
@@ -139,7 +137,6 @@ class Recorder:
     def add(
         self, seq: int, y: Array, assessment: Assessment, display: tuple[Assessment, ...] = ()
     ) -> None:
-        """Queue a sample for the next batch."""
         self._samples.append(RecordedSample(seq, y, assessment, display))
         if len(self._samples) > MOST_WAITING:
             del self._samples[:BATCH]
@@ -147,36 +144,22 @@ class Recorder:
         if self._timer is None:
             self._schedule(self._first_interval if seq == 0 else self.interval)
 
-    def add_alarm(self, alarm: Alarm, announce: Callable[[bool], object]) -> None:
-        """Store an alarm, then announce it, see PendingEvent.
+    def add_event(self, event: Event, announce: Callable[[bool], object] = lambda _: None) -> None:
+        """Store an event, then announce it, see PendingEvent.
 
-        It is announced even if the store refuses it or takes longer than ANNOUNCED_S: a full disk
-        must not suppress a warning.
+        An alarm is announced even if the store refuses it or takes longer than ANNOUNCED_S: a full
+        disk must not suppress a warning. The watchers have all other events already.
         """
-        self._queue(PendingEvent(alarm, announce))
-
-    def add_marker(self, marker: FlightMarker, announce: Callable[[bool], object]) -> None:
-        """Store a marker that all watchers have; announce: called once it is stored."""
-        raised = PendingEvent(marker, announce)
-        raised.is_announced = True
-        self._queue(raised)
-
-    def add_limits(self, put: FlightLimits) -> None:
-        raised = PendingEvent(put, lambda _: None)
-        raised.is_announced = True
-        self._queue(raised)
-
-    def _queue(self, raised: PendingEvent) -> None:
+        raised = PendingEvent(event, announce)
+        raised.is_announced = not isinstance(event, Alarm)
         self._raised.append(raised)
         self._store_alarms_soon(raised)
 
     def announce_pending(self) -> None:
-        """Announce all pending events now: the flight is ending."""
         for raised in self._raised:
             raised.announce_unstored()
 
     def waiting(self, first: int, last: int) -> list[RecordedSample]:
-        """Samples first..last that are not in the store yet."""
         return [sample for sample in self._samples if first <= sample.seq <= last]
 
     async def store_alarms(self) -> None:
@@ -323,35 +306,20 @@ class Recorder:
     def _write_event(self, event: Event) -> None:
         try:
             if isinstance(event, Alarm):
-                self._write_alarm(event)
+                self._store.alarms.add(self._flight_id, event)
             elif isinstance(event, FlightLimits):
                 self._store.limit_sets.note(self._flight_id, event)
             else:
-                self._store.flight_markers.add(self._flight_id, to_store(event))
+                self._store.flight_markers.add(self._flight_id, event)
         except NotFound:
             LOG.exception("flight %s: the store has no place for this", self._flight_id)
 
-    def _write_alarm(self, alarm: Alarm) -> None:
-        exceedance = alarm.exceedance and asdict(alarm.exceedance)
-        about = alarm.kind, alarm.level, exceedance
-        self._store.alarms.add(
-            self._flight_id,
-            alarm.seq,
-            alarm.t,
-            alarm.p_value,
-            *about,
-            reason=alarm.reason,
-            number=alarm.number,
-            raised=alarm.raised,
-        )
-
 
 def _columns(assessments: Sequence[Assessment]) -> Columns:
-    """p-values, alerts and state codes as stored."""
     return (
         np.array([np.nan if a.p_value is None else a.p_value for a in assessments]),
         np.array([bool(a.alert) for a in assessments]),
-        np.array([CODES[a.state] for a in assessments], np.uint8),
+        np.array([code_of(a.state) for a in assessments], np.uint8),
     )
 
 

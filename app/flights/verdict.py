@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 from math import inf
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from app.assessment.outcome import (
 from app.assessment.validity import LONGER
 from app.messages import Verdict
 from app.recipes.recipes import from_plain
-from core.limits.exceedance import MeasuredExceedance
+from core.flight_events import Alarm
 from core.monitor import State
 from core.monitor.assessment import REASONS, Cause
 from core.planned_test.collection import DatasetRecipe
@@ -31,21 +31,6 @@ WORST: tuple[Outcome, ...] = ("missed", "late_alert", "unseen", "invalid", "time
 """Outcomes of the exceedances of a recording, of which the first here is the flight's."""
 NOT_FLOWN = f"{EXCEEDED}, samples before it not flown"
 OUTSIDE = f"{EXCEEDED} outside every manoeuvre, where nothing was assessed"
-
-
-class RaisedAlarm(Protocol):
-    """An alarm, of a flight in progress or stored."""
-
-    @property
-    def kind(self) -> str: ...
-    @property
-    def seq(self) -> int: ...
-    @property
-    def t(self) -> float: ...
-    @property
-    def raised(self) -> str: ...
-    @property
-    def exceedance(self) -> MeasuredExceedance | dict[str, Any] | None: ...
 
 
 class Circumstances(NamedTuple):
@@ -69,9 +54,7 @@ class Circumstances(NamedTuple):
 AS_FLOWN = Circumstances()
 
 
-def verdict(
-    alarms: Iterable[RaisedAlarm], circumstances: Circumstances = AS_FLOWN
-) -> Verdict | None:
+def verdict(alarms: Iterable[Alarm], circumstances: Circumstances = AS_FLOWN) -> Verdict | None:
     """How the first exceedance from trim was warned of; None without an exceedance."""
     alarms, (promised, jumped, withdrawn, live, longest) = [*alarms], circumstances
     first, raw = first_exceedance(alarms), _first(alarms)
@@ -101,7 +84,7 @@ def longest_manoeuvre(dataset_recipe: Mapping[str, Any]) -> float:
 
 def verdict_of_recording(
     manoeuvres: Sequence[Mapping[str, Any]],
-    alarms: Sequence[RaisedAlarm],
+    alarms: Sequence[Alarm],
     reached: Sequence[float],
     dt: float,
     promised: float,
@@ -126,21 +109,16 @@ def verdict_of_recording(
 
 
 def not_flown(t: float) -> Verdict:
-    """The verdict on an exceedance at t [s] that a seek led to."""
     return Verdict(exceeded_t=t, lead=None, text=NOT_FLOWN)
 
 
-def first_exceedance(alarms: Iterable[RaisedAlarm]) -> RaisedAlarm | None:
+def first_exceedance(alarms: Iterable[Alarm]) -> Alarm | None:
     """The alarm of the earliest exceedance from trim."""
     return _first(filter(exceeds_from_trim, alarms))
 
 
-def exceeds_from_trim(alarm: RaisedAlarm) -> bool:
-    exceedance = alarm.exceedance
-    if exceedance is None:
-        return False
-    judged = exceedance["judged"] if isinstance(exceedance, dict) else exceedance.judged
-    return judged != "recorded"
+def exceeds_from_trim(alarm: Alarm) -> bool:
+    return alarm.exceedance is not None and alarm.exceedance.judged != "recorded"
 
 
 def is_jump(t: Array, dt: float) -> bool:
@@ -166,7 +144,7 @@ def _as_recorded(t: float) -> Verdict:
     return Verdict(exceeded_t=t, lead=None, text=text)
 
 
-def _warned(risk: RaisedAlarm, exceedance: RaisedAlarm, live: bool) -> float:
+def _warned(risk: Alarm, exceedance: Alarm, live: bool) -> float:
     """Flight time at which an alarm warned of an exceedance [s]."""
     if not live:
         return risk.t
@@ -174,7 +152,7 @@ def _warned(risk: RaisedAlarm, exceedance: RaisedAlarm, live: bool) -> float:
     return max(risk.t, exceedance.t - max(0.0, raised.total_seconds()))
 
 
-def _first(alarms: Iterable[RaisedAlarm]) -> RaisedAlarm | None:
+def _first(alarms: Iterable[Alarm]) -> Alarm | None:
     measured = (alarm for alarm in alarms if alarm.kind == "limit")
     return min(measured, key=lambda alarm: alarm.t, default=None)
 

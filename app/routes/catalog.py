@@ -14,7 +14,7 @@ from app.routes.dependencies import json_response
 from app.routes.recordings import Derivable
 from core import __version__
 from core.channels import Channel
-from core.flight_markers import FlightMarkerKind
+from core.flight_events import FlightMarkerKind
 from core.limits.limit_sets import ConditionChannel
 
 STREAMS: dict[int | str, dict[str, Any]] = {

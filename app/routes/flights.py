@@ -16,8 +16,6 @@ from app.flights.request import FlightRequest
 from app.flights.sources.source import mode_of
 from app.http.problems import Problem, problem_responses
 from app.messages import (
-    Alarm,
-    FlightMarker,
     FlownMonitor,
     Frame,
     LimitsFrom,
@@ -42,7 +40,7 @@ from app.routes.dependencies import (
 from app.store.flights import FlightInfo
 from app.store.people import LOCAL
 from core.evaluation.certificate import UselessMonitor
-from core.flight_markers import FlightMarkerKey
+from core.flight_events import Alarm, FlightMarker, FlightMarkerKey
 from core.limits.exceedance import ChannelExceedances
 from core.monitor import State
 from core.monitor.assessment import Cause

@@ -20,8 +20,9 @@ from app.routes.dependencies import (
     signature,
     strictly,
 )
-from app.store.limit_sets import FlightLimits, LimitSetInfo, StoredLimits
+from app.store.limit_sets import LimitSetInfo, StoredLimits
 from app.store.people import LOCAL
+from core.flight_events import FlightLimits
 from core.limits.limit_sets import ConditionKey, LimitSet, limit_set_from_plain
 
 router = APIRouter(prefix="/api/v1", tags=["limit sets"])

@@ -8,6 +8,7 @@ from sqlalchemy import Connection, Select, func, insert, select
 
 from app.store.repository import Entries, Entry, Time, columns, fetch
 from app.store.tables import flight_limits, limit_set_versions, limit_sets, new_id, now
+from core.flight_events import FlightLimits
 from core.limits.limit_sets import LimitSet, limit_set_from_plain, limit_set_to_plain
 
 
@@ -43,28 +44,6 @@ class StoredLimits(Entry):
     @property
     def limits(self) -> LimitSet:
         return limit_set_from_plain(self.cases)
-
-
-@dataclass(frozen=True)
-class FlightLimits(Entry):
-    """A version of a limit set put in force during a flight."""
-
-    number: int
-    """1, 2, ... in its flight"""
-    limit_set: str
-    """id"""
-    name: str
-    """of the set"""
-    version: int
-    fixed: dict[str, float]
-    """declared values of flight conditions"""
-    seq: int
-    """first sample number it applies to"""
-    t: float
-    """time of the previous sample [s]; 0 before the first"""
-    created: Time
-    by: str
-    """person who put it in force"""
 
 
 class LimitSetRepository(Entries[LimitSetInfo]):

@@ -20,7 +20,9 @@ from app.store.recordings import MappedColumns
 from app.store.schema import configuration, migrating
 from app.store.scorings import ScoringInfo
 from app.store.store import Store, open_store
+from core.flight_events import Alarm
 from core.monitor import Monitor
+from core.monitor.status import ALARM_LEVELS, AlarmKind
 
 MAPPED = MappedColumns(
     mapping={"channels": {"Ny": {"signal": "ay"}}, "times": {}},
@@ -187,3 +189,9 @@ def scoring(store: Store, recording: str, monitor: str, request: str = "o") -> S
         manoeuvres=[{"name": "entire recording", "validity": {"valid": True}}],
         outside_exceedances=[{"t": 3.5, "channel": "Ny", "value": 0.6}],
     )
+
+
+def alarm(number: int, seq: int, t: float, kind: AlarmKind = "risk", **about: Any) -> Alarm:
+    """An alarm of a flight, as it is stored."""
+    known = {"p_value": 0.5 if kind == "risk" else None, "raised": "2030-01-01T00:00:00Z"}
+    return Alarm(number, seq, t, kind=kind, level=ALARM_LEVELS[kind], **(known | about))

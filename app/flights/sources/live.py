@@ -20,7 +20,7 @@ from app.assessment.rescoring import replay_line
 from app.assessment.scorer import CausalScorer, LiveAssessed, ReceivedExceedance, TrimRule
 from app.flights.alarms import REJOIN_S
 from app.flights.display_monitors import DisplayMonitor
-from app.flights.flight import Angles, Flight, FlightPlan, stale_after
+from app.flights.flight import MARKERS_KEPT, Angles, Flight, FlightPlan, stale_after
 from app.flights.flight_limits import to_store
 from app.flights.recorder import JOURNALLED_S
 from app.flights.sources.known_batches import KnownBatches
@@ -28,10 +28,11 @@ from app.flights.sources.lag import Lag
 from app.flights.sources.playback import SourceError
 from app.flights.sources.udp import UdpAccess, UdpReceiver
 from app.flights.transport import NotPossible
-from app.messages import Alarm, FlightMarker, LiveChange, LiveStatus, ManoeuvreBegun, TransportState
+from app.messages import LiveChange, LiveStatus, ManoeuvreBegun, TransportState
 from app.telemetry.journal import Journal, JournalFull, Journals
 from app.telemetry.recording import TelemetryError
 from core.channels import KEYS
+from core.flight_events import Alarm, FlightMarker
 from core.limits.exceedance import MeasuredExceedance, exceedance
 from core.monitor import Assessment, Monitor, State
 from core.monitor.peak_forecast import Ahead
@@ -127,7 +128,6 @@ class LiveFlight(Flight):
 
     @property
     def lead(self) -> float:
-        """Lead time of alerts [s]: the monitor's, less the longest wait of a sample."""
         return self.scorer.lead
 
     @property
@@ -136,7 +136,6 @@ class LiveFlight(Flight):
 
     @property
     def live(self) -> LiveStatus:
-        """How its source does."""
         return LiveStatus(
             delay=self.scorer.delay,
             interval=self.scorer.interval if self._has_begun else None,
@@ -163,7 +162,6 @@ class LiveFlight(Flight):
         )
 
     def start(self) -> None:
-        """Open the journal and wait for samples. OSError."""
         self._open()
         self._record(self._header())
         if self.plan.limits is not None:
@@ -171,7 +169,6 @@ class LiveFlight(Flight):
         self._listen()
 
     def _header(self) -> dict[str, Any]:
-        """First line of the journal: how its lines are read and scored."""
         plan, mapping = self.plan, self._setup.reader.mapping
         return {
             "format": FORMAT,
@@ -209,7 +206,7 @@ class LiveFlight(Flight):
             else:
                 unrecorded.append(assessed)
         self.alarms.restore(alarms)
-        self.markers.restore(markers)
+        self.markers = {marker.number: marker for marker in markers[-MARKERS_KEPT:]}
         for t, named, _ in self._replayed:
             self.exceedances.add(t, named)
             self._note_exceedance(t)
@@ -232,7 +229,7 @@ class LiveFlight(Flight):
             self._exceed(*exceeding)
         self._hold(self.scorer.ruling)
         for in_force in self.limits_at_hand:
-            self.recorder.add_limits(to_store(in_force))
+            self.recorder.add_event(to_store(in_force))
         self.is_restoring = False
         self._listen()
         self._set_state(State.STALE, "the server restarted: waiting for the source")
@@ -269,7 +266,6 @@ class LiveFlight(Flight):
         return AcceptedBatch(batch.sequence, len(samples), False, written, self._note_unread(batch))
 
     def _judge_received(self) -> None:
-        """Raise the alarms of received samples, whatever the grid makes of them."""
         for sample in self.scorer.pop_exceedances():
             self._exceed(*_exceedance_of(sample))
         if (doubts := self.scorer.doubts) != self.doubts:
@@ -348,7 +344,6 @@ class LiveFlight(Flight):
         yield from self.scorer.advance(arrival)
 
     def _replay(self, line: dict[str, Any]) -> list[LiveAssessed]:
-        """Samples settled by a line of the journal."""
         if "b" in line:
             self._note_batch(line["s"], msgspec.json.encode(line["b"]))
             self._note_unread(Batch(line["s"], line["b"]))
@@ -484,7 +479,6 @@ class LiveFlight(Flight):
         return self._display.update(assessed.assessment.t, *rates)
 
     def _settle_later(self) -> None:
-        """Plan to settle waiting samples at their deadline."""
         deadline = self.scorer.deadline
         if deadline is None:
             self._stop_timer("settle")
@@ -506,7 +500,6 @@ class LiveFlight(Flight):
             self._broadcast(LiveChange(live=now).encode())
 
     def _watch_out(self) -> None:
-        """Become stale as soon as a source that has sent samples is late; plan the next check."""
         now = self.clock.now()
         when = self._last_arrival + self._stale_after
         if when <= now:
@@ -517,7 +510,6 @@ class LiveFlight(Flight):
 
 
 def _exceedance_of(sample: ReceivedExceedance) -> tuple[float, MeasuredExceedance, str]:
-    """Time [s], exceedance and the reason of its alarm."""
     named = exceedance(sample.limits, sample.y, sample.recorded)
     assert named is not None
     return sample.t, named, "" if sample.is_dated else TIME_UNKNOWN

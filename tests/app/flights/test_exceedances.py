@@ -10,11 +10,12 @@ import pytest
 from app.flights.ended import records
 from app.messages import Hello
 from core.channels import KEYS
-from core.limits.exceedance import ChannelExceedances, Exceedances, exceedance
+from core.limits.exceedance import ChannelExceedances, Exceedances, MeasuredExceedance, exceedance
 from tests.app.flights.test_flight_limits import Range
 from tests.app.flights.test_flight_limits import run as run_range
 from tests.support.flying import T, exact_monitor
 from tests.support.oscillator import DT
+from tests.support.stored import alarm
 
 NY, P = KEYS.index("Ny"), KEYS.index("p")
 LIMITS = np.full(6, np.inf)
@@ -102,11 +103,11 @@ def test_of_a_flight_that_was_cut_short_its_alarms_tell(
     async def test(place: Range) -> None:
         own = place.add(exact_monitor(), "oscillator")
         flight = place.store.flights.add({"kind": "live"}, own, 0.3)
-        named = {"channel": "Ny", "value": 0.6, "limit": 0.5, "judged": "from_trim"}
+        named = MeasuredExceedance("Ny", 0.6, 0.5, "from_trim")
         kept_ = [{"channel": "Ny", "n": 4, "first_t": 1.0, "last_t": 9.0}]
         kept_[0] |= {"worst": 0.9, "worst_t": 2.0, "limit": 0.5}
         for number, t in ((1, 2.0), (2, 4.0)):
-            place.store.alarms.add(flight, number, t, None, "limit", exceedance=named)
+            place.store.alarms.add(flight, alarm(number, number, t, "limit", exceedance=named))
         place.store.flights.end(flight, "interrupted", 2.0, kept_ if kept else None)
         (told,) = records(place.store, [place.store.flights.info(flight)])[flight].exceedances
         assert (told.n, told.last_t, told.worst) == ((4, 9.0, 0.9) if kept else (2, 4.0, 0.6))

@@ -1,6 +1,7 @@
 """Flights: the scores of the batch whatever the transport does, at their own rate, to everyone."""
 
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -261,7 +262,7 @@ def test_an_alert_raises_one_alarm_at_its_onset(exact: Monitor, failing: Array) 
     flown.seen.take()
     assert [m["alarm"]["by"] for m in flown.seen.of("alarm")] == [None, "FTE"]
     late = Seen(flown.flight.watch())
-    assert late.take()[0]["alarms"] == [told.model_dump()]
+    assert late.take()[0]["alarms"] == [asdict(told)]
 
 
 def test_a_seek_into_an_alert_rings_by_the_time_at_which_it_began(

@@ -9,12 +9,13 @@ from typing import Any
 import msgspec
 import pytest
 
-from app.flights.flight_markers import KEPT, FlightMarkers
-from app.messages import FlightMarker, Hello
+from app.flights.flight import MARKERS_KEPT
+from app.messages import Hello
 from app.store.store import StoreError, open_store
-from core.flight_markers import FLIGHT_MARKERS
+from core.flight_events import FLIGHT_MARKERS
 from tests.app.routes.test_flight_stream import URL, Server, until
 from tests.support.api import api, problem
+from tests.support.flying import Flown, exact_monitor, failing_flight
 
 
 @pytest.fixture
@@ -114,13 +115,17 @@ def test_what_is_no_marker_is_refused(server: Server, body: dict[str, Any]) -> N
     assert server.client.get(f"{URL}/{flight}/markers").json() == []
 
 
-def test_those_that_wait_for_the_store_are_never_forgotten() -> None:
-    markers = FlightMarkers()
-    first: FlightMarker = markers.add("abort", -1, 0.0, "now", "crew", None)
-    for _ in range(2 * KEPT):
-        markers.note_stored(markers.add("abort", -1, 0.0, "now", "crew", None).number)
-    assert len(markers.at_hand) == KEPT + 1
-    assert markers.at_hand[0] == first
+def test_markers_that_wait_for_the_store_are_never_forgotten(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    flown = Flown(exact_monitor(), failing_flight())
+    with monkeypatch.context() as patch:
+        patch.setattr(flown.recorder, "_store_alarms_soon", lambda _: None)
+        first = flown.flight.mark("abort", "crew", None)
+    stored = [flown.flight.mark("abort", "crew", None) for _ in range(2 * MARKERS_KEPT)]
+    newest = [marker.number for marker in stored[-MARKERS_KEPT:]]
+    assert list(flown.flight.markers) == [first.number, *newest]
+    assert newest[-1] == 2 * MARKERS_KEPT + 1
 
 
 def test_words_and_keys_tell_the_kinds_apart_and_none_says_terminate() -> None:

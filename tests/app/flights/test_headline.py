@@ -15,11 +15,11 @@ from app.flights.ended import records
 from app.flights.sources.recorded_playback import RecordedScript
 from app.flights.verdict import Circumstances, longest_manoeuvre, verdict
 from app.recipes.recipes import to_plain
-from app.store.alarms import StoredAlarm
+from core.flight_events import Alarm
 from core.limits.exceedance import Judged, MeasuredExceedance, exceedance
 from core.monitor import Assessment, State
 from core.monitor.assessment import REASONS, STATES
-from core.monitor.status import ALARM_LEVELS, BETWEEN, Level
+from core.monitor.status import BETWEEN, AlarmKind
 from core.planned_test.collection import DatasetRecipe
 from tests.app.flights.sources.test_live import Live
 from tests.support.flying import (
@@ -33,6 +33,7 @@ from tests.support.flying import (
 )
 from tests.support.oscillator import DT, N_SAMPLES, NY, Array
 from tests.support.samples import SAMPLE_LIKE
+from tests.support.stored import alarm
 
 INVALID = STATES.index(State.INVALID)
 WARMING_UP = STATES.index(State.WARMING_UP)
@@ -283,13 +284,13 @@ def test_hello_says_the_headline() -> None:
 def test_a_caution_that_waits_is_no_alarm_of_a_flight_that_is_over(tmp_path: Path) -> None:
     store, monitor = store_with(exact_monitor(), tmp_path)
     flight = store.flights.add({"kind": "scripted"}, monitor, EPSILON)
-    caution = store.alarms.add(flight, 3, 0.3, None, "stale", Level.CAUTION, reason="late")
+    store.alarms.add(flight, alarm(1, 3, 0.3, "stale", reason="late"))
     info = store.flights.end(flight)
     assert store.alarms.of(flight)[0].reason == "late"
     record = records(store, [info])[flight]
     assert (record.headline.status, record.verdict) == ("caution", None)
     assert record.headline.exceeded_t is None
-    store.alarms.acknowledge(caution, "FTE")
+    store.alarms.acknowledge(flight, 1, "FTE")
     assert records(store, [info])[flight].headline.status == "warming_up"
 
 
@@ -309,23 +310,12 @@ def test_a_flight_that_ended_before_it_was_assessed_is_not_said_to_be_well(
     assert record.headline.status == status
 
 
-def stored(kind: str, t: float, judged: Judged = "both") -> StoredAlarm:
-    over = {"channel": "Ny", "value": 0.529, "limit": 0.5, "judged": judged}
-    return StoredAlarm(
-        id="a",
-        flight_id="f",
-        number=1,
-        seq=0,
-        t=t,
-        p_value=None,
-        kind=kind,  # pyright: ignore[reportArgumentType]
-        level=ALARM_LEVELS[kind],  # pyright: ignore[reportArgumentType]
-        exceedance=over if kind == "limit" else None,
-        reason=None,
-        raised="then",
-        acknowledged=None,
-        by=None,
-    )
+OVER = MeasuredExceedance("Ny", 0.529, 0.5, "both")
+
+
+def stored(kind: AlarmKind, t: float, judged: Judged = "both") -> Alarm:
+    over = replace(OVER, judged=judged) if kind == "limit" else None
+    return alarm(1, 0, t, kind, p_value=None, exceedance=over)
 
 
 @pytest.mark.parametrize(
@@ -341,7 +331,7 @@ def stored(kind: str, t: float, judged: Judged = "both") -> StoredAlarm:
     ],
 )
 def test_the_verdict_of_a_flight_that_exceeded_says_how_it_was_warned(
-    alarms: list[StoredAlarm], text: str
+    alarms: list[Alarm], text: str
 ) -> None:
     found = verdict(alarms)
     assert found is not None
@@ -349,11 +339,11 @@ def test_the_verdict_of_a_flight_that_exceeded_says_how_it_was_warned(
 
 
 def test_a_live_flight_was_warned_when_the_alarm_was_raised_not_when_its_sample_was_taken() -> None:
-    raised = {"risk": "2030-01-01T00:00:09.494Z", "limit": "2030-01-01T00:00:09.514Z"}
-    alarms = [
-        replace(stored(kind, t), raised=raised[kind])
-        for kind, t in (("risk", 6.25), ("limit", 7.7))
-    ]
+    raised: dict[AlarmKind, tuple[float, str]] = {
+        "risk": (6.25, "2030-01-01T00:00:09.494Z"),
+        "limit": (7.7, "2030-01-01T00:00:09.514Z"),
+    }
+    alarms = [replace(stored(kind, t), raised=when) for kind, (t, when) in raised.items()]
     found = verdict(alarms, Circumstances(promised=0.25, live=True))
     assert found is not None
     assert found.text == "LIMIT EXCEEDED, warned 0.02 s before the limit (0.25 s promised)"
@@ -396,8 +386,7 @@ def test_a_flight_knows_by_its_samples_that_its_monitor_was_withdrawn(tmp_path: 
         store.flights.append(
             flight, 0, DT * np.arange(3), np.zeros((3, 6)), n, n == 0, states, None, reasons
         )
-        over = {"channel": "Ny", "value": 0.529, "limit": 0.5, "judged": "both"}
-        store.alarms.add(flight, 2, 2 * DT, None, "limit", Level.WARNING, over)
+        store.alarms.add(flight, alarm(1, 2, 2 * DT, "limit", exceedance=OVER))
         found = records(store, [store.flights.end(flight)])[flight].verdict
         assert found is not None
         texts[why] = found.text
@@ -439,8 +428,7 @@ def test_a_replay_s_verdict_is_the_recording_s_own(
     monkeypatch.setattr(store.scorings, "info", lambda *_: known)
     source = {"kind": "recording", "recording": "r", "scoring": "s"}
     flight = store.flights.add(source, monitor, EPSILON)
-    over = {"channel": "Ny", "value": 0.529, "limit": 0.5, "judged": "both"}
-    store.alarms.add(flight, 2, 2 * DT, None, "limit", Level.WARNING, over)
+    store.alarms.add(flight, alarm(1, 2, 2 * DT, "limit", exceedance=OVER))
     found = records(store, [store.flights.end(flight)])[flight].verdict
     assert found is not None
     assert found.text == text

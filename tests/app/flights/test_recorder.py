@@ -9,13 +9,14 @@ import pytest
 
 from app.flights import recorder as module
 from app.flights.recorder import INTERVAL_S, JOURNALLED_S, Recorder
-from app.messages import Alarm
 from app.store.store import StoreError, StoreHealth, open_store
 from core.dataset import Dataset
+from core.flight_events import Alarm
 from core.monitor import train
 from core.monitor.assessment import Assessment, State
 from tests.support.flying import NoStore, ScriptedClock, SilentRecorder, as_store, store_with
 from tests.support.oscillator import DT, Array
+from tests.support.stored import alarm as stored_alarm
 
 
 def said(k: int) -> Assessment:
@@ -23,7 +24,7 @@ def said(k: int) -> Assessment:
 
 
 def alarm(number: int, by: str | None = None) -> Alarm:
-    return Alarm(id=str(number), number=number, seq=3, t=0.15, p_value=0.5, raised="now", by=by)
+    return stored_alarm(number, 3, 0.15, raised="now", by=by)
 
 
 def under_way(recorder: Recorder) -> list[asyncio.Task[bool]]:
@@ -170,14 +171,14 @@ def test_an_alarm_is_announced_once_it_is_stored() -> None:
     async def record() -> None:
         recorder = Recorder(as_store(store), "f", ScriptedClock())
         for number in (1, 2):
-            recorder.add_alarm(
+            recorder.add_event(
                 alarm(number), lambda stored: order.append((stored, len(store.notes)))
             )
         assert order == []
         await recorder.store_alarms()
 
     asyncio.run(record())
-    assert [note[-2] for note in store.notes] == [1, 2]
+    assert [stored.number for _, stored in store.notes] == [1, 2]
     assert order == [(True, 1), (True, 2)]
 
 
@@ -188,7 +189,7 @@ def test_an_alarm_that_the_store_refuses_is_announced_as_not_stored_and_stored_l
     async def record() -> list[bool]:
         said: list[bool] = []
         recorder = Recorder(as_store(store), "f", clock)
-        recorder.add_alarm(alarm(1), said.append)
+        recorder.add_event(alarm(1), said.append)
         assert recorder._alarms_task is not None
         await recorder._alarms_task
         assert (said, store.notes) == ([False], [])
@@ -197,7 +198,7 @@ def test_an_alarm_that_the_store_refuses_is_announced_as_not_stored_and_stored_l
         return said
 
     assert asyncio.run(record()) == [False, True]
-    assert store.notes == [("f", 3, 0.15, 0.5, "risk", "warning", None, None, 1, "now")]
+    assert store.notes == [("f", alarm(1))]
 
 
 def test_a_disk_that_hangs_keeps_nobody_unwarned(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -208,7 +209,7 @@ def test_a_disk_that_hangs_keeps_nobody_unwarned(monkeypatch: pytest.MonkeyPatch
     async def record() -> None:
         said: asyncio.Queue[bool] = asyncio.Queue()
         recorder = Recorder(as_store(store), "f", ScriptedClock())
-        recorder.add_alarm(alarm(1), said.put_nowait)
+        recorder.add_event(alarm(1), said.put_nowait)
         assert await said.get() is False
         free.set()
         assert await said.get() is True
@@ -258,9 +259,7 @@ def test_what_the_store_refuses_to_the_last_is_counted_as_lost() -> None:
 def test_an_alarm_taken_twice_is_stored_once(dataset: Dataset, tmp_path: Path) -> None:
     store, monitor_id = store_with(train(dataset), tmp_path)
     flight_id = store.flights.add({}, monitor_id, 0.3)
-    first = store.alarms.add(flight_id, 3, 0.15, 0.5, number=1, raised="2030-01-01T00:00:00Z")
-    assert (
-        store.alarms.add(flight_id, 3, 0.15, 0.5, number=1, raised="2030-01-01T00:00:00Z") == first
-    )
+    for raised in ("2030-01-01T00:00:00Z", "2031-01-01T00:00:00Z"):
+        store.alarms.add(flight_id, stored_alarm(1, 3, 0.15, raised=raised))
     (stored,) = store.alarms.of(flight_id)
     assert (stored.number, stored.raised) == (1, "2030-01-01T00:00:00Z")

@@ -21,6 +21,7 @@ from app.store.people import Role
 from app.store.store import StoreError
 from core.monitor import MonitorRecipe, train
 from tests.support.api import api, problem, store_of
+from tests.support.stored import alarm
 
 TOKEN = "a-token-of-a-good-length"
 TOKENS, ME, AUDIT = "/api/v1/tokens", "/api/v1/me", "/api/v1/audit"
@@ -56,7 +57,7 @@ def flight_with_alarms(client: TestClient, dataset: Any, n: int) -> str:
     monitor = store.monitors.add(train(dataset, MonitorRecipe(epsilon=0.2)), "m").id
     flight = store.flights.add({"kind": "simulated"}, monitor, 0.2)
     for k in range(n):
-        store.alarms.add(flight, k, 0.1 * k, 0.9)
+        store.alarms.add(flight, alarm(k + 1, k, 0.1 * k))
     store.flights.end(flight)
     return f"{FLIGHTS}/{flight}"
 

@@ -15,7 +15,7 @@ from app.store.tables import assessment_chunks
 from core.monitor import Monitor
 from core.monitor.assessment import REASONS, STATES
 from tests.support.repetition import examples
-from tests.support.stored import append, assert_says_its_number, count, flown, opened
+from tests.support.stored import alarm, append, assert_says_its_number, count, flown, opened
 
 
 def test_reasons_survive_chunks_and_default_to_the_states_reason(
@@ -138,14 +138,15 @@ def test_a_flight_ends_once(store: Store, trained: Monitor) -> None:
 
 def test_alarms_are_numbered_and_acknowledged_once(store: Store, trained: Monitor) -> None:
     flight, other = flown(store, trained), flown(store, trained)
-    raised = [store.alarms.add(flight, seq, seq / 50, 0.5) for seq in (4, 90)]
-    store.alarms.add(other, 7, 0.14, None)
-    first = store.alarms.acknowledge(raised[0], "conductor")
+    for number, seq in ((1, 4), (2, 90)):
+        store.alarms.add(flight, alarm(number, seq, seq / 50))
+    store.alarms.add(other, alarm(1, 7, 0.14))
+    first = store.alarms.acknowledge(flight, 1, "conductor")
     assert first.by == "conductor"
     assert first.acknowledged is not None
-    assert store.alarms.acknowledge(raised[0], "pilot") == first == store.alarms.of(flight)[0]
+    assert store.alarms.acknowledge(flight, 1, "pilot") == first == store.alarms.of(flight)[0]
     alarms = store.alarms.of(flight)
-    assert [(a.id, a.number, a.seq) for a in alarms] == [(raised[0], 1, 4), (raised[1], 2, 90)]
+    assert [(a.id, a.number, a.seq) for a in alarms] == [("1", 1, 4), ("2", 2, 90)]
     assert alarms[1].acknowledged is alarms[1].by is None
     assert [a.number for a in store.alarms.of(other)] == [1]
 

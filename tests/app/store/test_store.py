@@ -23,7 +23,7 @@ from app.store.tables import (
 )
 from core.dataset import Dataset
 from core.monitor import Monitor
-from tests.support.stored import append, assert_says_its_number, count, flown
+from tests.support.stored import alarm, append, assert_says_its_number, count, flown
 
 
 def test_a_dataset_in_use_stays_and_names_its_monitors(
@@ -45,7 +45,7 @@ def test_a_dataset_in_use_stays_and_names_its_monitors(
 def test_a_monitor_that_flew_stays_and_names_its_flights(store: Store, trained: Monitor) -> None:
     flight = flown(store, trained)
     append(store, flight, 0, 10)
-    store.alarms.add(flight, 3, 0.06, 0.5)
+    store.alarms.add(flight, alarm(1, 3, 0.06))
     monitor_id = store.flights.info(flight).monitor_id
     with pytest.raises(InUse, match=f"monitor m is used by running flight .{flight}."):
         store.monitors.delete(monitor_id)
@@ -76,8 +76,8 @@ MISSING: dict[str, Callable[[Store], Any]] = {
     "delete_flight": lambda s: s.flights.delete("x"),
     "append": lambda s: append(s, "x", 0, 1),
     "assessments": lambda s: s.flights.assessments("x"),
-    "add_alarm": lambda s: s.alarms.add("x", 0, 0.0, 0.5),
-    "acknowledge_alarm": lambda s: s.alarms.acknowledge("x", "me"),
+    "add_alarm": lambda s: s.alarms.add("x", alarm(1, 0, 0.0)),
+    "acknowledge_alarm": lambda s: s.alarms.acknowledge("x", 1, "me"),
     "alarms": lambda s: s.alarms.of("x"),
 }
 
@@ -200,7 +200,7 @@ def test_threads_write_and_read_at_once(store: Store, dataset: Dataset, trained:
     def record(flight: str) -> None:
         for first in range(0, 300, 50):
             append(store, flight, first, 50)
-            store.alarms.add(flight, first, first * 0.02, 0.5)
+            store.alarms.add(flight, alarm(first // 50 + 1, first, first * 0.02))
 
     def watch(flight: str) -> None:
         seen = 0

@@ -116,7 +116,7 @@ def test_every_sample_and_alarm_of_the_flight_is_there(store: Store) -> None:
     assert list(stored.reasons) == [frame["reason"] for frame in frames]
     alarms = ANSWERS[f"flights/{FLIGHT}/alarms"]
     for alarm, answered in zip(store.alarms.of(FLIGHT), alarms, strict=True):
-        of_its_own = "flight_id", "kind", "level", "exceedance", "reason"
+        of_its_own = "kind", "level", "exceedance", "reason", "stored", "cause"
         assert_answers(alarm, answered | {"id": alarm.id}, *of_its_own)
         assert (alarm.kind, alarm.level, alarm.exceedance) == ("risk", "warning", None)
 
