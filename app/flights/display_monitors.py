@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import Any, NamedTuple
 
 from app.assessment.grid import DELAY_INTERVALS
-from app.flights.sources.playback import SourceError
+from app.flights.sources.simulated import SourceError
 from app.messages import FlownMonitor, validity_word
 from app.recipes.labels import kind_label
 from app.store.flights import FlightInfo

@@ -30,14 +30,13 @@ from app.flights.recorder import INTERVAL_S, Recorder
 from app.flights.request import FlightRequest
 from app.flights.shown_flight import ShownFlight
 from app.flights.sources.live import LiveFlight, LiveSetup
-from app.flights.sources.playback import Script, SourceError
+from app.flights.sources.playback import Script
+from app.flights.sources.simulated import SourceError, aircraft_of, trim_angles
 from app.flights.sources.source import (
     FlownLive,
     Live,
     Opening,
-    aircraft_of,
     journal_setup,
-    trim_angles,
 )
 from app.flights.sources.udp import UdpAccess
 from app.flights.transport import NotPossible

@@ -15,7 +15,8 @@ from app.assessment.rescoring import ShownSample, rescored
 from app.flights.flight import stale_after
 from app.flights.sources.lag import Lag
 from app.flights.sources.live import LiveSetup
-from app.flights.sources.playback import Angles, SourceError, StoredScript, onsets
+from app.flights.sources.playback import Angles, StoredScript, onsets
+from app.flights.sources.simulated import SourceError
 from app.store.assessments import StoredAssessments
 from app.telemetry.journal import lines_of
 from core.channels import KEYS, N_CHANNELS

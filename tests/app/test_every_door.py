@@ -10,7 +10,8 @@ import pytest
 from starlette.testclient import TestClient
 
 from app.assessment import ScoringRecipe
-from app.flights.sources.playback import AssessedTrack, Track
+from app.flights.sources.playback import AssessedTrack
+from app.flights.sources.simulated import Track
 from app.recordings.scored_file import ScoreRequest, score_file
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import STATES

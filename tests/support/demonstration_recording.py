@@ -12,7 +12,8 @@ from app.demonstration import DATASET, MONITOR, N_TEST, NAME
 from app.flights.flight import FlightPlan
 from app.flights.sources.playback import AssessedTrack
 from app.flights.sources.replay import TrackFlight
-from app.flights.sources.source import Simulated, simulate
+from app.flights.sources.simulated import simulate
+from app.flights.sources.source import Simulated
 from app.jobs import training
 from app.messages import StatusChange, Verdict
 from core.monitor import Monitor
@@ -46,7 +47,7 @@ def record(monitor: Monitor) -> dict[str, Any]:
     headlines: at the samples where they change, with the alarms open and with them acknowledged.
     """
     clock = ScriptedClock()
-    track = simulate(DATASET, SOURCE)
+    track = simulate(DATASET, SOURCE.seed, SOURCE.theta, SOURCE.outcome)
     epsilon = monitor.check_epsilon()
     source = SOURCE.model_dump(exclude_none=True)
     plan = FlightPlan(NAME, TITLE, source, monitor, NAME, NAME, epsilon, "simulated")

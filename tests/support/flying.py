@@ -15,8 +15,9 @@ import numpy as np
 from app.flights.clock import Clock
 from app.flights.flight import FlightPlan
 from app.flights.recorder import PendingEvent, Recorder
-from app.flights.sources.playback import AssessedTrack, Track, times
+from app.flights.sources.playback import AssessedTrack
 from app.flights.sources.replay import TrackFlight
+from app.flights.sources.simulated import Track, times
 from app.flights.watcher import RecentFrames, Watcher
 from app.store.store import Store, open_store
 from core.monitor import Monitor, MonitorRecipe, train

@@ -25,7 +25,7 @@ from app.flights.flight_limits import to_store
 from app.flights.recorder import JOURNALLED_S
 from app.flights.sources.known_batches import KnownBatches
 from app.flights.sources.lag import Lag
-from app.flights.sources.playback import SourceError
+from app.flights.sources.simulated import SourceError
 from app.flights.sources.udp import UdpAccess, UdpReceiver
 from app.flights.transport import NotPossible
 from app.messages import LiveChange, LiveStatus, ManoeuvreBegun, TransportState

@@ -5,7 +5,6 @@ An assessment uses the history in the source, whatever the transport did before.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,12 +13,12 @@ import numpy.typing as npt
 from app.assessment.input_checks import Doubt
 from app.assessment.limits_in_force import InForceFrom, Ruling
 from app.assessment.planned_test import input_of, limits_of, needed_channels
+from app.flights.sources.simulated import Track
 from core.limits.exceedance import MeasuredExceedance, exceedance, exceeds
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import STATES, code_of
 from core.monitor.peak_forecast import Ahead, RunningForecast
 from core.monitor.status import cause_of
-from core.simulation.attitude import attitude
 from core.types import Array, Flags, Indices
 
 MOST_FOLLOWED = 1_000
@@ -196,36 +195,6 @@ class StoredScript(Script):
         if STATES[code] is State.INVALID and np.isfinite(y).all():
             code = code_of(State.OK)
         return float(self.samples["t"][k]), y, code
-
-
-class SourceError(ValueError):
-    """A source that cannot be flown, or not with this monitor."""
-
-
-@dataclass(frozen=True, eq=False)
-class Track:
-    """A source known from start to end.
-
-    t: (n,) rising [s].   y: (n, 6), NaN where unknown.   dt: sample interval [s].
-    attitude: (n, 3) phi, theta, psi [rad]; integrated from the rates for display unless given.
-    theta: parameters of a simulated aircraft.   fail_index: first sample past a limit, if known.
-    """
-
-    t: Array
-    y: Array
-    dt: float
-    attitude: Array = field(default_factory=lambda: np.empty((0, 3)))
-    theta: dict[str, float] | None = None
-    fail_index: int | None = None
-
-    def __post_init__(self) -> None:
-        if len(self.attitude) != len(self.t):
-            object.__setattr__(self, "attitude", attitude(self.t, self.y))
-
-
-def times(n: int, dt: float) -> Array:
-    """Times of n samples from 0 on [s], equal to the bit to those of batch scores."""
-    return (np.arange(n) * dt).astype(np.float64)
 
 
 class AssessedTrack(Script):

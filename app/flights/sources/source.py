@@ -6,7 +6,6 @@ A source is a request over the wire; its class opens it and names its kind of fl
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from collections.abc import Mapping as PlainMapping
-from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Union
 
@@ -21,9 +20,17 @@ from app.flights.display_monitors import DisplayMonitor
 from app.flights.flight import Flight
 from app.flights.shown_flight import ShownFlight
 from app.flights.sources.live import LiveFlight, LiveSetup
-from app.flights.sources.playback import AssessedTrack, Script, SourceError, Track, times
+from app.flights.sources.playback import AssessedTrack, Script
 from app.flights.sources.recorded_playback import RecordedScript
 from app.flights.sources.replay import TrackFlight
+from app.flights.sources.simulated import (
+    SourceError,
+    Track,
+    simulate,
+    times,
+    trim_angles,
+    whole_rollout,
+)
 from app.flights.sources.udp import UdpAccess
 from app.json_codec import Whole
 from app.messages import Mode
@@ -35,15 +42,11 @@ from app.telemetry.journal import Journals
 from app.telemetry.mapping.mapping import Mapping
 from core.channels import KEYS
 from core.monitor import Monitor
-from core.planned_test.collection import DatasetRecipe, Rollouts, Simulator
-from core.simulation.aircraft import Aircraft, PublishedAircraft
+from core.planned_test.collection import DatasetRecipe
 from core.simulation.attitude import attitude
-from core.types import Array
 
 FIRST_FREE_PORT = 1024
 NO_HEADER: PlainMapping[str, Any] = MappingProxyType({})
-BATCH, MOST_BATCHES = 256, 64
-"""Rollouts per batch, and most batches, in the search for the requested outcome."""
 
 
 class Opening(NamedTuple):
@@ -130,7 +133,8 @@ class Simulated(TrackSource):
     )
 
     def make(self, store: Store, monitor: Monitor) -> Track:
-        return simulate(_recipe(self, store, monitor), self)
+        recipe = _recipe(self, store, monitor)
+        return simulate(recipe, self.seed, self.theta, self.outcome)
 
     def name(self) -> str:
         return f"simulated, seed {self.seed}"
@@ -151,7 +155,7 @@ class Replay(TrackSource):
         info = store.datasets.info(self.dataset)
         y = stored.y
         if stored.fail_index is not None:
-            y = _whole_rollout(info.recipe, stored.theta, y)
+            y = whole_rollout(info.recipe, stored.theta, y)
         t = times(len(y), info.dt)
         angles = attitude(t, y, trim_angles(info.recipe)[1])
         return Track(t, y, info.dt, angles, theta=stored.theta, fail_index=stored.fail_index)
@@ -328,41 +332,6 @@ def journal_setup(opening: Opening, flight_id: str) -> LiveSetup:
     return live.setup(opening, header_of(journals.path(flight_id)) or {})
 
 
-def simulate(recipe: DatasetRecipe, request: Simulated) -> Track:
-    """Fly the test once. SourceError if no rollout has the outcome or a parameter is unknown."""
-    simulator = Simulator(recipe)
-    rng = np.random.default_rng(request.seed)
-    if request.theta is not None:
-        _make_certain(simulator, request.theta)
-        rollouts = simulator.rollouts(1, rng)
-        return _track(simulator, rollouts, 0)
-    for _ in range(MOST_BATCHES):
-        rollouts = simulator.rollouts(BATCH, rng)
-        wanted = np.ones(BATCH, bool)
-        if request.outcome != "any":
-            wanted = rollouts.is_unsafe == (request.outcome == "unsafe")
-        if wanted.any():
-            return _track(simulator, rollouts, int(wanted.argmax()))
-    raise SourceError(
-        f"none of {BATCH * MOST_BATCHES} random aircraft was {request.outcome}: choose another "
-        "outcome, theta or amplitude"
-    )
-
-
-def trim_angles(plain: dict[str, Any]) -> tuple[float, float]:
-    """Angle of attack and pitch at trim [rad] of a dataset recipe's aircraft; 0 if unknown."""
-    aircraft = aircraft_of(plain)
-    return (0.0, 0.0) if aircraft is None else _trim_angles(aircraft)
-
-
-def aircraft_of(plain: dict[str, Any]) -> Aircraft | None:
-    """Aircraft of a dataset recipe in plain data; None if it has no known one."""
-    try:
-        return from_plain(DatasetRecipe(), plain, "dataset").aircraft if plain else None
-    except ValueError:
-        return None
-
-
 def _recipe(request: Simulated, store: Store, monitor: Monitor) -> DatasetRecipe:
     plain = request.recipe
     if request.dataset is not None:
@@ -376,58 +345,6 @@ def _recipe(request: Simulated, store: Store, monitor: Monitor) -> DatasetRecipe
             "this monitor has no test to simulate: give a recipe or a simulated dataset"
         )
     return from_plain(DatasetRecipe(), plain, "dataset")
-
-
-def _make_certain(simulator: Simulator, theta: dict[str, float]) -> None:
-    """Fix the simulator's aircraft; its control law stays that of the nominal one."""
-    plant = simulator.plant
-    if unknown := [name for name in theta if name not in plant.names]:
-        raise SourceError(
-            f"theta has unknown parameters {', '.join(unknown)}: this aircraft has "
-            f"{', '.join(plant.names)}"
-        )
-    if not all(np.isfinite(value) for value in theta.values()):
-        raise SourceError("theta contains a non-finite number: give a finite one per parameter")
-    nominal = plant.nominal.copy()
-    for name, value in theta.items():
-        nominal[plant.names.index(name)] = value
-    simulator.plant = replace(plant, nominal=nominal, spread=np.zeros_like(plant.spread))
-
-
-def _track(simulator: Simulator, rollouts: Rollouts, i: int) -> Track:
-    y, fail_index = rollouts.y[i], int(rollouts.fail_index[i])
-    theta = dict(zip(simulator.plant.names, rollouts.theta[i].tolist(), strict=True))
-    recipe = simulator.recipe
-    t = times(len(y), recipe.dt)
-    return Track(
-        t,
-        y.copy(),
-        recipe.dt,
-        attitude(t, y, _trim_angles(recipe.aircraft)[1]),
-        theta=theta,
-        fail_index=fail_index if fail_index < len(y) else None,
-    )
-
-
-def _trim_angles(aircraft: Aircraft) -> tuple[float, float]:
-    if isinstance(aircraft, PublishedAircraft):
-        return aircraft.model.alpha0, aircraft.model.theta0
-    return 0.0, 0.0
-
-
-def _whole_rollout(plain: dict[str, Any], theta: dict[str, float], y: Array) -> Array:
-    """The rollout simulated to its planned end; as stored unless the result has the same bits.
-
-    Noise, gusts and the pilot's scatter are not stored: a rollout with any of them ends at its
-    failure.
-    """
-    try:
-        simulator = Simulator(from_plain(DatasetRecipe(), plain, "dataset"))
-        _make_certain(simulator, theta)
-    except ValueError:
-        return y
-    whole = simulator.rollouts(1, np.random.default_rng(0)).y[0]
-    return whole if plain and np.array_equal(whole[: len(y)], y) else y
 
 
 SOURCES: dict[str, type[Source]] = {

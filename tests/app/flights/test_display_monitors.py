@@ -17,7 +17,7 @@ from app.flights.display_monitors import DisplayMonitor, check_alike
 from app.flights.flights import Flights
 from app.flights.request import FlightRequest
 from app.flights.sources.live import LiveFlight
-from app.flights.sources.playback import SourceError
+from app.flights.sources.simulated import SourceError
 from app.store.repository import InUse
 from app.store.store import open_store
 from app.telemetry.journal import Journals

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.flights.flight import HEARTBEAT_S, stale_after
-from app.flights.sources.playback import Track
+from app.flights.sources.simulated import Track
 from app.flights.transport import NotPossible
 from app.messages import Frames, Hello
 from core.dataset import Dataset

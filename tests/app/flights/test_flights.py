@@ -12,7 +12,7 @@ import pytest
 from app.flights.flights import Flights, TooManyFlights
 from app.flights.recorder import INTERVAL_S
 from app.flights.request import FlightRequest
-from app.flights.sources.playback import SourceError
+from app.flights.sources.simulated import SourceError
 from app.flights.sources.source import Simulated
 from app.store.flights import FlightInProgress
 from app.store.store import NotFound, Store, StoreError, open_store

@@ -11,8 +11,9 @@ import pytest
 from app.flights.display_monitors import no_rest
 from app.flights.shown_flight import ShownFlight
 from app.flights.sources import playback
-from app.flights.sources.playback import AssessedTrack, Track, times
+from app.flights.sources.playback import AssessedTrack
 from app.flights.sources.recorded_playback import RecordedScript
+from app.flights.sources.simulated import Track, times
 from app.messages import MOST_AHEAD, CardAhead, plain_frame
 from core.monitor import Monitor, MonitorRecipe, State, combine, train
 from core.monitor.assessment import STATES

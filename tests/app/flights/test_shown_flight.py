@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from app.flights.shown_flight import ShownFlight
-from app.flights.sources.playback import SourceError
 from app.flights.sources.replay import TrackFlight
+from app.flights.sources.simulated import SourceError
 from app.store.assessments import StoredAssessments, pack
 from core.monitor import train
 from core.monitor.assessment import code_of

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.flights.sources.playback import times
+from app.flights.sources.simulated import times
 from app.flights.transport import BURST, CATCH_UP_S, Due, Transport, TransportError
 
 DT = 0.05

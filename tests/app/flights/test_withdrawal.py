@@ -12,7 +12,8 @@ import numpy.typing as npt
 import pytest
 
 from app.flights.request import FlightRequest
-from app.flights.sources.playback import AssessedTrack, Track
+from app.flights.sources.playback import AssessedTrack
+from app.flights.sources.simulated import Track
 from app.flights.sources.source import Simulated
 from app.jobs.training import train_and_test
 from app.messages import Frames, Hello, StateChange

@@ -7,14 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.flights.sources.playback import SourceError, Track, times
-from app.flights.sources.source import (
-    Replay,
-    Simulated,
+from app.flights.sources.simulated import (
+    SourceError,
+    Track,
     aircraft_of,
     simulate,
+    times,
     trim_angles,
 )
+from app.flights.sources.source import Replay, Simulated
 from app.recipes.recipes import RecipeError, to_plain
 from app.store.store import NotFound, Store, open_store
 from core.monitor import Monitor, MonitorRecipe, train
@@ -46,7 +47,7 @@ def fly(stored: tuple, request: Any) -> Track:
 
 
 def test_the_same_seed_is_the_same_flight() -> None:
-    first, again, other = (simulate(RECIPE, simulated(seed=seed)) for seed in (5, 5, 6))
+    first, again, other = (simulate(RECIPE, seed=seed) for seed in (5, 5, 6))
     np.testing.assert_array_equal(first.y, again.y)
     assert first.theta == again.theta
     assert (first.y != other.y).any()
@@ -55,14 +56,14 @@ def test_the_same_seed_is_the_same_flight() -> None:
 @pytest.mark.parametrize("outcome", ["unsafe", "safe"])
 def test_a_random_aircraft_has_the_outcome_asked_for(outcome: Any) -> None:
     for seed in range(4):
-        track = simulate(RECIPE, simulated(seed=seed, outcome=outcome))
+        track = simulate(RECIPE, seed=seed, outcome=outcome)
         first = RECIPE.specification.first_exceedance(track.y[np.newaxis])[0]
         assert (first < len(track.t)) == (outcome == "unsafe")
         assert track.fail_index == (first if outcome == "unsafe" else None)
 
 
 def test_a_simulated_flight_goes_on_past_its_failure() -> None:
-    track = simulate(RECIPE, simulated(outcome="unsafe"))
+    track = simulate(RECIPE, outcome="unsafe")
     assert track.fail_index is not None
     assert len(track.t) == 121 > track.fail_index
     assert np.isfinite(track.y).all()
@@ -74,7 +75,7 @@ def test_a_chosen_theta_flies_that_very_aircraft() -> None:
     drawn = simulator.rollouts(3, np.random.default_rng(0))
     for y, theta in zip(drawn.y, drawn.theta.tolist(), strict=True):
         chosen = dict(zip(simulator.plant.names, theta, strict=True))
-        track = simulate(RECIPE, simulated(theta=chosen))
+        track = simulate(RECIPE, theta=chosen)
         np.testing.assert_array_equal(track.y, y)
         assert track.theta == chosen
 
@@ -82,9 +83,9 @@ def test_a_chosen_theta_flies_that_very_aircraft() -> None:
 def test_parameters_that_are_not_chosen_are_nominal() -> None:
     plant = RECIPE.aircraft.uncertain_plant()
     nominal = dict(zip(plant.names, plant.nominal.tolist(), strict=True))
-    track = simulate(RECIPE, simulated(theta={"N_beta": 9.0}))
+    track = simulate(RECIPE, theta={"N_beta": 9.0})
     assert track.theta == nominal | {"N_beta": 9.0}
-    assert simulate(RECIPE, simulated(theta={})).theta == nominal
+    assert simulate(RECIPE, theta={}).theta == nominal
 
 
 @pytest.mark.parametrize(
@@ -93,13 +94,13 @@ def test_parameters_that_are_not_chosen_are_nominal() -> None:
 )
 def test_a_theta_that_cannot_be_is_refused(theta: dict[str, float], message: str) -> None:
     with pytest.raises(SourceError, match=message):
-        simulate(RECIPE, simulated(theta=theta))
+        simulate(RECIPE, theta=theta)
 
 
 def test_an_outcome_that_never_happens_is_refused() -> None:
     tame = replace(RECIPE, specification=replace(RECIPE.specification, Ny=1000.0))
     with pytest.raises(SourceError, match="none of 16384 random aircraft was unsafe"):
-        simulate(tame, simulated(outcome="unsafe"))
+        simulate(tame, outcome="unsafe")
 
 
 def test_the_test_is_the_recipes_the_datasets_or_the_monitors(stored: tuple) -> None:

@@ -1,0 +1,140 @@
+"""Simulated tracks: a test flown once, or a stored rollout flown to its planned end."""
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from app.recipes.recipes import from_plain
+from core.planned_test.collection import DatasetRecipe, Rollouts, Simulator
+from core.simulation.aircraft import Aircraft, PublishedAircraft
+from core.simulation.attitude import attitude
+from core.types import Array
+
+BATCH, MOST_BATCHES = 256, 64
+"""Rollouts per batch, and most batches, in the search for the requested outcome."""
+
+
+class SourceError(ValueError):
+    """A source that cannot be flown, or not with this monitor."""
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A source known from start to end.
+
+    t: (n,) rising [s].   y: (n, 6), NaN where unknown.   dt: sample interval [s].
+    attitude: (n, 3) phi, theta, psi [rad]; integrated from the rates for display unless given.
+    theta: parameters of a simulated aircraft.   fail_index: first sample past a limit, if known.
+    """
+
+    t: Array
+    y: Array
+    dt: float
+    attitude: Array = field(default_factory=lambda: np.empty((0, 3)))
+    theta: dict[str, float] | None = None
+    fail_index: int | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.attitude) != len(self.t):
+            object.__setattr__(self, "attitude", attitude(self.t, self.y))
+
+
+def times(n: int, dt: float) -> Array:
+    """Times of n samples from 0 on [s], equal to the bit to those of batch scores."""
+    return (np.arange(n) * dt).astype(np.float64)
+
+
+def simulate(
+    recipe: DatasetRecipe,
+    seed: int = 0,
+    theta: dict[str, float] | None = None,
+    outcome: Literal["any", "unsafe", "safe"] = "any",
+) -> Track:
+    """Fly the test once. SourceError if no rollout has the outcome or a parameter is unknown.
+
+    theta: given parameters, the others nominal; None for a random aircraft.
+    """
+    simulator = Simulator(recipe)
+    rng = np.random.default_rng(seed)
+    if theta is not None:
+        _make_certain(simulator, theta)
+        rollouts = simulator.rollouts(1, rng)
+        return _track(simulator, rollouts, 0)
+    for _ in range(MOST_BATCHES):
+        rollouts = simulator.rollouts(BATCH, rng)
+        wanted = np.ones(BATCH, bool)
+        if outcome != "any":
+            wanted = rollouts.is_unsafe == (outcome == "unsafe")
+        if wanted.any():
+            return _track(simulator, rollouts, int(wanted.argmax()))
+    raise SourceError(
+        f"none of {BATCH * MOST_BATCHES} random aircraft was {outcome}: choose another "
+        "outcome, theta or amplitude"
+    )
+
+
+def _make_certain(simulator: Simulator, theta: dict[str, float]) -> None:
+    """Fix the simulator's aircraft; its control law stays that of the nominal one."""
+    plant = simulator.plant
+    if unknown := [name for name in theta if name not in plant.names]:
+        raise SourceError(
+            f"theta has unknown parameters {', '.join(unknown)}: this aircraft has "
+            f"{', '.join(plant.names)}"
+        )
+    if not all(np.isfinite(value) for value in theta.values()):
+        raise SourceError("theta contains a non-finite number: give a finite one per parameter")
+    nominal = plant.nominal.copy()
+    for name, value in theta.items():
+        nominal[plant.names.index(name)] = value
+    simulator.plant = replace(plant, nominal=nominal, spread=np.zeros_like(plant.spread))
+
+
+def _track(simulator: Simulator, rollouts: Rollouts, i: int) -> Track:
+    y, fail_index = rollouts.y[i], int(rollouts.fail_index[i])
+    theta = dict(zip(simulator.plant.names, rollouts.theta[i].tolist(), strict=True))
+    recipe = simulator.recipe
+    t = times(len(y), recipe.dt)
+    return Track(
+        t,
+        y.copy(),
+        recipe.dt,
+        attitude(t, y, _trim_angles(recipe.aircraft)[1]),
+        theta=theta,
+        fail_index=fail_index if fail_index < len(y) else None,
+    )
+
+
+def _trim_angles(aircraft: Aircraft) -> tuple[float, float]:
+    if isinstance(aircraft, PublishedAircraft):
+        return aircraft.model.alpha0, aircraft.model.theta0
+    return 0.0, 0.0
+
+
+def whole_rollout(plain: dict[str, Any], theta: dict[str, float], y: Array) -> Array:
+    """The rollout simulated to its planned end; as stored unless the result has the same bits.
+
+    Noise, gusts and the pilot's scatter are not stored: a rollout with any of them ends at its
+    failure.
+    """
+    try:
+        simulator = Simulator(from_plain(DatasetRecipe(), plain, "dataset"))
+        _make_certain(simulator, theta)
+    except ValueError:
+        return y
+    whole = simulator.rollouts(1, np.random.default_rng(0)).y[0]
+    return whole if plain and np.array_equal(whole[: len(y)], y) else y
+
+
+def trim_angles(plain: dict[str, Any]) -> tuple[float, float]:
+    """Angle of attack and pitch at trim [rad] of a dataset recipe's aircraft; 0 if unknown."""
+    aircraft = aircraft_of(plain)
+    return (0.0, 0.0) if aircraft is None else _trim_angles(aircraft)
+
+
+def aircraft_of(plain: dict[str, Any]) -> Aircraft | None:
+    """Aircraft of a dataset recipe in plain data; None if it has no known one."""
+    try:
+        return from_plain(DatasetRecipe(), plain, "dataset").aircraft if plain else None
+    except ValueError:
+        return None
