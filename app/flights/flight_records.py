@@ -7,12 +7,14 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from app.flights.flight import Flight
 from app.flights.sources.playback import stored_assessment
-from app.messages import plain_frame
+from app.messages import LiveStatus, plain_frame
 from app.store.flights import FlightInfo
 from app.store.store import NotFound, Store
+from app.telemetry.journal import Journals
 from core.flight_events import Alarm, FlightMarker
 
 NAME, ACCEPT_USELESS = "name", "accept_useless"
@@ -24,10 +26,18 @@ class FlightRecords:
     """The records of a server's flights.
 
     under_way: flights in progress by id.   threads: where an acknowledgement is written.
+    journals: of live flights; None if the server keeps none.
     """
 
-    def __init__(self, store: Store, under_way: Mapping[str, Flight], threads: Executor) -> None:
+    def __init__(
+        self,
+        store: Store,
+        under_way: Mapping[str, Flight],
+        threads: Executor,
+        journals: Journals | None,
+    ) -> None:
         self._store, self._under_way, self._threads = store, under_way, threads
+        self._journals = journals
 
     async def alarms(self, flight_id: str) -> list[Alarm]:
         """All alarms of a flight, in the order raised. NotFound."""
@@ -74,6 +84,22 @@ class FlightRecords:
             for sample in waiting
             if sample.seq > head
         ]
+
+    async def live_status(self, flight_id: str) -> LiveStatus | None:
+        flight = self._under_way.get(flight_id)
+        if flight is not None or self._journals is None:
+            return flight.live if flight else None
+        end = await asyncio.to_thread(self._journals.last, flight_id)
+        try:
+            return LiveStatus.model_validate(end["live"])
+        except (KeyError, ValidationError):
+            return None
+
+    async def end_reason(self, flight_id: str) -> str:
+        """Why and by whom a live flight was ended; empty if its journal has no reason. OSError."""
+        if self._under_way.get(flight_id) is not None or self._journals is None:
+            return ""
+        return str((await asyncio.to_thread(self._journals.last, flight_id)).get("reason", ""))
 
     def _stored_frames(self, flight_id: str, first: int, last: int) -> list[dict[str, Any]]:
         stored = self._store.flights.assessments(flight_id, first, last)

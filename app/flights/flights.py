@@ -3,54 +3,38 @@
 import asyncio
 import logging
 import time
-from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Self
 
-from pydantic import ValidationError
-
-from app.assessment.limits_in_force import LimitsInForce, RequestedLimits
-from app.assessment.rescoring import header_of
+from app.assessment.limits_in_force import LimitsInForce
 from app.flights.clock import Clock, MonotonicClock, Timer
-from app.flights.display_monitors import DisplayMonitor, check_alike, check_limits
 from app.flights.ended import before_exceedance
 from app.flights.flight import Flight, FlightPlan, stale_after
 from app.flights.flight_limits import change_of_limits
 from app.flights.flight_recordings import RESUMED_WITHIN_S, FlightRecordings
 from app.flights.flight_records import (
-    ACCEPT_USELESS,
-    NAME,
     FlightRecords,
-    flight_name,
     source_of,
 )
+from app.flights.preparation import Preparation
 from app.flights.recorder import INTERVAL_S, Recorder
 from app.flights.request import FlightRequest
-from app.flights.shown_flight import ShownFlight
 from app.flights.sources.live import LiveFlight, LiveSetup
 from app.flights.sources.playback import Script
-from app.flights.sources.simulated import SourceError, aircraft_of, trim_angles
-from app.flights.sources.source import (
-    FlownLive,
-    Live,
-    Opening,
-    journal_setup,
-)
+from app.flights.sources.simulated import aircraft_of, trim_angles
 from app.flights.sources.udp import UdpAccess
 from app.flights.transport import NotPossible
 from app.flights.verdict import first_exceedance
-from app.messages import LiveStatus
 from app.recordings.scored import ScoredRecordings
 from app.store.flights import INTERRUPTED, FlightInProgress
 from app.store.people import LOCAL
 from app.store.store import NotFound, Store, StoreError, StoreHealth
 from app.telemetry.journal import Journals, lines_of
-from core.evaluation.certificate import check_use
 from core.flight_events import FlightMarker, FlightMarkerKey
 from core.limits.limit_sets import ConditionKey
-from core.monitor import Monitor
 from core.simulation.attitude import SurfaceSigns, surface_signs
 
 if TYPE_CHECKING:
@@ -93,8 +77,9 @@ class Flights:
         journals: Journals | None = None,
         udp: UdpAccess = HERE_ALONE,
     ) -> None:
-        self._store_health, self._journals, self._udp = store_health, journals, udp
-        self.store, self.max_flights, self._scored = store, max_flights, scored
+        self._store_health, self._journals = store_health, journals
+        self.store, self.max_flights = store, max_flights
+        self.preparation = Preparation(store, scored, journals, udp)
         self._scenes, self._clock = scenes, clock or MonotonicClock()
         self._flights: dict[str, Flight] = {}
         self._starting = 0
@@ -103,7 +88,7 @@ class Flights:
         self._stopping: set[asyncio.Task[None]] = set()
         self._endings: dict[str, _Ending] = {}
         self._recording = ThreadPoolExecutor(RECORDING_THREADS, "recorder")
-        self.records = FlightRecords(store, self._flights, self._recording)
+        self.records = FlightRecords(store, self._flights, self._recording, journals)
         self._recordings = (
             None
             if scored is None or journals is None
@@ -169,49 +154,10 @@ class Flights:
         """
         self._reserve_place()
         try:
-            monitor = await asyncio.to_thread(self._monitor, request.monitor)
-            epsilon = monitor.check_epsilon(request.epsilon)
-            if not request.accept_useless:
-                check_use(monitor.evaluation, epsilon)
-            shown = [(monitor_id, None) for monitor_id in request.monitors]
-            display = await asyncio.to_thread(self._display, monitor, shown)
-            limits = await asyncio.to_thread(self._asked_limits, request, monitor)
-            opening = self._opening(request.monitor, monitor, epsilon)
-            opening = opening._replace(display=display, conditions=request.source_names)
-            script, name = await asyncio.to_thread(request.source.open, opening)
-            name, source = request.name or name, request.source.model_dump(exclude_none=True)
-            info = await asyncio.to_thread(self.store.monitors.info, request.monitor)
-            stored = {**source, NAME: name, ACCEPT_USELESS: request.accept_useless}
-            used = [(shown.id, shown.epsilon) for shown in display]
-            add = self.store.flights.add
-            flight_id = await asyncio.to_thread(add, stored, request.monitor, epsilon, used)
-            plan = FlightPlan(
-                flight_id,
-                name,
-                source,
-                monitor,
-                request.monitor,
-                info.name,
-                epsilon,
-                request.source.mode,
-                display,
-                limits,
-                by,
-                request.wait_for_viewer,
-            )
-            return await self._start(plan, request.source.flight, script)
+            plan, flown = await asyncio.to_thread(self.preparation.new, request, by)
+            return await self._start(plan, request.source.flight, flown)
         finally:
             self._starting -= 1
-
-    def _asked_limits(self, request: FlightRequest, monitor: Monitor) -> RequestedLimits | None:
-        if request.limit_set is None:
-            return None
-        if isinstance(request.source, FlownLive):
-            raise SourceError(
-                "a replay of a live flight keeps the limits of that flight: leave out limit_set"
-            )
-        asked = request.limit_set, request.limit_set_version, request.declared
-        return change_of_limits(self.store, monitor, *asked)
 
     async def put_in_force(
         self,
@@ -240,11 +186,6 @@ class Flights:
             ) from error
         return in_force
 
-    def _opening(self, monitor_id: str, monitor: Monitor, epsilon: float) -> Opening:
-        return Opening(
-            self.store, self._scored, monitor_id, monitor, epsilon, self._journals, self._udp
-        )
-
     async def live(self, flight_id: str) -> LiveFlight:
         """A live flight that accepts samples; one of a killed server is resumed.
 
@@ -260,16 +201,6 @@ class Flights:
             raise NotPossible("the flight has ended: start another one")
         return flight
 
-    async def live_status(self, flight_id: str) -> LiveStatus | None:
-        flight = self.get(flight_id)
-        if flight is not None or self._journals is None:
-            return flight.live if flight else None
-        end = await asyncio.to_thread(self._journals.last, flight_id)
-        try:
-            return LiveStatus.model_validate(end["live"])
-        except (KeyError, ValidationError):
-            return None
-
     async def resume_all(self) -> None:
         """Resume the live flights that were in progress when the server was killed."""
         if self._journals is None:
@@ -282,21 +213,6 @@ class Flights:
                         await self.live(info.id)
                     except Exception:
                         LOG.exception("flight %s could not be resumed", info.id)
-
-    def rescore(
-        self, flight_id: str, monitor_id: str | None, epsilon: float | None
-    ) -> tuple[ShownFlight, Opening]:
-        """Rescore an ended live flight from its journal; for a thread.
-
-        monitor_id, epsilon: those of the flight if None; for another monitor its own epsilon.
-        NotFound; SourceError if it has no journal; LimitsUnknown; ValueError for the epsilon.
-        """
-        info = self.store.flights.info(flight_id)
-        is_same = monitor_id in (None, info.monitor_id)
-        monitor = self._monitor(monitor_id or info.monitor_id)
-        epsilon = info.epsilon if is_same and epsilon is None else monitor.check_epsilon(epsilon)
-        opening = self._opening(monitor_id or info.monitor_id, monitor, epsilon)
-        return ShownFlight(journal_setup(opening, flight_id), flight_id), opening
 
     async def make_recordings(self) -> None:
         """Make recordings of the ended live flights that have none, in the background."""
@@ -320,12 +236,6 @@ class Flights:
         self._stopping.add(task)
         task.add_done_callback(self._stopping.discard)
 
-    async def end_reason(self, flight_id: str) -> str:
-        """Why and by whom a live flight was ended; empty if its journal has no reason. OSError."""
-        if self.get(flight_id) is not None or self._journals is None:
-            return ""
-        return str((await asyncio.to_thread(self._journals.last, flight_id)).get("reason", ""))
-
     async def end(self, flight_id: str, by: str) -> None:
         """End a flight; one of a killed server is resumed first, to complete its record.
 
@@ -341,9 +251,8 @@ class Flights:
 
     async def _resume(self, flight_id: str) -> Flight:
         info = await asyncio.to_thread(self.store.flights.info, flight_id)
-        source = source_of(info)
         journals = self._journals
-        if source.get("kind") != "live" or info.status != INTERRUPTED or journals is None:
+        if source_of(info).get("kind") != "live" or info.status != INTERRUPTED or journals is None:
             raise NotPossible(f"flight {flight_id} accepts no samples: it has ended or is not live")
         making = self._recordings.under_way if self._recordings else None
         if info.recording_id is not None or making == flight_id:
@@ -352,42 +261,18 @@ class Flights:
             )
         self._reserve_place()
         try:
-            monitor = await asyncio.to_thread(self._monitor, info.monitor_id)
-            of_flight = await asyncio.to_thread(self.store.flights.display, [flight_id])
-            shown = of_flight.get(flight_id, [])
-            display = await asyncio.to_thread(self._display, monitor, shown)
-            opening = self._opening(info.monitor_id, monitor, info.epsilon)
-            opening = opening._replace(display=display)
-            live, path = Live.model_validate(source), journals.path(flight_id)
-            if not path.exists():
-                raise NotPossible(
-                    f"flight {flight_id} accepts no samples: it was interrupted and its journal "
-                    "is missing"
-                )
-            header = await asyncio.to_thread(header_of, path)
-            setup = await asyncio.to_thread(live.setup, opening, header or {})
+            plan, setup = await asyncio.to_thread(self.preparation.resumed, info, journals)
             alarms = await self.records.alarms(flight_id)
             markers = await self.records.markers(flight_id)
-            about = await asyncio.to_thread(self.store.monitors.info, info.monitor_id)
-            plan = FlightPlan(
-                flight_id,
-                flight_name(info),
-                source,
-                monitor,
-                info.monitor_id,
-                about.name,
-                info.epsilon,
-                display=display,
-            )
             stored = -1 if info.head is None else info.head
 
             async def resume(flight: Flight) -> None:
                 assert isinstance(flight, LiveFlight)
                 flight.is_restoring = True
-                lines = lines_of(path)
+                lines = lines_of(journals.path(flight_id))
                 unrecorded = await asyncio.to_thread(flight.restore, lines, stored, alarms, markers)
                 if (first := first_exceedance(alarms)) is not None:
-                    about = flight_id, first.seq, monitor.dt
+                    about = flight_id, first.seq, plan.monitor.dt
                     flight.judge(await asyncio.to_thread(before_exceedance, self.store, *about))
                 await asyncio.to_thread(self.store.flights.resume, flight_id, flight.head)
                 flight.resume(unrecorded)
@@ -483,29 +368,6 @@ class Flights:
                 f"({', '.join(self._flights)})"
             )
         self._starting += 1
-
-    def _monitor(self, monitor_id: str) -> Monitor:
-        """The monitor of a flight. NotFound; LimitsUnknown."""
-        monitor = self.store.monitors.get(monitor_id)
-        check_limits(monitor_id, monitor)
-        return monitor
-
-    def _display(
-        self, authority: Monitor, shown: Sequence[tuple[str, float | None]]
-    ) -> tuple[DisplayMonitor, ...]:
-        """The monitors of a flight for display; for a thread. NotFound; SourceError; LimitsUnknown.
-
-        shown: id and epsilon of each; None for the monitor's own epsilon.
-        """
-        monitors = self.store.monitors
-        display = tuple(
-            DisplayMonitor(shown_id, monitors.info(shown_id).name, monitor, checked)
-            for shown_id, epsilon in shown
-            for monitor in (monitors.get(shown_id),)
-            for checked in (monitor.check_epsilon(epsilon),)
-        )
-        check_alike(authority, display)
-        return display
 
     async def _start(
         self,

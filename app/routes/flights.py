@@ -206,7 +206,8 @@ async def read_flight(flight_id: str, flights: FlightsDep) -> FlightStatus:
     """One flight."""
     info = await asyncio.to_thread(flights.store.flights.info, flight_id)
     status = (await _statuses(flights, [info]))[0]
-    live, why = await flights.live_status(flight_id), await flights.end_reason(flight_id)
+    records = flights.records
+    live, why = await records.live_status(flight_id), await records.end_reason(flight_id)
     return status.model_copy(update={"live": live, "end_reason": why})
 
 

@@ -183,7 +183,7 @@ async def score_live(
 def _answer(
     flights: Flights, flight_id: str, request: LiveScoreRequest, first: int, last: int | None
 ) -> dict[str, Any]:
-    shown, opening = flights.rescore(flight_id, request.monitor, request.epsilon)
+    shown, opening = flights.preparation.rescored(flight_id, request.monitor, request.epsilon)
     info = flights.store.flights.info(flight_id)
     is_own = (opening.monitor_id, opening.epsilon) == (info.monitor_id, info.epsilon)
     samples, n = shown.samples, len(shown.samples)
