@@ -5,7 +5,7 @@ and its derivative filter both channels and rates, so equations between them sta
 noise averages out.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import pi, sqrt
@@ -38,6 +38,8 @@ LATERAL = ("beta", "p", "r", "Ny", "Ay", "delta_a", "delta_r", "phi", "theta", "
 ANGLE_OF = {"p": "phi", "r": "psi"}
 """The angle whose derivative a rate is."""
 FULL_TURNS = {"phi": 2.0 * pi, "psi": 2.0 * pi}
+SEGMENT_ROWS = 400
+"""Rows of a segment in which a surface may show its sign: 20 s."""
 FEWEST = 60
 """Fewest rows for a regression: 3 s."""
 
@@ -75,6 +77,19 @@ class Motion:
     values: dict[str, Array]
     rates: dict[str, Array]
     window: Indices
+
+    def segments(self) -> Iterator[Indices]:
+        """Rows of each part of SEGMENT_ROWS, within a window."""
+        for number in np.unique(self.window):
+            rows = np.flatnonzero(self.window == number)
+            yield from (rows[k : k + SEGMENT_ROWS] for k in range(0, len(rows), SEGMENT_ROWS))
+
+    def part(self, rows: Indices) -> "Motion":
+        return Motion(
+            {key: values[rows] for key, values in self.values.items()},
+            {key: rates[rows] for key, rates in self.rates.items()},
+            self.window[rows],
+        )
 
     def spread(self, key: str) -> float:
         """Standard deviation of a channel about its mean in each window; 0 if absent."""

@@ -173,23 +173,45 @@ def _lateral(moves: Motion, signs: dict[str, SignEvidence]) -> SignEvidence | No
 def _surface(
     moves: Motion, acceleration: Array | None, key: str, expected: int
 ) -> SignEvidence | None:
-    """Compare a surface with the angular acceleration that it causes."""
-    name, verb, axis, other = SURFACES[key]
-    if acceleration is None or moves.spread(key) < MOVED:
+    """Compare a surface with the angular acceleration that it causes.
+
+    The whole recording decides, else the segments that show an effect, if they agree.
+    """
+    if acceleration is None:
         return None
-    if "beta" not in moves.values and moves.spread(key) < moves.spread(other):
-        # without sideslip only the surface that leads the motion can be separated from the response
-        return None
-    effect = moves.effect(acceleration, key, "p", "r", other, "beta")
-    if effect is None or not _is_shown(effect):
-        return None
+    effect, name, verb, axis = None, *SURFACES[key][:3]
+    if moves.spread(key) >= MOVED:
+        effect = _surface_effect(moves, acceleration, key)
+    if effect:
+        how = _explains(effect)
+    else:
+        parts = [(moves.part(rows), acceleration[rows]) for rows in moves.segments()]
+        moving = [part for part in parts if part[0].spread(key) >= MOVED]
+        effects = [effect for part in moving if (effect := _surface_effect(*part, key))]
+        if len({effect.slope > 0.0 for effect in effects}) != 1:
+            return None
+        effect = max(effects, key=lambda effect: effect.sigmas)
+        how = (
+            f" at {effect.sigmas:.0f} standard errors, in {len(effects)} of {len(moving)} segments "
+            "in which it moves"
+        )
     measured, usual = (("right" if sign > 0 else "left") for sign in (effect.slope, expected))
-    how = f"{effect.slope:+.2g} rad/s^2 of {axis} acceleration per rad{_explains(effect)}"
+    how = f"{effect.slope:+.2g} rad/s^2 of {axis} acceleration per rad{how}"
     if effect.slope * expected > 0.0:
         text = f"its sign agrees with the convention: positive {name} {verb} {measured} ({how})"
         return SignEvidence(1, text)
     text = f"reversed: positive {name} {verb} {measured} here ({how}), but {usual} by convention"
     return SignEvidence(-1, text)
+
+
+def _surface_effect(moves: Motion, acceleration: Array, key: str) -> PartialEffect | None:
+    """Effect of a surface on an angular acceleration, if it is shown."""
+    other = SURFACES[key][3]
+    if "beta" not in moves.values and moves.spread(key) < moves.spread(other):
+        # without sideslip only the surface that leads the motion can be separated from the response
+        return None
+    effect = moves.effect(acceleration, key, "p", "r", other, "beta")
+    return effect if effect and _is_shown(effect) else None
 
 
 def _explains(effect: PartialEffect) -> str:

@@ -222,6 +222,25 @@ def test_a_bias_as_large_as_gravity_is_suspect(tmp_path):
     assert proposal.rationales["Ny"].confidence < 0.5
 
 
+@pytest.mark.parametrize("reversed_", [(), ("delta_r",), ("delta_a", "delta_r")])
+def test_surfaces_are_judged_by_the_segments_in_which_they_turn_the_aircraft(reversed_, tmp_path):
+    channels = flight()
+    dt = channels["t"][1]
+    check = np.arange(0.0, 40.0, dt)  # controls moved on the ground
+    ground = {key: np.full(len(check), x[0]) for key, x in channels.items()}
+    ground["delta_a"] = 0.4 * np.sin(1.3 * check)
+    ground["delta_r"] = 0.3 * np.sin(0.9 * check)
+    rng = np.random.default_rng(4)
+    ground |= {k: ground[k] + 1e-3 * rng.standard_normal(len(check)) for k in ("p", "r", "beta")}
+    channels = {key: np.concatenate([ground[key], x]) for key, x in channels.items()}
+    channels["t"] = dt * np.arange(len(channels["t"]))
+    channels |= {key: -channels[key] for key in reversed_}
+    _, proposal = proposed(tmp_path, channels)
+    for key in ("delta_a", "delta_r"):
+        assert signs_of(proposal)[key] == (-1 if key in reversed_ else 1)
+        assert "segments in which it moves" in " ".join(proposal.rationales[key].reasons)
+
+
 @pytest.mark.parametrize("stability", [0.015, -0.015])
 def test_a_stability_that_no_aircraft_has_shows_no_sign(stability):
     t = flight()["t"]
