@@ -228,8 +228,9 @@ DERIVATIONS: dict[str, Derivation] = {
             ("theta",),
         ),
         Derivation(
-            "delta_a_of_both", "delta_a", _A, "half the difference of right and left aileron, each "
-            "positive trailing edge down", lambda t, given: 0.5 * (given[_A[0]] - given[_A[1]]),
+            "delta_a_of_both", "delta_a", _A, "differential: half of right minus left aileron, "
+            "each positive trailing edge down, so positive rolls left",
+            lambda t, given: 0.5 * (given[_A[0]] - given[_A[1]]),
         ),
         Derivation(
             "delta_a_of_right", "delta_a", _A[:1], "right aileron used for both",
@@ -240,7 +241,8 @@ DERIVATIONS: dict[str, Derivation] = {
             lambda t, given: -given[_A[1]],
         ),
         Derivation(
-            "delta_r_of_both", "delta_r", _R, "mean of left and right rudder",
+            "delta_r_of_both", "delta_r", _R, "symmetric: mean of left and right rudder, each "
+            "positive trailing edge left, so positive yaws left",
             lambda t, given: 0.5 * (given[_R[0]] + given[_R[1]]),
         ),
         Derivation(

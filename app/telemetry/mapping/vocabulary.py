@@ -88,10 +88,6 @@ STEMS: dict[str, dict[float, str]] = {
         0.9: "ayinertial aykinematic aykin aygravity aywithgravity ayinclgravity accelyinertial "
         "inertialaccely ayground",
     },
-    "delta_a_left": {0.0: ""},
-    "delta_a_right": {0.0: ""},
-    "delta_r_left": {0.0: ""},
-    "delta_r_right": {0.0: ""},
     "q0": {0.9: "q0 qw quat0 quatw quaternion0 quaternionw qs"},
     "q1": {0.9: "q1 qx quat1 quatx quaternion1 quaternionx"},
     "q2": {0.9: "q2 qy quat2 quaty quaternion2 quaterniony"},
@@ -104,6 +100,13 @@ STEMS: dict[str, dict[float, str]] = {
         0.6: "clock date ticks",
     },
 }
+SIDED = {
+    "delta_a": "?ail ail? ?aileron aileron? ?ailpos ail?pos ailpos? da? dail? dela? deltaa?",
+    "delta_r": "?rud rud? ?rudder rudder? dr? drud? delr?",
+}
+"""Names of one of two surfaces; ? is its side: DAR, LAILPOS, AILRH."""
+SIDE_LETTERS = {"left": ("l", "lh", "lt"), "right": ("r", "rh", "rt")}
+OF_ONE_SIDE = 0.88
 IMPLIED = {
     "ktas": "kt", "kcas": "kt", "kias": "kt", "keas": "kt", "tasknots": "kt", "tasms": "m/s",
     "tasmps": "m/s", "altftmsl": "ft", "latg": "g", "lateralg": "g", "fl": "FL",
@@ -186,6 +189,11 @@ def _entries() -> Iterator[tuple[str, str, float]]:
         for certainty, stems in graded.items():
             for stem in stems.split():
                 yield stem, key, certainty
+    for key, patterns in SIDED.items():
+        for side, letters in SIDE_LETTERS.items():
+            for stem in (p.replace("?", letter) for p in patterns.split() for letter in letters):
+                if stem != "rudr":  # one rudder
+                    yield stem, f"{key}_{side}", OF_ONE_SIDE
 
 
 MEANINGS: dict[str, dict[str, float]] = {}

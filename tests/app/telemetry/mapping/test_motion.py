@@ -6,6 +6,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from app.telemetry.mapping.applying import apply_mapping
+from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.mapping.mapping import ChannelSource
 from app.telemetry.mapping.motion import LONG, motion, sideslip_balance
 from app.telemetry.mapping.proposal import propose
@@ -271,6 +272,20 @@ def test_two_ailerons_become_one_with_any_sign_convention(alike, tmp_path):
     assert proposal.mapping.channels["delta_a_left"].sign == -alike
     trace = apply_mapping(columns, proposal.mapping).channels["delta_a"]
     np.testing.assert_allclose(trace.values, down)
+
+
+@pytest.mark.parametrize(
+    ("key", "names", "right_share"), [("delta_a", "RL", -1.0), ("delta_r", "LR", 1.0)]
+)
+def test_two_surfaces_by_their_short_names_become_one(key, names, right_share, tmp_path):
+    channels = {name: x for name, x in flight().items() if name != key}
+    first, second = (f"D{key[-1].upper()}{side}" for side in names)
+    channels |= {first: flight()[key] + 0.01, second: right_share * (flight()[key] - 0.01)}
+    columns, proposal = proposed(tmp_path, channels)
+    assert proposal.mapping.channels[key].derivation == f"{key}_of_both"
+    trace = apply_mapping(columns, proposal.mapping).channels[key]
+    np.testing.assert_allclose(trace.values, flight()[key], atol=1e-12)
+    assert "left" in DERIVATIONS[f"{key}_of_both"].title.rpartition("positive ")[2]
 
 
 @pytest.mark.parametrize("key", ["delta_a", "delta_r"])

@@ -60,8 +60,16 @@ NAMES: dict[str, tuple[str, dict[str, str]]] = {
             "RUD_POS[deg]": "deg",
         },
     ),
-    "delta_a_left": ("aileron_left LH_AIL_POS left-aileron ail_l", {"AIL_L_deg": "deg"}),
-    "delta_a_right": ("aileron_right RH_AIL_POS ail_r AilR", {}),
+    "delta_a_left": (
+        "aileron_left LH_AIL_POS left-aileron ail_l DAL LAIL AILL AILLH LAILPOS DELAL",
+        {"AIL_L_deg": "deg"},
+    ),
+    "delta_a_right": (
+        "aileron_right RH_AIL_POS ail_r AilR DAR RAIL AILR AILRH RAILPOS DELAR",
+        {"DAR [deg]": "deg"},
+    ),
+    "delta_r_left": ("rudder_left RUDL LRUD DRL", {}),
+    "delta_r_right": ("rudder_right RRUD DRR", {}),
     "phi": (
         "phi PHI bank Bank bank_angle roll_angle RollAngle roll ATT.Roll Hängewinkel φ euler_phi",
         {"phi_deg": "deg", "Roll (deg)": "deg"},
