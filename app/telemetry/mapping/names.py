@@ -73,13 +73,18 @@ def _of_spelling(spelling: Spelling) -> list[NameMatch]:
     for start in range(len(words)):
         for end in range(max(start, first) + 1, min(start + LONGEST_STEM, len(words)) + 1):
             stem = "".join(words[start:end])
-            own = MEANINGS.get("".join(words[first:end]), {}) if start < first else {}
-            for key, certainty in MEANINGS.get(stem, {}).items():
+            own = _meanings("".join(words[first:end])) if start < first else {}
+            for key, certainty in _meanings(stem).items():
                 if own and key not in own and end == first + 1 and len(words[first]) == 1:
                     continue  # r in a container rud is a yaw rate, not a rudder
                 path, rest = words[: min(start, first)], (*words[first:start], *words[end:])
                 matches += _weighed(key, certainty, stem, path, rest, spelling.unit)
     return matches
+
+
+def _meanings(stem: str) -> dict[str, float]:
+    """Targets of a stem and their certainties; VTASCG is VTAS at the centre of gravity."""
+    return MEANINGS.get(stem) or MEANINGS.get(stem.removesuffix("cg"), {})
 
 
 def _weighed(

@@ -42,6 +42,12 @@ DERIVED_FROM = 0.4
 DERIVED_FIRST = ("phi", "theta", "psi")
 """Inputs of other derivations."""
 MOST_NAMED = 8
+UNCHECKED = {
+    "V": "the flight condition is not compared with the monitor's",
+    "phi": "roll rate and lateral acceleration are not checked against it",
+    "psi": "the yaw rate is not checked against it",
+}
+"""What is not checked without a channel."""
 NO_TIME = f"no signal is a time: choose one as the time, or give the sample rate ({EXAMPLE})"
 
 
@@ -91,6 +97,7 @@ def propose(
     _derive(builder)
     check_against_motion(builder, expected)
     _explain_missing(builder, candidates)
+    _note_unchecked(builder, candidates)
     channels = {key: builder.channels[key] for key in TARGETS if key in builder.channels}
     alternatives, derivable = dict[str, tuple[str, ...]](), dict[str, tuple[str, ...]]()
     for key, ranked in candidates.by_key.items():
@@ -246,6 +253,15 @@ def _explain_missing(builder: ProposalBuilder, candidates: Candidates) -> None:
                 reasons.append(f"it can be derived from {inputs}")
         if reasons:
             builder.rationales[key] = Rationale(0.0, tuple(reasons))
+
+
+def _note_unchecked(builder: ProposalBuilder, candidates: Candidates) -> None:
+    """Note the checks that a missing airspeed or attitude prevents."""
+    for key, check in UNCHECKED.items():
+        if key not in builder.channels:
+            similar = [candidate.signal.name for candidate in candidates.by_key.get(key, ())][:1]
+            but = f" ({similar[0]} is doubtful)" if similar else ""
+            builder.notes.append(f"no signal is {TARGETS[key].label}{but}: {check}")
 
 
 def _timeless(builder: ProposalBuilder) -> Iterator[tuple[str, str]]:

@@ -7,7 +7,7 @@ STEMS: dict[str, dict[float, str]] = {
     "beta": {
         0.97: "sideslip sslip sideslipangle angleofsideslip aoss schiebewinkel derapage "
         "sideslipang",
-        0.93: "beta betavane vanebeta betanb betcg becg ssa aos",
+        0.93: "beta betavane vanebeta betanb betcg becg ssa aos betav",
         0.8: "slipangle angleofslip ssangle slipang",
         0.6: "ss slip",
     },
@@ -53,18 +53,18 @@ STEMS: dict[str, dict[float, str]] = {
     },
     "theta": {
         0.97: "pitchangle nickwinkel laengsneigung langsneigung",
-        0.9: "theta pitchattitude eulertheta eulerpitch pitchatt pitchang",
+        0.9: "theta the thet thetab pitchattitude eulertheta eulerpitch pitchatt pitchang",
         0.82: "pitch assiette tht",
     },
     "psi": {
         0.95: "headingangle yawangle steuerkurs gierwinkel trueheading headingtrue hdgtrue truehdg",
-        0.88: "psi heading hdg eulerpsi euleryaw thdg yawang hding hdingtrue",
-        0.75: "yaw hdingmag magheading maghdg headingmag magneticheading mhdg",
+        0.88: "psi heading hdg eulerpsi euleryaw thdg yawang hding hdingtrue hdgt",
+        0.75: "yaw hdingmag magheading maghdg headingmag magneticheading mhdg hdgm psim",
         0.4: "azimuth cap kurs",
     },
     "V": {
         0.97: "trueairspeed airspeedtrue vtas vtrue wahrefluggeschwindigkeit",
-        0.93: "tas ktas tasms tasmps tasknots vt",
+        0.93: "tas ktas vktas tasms tasmps tasknots vt vtkt",
         0.82: "airspeed vtotal eigengeschwindigkeit vtot fluggeschwindigkeit vtr",
         0.72: "v vel velocity speed vinf vinfty vair",
         0.3: "ias kias vias cas kcas vcas vc eas keas veas indicatedairspeed calibratedairspeed "
@@ -73,7 +73,7 @@ STEMS: dict[str, dict[float, str]] = {
     },
     "h": {
         0.95: "altitude pressurealtitude pressalt presalt baroalt baroaltitude altitudepressure "
-        "flughoehe druckhoehe hbaro palt altbaro pressalti altitudemsl mslaltitude "
+        "flughoehe druckhoehe hbaro hpres hpress palt altbaro pressalti altitudemsl mslaltitude "
         "altftmsl",
         0.88: "alt hoehe hohe hp altmsl mslalt altp altb altind altasl altitudeasl hsl height",
         0.72: "h fl flightlevel zp altgps gpsalt",
@@ -108,9 +108,9 @@ SIDED = {
 SIDE_LETTERS = {"left": ("l", "lh", "lt"), "right": ("r", "rh", "rt")}
 OF_ONE_SIDE = 0.88
 IMPLIED = {
-    "ktas": "kt", "kcas": "kt", "kias": "kt", "keas": "kt", "tasknots": "kt", "tasms": "m/s",
-    "tasmps": "m/s", "altftmsl": "ft", "latg": "g", "lateralg": "g", "fl": "FL",
-    "flightlevel": "FL",
+    "ktas": "kt", "vktas": "kt", "vtkt": "kt", "kcas": "kt", "kias": "kt", "keas": "kt",
+    "tasknots": "kt", "tasms": "m/s", "tasmps": "m/s", "altftmsl": "ft",
+    "latg": "g", "lateralg": "g", "fl": "FL", "flightlevel": "FL",
     "timesec": "s", "timesecs": "s", "tsec": "s", "seconds": "s", "sec": "s", "secs": "s",
 }  # fmt: skip
 """The unit that a name implies."""

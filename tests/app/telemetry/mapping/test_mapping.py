@@ -334,3 +334,16 @@ def test_any_numbers_under_known_names_are_proposed_of_and_applied(tmp_path_fact
         traces = apply_mapping(columns, proposal.mapping)
         assert all(not np.isinf(trace.values).any() for trace in traces.channels.values())
     json.dumps(channel_bands(applicable(columns, proposal.mapping)), allow_nan=False)
+
+
+def test_a_note_names_the_checks_without_airspeed_or_attitude(tmp_path):
+    assert propose(columns_of(tmp_path / "all", plain_table())).notes == ()
+    table = plain_table()
+    table["VCAS"] = table.pop(PLAIN["V"])
+    for key in ("phi", "psi"):
+        del table[PLAIN[key]]
+    airspeed, bank, heading = propose(columns_of(tmp_path / "few", table)).notes
+    assert "VCAS" in airspeed
+    assert "flight condition" in airspeed
+    assert "roll rate" in bank
+    assert "yaw rate" in heading

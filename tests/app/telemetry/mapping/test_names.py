@@ -34,12 +34,12 @@ NAMES: dict[str, tuple[str, dict[str, str]]] = {
     ),
     "r": (
         "r R yaw_rate YawRate YAWRATE wz gyro_z GyrZ yawspeed Gierrate r_body omega_z yaw_gyro "
-        "RRGZ",
+        "RRGZ RCG",
         {"r_degps": "deg/s", "YawRate [deg/s]": "deg/s", "r_radps": "rad/s"},
     ),
     "Ny": (
         "Ny NY ny n_y N_y Ny_cg NY_CG lat_acc LatAcc lat_accel accel_y AccY IMU.AccY ay AY a_y "
-        "lateral_acceleration Ahrs1_bLatAcc Querbeschleunigung LatAc NYCG lateral_load_factor "
+        "lateral_acceleration Ahrs1_bLatAcc Querbeschleunigung LatAc NYCG AYCG lateral_load_factor "
         "BLATA NY_LATERAL_ACCEL Gload,_side",
         {
             "ay_g": "g", "LATG": "g", "LAT_G": "g", "ay_m_s2": "m/s^2", "AY_MPS2": "m/s^2",
@@ -71,20 +71,23 @@ NAMES: dict[str, tuple[str, dict[str, str]]] = {
     "delta_r_left": ("rudder_left RUDL LRUD DRL", {}),
     "delta_r_right": ("rudder_right RRUD DRR", {}),
     "phi": (
-        "phi PHI bank Bank bank_angle roll_angle RollAngle roll ATT.Roll Hängewinkel φ euler_phi",
+        "phi PHI bank Bank bank_angle roll_angle RollAngle roll ATT.Roll Hängewinkel φ euler_phi "
+        "PHICG",
         {"phi_deg": "deg", "Roll (deg)": "deg"},
     ),
-    "theta": ("theta pitch PitchAngle pitch_attitude Nickwinkel θ", {"theta_rad": "rad"}),
-    "psi": ("psi PSI heading HDG true_heading yaw yaw_angle Steuerkurs", {"psi_deg": "deg"}),
+    "theta": ("theta THE THET pitch PitchAngle pitch_attitude Nickwinkel θ", {"theta_rad": "rad"}),
+    "psi": ("psi PSI heading HDG HDGT true_heading yaw yaw_angle Steuerkurs", {"psi_deg": "deg"}),
     "V": (
-        "V TAS VTAS Vt true_airspeed airspeed Dadc1_tas adc.tas TrueAirspeed V_true",
+        "V TAS VTAS Vt true_airspeed airspeed Dadc1_tas adc.tas TrueAirspeed V_true VTASCG",
         {
-            "V_mps": "m/s", "KTAS": "kt", "true_airspeed_kts": "kt", "V_{Total} (ft/s)": "ft/s",
+            "V_mps": "m/s", "KTAS": "kt", "VKTAS": "kt", "true_airspeed_kts": "kt",
+            "V_{Total} (ft/s)": "ft/s",
             "/fdm/jsbsim/velocities/vt-fps": "ft/s", "TAS [kt]": "kt",
         },
     ),
     "h": (
-        "h alt ALT altitude press_alt pressure_altitude PressAlt Höhe baro_alt hp Dadc1_alt",
+        "h alt ALT altitude press_alt pressure_altitude PressAlt Höhe baro_alt hp Dadc1_alt HBARO "
+        "HPRES",
         {"alt_ft": "ft", "h-sl-ft": "ft", "__alt,ftmsl": "ft", "FL": "FL", "h_m": "m"},
     ),
     "v": ("lateral_velocity v_lat vy", {"v_body (m/s)": "m/s"}),
@@ -96,7 +99,7 @@ NAMES: dict[str, tuple[str, dict[str, str]]] = {
     ),
 }  # fmt: skip
 DECOYS = """
-pressure p_static_pa oil_press_psi static_pressure rpm N1 N2 temperature t_oat_degc OAT
+ALFA DE pressure p_static_pa oil_press_psi static_pressure rpm N1 N2 temperature t_oat_degc OAT
 rudder_trim_cmd rudder_cmd rudder_pedal RUD_TRIM aileron_cmd ail_stick roll_cmd roll_stick
 roll_setpoint vehicle_attitude_setpoint/roll_body beta_dot beta_dot_radps p_dot pitch_trim
 yaw_accel roll_acceleration alt_sel heading_bug heading_error latitude longitude lat lon alpha AOA
@@ -108,7 +111,7 @@ yaw_residual rollrate_integ beta_derivative _Mach,ratio NZ_NORMAL_ACCEL
 aileron_trim roll_rate_cmd yaw_rate_setpoint heading_ref airspeed_target altitude_error time_delay
 """.split()  # noqa: SIM905
 UNSURE = """
-KIAS KCAS ground_speed gps_speed radio_altitude AGL v_bus r_range p_pitot GPS_yy roll_mix
+KIAS KCAS VCAS ground_speed gps_speed radio_altitude AGL v_bus r_range p_pitot GPS_yy roll_mix
 _Vind,_kias Vtrue,_ktgs
 """
 
