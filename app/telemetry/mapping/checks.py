@@ -10,7 +10,7 @@ import numpy as np
 
 from app.telemetry.contents import Columns
 from app.telemetry.mapping.applying import ANY_NUMBERS, apply_mapping, part_of
-from app.telemetry.mapping.magnitudes import extent_of
+from app.telemetry.mapping.magnitudes import extent_of, is_seldom
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
 from app.telemetry.mapping.motion import ANGLE_OF, Motion, motion
 from app.telemetry.mapping.names import name_matches
@@ -29,6 +29,8 @@ from core.simulation.attitude import SurfaceSigns
 
 SURFACES = ("delta_a", "delta_r")
 LEFT, RIGHT = "delta_a_left", "delta_a_right"
+NORMALISED = 0.7
+"""Factor on the confidence in a surface that may be a normalised command."""
 ALIKE = 0.6
 """Two ailerons with a higher correlation have the same sign convention."""
 
@@ -147,6 +149,41 @@ def _remove_bias(builder: ProposalBuilder) -> None:
         builder.comment("Ny", f"removed a {bias.text}", 0.4 if bias.like_gravity else 0.85)
 
 
+def doubt_normalised(builder: ProposalBuilder) -> None:
+    for key, text in _normalised(builder.columns, builder.mapping).items():
+        builder.comment(key, text, NORMALISED)
+
+
+def _normalised(columns: Columns, mapping: Mapping) -> dict[str, str]:
+    """Surfaces with larger values than a deflection, and those of their group that reach no more
+    than 1 either: perhaps normalised commands.
+    """
+    signals = {signal.name: signal for signal in columns.contents.signals}
+    sources = {
+        key: source
+        for key, source in mapping.channels.items()
+        if key.startswith(SURFACES) and source.signal in signals and fits(source.unit, "rad")
+    }
+    extents = {key: extent_of(columns.values(source.signal)) for key, source in sources.items()}
+    large = {key for key in sources if is_seldom(key, extents[key], sources[key].unit)}
+    texts = {
+        key: f"values up to {extents[key].peak:.3g} {sources[key].unit} are rare for "
+        f"{TARGETS[key].label}: check the unit; it may be a normalised command"
+        for key in large
+    }
+    for key in sources.keys() - large:
+        mates = [
+            other
+            for other in large
+            if signals[sources[other].signal].group == signals[sources[key].signal].group
+            and factor(sources[other].unit, "rad") == factor(sources[key].unit, "rad") == 1.0
+            and max(extents[other].peak, extents[key].peak) <= 1.0
+        ]
+        if mates:
+            texts[key] = f"{sources[mates[0]].signal} may be normalised: check this unit too"
+    return texts
+
+
 MappingWarnings = dict[str, list[str]]
 """Sentences by channel."""
 
@@ -162,6 +199,8 @@ def find_warnings(columns: Columns, mapping: Mapping, applied: Traces | None) ->
         source = mapping.channels[key]
         if source.signal:
             warnings[key] += [*_used_twice(mapping, key), *_other_unit(columns, key, source)]
+    for key, text in _normalised(columns, mapping).items():
+        warnings[key].append(text)
     if applied is not None:
         channels = {key: plausible(key, trace) for key, trace in applied.channels.items()}
         for key in KEYS:

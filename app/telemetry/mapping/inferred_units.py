@@ -14,7 +14,7 @@ import numpy as np
 
 from app.telemetry.contents import Columns
 from app.telemetry.mapping.candidates import Candidate
-from app.telemetry.mapping.magnitudes import COMMON, RULED_OUT, extent_of, is_seldom, unit_weights
+from app.telemetry.mapping.magnitudes import COMMON, RULED_OUT, extent_of, unit_weights
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
 from app.telemetry.mapping.recorded_motion import (
     UnitRelation,
@@ -53,7 +53,7 @@ LARGE = log(20.0)
 BY_PHYSICS, BY_AIRCRAFT = 0.5, 0.8
 """Factors on the confidence if a contradicted relation is kinematic or typical of aircraft."""
 SELDOM = 0.8
-"""Factor on the confidence if the peak is rare, or the unit is rare and lacks evidence."""
+"""Factor on the confidence if the unit is rare and lacks evidence."""
 LOAD_FACTOR = {"g": 0.9, "m/s^2": 0.07, "ft/s^2": 0.03}
 ACCELERATION = {"g": 0.35, "m/s^2": 0.55, "ft/s^2": 0.1}
 SYSTEMS = {
@@ -296,10 +296,7 @@ def _inferred(
     if share < 0.9:
         rivals = sorted((u for u in weights if u != unit), key=lambda u: -weights[u])
         why += f", but {rivals[0]} is also plausible"
-    if is_seldom(key, candidate.extent, unit):
-        share *= SELDOM
-        why += f"; such values are rare for {TARGETS[key].label}: check the unit"
-    elif unit == "cdeg" and not evidence:
+    if unit == "cdeg" and not evidence:
         share *= SELDOM
         why += ", but this may not be an angle: check the unit"
     return replace(candidate.because(why, share, unit=unit), unit_share=share)

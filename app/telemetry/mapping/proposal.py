@@ -13,7 +13,7 @@ from app.telemetry.mapping.candidates import (
     find_candidates,
     separate_flights,
 )
-from app.telemetry.mapping.checks import check_against_motion
+from app.telemetry.mapping.checks import check_against_motion, doubt_normalised
 from app.telemetry.mapping.derivations import DERIVATIONS, ways
 from app.telemetry.mapping.group_times import (
     DOUBTED,
@@ -96,6 +96,7 @@ def propose(
     candidates = _assign_signals(builder, group)
     _derive(builder)
     check_against_motion(builder, expected)
+    doubt_normalised(builder)
     _explain_missing(builder, candidates)
     _note_unchecked(builder, candidates)
     channels = {key: builder.channels[key] for key in TARGETS if key in builder.channels}

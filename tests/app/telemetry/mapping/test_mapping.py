@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from app.recordings.answers import channel_bands
 from app.telemetry.contents import open_columns
 from app.telemetry.mapping.applying import applicable, apply_mapping
+from app.telemetry.mapping.checks import find_warnings
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.mapping.proposal import propose
 from app.telemetry.units import factor
@@ -347,3 +348,21 @@ def test_a_note_names_the_checks_without_airspeed_or_attitude(tmp_path):
     assert "flight condition" in airspeed
     assert "roll rate" in bank
     assert "yaw rate" in heading
+
+
+@pytest.mark.parametrize("unit", ["", "rad"], ids=["inferred", "given"])
+def test_a_normalised_command_is_doubted_beside_one_that_reaches_1(unit: str, tmp_path):
+    table = plain_table()
+    names = {key: f"{key}_position" for key in ("delta_a", "delta_r")}
+    for key, peak in (("delta_a", 1.0), ("delta_r", 0.7)):
+        values = table.pop(PLAIN[key])
+        table[names[key]] = np.clip(1.2 * values / np.abs(values).max(), -1.0, 1.0) * peak
+    units: dict[str, str] = dict.fromkeys(names.values(), unit)
+    columns = columns_of(tmp_path, table, units=units)
+    proposal = propose(columns)
+    warnings = find_warnings(columns, proposal.mapping, apply_mapping(columns, proposal.mapping))
+    for key in names:
+        assert proposal.mapping.channels[key].unit == "rad"
+        assert proposal.rationales[key].confidence < 0.75
+        assert "normalised" in proposal.rationales[key].reasons[-1]
+        assert any("normalised" in text for text in warnings[key])

@@ -107,7 +107,7 @@ def test_surfaces_in_hundredths_of_a_degree_are_found_by_their_effect(known, tmp
     assert units == {"delta_a": "cdeg" if known else "deg", "delta_r": "cdeg"}
     if not known:
         reasons = {key: " ".join(proposal.rationales[key].reasons) for key in units}
-        assert "such values are rare for aileron: check" in reasons["delta_a"]
+        assert "rare for aileron: check the unit" in reasons["delta_a"]
         assert "this may not be an angle: check" in reasons["delta_r"]
         assert all(proposal.rationales[key].confidence < SURE - 0.1 for key in units)
 
