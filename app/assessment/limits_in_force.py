@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from core.channels import BY_KEY
+from core.flight_events import FlightLimits
 from core.limits.limit_sets import (
     CONDITION_KEYS,
     MISSING,
@@ -36,25 +37,11 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class LimitsInForce:
-    """A version of a limit set, put in force during a flight.
+class LimitsInForce(FlightLimits):
+    """With the limits themselves. serving: for each case, which stored monitors would fit."""
 
-    number: 1, 2, 3 ... in its flight.   seq: first sample it applies to.   t: time of the sample
-    before [s].   serving: for each case, which stored monitors would fit, in words.
-    fixed: declared, not measured, condition values.   created: UTC, ISO 8601.
-    """
-
-    number: int
-    limit_set: str
-    name: str
-    version: int
     limits: LimitSet
     serving: tuple[str, ...]
-    fixed: Mapping[ConditionKey, float]
-    seq: int
-    t: float
-    created: str
-    by: str
 
     @property
     def words(self) -> str:
@@ -64,7 +51,6 @@ class LimitsInForce:
         return vars(self) | {
             "limits": limit_set_to_plain(self.limits),
             "serving": list(self.serving),
-            "fixed": dict(self.fixed),
         }
 
     @classmethod

@@ -19,7 +19,7 @@ from app.assessment.limits_in_force import InForceFrom, LimitsInForce, Requested
 from app.flights.alarms import Alarms
 from app.flights.clock import Clock, Timer
 from app.flights.display_monitors import DisplayMonitor, flown_monitor, no_rest
-from app.flights.flight_limits import status_of, to_store
+from app.flights.flight_limits import status_of
 from app.flights.recorder import Recorder
 from app.flights.verdict import (
     BEFORE,
@@ -316,17 +316,21 @@ class Flight(ABC):
         before = self.limits_at_hand[-1].fixed if self.limits_at_hand else {}
         in_force = LimitsInForce(
             len(self.limits_at_hand) + 1,
-            *change[:-1],
-            fixed={**before, **(change.fixed or {})},
+            change.limit_set,
+            change.name,
+            change.version,
+            fixed=before | dict[str, float]((change.fixed or {}).items()),
             seq=self.head + 1,
             t=self.t,
             created=self.clock.utc(),
             by=by,
+            limits=change.limits,
+            serving=change.serving,
         )
         ruling = self._apply_limits(in_force)
         self.limits_at_hand.append(in_force)
         self._hold(ruling)
-        self.recorder.add_event(to_store(in_force))
+        self.recorder.add_event(in_force)
         return in_force
 
     def _hold(self, ruling: Ruling | None) -> None:

@@ -1,6 +1,7 @@
 """The limits in force in a flight: put in force, sent and stored."""
 
 from collections.abc import Mapping
+from dataclasses import fields
 from typing import Any
 
 from app.assessment.limits_in_force import LimitsInForce, RequestedLimits, Ruling
@@ -60,5 +61,4 @@ def to_store(in_force: LimitsInForce) -> FlightLimits:
 
 
 def _about(in_force: LimitsInForce) -> dict[str, Any]:
-    names = "number", "limit_set", "name", "version", "seq", "t", "created", "by"
-    return {name: getattr(in_force, name) for name in names} | {"fixed": dict(in_force.fixed)}
+    return {field.name: getattr(in_force, field.name) for field in fields(FlightLimits)}

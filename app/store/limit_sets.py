@@ -1,7 +1,7 @@
 """Stored limit sets, whose versions never change, and the versions in force during flights."""
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from sqlalchemy import Connection, Select, func, insert, select
@@ -82,9 +82,9 @@ class LimitSetRepository(Entries[LimitSetInfo]):
 
     def note(self, flight_id: str, limits: FlightLimits) -> None:
         """Store limits put in force; those already stored under this number are left unchanged."""
-        row = asdict(limits) | {"limit_set_id": limits.limit_set}
-        del row["limit_set"], row["name"]
-        self._add_numbered(flight_limits, flight_id, row)
+        names = [column.name for column in columns(flight_limits, FlightLimits)]
+        row = {name: getattr(limits, name) for name in names}
+        self._add_numbered(flight_limits, flight_id, row | {"limit_set_id": limits.limit_set})
 
     def of_flights(self, flight_ids: Iterable[str]) -> dict[str, list[FlightLimits]]:
         """Limits put in force during flights, in order; flights without any are absent."""

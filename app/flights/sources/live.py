@@ -21,7 +21,6 @@ from app.assessment.scorer import CausalScorer, LiveAssessed, ReceivedExceedance
 from app.flights.alarms import REJOIN_S
 from app.flights.display_monitors import DisplayMonitor
 from app.flights.flight import MARKERS_KEPT, Angles, Flight, FlightPlan, stale_after
-from app.flights.flight_limits import to_store
 from app.flights.recorder import JOURNALLED_S
 from app.flights.sources.known_batches import KnownBatches
 from app.flights.sources.lag import Lag
@@ -229,7 +228,7 @@ class LiveFlight(Flight):
             self._exceed(*exceeding)
         self._hold(self.scorer.ruling)
         for in_force in self.limits_at_hand:
-            self.recorder.add_event(to_store(in_force))
+            self.recorder.add_event(in_force)
         self.is_restoring = False
         self._listen()
         self._set_state(State.STALE, "the server restarted: waiting for the source")
