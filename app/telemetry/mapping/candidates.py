@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 
-from app.telemetry.contents import Columns, Signal
+from app.telemetry.contents import Columns, Contents, Signal
 from app.telemetry.mapping.magnitudes import Extent, extent_of, plausible_units, unit_is_plausible
 from app.telemetry.mapping.names import NameMatch, rates_by_letter, signal_matches
 from app.telemetry.mapping.spelling import spellings
@@ -99,25 +99,24 @@ def assign(candidates: Candidates, mapped: set[str]) -> dict[str, Candidate]:
     return assigned
 
 
-def separate_flights(candidates: Candidates) -> list[int]:
+def separate_flights(contents: Contents) -> list[int]:
     """Groups that are flights of their own, the most complete first; [] if groups make one flight.
 
     They repeat each other's channels under the same names, like structures of manoeuvres.
     """
     named: dict[int, set[tuple[str, tuple[str, ...]]]] = {}
-    for key, ranked in candidates.by_key.items():
-        for candidate in ranked:
-            if candidate.certainty >= PROPOSED:
-                words = spellings(candidate.signal.name)[0].words
-                named.setdefault(candidate.signal.group, set()).add((key, words))
+    for signal in contents.signals if len(contents.groups) > 1 else ():
+        words = spellings(signal.name)[0].words
+        for match in signal_matches(signal, contents.groups[signal.group].name):
+            if match.key in TARGETS and match.certainty >= PROPOSED:
+                named.setdefault(signal.group, set()).add((match.key, words))
 
     def repeats(group: int, other: int) -> bool:
         keys = {key for key, _ in named[group] & named[other]}
         return group != other and len(keys) >= SAME_CHANNELS and bool(keys & RECORDED_ONCE)
 
     flights = [group for group in named if any(repeats(group, other) for other in named)]
-    support = _support(candidates)
-    return sorted(flights, key=lambda group: (-support[group], group))
+    return sorted(flights, key=lambda group: (-len({key for key, _ in named[group]}), group))
 
 
 def _support(candidates: Candidates) -> dict[int, int]:

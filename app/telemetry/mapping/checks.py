@@ -4,12 +4,15 @@ A proposal is corrected. A person's mapping only gets warnings: an aircraft may 
 file may state a wrong unit.
 """
 
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from app.telemetry.contents import Columns
 from app.telemetry.mapping.applying import ANY_NUMBERS, apply_mapping, part_of
+from app.telemetry.mapping.candidates import separate_flights
 from app.telemetry.mapping.magnitudes import extent_of, is_seldom
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
 from app.telemetry.mapping.motion import ANGLE_OF, Motion, motion
@@ -199,7 +202,7 @@ def find_warnings(columns: Columns, mapping: Mapping, applied: Traces | None) ->
         source = mapping.channels[key]
         if source.signal:
             warnings[key] += [*_used_twice(mapping, key), *_other_unit(columns, key, source)]
-    for key, text in _normalised(columns, mapping).items():
+    for key, text in (*_normalised(columns, mapping).items(), *_other_flights(columns, mapping)):
         warnings[key].append(text)
     if applied is not None:
         channels = {key: plausible(key, trace) for key, trace in applied.channels.items()}
@@ -212,6 +215,22 @@ def find_warnings(columns: Columns, mapping: Mapping, applied: Traces | None) ->
         if "Ny" in channels and mapping.channels["Ny"].signal:
             warnings["Ny"] += _warn_of_lateral(channels["Ny"], moves)
     return {key: sentences for key, sentences in warnings.items() if sentences}
+
+
+def _other_flights(columns: Columns, mapping: Mapping) -> Iterator[tuple[str, str]]:
+    """(channel, warning) of signals from another flight than most channels."""
+    groups = {signal.name: signal.group for signal in columns.contents.signals}
+    flights = separate_flights(columns.contents)
+    of_flight = {
+        key: groups[source.signal]
+        for key, source in mapping.channels.items()
+        if groups.get(source.signal) in flights
+    }
+    most = Counter(of_flight.values()).most_common(1)
+    for key, group in of_flight.items():
+        if group != most[0][0]:
+            names = [columns.contents.groups[number].name for number in (group, most[0][0])]
+            yield key, f"it is of the flight {names[0]}, most channels of {names[1]}"
 
 
 def _used_twice(mapping: Mapping, key: str) -> list[str]:

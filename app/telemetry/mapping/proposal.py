@@ -150,7 +150,7 @@ def _choose_flight(builder: ProposalBuilder, candidates: Candidates, group: str)
     names = [each.name for each in contents.groups]
     if group and group not in names:
         raise TelemetryError(f"the file has no group {group!r}: choose one of {', '.join(names)}")
-    flights = separate_flights(candidates)
+    flights = separate_flights(contents)
     sources = [builder.channels[key].signal for key in builder.confirmed]
     confirmed = [builder.columns.signal(name).group for name in sources if name]
     if group:

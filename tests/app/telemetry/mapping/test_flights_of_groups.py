@@ -1,7 +1,11 @@
 """Groups that are flights of their own: one is mapped, and never a mixture."""
 
+from dataclasses import replace
+
 import pytest
 
+from app.telemetry.mapping.applying import apply_mapping
+from app.telemetry.mapping.checks import find_warnings
 from app.telemetry.mapping.names import name_matches
 from app.telemetry.mapping.proposal import propose
 from app.telemetry.recording import TelemetryError
@@ -46,6 +50,15 @@ def test_a_person_chooses_the_flight(columns):
     assert proposal.missing == ("delta_r",)
     with pytest.raises(TelemetryError, match="rud_1"):
         propose(columns, group="rud_9")
+
+
+def test_a_channel_of_another_flight_gives_a_warning(columns):
+    mapping = propose(columns).mapping
+    mixed = replace(mapping.channels["r"], signal="ail_1.r")
+    mapping = replace(mapping, channels=mapping.channels | {"r": mixed})
+    warnings = find_warnings(columns, mapping, apply_mapping(columns, mapping))
+    assert any("ail_1" in text for text in warnings["r"])
+    assert not any("ail_1" in text for text in warnings.get("beta", ()))
 
 
 def test_a_container_does_not_turn_a_yaw_rate_into_a_rudder():
