@@ -152,7 +152,7 @@ class _Follows:
         names = of_angle | {rate.key: rate.signal.name}
         moves, _ = motion_as_recorded(columns, before.times, names)
         effect = moves.rate_effect(rate.key) if moves else None
-        if effect is None or effect.share <= 0.0:
+        if effect is None or not effect.share > 0.0 or not effect.slope:
             return cls()
         sizes = [
             effect.size * factor(of_rate, "rad/s") / factor(of_angle, "rad")
