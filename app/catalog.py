@@ -88,7 +88,7 @@ def catalog() -> dict[str, Any]:
             name: {
                 "schema": schema_of(recipe),
                 "default": to_plain(recipe),
-                "as_flown": to_plain(recipe.as_flown()) if name == "dataset" else None,
+                "as_flown": to_plain(recipe.as_trained()) if name == "dataset" else None,
                 "usual": to_plain(USUAL[name]) if name in USUAL else None,
             }
             for name, recipe in RECIPES.items()

@@ -42,11 +42,13 @@ def _changes(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-AS_FLOWN: dict[str, Any] = _changes(to_plain(DatasetRecipe()), to_plain(DatasetRecipe().as_flown()))
+AS_FLOWN: dict[str, Any] = _changes(
+    to_plain(DatasetRecipe()), to_plain(DatasetRecipe().as_trained())
+)
 """The parts of a recipe with noise, jitter and imperfections as usual in flight."""
 Imperfect = Literal["usual", "none"]
 """Whether rollouts have gusts, instrument errors, noise and pilot scatter as usual in flight."""
-USUAL_DATASET = DatasetRecipe(n_unsafe=500).as_flown()
+USUAL_DATASET = DatasetRecipe(n_unsafe=500).as_trained()
 """The default dataset."""
 USUAL_MONITOR = MonitorRecipe(guarantee="95%")
 """The default monitor."""

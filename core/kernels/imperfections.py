@@ -17,9 +17,10 @@ from core.kernels import N_CHANNELS
 from core.kernels.compiled import jit
 from core.types import Array
 
-ERRORS, MOVES, LAGS, NOISE = np.int64(0), np.int64(1), np.int64(1), np.int64(2)
-"""Streams of a pilot (errors, moves) and of instruments (errors, lags, noise). Not literals,
-because `stream_of` would be compiled again for each."""
+ERRORS, MOVES, SOFTNESS = np.int64(0), np.int64(1), np.int64(2)
+LAGS, NOISE = np.int64(1), np.int64(2)
+"""Streams of a pilot, and of instruments. Not literals, because `stream_of` would be compiled again
+for each."""
 CELLS = 2048
 """Cells of equal probability for a normal number; the outermost TAIL cells on each side are the
 tails, which use the rational function."""
@@ -141,12 +142,14 @@ class InexactInputs(NamedTuple):
     """Errors of a pilot, 1 sigma. asymmetry: share of a command.   trim, unsteadiness: [rad].
 
     fade: remaining share of a small movement after one sample.
+    softness: largest lag of the planned inputs [samples]; that of a rollout is uniform from 0.
     """
 
     asymmetry: float
     trim: float
     unsteadiness: float
     fade: float
+    softness: float
 
 
 @jit
@@ -167,9 +170,12 @@ def fill_commands(seed, planned, before, most, inexact, out, rest, first, last):
         if inexact.unsteadiness > 0.0:
             fill_normals(stream_of(stream, MOVES), moves)
         right = 1.0 + inexact.asymmetry * errors[2]
+        lag = inexact.softness * uniform(stream_of(stream, SOFTNESS), 0)
+        behind = np.exp(-1.0 / lag) if lag > 0.0 else 0.0
         onset = most
         for s in range(2):
             trim, move = inexact.trim * errors[s], moves[s]
+            held = 0.0
             for k in range(n_flown):
                 if k > 0:
                     move = inexact.fade * move + gain * moves[2 * k + s]
@@ -178,7 +184,9 @@ def fill_commands(seed, planned, before, most, inexact, out, rest, first, last):
                     due = planned[row, k - before, s]
                     if due != 0.0:
                         onset = min(onset, k - before)
-                        command += due * (right if due > 0.0 else 2.0 - right)
+                    held = behind * held + (1.0 - behind) * due
+                    if held != 0.0:
+                        command += held * (right if held > 0.0 else 2.0 - right)
                 out[i, k, s] = command
         rest[i] = max(onset, 1)
 

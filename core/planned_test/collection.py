@@ -165,7 +165,7 @@ def card_of(recipe: DatasetRecipe, n_plants: int = CARD_PLANTS) -> Card:
         recipe.control_law.actuator,
         command,
         recipe.dt,
-        pedal_lag_s=maneuver.pedal_lag_s,
+        pedal_lag_s=maneuver.pedal_lag_s + recipe.imperfections.softness_s / 2,
     )
     return Card(
         surface=KEYS.index({"aileron": "delta_a", "rudder": "delta_r"}[maneuver.surface]),

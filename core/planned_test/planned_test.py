@@ -58,6 +58,8 @@ USUAL_NOISE = SensorNoise(
 """Noise of a flight-test vane, rate gyros, accelerometer and position transducers."""
 USUAL_TIMING_JITTER_S, USUAL_AMPLITUDE_JITTER = 0.1, 0.15
 """Scatter of a pilot who flies a doublet by hand."""
+USUAL_SOFTNESS_S = 0.3
+"""No two pilots move the pedals alike: with their lag of 0.1 s, 0.1 to 0.4 s."""
 
 
 class Rollouts(NamedTuple):
@@ -160,6 +162,12 @@ class DatasetRecipe:
         return replace(
             self, maneuver=maneuver, noise=USUAL_NOISE, imperfections=USUAL_IMPERFECTIONS
         )
+
+    def as_trained(self) -> "DatasetRecipe":
+        """The test as flown by pilots of different softness, to train a monitor for any of them."""
+        flown = self.as_flown()
+        soft = replace(flown.imperfections, softness_s=USUAL_SOFTNESS_S)
+        return replace(flown, imperfections=soft)
 
 
 Look = Callable[[Array, Array], object]

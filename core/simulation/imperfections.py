@@ -117,6 +117,9 @@ class Imperfections:
     asymmetry: NotNegative = 0.0
     """asymmetry of the inputs: standard deviation, normal, of the fraction by which commands to one
     side are larger than planned and those to the other side smaller."""
+    softness_s: NotNegative = 0.0
+    """softness of the inputs: largest additional lag of stick and pedals [s], first order; uniform
+    from 0 to this, one for each rollout."""
     quantisation: Quantisation = Quantisation()
     """quantisation of each channel: step between recorded values; 0 for none. Usual: words of 12
     bits (IRIG 106) over +-30 deg, +-120 deg/s in roll, +-60 deg/s in yaw and +-1 g."""
@@ -170,6 +173,7 @@ class Imperfections:
             radians(self.trim_deg),
             radians(self.unsteadiness_deg),
             exp(-dt / UNSTEADY_S),
+            self.softness_s / dt,
         )
         in_chunks(
             n,

@@ -510,8 +510,8 @@ def test_attitude_is_stored_as_recorded(attas: Monitor, calm: np.ndarray):
 
 
 def test_the_real_doublet_is_valid_and_gets_a_timely_alert():
-    """The monitor is trained with the usual imperfections."""
-    usual = replace(TEST, maneuver=Doublet(amplitude_deg=-3.7), noise=SensorNoise()).as_flown()
+    """The monitor is trained with the usual imperfections and hands of any usual softness."""
+    usual = replace(TEST, maneuver=Doublet(amplitude_deg=-3.7), noise=SensorNoise()).as_trained()
     manoeuvre, after = score(trained(usual), record("attas_rud1")).manoeuvres
     assert after.validity.valid is False  # the rudder moves on while the aircraft still swings
     assert manoeuvre.validity.valid is True

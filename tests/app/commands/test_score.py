@@ -166,8 +166,8 @@ def test_a_useless_monitor_scores_alone_only_with_accept_useless(
     attas_monitor: Path, tmp_path: Path, capsys
 ):
     tested = load(attas_monitor)
-    counts = {"misses": 0, "false_alerts": 995, "withdrawn": 0}
-    evaluation = {**(tested.evaluation or {}), "n_safe": 1000, "at_epsilon": counts}
+    counts = {"misses": 0, "false_alerts": 3980, "withdrawn": 0}
+    evaluation = {**(tested.evaluation or {}), "n_safe": 4000, "at_epsilon": counts}
     useless = tmp_path / "useless.fwm"
     replace(tested, evaluation=evaluation).save(useless)
     arguments = [str(useless), str(record_file("attas_rud1")), "-o", str(tmp_path / "out")]

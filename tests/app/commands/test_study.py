@@ -91,7 +91,7 @@ def test_study_into_a_file_is_refused_before_the_work(tmp_path: Path, monkeypatc
 def test_the_study_is_without_imperfections_unless_they_are_asked_for(capsys):
     for options, expected in (
         ([], DatasetRecipe()),
-        (["--imperfections", "usual"], DatasetRecipe().as_flown()),
+        (["--imperfections", "usual"], DatasetRecipe().as_trained()),
     ):
         assert main(["study", *options, "--print-recipe"]) == 0
         assert json.loads(capsys.readouterr().out)["dataset"] == limits_named(to_plain(expected))

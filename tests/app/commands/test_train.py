@@ -16,7 +16,6 @@ from core.monitor import Monitor, MonitorRecipe, load
 from core.planned_test.planned_test import USUAL_NOISE, DatasetRecipe, SensorNoise
 from core.recipe import to_plain
 from core.simulation.aircraft import AIRCRAFT
-from core.simulation.imperfections import USUAL_IMPERFECTIONS
 from tests.support.places import ROOT
 
 VERSION_0_1_0 = {
@@ -83,7 +82,7 @@ def printed_recipe(capsys: pytest.CaptureFixture, *options: str) -> dict[str, An
 def test_every_aircraft_brings_its_usual_test(kind: str, tmp_path: Path, capsys):
     recipe = printed_recipe(capsys, "--aircraft", kind)
     usual = replace(DatasetRecipe.usual(AIRCRAFT[kind]), n_unsafe=500)
-    assert recipe == limits_named(to_plain(usual.as_flown()))
+    assert recipe == limits_named(to_plain(usual.as_trained()))
     assert recipe["control_law"]["kind"] == AIRCRAFT[kind].condition.usual_test.control_law
     arguments = ["--aircraft", kind, "--n-unsafe", "30", "--n-test", "20"]
     assert main(["train", *arguments, "-o", str(tmp_path / "m.fwm")]) == 0
@@ -94,10 +93,15 @@ def test_a_recipe_has_the_imperfections_of_a_flight_unless_it_is_a_stored_one(tm
         return from_plain(DatasetRecipe(), printed_recipe(capsys, *options))
 
     clean = DatasetRecipe(n_unsafe=500)
-    assert given() == clean.as_flown()
+    assert given() == clean.as_trained()
     assert given("--imperfections", "none") == clean
     written = tmp_path / "written.json"
-    written.write_text(json.dumps({"dataset": to_plain(clean.as_flown())}))
+    written.write_text(json.dumps({"dataset": to_plain(clean.as_trained())}))
+    assert given("--recipe", str(written)) == clean.as_trained()
+    assert clean.as_trained().imperfections.softness_s > 0
+    older = to_plain(clean.as_flown())
+    del older["imperfections"]["softness_s"]
+    written.write_text(json.dumps({"dataset": older}))
     assert given("--recipe", str(written)) == clean.as_flown()
     stored = tmp_path / "stored.json"
     noisy = replace(clean, n_unsafe=60, noise=SensorNoise(p=0.02))
@@ -105,14 +109,14 @@ def test_a_recipe_has_the_imperfections_of_a_flight_unless_it_is_a_stored_one(tm
     stored.write_text(json.dumps({"dataset": before}))
     assert given("--recipe", str(stored)) == noisy
     flown = given("--recipe", str(stored), "--imperfections", "usual")
-    assert flown == replace(noisy, imperfections=USUAL_IMPERFECTIONS)
+    assert flown == replace(noisy, imperfections=clean.as_trained().imperfections)
     part = tmp_path / "part.json"
     part.write_text(json.dumps({"dataset": {"n_unsafe": 60}}))
-    assert given("--recipe", str(part)) == replace(clean.as_flown(), n_unsafe=60)
+    assert given("--recipe", str(part)) == replace(clean.as_trained(), n_unsafe=60)
     some = given("--noise", "p=0.02", "--set", "dataset.imperfections.turbulence=light")
     assert some.noise == replace(USUAL_NOISE, p=0.02)
-    assert some.imperfections == replace(USUAL_IMPERFECTIONS, turbulence="light")
-    assert given() == clean.as_flown()
+    assert some.imperfections == replace(clean.as_trained().imperfections, turbulence="light")
+    assert given() == clean.as_trained()
 
 
 MODEL: dict[str, Any] = {key.upper(): to_plain(AIRCRAFT["matrices"])[key] for key in "abcd"}

@@ -63,10 +63,10 @@ def test_recipes_have_their_defaults(published):
         jsonschema_rs.validate(recipe["schema"], recipe["default"])
     flown = recipes["dataset"]["as_flown"]
     jsonschema_rs.validate(recipes["dataset"]["schema"], flown)
-    assert from_plain(DatasetRecipe(), flown) == DatasetRecipe().as_flown()
+    assert from_plain(DatasetRecipe(), flown) == DatasetRecipe().as_trained()
     assert recipes["study"]["as_flown"] is None
     usual = from_plain(DatasetRecipe(), recipes["dataset"]["usual"])
-    assert usual == DatasetRecipe(n_unsafe=500).as_flown()
+    assert usual == DatasetRecipe(n_unsafe=500).as_trained()
     assert recipes["monitor"]["usual"]["guarantee"] == "95%"
 
 

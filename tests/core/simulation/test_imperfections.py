@@ -128,6 +128,21 @@ def test_inputs_to_one_side_grow_as_much_as_the_others_shrink():
     assert not flown[:, :2].any()
 
 
+def test_soft_hands_lag_by_their_own_time():
+    """First order: a step is approached by exp(-t / lag), the lag uniform from 0 to the largest."""
+    planned = np.zeros((1, 40, 2))
+    planned[0, 5:, 1] = -0.1
+    flown, rest = fly(planned, 2000, softness_s=0.3)
+    assert (rest == 5).all()
+    missing = 1.0 - flown[..., 1] / -0.1
+    lags = -DT / np.log(np.maximum(missing[:, 5], 1e-300))
+    steps = np.arange(1, 36)
+    np.testing.assert_allclose(missing[:, 5:], np.exp(-DT * steps / lags[:, None]), atol=1e-12)
+    assert 0 < lags.min() < 0.01 < 0.29 < lags.max() < 0.3
+    assert lags.mean() == pytest.approx(0.15, rel=0.04)
+    np.testing.assert_array_equal(fly(planned, 3)[0], planned.repeat(3, axis=0))
+
+
 def test_a_trim_error_acts_before_the_rollout_begins():
     flown, _ = fly(np.zeros((1, 10, 2)), 2000, trim_deg=0.2)
     assert flown.shape == (2000, 70, 2)
