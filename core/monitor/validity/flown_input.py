@@ -2,7 +2,8 @@
 
 Measured by conformal rank among fresh flights, on both sides. A difference does not withdraw the
 monitor: a doublet of half the amplitude is flown by the same aircraft, it only shows less of the
-limit. An input that begins in the other direction or lasts longer does withdraw: see `InputShape`.
+limit. An input that begins in the other direction, lasts longer or is softer does withdraw: see
+`InputShape`.
 """
 
 import math
@@ -22,8 +23,8 @@ from core.types import Array, Flags, Indices
 SURFACES = (KEYS.index("delta_a"), KEYS.index("delta_r"))
 ARRAYS = {"surfaces": "surfaces", "planned": "usual", "safe": "safe", "unsafe": "unsafe"}
 """Arrays in the section of a monitor's file, and their fields of InputSupport."""
-SHAPE = "begun", "flights", "longest_s"
-"""Its arrays of `InputShape`; older files lack `longest_s`, or all of them."""
+SHAPE = "begun", "flights", "longest_s", "softest"
+"""Its arrays of `InputShape`; older files lack the last ones, or all."""
 MEASURES = PEAK, OTHER_SIDE, LASTING = range(3)
 WORDS = (
     "largest deflection",
@@ -66,7 +67,7 @@ class InputSupport:
     safe, unsafe: (n, k, 3) of fresh flights that stayed safe, and of failing ones up to the
     failure, each measure sorted: peak [rad], largest deflection to the other side as a share of the
     peak, time beyond half the peak [s].
-    shape: direction of the first movement, and duration of holds; None in older files.
+    shape: first direction, duration of holds and sharpness; None in older files.
     """
 
     surfaces: Indices
@@ -91,7 +92,8 @@ class InputSupport:
         """Section of a monitor's file; programs that do not support it may ignore it."""
         arrays: dict[str, Any] = {name: getattr(self, field) for name, field in ARRAYS.items()}
         if self.shape is not None:
-            arrays |= {name: getattr(self.shape, name) for name in SHAPE}
+            known = SHAPE if self.shape.softest.any() else SHAPE[:-1]
+            arrays |= {name: getattr(self.shape, name) for name in known}
         return Section("input", 1, False, {}, arrays)
 
     @classmethod
@@ -99,9 +101,10 @@ class InputSupport:
         """Rebuild it from its section. ValueError."""
         arrays: dict[str, Any] = {field: section.arrays[name] for name, field in ARRAYS.items()}
         if "begun" in section.arrays:
-            no_holds: dict[str, Any] = {"longest_s": np.empty((len(arrays["surfaces"]), 0))}
+            k = len(arrays["surfaces"])
+            older: dict[str, Any] = {"longest_s": np.empty((k, 0)), "softest": np.zeros(k)}
             known = {name: section.arrays[name] for name in SHAPE if name in section.arrays}
-            arrays["shape"] = InputShape(arrays["surfaces"], **(no_holds | known))
+            arrays["shape"] = InputShape(arrays["surfaces"], **(older | known))
         support = cls(**arrays)
         support.check()
         return support

@@ -1,13 +1,16 @@
-"""The shape of an input: its first direction and the duration of its holds.
+"""The shape of an input: its first direction, the duration of its holds and its sharpness.
 
 A hold is a deflection of at least half the usual peak to one side without a break. An input that
 begins to the other side than fresh flights do, or whose hold lasts longer than theirs with the same
-number, shows that the card was flown the other way or more slowly.
+number, shows that the card was flown the other way or more slowly. An input that is softer than
+theirs shows other hands: its sharpness is the largest change between two samples, as a share of the
+largest deflection so far.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import inf, isnan
 from typing import NamedTuple
 
 import numpy as np
@@ -24,10 +27,12 @@ SIDE_LEVEL = 0.02
 """Largest p-value for a wrong first direction."""
 HOLD_LEVEL = 0.004
 """Share of fresh flights that may be flagged because of their holds."""
+SOFT_LEVEL = 0.002
+"""Share of fresh flights that may be flagged because of their soft input."""
 MOST_HOLDS = 8
 """Number of holds per flight that are checked, from the first."""
-GUARD_S = 1e-4
-"""Tolerance on times [s]."""
+GUARD_S, GUARD = 1e-4, 1e-9
+"""Tolerance on times [s], and on shares."""
 
 
 class WrongInput(NamedTuple):
@@ -49,11 +54,15 @@ class Holds(NamedTuple):
 
     side: -1 or 1 while a surface is held, else 0.   number: of the hold, from 1.
     lasted: time since its begin or the last gap [s].
+    step: largest change between two samples so far, inf once one is missing.   peak: largest
+    deflection so far.
     """
 
     side: Indices
     number: Indices
     lasted: Array
+    step: Array
+    peak: Array
 
     @classmethod
     def of(cls, deflection: Array, begun: Array, t: Array, follows: Flags) -> "Holds":
@@ -68,32 +77,43 @@ class Holds(NamedTuple):
         anew = begins | ~follows[:, np.newaxis]
         at = np.where(anew, np.arange(len(t))[:, np.newaxis], 0)
         since = t[np.maximum.accumulate(at, axis=-2)]
-        return cls(side, begins.cumsum(axis=-2), t[:, np.newaxis] - since)
+        step = np.abs(np.diff(deflection, axis=-2, prepend=deflection[..., :1, :]))
+        step[np.isnan(step) | ~follows[:, np.newaxis]] = np.inf
+        return cls(
+            side,
+            begins.cumsum(axis=-2),
+            t[:, np.newaxis] - since,
+            np.maximum.accumulate(step, axis=-2),
+            np.fmax.accumulate(np.abs(deflection), axis=-2),
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class InputShape:
-    """First direction of surfaces in fresh flights, and duration of their holds.
+    """First direction of surfaces in fresh flights, duration of their holds, and sharpness.
 
     surfaces: (k,) channel numbers.   begun: (k,) magnitude from which they are held [rad].
     flights: (k, 2) fresh flights whose first hold is negative, positive.
     longest_s: (k, m) duration that almost no flight exceeds, for holds 1..m [s]; empty in older
     files.
+    softest: (k,) sharpness that almost no flight falls below; 0 in older files.
 
     Among similar flights at most SIDE_LEVEL are flagged for their direction (in fact as few as
-    among these flights), and HOLD_LEVEL for their holds.
+    among these flights), HOLD_LEVEL for their holds, and SOFT_LEVEL for a soft input.
     """
 
     surfaces: Indices
     begun: Array
     flights: Indices
     longest_s: Array
+    softest: Array
 
     def check(self) -> None:
         k, m = len(self.surfaces), self.longest_s.shape[-1]
         check_array("input begun", self.begun, (k,), above=0)
         check_array("input flights", self.flights, (k, 2), np.int64, least=0)
         check_array("input longest_s", self.longest_s, (k, m), least=0)
+        check_array("input softest", self.softest, (k,), least=0)
 
     def first_wrong(self, t: Array, y: Array, counts: Flags) -> WrongInput | None:
         """The first sample at which a surface moves differently from almost all fresh flights.
@@ -110,7 +130,7 @@ class InputShape:
             return None
         first = int(wrong.any(axis=-1).argmax())
         k, sample = int(wrong[first].argmax()), int(samples[first])
-        side, number, lasted = (part[first, k].item() for part in holds)
+        side, number, lasted, *_ = (part[first, k].item() for part in holds)
         return self.wrong(sample, float(t[sample]), k, (side, number, lasted))
 
     def first_wrong_of(self, y: Array, dt: float) -> Indices:
@@ -122,11 +142,13 @@ class InputShape:
         return np.where(np.any(wrong, axis=1), np.argmax(wrong, axis=1), len(t))
 
     def _wrong(self, holds: Holds) -> Flags:
-        """(..., n_samples, k) samples of holds with a wrong direction, or that last too long."""
+        """(..., n_samples, k) samples of holds that begin wrong, last too long or are too soft."""
         k = np.arange(len(self.surfaces))
         begins_wrong = (holds.number == 1) & self._untaken[k, (holds.side > 0).astype(int)]
         number = np.minimum(holds.number, self._bounds_s.shape[1] - 1)
-        return (holds.side != 0) & (begins_wrong | (holds.lasted > self._bounds_s[k, number]))
+        lasts = holds.lasted > self._bounds_s[k, number]
+        is_soft = holds.step < self._softest * holds.peak
+        return (holds.side != 0) & (begins_wrong | lasts | is_soft)
 
     @cached_property
     def _n(self) -> Indices:
@@ -145,6 +167,11 @@ class InputShape:
         known = np.where(self._n[:, np.newaxis] >= FEWEST, self.longest_s + GUARD_S, np.inf)
         return np.pad(known, ((0, 0), (1, 1)), constant_values=np.inf)
 
+    @cached_property
+    def _softest(self) -> Array:
+        """(k,) least valid sharpness; 0 if unknown."""
+        return np.where(self._n >= FEWEST, (1 - GUARD) * self.softest, 0.0)
+
     def wrong(self, sample: int, t: float, k: int, hold: tuple[int, int, float]) -> WrongInput:
         """Describe a wrong hold of surface k.
 
@@ -159,6 +186,13 @@ class InputShape:
                 f"{channel.label} began {side_name} at {t:.2f} s, but {other_side} in "
                 f"{_all_but(rest, n)} fresh flights"
             )
+        elif lasted <= self._bounds_s[k, min(number, self._bounds_s.shape[1] - 1)]:
+            chances = len(self.surfaces)
+            rest = _rank(n, chances, SOFT_LEVEL) - 1
+            words = (
+                f"{channel.label} moved more softly until {t:.2f} s than in {_all_but(rest, n)} "
+                "fresh flights"
+            )
         else:
             rest, chances = _rank(n, self.longest_s.shape[1]) - 1, self.longest_s.size
             words = (
@@ -170,41 +204,56 @@ class InputShape:
         return WrongInput(sample, t, channel.key, p_value, words)
 
     def start(self) -> "RunningShape":
-        return RunningShape(self, self._untaken.tolist(), self._bounds_s.tolist())
+        bounds_s, softest = self._bounds_s.tolist(), self._softest.tolist()
+        return RunningShape(self, self._untaken.tolist(), bounds_s, softest)
 
 
 def _all_but(some: int, n: int) -> str:
     return f"all but {some} of {n:,}" if some else f"all {n:,}"
 
 
-def _rank(n: int, m: int) -> int:
-    """Rank, from the longest of n holds, of the bound for each of m hold numbers."""
-    return max(1, int(HOLD_LEVEL / m * (n + 1)))
+def _rank(n: int, m: int, level: float = HOLD_LEVEL) -> int:
+    """Rank, from the most extreme of n values, of the bound for each of m hold numbers."""
+    return max(1, int(level / m * (n + 1)))
 
 
 class RunningShape:
     """Checks the input of one flight, sample by sample.
 
-    untaken: per surface and side.   bounds_s: per surface, by number of the hold.
+    untaken: per surface and side.   bounds_s: per surface, by number of the hold.   softest: per
+    surface.
     """
 
     def __init__(
-        self, shape: InputShape, untaken: list[list[bool]], bounds_s: list[list[float]]
+        self,
+        shape: InputShape,
+        untaken: list[list[bool]],
+        bounds_s: list[list[float]],
+        softest: list[float],
     ) -> None:
         k = len(untaken)
         self._shape, self._untaken, self._bounds_s = shape, untaken, bounds_s
+        self._softest = softest
         self._surfaces = list(
             zip(range(k), shape.surfaces.tolist(), shape.begun.tolist(), strict=True)
         )
         self._sides, self._numbers, self._since = [0] * k, [0] * k, [0.0] * k
+        self._before: list[float] | None = None
+        self._steps, self._peaks = [0.0] * k, [0.0] * k
         self._newest = -2
 
     def update(self, sample: int, t: float, y: Array) -> WrongInput | None:
         """Check the next sample y (6,) that counts."""
         follows, self._newest = sample == self._newest + 1, sample
+        moved = [y.item(channel) for _, channel, _ in self._surfaces]
+        before, self._before = self._before or moved, moved
+        is_gap = before is not moved and not follows
         wrong = None
-        for k, channel, begun in self._surfaces:
-            deflection = y.item(channel)
+        for k, _, begun in self._surfaces:
+            deflection = moved[k]
+            step = abs(deflection - before[k])
+            self._steps[k] = max(self._steps[k], inf if is_gap or isnan(step) else step)
+            self._peaks[k] = max(self._peaks[k], abs(deflection))  # a NaN is never larger
             side = 0 if not abs(deflection) >= begun else 1 if deflection > 0 else -1
             begins = side not in (0, self._sides[k])
             self._sides[k] = side
@@ -215,7 +264,8 @@ class RunningShape:
                 continue
             number, lasted, bounds = self._numbers[k], t - self._since[k], self._bounds_s[k]
             begins_wrong = number == 1 and self._untaken[k][side > 0]
-            if begins_wrong or lasted > bounds[min(number, len(bounds) - 1)]:
+            lasts = lasted > bounds[min(number, len(bounds) - 1)]
+            if begins_wrong or lasts or self._steps[k] < self._softest[k] * self._peaks[k]:
                 wrong = self._shape.wrong(sample, t, k, (side, number, lasted))
         return wrong
 
@@ -230,6 +280,7 @@ class FreshShapes:
         self._surfaces, self._begun, self._dt = surfaces, begun, dt
         self._flights = np.zeros((len(surfaces), 2), np.int64)
         self._longest: list[Array] = []
+        self._softest: list[Array] = []
 
     def add(self, y: Array, last: Indices) -> None:
         """Add flights over their samples 0..last.
@@ -245,6 +296,8 @@ class FreshShapes:
         numbers = np.arange(1, MOST_HOLDS + 1)
         in_hold = (holds.number[..., np.newaxis] == numbers) & (holds.side != 0)[..., np.newaxis]
         self._longest.append(np.where(in_hold, holds.lasted[..., np.newaxis], -1.0).max(axis=1))
+        sharpness = holds.step / np.where(holds.side == 0, -1.0, holds.peak)
+        self._softest.append(np.where(holds.side == 0, np.inf, sharpness).min(axis=1))
 
     def shape(self, main: Indices) -> InputShape:
         """Shape of all flights added, for some of the surfaces."""
@@ -253,11 +306,15 @@ class FreshShapes:
         n = self._flights[main].sum(axis=1)
         ranks = [_rank(flights, m) for flights in n.tolist()]
         bounds = np.array([longest[-rank, k, :m] for k, rank in enumerate(ranks)])
+        softest = np.sort(np.concatenate(self._softest)[:, main], axis=0)
+        soft_ranks = [_rank(flights, len(main), SOFT_LEVEL) for flights in n.tolist()]
+        soft = np.array([softest[rank - 1, k] for k, rank in enumerate(soft_ranks)])
         return InputShape(
             np.array(self._surfaces)[main],
             self._begun[main],
             self._flights[main],
             np.maximum(bounds, 0.0),
+            np.where(np.isfinite(soft), soft, 0.0),
         )
 
 

@@ -11,14 +11,23 @@ from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.assessment import State
 from core.monitor.file.loading import from_bytes
 from core.monitor.validity.flown_input import InputSupport
-from core.monitor.validity.input_shape import HOLD_LEVEL, FreshShapes, InputShape
+from core.monitor.validity.input_shape import (
+    HOLD_LEVEL,
+    SOFT_LEVEL,
+    FreshShapes,
+    InputShape,
+)
 from core.planned_test.collection import DatasetRecipe, collect, fresh
 from core.planned_test.planned_test import Simulator
 from core.types import Array
 
 AILERON, RUDDER = KEYS.index("delta_a"), KEYS.index("delta_r")
 SHAPE = InputShape(
-    np.array([RUDDER]), np.array([0.05]), np.array([[0, 1500]]), np.array([[0.2, 0.4]])
+    np.array([RUDDER]),
+    np.array([0.05]),
+    np.array([[0, 1500]]),
+    np.array([[0.2, 0.4]]),
+    np.zeros(1),
 )
 """Holds of 0.2 s, then of 0.4 s at most."""
 DT = 0.1
@@ -87,6 +96,47 @@ def test_a_hold_that_outlasts_those_of_its_number_is_wrong(
         assert wrong.p_value == 2 * 3 / 1501  # two holds; a share of .002 of either lasts longer
 
 
+@pytest.mark.parametrize(
+    ("rudder", "first"),
+    [
+        ((0, 0.5, 1, 1), None),  # half of the largest deflection within a sample
+        ((0, 0.3, 0.6, 0.9, 1), 3),  # 0.3 is less than 0.4 of 0.9
+        ((0, 0.3, 0.6, 0.75, 0.75), None),
+        ((0, 0.01, 0.02, 0.03, 0.04), None),  # not a hold
+        ((0, 0.3, np.nan, 0.6, 0.9, 1), None),  # how fast it moved is not known
+    ],
+)
+def test_an_input_softer_than_in_training_is_wrong(
+    rudder: tuple[float, ...], first: int | None
+) -> None:
+    shape = replace(SHAPE, longest_s=np.empty((1, 0)), softest=np.array([0.4]))
+    y, t = flight(*rudder), TIMES[: len(rudder)]
+    wrong = shape.first_wrong(t, y, np.ones(len(y), bool))
+    assert (wrong and wrong.sample) == first
+    assert shape.first_wrong_of(y[None], DT).tolist() == [len(y) if first is None else first]
+    if wrong:
+        assert "more softly" in wrong.words
+        assert wrong.p_value == 3 / 1501
+    assert replace(shape, softest=np.zeros(1)).first_wrong(t, y, np.ones(len(y), bool)) is None
+
+
+def test_a_missing_sample_hides_the_sharpness() -> None:
+    shape = replace(SHAPE, longest_s=np.empty((1, 0)), softest=np.array([0.4]))
+    y, t = flight(0, 0.3, 0.6, 0.9, 1), TIMES[:5]
+    assert shape.first_wrong(t, y, np.array([True, True, False, True, True])) is None
+
+
+@pytest.mark.parametrize("lag_s", [0.5, 0.8])
+def test_a_much_softer_input_is_invalid_in_time(monitor: Monitor, lag_s: float) -> None:
+    softer = replace(RECIPE, maneuver=replace(RECIPE.maneuver, pedal_lag_s=lag_s))
+    retuned = softer.maneuver.with_peak((1 + lag_s) * RECIPE.maneuver.peak_deg)
+    flown = Simulator(replace(softer, maneuver=retuned)).rollouts(600, np.random.default_rng(3))
+    first = monitor.first_withdrawn(flown.y, flown.fail_index)
+    fails = flown.is_unsafe
+    assert np.count_nonzero(fails) > 50
+    assert np.mean(first[fails] <= flown.fail_index[fails] - monitor.h) > 0.9
+
+
 def test_a_gap_begins_a_hold_anew() -> None:
     y, t = flight(0, 1, 1, 1, 1, 1, 1), TIMES[:7]
     counts = np.array([True, True, True, False, True, True, True])
@@ -101,6 +151,7 @@ def test_a_flight_under_way_is_told_what_the_whole_one_is() -> None:
         np.array([0.5, 0.8]),
         np.array([[600, 500], [1, 900]]),
         np.array([[0.3, 0.2, 0.5], [0.4, 0.0, 0.3]]),
+        np.array([0.5, 0.7]),
     )
     found = set()
     for _ in range(300):
@@ -110,7 +161,7 @@ def test_a_flight_under_way_is_told_what_the_whole_one_is() -> None:
         first = next((wrong for wrong in told if wrong), None)
         assert first == shape.first_wrong(t, y, counts)
         found.add(first and first.words.split(" ")[1])
-    assert found == {None, "began", "stayed"}
+    assert found == {None, "began", "stayed", "moved"}
 
 
 def test_samples_that_do_not_count_decide_nothing() -> None:
@@ -139,7 +190,8 @@ def test_hardly_a_flight_as_planned_is_wrong(monitor: Monitor) -> None:
     first = monitor.inputs.shape.first_wrong_of(flown.y, monitor.dt)
     wrong = np.mean(first <= np.minimum(flown.fail_index, flown.y.shape[1] - 1))
     # as much as bounds from a thousand flights scatter, and as a share of these does
-    assert wrong < HOLD_LEVEL + 3 * np.sqrt(HOLD_LEVEL / 1_000 + HOLD_LEVEL / 4_000)
+    level = HOLD_LEVEL + SOFT_LEVEL
+    assert wrong < level + 3 * np.sqrt(level / 1_000 + level / 4_000)
 
 
 def test_one_fresh_flight_that_began_otherwise_does_not_excuse_all() -> None:
@@ -202,17 +254,21 @@ def test_a_file_keeps_it_and_refuses_a_damaged_one(monitor: Monitor, opposite: A
         replace(inputs.shape, flights=-inputs.shape.flights),
         replace(inputs.shape, longest_s=-inputs.shape.longest_s),
         replace(inputs.shape, longest_s=inputs.shape.longest_s[0]),
+        replace(inputs.shape, softest=-inputs.shape.softest),
+        replace(inputs.shape, softest=np.array([0.1, 0.1])),
     ):
         file = replace(monitor, inputs=replace(inputs, shape=damaged)).to_bytes()
-        with pytest.raises(ValueError, match=r"input (begun|flights|longest_s)"):
+        with pytest.raises(ValueError, match=r"input (begun|flights|longest_s|softest)"):
             from_bytes(file, "it")
 
 
 def test_a_file_without_holds_is_read_as_one_that_knows_of_none(monitor: Monitor) -> None:
     assert monitor.inputs
     section = monitor.inputs.to_section()
-    arrays = {name: array for name, array in section.arrays.items() if name != "longest_s"}
+    newer = "longest_s", "softest"
+    arrays = {name: array for name, array in section.arrays.items() if name not in newer}
     shape = InputSupport.from_section(section._replace(arrays=arrays)).shape
     assert shape
     assert shape.longest_s.shape == (1, 0)
+    assert shape.softest.tolist() == [0.0]
     assert shape.first_wrong_of(flight(*[1.0] * 50)[None], DT).tolist() == [50]
