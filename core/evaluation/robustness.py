@@ -20,7 +20,8 @@ from core.seeds import Branch, stream
 from core.simulation.imperfections import USUAL_IMPERFECTIONS
 from core.simulation.maneuver import Altered
 from core.simulation.turbulence import Turbulence
-from core.types import Indices
+from core.simulation.uncertain_plant import UncertainPlant
+from core.types import Array, Indices
 
 WORSE_AIR: dict[Turbulence, Turbulence] = {
     "none": "smooth",
@@ -63,8 +64,11 @@ def _slower(recipe: DatasetRecipe) -> DatasetRecipe:
     return replace(recipe, maneuver=Altered.of(recipe.maneuver, slower=1.5))
 
 
-def _softer(recipe: DatasetRecipe, lag_s: float) -> DatasetRecipe:
-    return replace(recipe, maneuver=replace(recipe.maneuver, pedal_lag_s=lag_s))
+def softer(recipe: DatasetRecipe, lag_s: float) -> DatasetRecipe:
+    """The test flown by hands that all have this pedal lag [s]."""
+    hands = replace(recipe.imperfections, softness_s=0.0)
+    maneuver = replace(recipe.maneuver, pedal_lag_s=lag_s)
+    return replace(recipe, maneuver=maneuver, imperfections=hands)
 
 
 def _stopped(recipe: DatasetRecipe) -> DatasetRecipe:
@@ -87,7 +91,7 @@ class Difference:
     words: the difference.   number: of its random stream; it never changes.
     recipe: changes the planned test.   spread: factor on the width of D_theta.
     share: of the flights asked for.
-    factor: on the derivatives of aircraft near the planned one, as in `fly_near`; None: D_theta.
+    factor: of `near_aircraft` on the derivatives of aircraft flown several times; None: D_theta.
     """
 
     words: str
@@ -107,13 +111,13 @@ DIFFERENCES = {
     "stopped_input": Difference("input stopped midway", 5, _stopped),
     "imperfections": Difference("gusts, lags and gains worse than trained", 6, _less_perfect),
     "lag_0.2": Difference(
-        "softer input: pedal lag 0.2 s", 7, partial(_softer, lag_s=0.2), share=0.3
+        "softer input: pedal lag 0.2 s", 7, partial(softer, lag_s=0.2), share=0.3
     ),
     "lag_0.3": Difference(
-        "softer input: pedal lag 0.3 s", 8, partial(_softer, lag_s=0.3), share=0.3
+        "softer input: pedal lag 0.3 s", 8, partial(softer, lag_s=0.3), share=0.3
     ),
     "lag_0.5": Difference(
-        "softer input: pedal lag 0.5 s", 9, partial(_softer, lag_s=0.5), share=0.3
+        "softer input: pedal lag 0.5 s", 9, partial(softer, lag_s=0.5), share=0.3
     ),
     "near_1.25": Difference("derivatives within a factor of 1.25", 10, factor=1.25),
     "near_1.5": Difference("derivatives within a factor of 1.5", 11, factor=1.5),
@@ -136,22 +140,27 @@ def robustness(
         if difference.factor is None:
             flights = simulator.rollouts(round(difference.share * n), rng)
         else:
-            flights, aircraft = fly_near(simulator, difference.factor, rng)
+            theta = near_aircraft(simulator.plant, difference.factor, N_NEAR, rng)
+            flights, aircraft = fly_each(simulator, theta, rng)
         evaluations[name] = evaluate(monitor, flights.y, flights.fail_index, at, aircraft)
     return evaluations
 
 
-def fly_near(
-    simulator: Simulator, factor: float, rng: np.random.Generator, n_aircraft: int = N_NEAR
+def near_aircraft(plant: UncertainPlant, factor: float, n: int, rng: np.random.Generator) -> Array:
+    """Theta (n, n_parameters): each nominal one multiplied by exp(U(-ln factor, ln factor))."""
+    widest = np.log(factor)
+    return plant.nominal * np.exp(rng.uniform(-widest, widest, (n, len(plant.nominal))))
+
+
+def fly_each(
+    simulator: Simulator, theta: Array, rng: np.random.Generator
 ) -> tuple[Rollouts, Indices]:
-    """Fly aircraft whose nominal derivatives are each multiplied by exp(U(-ln factor, ln factor)).
+    """Fly each of these aircraft, theta (n_aircraft, n_parameters), several times.
 
     An aircraft that diverges is left out.
     Returns a few flights of each, failing and safe ones, and (n,) the number of their aircraft.
     """
-    nominal, shape = simulator.plant.nominal, (n_aircraft, FLIGHTS_EACH)
-    widest = np.log(factor)
-    theta = nominal * np.exp(rng.uniform(-widest, widest, (n_aircraft, len(nominal))))
+    shape = len(theta), FLIGHTS_EACH
     flights, peaks = simulator.fly(np.repeat(theta, FLIGHTS_EACH, axis=0), rng)
     fails = flights.is_unsafe.reshape(shape)
     failing, safe = fails.cumsum(axis=1), (~fails).cumsum(axis=1)

@@ -7,7 +7,7 @@ import pytest
 
 from core.evaluation.lead_sweep import METHODS, TESTS
 from core.evaluation.rates import Evaluation
-from core.evaluation.robustness import DIFFERENCES, by_aircraft, fly_near, robustness
+from core.evaluation.robustness import DIFFERENCES, by_aircraft, fly_each, near_aircraft, robustness
 from core.monitor import MonitorRecipe, train
 from core.planned_test.collection import DatasetRecipe, collect, fresh, training_rollouts
 from core.planned_test.planned_test import SensorNoise, Simulator
@@ -71,13 +71,16 @@ def test_a_wider_theta_has_the_same_mean() -> None:
 
 def test_a_softer_input_has_the_planned_amplitude() -> None:
     for lag_s in (0.2, 0.3, 0.5):
-        maneuver = DIFFERENCES[f"lag_{lag_s}"].recipe(RECIPE).maneuver
-        assert maneuver == replace(RECIPE.maneuver, pedal_lag_s=lag_s)
+        softer = DIFFERENCES[f"lag_{lag_s}"].recipe
+        assert softer(RECIPE).maneuver == replace(RECIPE.maneuver, pedal_lag_s=lag_s)
+        assert softer(RECIPE.as_trained()).imperfections == USUAL_IMPERFECTIONS
 
 
 def test_near_aircraft_have_each_derivative_within_the_factor() -> None:
     simulator = Simulator(RECIPE)
-    flights, aircraft = fly_near(simulator, 1.25, np.random.default_rng(2), 40)
+    rng = np.random.default_rng(2)
+    theta = near_aircraft(simulator.plant, 1.25, 40, rng)
+    flights, aircraft = fly_each(simulator, theta, rng)
     factors = flights.theta / simulator.plant.nominal
     assert (np.abs(np.log(factors)) <= np.log(1.25)).all()
     assert np.log(factors).std() == pytest.approx(np.log(1.25) / np.sqrt(3), rel=0.1)

@@ -1,0 +1,213 @@
+"""Near and foreign aircraft, and softer inputs: what monitors miss outside their training.
+
+Each monitor of a planned test flies aircraft drawn from its own distribution, aircraft whose
+derivatives are each multiplied by a random factor, pilots with softer inputs, and another type. A
+failure counts as missed unless an alert or a withdrawal came in time, and every aircraft weighs the
+same.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from core.evaluation.lead_sweep import METHODS, TESTS
+from core.evaluation.rates import clustered_interval, evaluate
+from core.evaluation.robustness import LEAST_FAILURES, fly_each, near_aircraft, softer
+from core.monitor import Monitor, MonitorRecipe, combine, train
+from core.planned_test.amplitude import AmplitudeError, suggest_amplitude
+from core.planned_test.collection import card_of, collect, combination_failures, fresh
+from core.planned_test.planned_test import DatasetRecipe, Simulator
+from core.seeds import Branch, stream
+from core.types import Array
+from tests.studies.study_command import Progress, run_study
+
+BOTH = "both"
+"""Name of the combination of nearest neighbours and the forecast of peaks."""
+MEMBERS = "linear + nearest neighbor", "peaks ahead: rest"
+EXCEEDING = 0.25
+"""Share of flights that exceed, for softer inputs and other types: their amplitude is retuned."""
+
+
+@dataclass(frozen=True)
+class NearRecipe:
+    """The monitors, and the number of aircraft of each kind."""
+
+    tests: tuple[str, ...] = tuple(TESTS)
+    """planned tests, by name"""
+    methods: tuple[str, ...] = (*MEMBERS, BOTH)
+    """methods, by name"""
+    factors: tuple[float, ...] = (1.25, 1.5, 2.0)
+    """factors on the derivatives"""
+    lags_s: tuple[float, ...] = (0.2, 0.3, 0.5)
+    """pedal lags"""
+    n_monitors: int = 2
+    """monitors of each test and method, each from its own dataset"""
+    n_unsafe: int = 200
+    """unsafe rollouts for training each monitor"""
+    n_aircraft: int = 100
+    """aircraft of each kind and monitor"""
+    epsilon: float = 0.1
+    """promised miss rate"""
+    seed: int = 1
+    """seed of every random draw"""
+
+    def __post_init__(self) -> None:
+        known = (*METHODS, BOTH)
+        for names, among in ((self.tests, TESTS), (self.methods, known)):
+            if unknown := [name for name in names if name not in among]:
+                raise ValueError(f"{unknown[0]!r} is unknown; there are {', '.join(among)}")
+        for name in ("n_monitors", "n_unsafe", "n_aircraft"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name}={getattr(self, name)} was given: give 1 or more")
+
+
+class Flown(NamedTuple):
+    """A kind of aircraft or input: its test, and the theta of its aircraft."""
+
+    kind: str
+    simulator: Simulator
+    theta: Array
+
+
+@dataclass(frozen=True)
+class Row:
+    """Aircraft of one kind through all monitors of one method.
+
+    n_aircraft: those with failures.   missed: mean over aircraft of the share of failures without
+    an alert or a withdrawal in time, with its 95 % interval.   worst_misses, worst_failures: of the
+    worst aircraft with enough failures.   quiet: share of safe flights, valid and without an alert.
+    """
+
+    test: str
+    method: str
+    kind: str
+    n_aircraft: int
+    n_failing: int
+    missed: float
+    missed_low: float
+    missed_high: float
+    worst_misses: int
+    worst_failures: int
+    withdrawn: float
+    n_safe: int
+    quiet: float
+
+
+def study(recipe: NearRecipe, progress: Progress | None = None) -> Iterator[Row]:
+    """Train the monitors of each test and fly every kind through them.
+
+    progress: called with (monitors done, total).
+    """
+    total = len(recipe.tests) * recipe.n_monitors
+    for at, test in enumerate(recipe.tests):
+        counts: dict[tuple[str, str], list[Any]] = {}
+        for number in range(recipe.n_monitors):
+            if progress:
+                progress(at * recipe.n_monitors + number, total)
+            position = tuple(TESTS).index(test)
+            seed = stream(recipe.seed, Branch.PAIRS, position, number).integers(2**32)
+            planned = replace(TESTS[test].as_trained(), n_unsafe=recipe.n_unsafe, seed=int(seed))
+            monitors = _monitors(recipe, planned)
+            rng = stream(planned.seed, Branch.ROBUSTNESS)
+            for kind, simulator, theta in _flown(recipe, planned, test, rng):
+                flights, aircraft = fly_each(simulator, theta, rng)
+                for method, monitor in monitors.items():
+                    found = evaluate(
+                        monitor, flights.y, flights.fail_index, np.array([recipe.epsilon]), aircraft
+                    )
+                    counts.setdefault((method, kind), []).append(found)
+        for (method, kind), each in counts.items():
+            yield _row(test, method, kind, each)
+
+
+def _monitors(recipe: NearRecipe, planned: DatasetRecipe) -> dict[str, Monitor]:
+    dataset, flights = collect(planned), list(fresh(planned))
+    needed = {name for name in recipe.methods if name != BOTH}
+    needed |= set(MEMBERS) if BOTH in recipe.methods else set()
+    trained = {}
+    for name in sorted(needed):
+        predictor, score = METHODS[name]
+        card = card_of(planned) if predictor.forecast == "card" else None
+        method = MonitorRecipe(epsilon=recipe.epsilon, predictor=predictor, score=score)
+        trained[name] = train(dataset, method, flights, card=card)
+    if BOTH in recipe.methods:
+        failures, _ = combination_failures(planned, recipe.n_unsafe)
+        members = [trained[name] for name in MEMBERS]
+        trained[BOTH] = combine(members, failures, lead=members[0].lead, epsilon=recipe.epsilon)
+    return {name: trained[name] for name in recipe.methods}
+
+
+def _flown(
+    recipe: NearRecipe, planned: DatasetRecipe, test: str, rng: np.random.Generator
+) -> Iterator[Flown]:
+    """Each kind; those without an amplitude at which a quarter exceeds are left out."""
+    simulator, n = Simulator(planned), recipe.n_aircraft
+    yield Flown("own", simulator, simulator.plant.sample(n, rng))
+    yield Flown("nominal", simulator, near_aircraft(simulator.plant, 1.0, n, rng))
+    for factor in recipe.factors:
+        theta = near_aircraft(simulator.plant, factor, n, rng)
+        yield Flown(f"factor {factor:g}", simulator, theta)
+    for lag_s in recipe.lags_s:
+        yield from _retuned(f"lag {lag_s:g} s", softer(planned, lag_s), n, rng)
+    other = tuple(TESTS)[(tuple(TESTS).index(test) + 1) % len(TESTS)]
+    yield from _retuned("other type", replace(planned, aircraft=TESTS[other].aircraft), n, rng)
+
+
+def _retuned(kind: str, flown: DatasetRecipe, n: int, rng: np.random.Generator) -> Iterator[Flown]:
+    try:
+        amplitude = suggest_amplitude(flown, EXCEEDING).amplitude_deg
+    except AmplitudeError:
+        return
+    simulator = Simulator(replace(flown, maneuver=flown.maneuver.with_peak(amplitude)))
+    yield Flown(kind, simulator, simulator.plant.sample(n, rng))
+
+
+def _row(test: str, method: str, kind: str, counts: Sequence[Any]) -> Row:
+    """Pool the aircraft of several monitors."""
+    failures = np.concatenate([found.failures_of for found in counts])
+    misses = np.concatenate([found.misses_of[:, 0] for found in counts])
+    shares, each = misses / np.maximum(failures, 1), max(float(failures.mean()), 1.0)
+    low, high = clustered_interval(each * shares, np.full(len(shares), each))
+    worst = int(np.where(failures >= LEAST_FAILURES, shares, -1.0).argmax())
+    n_failing, n_safe = (
+        sum(getattr(found, name) for found in counts) for name in ("n_unsafe", "n_safe")
+    )
+    return Row(
+        test,
+        method,
+        kind,
+        n_aircraft=len(failures),
+        n_failing=n_failing,
+        missed=float(shares.mean()),
+        missed_low=float(low),
+        missed_high=float(high),
+        worst_misses=int(misses[worst]),
+        worst_failures=int(failures[worst]),
+        withdrawn=sum(int(found.withdrawn[0]) for found in counts) / max(n_failing, 1),
+        n_safe=n_safe,
+        quiet=sum(int(found.quiet[0]) for found in counts) / max(n_safe, 1),
+    )
+
+
+def in_words(rows: Sequence[Row], _: object = None) -> str:
+    """One line a row."""
+    head = (
+        f"{'test':7} {'method':26} {'kind':11} {'aircraft':>8} {'failing':>7}   "
+        f"{'missed in time, 95 %':22} {'worst':>7} {'invalid':>7} {'quiet':>6}"
+    )
+    return "\n".join([head, *map(_line, rows)])
+
+
+def _line(row: Row) -> str:
+    missed = f"{row.missed:.3f} [{row.missed_low:.3f}, {row.missed_high:.3f}]"
+    worst = f"{row.worst_misses} of {row.worst_failures}"
+    return (
+        f"{row.test:7} {row.method:26} {row.kind:11} {row.n_aircraft:8} {row.n_failing:7}   "
+        f"{missed:22} {worst:>7} {row.withdrawn:7.1%} {row.quiet:6.1%}"
+    )
+
+
+if __name__ == "__main__":
+    run_study(NearRecipe, study, in_words, asdict)
