@@ -19,7 +19,7 @@ from core.monitor.calibration import Guarantee, p_values
 from core.monitor.file.portable import Section
 from core.monitor.monitor import Monitor, Stream, assemble
 from core.monitor.observation import lead_steps
-from core.monitor.peak_forecast import LOST, ForecastScores, PeakForecast, RunningForecast
+from core.monitor.peak_forecast import LOST, Ahead, ForecastScores, PeakForecast, RunningForecast
 from core.monitor.predictor import Members
 from core.monitor.recipe import MonitorRecipe
 from core.monitor.score import HighestRisk
@@ -140,7 +140,7 @@ def _test_of(member: Monitor) -> dict[str, Any]:
     return {key: value for key, value in member.dataset_recipe.items() if key not in SIZES}
 
 
-NO_FORECAST = "not available for a combination of monitors"
+NO_FORECAST = "not available for a combination whose members show no forecast"
 
 
 class RunningCombination(RunningForecast):
@@ -150,8 +150,10 @@ class RunningCombination(RunningForecast):
     than it promises.
     """
 
-    def __init__(self, members: Sequence[Monitor]) -> None:
+    def __init__(self, members: Sequence[Monitor], showing: int | None) -> None:
+        """showing: index of the member whose forecast of the rest is shown, if any."""
         self._streams = [Stream(member, 1.0, exemplars=False) for member in members]
+        self._showing = None if showing is None else self._streams[showing]
 
     def update(self, t: float, y: Array, code: int) -> tuple[float, int]:
         """Score of the next sample: minus the highest risk of the members that have one.
@@ -165,6 +167,9 @@ class RunningCombination(RunningForecast):
             return np.nan, WARMING_UP if code == OK else code
         return -max(risks), code
 
+    def ahead(self) -> Ahead | None:
+        return None if self._showing is None else self._showing.forecast_ahead()
+
 
 @dataclass(frozen=True, eq=False)
 class Combined(PeakForecast):
@@ -175,7 +180,14 @@ class Combined(PeakForecast):
 
     @property
     def no_forecast_reason(self) -> str:
-        return NO_FORECAST
+        return NO_FORECAST if self._showing is None else ""
+
+    @cached_property
+    def _showing(self) -> int | None:
+        """Index of the first member that shows a forecast of the rest, if any."""
+        forecasts = (member.forecast for member in self.members)
+        shows = (f is not None and not f.no_forecast_reason for f in forecasts)
+        return next((index for index, shown in enumerate(shows) if shown), None)
 
     @cached_property
     def risk_members(self) -> tuple[Monitor, ...]:
@@ -190,7 +202,7 @@ class Combined(PeakForecast):
         )
 
     def start(self, dt: float) -> RunningCombination:
-        return RunningCombination(self.risk_members)
+        return RunningCombination(self.risk_members, self._showing)
 
     def follow(self, t: Array, y: Array, state: Indices, dt: float) -> ForecastScores:
         assessed = [member.assess(t, y, withdraw=False) for member in self.risk_members]

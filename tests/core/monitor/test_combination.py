@@ -16,6 +16,7 @@ from core.monitor.combination import Combined
 from core.monitor.file import portable
 from core.monitor.file.loading import from_bytes
 from core.monitor.file.portable import MonitorFileError
+from core.monitor.peak_forecast import PeakAhead
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
 from tests.support import oscillator
@@ -127,6 +128,32 @@ def test_whole_flights_are_judged_as_their_samples_are(
     for y, fail, alert in zip(flights, fails, first, strict=True):
         alerts = combination.assess(TIMES, y).alert[: fail + 1]
         assert alert == (alerts.argmax() if alerts.any() else N_SAMPLES)
+
+
+def test_it_shows_the_forecast_of_the_member_that_has_one(
+    dataset: Dataset, failures: tuple[Array, np.ndarray], flights: Array
+) -> None:
+    limited = replace(dataset, specification=Limits(Ny=0.5))
+    rest = replace(RECIPES[2], score=SCORES["rest_of_card"])
+    pair = train(limited, RECIPES[1]), train(limited, rest)
+    rule = from_bytes(combine(pair, failures, lead=LEAD, epsilon=0.3).to_bytes())
+    assert rule.forecast is not None
+    assert rule.forecast.no_forecast_reason == ""
+    told, alone, shown = rule.stream(), pair[1].stream(), []
+    for t, y in zip(TIMES, flights[0], strict=True):
+        told.update(t, y)
+        alone.update(t, y)
+        ahead, expected = told.forecast_ahead(), alone.forecast_ahead()
+        assert type(ahead) is type(expected)
+        assert ahead is None or vars(ahead) == vars(expected)
+        shown.append(ahead)
+    assert any(isinstance(ahead, PeakAhead) for ahead in shown)
+
+
+def test_without_such_a_member_it_says_why_it_shows_none(combination: Monitor) -> None:
+    assert combination.forecast is not None
+    assert "members show no forecast" in combination.forecast.no_forecast_reason
+    assert combination.forecast.start(DT).ahead() is None
 
 
 def test_its_file_gives_the_same_monitor_back(combination: Monitor, flights: Array) -> None:
