@@ -450,7 +450,7 @@ def test_a_cut_connection_is_stale_at_once_and_resumes(own_fly: Fly, paused: boo
             first.setdefault(turn, message["frames"][0]["seq"])
 
     page.route_web_socket(re.compile("/stream$"), pass_on)
-    fly.watch(SAFE, ("loop", True), ("speed", 0.5))
+    fly.watch(SAFE, ("loop", True), ("speed", 0.2))
     fly.gauge_says(CALM)
     fly.number_is_shown()
     if paused:
