@@ -18,6 +18,7 @@ from fastapi import FastAPI
 from filelock import FileLock, Timeout
 
 from app.http.bounded_protocol import BoundedHttp
+from app.http.direct_websocket import DirectWebSocket
 from app.main import create_app
 from app.settings import Settings, SettingsError
 from app.store.database import address, file_of
@@ -55,7 +56,7 @@ class Server(uvicorn.Server):
                 proxy_headers=False,
                 http=http,
                 timeout_keep_alive=settings.idle_seconds,  # pyright: ignore[reportArgumentType]
-                ws="websockets-sansio",
+                ws=DirectWebSocket,
                 ws_max_size=LARGEST_MESSAGE,
                 ws_per_message_deflate=False,
                 timeout_graceful_shutdown=PATIENCE + GRACE,

@@ -5,7 +5,6 @@ counts only while the server reads, so a slow server cuts no client off.
 """
 
 import asyncio
-import socket
 from typing import Any
 
 from uvicorn.protocols.http.httptools_impl import (
@@ -19,8 +18,6 @@ from app.settings import Settings
 
 SLOWEST_BODY = 4096
 """[bytes/s] A body that is slower on average is refused."""
-SEND_BUFFER = 32_768
-"""Bytes that the kernel holds for a viewer that does not read; more would be minutes old."""
 
 
 class BoundedHttp(HttpToolsProtocol):
@@ -110,8 +107,6 @@ class BoundedHttp(HttpToolsProtocol):
 
     def handle_websocket_upgrade(self) -> None:
         self._stop_timer()
-        connection = self.transport.get_extra_info("socket")
-        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
         super().handle_websocket_upgrade()
 
     def _expect_header(self) -> None:
