@@ -87,8 +87,7 @@ class RecordedFlight:
     """A recording and the monitor that scores it.
 
     traces: repaired.   judged: every received sample, by flight time.   recording: on the monitor's
-    grid.   manoeuvres: as followed in flight.   n_history: rows before a
-    manoeuvre that fill the monitor's history.   needed: (6,) channels the monitor needs.
+    grid.   manoeuvres: as followed in flight.   needed: (6,) channels the monitor needs.
     timeline: limits in force over time; None where no limit set was in force.
     """
 

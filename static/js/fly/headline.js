@@ -36,7 +36,7 @@ export const FACES = {
   no_data: { word: "NO DATA", shape: "dash" },
 };
 export const LEVEL_OF = { warning: "alert", caution: "caution", advisory: "advisory", none: "ok" };
-export const MARKS = { warning: "▲ ", caution: "◆ ", advisory: "", none: "✓ " };
+const MARKS = { warning: "▲ ", caution: "◆ ", advisory: "", none: "✓ " };
 const LEVELS = { exceeding: "warning", alarm: "warning", risk: "warning", stale: "caution", invalid: "caution", caution: "caution" };
 
 export function headlineOf(server, { stale, alarms, blank = false }) {

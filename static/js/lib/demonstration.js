@@ -56,7 +56,7 @@ function show(progress, api) {
   if (progress !== null && !ENDED.includes(progress.phase)) timer = setTimeout(follow, EVERY, api);
 }
 
-export function progressWords({ phase, elapsed, remaining }) {
+function progressWords({ phase, elapsed, remaining }) {
   const left = remaining === null ? "estimating the time left" : remaining < 5 ? "almost done" : `about ${coarse(remaining)} left`;
   return `Live demonstration: ${WORDS[phase] ?? phase} · ${clock(elapsed)} elapsed · ${left}`;
 }

@@ -1,5 +1,6 @@
 import threading
 from math import isfinite, nan, pi, radians
+from typing import Any
 
 import numpy as np
 import pytest
@@ -51,6 +52,14 @@ def on_screen(points):
 
 
 OK = Shown(1.0, Attitude(0.2, 0.1, 0.3), 0.02, 0.03, -0.05, 0.12, 0.2, False, State.OK, "", Facts())
+NOT_ASSESSED: dict[str, Any] = {
+    "state": State.INVALID,
+    "p_value": None,
+    "alert": False,
+    "reason": BETWEEN,
+    "cause": Cause.BETWEEN,
+}
+"""A sample between two manoeuvres."""
 SILENT = (State.STALE, State.INVALID, State.WARMING_UP)
 
 
@@ -312,25 +321,14 @@ class TestThePicture:
         assert "RISK 0.04" in nodes(scene)._readout.content
         show(
             scene,
-            state=State.INVALID,
-            p_value=None,
-            alert=False,
-            reason=BETWEEN,
-            cause=Cause.BETWEEN,
+            **NOT_ASSESSED,
             facts=facts._replace(stale=True, invalid=True),
         )
         scene.draw()
         assert nodes(scene)._headline.text == "ALARM · STALE · NOT ASSESSED"
 
     def test_nothing_is_invalid_between_manoeuvres(self, scene):
-        show(
-            scene,
-            state=State.INVALID,
-            p_value=None,
-            alert=False,
-            reason=BETWEEN,
-            cause=Cause.BETWEEN,
-        )
+        show(scene, **NOT_ASSESSED)
         scene.draw()
         assert nodes(scene)._headline.text == "NOT ASSESSED"
 
