@@ -31,6 +31,7 @@ READABLE = frozenset(
         "days_out_of_range",
         "backwards",
         "groups_in_circles",
+        "groups_in_groups",
         "many_objects",
         "odd_names",
         "channel_outside",
@@ -40,7 +41,7 @@ READABLE = frozenset(
     )
 )
 """Those that hold a signal all the same."""
-ENDLESS = frozenset(("blocks_in_circles",))
+ENDLESS = frozenset(("blocks_in_circles", "messages_of_messages"))
 """Those that the library that reads them comes to no end with, so that the limit of time does."""
 FEW_HOSTILE = frozenset(
     (

@@ -1,4 +1,4 @@
-"""The arrays and tables of an HDF5 file: never from other files, in circles or without end."""
+"""The arrays and tables of an HDF5 file: never from other files or in circles."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator
@@ -22,17 +22,9 @@ from app.telemetry.readers.signal_tables import (
     SignalTable,
     declared_rate,
     is_time_name,
-    too_deep,
 )
-from app.telemetry.recording import TelemetryError
 
-MOST_DEPTH = 32
-MOST_OBJECTS = 50_000
-MOST_CHUNK = 1 << 28
-"""Largest chunk, which HDF5 expands whole [bytes]."""
 MOST_TEXT = 1 << 12
-LARGE, MOST_HOLES = 1 << 24, 100
-"""In a dataset above LARGE [bytes], at least one in MOST_HOLES chunks must be written."""
 
 Keys = tuple[str, ...]
 """Path of a dataset."""
@@ -49,14 +41,11 @@ def datasets(
     """Every dataset of a file, each group once, in the order of names.
 
     Links to other files and soft links are not followed. skip: groups at the root to omit.
-    TelemetryError if groups are nested too deeply or there are too many objects.
     """
-    n_objects, visited = 0, {address(file)}
+    visited = {address(file)}
     stack: list[tuple[Keys, h5py.Group]] = [((), file)]
     while stack:
         path, group = stack.pop()
-        if len(path) > MOST_DEPTH:
-            raise TelemetryError(too_deep("HDF5"))
         inner = []
         for name in group:
             if isinstance(name, bytes):
@@ -69,12 +58,6 @@ def datasets(
                 ignored.append(f"{'/'.join(place)}: links to other files are not followed")
             if not isinstance(link, h5py.HardLink) or (not path and name in skip):
                 continue
-            n_objects += 1
-            if n_objects > MOST_OBJECTS:
-                raise TelemetryError(
-                    f"the HDF5 file has more than {MOST_OBJECTS} objects: export the signals of "
-                    "this test in a flat table"
-                )
             member = group[name]
             if isinstance(member, h5py.Dataset):
                 yield place, member
@@ -94,16 +77,13 @@ def unreadable(dataset: h5py.Dataset) -> str:
         return "unreadable type"
     if reason := not_numeric(dtype):
         return reason
-    if _hardly_written(dataset):
-        return "almost nothing written"
+    if not dataset.id.get_storage_size():
+        return "nothing written"
     properties = dataset.id.get_create_plist()
     filters = [properties.get_filter(k) for k in range(properties.get_nfilters())]
     if missing := [f for f in filters if not h5py.h5z.filter_avail(f[0])]:
         name = missing[0][3].decode("utf-8", "replace") or missing[0][0]
         return f"compressed by {name}, which is not installed"
-    chunk = math.prod(dataset.chunks or (0,)) * dtype.itemsize
-    if chunk > MOST_CHUNK:
-        return f"stored in pieces of {chunk / 2**20:.0f} MiB, too large to read"
     return ""
 
 
@@ -114,15 +94,6 @@ def not_stored(dataset: h5py.Dataset) -> str:
     if dataset.shape is None or math.prod(dataset.shape) == 0:
         return "no value"
     return ""
-
-
-def _hardly_written(dataset: h5py.Dataset) -> bool:
-    """Whether a dataset has almost no data in the file."""
-    declared = math.prod(dataset.shape) * dataset.dtype.itemsize
-    if dataset.chunks and declared > LARGE:
-        written = dataset.id.get_num_chunks() * math.prod(dataset.chunks)
-        return written * dataset.dtype.itemsize * MOST_HOLES < declared
-    return not dataset.id.get_storage_size()
 
 
 def not_numeric(dtype: Any) -> str:
@@ -175,10 +146,6 @@ def address(holder: Any) -> Address:
     return h5py.h5g.get_objinfo(holder.id).objno
 
 
-MOST_NESTING = 8
-"""Deepest nesting of compound types."""
-
-
 def table(keys: Keys, name: str, dataset: h5py.Dataset, ignored: list[str]) -> SignalTable | str:
     """Make columns of the fields of a compound type, or return why not."""
     if dataset.ndim != 1:
@@ -202,9 +169,7 @@ def _fields(
     """(label, keys to reach it) of every number in a compound type, arrays by element."""
     for name in dtype.names or ():
         kind, label = dtype[name], ".".join((*outer, name))
-        if len(outer) > MOST_NESTING:
-            ignored.append(f"{place}/{label}: nested too deeply")
-        elif reason := not_numeric(kind):
+        if reason := not_numeric(kind):
             ignored.append(f"{place}/{label}: {reason}")
         elif kind.names:
             yield from _fields(kind, (*outer, name), place, ignored)

@@ -30,15 +30,12 @@ from app.telemetry.readers.signal_tables import (
     Column,
     is_time_name,
     library_errors,
-    too_deep,
     write_tables,
 )
-from app.telemetry.recording import TelemetryError
 
 MOST_MEMORY = 1 << 30
 """Most memory for the variables of a file, which are read whole [bytes]."""
 MOST_TEXT = 4096
-MOST_DEPTH = 32
 MOST_OF_ARRAY = 256
 """Most elements of an array of structures."""
 VALUE_NAMES = ("data", "values", "value")
@@ -110,8 +107,6 @@ def _fields(pending: list[tuple[Keys, Any]]) -> Iterator[tuple[Keys, Any]]:
     pending.reverse()
     while pending:
         keys, value = pending.pop()
-        if len(keys) > MOST_DEPTH:
-            raise TelemetryError(too_deep("MATLAB"))
         names = value.dtype.names if type(value) is np.ndarray else None
         if not names or (value.size != 1 and keys[-1].lower() != SIGNALS):
             yield keys, value

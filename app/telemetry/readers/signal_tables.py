@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from app.telemetry.contents import MOST_SIGNALS, ColumnWriter
+from app.telemetry.contents import ColumnWriter
 from app.telemetry.recording import TelemetryError
 from app.telemetry.units import unit_in
 
@@ -94,7 +94,7 @@ def write_tables(
     if not any(table.columns for table in series):
         raise TelemetryError(_nothing(ignored))
     _check_size(series, writer)
-    with_times = [s for s in series if any(map(_time, s.columns))]
+    with_times = [s for s in series if any(column.time for column in s.columns)]
     timed = {(s.within, s.n_rows) for s in with_times if s.clock is None}
     clocked = {(s.clock, s.n_rows) for s in with_times if s.clock is not None}
     groups: dict[Place, list[SignalTable]] = {}
@@ -136,13 +136,7 @@ def _added(
 
 
 def _check_size(series: Sequence[SignalTable], writer: ColumnWriter) -> None:
-    """TelemetryError if a file declares more signals or numbers than may be written."""
-    n_signals = sum(len(table.columns) for table in series)
-    if n_signals > MOST_SIGNALS:
-        raise TelemetryError(
-            f"the file has {n_signals} signals, more than {MOST_SIGNALS}: export only those of "
-            "this test"
-        )
+    """TelemetryError if a file declares more numbers than may be written."""
     n_bytes = 8 * sum(len(table.columns) * table.n_rows for table in series)
     if n_bytes > writer.most_bytes:
         raise TelemetryError(
@@ -159,10 +153,6 @@ def _nothing(ignored: Sequence[str]) -> str:
         f"the file has no numeric signals{instead}: export the signals of the test with "
         "their times as plain tables or vectors"
     )
-
-
-def _time(column: Column) -> bool:
-    return column.time
 
 
 def _rate_words(column: Column) -> str:
@@ -219,36 +209,21 @@ LONGEST_REASON = 120
 def library_errors(title: str) -> Iterator[None]:
     """Turn any error of a library into one TelemetryError. title: kind of file.
 
-    Output and warnings are dropped. A missing library and a full disk are not faults of the file;
-    their errors pass unchanged.
+    Output and warnings are dropped. A missing library, too little memory and a full disk are not
+    faults of the file; their errors pass unchanged.
     """
     try:
         with warnings.catch_warnings(), redirect_stdout(io.StringIO()):
             warnings.simplefilter("ignore")
             yield
-    except (TelemetryError, ImportError):
+    except (TelemetryError, ImportError, MemoryError):
         raise
-    except RecursionError as error:
-        raise TelemetryError(too_deep(title)) from error
-    except MemoryError as error:
-        raise TelemetryError(
-            f"reading this {title} file needs more memory than available: export only the time "
-            "range and signals of this test"
-        ) from error
     except Exception as error:
         if isinstance(error, OSError) and error.errno in NO_ROOM:
             raise
         raise TelemetryError(
             f"the {title} file is damaged or cut short ({_reason(error)}): copy or export it again"
         ) from error
-
-
-def too_deep(title: str) -> str:
-    """Message for groups or structures that are nested too deeply."""
-    return (
-        f"groups or structures of the {title} file are nested too deeply: export the signals of "
-        "this test in a flat table"
-    )
 
 
 def _reason(error: Exception) -> str:

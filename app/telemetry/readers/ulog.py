@@ -13,33 +13,21 @@ from app.telemetry.readers.signal_tables import (
     Pieces,
     SignalTable,
     library_errors,
-    too_deep,
     write_tables,
 )
-from app.telemetry.recording import TelemetryError
 
-TITLE = "ULog"
-MOST_DEPTH = 16
-MOST_FIELDS = 4096
-"""Most fields of one message, including nested ones."""
 MOST_ELEMENTS = 64
 """Longest array in a message; a longer one is a map or a text."""
 TIME = "timestamp"
 MICROSECONDS = 1e6
 
-Formats = Mapping[str, Any]
-
 
 def read(path: Path, writer: ColumnWriter) -> Contents:
     """Read a ULog file; times are seconds since the autopilot started."""
-    with library_errors(TITLE):
+    with library_errors("ULog"):
         from pyulog import ULog
 
-        with _Finite(path) as file:
-            header = ULog(file, parse_header_only=True)
-        for name in header.message_formats:
-            _check_fields(header.message_formats, name)
-        with path.open("rb") as file:
+        with _Finite(io.FileIO(path)) as file:
             log = ULog(file)
         ignored: list[str] = []
         tables = [_topic(data, log.data_list, ignored) for data in log.data_list]
@@ -47,15 +35,16 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
         return writer.finish("ulog", ignored=ignored, notes=_notes(log))
 
 
-class _Finite(io.FileIO):
+class _Finite(io.BufferedReader):
     """A file that allows as many reads as it has bytes.
 
     If a file ends early, the library would go back and read it again without end.
     """
 
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)
-        self._n_remaining = path.stat().st_size
+    def __init__(self, raw: io.FileIO) -> None:
+        super().__init__(raw)
+        self._n_remaining = raw.seek(0, io.SEEK_END)
+        raw.seek(0)
 
     def read(self, size: int | None = -1) -> bytes:
         """Read as usual; EOFError after too many reads."""
@@ -63,25 +52,6 @@ class _Finite(io.FileIO):
         if self._n_remaining < 0:
             raise EOFError("it ends within its definitions")
         return super().read(size)
-
-
-def _check_fields(formats: Formats, name: str) -> None:
-    """TelemetryError if a message contains itself, or too many nested messages."""
-    n_fields, stack = 0, [(name, 1, 0)]
-    while stack:
-        message, times, depth = stack.pop()
-        if depth > MOST_DEPTH:
-            raise TelemetryError(too_deep(TITLE))
-        for kind, length, _ in formats[message].fields if message in formats else ():
-            if kind in formats:
-                stack.append((kind, times * (length or 1), depth + 1))
-            else:
-                n_fields += times * (length or 1)
-            if n_fields > MOST_FIELDS or len(stack) > MOST_FIELDS:
-                raise TelemetryError(
-                    f"the message {name!r} of the ULog file has more than {MOST_FIELDS} "
-                    "fields: the file is damaged, copy it from the autopilot again"
-                )
 
 
 def _topic(data: Any, every: list[Any], ignored: list[str]) -> SignalTable:

@@ -4,7 +4,6 @@ import h5py
 import numpy as np
 import pytest
 
-from app.telemetry.recording import TelemetryError
 from tests.support.recorded_files import read
 
 N = 300
@@ -155,9 +154,9 @@ def test_groups_in_circles_are_visited_once(read_back):
     assert [signal.name for signal in read_back(fill).contents.signals] == ["air/beta"]
 
 
-def test_groups_nested_too_deeply_are_refused(read_back):
-    with pytest.raises(TelemetryError, match="nested too deeply"):
-        read_back(lambda file: file.create_dataset("/".join("a" * 200), data=T))
+def test_deeply_nested_groups_are_read(read_back):
+    columns = read_back(lambda file: file.create_dataset("/".join("a" * 200), data=T))
+    assert len(columns.contents.signals) == 1
 
 
 def test_declared_but_unwritten_datasets_are_ignored(read_back):
@@ -165,23 +164,8 @@ def test_declared_but_unwritten_datasets_are_ignored(read_back):
         file["beta"] = T
         file.create_dataset("huge", shape=(10**12,), dtype="f8", chunks=(1000,))
         file.create_dataset("late", shape=(10**12,), dtype="f8")
-        holes = file.create_dataset("holes", shape=(10**9,), dtype="f8", chunks=(1000,))
-        holes[5000] = 1.0
 
-    assert reasons(read_back(fill)) == dict.fromkeys(
-        ("huge", "late", "holes"), "almost nothing written"
-    )
-
-
-def test_a_dataset_in_huge_chunks_is_ignored(read_back):
-    def fill(file):
-        file["beta"] = T
-        piece = file.create_dataset(
-            "piece", shape=(2**26,), dtype="f8", chunks=(2**26,), compression="gzip"
-        )
-        piece.id.write_direct_chunk((0,), bytes(10), 0)
-
-    assert "pieces of 512 MiB" in reasons(read_back(fill))["piece"]
+    assert reasons(read_back(fill)) == dict.fromkeys(("huge", "late"), "nothing written")
 
 
 def test_a_filter_that_is_not_installed_is_named(read_back, monkeypatch):
