@@ -6,6 +6,7 @@
 Rows are in the order of arrival; the time of arrival (`a` of each line) is a separate signal.
 """
 
+from array import array
 from collections import Counter
 from datetime import UTC, datetime, timedelta
 from math import inf, isfinite
@@ -24,7 +25,6 @@ from core.limits.limit_sets import CONDITION_KEYS
 TIMES = ("t", "timestamp", "time")
 """Possible names of the time [s], if there is no mapping."""
 ARRIVED = "arrived"
-BLOCK_ROWS = 1 << 15
 LONGEST_LINE = 64 * 2**20
 NAN = float("nan")
 _decoder = msgspec.json.Decoder()
@@ -42,7 +42,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
             raise TelemetryError("its first line is damaged: export the journal again")
         conditions, limits = _conditions(header), list[dict[str, Any]]()
         begun, ended = list[list[float]](), None
-        rows = _Rows(writer, *_declared(header), frozenset(conditions.values()))
+        rows = _Rows(*_declared(header), frozenset(conditions.values()))
         while line := _line(file):
             number += 1
             if not line.endswith(b"\n"):
@@ -61,7 +61,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
             else:
                 bad.add(number, "not a batch", line[:200].decode("utf-8", "replace"))
     bad.check(n_good)
-    ignored = rows.finish()
+    ignored = rows.write(writer)
     notes.append(f"The live flight started {header.get('began')}; {ARRIVED} counts from then.")
     return writer.finish(
         "journal",
@@ -132,28 +132,21 @@ def _plain(line: bytes) -> dict[str, Any] | None:
 
 
 class _Rows:
-    """Writes batches. A signal starts with its first number.
+    """The batches so far. A signal starts with its first number.
 
     times: possible names of the time; the first batch decides.
     conditions: signals whose null means an unknown value, stored as infinity; NaN means not sent.
     """
 
     def __init__(
-        self,
-        writer: ColumnWriter,
-        times: tuple[str, ...],
-        units: dict[str, str],
-        conditions: frozenset[str] = frozenset(),
+        self, times: tuple[str, ...], units: dict[str, str], conditions: frozenset[str]
     ) -> None:
-        self._conditions = conditions
+        self._times, self._units, self._conditions = times, units, conditions
         self.zero = inf
         """zero of the source's time [s] since the flight started, by the fastest batch"""
-        self._writer, self._times, self._units = writer, times, units
-        self._group, self._time = writer.add_group(), ""
-        self._signals: dict[str, int] = {}
-        self._pending: dict[str, list[float]] = {}
-        self._arrived: list[float] = []
-        self._n_written, self._n = 0, 0
+        self._time = ""
+        self._signals: dict[str, array] = {}
+        self._arrived = array("d")
         self._examples: dict[str, str] = {}
         self._n_unequal: Counter[str] = Counter()
 
@@ -173,38 +166,19 @@ class _Rows:
         if time is None or not all(isinstance(column, list) for column in values.values()):
             return False
         if not self._time:
-            self._time = time
-            self._add_signal(time)
+            self._time, self._signals[time] = time, array("d")
         n = len(values[time])
         self._note_zero(arrived, values[time])
-        self._add_column(self._time, values.pop(time), n)
+        values[self._time] = values.pop(time)
         for name, column in values.items():
             self._add_column(name, column, n)
-        self._arrived += [_number(arrived)] * n
-        self._n += n
-        if self._n >= BLOCK_ROWS:
-            self._flush()
+        self._arrived.extend([_number(arrived)] * n)
         return True
 
     def _note_zero(self, arrived: float, times: list[Any]) -> None:
         newest = max(map(_number, times), default=NAN)
         seconds = convert(np.array([newest]), self._units.get(self._time) or "s", "s")
         self.zero = min(self.zero, arrived - float(seconds[0]))
-
-    def finish(self) -> list[str]:
-        """Write the rest; return what was dropped."""
-        self._flush()
-        arrival = self._writer.add_signal(self._group, ARRIVED, "s", "time of arrival")
-        for start in range(0, len(self._arrived), BLOCK_ROWS):
-            self._writer.append(arrival, self._arrived[start : start + BLOCK_ROWS])
-        without = [name for name in self._examples if name not in self._signals]
-        return [
-            *(f"{name}: not a number but {self._examples[name]}" for name in without),
-            *(
-                f"{name}: {n} batches with unequal numbers of values and times"
-                for name, n in self._n_unequal.items()
-            ),
-        ]
 
     def _add_column(self, name: str, column: list[Any], n: int) -> None:
         if len(column) != n:
@@ -217,25 +191,28 @@ class _Rows:
             if all(v != v for v in numbers):
                 self._examples.setdefault(name, str(column[:1])[1:60])
                 return
-            self._add_signal(name)
-        pending = self._pending[name]
-        pending += [NAN] * (self._n - len(pending))
-        pending += numbers
+            self._signals[name] = array("d")
+        signal = self._signals[name]
+        signal.extend([NAN] * (self.n - len(signal)) + numbers)
 
-    def _add_signal(self, name: str) -> None:
-        unit, is_time = self._units.get(name, ""), name == self._time
-        signal = self._writer.add_signal(self._group, name, unit, time=is_time)
-        self._signals[name], self._pending[name] = signal, []
-        for start in range(0, self._n_written, BLOCK_ROWS):
-            self._writer.append(signal, np.full(min(BLOCK_ROWS, self._n_written - start), NAN))
-
-    def _flush(self) -> None:
-        for name, pending in self._pending.items():
-            padded = pending + [NAN] * (self._n - len(pending))
-            self._writer.append(self._signals[name], padded)
-            self._pending[name] = []
-        self._n_written += self._n
-        self._n = 0
+    def write(self, writer: ColumnWriter) -> list[str]:
+        """Write the signals and the times of arrival; return what was dropped."""
+        group = writer.add_group()
+        for name, values in self._signals.items():
+            unit = self._units.get(name, "")
+            signal = writer.add_signal(group, name, unit, time=name == self._time)
+            writer.append(signal, values)
+            writer.append(signal, np.full(self.n - len(values), NAN))
+        arrival = writer.add_signal(group, ARRIVED, "s", "time of arrival")
+        writer.append(arrival, self._arrived)
+        without = [name for name in self._examples if name not in self._signals]
+        return [
+            *(f"{name}: not a number but {self._examples[name]}" for name in without),
+            *(
+                f"{name}: {n} batches with unequal numbers of values and times"
+                for name, n in self._n_unequal.items()
+            ),
+        ]
 
 
 def _number(value: Any) -> float:

@@ -140,17 +140,10 @@ def _check_quotes(block: bytes, delimiter: bytes) -> None:
 
 def _numbers(column: pa.ChunkedArray) -> Array:
     """Values, NaN if missing or infinite; Arrow's own conversion imports pandas first."""
-    values = np.concatenate([np.empty(0), *map(_numbers_of_chunk, column.chunks)])
-    values[~np.isfinite(values)] = np.nan
-    return values
-
-
-def _numbers_of_chunk(chunk: pa.Array) -> Array:
-    known, numbers = chunk.buffers()
-    values = np.frombuffer(numbers, float, len(chunk), 8 * chunk.offset)
-    if chunk.null_count:
-        bits = np.unpackbits(np.frombuffer(known, np.uint8), bitorder="little")
-        values = np.where(bits[chunk.offset :][: len(chunk)], values, np.nan)
+    chunks = column.fill_null(nan).chunks
+    parts = [np.frombuffer(x.buffers()[1], float, len(x), 8 * x.offset) for x in chunks]
+    values = np.concatenate([np.empty(0), *parts])
+    values[~np.isfinite(values)] = nan
     return values
 
 

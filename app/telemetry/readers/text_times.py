@@ -3,6 +3,7 @@
 import re
 from contextlib import suppress
 from dataclasses import dataclass, field
+from datetime import date
 from typing import Any
 
 import numpy as np
@@ -54,6 +55,21 @@ class TimeForm:
         in_range = all(RANGES[n][0] <= int(parts[n]) <= RANGES[n][1] for n in RANGES if n in parts)
         return parts if parts and in_range else None
 
+    def nanoseconds(self, cell: str) -> int | None:
+        """A time [ns] as in Times, in UTC if the zone is known; None for other cells."""
+        parts = self.parts(cell)
+        if parts is None:
+            return None
+        texts = ("fraction", "zone")
+        number = {name: int(part or 0) for name, part in parts.items() if name not in texts}
+        days = number.get("day", number.get("ordinal", 1)) - 1
+        if "year" in number:
+            days += (date(number["year"], number.get("month", 1), 1) - date(1970, 1, 1)).days
+        hours = 24 * days + number.get("hour", 0)
+        seconds = (hours * 60 + number["minute"]) * 60 + number["second"]
+        fraction = int((parts["fraction"] or "").ljust(9, "0"))
+        return seconds * SECOND + fraction - _offset(parts.get("zone") or "")
+
 
 TIME_FORMS = (
     TimeForm(
@@ -102,37 +118,10 @@ def times_of(texts: pa.ChunkedArray, form: TimeForm) -> Times:
             with suppress(pa.ArrowInvalid):
                 stamps = compute.cast(iso, pa.timestamp("ns", zone)).to_numpy()
                 return np.where(known, stamps.astype("M8[ns]").astype(np.int64), 0), known
-    matched = compute.extract_regex(texts, pattern=rf"^(?:{form.pattern})$")
-    is_bad = known & ~compute.is_valid(matched).to_numpy()
-    if is_bad.any():
-        raise ValueError(f"row {int(is_bad.argmax())} is not a {form.title}")
-    parts: dict[str, Nanoseconds] = {}
-    for column in matched.type:
-        part = compute.fill_null(compute.struct_field(matched, column.name), "")
-        if column.name == "zone":
-            offsets = {text: _offset(text) for text in part.unique().to_pylist()}
-            parts["zone"] = np.array([offsets[text] for text in part.to_pylist()], np.int64)
-            continue
-        if column.name == "fraction":
-            part = compute.utf8_rpad(part, 9, "0")
-        filled = compute.if_else(compute.equal(part, ""), "0", part)
-        parts[column.name] = compute.cast(filled, pa.int64()).to_numpy()
-    for name, (low, high) in RANGES.items():
-        if name in parts and ((parts[name] > high) | (parts[name] < low))[known].any():
-            raise ValueError(f"a {name} out of {low} to {high}")
-    return np.where(known, _since_zero(parts), 0), known
-
-
-def _since_zero(part: dict[str, Nanoseconds]) -> Nanoseconds:
-    """Times [ns] from their parts, in UTC if the zone is known."""
-    zero = np.int64(0)
-    days = part["ordinal"] - 1 if "ordinal" in part else zero
-    if "year" in part:
-        months = (part["year"] - 1970) * 12 + part.get("month", 1) - 1
-        days = days + months.astype("M8[M]").astype("M8[D]").astype(np.int64)
-        days = days + part["day"] - 1 if "day" in part else days
-    seconds = ((days * 24 + part.get("hour", zero)) * 60 + part["minute"]) * 60 + part["second"]
-    return seconds * SECOND + part.get("fraction", zero) - part.get("zone", zero)
+    values = [0 if text is None else form.nanoseconds(text) for text in texts.to_pylist()]
+    if None in values:
+        raise ValueError(f"row {values.index(None)} is not a {form.title}")
+    return np.array(values, np.int64), known
 
 
 def _offset(zone: str) -> int:
