@@ -7,7 +7,7 @@ import { moment } from "../lib/numbers.js";
 import { showCampaign } from "./page.js";
 import { showPlanning } from "./plan_form.js";
 import { stateChip } from "./states.js";
-import { watching } from "./watching.js";
+import { watching } from "../lib/watching.js";
 
 const COLUMNS = [
   ["Name", ({ id, name }) => h("a", { href: `#/campaigns/${id}` }, name), "name campaign-name"],

@@ -7,7 +7,7 @@ import { figure, moment, percent } from "../lib/numbers.js";
 import { buildUpFigure, derivativesFigure } from "./figures.js";
 import { nextPoint } from "./next_point.js";
 import { percentAtMost, predictedWords, reachedWords, stateChip } from "./states.js";
-import { watching } from "./watching.js";
+import { watching } from "../lib/watching.js";
 
 const NEW_TAB = { target: "_blank", rel: "noopener" };
 const OUTPUTS = ["β", "p", "r", "N_y"];

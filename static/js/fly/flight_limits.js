@@ -8,6 +8,7 @@
  *     own: label of the choice without a limit set; null where one must be chosen
  */
 
+import { labelled, numberInput, select } from "../forms/controls.js";
 import { may } from "../lib/api.js";
 import { loadCatalog } from "../lib/catalog.js";
 import { askToConfirm, h } from "../lib/dom.js";
@@ -86,27 +87,24 @@ function declared(fixed) {
 }
 
 export function createLimitChoice(api, own) {
-  const sets = h("select", { id: "limit-set" });
+  const sets = select([own !== null && ["", own]], { onchange: adapt });
   let inputs = [];
-  const fields = h("div", { class: "stack" }, h("p", { class: "hint" }, "Declare the flight condition, or leave it empty where a live source sends it."));
-  const element = h("div", { class: "stack form" }, h("div", { class: "field" }, h("label", { for: sets.id }, "Limits"), sets), fields);
-  if (own !== null) {
-    sets.append(h("option", { value: "" }, own));
-    sets.after(h("p", { class: "hint" }, "Limits by flight condition are stored as ", h("a", { href: "#/limits" }, "limit sets"), ", with author and date of each version."));
-  }
-  const adapt = () => {
-    fields.hidden = sets.value === "";
-  };
-  sets.addEventListener("change", adapt);
+  const fields = h("div.stack", h("p.hint", "Declare the flight condition, or leave it empty where a live source sends it."));
+  const stored = ["Limits by flight condition are stored as ", h("a", { href: "#/limits" }, "limit sets"), ", with author and date of each version."];
+  const element = h("div.stack.form", labelled("Limits", sets, { hint: own !== null && stored }).element, fields);
   const ready = load();
 
   async function load() {
     const [{ conditions }, stored] = await Promise.all([loadCatalog(api), api.get("/limit-sets").catch(() => [])]);
-    inputs = conditions.map(({ key, label, unit }) => ({ key, words: `${label}${unit && ` [${unit}]`}`, input: h("input", { id: `condition-${key}`, type: "number", step: "any" }) }));
-    fields.append(...inputs.map(({ input, words }) => h("div", { class: "field" }, h("label", { for: input.id }, words), input)));
+    inputs = conditions.map(({ key }) => ({ key, input: numberInput() }));
+    fields.append(...conditions.map(({ label, unit }, k) => labelled(label, inputs[k].input, { unit }).element));
     sets.append(...stored.map(({ id, name, newest }) => h("option", { value: id }, `${name}, version ${newest}`)));
     adapt();
     return stored.length;
+  }
+
+  function adapt() {
+    fields.hidden = sets.value === "";
   }
 
   function chosen() {

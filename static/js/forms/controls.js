@@ -1,7 +1,7 @@
 /**
  * Controls of every form, and how a form sends and shows why it was refused.
  *
- * select([[value, words]], attributes)    an entry may be a node;   attributes.value: the chosen one
+ * select([[value, words]], attributes)    an entry may be a node;   attributes.value: the chosen one, else the first
  * Field: {element, words, say(reason), focus()}     fieldOf(control, {label: nodes, words: the label in a sentence})
  * sharedField(selector, first, content, more) -> Field     of several controls, the first of which gets the focus
  * radioGroup({name, ways: [[value, words, {beside, disabled}]], value, onchange, label}) -> {element, value()}
@@ -27,11 +27,13 @@ export function select(entries, { value, ...attributes } = {}) {
     .filter(Boolean)
     .map((entry) => (Array.isArray(entry) ? h("option", { value: entry[0] }, entry[1]) : entry));
   const element = h("select", attributes, options);
-  if (value !== undefined) element.value = value;
+  if ([...element.options].some((option) => option.value === String(value))) element.value = value;
   return element;
 }
 
 export const textInput = (attributes = {}) => h("input", { type: "text", ...attributes });
+
+export const numberInput = (attributes = {}) => h("input", { type: "number", step: "any", ...attributes });
 
 export const checkbox = (attributes = {}) => h("input", { type: "checkbox", ...attributes });
 
@@ -203,10 +205,10 @@ export function refusal({ fields, refuse }, error) {
 
 export function createForm({ title, word, route, content, fields = [], send, beside, classes = "form", follow }) {
   const failure = errorLine();
-  const go = h("button.button.button-primary", { type: "submit", ...needs(route) }, word);
+  const go = h("button.button.button-primary", { type: "submit" }, word);
   const form = h(
     "form",
-    { class: classes, novalidate: true, onsubmit: submit, "aria-label": title, "data-keeps-input": true },
+    { class: classes, novalidate: true, onsubmit: submit, "aria-label": title, "data-keeps-input": true, ...needs(route) },
     content,
     failure.element,
     h("div", { class: classes === "form" ? "row form-end" : "row" }, go, beside),

@@ -102,17 +102,16 @@ function amplitudeSuggestion(fields, api) {
 
 export function datasetChoice({ api, catalog, datasets, chosen, initial, asFlown }) {
   const { fields, main, folded, size } = createTestFields({ api, catalog, initial, asFlown });
-  const isStored = datasets.some(({ id }) => id === chosen);
   const choice = select(
     datasets.map(({ id, name, n_unsafe: n, created }) => [id, `${name} (${n} failures, ${moment(created)})`]),
-    { "aria-label": "stored dataset", onchange: turn, ...(isStored && { value: chosen }) },
+    { "aria-label": "stored dataset", onchange: turn, value: chosen },
   );
   const isNone = datasets.length === 0;
   const ways = [
     ["simulate", "Simulate a new test"],
     ["stored", isNone ? "Use a stored dataset (there is none yet)" : "Use a stored dataset", { disabled: isNone }],
   ];
-  const value = isStored ? "stored" : "simulate";
+  const value = datasets.some(({ id }) => id === chosen) ? "stored" : "simulate";
   const source = radioGroup({ name: "source", ways, value, onchange: turn, label: "source of the rollouts" });
   const words = h("p.hint");
   const stored = h("div.field", choice, words);

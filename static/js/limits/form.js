@@ -7,7 +7,6 @@
 
 import { createForm, group, labelled, sharedField, textInput } from "../forms/controls.js";
 import { createFields } from "../forms/form.js";
-import { needs } from "../lib/api.js";
 import { button, h } from "../lib/dom.js";
 
 const NEW = { name: "", ranges: {}, limits: undefined };
@@ -21,7 +20,7 @@ export function createLimitForm({ catalog, newest, word, route, send }) {
   (newest?.cases ?? [{ ...NEW, name: "any condition" }]).forEach(add);
   const reasonGiven = () => (why.value.trim() ? { text: why.value.trim() } : {});
   const own = newest === null ? { name: named } : {};
-  const { element } = createForm({
+  return createForm({
     title: word,
     word,
     route,
@@ -39,9 +38,7 @@ export function createLimitForm({ catalog, newest, word, route, send }) {
       labelled("Reason", why).element,
     ],
     send: () => send({ ...(newest === null && { name: name.value.trim() }), ...reasonGiven(), cases: cases.map(({ read }) => read()) }),
-  });
-  if ("data-refused" in needs(route)) element.toggleAttribute("data-refused", true);
-  return element;
+  }).element;
 
   function add(given) {
     const added = createCase(catalog, given, () => place(cases.filter((other) => other !== added)));

@@ -86,7 +86,7 @@ function testChoice(tests, datasets, chosen) {
       ...tests.map((name) => [name, `${name}: rudder doublet with 1 s halves`]),
       stored.length && h("optgroup", { label: "planned test of a dataset" }, stored),
     ],
-    { id: "sweep-source", value: datasets.some(({ id }) => id === chosen) ? chosen : "" },
+    { id: "sweep-source", value: chosen },
   );
 }
 

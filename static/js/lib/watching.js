@@ -1,34 +1,32 @@
 /**
  * Keep a page up to date with others' decisions, and mark it when it may be out of date.
  *
- * page: while it may be out of date, a line at its top says so and its states are dim
- * look() -> Promise<string>    asks the server; why the page is out of date, or ""
+ * page: while it may be out of date, a line at its top and the title say so, and its states are dim
+ * look() -> Promise<string>    asks the server; why the page is out of date, or nothing
+ * every, silence [ms]   interval of the requests; longest time without an answer
  */
 
-import { reason } from "../lib/api.js";
-import { errorLine } from "../lib/dom.js";
+import { reason } from "./api.js";
+import { errorLine } from "./dom.js";
 
-/** [ms] Interval of the requests, and longest time without an answer. */
-const LOOK_EVERY = 5000;
-const SILENCE = 8000;
-
-export function watching(page, look) {
+export function watching(page, look, { every = 5000, silence = 8000 } = {}) {
+  const { title } = document;
   const line = errorLine();
   line.element.classList.add("stale-line");
   page.prepend(line.element);
   let answered = Date.now();
   let asking = false;
-  const timer = setInterval(tick, LOOK_EVERY);
+  const timer = setInterval(tick, every);
   return { close: () => clearInterval(timer) };
 
   async function tick() {
-    if (Date.now() - answered > SILENCE) unknown("");
+    if (Date.now() - answered > silence) unknown("");
     if (asking) return; // one request at a time
     asking = true;
     try {
       const words = await look();
       answered = Date.now();
-      show(words);
+      show(words ?? "");
     } catch (error) {
       unknown(` (${reason(error)})`);
     }
@@ -42,5 +40,6 @@ export function watching(page, look) {
   function show(words) {
     line.show(words);
     page.toggleAttribute("data-lost", words !== "");
+    if (page.isConnected) document.title = words ? `◆ OUT OF DATE – ${title}` : title;
   }
 }
