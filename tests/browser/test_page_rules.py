@@ -1,4 +1,4 @@
-"""Rules that every page keeps: a heading, headed tables, matching names, no blank space."""
+"""Rules of every page: a heading, headed tables, matching names, no blank space, own files only."""
 
 import re
 from collections.abc import Iterator
@@ -48,6 +48,8 @@ FINDINGS = """() => {
     for (const named of document.querySelectorAll(":is(button, a, [role=button])[aria-label]"))
         if (!words(named.getAttribute("aria-label")).includes(words(shown(named))))
             found.push(`${shown(named)} is named ${named.getAttribute("aria-label")}`);
+    for (const { name } of performance.getEntriesByType("resource"))
+        if (!name.startsWith(`${location.origin}/`)) found.push(`from another server: ${name}`);
     return found;
 }"""
 BLANK = """() => {

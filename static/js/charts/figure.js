@@ -3,18 +3,16 @@
  *
  * createFigure({title, words, label, x, y, height, series, rules}) -> figure, figure.rules: [{move(value, text)}]
  *     x, y: axes of createPlot.   label: for screen readers.   words: below the key
- *     series: [{look, line [[x, y]], band [[x, low, high]], mark, marks [[x, y]], words}]     look: a class;
- *       marks: the line's points by default; words: in the key; one with words only explains another
+ *     series: [{look, line [[x, y]], band [[x, low, high]], bars [[x0, x1, y0, y1]], mark, marks [[x, y]], words}]
+ *       look: a class;   marks: the line's points by default; words: in the key; one with words only explains another
  *     rules: [{x | y, look, words}]     a line across
- * keyOf([mark, words], ...)    a line for each mark;   barKey(plot, safe, unsafe)   of stacked bars
- * sample(look, mark, hasLine) -> [svg]     a line of a key; mark "cross", "circle", ...
  * UNIT_SHARE, EPSILON   axes from 0 to 1.   SPARE   of an axis above its greatest value
  *
  * createPlot({x: {label, domain, format}, y: {...}, label, width, height}) -> Plot     label: for screen readers
  *   svg, x(value), y(value)           the element; values to pixels
  *   line(points, class), band(points [[x, low, high]], class), bar(x0, x1, y0, y1, class), marks(points, shape of SHAPES, class)
  *   vertical(x, class, text), horizontal(y, class, text)    a line across with its words; {move(value, text)}
- *   hatched                           fill of a hatched bar
+ *   fillOf(class)                     of a bar: that of unsafe ones is hatched
  */
 
 import { h, piecesOf, svg } from "../lib/dom.js";
@@ -36,48 +34,36 @@ const SHAPES = {
 
 export function createFigure({ title, words, label, x, y, height, series, rules = [] }) {
   const plot = createPlot({ x, y, label, height });
-  for (const { look, line = [], band, mark, marks = line } of series) {
+  for (const { look, line = [], band, bars = [], mark, marks = line } of series) {
     if (band) plot.band(band, look);
+    for (const bar of bars.filter(([, , low, high]) => high > low)) plot.bar(...bar, look);
     if (line.length) plot.line(line, look);
     if (mark) plot.marks(marks, mark, look);
   }
   const drawn = rules.map(({ x: at, y: level, look, words: text = "" }) =>
     at === undefined ? plot.horizontal(level, look, text) : plot.vertical(at, look, text),
   );
-  const explained = series.filter((entry) => entry.words);
-  const key = keyOf(...explained.map(({ look, mark, line, words: text }) => [sample(look, mark, line || !mark), text]));
-  const figure = framed(title, plot.svg, key, words);
+  const key = series.filter((entry) => entry.words).map((entry) => h("span", sample(entry, plot), entry.words));
+  const caption = h("figcaption", h("span.figure-title", title), h("span.figure-key", key), words && h("p.hint", words));
+  const figure = h("figure.figure-block", caption, plot.svg);
   figure.rules = drawn;
   return figure;
 }
 
-export function framed(title, plot, key, words) {
-  const caption = h("figcaption", h("span.figure-title", title), key, words && h("p.hint", words));
-  return h("figure.figure-block", caption, plot);
-}
-
-export function keyOf(...entries) {
-  const lines = entries.map(([drawn, words]) =>
-    h("span", {}, svg("svg", { viewBox: "0 0 34 14", class: "key-mark", "aria-hidden": "true" }, drawn), words),
-  );
-  return h("span", { class: "figure-key" }, lines);
-}
-
-export function barKey(plot, safe, unsafe) {
-  const bar = (look, fill) => svg("rect", { x: 6, y: 2, width: 22, height: 11, class: look, ...fill });
-  return keyOf([bar("plot-safe-bar"), safe], [bar("plot-unsafe-bar", { fill: plot.hatched }), unsafe]);
-}
-
-export function sample(look, mark, hasLine = true) {
-  return [
-    hasLine && svg("path", { d: "M1 7H33", class: `plot-line ${look}` }),
+/** A line of a key. */
+function sample({ look, mark, line, bars }, plot) {
+  return svg(
+    "svg.key-mark",
+    { viewBox: "0 0 34 14", "aria-hidden": "true" },
+    bars && svg("rect", { x: 6, y: 2, width: 22, height: 11, class: look, fill: plot.fillOf(look) }),
+    !bars && (line || !mark) && svg("path", { d: "M1 7H33", class: `plot-line ${look}` }),
     mark && svg("path", { d: SHAPES[mark], class: `plot-mark ${look}`, transform: "translate(17 7)" }),
-  ];
+  );
 }
 
 let plots = 0;
 
-export function createPlot({ x, y, label, width = 600, height = 310 }) {
+function createPlot({ x, y, label, width = 600, height = 310 }) {
   const id = `hatch-${++plots}`;
   const right = width - MARGIN.right;
   const bottom = height - MARGIN.bottom;
@@ -144,6 +130,7 @@ export function createPlot({ x, y, label, width = 600, height = 310 }) {
     return { move };
   }
 
+  const fillOf = (name) => (name.includes("plot-unsafe-bar") ? `url(#${id})` : null);
   const drawn = (child) => {
     layer.append(child);
     return child;
@@ -152,7 +139,7 @@ export function createPlot({ x, y, label, width = 600, height = 310 }) {
     svg: element,
     x: toX,
     y: toY,
-    hatched: `url(#${id})`,
+    fillOf,
     line: (points, name) => drawn(path(trace(points, toX, toY), `plot-line ${name}`)),
     band: (points, name) => drawn(path(outline(points, toX, toY), `plot-band ${name}`)),
     bar: (x0, x1, y0, y1, name) =>
@@ -163,7 +150,7 @@ export function createPlot({ x, y, label, width = 600, height = 310 }) {
           width: Math.max(toX(x1) - toX(x0) - 1, 1),
           height: Math.max(toY(y0) - toY(y1), 0),
           class: name,
-          fill: name.includes("plot-unsafe-bar") ? `url(#${id})` : null,
+          fill: fillOf(name),
         }),
       ),
     marks: (points, shape, name) => {

@@ -17,7 +17,7 @@
  *   before, otherwise   words before the values at A and B; words where neither is set
  */
 
-import { h, put, symbolNodes } from "../lib/dom.js";
+import { formatted, h, put } from "../lib/dom.js";
 import { figure, formatTime, formatValue, reading, shownIn } from "../lib/numbers.js";
 import { isBeyond, limitText } from "./strips.js";
 
@@ -73,7 +73,7 @@ function createReadout(element, strip, large) {
   const badge = h("span.readout-badge", { hidden: true });
   const latch = h("div.readout-latch", { hidden: true });
   const detail = h("div.readout-detail");
-  const symbol = h("span.readout-symbol", symbolNodes(strip.symbol));
+  const symbol = h("span.readout-symbol", formatted(strip.symbol));
   element.classList.toggle("tile-readout", !large);
   element.append(
     h("div.readout-reading", symbol, large ? value : h("span.tile-values", value, second), unit, state),

@@ -1,6 +1,6 @@
 /** Figures of a dataset: a channel's rollouts coloured by outcome, and their peaks. */
 
-import { barKey, createFigure, createPlot, framed, SPARE } from "../charts/figure.js";
+import { createFigure, SPARE } from "../charts/figure.js";
 import { select } from "../forms/controls.js";
 import { h } from "../lib/dom.js";
 import { figure as number, magnitudeIn, shownIn } from "../lib/numbers.js";
@@ -49,20 +49,21 @@ export function rolloutFigure({ catalog, limits, rollouts, n_unsafe, n_safe }) {
 export function peakFigure({ limit, edges, unsafe, safe }, channel) {
   const highest = Math.max(1, ...unsafe.map((count, k) => count + safe[k]));
   const sum = (counts) => counts.reduce((a, b) => a + b, 0);
-  const plot = createPlot({
+  const barsOf = (counts, below) => counts.map((count, k) => [edges[k], edges[k + 1], below(k), below(k) + count]);
+  return createFigure({
+    title: `Peak ${channel.label}`,
+    label: `Rollouts by their peak ${channel.label}: ${sum(unsafe)} unsafe, ${sum(safe)} safe`,
     x: {
       label: `peak |${channel.symbol}| / limit of ${magnitudeIn(channel, limit)}`,
       domain: [0, Math.max(edges.at(-1), 1.1)],
     },
     y: { label: "rollouts", domain: [0, SPARE * highest] },
-    label: `Rollouts by their peak ${channel.label}: ${sum(unsafe)} unsafe, ${sum(safe)} safe`,
+    series: [
+      { look: "plot-safe-bar", bars: barsOf(safe, () => 0), words: "safe" },
+      { look: "plot-unsafe-bar", bars: barsOf(unsafe, (k) => safe[k]), words: "unsafe (cut at the failure)" },
+    ],
+    rules: [{ x: 1, look: "plot-limit", words: "limit" }],
   });
-  safe.forEach((count, k) => {
-    if (count) plot.bar(edges[k], edges[k + 1], 0, count, "plot-safe-bar");
-    if (unsafe[k]) plot.bar(edges[k], edges[k + 1], count, count + unsafe[k], "plot-unsafe-bar");
-  });
-  plot.vertical(1, "plot-limit", "limit");
-  return framed(`Peak ${channel.label}`, plot.svg, barKey(plot, "safe", "unsafe (cut at the failure)"));
 }
 
 export async function sampleRollouts(api, id) {

@@ -6,7 +6,7 @@
  * Its height is the same either way, so that the strips do not move when an alarm comes.
  *
  * createAlarmPanel(element, {tone, acknowledge(alarm) -> Promise of the acknowledged alarm}) -> AlarmPanel
- *   describe({epsilon, alertAbove, guarantee, lead, warnings, limits, channels})   of the flight; limits: nodes
+ *   describe({epsilon, alertAbove, guarantee, lead, warnings, limits, channels})   of the flight; limits: in words
  *   setState({state, reason, last})    of the newest assessment; last: cause of the newest sample
  *   onAlarm(alarm)       raised or acknowledged
  *   setStale(words)      why and by how much the newest sample is stale; empty where it is current
@@ -17,7 +17,7 @@
  */
 
 import { needs, reason } from "../lib/api.js";
-import { errorLine, h, put, symbolNodes } from "../lib/dom.js";
+import { errorLine, formatted, h, put } from "../lib/dom.js";
 import { sentence } from "../lib/monitors.js";
 import { figure, leadSeconds, magnitudeIn, quantity, riskText } from "../lib/numbers.js";
 import { shownState } from "../lib/states.js";
@@ -54,7 +54,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   const failure = errorLine();
   element.append(banner, calm, failure.element);
   const alarms = new Map();
-  let flight = { epsilon: NaN, alertAbove: NaN, lead: 0, warnings: [], limits: [], channels: [] };
+  let flight = { epsilon: NaN, alertAbove: NaN, lead: 0, warnings: [], limits: "", channels: [] };
   let assessment = { state: null, reason: "" };
   let status = "";
   let holds = []; // statuses of the headline and beside it
@@ -80,7 +80,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     const alike = open.filter(({ kind }) => kind === latest?.kind);
     const now = `${alike.map(({ number }) => number)} of ${open.length} ${latest?.kind === "stale" ? stale : ""}`;
     if (latest === undefined) put(text, held ? GOES_ON[status] : "");
-    else if (now !== shown) text.replaceChildren(...words(alike, open.length - alike.length));
+    else if (now !== shown) text.replaceChildren(formatted(words(alike, open.length - alike.length)));
     shown = now;
     if (warnings.length > 0) tone.start();
     else tone.stop();
@@ -109,20 +109,16 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     const at = alike.length > 1 ? `first at ${t.toFixed(2)} s, ${alike.length} alarms` : `at ${t.toFixed(2)} s`;
     const more = others > 0 ? `, and ${others} more alarm${others === 1 ? "" : "s"}` : "";
     const goesOn = kind === "stale" && stale !== "" ? { reason: stale } : {};
-    if (kind in CAUTION_WORDS) return [`${cautionText({ ...first, ...goesOn }, ` ${at}`)}${more}`];
-    if (kind === "limit") return [`LIMIT EXCEEDED ${at}: `, ...measured(exceedance), more];
+    if (kind in CAUTION_WORDS) return `${cautionText({ ...first, ...goesOn }, ` ${at}`)}${more}`;
+    if (kind === "limit") return `LIMIT EXCEEDED ${at}: ${measured(exceedance)}${more}`;
     const lead = leadSeconds(flight.lead);
-    const what = `ALERT ${at}: risk${value} > ${figure(flight.alertAbove)}, warns ${lead} s before `;
-    return [what, ...flight.limits.map((node) => node.cloneNode(true)), more];
+    return `ALERT ${at}: risk${value} > ${figure(flight.alertAbove)}, warns ${lead} s before ${flight.limits}${more}`;
   }
 
   function measured({ channel, value, limit, judged }) {
     const measured = flight.channels.find(({ key }) => key === channel);
     const which = judged === "recorded" ? " as recorded, bias and trim included" : "";
-    return [
-      ...symbolNodes(measured.symbol),
-      ` ${quantity(measured, value)}${which}, limit ${magnitudeIn(measured, limit)}`,
-    ];
+    return `${measured.symbol} ${quantity(measured, value)}${which}, limit ${magnitudeIn(measured, limit)}`;
   }
 
   async function acknowledgeAll() {

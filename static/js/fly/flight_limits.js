@@ -11,7 +11,7 @@
 import { labelled, numberInput, select } from "../forms/controls.js";
 import { may } from "../lib/api.js";
 import { loadCatalog } from "../lib/catalog.js";
-import { askToConfirm, h } from "../lib/dom.js";
+import { askToConfirm, formatted, h } from "../lib/dom.js";
 import { limitsOf } from "./panels.js";
 
 const CHANGE = "PUT /flights/{}/limits";
@@ -50,7 +50,7 @@ export function createFlightLimits(element, { api, path }) {
     element.hidden = limits === null && change.hidden;
     element.toggleAttribute("data-unknown", unknown);
     if (limits === null) {
-      words.replaceChildren("Limits: the monitor's own, ", ...limitsOf(channels));
+      words.replaceChildren(formatted(`Limits: the monitor's own, ${limitsOf(channels)}`));
       return;
     }
     const version = `${limits.name} version ${limits.version}`;
@@ -58,7 +58,7 @@ export function createFlightLimits(element, { api, path }) {
     words.title = title;
     words.replaceChildren(
       h("strong", {}, unknown ? "◆ LIMITS UNKNOWN: " : "Limits in force: "),
-      ...(unknown ? [`${whyOf(limits)} · ${version}`] : [`${version}, ${limits.case}: `, ...limitsOf(channels)]),
+      formatted(unknown ? `${whyOf(limits)} · ${version}` : `${version}, ${limits.case}: ${limitsOf(channels)}`),
       h("span", { class: "dim" }, ` · put in force by ${limits.by} at ${limits.t.toFixed(2)} s`),
     );
   }

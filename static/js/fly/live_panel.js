@@ -12,8 +12,8 @@
  * lossText(live) -> [string]     samples of an ended flight, received and not used, by kind
  */
 
-import { may, needs, reason as reasonOf } from "../lib/api.js";
-import { h, put } from "../lib/dom.js";
+import { may, needs } from "../lib/api.js";
+import { errorLine, h, put } from "../lib/dom.js";
 import { leadSeconds } from "../lib/numbers.js";
 import { createItems } from "./status_strip.js";
 
@@ -50,13 +50,13 @@ export function createLivePanel({ line, problem }, { begin, accept, address, eve
   line.classList.add("live-panel");
   const known = new Set(); // manoeuvres
   const strange = new Set(); // names that no channel reads, already listed
-  const failure = h("span", { class: "error transport-error", role: "status", hidden: true });
+  const failure = errorLine("transport-error");
   const beginButton = h("button", { type: "button", class: "button button-small begin-button", title: "Mark that a manoeuvre begins now, where the surfaces do not show it (key G)", onclick: press, ...needs(BEGIN) }, "Manoeuvre begins ", h("span", { class: "marker-key" }, "[G]"));
   const open = h("button", { type: "button", class: "button button-small", "aria-expanded": "false", title: "Addresses for samples", onclick: () => open.setAttribute("aria-expanded", String(address())) }, "Address");
   const figures = h("div", { class: "live-items" });
   const { items, show } = createItems(figures, ITEMS, "live");
-  const acceptButton = h("button", { type: "button", class: "button button-small", hidden: true, title: "Take the samples of this sender of datagrams instead of the present one", onclick: () => attempt(() => accept(live.other_sender)), ...needs(ACCEPT) });
-  line.append(h("strong", { class: "live-word" }, "LIVE"), beginButton, open, acceptButton, failure);
+  const acceptButton = h("button", { type: "button", class: "button button-small", hidden: true, title: "Take the samples of this sender of datagrams instead of the present one", onclick: () => failure.attempt(() => accept(live.other_sender)), ...needs(ACCEPT) });
+  line.append(h("strong", { class: "live-word" }, "LIVE"), beginButton, open, acceptButton, failure.element);
   line.after(figures);
   let steps = 0; // of the source's clock, already listed
   let live = null;
@@ -131,18 +131,8 @@ export function createLivePanel({ line, problem }, { begin, accept, address, eve
   async function press() {
     if (live === null || live.trim === "none" || !may(BEGIN)) return;
     beginButton.disabled = true;
-    await attempt(begin);
+    await failure.attempt(begin);
     showManoeuvre();
-  }
-
-  async function attempt(act) {
-    failure.hidden = true;
-    try {
-      await act();
-    } catch (error) {
-      put(failure, reasonOf(error));
-      failure.hidden = false;
-    }
   }
 
   return {

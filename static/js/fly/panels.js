@@ -3,14 +3,14 @@
  *
  * createFlightPanels(element) -> {name: element}     refused: of a marker that was not set
  * windowOf({duration, lead}) -> s     width of the strips; a short flight fills them
- * limitsOf(channels) -> Node[]        "|N_y| 0.5 g", of the limited channels
+ * limitsOf(channels)                  "|N_y| 0.5 g", of the limited channels
  * cautionText({kind, reason}, at)     "NOT APPLICABLE at 3.4 s: ..."; at: time in words
  * waitingOf(alarms) -> {warnings, cautions}    the unacknowledged ones
  * acknowledgementOf(alarm, isLive) -> event    isLive: flight time runs with the time of day
  * recordedFlag(alarm) -> {key, t, word} | null    mark of an exceedance as recorded, not from trim
  */
 
-import { h, symbolNodes } from "../lib/dom.js";
+import { h } from "../lib/dom.js";
 import { magnitudeIn, quantity, riskText } from "../lib/numbers.js";
 import { withdrawnWord } from "../lib/states.js";
 import { AS_RECORDED } from "../recordings/words.js";
@@ -62,11 +62,7 @@ export function windowOf({ duration, lead }) {
 
 export function limitsOf(channels) {
   const limited = channels.filter(({ limit }) => limit !== null);
-  return limited.flatMap((channel, k) => [
-    document.createTextNode(k > 0 ? " or |" : "|"),
-    ...symbolNodes(channel.symbol),
-    document.createTextNode(`| ${magnitudeIn(channel, channel.limit)}`),
-  ]);
+  return limited.map((channel) => `|${channel.symbol}| ${magnitudeIn(channel, channel.limit)}`).join(" or ");
 }
 
 export function alertText(alarm, alertAbove, channels) {

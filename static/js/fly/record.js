@@ -8,7 +8,7 @@
 
 import { createFlightChart } from "../charts/live/flight_chart.js";
 import { ApiError, needs, reason } from "../lib/api.js";
-import { askToConfirm, createKeepButton, h, put, state, symbolNodes } from "../lib/dom.js";
+import { askToConfirm, button, createKeepButton, deleteButton, errorLine, formatted, h, put, state } from "../lib/dom.js";
 import { createEventList } from "../lib/event_list.js";
 import { startFlight, warningLines } from "../lib/monitors.js";
 import { magnitudeIn, quantity, secondsText } from "../lib/numbers.js";
@@ -59,25 +59,37 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   panels.scene.classList.add("scene-panel");
   panels.scene.append(state("empty", "Flight ended", "The scene is shown during the flight."));
   panels.notice.hidden = false;
-  const failure = h("span", { class: "error", role: "alert", hidden: true });
-  const acknowledgeButton = h("button", { type: "button", class: "button button-small", hidden: true, onclick: () => acknowledge().catch(fail), ...needs("POST /flights/{}/alarms/{}/acknowledge") });
+  const failure = errorLine();
+  const fail = (error) => failure.show(reason(error));
+  const small = { class: "button button-small" };
+  const primary = { class: "button button-small button-primary" };
+  const isFromLive = flight.source.kind === "live";
+  const flying = needs("POST /flights");
+  const acknowledgeButton = button("", () => failure.attempt(acknowledge), { ...small, hidden: true, ...needs("POST /flights/{}/alarms/{}/acknowledge") });
   let waiting = [];
   panels.notice.append(...[
     verdictLine(flight),
-    h("p", {}, h("strong", {}, `This flight ${HOW[flight.progress] ?? "is over"}${because(flight.end_reason || why)}${endedAt(flight)}. `), "Its record is shown."),
-    h("div", { class: "row" },
+    h("p", h("strong", `This flight ${HOW[flight.progress] ?? "is over"}${because(flight.end_reason || why)}${endedAt(flight)}. `), "Its record is shown."),
+    h("div.row",
       acknowledgeButton,
-      ...(isOpen ? [h("button", { type: "button", class: "button button-small button-primary", title: "Complete the record from the samples that the server had received", onclick: askToEnd, ...needs("POST /flights/{}/end") }, "End flight")] : []),
-      ...(flight.source.kind === "live" ? [h("button", { type: "button", class: "button button-small button-primary", onclick: () => again({ kind: "journal", flight_id: flight.id }), ...needs("POST /flights") }, "Replay as it was shown")] : []),
-      h("button", { type: "button", class: `button button-small${flight.source.kind === "live" ? "" : " button-primary"}`, onclick: () => again(flight.source, flight.name), ...needs("POST /flights") }, flight.source.kind === "live" ? "Start another like it" : "Fly it again"),
-      h("a", { class: "button button-small", href: "#/fly" }, "All flights"),
-      ...(flight.recording ? [h("a", { class: "button button-small", href: `#/recordings/${flight.recording}` }, "Recording")] : []),
-      createKeepButton({ api, path, keep: flight.keep, fail, attributes: { class: "button button-small" } }),
-      h("button", { type: "button", class: "button button-small button-danger", onclick: () => askToConfirm("Delete this record?", "Deletes its samples, assessments and alarms permanently.", "Delete the record", remove), ...needs("DELETE /flights/{}") }, "Delete the record"),
-      failure),
+      isOpen && button("End flight", askToEnd, { ...primary, title: "Complete the record from the samples that the server had received", ...needs("POST /flights/{}/end") }),
+      isFromLive && button("Replay as it was shown", () => again({ kind: "journal", flight_id: flight.id }), { ...primary, ...flying }),
+      button(isFromLive ? "Start another like it" : "Fly it again", () => again(flight.source, flight.name), { ...(isFromLive ? small : primary), ...flying }),
+      h("a", { ...small, href: "#/fly" }, "All flights"),
+      flight.recording && h("a", { ...small, href: `#/recordings/${flight.recording}` }, "Recording"),
+      createKeepButton({ api, path, keep: flight.keep, fail, attributes: small }),
+      deleteButton({
+        api,
+        path,
+        what: "record",
+        consequence: "Deletes its samples, assessments and alarms permanently.",
+        done: () => navigate("#/fly"),
+        short: "the record",
+      })),
+    failure.element,
     sourceLine(flight),
     ...warningLines(flight),
-  ].filter((part) => part !== null));
+  ].filter(Boolean));
   const events = createEventList(panels.events, {
     go: (t) => {
       chart?.setWindow(t - 3, t + 3);
@@ -158,20 +170,13 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   }
 
   async function acknowledge() {
-    acknowledgeButton.disabled = true;
-    failure.hidden = true;
-    try {
-      for (const { id } of waiting) events.add(acknowledgementOf(await api.post(`${path}/alarms/${id}/acknowledge`), isLive));
-      const over = await api.get(path);
-      showResult(over);
-      const now = verdictLine(over);
-      panels.notice.querySelector(".verdict")?.remove();
-      if (now !== null) panels.notice.prepend(now);
-      entitle();
-    } catch (error) {
-      fail(error);
-    }
-    acknowledgeButton.disabled = false;
+    for (const { id } of waiting) events.add(acknowledgementOf(await api.post(`${path}/alarms/${id}/acknowledge`), isLive));
+    const over = await api.get(path);
+    showResult(over);
+    const now = verdictLine(over);
+    panels.notice.querySelector(".verdict")?.remove();
+    if (now !== null) panels.notice.prepend(now);
+    entitle();
     await offerToAcknowledge();
   }
 
@@ -203,14 +208,11 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     return frames;
   }
 
-  async function again(source, name) {
-    try {
-      const { monitor, epsilon } = flight;
-      const monitors = flight.monitors.filter(({ authority }) => !authority).map(({ id }) => id);
-      await startFlight({ api, navigate }, { source, monitor, monitors, epsilon, ...(name ? { name } : {}) });
-    } catch (error) {
-      fail(error);
-    }
+  function again(source, name) {
+    const { monitor, epsilon } = flight;
+    const monitors = flight.monitors.filter(({ authority }) => !authority).map(({ id }) => id);
+    const request = { source, monitor, monitors, epsilon, ...(name ? { name } : {}) };
+    return failure.attempt(() => startFlight({ api, navigate }, request));
   }
 
   function askToEnd() {
@@ -221,16 +223,6 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     const { progress } = await api.post(`${path}/end`);
     if (progress === "interrupted") throw new ApiError("The flight cannot be completed: its journal is missing. Its record stays as it is.", 0);
     reopen();
-  }
-
-  async function remove() {
-    await api.delete(path);
-    navigate("#/fly");
-  }
-
-  function fail(error) {
-    put(failure, reason(error));
-    failure.hidden = false;
   }
 
   return {
@@ -275,7 +267,7 @@ function exceedanceLines(exceedances, channels) {
     const channel = channels.find((each) => each.key === key);
     const when = n === 1 ? `once, at ${secondsText(first)}` : `${n} times, first at ${secondsText(first)}, last at ${secondsText(last)}`;
     const most = `worst ${quantity(channel, worst)} at ${secondsText(at)}, limit ${magnitudeIn(channel, limit)}`;
-    return h("p", { class: "exceedance-summary" }, h("strong", {}, ...symbolNodes(channel.symbol), " exceeded: "), `${when}; ${most}.`);
+    return h("p", { class: "exceedance-summary" }, h("strong", formatted(channel.symbol), " exceeded: "), `${when}; ${most}.`);
   });
 }
 

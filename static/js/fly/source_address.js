@@ -6,7 +6,7 @@
  */
 
 import { asksForToken } from "../lib/api.js";
-import { h, put, symbolNodes } from "../lib/dom.js";
+import { formatted, h, put } from "../lib/dom.js";
 
 const ANY = /^(0\.0\.0\.0|\[::\]):/; // every address of the server
 const COPIED = 1500; // ms that the button shows it
@@ -96,7 +96,7 @@ function channelTable(channels, { names, needed }, { recording }) {
 }
 
 function ownRows(channels, needed) {
-  const rows = channels.map(({ key, symbol, label, unit }) => [key, h("span", {}, ...symbolNodes(symbol), `, ${label}`), unit, needed.includes(key) ? "✓ needed" : "optional"]);
+  const rows = channels.map(({ key, symbol, label, unit }) => [key, formatted(`${symbol}, ${label}`), unit, needed.includes(key) ? "✓ needed" : "optional"]);
   return [...rows, [ATTITUDE.join(", "), "attitude, for the scene", "rad", "optional"]];
 }
 

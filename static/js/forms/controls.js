@@ -17,7 +17,7 @@
 
 import { ApiError, needs, reason } from "../lib/api.js";
 import { button, errorLine, h } from "../lib/dom.js";
-import { followInPlace } from "../lib/job_progress.js";
+import { createJobProgress } from "../lib/job_progress.js";
 import { capital, trueMinus } from "../lib/numbers.js";
 
 let controls = 0;
@@ -237,9 +237,17 @@ export function createForm({ title, word, route, content, fields = [], send, bes
   }
 
   function watch(job) {
-    const { title: titleOf, done, ...rest } = follow;
+    const { api, keep, title: titleOf, done } = follow;
     const worded = (words) => inWords(editorsOf(fields), words);
-    const place = { form, stage, focus: go };
-    const progress = followInPlace({ ...rest, ...place, job, title: titleOf(job), worded, done: (result) => done(result, progress.back) });
+    const progress = keep(createJobProgress({ api, job, title: titleOf(job), worded, done: (result) => done(result, back), back }));
+    form.hidden = true;
+    stage.append(progress.element);
+
+    function back() {
+      progress.close();
+      progress.element.remove();
+      form.hidden = false;
+      go.focus();
+    }
   }
 }

@@ -6,7 +6,6 @@
  *     (`onclick`), true is an empty attribute, false, null and undefined are left out; `value`, `checked` and
  *     `disabled` are set as properties
  * put(element, text)           changes the text only where it differs
- * symbolNodes(symbol) -> Node[]     "N_y" as N with subscript y
  * formatted(words) -> Node     "|N_y| < 0.5 g" with y as a subscript
  * piecesOf(words) -> [[text, index]]     the same, cut at each symbol; the index is empty for what is no symbol
  * loadingView(element, {title, text, loads, build}) -> {close()}    loading, then what was built, or why not
@@ -14,7 +13,7 @@
  *     keep({close}): what must end with the view.   again(): loads and builds anew
  * state(kind, title, text, ...actions)    of a panel; kind "empty" | "loading" | "error"
  * panel(title, content, {beside, ...attributes})     beside: nodes in the row of the heading
- * errorLine() -> {element, show(words), attempt(act)}     hidden while there are no words
+ * errorLine(classes) -> {element, show(words), attempt(act)}     hidden while there are no words
  *     attempt(act) -> Promise<bool>     shows why act() failed; whether it did not
  * deleteButton({api, path, what, consequence, done, short})     asks first; done() after the deletion
  *     path: of the resource.   what: "monitor “card 7”".   short: its name, for a small button in a list
@@ -64,12 +63,6 @@ export function formatted(words) {
     index ? h("span.symbol", text, h("sub", index)) : text,
   );
   return pieces.length === 1 && typeof pieces[0] !== "string" ? pieces[0] : h("span", pieces);
-}
-
-export function symbolNodes(symbol) {
-  const [head, tail] = symbol.split("_");
-  const base = document.createTextNode(head);
-  return tail === undefined ? [base] : [base, h("sub", tail)];
 }
 
 export function piecesOf(words) {
@@ -174,8 +167,8 @@ export function deleteButton({ api, path, what, consequence, done, short = "" })
   }
 }
 
-export function errorLine() {
-  const element = h("p.error", { role: "alert", hidden: true });
+export function errorLine(classes = "") {
+  const element = h("p", { class: `error ${classes}`.trim(), role: "alert", hidden: true });
   return { element, show, attempt };
 
   function show(words) {

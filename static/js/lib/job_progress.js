@@ -3,7 +3,6 @@
  *
  * createJobProgress({api, job, title, done, back, worded}) -> {element, close()}
  *     done(result), back() after a failure or a cancellation;   worded(words): the reason of a failure, as the page says it
- * followInPlace(...) -> {back()}    the job's progress in place of its form
  * jobList({api, kind, done}) -> Promise<{element | null, close()}>    jobs in progress, and the newest that did not finish
  */
 
@@ -17,20 +16,6 @@ const WORDS = {
   cancelled: "Cancelled",
   interrupted: "The server stopped before it finished",
 };
-
-export function followInPlace({ form, stage, keep, focus, ...order }) {
-  form.hidden = true;
-  const progress = keep(createJobProgress({ ...order, back }));
-  stage.append(progress.element);
-  return { back };
-
-  function back() {
-    progress.close();
-    progress.element.remove();
-    form.hidden = false;
-    focus?.focus();
-  }
-}
 
 export function createJobProgress({ api, job, title, done, back, worded = (words) => words }) {
   const bar = h("progress.progress", { "aria-label": "progress" });

@@ -11,8 +11,7 @@ import { errorLine } from "./dom.js";
 
 export function watching(page, look, { every = 5000, silence = 8000 } = {}) {
   const { title } = document;
-  const line = errorLine();
-  line.element.classList.add("stale-line");
+  const line = errorLine("stale-line");
   page.prepend(line.element);
   let answered = Date.now();
   let asking = false;

@@ -19,15 +19,8 @@ export function showComparison(element, context) {
     kind: "study",
     guide: "first-monitor#which-method",
     address: "#/monitors/compare",
-    loading: "Loading datasets and past comparisons",
-    working: "Training and testing monitors of five methods",
-    another: "New comparison",
     hint: "The same figures as files, in the paper's form.",
-    past: {
-      title: "Past comparisons",
-      words: ({ n_monitors, n_test }) => `${n_monitors} monitors of each method, ${n_test} flights each`,
-      none: ["No comparison yet", "Press Compare to run the first one. It takes about a minute with the numbers above."],
-    },
+    requestWords: ({ n_monitors, n_test }) => `${n_monitors} monitors of each method, ${n_test} flights each`,
     form,
     result,
   });

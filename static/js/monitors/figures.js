@@ -7,7 +7,7 @@
  *     alike: share of safe flights with an alert at which the latter compares methods
  */
 
-import { barKey, createFigure, createPlot, EPSILON, framed, SPARE, UNIT_SHARE } from "../charts/figure.js";
+import { createFigure, EPSILON, SPARE, UNIT_SHARE } from "../charts/figure.js";
 import { figure as number, percent } from "../lib/numbers.js";
 
 const METHOD_MARKS = ["circle", "square", "triangle", "diamond", "plus", "cross"];
@@ -91,24 +91,22 @@ export function curvesFigure({ curves, n_unsafe, n_safe }) {
 
 export function leadFigure({ leads, lead, epsilon, n_unsafe }) {
   const { edges, counts, n_without, n_timely, p05, median, p95 } = leads;
-  const plot = createPlot({
-    x: { label: "time from the first alert to the failure [s]", domain: [0, edges.at(-1)] },
-    y: { label: "failing flights", domain: [0, SPARE * Math.max(1, ...counts)] },
-    label: `Warning lead times of ${n_unsafe} failing flights: median ${number(median)} s, ${n_timely} at least ${number(lead)} s, ${n_without} without an alert`,
-  });
-  counts.forEach((count, k) => {
-    const isLate = edges[k + 1] <= lead + 1e-9;
-    if (count) plot.bar(edges[k], edges[k + 1], 0, count, isLate ? "plot-unsafe-bar" : "plot-safe-bar");
-  });
-  plot.vertical(lead, "plot-limit", `promised ${number(lead)} s`);
+  const bars = counts.map((count, k) => [edges[k], edges[k + 1], 0, count]);
+  const isLate = ([, end]) => end <= lead + 1e-9;
   const spread = `Median ${number(median)} s, 5–95 % ${number(p05)} to ${number(p95)} s.`;
   const middle = median === null ? "No failing flight had an alert." : spread;
-  return framed(
-    `Warning lead times at ε = ${number(epsilon)}`,
-    plot.svg,
-    barKey(plot, "in time", "too late"),
-    `${middle} ${n_timely} of ${n_unsafe} failing flights were warned in time, ${n_without} had no alert.`,
-  );
+  return createFigure({
+    title: `Warning lead times at ε = ${number(epsilon)}`,
+    words: `${middle} ${n_timely} of ${n_unsafe} failing flights were warned in time, ${n_without} had no alert.`,
+    label: `Warning lead times of ${n_unsafe} failing flights: median ${number(median)} s, ${n_timely} at least ${number(lead)} s, ${n_without} without an alert`,
+    x: { label: "time from the first alert to the failure [s]", domain: [0, edges.at(-1)] },
+    y: { label: "failing flights", domain: [0, SPARE * Math.max(1, ...counts)] },
+    series: [
+      { look: "plot-safe-bar", bars: bars.filter((bar) => !isLate(bar)), words: "in time" },
+      { look: "plot-unsafe-bar", bars: bars.filter(isLate), words: "too late" },
+    ],
+    rules: [{ x: lead, look: "plot-limit", words: `promised ${number(lead)} s` }],
+  });
 }
 
 export function preventionFigure({ prevention, epsilon }) {

@@ -16,15 +16,8 @@ export function showSweep(element, context) {
     kind: "sweep",
     guide: "method#how-early",
     address: "#/monitors/sweep",
-    loading: "Loading datasets and past studies",
-    working: "Training and testing monitors of each method and warning lead time",
-    another: "New study",
-    past: {
-      title: "Past studies",
-      words: ({ tests, methods, leads_s: leads }) =>
-        `${tests.join(", ")}; ${methods.length} methods at ${leads.map((lead) => figure(lead)).join(", ")} s`,
-      none: ["No study yet", "Press Start the study to run the first one. It takes about a minute with the numbers above."],
-    },
+    requestWords: ({ tests, methods, leads_s: leads }) =>
+      `${tests.join(", ")}; ${methods.length} methods at ${leads.map((lead) => figure(lead)).join(", ")} s`,
     form,
     result,
   });

@@ -1,8 +1,8 @@
 /**
  * A study of many monitors: its form with past studies, the running job, its result.   query: job (a past study), dataset
  *
- * page: {title, kind, guide, address, loading, working, another, past, form, result}
- *     guide: section of the guide.   kind: of its jobs.   past: {title, words(request), none: [title, text]}
+ * page: {title, kind, guide, address, requestWords(request), form, result, hint}
+ *     guide: section of the guide.   kind: of its jobs.   hint: about the figures' files
  *     form({catalog, api, datasets, chosen}) -> {path, word, fields, content, beside, read()}     chosen: id of a dataset
  *     result(job, catalog) -> nodes
  */
@@ -15,17 +15,17 @@ import { createJobProgress } from "../lib/job_progress.js";
 import { moment } from "../lib/numbers.js";
 
 export function showStudyPage(element, { query, api, navigate }, page) {
-  const { title, kind, guide, address, loading, working, another, past, form, result, hint } = page;
-  return loadingView(element, { title, text: loading, loads: [loadCatalog], build });
+  const { title, kind, guide, address, requestWords, form, result, hint } = page;
+  return loadingView(element, { title, text: "Loading past studies", loads: [loadCatalog], build });
 
   async function build({ keep, again }, catalog) {
     const help = guideLink(guide, title);
     const id = query.get("job");
     if (!id) return pageOf(title, [help], await begin(catalog));
     const job = await api.get(`/jobs/${id}`);
-    const actions = [link(another, address), help];
+    const actions = [link("New study", address), help];
     if (job.status === "done") return pageOf(title, actions, result(job, catalog), figureFiles(job, hint));
-    const progress = createJobProgress({ api, job, title: working, done: again, back: () => navigate(address) });
+    const progress = createJobProgress({ api, job, title: "Training and testing the monitors", done: again, back: () => navigate(address) });
     return pageOf(title, actions, keep(progress).element);
   }
 
@@ -43,9 +43,10 @@ export function showStudyPage(element, { query, api, navigate }, page) {
 
   function pastStudies(jobs) {
     const rows = jobs.map(({ id, status, created, request }) =>
-      h("li", h("a", { href: `${address}?job=${id}` }, moment(created)), ` ${status}, ${past.words(request)}`),
+      h("li", h("a", { href: `${address}?job=${id}` }, moment(created)), ` ${status}, ${requestWords(request)}`),
     );
-    return panel(past.title, rows.length ? h("ul", rows) : empty(...past.none));
+    const none = empty("No study yet", "The first one takes about a minute with the numbers above.");
+    return panel("Past studies", rows.length ? h("ul", rows) : none);
   }
 }
 

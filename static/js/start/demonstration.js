@@ -9,7 +9,7 @@ import { showLiveFlight } from "../fly/live_flight.js";
 import { may } from "../lib/api.js";
 import { demonstration } from "../lib/demonstration.js";
 import { button, errorLine, failure, formatted, h, link } from "../lib/dom.js";
-import { storyOf } from "./picture.js";
+import { magnitudeIn } from "../lib/numbers.js";
 import { createRecordedFlight } from "./recorded_flight.js";
 
 const RECORDING = new URL("recording.json", import.meta.url);
@@ -74,14 +74,17 @@ export function show(element, { api, navigate }) {
 }
 
 /** What happens in the flight, in words that light up as it happens; at its end what comes next. */
-function createStory(recording, { again, api }) {
-  const { alert, exceeded, channel, limit, lead } = storyOf(recording);
+function createStory({ hello, messages }, { again, api }) {
+  const alarms = messages.map(({ message }) => message.alarm).filter(Boolean);
+  const [alert, exceeded] = ["risk", "limit"].map((wanted) => alarms.find(({ kind }) => kind === wanted));
+  const channel = hello.channels.find(({ key }) => key === exceeded.exceedance.channel);
+  const limit = magnitudeIn(channel, channel.limit);
   const steps = [
     [0, "Simulated F-16 in a rudder doublet"],
     [alert.t, `Alert: ${channel.symbol} is about to exceed ${limit}`],
-    [exceeded.t, `${channel.symbol} exceeds ${limit}, ${lead} s after the alert`],
+    [exceeded.t, `${channel.symbol} exceeds ${limit}, ${(exceeded.t - alert.t).toFixed(2)} s after the alert`],
   ].map(([t, text]) => ({ t, item: h("li", {}, h("span", { class: "story-time" }, `${t.toFixed(2)} s`), formatted(text)) }));
-  const promise = h("p", { class: "hint", hidden: true }, guarantee(recording.hello));
+  const promise = h("p", { class: "hint", hidden: true }, guarantee(hello));
   const next = h("div", { class: "row", hidden: true });
   const refused = errorLine();
   const element = h("div.story", h("ol", steps.map(({ item }) => item)), promise, next, refused.element);

@@ -4,21 +4,16 @@ import { may, needs } from "../lib/api.js";
 import { demonstration } from "../lib/demonstration.js";
 import { button, errorLine, h, link } from "../lib/dom.js";
 import { canFly, fittingMonitor, startFlight } from "../lib/monitors.js";
-import { drawPicture } from "./picture.js";
 
-const RECORDING = new URL("recording.json", import.meta.url);
 const EXAMPLE = "example-flight.csv";
-const TRIM = 5; // s
-const DEGREES = 180 / Math.PI;
-const COLUMNS = ["t_s", "beta_deg", "p_degps", "r_degps", "ay_g", "da_deg", "dr_deg"];
-const FACTORS = [DEGREES, DEGREES, DEGREES, 1, DEGREES, DEGREES];
+const CAPTION = "Warned 0.45 s before the limit: lateral acceleration of a simulated F-16 in a rudder doublet.";
 
 export function show(element, { api, navigate }) {
   let closed = false;
   const go = (hash) => closed || navigate(hash);
-  const recording = fetch(RECORDING).then((response) => response.json());
-  const picture = h("div", { class: "start-picture" });
-  recording.then((given) => picture.replaceChildren(drawPicture(given)), () => picture.remove());
+  const drawing = h("div");
+  const picture = h("figure.start-picture", drawing, h("figcaption", CAPTION));
+  shipped("picture.svg").then((file) => file.text()).then((text) => (drawing.innerHTML = text), () => picture.remove());
 
   const jobs = [
     job({
@@ -69,7 +64,7 @@ export function show(element, { api, navigate }) {
 
   async function score(say) {
     const monitor = await aMonitor(say);
-    go(await scoreExample(api, await recording, monitor));
+    go(await scoreExample(api, monitor));
   }
 
   async function connect(say) {
@@ -87,6 +82,8 @@ export function show(element, { api, navigate }) {
     return fittingMonitor(await api.get("/monitors"));
   }
 }
+
+const shipped = (name) => fetch(new URL(name, import.meta.url)); // with the page
 
 function job({ title, text, action: [words, act, attributes = {}], more }) {
   const refused = errorLine();
@@ -111,8 +108,8 @@ function job({ title, text, action: [words, act, attributes = {}], more }) {
  * The address of the scoring of an example: the demonstration's flight as a recorder would have written it, after 5 s
  * in trim; of its recording where no monitor is given.
  */
-async function scoreExample(api, recording, monitor) {
-  const id = await uploaded(api, recording);
+async function scoreExample(api, monitor) {
+  const id = await uploaded(api);
   const path = `/recordings/${id}`;
   if (monitor === undefined) return `#${path}`;
   const { mapping, ready } = await api.get(path);
@@ -122,15 +119,9 @@ async function scoreExample(api, recording, monitor) {
   return `#${path}?scoring=${scoring.id}`;
 }
 
-async function uploaded(api, recording) {
+async function uploaded(api) {
   const known = (await api.get("/recordings")).find(({ name }) => name === EXAMPLE);
   if (known !== undefined) return known.id;
-  const file = new Blob([csvOf(recording)]);
+  const file = await (await shipped(EXAMPLE)).blob();
   return (await api.upload(`/recordings?${new URLSearchParams({ name: EXAMPLE })}`, file).ended).id;
-}
-
-function csvOf({ hello: { dt }, frames: { whole: { y } } }) {
-  const trim = Array.from({ length: Math.round(TRIM / dt) }, () => FACTORS.map(() => 0));
-  const rows = [...trim, ...y].map((sample, k) => [k * dt, ...sample.map((value, c) => value * FACTORS[c])]);
-  return [COLUMNS, ...rows.map((row) => row.map((value) => Number(value.toPrecision(8))))].map((row) => `${row.join(",")}\n`).join("");
 }

@@ -12,7 +12,7 @@ from core.monitor import Monitor
 from tests.browser.chromium import wait_until
 from tests.browser.recorded_site import RecordedSite, open_recorded_site
 from tests.browser.site import Site, open_site
-from tests.support.demonstration_recording import FILE, MODE
+from tests.support.demonstration_recording import EXAMPLE, FILE, MODE, PICTURE, example, picture
 
 STEPS_DONE = "document.querySelectorAll('.story li[data-done]').length"
 READY = {"phase": "ready", "step": "flying", "share": 1.0, "elapsed": 40.0, "remaining": 0.0}
@@ -63,6 +63,8 @@ def test_the_shipped_recording_is_small_and_warns_before_the_limit():
     assert verdict["lead"] == pytest.approx(0.45)
     frames = recording["frames"]["whole"]
     assert {len(column) for column in frames.values()} == {121}
+    assert picture(recording) == PICTURE.read_text()
+    assert example(recording) == EXAMPLE.read_text()
 
 
 def test_the_recording_plays_to_its_end_without_a_monitor(played: Page, fresh: Site):

@@ -45,7 +45,7 @@ def test_limits_are_changed_in_flight_and_a_monitor_of_others_says_no_number(
     fly.steer("step", 1)
     fly.gauge_says("NOT APPLICABLE")
     expect(page.locator(".gauge-number")).to_have_text("")
-    expect(page.locator(".alarm-banner")).to_contain_text("NOT APPLICABLE at 1.05 s: |N_y| 0.4 g")
+    expect(page.locator(".alarm-banner")).to_contain_text("NOT APPLICABLE at 1.05 s: |Ny| 0.4 g")
     expect(
         page.locator(".event", has_text="limits in force: fast (envelope version 1")
     ).to_have_count(1)

@@ -8,7 +8,7 @@
  *     ahead: see charts/live/flight_chart.js; t, state: of the newest sample [s], as shown; null for none
  */
 
-import { h, symbolNodes } from "../../lib/dom.js";
+import { formatted, h } from "../../lib/dom.js";
 import { magnitudeIn, percent } from "../../lib/numbers.js";
 
 const WORST = ["predicted", "possible", "none"];
@@ -31,22 +31,21 @@ export function createRestOfCard(element, noRest) {
 
   /** Level and words. */
   function reading(stale) {
-    if (stale) return ["unknown", ["not known: the display is stale"]];
+    if (stale) return ["unknown", "not known: the display is stale"];
     const { ahead, t, state } = now;
-    if (ahead === null) return ["unknown", [UNKNOWN[state] ?? "not known"]];
-    if (ahead.why) return ["unknown", [ahead.why]];
+    if (ahead === null) return ["unknown", UNKNOWN[state] ?? "not known"];
+    if (ahead.why) return ["unknown", ahead.why];
     if (ahead.peak) return [levelOf(ahead.peak), peakWords(ahead.peak)];
     const worst = worstOf(now);
     return [worst.level, wordsOf(worst, t)];
   }
 
   function draw(stale) {
-    const [level, nodes] = reading(stale);
-    const text = nodes.map((node) => node.textContent ?? node).join("");
+    const [level, text] = reading(stale);
     if (`${level} ${text}` === shown) return;
     shown = `${level} ${text}`;
     element.dataset.level = level;
-    line.replaceChildren(...nodes);
+    line.replaceChildren(formatted(text));
   }
 
   return {
@@ -74,15 +73,14 @@ function levelOf({ mean, high }) {
 function peakWords(peak) {
   const [mean, low, high] = [peak.mean, peak.low, peak.high].map((share) => percent(share, 0));
   const words = `peak still to come, of any limited channel: ${mean} of its limit (90 %: ${low} to ${high})`;
-  return [{ predicted: "▲ exceedance predicted, ", possible: "◇ may exceed, ", none: "" }[levelOf(peak)] + words];
+  return { predicted: "▲ exceedance predicted, ", possible: "◇ may exceed, ", none: "" }[levelOf(peak)] + words;
 }
 
 function wordsOf({ channel, level, at }, t) {
-  if (level === "none") return ["no exceedance predicted in the rest of the card"];
+  if (level === "none") return "no exceedance predicted in the rest of the card";
   const limit = magnitudeIn(channel, channel.limit);
   const within = `${Math.max(0, at - t).toFixed(1)} s`;
-  const symbol = symbolNodes(channel.symbol);
   return level === "predicted"
-    ? ["▲ ", ...symbol, ` predicted to exceed ${limit} in ${within}`]
-    : ["◇ ", ...symbol, ` may exceed ${limit} in ${within}: the 90 % band reaches it`];
+    ? `▲ ${channel.symbol} predicted to exceed ${limit} in ${within}`
+    : `◇ ${channel.symbol} may exceed ${limit} in ${within}: the 90 % band reaches it`;
 }

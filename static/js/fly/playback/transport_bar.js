@@ -13,8 +13,8 @@
  *   keys                 {key: act} for the page's shortcuts
  */
 
-import { may, needs, reason } from "../../lib/api.js";
-import { h, put } from "../../lib/dom.js";
+import { may, needs } from "../../lib/api.js";
+import { errorLine, h, put } from "../../lib/dom.js";
 
 const STEER = "POST /flights/{}/transport";
 const KEYS = { " ": "space", ",": "comma", ".": "period" }; // in words
@@ -51,9 +51,9 @@ export function createTransportBar(element, { act, end }) {
   const marks = h("div", { class: "scrub-marks", "aria-hidden": "true" });
   const track = h("div", { class: "scrub-track" }, marks, slider);
   const time = h("span", { class: "transport-time" });
-  const failure = h("span", { class: "error transport-error", role: "status", hidden: true });
+  const failure = errorLine("transport-error");
   const stop = h("button", { type: "button", class: "button button-small", title: "End this flight; its record is kept", onclick: end, hidden: end === null, ...needs("POST /flights/{}/end") }, "End flight");
-  element.append(...buttons, speed, track, time, stop, failure);
+  element.append(...buttons, speed, track, time, stop, failure.element);
 
   slider.addEventListener("input", () => {
     dragging = true;
@@ -68,15 +68,9 @@ export function createTransportBar(element, { act, end }) {
 
   async function send(action, value) {
     if (!steers()) return;
-    failure.hidden = true;
-    try {
-      await act(action, value); // the change arrives by the stream, in order
-    } catch (error) {
-      sought = null;
-      showTime();
-      put(failure, reason(error));
-      failure.hidden = false;
-    }
+    if (await failure.attempt(() => act(action, value))) return; // the change arrives by the stream, in order
+    sought = null;
+    showTime();
   }
 
   /** One seek at a time; meanwhile only the newest request is kept. */
@@ -106,8 +100,7 @@ export function createTransportBar(element, { act, end }) {
     if (!steers()) return Promise.resolve();
     const later = marked.find((t) => t > shownTime() + 1e-6);
     if (later !== undefined) return seek(later);
-    put(failure, "No event follows. Seek back to find one.");
-    failure.hidden = false;
+    failure.show("No event follows. Seek back to find one.");
     return Promise.resolve();
   }
 
@@ -192,7 +185,7 @@ export function createTransportBar(element, { act, end }) {
       if (!usable) sought = null;
       showTime();
       for (const part of [...buttons, speed, slider, stop]) part.disabled = !usable;
-      failure.hidden = true;
+      failure.show("");
     },
   };
 }
