@@ -116,15 +116,6 @@ def updated(campaign: Campaign, point: Point) -> DatasetRecipe:
     return replace(campaign.test_of(point), aircraft=replace(known, sources=sources))
 
 
-def derivatives(campaign: Campaign) -> list[dict[str, Any]]:
-    """Identifications at each flight condition, after each of its complete points."""
-    return [
-        {"condition": condition.name, "after": after}
-        for condition in campaign.conditions
-        if (after := [identification_plain(each) for each in history(campaign, condition.name)])
-    ]
-
-
 def history(campaign: Campaign, condition: str) -> list[Identification]:
     """Identifications after the first complete point, after the second, and so on."""
     n_flown = len(campaign.flown(condition))

@@ -40,6 +40,8 @@ class CampaignCondition(Entry):
     aircraft: str
     test: SentRecipe
     """recipe of a dataset, of its last point"""
+    figure: str = ""
+    """predicted and flown peaks as SVG, with the campaign itself only"""
 
 
 @dataclass(frozen=True)

@@ -83,8 +83,9 @@ def build_up_plot(campaign: Campaign, condition: str) -> Markup:
     for at, point in zip(peaks, points, strict=True):
         if point.clearing:
             interval = 100.0 * np.array(point.clearing.reached)
-            strip.line("predicted", np.full(3, at), interval)
-            strip.marks("predicted stroke", np.full(3, at), interval, STROKE)
+            kind = "predicted doubted" if point.clearing.withdrawn else "predicted"
+            strip.line(kind, np.full(3, at), interval)
+            strip.marks(kind, np.full(3, at), interval, STROKE)
         if point.flown:
             failed = point.failed or point.state == "aborted"
             look = ("not-passed", CROSS) if failed else ("flown", DOT)

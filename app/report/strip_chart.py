@@ -27,6 +27,7 @@ Intervals = Iterable[tuple[float, float]]
 TITLED, PIXELS = 20.0, 2
 """Height above a chart for its title [px]; pixels of a file per unit of the chart."""
 TRIANGLE, STROKE, CROSS = "l-3.5-6h7z", "m-5 0h10", "m-4-4l8 8m-8 0l8-8"
+STYLE = (Path(__file__).parent / "chart.css").read_text()
 DOT = "m-3 0a3 3 0 1 0 6 0a3 3 0 1 0-6 0z"
 BINS = 1200
 """Columns of a trace; paper shows no more."""
@@ -184,14 +185,13 @@ class StripChart:
 
     def file(self, title: str) -> bytes:
         """The chart as an SVG file of its own, with its styles and a title above it."""
-        here = Path(__file__).parent
-        style, hatch = (here / "chart.css").read_text(), (here / "hatch.svg").read_text()
+        hatch = (Path(__file__).parent / "hatch.svg").read_text()
         width, height = round(WIDTH * PIXELS), round((self.height + TITLED) * PIXELS)
         box = f"0 {-TITLED:g} {WIDTH:g} {height / PIXELS:g}"
         svg = (
             f'<svg xmlns="http://www.w3.org/2000/svg" class="chart" width="{width}" '
             f'height="{height}" viewBox="{box}"><title>{escape(title)}</title>'
-            f"<style>{style}</style>{hatch}"
+            f"<style>{STYLE}</style>{hatch}"
             f'<rect y="{-TITLED:g}" width="100%" height="100%" fill="#ffffff"/>'
             f"{_text(WIDTH / 2, -6, title, 'middle')}{self.content()}</svg>\n"
         )
@@ -211,6 +211,11 @@ class StripChart:
         axis.append(_text((self.left + WIDTH - RIGHT) / 2, self.height - 4, self.axis, "middle"))
         strips = [part for strip in self._strips for part in strip.svg(times)]
         return "".join(strips + axis + self._words)
+
+
+def styled(chart: Markup) -> str:
+    """A chart with its styles, for a page that has none of them."""
+    return f"<style>{STYLE}</style>{chart}"
 
 
 def ticks(low: float, high: float, n: int) -> Iterator[tuple[float, str]]:

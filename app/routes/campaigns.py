@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends
@@ -11,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from app.access.people import Person
 from app.assessment.segments import Interval
 from app.campaigns.campaign import Campaign, from_file
-from app.campaigns.clearing import check_computable, derivatives
+from app.campaigns.clearing import check_computable, history, identification_plain
 from app.campaigns.flying import aborted_flight, flown_point
 from app.campaigns.point import CampaignError, FlownPoint
 from app.campaigns.stored import CampaignDetails, Campaigns, CampaignSummary, check_next
@@ -25,7 +26,8 @@ from app.jobs.campaigns import (
 )
 from app.recipes.recipes import limits_named, stored_names, to_plain
 from app.recordings.recordings import Recordings
-from app.report.campaign import campaign_page
+from app.report.campaign import build_up_plot, campaign_page, derivatives_plot
+from app.report.strip_chart import styled
 from app.routes.dependencies import (
     PAGE_TO_PRINT,
     By,
@@ -154,7 +156,13 @@ def _made(details: CampaignDetails) -> Any:
 @router.get("/{campaign_id}")
 def read_campaign(campaign_id: str, campaigns: CampaignsDep) -> CampaignDetails:
     """One campaign, point by point."""
-    return campaigns.details(campaign_id)
+    _, campaign = campaigns.get(campaign_id)
+    details = campaigns.details(campaign_id)
+    drawn = [
+        replace(condition, figure=styled(build_up_plot(campaign, condition.name)))
+        for condition in details.conditions
+    ]
+    return replace(details, conditions=drawn)
 
 
 @router.delete("/{campaign_id}", status_code=204)
@@ -176,10 +184,21 @@ def read_derivatives(campaign_id: str, campaigns: CampaignsDep) -> list[dict[str
     """Identified parameters of the aircraft at each flight condition after each completed point.
 
     Each parameter is [mean, standard deviation] before and after the point, with a flag whether the
-    point determined it.
+    point determined it. `figure` shows them as SVG.
     """
     _, campaign = campaigns.get(campaign_id)
-    return json_response(derivatives(campaign))
+    found = {each.name: history(campaign, each.name) for each in campaign.conditions}
+    return json_response(
+        [
+            {
+                "condition": condition,
+                "after": [identification_plain(each) for each in after],
+                "figure": styled(derivatives_plot(after)),
+            }
+            for condition, after in found.items()
+            if after
+        ]
+    )
 
 
 @router.get("/{campaign_id}/report", response_class=HTMLResponse)

@@ -14,6 +14,8 @@ from app.recordings.answers import preview, recording_answer, signal_bands
 from app.recordings.recordings import Abandoned, Upload
 from app.recordings.training_proposal import training_proposal
 from app.recordings.upload import plain_name
+from app.report.figures import faults
+from app.report.strip_chart import styled
 from app.routes.dependencies import (
     Finite,
     RecordingsDep,
@@ -259,7 +261,7 @@ async def upload_recording(
         raise Problem(408, text) from None
     location = {"Location": f"/api/v1/recordings/{recording_id}"}
     answer = await asyncio.to_thread(recording_answer, recordings, recording_id)
-    return json_response(answer, 201, location)
+    return json_response(_drawn(answer), 201, location)
 
 
 @router.get("")
@@ -271,7 +273,7 @@ def list_recordings(recordings: RecordingsDep) -> list[RecordingInfo]:
 @router.get("/{recording_id}")
 def read_recording(recording_id: str, recordings: RecordingsDep) -> RecordingDetails:
     """One recording with its contents and mapping."""
-    return json_response(recording_answer(recordings, recording_id))
+    return json_response(_drawn(recording_answer(recordings, recording_id)))
 
 
 @router.delete("/{recording_id}", status_code=204, responses=problem_responses(409))
@@ -291,7 +293,7 @@ def confirm_mapping(
     """
     mapping = Mapping.from_plain(request.mapping.to_plain())
     recordings.confirm_mapping(recording_id, mapping, request.aircraft, remember=request.remember)
-    return json_response(recording_answer(recordings, recording_id))
+    return json_response(_drawn(recording_answer(recordings, recording_id)))
 
 
 @router.post("/{recording_id}/preview")
@@ -303,7 +305,15 @@ def preview_mapping(
     If the mapping cannot be applied, `problem` has the reason and there are no channels.
     """
     mapping = Mapping.from_plain(request.mapping.to_plain())
-    return json_response(preview(recordings, recording_id, mapping, request.bins))
+    return json_response(_drawn(preview(recordings, recording_id, mapping, request.bins)))
+
+
+def _drawn(answer: dict[str, Any]) -> dict[str, Any]:
+    """The answer with the faults of its data as SVG; empty without faults."""
+    figure = faults(answer["quality"])
+    if answer["quality"] is None:
+        return answer
+    return answer | {"quality": answer["quality"] | {"figure": styled(figure) if figure else ""}}
 
 
 @router.get("/{recording_id}/signals/{index}/preview")

@@ -1,10 +1,10 @@
 /** One campaign: next point, build-up, table of points, identified aircraft. */
 
+import { drawnFigure } from "../charts/figure.js";
 import { needs, reason } from "../lib/api.js";
 import { deleteButton, guideLink, h, link, loading, loadingView, pageOf, sentences, table } from "../lib/dom.js";
 import { UNDER_WAY } from "../lib/job_progress.js";
 import { figure, moment, percent } from "../lib/numbers.js";
-import { buildUpFigure, derivativesFigure } from "./figures.js";
 import { nextPoint } from "./next_point.js";
 import { percentAtMost, predictedWords, reachedWords, stateChip } from "./states.js";
 import { watching } from "../lib/watching.js";
@@ -54,7 +54,8 @@ export function showCampaign(element, { id, api, navigate }) {
         }),
       ],
       h("p.dim", campaign.aircraft.join("; ")),
-      h("div.figures.campaign-figures", next.element, conditions.map(({ name }) => buildUp(points, name))),
+      next.element,
+      conditions.map(buildUp),
       table({ columns: POINTS, items: points, row: ({ name }) => ({ "data-point": name }) }),
       isComputed &&
         h("p", `Probability that any computed clearance leads to an exceedance: at most ${percentAtMost(most)}, over the simulated aircraft and flights.`),
@@ -73,9 +74,9 @@ export function showCampaign(element, { id, api, navigate }) {
   }
 }
 
-function buildUp(points, name) {
-  const there = points.filter(({ condition }) => condition === name);
-  return h("section.panel", buildUpFigure(there, name ? `Build-up at ${name}` : "Build-up"));
+function buildUp({ name, figure }) {
+  const words = "Line: limit. Bars: predicted before the flight, 5, 50 and 95 %; dashed: prediction withdrawn. Dots: flown. Crosses: not passed, or aborted.";
+  return h("section.panel", drawnFigure(figure, name ? `Build-up at ${name}` : "Build-up", words));
 }
 
 function eventWords({ state, by, at, words }) {
@@ -122,10 +123,13 @@ function identified(condition) {
   const uncertain = last.parameters.filter(({ before }) => before[1] > 0);
   const shares = (k) => OUTPUTS.map((key, c) => `${key} ${figure(last.r2[k][c])}`).join(", ");
   const fits = last.sources.map((source, k) => `${source}: R² ${shares(k)}`);
-  const figures = [h("section.panel", derivativesFigure(condition)), table({ columns: DERIVATIVES, items: uncertain })];
+  const where = condition.condition && ` at ${condition.condition}`;
+  const title = `Derivatives${where}, after ${last.sources.join(", ")}`;
+  const words = "Each derivative after each point, 95 %; the last point is brightest. Shaded: 95 % of the values expected before the campaign.";
   return h(
     "section.stack",
-    h("div.figures.campaign-figures", figures),
+    h("section.panel", drawnFigure(condition.figure, title, words)),
+    table({ columns: DERIVATIVES, items: uncertain }),
     sentences([...fits, `Mean squared distance from the expected aircraft: ${figure(last.distance)} (expected: about 1 or less).`]),
   );
 }

@@ -6,6 +6,7 @@
  *     series: [{look, line [[x, y]], band [[x, low, high]], bars [[x0, x1, y0, y1]], mark, marks [[x, y]], words}]
  *       look: a class;   marks: the line's points by default; words: in the key; one with words only explains another
  *     rules: [{x | y, look, words}]     a line across
+ * drawnFigure(svg, title, words)    as the server drew it
  * UNIT_SHARE, EPSILON   axes from 0 to 1.   SPARE   of an axis above its greatest value
  *
  * createPlot({x: {label, domain, format}, y: {...}, label, width, height}) -> Plot     label: for screen readers
@@ -44,10 +45,20 @@ export function createFigure({ title, words, label, x, y, height, series, rules 
     at === undefined ? plot.horizontal(level, look, text) : plot.vertical(at, look, text),
   );
   const key = series.filter((entry) => entry.words).map((entry) => h("span", sample(entry, plot), entry.words));
-  const caption = h("figcaption", h("span.figure-title", title), h("span.figure-key", key), words && h("p.hint", words));
-  const figure = h("figure.figure-block", caption, plot.svg);
+  const figure = framed(title, plot.svg, h("span.figure-key", key), words);
   figure.rules = drawn;
   return figure;
+}
+
+function framed(title, drawing, key, words) {
+  const caption = h("figcaption", h("span.figure-title", title), key, words && h("p.hint", words));
+  return h("figure.figure-block", caption, drawing);
+}
+
+export function drawnFigure(drawing, title, words) {
+  const holder = h("div");
+  holder.innerHTML = drawing;
+  return framed(title, holder, null, words);
 }
 
 /** A line of a key. */
@@ -164,7 +175,7 @@ function createPlot({ x, y, label, width = 600, height = 310 }) {
   };
 }
 
-export function niceTicks(low, high, about) {
+function niceTicks(low, high, about) {
   const rough = (high - low) / about;
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = power * ([1, 2, 5].find((factor) => factor * power >= rough) ?? 10);

@@ -70,6 +70,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   const raised = new Set();
   let hello = null; // set together with display
   let display = null;
+  let described = { source: "–", monitor: "–" }; // for the status strip
   let notes = null; // of a replayed recording
   let source = null; // of a live flight
   let address = null;
@@ -104,7 +105,8 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
 
   function onHello(message, again) {
     hello = message;
-    const { channels, epsilon, lead, warnings, state, reason: why, cause } = hello;
+    const { channels, epsilon, lead, warnings, state, reason: why, cause, mode, validity, no_rest: noRest } = hello;
+    described = { mode, source: sourceText(hello.source, hello.name), monitor: hello.monitor.name, noRest, warnings, validity };
     if (!again) {
       display = createAssessmentDisplay(panels, { hello, api, path, alarm, events, onExceedance });
       if (hello.source.kind === "recording") showNotes();
@@ -340,12 +342,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
       alarm.setStale(isStale(headline) ? staleText(display.cause, display.timeline.age(wall)) : "");
     }
     status.update({
-      mode: hello?.mode,
-      source: hello === null ? "–" : sourceText(hello.source, hello.name),
-      monitor: hello?.monitor.name ?? "–",
-      noRest: hello?.no_rest,
-      warnings: hello?.warnings,
-      validity: hello?.validity,
+      ...described,
       link: connection.link,
       playing: playback.playing,
       live: true,

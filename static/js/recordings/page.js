@@ -1,12 +1,12 @@
 /** One recording: file, mapping, data quality, scorings, and the form that scores it. */
 
+import { drawnFigure } from "../charts/figure.js";
 import { previewTiles } from "../charts/recorded/tiles.js";
 import { reason } from "../lib/api.js";
 import { loadCatalog } from "../lib/catalog.js";
-import { createKeepButton, deleteButton, errorLine, h, link, loadingView, pageOf, state } from "../lib/dom.js";
+import { createKeepButton, deleteButton, errorLine, h, link, loadingView, pageOf, sentences, state } from "../lib/dom.js";
 import { createSignalList, recordingFacts } from "./facts.js";
 import { createMappingSection } from "./mapping/section.js";
-import { createQualityStrip } from "./quality_strip.js";
 import { createScoreForm } from "./scoring/form.js";
 import { createScoringList } from "./scoring/list.js";
 
@@ -33,7 +33,7 @@ export function showRecording(element, { id, query, api, navigate }) {
   function build({ keep, again }, catalog, recording, scorings, monitors, all) {
     const isReady = recording.mapping_state === "confirmed" && !recording.problem;
     const quality = createQualityStrip();
-    quality.show(recording.quality, null);
+    quality.show(recording.quality);
     const used = new Set(trained ? [trained] : scorings.map(({ monitor }) => monitor));
     const form = isReady ? keep(createScoreForm({ api, catalog, recording, monitors, used, scored })) : null;
     const mapping = keep(
@@ -76,7 +76,7 @@ export function showRecording(element, { id, query, api, navigate }) {
 
     function previewed({ channels, quality: measured, problem }, isEdited) {
       const range = previewTiles(channels);
-      quality.show(problem ? null : measured, range);
+      quality.show(problem ? null : measured);
       if (range) form?.show(channels);
       if (isEdited) form?.hold();
     }
@@ -91,5 +91,17 @@ export function showRecording(element, { id, query, api, navigate }) {
       const table = createScoringList({ api, recording, scorings: shown, changed: again, navigate });
       list.replaceChildren(...(table ? [table] : []));
     }
+  }
+}
+
+/** Faults of times and channels over time, and in sentences. */
+function createQualityStrip() {
+  const element = h("section.panel.stack-tight.quality", { "aria-label": "Data quality" });
+  return { element, show };
+
+  function show(quality) {
+    const none = h("p.dim", quality ? "✓ No gaps, repeated times, missing or frozen values." : "Available once the mapping can be applied.");
+    const drawn = quality?.figure ? drawnFigure(quality.figure, "Data quality") : [h("h2.panel-title", "Data quality"), none];
+    element.replaceChildren(...[drawn, quality && sentences(quality.sentences)].flat().filter(Boolean));
   }
 }

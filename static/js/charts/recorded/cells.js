@@ -43,14 +43,9 @@ export function cellsOf(set, manoeuvres, { view, step, x }) {
   }
 
   function range(key, out) {
-    const { low, high } = set.series(key);
-    let [least, greatest] = [Infinity, -Infinity];
-    for (let i = from; i < to; i++) {
-      if (low[i] < least) least = low[i];
-      if (high[i] > greatest) greatest = high[i];
-    }
-    [out[0], out[1]] = [least, greatest];
-    return least <= greatest;
+    const { low, high } = set.rangeOf(key, view);
+    [out[0], out[1]] = [low, high];
+    return low <= high;
   }
 }
 

@@ -5,6 +5,7 @@ import { foldedPanel } from "../../forms/controls.js";
 import { needs } from "../../lib/api.js";
 import {
   button,
+  chip,
   empty,
   errorLine,
   formatted,
@@ -16,15 +17,15 @@ import {
   panel,
   recipeList,
   sentences,
+  table,
 } from "../../lib/dom.js";
 import { createEventList } from "../../lib/event_list.js";
 import { createDisplayChoice, startFlight, warningMark } from "../../lib/monitors.js";
-import { count, figure, magnitudeIn, moment } from "../../lib/numbers.js";
+import { count, figure, followUnits, formatValue, magnitude, magnitudeIn, moment, shownIn } from "../../lib/numbers.js";
 import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
 import { createTrainingOffer } from "../training_offer.js";
 import { alertRule, outcomeChip, outsideChip, trimText } from "../words.js";
 import { eventsOf, flagsOf, laneOf, limitsInForceOf, manoeuvresOf } from "./events.js";
-import { createSensorTable, sensorChip } from "./sensor_table.js";
 import { scoringSource, stripOrder, TRIM_SEGMENT } from "./source.js";
 import { createVerdictTable } from "./verdict_table.js";
 
@@ -210,4 +211,47 @@ function sourceText(source, channel) {
   const sign = source.sign === -1 ? "−" : "";
   const bias = source.bias ? `, bias of ${magnitudeIn(channel, source.bias)} removed` : "";
   return `${sign}${source.signal} in ${source.unit}${bias}`;
+}
+
+const checksOf = (quality) => quality?.compatibility ?? [];
+
+/** Data compatibility: scale, bias and delay of each sensor against the others, by kinematics. */
+function createSensorTable({ quality, channels }) {
+  const checks = checksOf(quality);
+  if (!checks.length) return null;
+  const channelOf = ({ channel }) => channels.find(({ key }) => key === channel);
+  const scaleOf = ({ scale, unchecked }) => (scale ? interval(scale, figure) : h("span.dim", `not checked: ${unchecked}`));
+  const columns = [
+    ["Compared", ({ title }) => title, "name"],
+    ["Scale", scaleOf],
+    ["Bias", (check) => check.scale && biasOf(check.bias, channelOf(check))],
+    ["Delay", ({ scale, delay }) => scale && (delay ? `${interval(delay, (t) => formatValue(t))} s` : "–")],
+  ];
+  const shown = table({ columns, items: checks, group: withRemarks, classes: "sensor-table", panel: false });
+  const title = ["Data compatibility ", guideLink("first-recording#what-is-checked", "what is checked")];
+  const beside = h("span.dim", "Sensors compared by kinematics, with 95 % intervals. Changes no verdict.");
+  const content = [h("p.hint", `${quality.compatibility_tolerances}.`), shown];
+  return panel(title, content, { beside, "aria-label": "Data compatibility" });
+}
+
+function sensorChip({ quality }) {
+  const remarks = checksOf(quality).flatMap((check) => check.remarks);
+  return remarks.length ? chip("◆ DATA COMPATIBILITY: SEE REMARKS", "caution", `${remarks.join("; ")}.`) : null;
+}
+
+function withRemarks({ remarks }, row) {
+  const cell = (words) => h("td.sensor-remark", { colspan: row.children.length }, "◆ ", formatted(words));
+  const lines = remarks.map((words) => h("tr.verdict-why", cell(words)));
+  return h("tbody", { "data-remarked": String(remarks.length > 0) }, row, lines);
+}
+
+function biasOf(bias, channel) {
+  if (!bias || !channel) return "–";
+  const place = h("span");
+  const words = () => `${interval(bias, (value) => magnitude(channel, value, 3))} ${shownIn(channel).unit}`;
+  return followUnits(place, () => place.replaceChildren(words()));
+}
+
+function interval({ value, low, high }, words) {
+  return `${words(value)} (${words(low)} to ${words(high)})`;
 }
