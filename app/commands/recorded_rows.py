@@ -9,10 +9,11 @@ import numpy as np
 from app.commands.output.scores import mapping_lines, read_mapping
 from app.telemetry.contents import Columns
 from app.telemetry.mapping.applying import apply_mapping
+from app.telemetry.mapping.derivations import on_times_of
 from app.telemetry.mapping.mapping import Mapping
 from app.telemetry.mapping.proposal import Proposal, propose
 from app.telemetry.reading import columns_of
-from app.telemetry.recording import ATTITUDE, GAP_RATIO, TelemetryError, Trace
+from app.telemetry.recording import ATTITUDE, TelemetryError
 from app.telemetry.timing.repair import repair
 from app.telemetry.units import convert
 from core.channels import KEYS
@@ -44,13 +45,12 @@ def si_rows(file: Path, mapping: Path | None) -> RecordedRows:
     measured = [trace for key, trace in channels.items() if key in KEYS]
     if not measured:
         raise TelemetryError(f"{file}: none of {', '.join(KEYS)} is mapped: give a --mapping")
-    t = max((trace.t for trace in measured), key=len)
+    fastest = max(measured, key=lambda trace: len(trace.t))
+    t = fastest.t
     interpolated = [key for key, trace in channels.items() if trace.t is not t]
     if interpolated:
         notes.append(f"Interpolated linearly: {', '.join(interpolated)}.")
-    values = [
-        trace.values if trace.t is t else _interpolated(t, trace) for trace in channels.values()
-    ]
+    values = [on_times_of(fastest, trace, key) for key, trace in channels.items()]
     return RecordedRows(t, ["t", *channels], np.column_stack([t, *values]), notes)
 
 
@@ -81,16 +81,3 @@ def _mapping(columns: Columns, path: Path | None) -> tuple[Mapping, Proposal | N
         return read_mapping(path), None
     proposal = propose(columns)
     return proposal.mapping, proposal
-
-
-def _interpolated(t: Array, trace: Trace) -> Array:
-    """(n,) values at t, linear between samples; NaN in gaps and beyond either end."""
-    known = np.isfinite(trace.values)
-    if not known.any():
-        return np.full(len(t), np.nan)
-    times, values = trace.t[known], trace.values[known]
-    at_t = np.interp(t, times, values, left=np.nan, right=np.nan)
-    step = np.median(np.diff(times)) if len(times) > 1 else 0.0
-    after = np.searchsorted(times, t).clip(1, max(1, len(times) - 1))
-    distance = times[np.minimum(after, len(times) - 1)] - times[after - 1]
-    return np.where(distance > GAP_RATIO * step, np.nan, at_t)

@@ -53,8 +53,8 @@ class IntegrityReport(BaseModel):
     """Result so far of the integrity check of the stored data."""
 
     state: State = Field(
-        description="`begun`: quick check at the start; `checking` everything in the background; "
-        "`checked`; `stopped` before the end"
+        description="`begun`: starts soon; `checking` everything in the background; `checked`; "
+        "`stopped` before the end"
     )
     checked: int = Field(
         description="monitors, datasets, recordings, scorings and flights checked so far"
@@ -96,7 +96,7 @@ async def readiness(request: Request) -> Readiness:
 
 @router.get("/api/v1/integrity", tags=["health"])
 async def integrity(request: Request) -> IntegrityReport:
-    """Damaged data, from the quick check at the start and the complete check after it."""
+    """Damaged data, from the check that follows the start of the server."""
     known: Integrity = request.app.state.integrity
     damaged = await _damaged(request.app.state)
     return IntegrityReport(

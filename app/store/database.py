@@ -6,7 +6,6 @@ All SQL that only SQLite understands is in this file.
 import os
 import sqlite3
 import threading
-import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from functools import partial
@@ -254,27 +253,22 @@ def check_pages(
     engine: Engine,
     stopped: threading.Event | None = None,
     rest: Callable[[], None] = lambda: None,
-    quick_s: float | None = None,
 ) -> list[str]:
     """Check pages, rows, indices and references, table by table; one line per fault.
 
-    stopped: interrupts the check.   rest: called between tables.
-    quick_s: check pages and rows only, for at most this time [s].   Interrupted.
+    stopped: interrupts the check.   rest: called between tables.   Interrupted.
     """
     if not is_sqlite(engine.url):
         return []
-    pragmas = ["quick_check(20)"]
-    if quick_s is None:
-        tables = (f'integrity_check("{name}")' for name in table_names(engine))
-        pragmas = [*tables, "foreign_key_check"]
+    tables = (f'integrity_check("{name}")' for name in table_names(engine))
     uri = f"{Path(str(engine.url.database)).resolve().as_uri()}?mode=ro"
     connecting = partial(sqlite3.connect, uri, uri=True, timeout=BUSY_TIMEOUT_MS / 1000)
     lines: list[str] = []
     with (
         closing(connecting(check_same_thread=False)) as connection,
-        _watched(connection, stopped or threading.Event(), quick_s),
+        _watched(connection, stopped or threading.Event()),
     ):
-        for pragma in pragmas:
+        for pragma in (*tables, "foreign_key_check"):
             lines += _lines_of(connection, pragma)
             rest()
     return lines
@@ -301,16 +295,13 @@ def _lines_of(connection: sqlite3.Connection, pragma: str) -> list[str]:
 
 
 @contextmanager
-def _watched(
-    connection: sqlite3.Connection, stopped: threading.Event, seconds: float | None
-) -> Iterator[None]:
-    """Interrupt a connection when `stopped` is set or after `seconds`."""
+def _watched(connection: sqlite3.Connection, stopped: threading.Event) -> Iterator[None]:
+    """Interrupt a connection when `stopped` is set."""
     finished = threading.Event()
 
     def watch() -> None:
-        end = None if seconds is None else time.monotonic() + seconds
         while not finished.wait(POLL_S):
-            if stopped.is_set() or (end is not None and time.monotonic() > end):
+            if stopped.is_set():
                 connection.interrupt()
 
     watcher = threading.Thread(target=watch, name="integrity-watch", daemon=True)

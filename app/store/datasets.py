@@ -109,7 +109,7 @@ class StoredRollout(NamedTuple):
 class DatasetRepository(Entries[DatasetInfo]):
     """Datasets by id."""
 
-    table, entry = datasets, DatasetInfo
+    table, parts, entry = datasets, dataset_blocks, DatasetInfo
 
     def add(self, dataset: Dataset, name: str) -> DatasetInfo:
         """Store a dataset; it becomes visible once complete."""
@@ -183,10 +183,6 @@ class DatasetRepository(Entries[DatasetInfo]):
         names = info.theta_names or tuple(f"theta[{i}]" for i in range(len(theta)))
         return StoredRollout(y.copy(), dict(zip(names, theta.tolist(), strict=True)), fail_index)
 
-    def sizes(self) -> dict[str, int]:
-        """Bytes in the database by id."""
-        return self._sizes(dataset_blocks, "dataset_id")
-
     def delete(self, dataset_id: str) -> None:
         """Delete a dataset. InUse if monitors were trained on it."""
         users = select(monitors.c.name, monitors.c.id).where(monitors.c.dataset_id == dataset_id)
@@ -195,11 +191,6 @@ class DatasetRepository(Entries[DatasetInfo]):
             if using := connection.execute(users.order_by(monitors.c.created)).all():
                 raise InUse(f"dataset {name}", [(row.name, row.id) for row in using])
             connection.execute(delete(datasets).where(datasets.c.id == dataset_id))
-
-    def recover(self) -> None:
-        """Delete partly stored datasets of a process that died."""
-        with self._deleting() as connection:
-            connection.execute(delete(datasets).where(~datasets.c.complete))
 
     def _entry(self, row: Row) -> DatasetInfo:
         values = dict(row._mapping)

@@ -84,7 +84,7 @@ _HEAD_OF = select(_HEAD.label("head")).select_from(flights).where(flights.c.id =
 class FlightRepository(Entries[FlightInfo]):
     """Flights by id."""
 
-    table, entry = flights, FlightInfo
+    table, parts, entry = flights, assessment_chunks, FlightInfo
 
     def add(
         self,
@@ -151,14 +151,6 @@ class FlightRepository(Entries[FlightInfo]):
             running = {"status": "running", "ended": None}
             if connection.execute(update(flights).where(interrupted).values(**running)).rowcount:
                 _cut(connection, flight_id, head)
-
-    def keep(self, flight_id: str, keep: bool) -> None:
-        """Keep a flight permanently, or release it."""
-        self._keep(flights, flight_id, keep)
-
-    def sizes(self) -> dict[str, int]:
-        """Bytes in the database by id."""
-        return self._sizes(assessment_chunks, "flight_id")
 
     def delete(self, flight_id: str) -> None:
         """Delete an ended flight with its assessments, alarms and markers.

@@ -107,7 +107,7 @@ def guarantee_of(recipe: Mapping[str, Any]) -> Guarantee:
 class MonitorRepository(Entries[MonitorInfo]):
     """Monitors by id."""
 
-    table, entry = monitors, MonitorInfo
+    table, parts, entry = monitors, monitor_parts, MonitorInfo
 
     def __init__(self, engine: Engine, writer: Writer) -> None:
         super().__init__(engine, writer)
@@ -235,10 +235,6 @@ class MonitorRepository(Entries[MonitorInfo]):
             for identity, epsilon in wanted
         }
 
-    def sizes(self) -> dict[str, int]:
-        """Bytes in the database by id."""
-        return self._sizes(monitor_parts, "monitor_id")
-
     def delete(self, monitor_id: str) -> None:
         """Delete a monitor. InUse if flights or scorings refer to it."""
         with self._deleting() as connection:
@@ -248,11 +244,6 @@ class MonitorRepository(Entries[MonitorInfo]):
             connection.execute(delete(monitors).where(monitors.c.id == monitor_id))
         with self._loaded_lock:
             self._loaded.pop(monitor_id, None)
-
-    def recover(self) -> None:
-        """Delete partly stored monitors of a process that died."""
-        with self._deleting() as connection:
-            connection.execute(delete(monitors).where(~monitors.c.complete))
 
     def _query(self) -> Select:
         return super()._query().add_columns(monitors.c.evaluation)

@@ -164,10 +164,6 @@ class RecordingRepository(Entries[RecordingInfo]):
             is_row = recordings.c.id == recording_id
             connection.execute(update(recordings).where(is_row).values(**values))
 
-    def keep(self, recording_id: str, keep: bool) -> None:
-        """Keep a recording permanently, or release it."""
-        self._keep(recordings, recording_id, keep)
-
     def withdraw(self, recording_id: str) -> None:
         """Hide a recording before its folder is deleted, and delete its scorings.
 

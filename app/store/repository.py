@@ -103,19 +103,6 @@ class Repository:
         ):
             yield connection
 
-    def _keep(self, table: Table, identity: str, keep: bool) -> None:
-        """Set the flag `keep`, which protects a row from deletion."""
-        with self._writing() as connection:
-            require(connection, table, identity)
-            connection.execute(update(table).where(table.c.id == identity).values(keep=keep))
-
-    def _sizes(self, parts: Table, owner: str) -> dict[str, int]:
-        """Bytes of the content of each owner of parts, by id."""
-        size = func.sum(func.length(parts.c.content))
-        with self._reading() as connection:
-            rows = connection.execute(select(parts.c[owner], size).group_by(parts.c[owner]))
-            return {identity: int(size) for identity, size in rows}
-
     def _add_numbered(self, table: Table, flight_id: str, row: Mapping[str, Any]) -> None:
         """Store a row of a flight; one already stored under its number is left unchanged."""
         existing = select(table.c.number).where(
@@ -165,9 +152,13 @@ class Repository:
 
 
 class Entries(Repository, Generic[E]):
-    """Rows of a table as entries with an id; content that is not `complete` is hidden."""
+    """Rows of a table as entries with an id; content that is not `complete` is hidden.
+
+    parts: table of their content.
+    """
 
     table: ClassVar[Table]
+    parts: ClassVar[Table]
     entry: type[E]
 
     def info(self, identity: str) -> E:
@@ -179,6 +170,25 @@ class Entries(Repository, Generic[E]):
         query = self._query().order_by(self.table.c.created.desc())
         with self._reading() as connection:
             return [self._entry(row) for row in connection.execute(query)]
+
+    def sizes(self) -> dict[str, int]:
+        """Bytes in the database by id."""
+        size, (owner, *_) = func.sum(func.length(self.parts.c.content)), self.parts.primary_key
+        with self._reading() as connection:
+            rows = connection.execute(select(owner, size).group_by(owner))
+            return {identity: int(size) for identity, size in rows}
+
+    def keep(self, identity: str, keep: bool) -> None:
+        """Keep a row permanently, or release it."""
+        with self._writing() as connection:
+            require(connection, self.table, identity)
+            is_row = self.table.c.id == identity
+            connection.execute(update(self.table).where(is_row).values(keep=keep))
+
+    def recover(self) -> None:
+        """Delete partly stored rows of a process that died."""
+        with self._deleting() as connection:
+            connection.execute(delete(self.table).where(~self.table.c.complete))
 
     def _query(self) -> Select:
         query = select(*columns(self.table, self.entry))

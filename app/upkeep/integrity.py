@@ -1,8 +1,7 @@
 """Integrity of the stored data.
 
-A quick check at the start of the server reads database pages and monitors for a limited time. A
-background check then reads every page, digest and sample, slowly enough not to disturb flights.
-Damage is reported; readers check again and never serve damaged data.
+A background check reads every page, digest and sample once after the start of the server, slowly
+enough not to disturb flights. Damage is reported; readers check again and never serve damaged data.
 """
 
 import logging
@@ -20,8 +19,6 @@ from app.store.repository import Entries, Entry
 from app.store.store import NotFound, Store, StoreError
 
 LOG = logging.getLogger("forewarn")
-LOOK_S = 0.3
-"""Longest quick check at the start [s]; the background check does the rest."""
 BEGIN_AFTER_S = 5.0
 """Start of the background check [s] after the server's, so that first pages load quickly."""
 PIECE_S = 0.01
@@ -162,18 +159,6 @@ class Integrity:
                 self._known_damage.pop(key, None)
         return list(self._known_damage.values())
 
-    def look(self) -> None:
-        """The quick check: pages and monitors, at most LOOK_S."""
-        deadline = time.monotonic() + LOOK_S
-        try:
-            self._note_pages(check_pages(self.store.engine, quick_s=LOOK_S))
-            for item in all_items(self.store, self.files, self.unverified):
-                if item.kind != "monitor" or time.monotonic() > deadline:
-                    break
-                self._check(item)
-        except (Interrupted, StoreError) as error:
-            LOG.info("the quick integrity check ended early: %s", error)
-
     def start(self) -> None:
         self._thread.start()
 
@@ -190,15 +175,12 @@ class Integrity:
         self.n_checked = 0
         try:
             for item in all_items(self.store, self.files, self.unverified, pace.rest):
-                self._check(item)
+                if (damage := item.damage()) is not None:
+                    self._note(damage)
+                self.n_checked += 1
                 pace.rest()
         except Damaged as error:
             self._note_pages([str(error)])
-
-    def _check(self, item: Item) -> None:
-        if (damage := item.damage()) is not None:
-            self._note(damage)
-        self.n_checked += 1
 
     def _run(self) -> None:
         if self._pace.stopped.wait(BEGIN_AFTER_S):

@@ -16,6 +16,7 @@ from starlette.testclient import TestClient
 from app.main import create_app
 from app.serving import Server, address_of, listen
 from app.settings import Settings
+from tests.support.direct_sockets import DirectSockets
 from tests.support.patience import PATIENCE
 
 ADDRESS = "http://127.0.0.1:8000"
@@ -25,6 +26,7 @@ ADDRESS = "http://127.0.0.1:8000"
 def api(data_dir: Path, **settings: Any) -> Iterator[TestClient]:
     """The application with its lifespan, answering errors as it would over a socket."""
     app = create_app(Settings(data_dir=data_dir, **settings))
+    app.add_middleware(DirectSockets)
     with TestClient(app, base_url=ADDRESS, raise_server_exceptions=False) as client:
         yield client
 

@@ -9,23 +9,10 @@ import pytest
 from app.http.connection import Connection
 
 
-class Waiting(Connection):
-    """Two pumps, one of which takes a moment to end."""
+class SlowToEnd:
+    """A WebSocket whose cancelled `receive` takes a moment to end."""
 
-    @property
-    def is_writable(self) -> bool:
-        return True
-
-    def send(self, text: str) -> None: ...
-
-    def pause(self) -> None: ...
-
-    def resume(self) -> None: ...
-
-    def _pumps(self, on_message: Any, on_writable: Any) -> list[Any]:
-        return [self._slow_to_end(), asyncio.Event().wait()]
-
-    async def _slow_to_end(self) -> None:
+    async def receive(self) -> None:
         try:
             await asyncio.Event().wait()
         finally:
@@ -37,7 +24,8 @@ def test_a_connection_cancelled_twice_raises_the_last_cancellation() -> None:
     """anyio cancels repeatedly and treats a foreign cancellation as an error."""
 
     async def cancel_twice() -> None:
-        running = asyncio.ensure_future(Waiting(Mock()).run(print))
+        websocket: Any = SlowToEnd()
+        running = asyncio.ensure_future(Connection(websocket, Mock()).run(print))
         await asyncio.sleep(0.01)
         running.cancel("once")
         await asyncio.sleep(0)

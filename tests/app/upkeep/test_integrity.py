@@ -1,4 +1,4 @@
-"""What is stored is looked at when a server starts, then checked whole; damage is told."""
+"""What is stored is checked after a server starts; damage is reported."""
 
 import logging
 import sqlite3
@@ -148,25 +148,11 @@ def test_what_was_deleted_since_is_damaged_no_more(kept: Kept, store: Store) -> 
     assert (known.damaged(), known.n_damaged) == ([], 0)
 
 
-def test_damaged_pages_are_found_by_the_look_and_by_the_check(kept: Kept) -> None:
+def test_damaged_pages_are_found(kept: Kept) -> None:
     corrupt_pages(kept.data_dir / "forewarn.db")
     store = open_store(Settings(data_dir=kept.data_dir).url, recover=False)
-    known = Integrity(store, RecordingFiles(kept.data_dir / "recordings"))
-    known.look()
-    assert {damage.kind for damage in known.damaged()} == {"database"}
     assert {damage.kind for damage in checked(store, kept).damaged()} == {"database"}
     store.close()
-
-
-def test_the_look_ends_in_time_and_the_rest_is_left_to_the_background(
-    kept: Kept, store: Store, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(integrity, "LOOK_S", 0.0)
-    known = Integrity(store, RecordingFiles(kept.data_dir / "recordings"))
-    known.look()
-    assert known.n_checked == 0
-    known.check_all()
-    assert known.n_checked == len(WHOLE)
 
 
 def test_a_check_that_is_told_to_stop_ends_at_its_next_rest() -> None:
@@ -177,10 +163,7 @@ def test_a_check_that_is_told_to_stop_ends_at_its_next_rest() -> None:
         pace.rest()
 
 
-def test_a_server_that_stops_does_not_wait_for_the_check(
-    kept: Kept, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(integrity, "LOOK_S", 0.0)
+def test_a_server_that_stops_does_not_wait_for_the_check(kept: Kept) -> None:
     with api(kept.data_dir) as client:
         known = client.app.state.integrity  # pyright: ignore
         assert known.state == "begun"
@@ -188,9 +171,10 @@ def test_a_server_that_stops_does_not_wait_for_the_check(
     assert known.n_checked < len(WHOLE)
 
 
-def until_checked(client: TestClient) -> dict[str, Any]:
+def until_ended(client: TestClient) -> dict[str, Any]:
     end = time.monotonic() + PATIENCE
-    while (answer := client.get("/api/v1/integrity").json())["state"] != "checked":
+    running = ("begun", "checking")
+    while (answer := client.get("/api/v1/integrity").json())["state"] in running:
         assert time.monotonic() < end
     return answer
 
@@ -199,7 +183,7 @@ def test_a_server_says_what_it_finds_damaged(kept: Kept, monkeypatch: pytest.Mon
     monkeypatch.setattr(integrity, "BEGIN_AFTER_S", 0.0)
     flip(kept.folder / "file")
     with api(kept.data_dir) as client:
-        (item,) = until_checked(client)["damaged"]
+        (item,) = until_ended(client)["damaged"]
         assert (item["kind"], item["id"]) == ("recording", kept.recording)
         ready = client.get("/readyz")
         assert (ready.status_code, len(ready.json()["damaged"])) == (200, 1)
@@ -208,18 +192,21 @@ def test_a_server_says_what_it_finds_damaged(kept: Kept, monkeypatch: pytest.Mon
         assert client.get("/api/v1/integrity").json()["damaged"] == []
 
 
-def test_a_monitor_that_is_damaged_is_said_at_the_start(kept: Kept, store: Store) -> None:
+def test_a_damaged_monitor_is_not_served(kept: Kept, store: Store) -> None:
     spoil_rows(store, monitor_parts)
     with api(kept.data_dir) as client:
-        report = client.get("/api/v1/integrity").json()
-        assert [item["id"] for item in report["damaged"]] == [kept.monitor]
         problem(client.get(f"/api/v1/monitors/{kept.monitor}/file"), 500)
 
 
-def test_a_server_with_damaged_pages_starts_and_is_not_ready(kept: Kept) -> None:
+def test_a_server_with_damaged_pages_starts_and_is_not_ready(
+    kept: Kept, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(integrity, "BEGIN_AFTER_S", 0.0)
     corrupt_pages(kept.data_dir / "forewarn.db")
     with api(kept.data_dir) as client:
         assert client.get("/healthz").status_code == 200
+        assert problem(client.get("/readyz"), 503)
+        until_ended(client)
         answer = client.get("/readyz")
         assert problem(answer, 503).startswith("the database is damaged")
         assert answer.json()["damaged"]
