@@ -239,6 +239,7 @@ class CurrentStatus(Message):
     beside: list[Status]
     exceeded_t: float | None = Field(default=None, description="first exceedance, ever [s]")
     verdict: Verdict | None = Field(default=None, description="on that exceedance; null if unknown")
+    latched: list[LatchedExceedance] = Field(description="exceedances that the strips show")
 
 
 class Hello(SampleState, CurrentStatus):
@@ -274,7 +275,6 @@ class Hello(SampleState, CurrentStatus):
     duration: float | None
     transport: TransportState
     exceedances: list[ChannelExceedances] = Field(description="exceedances so far, per channel")
-    latched: list[LatchedExceedance] = Field(description="exceedances that the strips show")
     held: list[LimitsFrom] = Field(
         description="newest changes of the limits; empty if `channels` has those of all samples"
     )
@@ -321,7 +321,7 @@ class StateChange(SampleState):
 
 
 class StatusChange(CurrentStatus):
-    """The headline or the verdict changed."""
+    """The headline, the verdict or a latched exceedance changed."""
 
     type: Literal["status"] = "status"
 

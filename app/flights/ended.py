@@ -1,9 +1,8 @@
 """Headline and verdict of ended flights, from their records."""
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
-from typing import Any
-
-from pydantic import BaseModel, Field
+from typing import Any, NamedTuple
 
 from app.flights.display_monitors import stated_delay
 from app.flights.verdict import (
@@ -32,16 +31,20 @@ NO_SAMPLE = STATES.index(State.WARMING_UP), "no sample came"
 """State and reason of a flight that ended before its first sample."""
 
 
-class Record(BaseModel):
-    """Headline and verdict of an ended flight; no verdict if it exceeded no limit."""
+class Record(NamedTuple):
+    """What the record of an ended flight shows; no verdict if it exceeded no limit.
+
+    reason, cause: why its newest sample was not assessed.   open_alarms, open_cautions:
+    unacknowledged warnings and cautions.
+    """
 
     headline: Headline
     verdict: Verdict | None
-    exceedances: list[ChannelExceedances] = Field(description="exceedances, per channel")
-    reason: str = Field(description="why its newest sample was not assessed; empty if it was")
-    cause: Cause | None = Field(description="cause of that reason, as in a frame")
-    open_alarms: int = Field(description="unacknowledged warnings")
-    open_cautions: int = Field(description="unacknowledged cautions")
+    exceedances: list[ChannelExceedances]
+    reason: str
+    cause: Cause | None
+    open_alarms: int
+    open_cautions: int
 
 
 def records(store: Store, flights: Iterable[FlightInfo]) -> dict[str, Record]:
@@ -73,10 +76,10 @@ def _record(
 ) -> Record:
     """last, reason: state code of the newest sample, and its reason."""
     exceeded = _exceeded(info, alarms)
-    warnings, cautions = (_n_waiting(alarms, level) for level in (Level.WARNING, Level.CAUTION))
+    n_open = Counter(alarm.level for alarm in alarms if alarm.acknowledged is None)
     facts = Facts(
-        alarm=warnings > 0,
-        caution=cautions > 0,
+        alarm=n_open[Level.WARNING] > 0,
+        caution=n_open[Level.CAUTION] > 0,
         invalid=STATES[last] is State.INVALID,
         warming_up=STATES[last] is State.WARMING_UP,
         calibrated=monitor.support is not None,
@@ -88,8 +91,8 @@ def _record(
         exceedances=_exceedances(info, alarms),
         reason=reason,
         cause=cause_of(STATES[last], reason),
-        open_alarms=warnings,
-        open_cautions=cautions,
+        open_alarms=n_open[Level.WARNING],
+        open_cautions=n_open[Level.CAUTION],
     )
 
 
@@ -147,7 +150,3 @@ def before_exceedance(store: Store, flight_id: str, seq: int, dt: float) -> tupl
         for code, reason in zip(stored.state[-1:], stored.reasons[-1:], strict=True)
     )
     return is_jump(stored.t, dt), any(withdrawn)
-
-
-def _n_waiting(alarms: Sequence[Alarm], level: Level) -> int:
-    return sum(alarm.acknowledged is None and alarm.level == level for alarm in alarms)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from app.assessment.grid import Angles
 from app.assessment.input_checks import Doubt
 from app.assessment.limits_in_force import InForceFrom, LimitsInForce, RequestedLimits, Ruling
 from app.flights.alarms import Alarms
@@ -80,8 +81,6 @@ MOST_HELD = 200
 MARKERS_KEPT = 50
 """Stored markers that a flight keeps in memory; the store has all."""
 BETA, DELTA_A, DELTA_R = (KEYS.index(key) for key in ("beta", "delta_a", "delta_r"))
-Angles = tuple[float, float, float]
-LEVEL: Angles = (0.0, 0.0, 0.0)
 NOTHING_COMES = "no sample comes"
 """Reason of a stale flight without new samples; each display adds the age."""
 STALE_INTERVALS, STALE_S = 3.0, 0.25
@@ -171,9 +170,10 @@ class Flight(ABC):
         self._timers: dict[str, Timer] = {}
         self._pose: tuple[Angles, Array] | None = None
         self._ahead_t = -inf
-        self._facts, self._headline = self.facts, self.headline
         self.verdict: Verdict | None = None
-        self._shown_verdict: Verdict | None = None
+        self._facts = self.facts
+        self._shown = self._facts, self.verdict, self.exceedances.latched
+        self._sent = self._current
         self._has_new_evidence = False
         self._times = deque[float](maxlen=BEFORE + 1)
         self._before_exceedance = False, False
@@ -412,10 +412,8 @@ class Flight(ABC):
             state=self.state,
             reason=self.reason,
             cause=self.cause,
-            **_plain(self.headline),
-            verdict=self.verdict,
+            **self._current,
             exceedances=self.exceedances.of_channels,
-            latched=self.exceedances.latched,
             held=list(self._limits_held),
             head=self.head,
             alarms=self.alarms.at_hand,
@@ -621,12 +619,19 @@ class Flight(ABC):
             self._show()
 
     def _send_headline(self) -> None:
-        if (facts := self.facts) == self._facts and self.verdict is self._shown_verdict:
+        shown = self._facts, *_ = self.facts, self.verdict, self.exceedances.latched
+        if shown == self._shown:
             return
-        self._facts, now = facts, headline(facts)
-        if now != self._headline or self.verdict != self._shown_verdict:
-            self._headline, self._shown_verdict = now, self.verdict
-            self._broadcast(StatusChange(**_plain(now), verdict=self.verdict).encode())
+        self._shown, now = shown, self._current
+        if now != self._sent:
+            self._sent = now
+            self._broadcast(StatusChange(**now).encode())
+
+    @property
+    def _current(self) -> dict[str, Any]:
+        """Headline, verdict and latched exceedances, as sent."""
+        about = {"verdict": self.verdict, "latched": self.exceedances.latched}
+        return self.headline._asdict() | about
 
     def _use_scene(self, act: "Callable[[Scene], object]") -> None:
         """Use the scene. If it fails, the flight continues without it; the scene turns stale."""
@@ -696,7 +701,3 @@ class Flight(ABC):
     def _fail(self) -> None:
         LOG.exception("flight %s failed", self.id)
         self._end("failed", "the flight failed: see the server's log")
-
-
-def _plain(headline: Headline) -> dict[str, Any]:
-    return headline._asdict() | {"beside": list(headline.beside)}

@@ -337,7 +337,7 @@ def _status(
         "head": -1 if info.head is None else info.head,
     }
     if record is not None:
-        known |= vars(record)
+        known |= record._asdict()
     if flight is not None:
         known |= {name: getattr(flight, name) for name in NOW} | {
             "transport": flight.transport,
@@ -350,5 +350,4 @@ def _status(
         }
     seen = flight or record
     now = seen.headline if seen else headline(Facts(stale=True))
-    known |= now._asdict() | {"beside": list(now.beside)}
-    return FlightStatus(**known)
+    return FlightStatus(**known | now._asdict())

@@ -19,6 +19,7 @@ from app.flights.sources.source import Simulated
 from app.jobs import training
 from app.messages import StatusChange, Verdict
 from core.channels import CHANNELS
+from core.limits.exceedance import LatchedExceedance
 from core.monitor import Monitor
 from core.monitor.status import Facts, headline
 from tests.support.flying import ScriptedClock, Seen, SilentRecorder
@@ -77,8 +78,11 @@ def record(monitor: Monitor) -> dict[str, Any]:
         for message in watcher.take():
             if message["type"] not in PLAYED:
                 messages.append({"seq": flight.head, "message": message})
-        facts, verdict = flight.facts, flight.verdict
-        pair = [plain(each, verdict) for each in (facts, facts._replace(alarm=False))]
+        facts, verdict, latched = flight.facts, flight.verdict, flight.exceedances.latched
+        pair = [
+            plain(facts, verdict, latched),
+            plain(facts._replace(alarm=False), verdict, [each for each in latched if each.over]),
+        ]
         if not headlines or headlines[-1]["pair"] != pair:
             headlines.append({"seq": flight.head, "pair": pair})
         if flight.head == len(track.t) - 1:
@@ -151,9 +155,11 @@ def example(recording: Mapping[str, Any]) -> str:
     return "\n".join(lines()) + "\n"
 
 
-def plain(facts: Facts, verdict: Verdict | None) -> dict[str, Any]:
+def plain(
+    facts: Facts, verdict: Verdict | None, latched: list[LatchedExceedance]
+) -> dict[str, Any]:
     """The message of a status, without its type."""
-    change = StatusChange(**headline(facts)._asdict(), verdict=verdict)
+    change = StatusChange(**headline(facts)._asdict(), verdict=verdict, latched=latched)
     return change.model_dump(mode="json", exclude={"type"})
 
 

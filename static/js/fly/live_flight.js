@@ -23,7 +23,6 @@ import {
   acknowledgementOf,
   alertText,
   createFlightPanels,
-  exceedanceText,
   limitsOf,
   recordedFlag,
   sourceText,
@@ -108,7 +107,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     const { channels, epsilon, lead, warnings, state, reason: why, cause, mode, validity, no_rest: noRest } = hello;
     described = { mode, source: sourceText(hello.source, hello.name), monitor: hello.monitor.name, noRest, warnings, validity };
     if (!again) {
-      display = createAssessmentDisplay(panels, { hello, api, path, alarm, events, onExceedance });
+      display = createAssessmentDisplay(panels, { hello, api, path, alarm, events });
       if (hello.source.kind === "recording") showNotes();
       if (hello.live) {
         showSource();
@@ -123,7 +122,6 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     display.setAssessment({ state, reason: why, cause }, true);
     showEventsUntil(hello.transport.position);
     hello.alarms.forEach(onAlarm);
-    display.chart.latch(hello.latched, hello.head);
     markers.offer(hello.marker_kinds);
     hello.markers.forEach(onMarker);
     onStatus(hello);
@@ -148,6 +146,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   function onStatus(headline) {
     decided = headline;
     display.setHeadline(headline);
+    display.chart.latch(headline.latched);
     showHidden();
   }
 
@@ -203,10 +202,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     alarm.onAlarm(raisedAlarm);
     const event = { t, text: alertText(raisedAlarm, alertAbove(), hello.channels), level: LEVEL_OF[level], seen: kind === "limit" };
     note({ event: fresh && event, flag: recordedFlag(raisedAlarm) });
-    if (acknowledged) {
-      events.add(acknowledgementOf(raisedAlarm, hello.mode === "live"));
-      if (kind === "limit") display.chart.acknowledge();
-    }
+    if (acknowledged) events.add(acknowledgementOf(raisedAlarm, hello.mode === "live"));
   }
 
   function onMarker(marker) {
@@ -241,11 +237,6 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     isStored = problem === "";
     const text = isStored ? `recording resumed; samples lost: ${lost}` : `not recorded: ${problem}`;
     events.add({ t: display?.t ?? null, text, level: "caution" });
-  }
-
-  /** Found by the strips, also before a point that was sought; its alarm has the same text. */
-  function onExceedance(exceedance) {
-    note({ event: { t: exceedance.t, text: exceedanceText(exceedance, hello.channels), level: "alert", seen: true } });
   }
 
   function showSource() {

@@ -69,7 +69,7 @@ export function alertText(alarm, alertAbove, channels) {
   const { kind, p_value: risk, exceedance } = alarm;
   if (kind in CAUTION_WORDS) return cautionText(alarm).replace(/^[A-Z ]+/, (word) => word.toLowerCase());
   if (exceedance) {
-    return exceedanceText({ ...exceedance, key: exceedance.channel }, channels);
+    return exceedanceText(exceedance, channels);
   }
   return risk === null ? "alert" : `alert, risk ${riskText(risk, alertAbove)}`;
 }
@@ -91,8 +91,8 @@ export function waitingOf(alarms) {
   return { warnings, cautions };
 }
 
-export function exceedanceText({ key, value, judged }, channels) {
-  const measured = channels.find((channel) => channel.key === key);
+function exceedanceText({ channel, value, judged }, channels) {
+  const measured = channels.find(({ key }) => key === channel);
   return `${measured.symbol} exceeds its limit: ${quantity(measured, value)}${judged === "recorded" ? " as recorded" : ""}`;
 }
 

@@ -22,7 +22,6 @@ import {
   acknowledgementOf,
   alertText,
   createFlightPanels,
-  exceedanceText,
   recordedFlag,
   sourceText,
   waitingOf,
@@ -142,7 +141,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
       return;
     }
     panels.notice.append(...summaryLines(flight.monitors, longest));
-    const found = draw(channels, { lead: flight.monitors[0].lead, dt: monitor.dt }, longest, passes, held);
+    draw(channels, { lead: flight.monitors[0].lead, dt: monitor.dt }, longest, passes, held);
     const limitsPut = ({ name, version, t, by }) => ({
       event: { t, text: `limits in force: ${name} version ${version}, by ${by}`, seen: true },
       flag: { key: null, t, word: "limits", colour: "caution" },
@@ -152,12 +151,9 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
       flag: recordedFlag(alarm),
     });
     const notes = [alarms.map(alarmNote), put.map(limitsPut), (flight.live?.begun ?? []).map(beginningNote), markers.map(markerNote)].flat();
-    for (const { event, flag } of notes) {
-      found.push(event);
-      if (flag) chart.flag(flag);
-    }
-    found.push(...alarms.filter(({ acknowledged }) => acknowledged).map((alarm) => acknowledgementOf(alarm, isLive)));
-    found.sort((a, b) => a.t - b.t).forEach(events.add);
+    for (const { flag } of notes) if (flag) chart.flag(flag);
+    const acknowledgements = alarms.filter(({ acknowledged }) => acknowledged).map((alarm) => acknowledgementOf(alarm, isLive));
+    [...notes.map(({ event }) => event), ...acknowledgements].sort((a, b) => a.t - b.t).forEach(events.add);
   }
 
   /** Alarms left unacknowledged in flight can be acknowledged here; the headline changes with them. */
@@ -180,22 +176,18 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     await offerToAcknowledge();
   }
 
-  /** Draws the strips. Returns the exceedances found on the way, as events. */
   function draw(channels, { lead, dt }, frames, passes, held) {
     const [first, last] = [frames[0].t, frames.at(-1).t];
-    const found = [];
     panels.strips.replaceChildren();
     chart = createFlightChart(panels.strips, {
       channels, alertAbove, lead, dt, seconds: windowOf({ duration: last - first, lead }),
-      onExceedance: (exceedance) =>
-        found.push({ t: exceedance.t, text: exceedanceText(exceedance, channels), level: "alert", seen: true }),
     });
     chart.setTransport({ playing: false, speed: 1 });
     chart.setLimits(channels, held);
     chart.push(frames);
+    chart.latch(flight.exceedances.map(({ channel, first_t: t, worst: value }) => ({ channel, t, value })));
     chart.setWindow(first, Math.max(last, first + dt) + lead);
     if (passes > 1) events.add({ t: null, text: `flown in ${passes} passes; the longest is shown` });
-    return found;
   }
 
   async function readFrames() {

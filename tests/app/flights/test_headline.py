@@ -218,6 +218,21 @@ def test_the_headline_says_how_early_it_was_warned_as_soon_as_a_limit_is_exceede
     assert joined["verdict"] == first["verdict"] == verdicts[-1]
 
 
+def test_a_status_tells_what_the_strips_latch_until_it_is_acknowledged_and_over() -> None:
+    y = np.zeros((N_SAMPLES, 6))
+    y[20:25, NY] = 0.529
+    flown = Flown(exact_monitor(), y, epsilon=0.99).start()
+    flown.advance(22 * DT)
+    (latched,) = flown.seen.of("status")[-1]["latched"]
+    assert (latched["channel"], latched["value"], latched["over"]) == ("Ny", 0.529, True)
+    flown.advance(N_SAMPLES * DT)
+    (latched,) = flown.seen.of("status")[-1]["latched"]
+    assert not latched["over"]
+    flown.flight.acknowledge("1", "FTE", "now")
+    flown.seen.take()
+    assert flown.seen.of("status")[-1]["latched"] == []
+
+
 def test_the_headline_says_that_an_exceedance_without_an_alert_was_missed() -> None:
     y = np.zeros((N_SAMPLES, 6))
     y[20:25, NY] = 0.529

@@ -1,5 +1,6 @@
 """What the live strips draw of a flight, fed by hand and drawn at a given clock."""
 
+import json
 import re
 
 import pytest
@@ -263,29 +264,26 @@ def test_samples_left_out_for_display_are_told_from_missing_ones(strips: Open) -
 
 def test_samples_that_come_later_are_drawn_where_they_belong(strips: Open) -> None:
     page = strips("seconds=20&lead=0")
-    whole, broken, partly, filled, latched = run(
+    whole, broken, partly, filled = run(
         page,
         """
         const all = Array.from({ length: 1000 }, (_, k) => ({ ...h.frame(k / 50), seq: k }));
-        all[450].y[3] = 0.6;
         const drawn = () => { h.draw(1000); return h.pixels('p', 'trace')[0]; };
         h.chart.push(all, 1000);
         const whole = drawn();
         h.chart.clear();
         h.chart.push(all.slice(100, 400), 1000); h.chart.push(all.slice(600), 1000);
         const broken = drawn();
-        const none = h.chart.exceedances().some(({ t }) => t === 9);
         h.chart.insert(all.slice(400, 500), false);
         const partly = [drawn(), h.chart.ring.flags(400, 401)];
         h.chart.insert(all.slice(500, 600), true);
         h.chart.insert(all.slice(0, 100), true);
-        return [whole, broken, partly, [drawn(), h.chart.ring.flags(0, 1000) & 20], none];
+        return [whole, broken, partly, [drawn(), h.chart.ring.flags(0, 1000) & 20]];
         """,
     )
     assert broken < partly[0] < whole
     assert partly[1] & 16, "more is missing"
     assert filled == [whole, 0]
-    assert latched is False
 
 
 def test_the_forecast_reaches_past_the_newest_sample_by_the_lead(strips: Open) -> None:
@@ -296,57 +294,42 @@ def test_the_forecast_reaches_past_the_newest_sample_by_the_lead(strips: Open) -
     assert readout(page, "Ny", "detail").startswith("in 2.00 s")
 
 
-def test_an_exceedance_of_either_sign_is_latched_until_acknowledged(strips: Open) -> None:
+def test_a_latched_exceedance_of_either_sign_is_shown(strips: Open) -> None:
     page = strips()
-    for value in (0.5, -0.5):
-        run(
-            page,
-            f"""
-            h.chart.clear();
-            for (let k = 0; k < 100; k++) {{
-              const frame = h.frame(k / 50);
-              frame.y[3] = k === 40 ? {value} : 0.99 * {value};
-              h.chart.push(frame, 1000);
-            }}
-            h.draw(1000);
-            """,
-        )
-        assert run(page, "return h.chart.exceedances()") == [
-            {"key": "Ny", "t": 0.8, "value": value}
-        ]
+    for value in (0.7, -0.7):
+        latched = {"channel": "Ny", "t": 0.8, "value": value}
+        run(page, f"h.chart.latch([{json.dumps(latched)}]); h.chart.push(h.frame(2)); h.draw(1000)")
         assert readout(page, "Ny", "badge") == "LIMIT"
-        assert readout(page, "Ny", "latch")[0] == ("▲" if value > 0 else "▼")
-        assert run(page, "return h.pixels('Ny', 'alert')[0]") > 20
-    run(page, "h.chart.acknowledge(); h.draw(1300)")
-    assert run(page, "return h.chart.exceedances()") == []
+        sign = "▲" if value > 0 else "▼"
+        assert readout(page, "Ny", "latch") == f"{sign} 0.80 s, peak {value:.3f}".replace("-", "−")
+    run(page, "h.chart.latch([]); h.draw(1300)")
     assert not page.locator('.strip[data-key="Ny"] .readout-latch').is_visible()
 
 
-def test_an_exceedance_that_goes_on_stays_latched_when_it_is_acknowledged(strips: Open) -> None:
+@pytest.mark.parametrize("value", [0.5, -0.5])
+def test_a_value_at_its_limit_is_drawn_as_beyond_it(value: float, strips: Open) -> None:
     page = strips()
-    push = """const push = (k, value) => {
-      const frame = h.frame(k / 50);
-      frame.y[3] = value;
-      h.chart.push(frame, 1000 + k);
-    };"""
-    run(page, f"{push} push(0, 0.1); push(1, 0.529); h.chart.acknowledge(); h.draw(1001)")
-    assert readout(page, "Ny", "badge") == "LIMIT"
-    run(page, f"{push} push(2, NaN); push(3, 0.6); h.draw(1500)")
-    assert readout(page, "Ny", "latch") == "▲ 0.02 s, peak 0.600"
-    run(page, f"{push} push(4, 0.1); h.draw(2000)")
-    assert run(page, "return h.chart.exceedances()") == []
+    run(
+        page,
+        f"""
+        for (let k = 0; k < 100; k++) {{
+          const frame = h.frame(k / 50);
+          frame.y[3] = k === 40 ? {value} : 0.99 * {value};
+          h.chart.push(frame, 1000);
+        }}
+        h.draw(1000);
+        """,
+    )
+    assert run(page, "return h.pixels('Ny', 'alert')[0]") > 20
 
 
-def test_who_joins_late_shows_what_was_latched_and_the_limits_that_held(strips: Open) -> None:
-    """And not as new what frames of the past show that somebody acknowledged."""
+def test_who_joins_late_shows_the_limits_that_held(strips: Open) -> None:
     page = strips()
     run(
         page,
         """
         const held = [[null, 0.5], [1, 0.3], [2, null]];
         h.chart.setLimits(h.CHANNELS, held.map(([t, Ny]) => ({ t, limits: Ny && { Ny } })));
-        const latched = { channel: 'Ny', t: 0.2, value: 0.7, over: false, acknowledged: false };
-        h.chart.latch([latched], 119);
         for (let k = 20; k < 130; k++) {
           const frame = { ...h.frame(k / 50), seq: k };
           frame.y[3] = k < 60 ? 0.4 : k < 90 ? 0.8 : 0.1;
@@ -355,9 +338,6 @@ def test_who_joins_late_shows_what_was_latched_and_the_limits_that_held(strips: 
         h.draw(1000);
         """,
     )
-    latched = [{"key": "Ny", "t": 0.2, "value": 0.7}]
-    assert run(page, "return h.chart.exceedances()") == latched
-    assert readout(page, "Ny", "latch") == "▲ 0.20 s, peak 0.700"
     assert run(page, "return h.pixels('Ny', 'limit')[0]") > 100
     assert run(page, "return h.pixels('Ny', 'alert')[0]") > 20
 

@@ -11,7 +11,6 @@
  *     order        keys from top to bottom, "risk" among them; default: limited channels, others, risk
  *     forecasts    keys whose forecast is drawn; default: the limited channels
  *     timeline     one to share with other charts
- *     onExceedance({key, symbol, t, value})    a channel exceeds its limit (once, until acknowledged and over)
  *     autostart true                  false: nothing is drawn until update() is called
  *
  * FlightChart
@@ -21,8 +20,7 @@
  *   setLinked(isLinked)             whether the server is heard; STALE where it is not, also before the first sample
  *   setLimits(channels, [{t, limits}])      limits in force; and which, by key, held for samples after t [s], null for all,
  *                                   where they changed
- *   latch([{channel, t, value, over, acknowledged}], seq)    exceedances up to sample seq
- *   exceedances() -> [{key, t, value}], acknowledge()    latched until acknowledged and over
+ *   latch([{channel, t, value}])    the exceedances that the strips show: start and largest value
  *   values(t) -> {key: number}      of the nearest sample; NaN where missing or in a gap
  *   flag({key, t, word, colour "alert"})    marks a moment in a channel's strip, or in all where key is null
  *   ahead                           forecast of the rest of a test card; null while it is not known:
@@ -72,7 +70,7 @@ export function createFlightChart(host, options) {
   const keys = [...channels.map(({ key }) => key), "risk", ...forecasts];
   const seriesOf = new Map(keys.map((key, series) => [key, series]));
   const ring = createRingBuffer({ series: keys.length, capacity: history });
-  const intake = createIntake({ ring, channels, strips, dt, onExceedance: options.onExceedance });
+  const intake = createIntake({ ring, channels, strips, dt });
   const source = createSource({ ring, seriesOf, intake, timeline, alertAbove, lead, dt });
   const layout = layOut(host, strips, "Strip charts");
   const chart = createStripChart(host, { strips, source, layout, autostart: options.autostart });
@@ -123,8 +121,8 @@ export function createFlightChart(host, options) {
       source.isLinked = isLinked;
       redraw();
     },
-    latch: (given, seq) => {
-      intake.restore(given, seq);
+    latch: (given) => {
+      source.latched = given;
       redraw();
     },
     setTransport: timeline.setTransport,
@@ -139,11 +137,6 @@ export function createFlightChart(host, options) {
     setCursor: timeline.setCursor,
     setWindow: timeline.setWindow,
     values: (t) => Object.fromEntries(strips.map((strip) => [strip.key, source.valuesAt(strip, t)[0].low])),
-    exceedances: () => [...intake.exceedances].map(([key, { t, value }]) => ({ key, t, value })),
-    acknowledge: () => {
-      intake.acknowledge();
-      redraw();
-    },
     flag: (given) => {
       const isThere = ({ key, t, word }) => key === given.key && t === given.t && word === given.word;
       if (source.flags.some(isThere)) return;
@@ -184,6 +177,7 @@ function createSource({ ring, seriesOf, intake, timeline, alertAbove, lead, dt }
     alertAbove,
     dt,
     flags,
+    latched: [],
     newest,
     aheadNow,
     read,
@@ -195,7 +189,7 @@ function createSource({ ring, seriesOf, intake, timeline, alertAbove, lead, dt }
       wall = at;
     },
     stamp: () => `${ring.count()} ${staleWord()}`,
-    news: () => `${state()} ${intake.status.alert} ${intake.exceedances.size}`,
+    news: () => `${state()} ${intake.status.alert} ${source.latched.length}`,
     get ahead() {
       return ahead;
     },
@@ -265,12 +259,16 @@ function createSource({ ring, seriesOf, intake, timeline, alertAbove, lead, dt }
       state: WITHDRAWN.includes(now) ? "invalid" : now,
       last: old,
       alert: strip.risk && intake.status.alert,
-      exceeded: intake.exceedances.get(strip.key) ?? null,
+      exceeded: latchedOf(strip),
       before: old ? `last value, ${age.toFixed(1)} s old` : "",
       otherwise: Number.isFinite(cursor)
         ? `cursor ${reading(strip, valuesAt(strip, cursor)[0].low)}`
         : forecastText(strip, now, last),
     };
+  }
+
+  function latchedOf({ key }) {
+    return source.latched.find(({ channel }) => channel === key) ?? null;
   }
 
   function isKnown({ risk }, now, value) {
@@ -321,7 +319,7 @@ function createSource({ ring, seriesOf, intake, timeline, alertAbove, lead, dt }
       word.toLowerCase(),
     ];
     if (strip.risk && intake.status.alert && known && !stale) parts.push("alert");
-    const exceedance = intake.exceedances.get(strip.key);
+    const exceedance = latchedOf(strip);
     if (exceedance) parts.push(`limit exceeded at ${exceedance.t.toFixed(2)} s`);
     return parts;
   }

@@ -1,8 +1,7 @@
 /**
  * The monitor's assessments of a flight, sample by sample, on the strips, the gauge and the alarm line.
  *
- * createAssessmentDisplay(panels, {hello, api, path, alarm, events, onExceedance}) -> Display
- *     path: of the flight.   onExceedance({key, symbol, t, value})
+ * createAssessmentDisplay(panels, {hello, api, path, alarm, events}) -> Display     path: of the flight
  *   onFrames(frames)           newest last; returns the newest that is shown, or null
  *   restart(t, showLimits) -> Promise<frames | null>    after a seek or a loop: draws what lies before t [s]
  *   forget()                   clears the strips: the samples shown were lost
@@ -31,7 +30,7 @@ const READING = 1000; // ms that reading the source may take
 const LOST = { state: "stale", reason: "connection lost" };
 const ALARMED = ["stale", "invalid"]; // cautions, which are listed as alarms
 
-export function createAssessmentDisplay(panels, { hello, api, path, alarm, events, onExceedance }) {
+export function createAssessmentDisplay(panels, { hello, api, path, alarm, events }) {
   const { channels, lead, dt } = hello;
   const alertAbove = hello.monitors[0].alert_above;
   const timeline = createTimeline({ seconds: windowOf(hello), lead, dt, staleAfter: hello.stale_after, start: hello.transport.start });
@@ -46,7 +45,6 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
     lead,
     dt,
     timeline,
-    onExceedance,
   });
   let assessment = { state: null, reason: "", cause: null };
   let newest = null; // frame
