@@ -9,6 +9,7 @@ import numpy as np
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import HTMLResponse
 from pydantic import BaseModel, Field
+from scipy.special import betaincinv
 
 from app.catalog import (
     choice_request_schema,
@@ -39,7 +40,9 @@ from app.routes.sent_files import CONTENT, OCTETS, sent_file
 from app.store.jobs import JobInfo
 from app.store.monitors import MonitorInfo
 from core.evaluation.certificate import warnings_of, with_power_of_quiet
+from core.evaluation.rates import EPSILONS
 from core.monitor import Monitor
+from core.monitor.calibration import rank, threshold
 from core.monitor.combination import members_of
 
 router = APIRouter(prefix="/api/v1/monitors", tags=["monitors"])
@@ -54,6 +57,21 @@ class GroupCalibration(BaseModel):
     n_unsafe: int = Field(description="failures in this group; the same in each group")
     n_early: int
     alert_above: float
+
+
+class CalibrationRule(BaseModel):
+    """How the monitor alerts to keep a miss rate."""
+
+    epsilon: float
+    rank: int = Field(description="number of failures that alert; scores are sorted")
+    alert_above: float = Field(description="risk above which it alerts: the same rule")
+    scores: list[float | None] = Field(
+        description="highest score that alerts, in each group; null: every score does"
+    )
+    miss_rates: list[float] = Field(
+        description="5 and 95 % quantiles of the miss rate of monitors calibrated on as many "
+        "failures"
+    )
 
 
 class CombinationMember(BaseModel):
@@ -78,6 +96,9 @@ class Calibration(BaseModel):
     guarantee: str
     alert_above: float
     lead: float = Field(description="[s]")
+    rules: list[CalibrationRule] = Field(
+        description="at the miss rates of the evaluation and the monitor's own, in order"
+    )
     groups: list[GroupCalibration] = Field(description="empty if all failures are pooled")
     members: list[CombinationMember] = Field(
         description="members of a combination; empty for other monitors"
@@ -208,6 +229,7 @@ def read_calibration(monitor_id: str, store: StoreDep) -> Calibration:
         "guarantee": monitor.recipe.guarantee,
         "alert_above": monitor.alert_above(),
         "lead": monitor.lead,
+        "rules": _rules(monitor),
         "groups": _groups(monitor),
         "members": [
             {"lead": m.lead, "n_unsafe": m.n_unsafe, "recipe": to_plain(m.recipe)}
@@ -215,6 +237,25 @@ def read_calibration(monitor_id: str, store: StoreDep) -> Calibration:
         ],
     }
     return json_response(answer)
+
+
+def _rules(monitor: Monitor) -> list[dict[str, Any]]:
+    evaluated = monitor.evaluation["curves"]["epsilon"] if monitor.evaluation else EPSILONS.tolist()
+    served = [epsilon for epsilon in evaluated if epsilon >= monitor.smallest_epsilon]
+    return [_rule(monitor, epsilon) for epsilon in sorted({*served, monitor.recipe.epsilon})]
+
+
+def _rule(monitor: Monitor, epsilon: float) -> dict[str, Any]:
+    above, n = monitor.alert_above(epsilon), monitor.n_unsafe
+    k = rank(above, n)
+    alphas = [monitor.alphas] if monitor.groups is None else monitor.groups.alphas
+    return {
+        "epsilon": epsilon,
+        "rank": k,
+        "alert_above": above,
+        "scores": [threshold(above, of_group) for of_group in alphas],
+        "miss_rates": betaincinv(n + 1 - k, k, [0.05, 0.95]),
+    }
 
 
 def _groups(monitor: Monitor) -> list[dict[str, Any]]:

@@ -1,14 +1,14 @@
 /**
  * What an epsilon costs: a slider, with the rates measured on fresh flights at each epsilon.
  *
- * calibrations: one, or one for each group of failing flights.   evaluation: null if the monitor was not tested here
+ * calibration: with its rule at each epsilon.   evaluation: null if the monitor was not tested here
  * changed({epsilon, rank})   at once and at each move
  */
 
 import { guideLink, h, panel, svg } from "../lib/dom.js";
 import { warningLines } from "../lib/monitors.js";
 import { count, figure, interval, percent } from "../lib/numbers.js";
-import { alertAbove, neededFor, rank, scatter, threshold } from "./calibration_rule.js";
+import { neededFor } from "./train_form.js";
 
 /** [name, key, its rate, its 95 % interval, words] */
 const MEASURES = [
@@ -18,8 +18,9 @@ const MEASURES = [
 ];
 const SAME = 1e-9;
 
-export function createEpsilonCost({ monitor, calibrations, evaluation, changed }) {
-  const points = pointsOf(monitor, evaluation);
+export function createEpsilonCost({ monitor, calibration, evaluation, changed }) {
+  const points = pointsOf(calibration, evaluation);
+  const names = calibration.groups.map(({ name }) => ` for ${name}`);
   const own = points.findIndex(({ epsilon }) => Math.abs(epsilon - monitor.epsilon) < SAME);
   const last = points.length - 1;
   const slider = h("input.epsilon-slider", { type: "range", min: 0, max: last, id: "epsilon", oninput: move });
@@ -46,7 +47,7 @@ export function createEpsilonCost({ monitor, calibrations, evaluation, changed }
     measured,
     warnings,
     guarantee,
-    enough(monitor, calibrations.length),
+    enough(monitor, names.length),
   ];
   const title = ["What an epsilon costs ", guideLink("what-the-numbers-mean#epsilon", "epsilon")];
   const element = panel(title, content, { class: "panel stack", beside: reading, "aria-label": "What an epsilon costs" });
@@ -57,30 +58,25 @@ export function createEpsilonCost({ monitor, calibrations, evaluation, changed }
 
   function move() {
     const point = points[slider.value];
-    const { epsilon } = point;
-    const k = rank(epsilon, monitor.n_unsafe, promised);
+    const { epsilon, rank, alert_above: above, miss_rates: [low, high] } = point;
     cost.epsilon = epsilon;
     reading.textContent = `ε = ${figure(epsilon)}`;
     slider.setAttribute("aria-valuetext", `epsilon ${figure(epsilon)}`);
     rule.textContent =
-      `To keep this epsilon, the monitor alerts at risk > ${figure(alertAbove(epsilon, monitor.n_unsafe, promised))}: score at most ${levels(epsilon)} (rank ${k} of ${monitor.n_unsafe}).` +
+      `To keep this epsilon, the monitor alerts at risk > ${figure(above)}: score at most ${levels(point)} (rank ${rank} of ${monitor.n_unsafe}).` +
       (Number(slider.value) === own ? " This is the monitor's own epsilon." : "");
     for (const { show } of meters) show(point);
     if (evaluation) counts.textContent = countsInWords(point, evaluation);
     warnings.replaceChildren(...warningLines({ warnings: point.warnings ?? [] }));
-    const [low, high] = scatter(epsilon, monitor.n_unsafe, promised);
     guarantee.textContent =
       `Promised ${promised === "average" ? "on average over calibration sets" : "with 95 % confidence in this monitor"}: at most ${percent(epsilon)} missed. ` +
-      `One monitor calibrated on ${failures(monitor, calibrations.length)} may miss between ${percent(low, 0)} and ${percent(high, 0)} (5–95 %).` +
+      `One monitor calibrated on ${failures(monitor, names.length)} may miss between ${percent(low, 0)} and ${percent(high, 0)} (5–95 %).` +
       (evaluation ? " See measured misses above." : "");
-    changed({ epsilon, rank: k });
+    changed({ epsilon, rank });
   }
 
-  function levels(epsilon) {
-    const words = calibrations.map(({ name, alphas }) => {
-      const level = threshold(epsilon, alphas, promised);
-      return `${Number.isFinite(level) ? figure(level) : "anything"}${name ? ` for ${name}` : ""}`;
-    });
+  function levels({ scores }) {
+    const words = scores.map((score, k) => `${score === null ? "anything" : figure(score)}${names[k] ?? ""}`);
     return words.join("; ") + (words.length > 1 ? "; while the group is unknown, any possible one" : "");
   }
 }
@@ -108,20 +104,15 @@ function enough(monitor, nGroups) {
   return h("p.hint", `${failures(monitor, nGroups)}: enough for ε ≥ ${figure(smallest)}. ${more}`);
 }
 
-function pointsOf(monitor, evaluation) {
-  const points = evaluation ? measuredPoints(evaluation) : [...grid(monitor), { epsilon: monitor.epsilon }];
-  points.sort((a, b) => a.epsilon - b.epsilon);
-  return points.filter(({ epsilon }, k) => k === 0 || epsilon - points[k - 1].epsilon > SAME);
+/** The rule at each epsilon, with what was measured there. */
+function pointsOf({ rules }, evaluation) {
+  const measured = evaluation ? measuredPoints(evaluation) : [];
+  return rules.map((rule) => ({ ...measured.find(({ epsilon }) => Math.abs(epsilon - rule.epsilon) < SAME), ...rule }));
 }
 
 function measuredPoints({ curves, at_epsilon: own }) {
   const at = (k) => Object.fromEntries(Object.entries(curves).map(([key, values]) => [key, values[k]]));
   return [...curves.epsilon.map((_, k) => at(k)), own];
-}
-
-function grid({ smallest_epsilon: smallest }) {
-  const all = Array.from({ length: 49 }, (_, k) => ({ epsilon: (k + 1) / 50 }));
-  return all.filter(({ epsilon }) => epsilon >= smallest);
 }
 
 function meter([name, key, rate, bounds, words]) {

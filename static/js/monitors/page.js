@@ -41,7 +41,7 @@ export function showMonitor(element, { id, api, navigate }) {
     const calibrationCurves = calibrations.map(calibrationFigure);
     const curves = evaluation && curvesFigure(evaluation);
     const changed = (rule) => [...calibrationCurves, curves].forEach((drawn) => drawn?.mark(rule));
-    const cost = createEpsilonCost({ monitor, calibrations, evaluation, changed });
+    const cost = createEpsilonCost({ monitor, calibration, evaluation, changed });
     const isKnown = isSimulated({ recipe: monitor.dataset_recipe });
     const again = (isPrimary) => link("Train one like it", `#/monitors/new?like=${id}`, isPrimary);
     const { predictor } = monitor.recipe;

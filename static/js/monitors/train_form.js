@@ -12,9 +12,9 @@ import { aircraftCondition, loadCatalog, methodOf } from "../lib/catalog.js";
 import { errorLine, formatted, h, link, loadingView, pageOf, panel, sentences } from "../lib/dom.js";
 import { figure } from "../lib/numbers.js";
 import { proposalOf } from "../recordings/training_offer.js";
-import { leastFor, neededFor } from "./calibration_rule.js";
 
 const TITLE = "Train a monitor";
+const DOUBT = 0.05; // of a promise with 95 % confidence
 const MAIN = ["t_early", "epsilon"];
 const TEST = {
   title: "test flights",
@@ -107,12 +107,18 @@ function trainForm({ api, catalog, datasets, like, chosen, keep, trained }) {
   }
 }
 
+/** Fewest failures that are enough for an epsilon. */
+export function neededFor(epsilon, guarantee = "average") {
+  const n = guarantee === "average" ? 1 / epsilon - 1 : Math.log(DOUBT) / Math.log1p(-epsilon);
+  return Math.ceil(n - 1e-9);
+}
+
 function servedWords(n, { epsilon, guarantee }) {
   if (!(epsilon > 0 && epsilon < 1) || n === null) return { words: "", isEnough: true };
   const needed = neededFor(epsilon, guarantee);
   const words =
     n >= needed
-      ? `${n} failures: enough for ε ≥ ${figure(leastFor(n, guarantee))}.`
+      ? `${n} failures: enough for ε ≥ ${figure(guarantee === "average" ? 1 / (n + 1) : 1 - DOUBT ** (1 / n))}.`
       : `ε = ${figure(epsilon)} needs at least ${needed} unsafe rollouts, and ${n} are set: raise ε or the number of rollouts.`;
   return { words, isEnough: n >= needed };
 }

@@ -5,12 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from app.jobs.training import fly_test
 from app.recipes.recipes import as_ordered, from_plain
 from core.channels import KEYS, significant
 from core.monitor import Monitor, MonitorRecipe, train
-from core.monitor.calibration import confident_rank, threshold
+from core.monitor.calibration import confident_rank, rank, threshold
 from core.monitor.file.loading import from_bytes
 from core.monitor.file.portable import pack, unpack
 from core.planned_test.collection import DatasetRecipe
@@ -273,6 +274,26 @@ def test_calibration_is_that_of_the_monitor(client, stored, monitor):
     alphas = [np.inf if alpha is None else alpha for alpha in found["alphas"]]
     np.testing.assert_array_equal(alphas, monitor.alphas)
     assert found["smallest_epsilon"] == monitor.smallest_epsilon == pytest.approx(1 / 13)
+
+
+@pytest.mark.parametrize("guarantee", ["average", "95%"])
+def test_the_rule_of_each_epsilon_is_that_of_the_method(client, monitor, guarantee):
+    recipe = replace(monitor.recipe, epsilon=0.3, guarantee=guarantee)
+    stored = store_of(client).monitors.add(replace(monitor, recipe=recipe), "ruled").id
+    rules = client.get(f"/api/v1/monitors/{stored}/calibration").json()["rules"]
+    n = monitor.n_unsafe
+    assert [rule["epsilon"] for rule in rules] == sorted(rule["epsilon"] for rule in rules)
+    assert any(rule["epsilon"] == 0.3 for rule in rules)
+    for rule in rules:
+        epsilon = rule["epsilon"]
+        j = confident_rank(epsilon, n) if guarantee == "95%" else n + 1 - rank(epsilon, n)
+        assert rule["rank"] == n + 1 - j
+        assert rule["alert_above"] == pytest.approx(
+            epsilon if guarantee == "average" else j / (n + 1)
+        )
+        assert rule["scores"] == [monitor.alphas[n - j]]
+        expected = stats.beta.ppf([0.05, 0.95], j, n + 1 - j)
+        assert rule["miss_rates"] == pytest.approx(expected.tolist())
 
 
 def test_a_portable_monitor_round_trips(client, stored, monitor):

@@ -6,15 +6,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import httpx2
-import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
-from scipy import stats
 
 from app.catalog import catalog
 from app.store.store import Store
 from core.monitor import train
-from core.monitor.calibration import alert_above, failures_needed, rank, smallest_epsilon
+from core.monitor.calibration import failures_needed
 from tests.browser.site import open_site
 
 SMALL = {"n_unsafe": 40, "seed": 5}
@@ -371,23 +369,17 @@ def test_texts_of_methods_and_of_datasets_of_one_recipe_are_read_in_a_narrow_win
     expect(option).to_contain_text(f"{stored['created'][:10]} {stored['created'][11:16]} UTC")
 
 
-def test_the_page_knows_the_rule_of_either_promise(page: Page, site: Site) -> None:
-    """Rank, threshold and failures needed, as core computes them."""
+def test_the_form_knows_how_many_failures_an_epsilon_needs(page: Page, site: Site) -> None:
     page.goto(site.http)
+    cases = [(epsilon, words) for epsilon in (0.01, 0.02, 0.1, 0.3) for words in ("average", "95%")]
     told = page.evaluate(
-        """async (pairs) => {
-             const rule = await import("/js/monitors/calibration_rule.js");
-             return pairs.map(([epsilon, n]) => [
-               rule.alertAbove(epsilon, n, "95%"), rule.neededFor(epsilon, "95%"),
-               rule.leastFor(n, "95%"), rule.rank(epsilon, n), rule.neededFor(epsilon)]);
+        """async (cases) => {
+             const { neededFor } = await import("/js/monitors/train_form.js");
+             return cases.map((each) => neededFor(...each));
            }""",
-        pairs := [[0.1, 29], [0.1, 50], [0.05, 500], [0.02, 149], [0.3, 1000], [0.01, 2000]],
+        cases,
     )
-    for (epsilon, n), (above, needed, least, k, on_average) in zip(pairs, told, strict=True):
-        assert above == alert_above(epsilon, n, "95%")
-        assert needed == failures_needed(epsilon, "95%")
-        assert least == pytest.approx(smallest_epsilon(n, "95%"))
-        assert (k, on_average) == (rank(epsilon, n), failures_needed(epsilon))
+    assert told == [failures_needed(*case) for case in cases]
 
 
 def test_every_unsafe_rollout_that_is_drawn_ends_with_a_cross(page: Page, site: Site) -> None:
@@ -475,23 +467,6 @@ def test_an_unknown_monitor_is_an_error_that_can_be_tried_again(
     state = page.locator(".state-error")
     expect(state).to_contain_text("0123456789ab")
     expect(state.get_by_role("button", name="Try again")).to_be_visible()
-
-
-def test_rank_and_scatter_are_those_of_the_method(page: Page, site: Site) -> None:
-    page.goto(f"{site.http}/#/monitors")
-    cases = [(epsilon, n) for n in (9, 19, 50, 200, 5000) for epsilon in np.arange(1, 50) / 50]
-    rules = page.evaluate(
-        """async (cases) => {
-            const rule = await import("/js/monitors/calibration_rule.js");
-            return cases.map(([epsilon, n]) => [rule.rank(epsilon, n), rule.scatter(epsilon, n)]);
-        }""",
-        [[float(epsilon), n] for epsilon, n in cases],
-    )
-    for (epsilon, n), (k, bounds) in zip(cases, rules, strict=True):
-        assert k == rank(epsilon, n)
-        if k <= n:
-            expected = stats.beta.ppf([0.05, 0.95], n + 1 - k, k)
-            np.testing.assert_allclose(bounds, expected, atol=1e-6)
 
 
 def test_five_methods_are_compared_on_a_dataset(page: Page, site: Site) -> None:
