@@ -3,11 +3,10 @@
 The page's forms and the OpenAPI document's recipe schemas come from it.
 """
 
-import re
 from copy import deepcopy
 from dataclasses import asdict, fields, is_dataclass
 from functools import cache
-from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.util import find_spec
 from inspect import cleandoc
 from types import GenericAlias
 from typing import Any, get_args
@@ -32,7 +31,7 @@ from app.recipes.recipes import (
     limits_named,
 )
 from app.recipes.recipes import to_plain as stored_plain
-from app.telemetry.formats import FORMATS
+from app.telemetry.formats import FORMATS, LIBRARIES
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.targets import TARGETS
 from app.telemetry.units import choices
@@ -151,7 +150,7 @@ def _telemetry() -> dict[str, Any]:
                 "title": file_format.title,
                 "endings": list(file_format.endings),
                 "extra": file_format.extra or None,
-                "installed": is_installed(file_format.extra),
+                "installed": find_spec(LIBRARIES.get(file_format.extra, "app")) is not None,
                 "experimental": file_format.experimental,
             }
             for file_format in FORMATS.values()
@@ -165,18 +164,6 @@ def _telemetry() -> dict[str, Any]:
             for way in DERIVATIONS.values()
         ],
     }
-
-
-def is_installed(extra: str) -> bool:
-    """Whether the packages of an extra of this program are installed; "" needs none."""
-    names = re.compile(rf"([\w.-]+).*\bextra == ['\"]{extra}['\"]")
-    try:
-        for requirement in requires("forewarn") or () if extra else ():
-            if match := names.match(requirement):
-                version(match[1])
-    except PackageNotFoundError:
-        return False
-    return True
 
 
 def schema_of(member: Any) -> dict[str, Any]:

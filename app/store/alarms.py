@@ -4,18 +4,14 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from typing import Any
 
-from sqlalchemy import bindparam, insert, select, update
+from sqlalchemy import select, update
 
-from app.store.flights import head_of
 from app.store.repository import NotFound, Repository, columns, require
 from app.store.tables import alarms, flight_markers, flights, new_id, now
 from core.flight_events import Alarm, FlightMarker
 from core.limits.exceedance import MeasuredExceedance
 from core.monitor.status import Level
 
-_BY_NUMBER = (alarms.c.flight_id == bindparam("flight")) & (alarms.c.number == bindparam("number"))
-_NUMBERED, _INSERT = select(alarms.c.id).where(_BY_NUMBER), insert(alarms)
-"""Built once, because flights in progress wait for these statements."""
 _ALARMS = select(alarms.c.flight_id, *columns(alarms, Alarm)).order_by(alarms.c.number)
 
 
@@ -25,13 +21,9 @@ class AlarmRepository(Repository):
     def add(self, flight_id: str, alarm: Alarm) -> None:
         """Store an alarm of a flight; one already stored under this number is left unchanged."""
         row = {column.name: getattr(alarm, column.name) for column in columns(alarms, Alarm)}
-        row |= {"id": new_id(), "flight_id": flight_id, "level": str(alarm.level)}
+        row |= {"id": new_id(), "level": str(alarm.level)}
         row["exceedance"] = alarm.exceedance and asdict(alarm.exceedance)
-        with self._writing() as connection:
-            head_of(connection, flight_id)
-            numbered = {"flight": flight_id, "number": alarm.number}
-            if connection.execute(_NUMBERED, numbered).scalar_one_or_none() is None:
-                connection.execute(_INSERT, row)
+        self._add_numbered(alarms, flight_id, row)
 
     def acknowledge(self, flight_id: str, number: int, by: str) -> Alarm:
         """Record who acknowledged an alarm; only the first acknowledgement counts."""

@@ -12,6 +12,8 @@ from pathlib import Path, PurePath
 from app.telemetry.recording import TelemetryError
 
 READERS = "app.telemetry.readers"
+LIBRARIES = {"ulog": "pyulog", "mdf": "asammdf", "ch10": "chapter10"}
+"""The module that an extra installs."""
 HEAD_BYTES = 4096
 TEXT = "csv"
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"

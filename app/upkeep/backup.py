@@ -125,12 +125,8 @@ def _write(url: str, data_dir: Path, copy: Path, part: Path) -> tuple[Manifest, 
                 damaged += _add_recording(writer, files, snapshot, live, recording)
             for flight in snapshot.flights.all():
                 damaged += _add_journal(writer, journals, live, flight)
-            counts = {
-                "flights": len(snapshot.flights.all()),
-                "recordings": len(snapshot.recordings.all()),
-                "monitors": len(snapshot.monitors.all()),
-                "datasets": len(snapshot.datasets.all()),
-            }
+            kinds = ("flights", "recordings", "monitors", "datasets")
+            counts = {kind: len(getattr(snapshot, kind).all()) for kind in kinds}
             schema = snapshot.revision()
         manifest = Manifest(FORMAT, __version__, schema, now(), counts, writer.parts)
         writer.close(manifest)

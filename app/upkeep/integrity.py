@@ -15,7 +15,7 @@ from typing import Literal
 from app.recordings.files import RecordingFiles, digest_of
 from app.recordings.samples import open_samples, open_tiles
 from app.store.database import Damaged, Interrupted, check_pages
-from app.store.repository import Entries, Entry
+from app.store.repository import Entry
 from app.store.store import NotFound, Store, StoreError
 
 LOG = logging.getLogger("forewarn")
@@ -210,17 +210,10 @@ class Integrity:
     def _is_there(self, damage: Damage) -> bool:
         if damage.kind == "database":
             return True
-        store = self.store
-        repositories: dict[Kind, Entries] = {
-            "monitor": store.monitors,
-            "dataset": store.datasets,
-            "recording": store.recordings,
-            "flight": store.flights,
-        }
         try:
             if damage.kind == "scoring":
-                return damage.id in store.scorings.ids()
-            repositories[damage.kind].info(damage.id)
+                return damage.id in self.store.scorings.ids()
+            getattr(self.store, f"{damage.kind}s").info(damage.id)
         except NotFound:
             return False
         except StoreError:
