@@ -34,7 +34,6 @@ class Message(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     def encode(self) -> str:
-        """JSON text."""
         return self.model_dump_json()
 
 
@@ -493,7 +492,6 @@ def decode(text: bytes | str) -> Credit | Resume:
 
 
 def validity_word(is_checked: bool) -> Literal["checked", "not calibrated"]:
-    """Words for whether a monitor's validity is calibrated."""
     return "checked" if is_checked else "not calibrated"
 
 
@@ -565,7 +563,6 @@ def encode_frame(frame: dict[str, Any]) -> str:
 
 
 def encode_frames(seq: int, frames: list[str], conflated: int) -> str:
-    """A Frames message from encoded frames."""
     return f'{{"type":"frames","seq":{seq},"conflated":{conflated},"frames":[{",".join(frames)}]}}'
 
 

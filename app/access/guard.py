@@ -59,7 +59,6 @@ HEADERS = {
 
 
 def refusal(status: int, detail: str, kind: str, **extra: Any) -> Problem:
-    """The reason why a connection is refused."""
     return Problem(status, detail, f"urn:forewarn:{kind}", **extra)
 
 
@@ -201,7 +200,6 @@ class Guard:
             await send({"type": "http.response.body", "body": b""})
 
     async def _wait_for_end(self, admission: Admission, session: str) -> None:
-        """Return once the token or the session has ended."""
         while not admission.has_ended and (not session or self.sessions.is_open(session)):
             await asyncio.sleep(LOOK_EVERY_S)
 

@@ -27,8 +27,6 @@ Clock = Callable[[], float]
 
 @dataclass(frozen=True)
 class Person:
-    """A client by name and role."""
-
     name: str
     role: Role
 

@@ -94,7 +94,6 @@ class Outbox:
                 self._changed.notify_all()
 
     def refuse(self, sequence: int, reason: str) -> None:
-        """A batch was refused and is dropped."""
         with self._changed:
             if batch := self._open.pop(sequence, None):
                 self.n_refused += batch.n

@@ -49,8 +49,6 @@ class Failed(Exception):
 
 @dataclass(frozen=True)
 class Finding:
-    """The result of a check."""
-
     what: str
     is_well: bool
     words: str

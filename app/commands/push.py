@@ -42,7 +42,6 @@ class Pushed:
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Add the command's options."""
     option(parser, "file FILE", "telemetry in any supported format", type=Path)
     into = parser.add_mutually_exclusive_group(required=True)
     option(into, "--flight ID", "live flight in progress")

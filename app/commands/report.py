@@ -75,7 +75,6 @@ class ReportFiles:
             raise ValueError(f"--n-test {self.n_test}: it must be 0 or more")
 
     def paths(self, label: str) -> tuple[Path, ...]:
-        """Paths of the report and of the exports of one scoring."""
         stem = f"{self.out.stem}-{label}" if label else self.out.stem
         endings = (self.out.suffix, *(f".{kind}" for kind in self.exports))
         return tuple(self.out.with_name(f"{stem}{ending}") for ending in endings)

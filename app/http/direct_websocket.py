@@ -100,7 +100,6 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
             self._parse(self._on_message)
 
     def handle_connect(self, event: Any) -> None:
-        """Offer EXTENSION to the application."""
         super().handle_connect(event)
         if not self.close_sent:
             scope: Any = self.scope

@@ -193,7 +193,6 @@ def _key(scope: Scope) -> str | None:
 
 
 def describe_keys(document: dict[str, Any]) -> None:
-    """Document the key at the operations that honour it."""
     for path, item in document["paths"].items():
         if "post" in item and CREATES.fullmatch(path):
             post = item["post"]

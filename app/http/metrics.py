@@ -44,7 +44,6 @@ class Metrics:
         self._gauges[name].set_function(read)
 
     def text(self) -> bytes:
-        """All metrics in Prometheus's text format."""
         return generate_latest(self.registry)
 
 

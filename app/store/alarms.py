@@ -38,7 +38,6 @@ class AlarmRepository(Repository):
         return _alarm(row._mapping)
 
     def of(self, flight_id: str) -> list[Alarm]:
-        """Alarms of a flight in the order they were raised."""
         with self._reading() as connection:
             require(connection, flights, flight_id)
             rows = connection.execute(_ALARMS.where(alarms.c.flight_id == flight_id))
@@ -58,8 +57,6 @@ def _alarm(row: Mapping[Any, Any]) -> Alarm:
 
 
 class FlightMarkerRepository(Repository):
-    """Markers of flights."""
-
     def add(self, flight_id: str, marker: FlightMarker) -> None:
         """Store a marker; one already stored under this number is left unchanged."""
         names = [column.name for column in columns(flight_markers, FlightMarker)]
@@ -67,7 +64,6 @@ class FlightMarkerRepository(Repository):
         self._add_numbered(flight_markers, flight_id, {"id": new_id()} | row)
 
     def of(self, flight_id: str) -> list[FlightMarker]:
-        """Markers of a flight in the order they were set."""
         query = select(*columns(flight_markers, FlightMarker)).where(
             flight_markers.c.flight_id == flight_id
         )

@@ -28,10 +28,7 @@ class Answer:
 
 
 class AnswerRepository(Repository):
-    """Answers by request path and key."""
-
     def start(self, path: str, key: str) -> None:
-        """Record a request that starts."""
         with self._writing() as connection:
             _add(connection, path, key)
 

@@ -27,8 +27,6 @@ class StoredCampaign(Entry):
 
 
 class CampaignRepository(Entries[StoredCampaign]):
-    """Campaigns by id."""
-
     table, entry = campaigns, StoredCampaign
 
     def add(self, name: str, content: dict[str, Any]) -> StoredCampaign:

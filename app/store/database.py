@@ -296,7 +296,6 @@ def _lines_of(connection: sqlite3.Connection, pragma: str) -> list[str]:
 
 @contextmanager
 def _watched(connection: sqlite3.Connection, stopped: threading.Event) -> Iterator[None]:
-    """Interrupt a connection when `stopped` is set."""
     finished = threading.Event()
 
     def watch() -> None:

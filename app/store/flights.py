@@ -82,8 +82,6 @@ _HEAD_OF = select(_HEAD.label("head")).select_from(flights).where(flights.c.id =
 
 
 class FlightRepository(Entries[FlightInfo]):
-    """Flights by id."""
-
     table, parts, entry = flights, assessment_chunks, FlightInfo
 
     def add(
@@ -307,7 +305,6 @@ class FlightRepository(Entries[FlightInfo]):
 
 
 def _cut(connection: Connection, flight_id: str, head: int) -> None:
-    """Delete the samples after `head`."""
     chunk = assessment_chunks.c
     beyond = (chunk.flight_id == flight_id) & (chunk.last_seq > head)
     query = select(assessment_chunks).where(beyond, chunk.first_seq <= head)

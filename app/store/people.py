@@ -90,7 +90,6 @@ class TokenRepository(Entries[StoredToken]):
         return {row.pop("digest"): StoredToken(**row) for row in rows}
 
     def of_name(self, name: str) -> StoredToken:
-        """The valid token of a person."""
         for token in self.all():
             if token.is_valid and _same(token.name, name):
                 return token

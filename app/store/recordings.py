@@ -101,8 +101,6 @@ class Marker(Entry):
 
 
 class RecordingRepository(Entries[RecordingInfo]):
-    """Recordings by id."""
-
     table, entry = recordings, RecordingInfo
 
     def add(
@@ -213,8 +211,6 @@ class RecordingRepository(Entries[RecordingInfo]):
 
 
 class MarkerRepository(Repository):
-    """Markers of recordings."""
-
     def add(self, recording_id: str, marker: Marker) -> Marker:
         with self._writing() as connection:
             require(connection, recordings, recording_id)

@@ -222,7 +222,6 @@ def check_deletable(connection: Connection, table: Table, identity: str) -> None
 
 
 def columns(table: Table, entry: type) -> list[Any]:
-    """Columns that match the fields of an entry."""
     return [table.c[field.name] for field in fields(entry) if field.name in table.c]
 
 

@@ -63,7 +63,6 @@ class ScoringInfo(Entry):
     """SHA-256 of all other fields; null if an older program stored the scoring"""
 
     def sealed(self) -> "ScoringInfo":
-        """Copy with its row digest."""
         return replace(self, row_digest=self._digest())
 
     @property
@@ -84,8 +83,6 @@ class ScoringInfo(Entry):
 
 
 class ScoringRepository(Repository):
-    """Scorings of recordings."""
-
     def add(self, scoring: ScoringInfo) -> ScoringInfo:
         """Store a scoring whose samples are in place.
 

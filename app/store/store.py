@@ -90,7 +90,6 @@ class Store:
             LOG.warning("the database cannot be compared with its last stop: %s", error)
 
     def stop(self) -> None:
-        """Note a good stop."""
         try:
             self.last_stop.note(self.engine, stopped=True)
         except StoreError as error:

@@ -163,7 +163,6 @@ class Integrity:
         self._thread.start()
 
     def stop(self) -> None:
-        """Stop the check at its next rest."""
         self._pace.stopped.set()
         if self._thread.is_alive():
             self._thread.join()

@@ -71,7 +71,6 @@ def write_files(files: dict[Path, Write]) -> None:
 
 
 def just(content: bytes) -> Write:
-    """A writer of this content."""
     return lambda file: file.write(content)
 
 

@@ -97,7 +97,6 @@ def _waits(derivation: str, pending: dict[str, str]) -> bool:
 
 
 def part_of(mapping: Mapping, key: str) -> Mapping:
-    """Reduce a mapping to one channel and its inputs."""
     channels, wanted = {}, [key]
     while wanted:
         name = wanted.pop()
@@ -185,7 +184,6 @@ def _signed(values: Array, source: ChannelSource) -> Array:
 
 
 def _notes(mapping: Mapping, channels: dict[str, Trace]) -> list[str]:
-    """Sentences about the changes made to the numbers of the file."""
     sources = {key: mapping.channels[key] for key in channels}
     converted = [
         f"{key} from {spelled(source.unit)}"

@@ -41,7 +41,6 @@ class Candidate:
     unit_share: float = 1.0
 
     def because(self, reason: str, factor: float = 1.0, **changes: str) -> "Candidate":
-        """Add a reason and multiply the certainty by a factor."""
         reasons = (*self.reasons, reason)
         return replace(self, certainty=factor * self.certainty, reasons=reasons, **changes)
 

@@ -140,7 +140,6 @@ def _take_out_gravity(builder: ProposalBuilder, moves: Motion, same_bank: int) -
 
 
 def _remove_bias(builder: ProposalBuilder) -> None:
-    """Remove the bias that an accelerometer shows in the quiet first seconds."""
     if "Ny" not in builder.channels or "Ny" in builder.confirmed:
         return
     try:
@@ -295,7 +294,6 @@ def _warn_of_signs(warnings: MappingWarnings, mapping: Mapping, moves: Motion) -
 
 
 def _warn_of_lateral(trace: Trace, moves: Motion | None) -> list[str]:
-    """Warn about gravity or a bias in the channel mapped to N_y."""
     warnings = []
     effect = gravity_effect(moves) if moves is not None else None
     if effect is not None and effect.slope > 0.0:

@@ -65,7 +65,6 @@ class _Steps:
 
     @property
     def count_rows(self) -> bool:
-        """Whether the signal is a row number."""
         return self.step == 1.0 and self.scatter == 0.0 and self.start in (0.0, 1.0)
 
 

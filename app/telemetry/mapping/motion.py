@@ -111,7 +111,6 @@ class Motion:
         return self._regressed(known[response] if isinstance(response, str) else response, causes)
 
     def rate_effect(self, key: str) -> PartialEffect | None:
-        """Effect of the derivative of its angle on a rate."""
         if key not in self.values or ANGLE_OF[key] not in self.values:
             return None
         return self._regressed(self.values[key], {key: self.rates[ANGLE_OF[key]]})

@@ -62,7 +62,6 @@ def name_matches(name: str, group: str = "") -> tuple[NameMatch, ...]:
 
 
 def is_derived(name: str) -> bool:
-    """Whether the name indicates computed rather than measured values."""
     return any(word in DERIVED for way in spellings(name) for word in way.words)
 
 

@@ -257,7 +257,6 @@ def _explain_missing(builder: ProposalBuilder, candidates: Candidates) -> None:
 
 
 def _note_unchecked(builder: ProposalBuilder, candidates: Candidates) -> None:
-    """Note the checks that a missing airspeed or attitude prevents."""
     for key, check in UNCHECKED.items():
         if key not in builder.channels:
             similar = [candidate.signal.name for candidate in candidates.by_key.get(key, ())][:1]

@@ -181,7 +181,6 @@ class PacketReader:
         return f"channel {packet.channel}" + (f" ({source})" if source else "")
 
     def ticks(self, time: int) -> int:
-        """Ticks since the first data."""
         if self.first is None:
             self.first = time % TURN
         return ticks_between(time % TURN, self.first)

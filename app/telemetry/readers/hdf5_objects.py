@@ -137,7 +137,6 @@ def text(value: Any) -> str:
 
 
 def first_text(holder: Any, names: tuple[str, ...]) -> str:
-    """The first of the named attributes that has text."""
     return next((value for name in names if (value := text(attribute(holder, name)))), "")
 
 
@@ -292,7 +291,6 @@ def _take(
 
 
 def _is_scale(dataset: h5py.Dataset) -> bool:
-    """Whether a dataset holds the values of a dimension."""
     return dataset.shape is not None and dataset.ndim == 1 and h5py.h5ds.is_scale(dataset.id)
 
 

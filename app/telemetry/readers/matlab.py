@@ -123,7 +123,6 @@ def wrote(file: h5py.File) -> bool:
 
 
 def read_hdf5(file: h5py.File, writer: ColumnWriter) -> Contents:
-    """Read a MATLAB 7.3 file."""
     ignored: list[str] = []
     texts: dict[Keys, str] = {}
     numbers: list[tuple[Keys, h5py.Dataset]] = []

@@ -212,7 +212,6 @@ class _Lines:
 
 
 def _best_parted(text: Sequence[str]) -> _Lines:
-    """Lines split at the delimiter and with the decimal sign that fit best."""
     ways: list[_Lines] = []
     for decimal in (".", ","):
         for delimiter in DELIMITERS:

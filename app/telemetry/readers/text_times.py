@@ -105,7 +105,6 @@ def is_time(cell: str) -> bool:
 
 
 def form_of(cells: list[str]) -> TimeForm:
-    """The form of most of the cells."""
     return max(TIME_FORMS, key=lambda form: sum(form.parts(cell) is not None for cell in cells))
 
 
@@ -183,7 +182,6 @@ class ElapsedTime:
         return clock if self.form.period == DAY else clock.partition(":")[2]
 
     def notes(self, name: str) -> list[str]:
-        """Sentences about the column of this name."""
         if self.origin is None:
             return []
         since = self.start()

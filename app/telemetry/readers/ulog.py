@@ -99,7 +99,6 @@ def _pieces(fields: Mapping[str, Any], names: list[str]) -> Pieces:
 
 
 def _notes(log: Any) -> tuple[str, ...]:
-    """Sentences on lost data."""
     notes = []
     if lost := [dropout.duration / 1e3 for dropout in log.dropouts]:
         notes.append(

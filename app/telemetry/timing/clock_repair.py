@@ -257,7 +257,6 @@ def _same(values: dict[str, Array], a: Indices, b: Indices) -> Flags:
 
 
 def _finite(x: Array) -> Array:
-    """Replace infinite values by NaN."""
     is_infinite = np.isinf(x)
     finite = np.where(is_infinite, np.nan, x) if is_infinite.any() else x
     release(x)

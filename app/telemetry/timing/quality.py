@@ -178,7 +178,6 @@ class Quality:
     faults: tuple[Fault, ...] = ()
 
     def sentences(self) -> list[str]:
-        """Sentences for a report."""
         return [line for part in (*self.clocks, *self.channels) for line in part.describe()]
 
 
