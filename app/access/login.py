@@ -33,6 +33,8 @@ min-height:90vh}}input,button{{font:inherit;padding:.4em .6em}}</style>
 
 
 class Login:
+    """Answers /login and /logout."""
+
     def __init__(self, people: People, sessions: Sessions, audit: Audit) -> None:
         self._people = people
         self._sessions = sessions

@@ -27,6 +27,8 @@ Clock = Callable[[], float]
 
 @dataclass(frozen=True)
 class Person:
+    """A client by name and role."""
+
     name: str
     role: Role
 

@@ -49,6 +49,8 @@ class Failed(Exception):
 
 @dataclass(frozen=True)
 class Finding:
+    """The result of a check."""
+
     what: str
     is_well: bool
     words: str

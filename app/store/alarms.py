@@ -57,6 +57,8 @@ def _alarm(row: Mapping[Any, Any]) -> Alarm:
 
 
 class FlightMarkerRepository(Repository):
+    """Markers of flights."""
+
     def add(self, flight_id: str, marker: FlightMarker) -> None:
         """Store a marker; one already stored under this number is left unchanged."""
         names = [column.name for column in columns(flight_markers, FlightMarker)]

@@ -28,6 +28,8 @@ class Answer:
 
 
 class AnswerRepository(Repository):
+    """Answers by request path and key."""
+
     def start(self, path: str, key: str) -> None:
         with self._writing() as connection:
             _add(connection, path, key)

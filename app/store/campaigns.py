@@ -27,6 +27,8 @@ class StoredCampaign(Entry):
 
 
 class CampaignRepository(Entries[StoredCampaign]):
+    """Campaigns by id."""
+
     table, entry = campaigns, StoredCampaign
 
     def add(self, name: str, content: dict[str, Any]) -> StoredCampaign:

@@ -107,6 +107,8 @@ class StoredRollout(NamedTuple):
 
 
 class DatasetRepository(Entries[DatasetInfo]):
+    """Datasets by id."""
+
     table, parts, entry = datasets, dataset_blocks, DatasetInfo
 
     def add(self, dataset: Dataset, name: str) -> DatasetInfo:

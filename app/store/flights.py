@@ -82,6 +82,8 @@ _HEAD_OF = select(_HEAD.label("head")).select_from(flights).where(flights.c.id =
 
 
 class FlightRepository(Entries[FlightInfo]):
+    """Flights by id."""
+
     table, parts, entry = flights, assessment_chunks, FlightInfo
 
     def add(

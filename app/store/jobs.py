@@ -39,6 +39,8 @@ class JobInfo(Entry):
 
 
 class JobRepository(Entries[JobInfo]):
+    """Jobs by id."""
+
     table, entry = jobs, JobInfo
 
     def add(self, kind: str, request: dict[str, Any]) -> str:

@@ -105,6 +105,8 @@ def guarantee_of(recipe: Mapping[str, Any]) -> Guarantee:
 
 
 class MonitorRepository(Entries[MonitorInfo]):
+    """Monitors by id."""
+
     table, parts, entry = monitors, monitor_parts, MonitorInfo
 
     def __init__(self, engine: Engine, writer: Writer) -> None:

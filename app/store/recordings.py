@@ -101,6 +101,8 @@ class Marker(Entry):
 
 
 class RecordingRepository(Entries[RecordingInfo]):
+    """Recordings by id."""
+
     table, entry = recordings, RecordingInfo
 
     def add(
@@ -211,6 +213,8 @@ class RecordingRepository(Entries[RecordingInfo]):
 
 
 class MarkerRepository(Repository):
+    """Markers of recordings."""
+
     def add(self, recording_id: str, marker: Marker) -> Marker:
         with self._writing() as connection:
             require(connection, recordings, recording_id)

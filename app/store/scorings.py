@@ -83,6 +83,8 @@ class ScoringInfo(Entry):
 
 
 class ScoringRepository(Repository):
+    """Scorings of recordings."""
+
     def add(self, scoring: ScoringInfo) -> ScoringInfo:
         """Store a scoring whose samples are in place.
 
