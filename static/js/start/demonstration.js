@@ -1,8 +1,4 @@
-/**
- * The recorded demonstration: a simulated flight that fails, replayed without a server's help.
- *
- * When the live demonstration is ready, the page goes there once the recording is over.
- */
+/** The recorded demonstration: a simulated flight that fails, replayed without a server's help, unless the live one flies. */
 
 import { guarantee } from "../fly/alarm_panel.js";
 import { showLiveFlight } from "../fly/live_flight.js";
@@ -13,18 +9,14 @@ import { magnitudeIn } from "../lib/numbers.js";
 import { createRecordedFlight } from "./recorded_flight.js";
 
 const RECORDING = new URL("recording.json", import.meta.url);
-const READ_ON = 4000; // ms between the end of the recording and the live flight, to read how it ended
 
 export function show(element, { api, navigate }) {
   let flight = { close: () => {} };
   let view = { close: () => {} };
   let closed = false;
-  let over = false;
-  let timer = 0;
-  const unsubscribe = demonstration.subscribe(goOn);
-  if (demonstration.latest?.phase === "ready") {
-    goTo();
-  } else load();
+  const { latest } = demonstration;
+  if (latest?.phase === "ready") navigate(`#/fly/${latest.flight}`);
+  else load();
 
   async function load() {
     try {
@@ -37,36 +29,16 @@ export function show(element, { api, navigate }) {
   }
 
   function play(recording) {
-    over = false;
-    clearTimeout(timer);
     view.close();
     const story = createStory(recording, { again: () => play(recording), api });
-    flight = createRecordedFlight(recording, api, ended);
+    flight = createRecordedFlight(recording, api, story.end);
     flight.moved(story.moved);
     view = showLiveFlight(element, { id: recording.hello.flight, api: flight.api, over: () => {}, recorded: { Socket: flight.Socket, beside: story.element } });
-
-    function ended() {
-      over = true;
-      story.end();
-      goOn();
-    }
-  }
-
-  function goOn() {
-    if (!over || closed || demonstration.latest?.phase !== "ready") return;
-    clearTimeout(timer);
-    timer = setTimeout(goTo, READ_ON);
-  }
-
-  function goTo() {
-    if (!closed) navigate(`#/fly/${demonstration.latest.flight}`);
   }
 
   return {
     close: () => {
       closed = true;
-      clearTimeout(timer);
-      unsubscribe();
       view.close();
       flight.close();
     },

@@ -727,9 +727,13 @@ GREEN = """() => {
 }"""
 
 
-def test_the_line_of_states_is_one_line_on_a_screen_of_1024(fly: Fly) -> None:
+@pytest.mark.parametrize("is_live", [False, True])
+def test_the_line_of_states_is_one_line_on_a_screen_of_1024(fly: Fly, is_live: bool) -> None:
     fly.page.set_viewport_size({"width": 1024, "height": 768})
-    fly.watch(UNSAFE, ("pause", None), ("next_alert", None))
+    if is_live:
+        fly.watch({"kind": "live", "trim": "none"})
+    else:
+        fly.watch(UNSAFE, ("pause", None), ("next_alert", None))
     fly.page.keyboard.press("m")
     assert fly.page.locator(".flight > .status-strip").bounding_box()["height"] < 50  # pyright: ignore
 
