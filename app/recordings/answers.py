@@ -12,7 +12,7 @@ from app.store.store import NotFound
 from app.telemetry.contents import Contents
 from app.telemetry.mapping.applying import applicable
 from app.telemetry.mapping.checks import find_warnings
-from app.telemetry.mapping.mapping import Mapping
+from app.telemetry.mapping.mapping import Mapping, TimeSource, rate_words
 from app.telemetry.recording import Trace, Traces
 from app.telemetry.targets import TARGETS
 from core.channels import KEYS
@@ -32,6 +32,11 @@ def recording_answer(recordings: Recordings, recording_id: str) -> dict[str, Any
         "contents": _contents(contents, mapped),
         "bad_rows": _bad_rows(contents),
         "mapping": mapped.mapping,
+        "rates": {
+            group: rate_words(TimeSource(**source))
+            for group, source in mapped.mapping["times"].items()
+            if source["rate"]
+        },
         **{key: mapped.proposal[key] for key in ("rationales", "alternatives", "derivable")},
         "mapping_notes": mapped.proposal.get("notes", []),
         "missing": [key for key in KEYS if key not in mapped.mapping["channels"]],

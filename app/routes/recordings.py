@@ -95,6 +95,8 @@ class RecordingDetails(RecordingInfo):
     contents: FileContents
     bad_rows: BadRowSummary
     mapping: Mapping
+    rates: dict[str, str]
+    """sample rates of `mapping.times` as a mapping reads them, by group"""
     rationales: dict[str, Rationale]
     """by channel, and by `t:` and the name of a group"""
     alternatives: dict[str, list[str]]

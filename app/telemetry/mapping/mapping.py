@@ -6,7 +6,15 @@ from dataclasses import asdict, dataclass, field
 from math import isfinite
 from typing import Annotated, Any, Literal
 
-from pydantic import AliasChoices, ConfigDict, Field, Strict, TypeAdapter, ValidationError
+from pydantic import (
+    AliasChoices,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    Strict,
+    TypeAdapter,
+    ValidationError,
+)
 
 from app.telemetry.contents import Contents
 from app.telemetry.recording import TelemetryError
@@ -68,6 +76,10 @@ class TimeSource:
         return "" if isfinite(self.start) else "has a start that is not finite: give a number"
 
 
+def _rate_read(given: Any) -> Any:
+    return read_rate(given) if isinstance(given, str) else given
+
+
 @dataclass(frozen=True)
 class Mapping:
     """Sources of channels, and of the times of groups."""
@@ -76,8 +88,10 @@ class Mapping:
 
     channels: dict[str, ChannelSource] = field(default_factory=dict)
     """by key of a target in the catalog"""
-    times: dict[str, TimeSource] = field(default_factory=dict)
-    """by name of a group; a group without an entry is not used"""
+    times: dict[str, Annotated[TimeSource, BeforeValidator(_rate_read)]] = field(
+        default_factory=dict
+    )
+    """by name of a group, a rate also as `50 Hz from 12:31:05`; other groups are not used"""
 
     def to_plain(self) -> dict[str, Any]:
         return asdict(self)

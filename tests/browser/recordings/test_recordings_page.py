@@ -330,7 +330,7 @@ def test_a_recording_without_times_is_mapped_by_a_typed_rate(
     page.get_by_label("signal of time").select_option("derive:rate")
     rate = page.get_by_label("rate of time")
     rate.fill("fast")
-    expect(error).to_contain_text("has no time")
+    expect(error).to_contain_text("not a sample rate")
     rate.fill("50 Hz from 12:31:05")
     expect(error).to_be_hidden()
     confirm.click()

@@ -77,7 +77,7 @@ export function createMappingSection({ api, catalog, recording, known, bins, pre
   async function use(mapping) {
     await api.post(`${path}/preview`, { mapping, bins });
     if (closed) return;
-    const given = { ...recording, mapping, mapping_state: "given", rationales: {}, mapping_notes: [] };
+    const given = { ...recording, mapping, rates: {}, mapping_state: "given", rationales: {}, mapping_notes: [] };
     table = createMappingTable({ catalog, recording: given, changed: previewLater });
     shown.replaceChildren(table.element);
     edited = true;

@@ -22,7 +22,7 @@ const HEADS = [
 export function createMappingTable({ catalog, recording, changed }) {
   const { mapping, contents, rationales, alternatives, derivable, mapping_state: state } = recording;
   const { targets, time_units: units } = catalog.telemetry;
-  const time = createTimeRows({ times: mapping.times, contents, rationales, units, changed: report });
+  const time = createTimeRows({ times: mapping.times, rates: recording.rates, contents, rationales, units, changed: report });
   const rows = targets.map((target) =>
     createMappingRow({
       target,

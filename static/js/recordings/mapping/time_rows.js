@@ -7,12 +7,8 @@ import { cell, channelCell, confidence, setByYou } from "./cells.js";
 import { createSignalSelect } from "./signal_select.js";
 
 const BY_RATE = "derive:rate";
-const RATE =
-  /^(\d+(?:[.,]\d*)?) *(?:hz|1\/s|samples\/s)?(?: +from +(?:(?:(\d{1,2}):)?([0-5]?\d):)?(\d+(?:[.,]\d*)?) *(?:s|z|utc)?)?$/i;
-const MINUTE = 60;
-const DAY = 86400;
 
-export function createTimeRows({ times, contents, rationales, units, changed }) {
+export function createTimeRows({ times, rates, contents, rationales, units, changed }) {
   const now = structuredClone(times);
   const rows = new Map(contents.groups.map((group, number) => [group.name, rowOf(group, number)]));
   const element = h("ul.map-rows.time-rows", [...rows.values()]);
@@ -40,8 +36,8 @@ export function createTimeRows({ times, contents, rationales, units, changed }) 
     const rateInput = textInput({
       "aria-label": `rate of ${words}`,
       placeholder: "50 Hz from 12:31:05",
-      value: now[group]?.rate ? rateText(now[group]) : "",
-      oninput: () => set(readRate(rateInput.value)),
+      value: rates[group] ?? (now[group]?.rate ? `${now[group].rate} Hz` : ""),
+      oninput: () => set(rateInput.value.trim()),
     });
     const known = [...new Set([...units, now[group]?.unit].filter(Boolean))];
     const unit = selectOf(known.map((name) => [name, name]), {
@@ -64,11 +60,11 @@ export function createTimeRows({ times, contents, rationales, units, changed }) 
     function choose(value) {
       const isByRate = value === BY_RATE;
       place(isByRate);
-      if (isByRate) set(readRate(rateInput.value));
+      if (isByRate) set(rateInput.value.trim());
       else set(value && { signal: value.slice(7), unit: now[group]?.unit ?? "s" });
     }
 
-    /** source: of the times, or nothing where none is known. */
+    /** source: of the times, a rate as text, or nothing where none is known. */
     function set(source) {
       if (source) now[group] = source;
       else delete now[group];
@@ -86,25 +82,4 @@ export function createTimeRows({ times, contents, rationales, units, changed }) 
 function chosenOf(source) {
   if (!source) return "";
   return source.rate ? BY_RATE : `signal:${source.signal}`;
-}
-
-/** {signal, unit, rate, start} of "50 Hz from 12:31:05"; null where it is no rate. */
-function readRate(text) {
-  const match = RATE.exec(text.trim());
-  if (!match) return null;
-  const [rate, hours, minutes, seconds] = match.slice(1).map(numberOf);
-  const outOfDay = match[3] !== undefined && (hours > 23 || seconds >= MINUTE);
-  if (outOfDay || rate <= 0) return null;
-  return { signal: "", unit: "s", rate, start: 3600 * hours + MINUTE * minutes + seconds };
-}
-
-function rateText({ rate, start }) {
-  if (!start) return `${rate} Hz`;
-  if (start < MINUTE || start >= DAY) return `${rate} Hz from ${start} s`;
-  const clock = new Date(Math.round(1000 * start)).toISOString().slice(11, 23);
-  return `${rate} Hz from ${clock.replace(/\.?0*$/, "")}`;
-}
-
-function numberOf(text) {
-  return text === undefined ? 0 : Number(text.replace(",", "."));
 }
