@@ -20,8 +20,6 @@ HAS_SECONDARY, STAMPED_OTHERWISE = 0x80, 0x40
 """Flags: a second header follows; time stamps come from another clock."""
 MOST_BYTES = 1 << 28
 """Largest packet."""
-MOST_FALSE = 1_000_000
-"""Most sync patterns that do not start a packet."""
 TICKS = 10_000_000
 """Rate of the recorder's relative time counter [1/s], which has 48 bits."""
 TURN = 1 << 48
@@ -50,12 +48,9 @@ class Packet:
 def packets(path: Path) -> Iterator[Packet | int]:
     """Every complete packet of a file in order, and the number of bytes skipped in between."""
     with path.open("rb") as file, closing(_mapped(file.fileno())) as recorded:
-        at, n_false = 0, 0
+        at = 0
         while (start := recorded.find(SYNC, at)) >= 0:
             if not (length := _length(recorded, start)):
-                n_false += 1
-                if n_false > MOST_FALSE:
-                    raise ValueError("almost no packets")
                 at, before = start + 1, at
                 yield at - before
                 continue

@@ -115,14 +115,9 @@ def not_numeric(dtype: Any) -> str:
 
 
 def attribute(holder: Any, name: str) -> Any:
-    """A small attribute as h5py returns it, None if missing or unreadable."""
-    if not h5py.h5a.exists(holder.id, name.encode()):
-        return None
-    identifier = h5py.h5a.open(holder.id, name.encode())
-    if identifier.get_storage_size() > MOST_TEXT:
-        return None
+    """An attribute as h5py returns it, None if missing or unreadable."""
     try:
-        return holder.attrs[name]
+        return holder.attrs.get(name)
     except (OSError, TypeError, UnicodeDecodeError):
         return None
 

@@ -11,7 +11,7 @@ from collections import Counter
 from datetime import UTC, datetime, timedelta
 from math import inf, isfinite
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -25,7 +25,6 @@ from core.limits.limit_sets import CONDITION_KEYS
 TIMES = ("t", "timestamp", "time")
 """Possible names of the time [s], if there is no mapping."""
 ARRIVED = "arrived"
-LONGEST_LINE = 64 * 2**20
 NAN = float("nan")
 _decoder = msgspec.json.Decoder()
 
@@ -35,16 +34,15 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
 
     An incomplete last line is dropped; so are damaged lines, up to the writer's share.
     """
-    bad, notes, n_good, number = writer.bad, list[str](), 0, 1
+    bad, notes, n_good = writer.bad, list[str](), 0
     with path.open("rb") as file:
-        header = _plain(_line(file))
+        header = _plain(file.readline())
         if header is None:
             raise TelemetryError("its first line is damaged: export the journal again")
         conditions, limits = _conditions(header), list[dict[str, Any]]()
         begun, ended = list[list[float]](), None
         rows = _Rows(*_declared(header), frozenset(conditions.values()))
-        while line := _line(file):
-            number += 1
+        for number, line in enumerate(file, 2):
             if not line.endswith(b"\n"):
                 notes.append("Dropped an incomplete last line, which was never acknowledged.")
                 break
@@ -113,13 +111,6 @@ def _conditions(header: dict[str, Any]) -> dict[str, str]:
     named = named if isinstance(named, dict) else {}
     defaults = {key: key for key in CONDITION_KEYS}
     return defaults | {key: name for key, name in named.items() if isinstance(name, str)}
-
-
-def _line(file: BinaryIO) -> bytes:
-    line = file.readline(LONGEST_LINE + 1)
-    if len(line) > LONGEST_LINE:
-        raise TelemetryError(f"a line is longer than {LONGEST_LINE // 2**20} MiB: not a journal")
-    return line
 
 
 def _plain(line: bytes) -> dict[str, Any] | None:

@@ -17,7 +17,7 @@ from app.telemetry.units import are_units, unit_in, unit_of_cell
 SAMPLE_LINES = 500
 """Lines that are used to find the layout, including those above the table."""
 MOST_CELLS = 1 << 14
-"""Most cells of a line; the rest is ignored, and such a table is refused."""
+"""Most cells of a line that are looked at; a table with so many is refused when it is written."""
 MISSING_WORDS = (
     "", "-", "--", "---", "?", "NA", "N/A", "#N/A", "NaN", "-NaN", "+NaN", "NULL", "None", "NIL",
     "NaT", "missing", "inf", "+inf", "-inf", "infinity", "-infinity", "#NUM!", "#DIV/0!", "#VALUE!",
@@ -111,10 +111,6 @@ def find_layout(head: str) -> Layout:
         raise TelemetryError(
             f"no row of numbers in the first {len(text)} lines, which start with "
             f"{shown!a}: give a text table with one row per sample"
-        )
-    if width == MOST_CELLS:
-        raise TelemetryError(
-            f"rows have {width} cells or more: export only the signals of this test"
         )
     kinds = [_most_common([row.kinds[i] for row in lines.rows]) for i in range(width)]
     first_line, header, header_units = _header(lines, kinds, text)
