@@ -129,7 +129,7 @@ class CampaignCounts(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class _PointOutcomes:
+class PointOutcomes:
     """One point for every aircraft.
 
     would: (n,) exceeds if not stopped.   cleared: (n,) by epsilon of the clearance.   aborted,
@@ -153,8 +153,8 @@ def campaign_study(
     counts: list[CampaignCounts] = []
     tests = planned_tests(recipe.tests, recipe.imperfections)
     for of_test, (name, test) in enumerate(tests.items()):
-        build_up = _BuildUp(test, recipe, of_test)
-        points: list[_PointOutcomes] = []
+        build_up = FlownBuildUp(test, recipe, of_test)
+        points: list[PointOutcomes] = []
         for number in range(1, len(recipe.steps)):
             if progress:
                 done = of_test * each + number - 1
@@ -162,14 +162,14 @@ def campaign_study(
             points.append(build_up.outcomes(number))
         first = build_up.flown[0].is_unsafe
         counts += [
-            _counted(name, points, first, clearance, monitor)
+            counted(name, points, first, clearance, monitor)
             for monitor in recipe.monitor_epsilons
             for clearance in recipe.clearance_epsilons
         ]
     return counts
 
 
-class _BuildUp:
+class FlownBuildUp:
     """The aircraft of one planned test, and their flights at every point."""
 
     def __init__(self, test: DatasetRecipe, recipe: CampaignStudyRecipe, of_test: int) -> None:
@@ -178,10 +178,10 @@ class _BuildUp:
         self.points = [
             replace(test, maneuver=test.maneuver.with_peak(part * peak)) for part in recipe.steps
         ]
-        self._seed = (recipe.seed, Branch.CLEARANCE, 3, of_test)
+        self.seed = (recipe.seed, Branch.CLEARANCE, 3, of_test)
         simulators = [Simulator(point) for point in self.points]
-        self.theta = simulators[0].plant.sample(recipe.n_flown, stream(*self._seed))
-        rngs = [stream(*self._seed, number) for number in range(len(self.points))]
+        self.theta = simulators[0].plant.sample(recipe.n_flown, stream(*self.seed))
+        rngs = [stream(*self.seed, number) for number in range(len(self.points))]
         self._stopped = [
             simulator.stopping(recipe.n_flown, deepcopy(rng), self.theta)
             for simulator, rng in zip(simulators, rngs, strict=True)
@@ -191,24 +191,37 @@ class _BuildUp:
             for simulator, rng in zip(simulators, rngs, strict=True)
         ]
 
-    def outcomes(self, number: int) -> _PointOutcomes:
+    def outcomes(self, number: int) -> PointOutcomes:
         """One point after the first, at every epsilon."""
         flown = self.flown[number]
         monitor = self._monitor(number)
+        alerts: dict[float, Indices] = {}
+        for epsilon in self._recipe.monitor_epsilons:
+            alerts[epsilon] = np.full(len(flown.y), flown.y.shape[1])
+            if monitor is not None and epsilon < WITHOUT:
+                alerts[epsilon] = first_alerts(monitor, flown.y, flown.fail_index, epsilon)
+        return self.aborting(number, self._cleared(number), alerts)
+
+    def aborting(
+        self, number: int, cleared: dict[float, Flags], alerts: dict[float, Indices]
+    ) -> PointOutcomes:
+        """One point after the first, flown if cleared and aborted after an alert.
+
+        cleared: (n,) by level of the clearance.   alerts: (n,) first samples by level of the
+        monitor, n_samples for none.
+        """
+        flown = self.flown[number]
         aborted: dict[float, Flags] = {}
         exceeds: dict[float, Flags] = {}
-        for epsilon in self._recipe.monitor_epsilons:
-            alerts = np.full(len(flown.y), flown.y.shape[1])
-            if monitor is not None and epsilon < WITHOUT:
-                alerts = first_alerts(monitor, flown.y, flown.fail_index, epsilon)
-            aborted[epsilon] = alerts < np.minimum(flown.fail_index, flown.y.shape[1])
-            exceeds[epsilon] = self._exceeds(number, alerts, aborted[epsilon])
-        return _PointOutcomes(flown.is_unsafe, self._cleared(number), aborted, exceeds)
+        for level, first in alerts.items():
+            aborted[level] = first < np.minimum(flown.fail_index, flown.y.shape[1])
+            exceeds[level] = self._exceeds(number, first, aborted[level])
+        return PointOutcomes(flown.is_unsafe, cleared, aborted, exceeds)
 
     def _exceeds(self, number: int, alerts: Indices, aborted: Flags) -> Flags:
         """(n,) whether a flight exceeds although it is aborted after its alert and a reaction."""
         flown, recipe = self.flown[number], self._recipe
-        unit = unit_reactions(len(alerts), stream(*self._seed, number, 1))
+        unit = unit_reactions(len(alerts), stream(*self.seed, number, 1))
         which, exceeds = np.flatnonzero(aborted), flown.is_unsafe.copy()
         if len(which):
             reactions = recipe.reaction_s * unit[which]
@@ -256,7 +269,7 @@ class _BuildUp:
             ),
         )
         predictor = PointPredictor(rule.points, rule.recipe.n_draws)
-        rng = stream(*self._seed, number, 2)
+        rng = stream(*self.seed, number, 2)
         p_values, unflagged = [], []
         for first in range(0, recipe.n_flown, BATCH):
             batch = slice(first, first + BATCH)
@@ -275,13 +288,21 @@ class _BuildUp:
         return {**cleared, WITHOUT: everyone}
 
 
-def _counted(
-    name: str, points: Sequence[_PointOutcomes], over: Flags, clearance: float, monitor: float
+def counted(
+    name: str,
+    points: Sequence[PointOutcomes],
+    over: Flags,
+    clearance: float,
+    monitor: float,
+    among: Flags | None = None,
 ) -> CampaignCounts:
-    """Count over the build-up.   over: (n,) aircraft that exceeded at the first point."""
+    """Count over the build-up.
+
+    over: (n,) aircraft that exceeded at the first point.   among: (n,) counted ones; None for all.
+    """
     n_exceeding = avoided = n_safe = lost = caused = 0
     on_hold: Flags = np.zeros(len(over), bool)
-    over = over.copy()
+    over = over.copy() if among is None else over | ~among
     for point in points:
         flown = ~over & ~on_hold & point.cleared[clearance]
         aborted = flown & point.aborted[monitor]

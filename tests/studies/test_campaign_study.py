@@ -14,11 +14,11 @@ from core.seeds import Branch, stream
 from tests.studies.campaign_study import (
     WITHOUT,
     CampaignStudyRecipe,
-    _counted,
-    _PointOutcomes,
+    PointOutcomes,
     avoided_against_lost,
     best_of,
     campaign_study,
+    counted,
     in_words,
     plain,
 )
@@ -52,24 +52,24 @@ def test_flights_of_given_aircraft_are_the_same_if_not_stopped(
     assert (stopped(every, np.zeros(40, np.int64)) == n_samples).all()
 
 
-def test_points_are_counted_along_the_build_up() -> None:
+def test_points_arecounted_along_the_build_up() -> None:
     """A refused or aborted point ends it, and so does an exceedance; later points are refused."""
     no, yes = False, True
     over = np.array([no, no, no, no, no, yes])
     #                 refused   aborted in time   in vain   exceeds   safe   over before
-    first = _PointOutcomes(
+    first = PointOutcomes(
         np.array([yes, yes, no, yes, no, yes]),
         {0.1: np.array([no, yes, yes, yes, yes, yes])},
         {0.2: np.array([no, yes, yes, no, no, no])},
         {0.2: np.array([yes, no, no, yes, no, yes])},
     )
-    second = _PointOutcomes(
+    second = PointOutcomes(
         np.array([yes, yes, no, yes, no, yes]),
         {0.1: np.ones(6, bool)},
         {0.2: np.zeros(6, bool)},
         {0.2: np.array([yes, yes, no, yes, no, yes])},
     )
-    counts = _counted("a test", [first, second], over, 0.1, 0.2)
+    counts = counted("a test", [first, second], over, 0.1, 0.2)
     assert (counts.n_exceeding, counts.avoided) == (3 + 2, 2 + 2)
     assert (counts.n_safe, counts.lost) == (2 + 2, 1 + 1)
     assert counts.caused == 0
