@@ -99,6 +99,7 @@ ALLOWED: dict[Role, tuple[str, ...]] = {
         f"POST {API}/campaigns/file",
         f"POST {CAMPAIGN}/conditions",
         f"POST {CAMPAIGN}/confirm",
+        f"POST {CAMPAIGN}/smaller-step",
         f"POST {CAMPAIGN}/clearance",
         f"POST {CAMPAIGN}/monitor",
         f"DELETE {CAMPAIGN}",

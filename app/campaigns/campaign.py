@@ -4,6 +4,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from math import floor
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,6 +25,8 @@ BY_FILE = " (by the file)"
 MOST_POINTS, LONGEST_NAME, LONGEST_CRITERIA, LARGEST_DEG = 50, 200, 1_000, 90.0
 USUAL_STEPS = (0.4, 0.6, 0.8, 1.0)
 """Default points, as shares of the planned amplitude."""
+LEAST_GAIN = 0.25
+"""A smaller step goes at least this share of the way from the last step to the refused one."""
 
 
 POINTS = TypeAdapter(tuple[Point, ...])
@@ -154,6 +157,43 @@ class Campaign:
                 return NextPoint(number, point)
         raise CampaignError("every point is complete or aborted: the campaign is over")
 
+    @property
+    def smaller_step(self) -> Point | None:
+        """A step to fly before a next point that is not cleared; None without one worth flying.
+
+        At its largest recommended amplitude, in whole percent of the planned one. Its clearance is
+        computed as for any point.
+        """
+        if self.is_over:
+            return None
+        number, point = self.next
+        clearing = point.clearing
+        if clearing is None or clearing.cleared or clearing.amplitude_deg is None:
+            return None
+        condition = self.condition_of(point)
+        planned = condition.test.maneuver.peak_deg
+        share = floor(100.0 * clearing.amplitude_deg / planned + 1e-9) / 100.0
+        before = self.points[number - 1].peak_deg
+        gain = (share * planned - before) / (point.peak_deg - before)
+        is_new = _name(share, condition) not in {each.name for each in self.points}
+        if not (LEAST_GAIN <= gain < 1.0 and is_new and len(self.points) < MOST_POINTS):
+            return None
+        (step,) = _points(condition, [share], point.passes_below, point.criteria)
+        return step
+
+    def with_smaller_step(self, by: str, why: str = "") -> "Campaign":
+        """Plan the smaller step before the next point."""
+        number, point = self.next
+        if (step := self.smaller_step) is None:
+            raise CampaignError(
+                f"no smaller step is proposed before {point.name!r}: compute its clearance first; "
+                "where it is withdrawn or the recommended amplitude is hardly above the last step, "
+                "there is none"
+            )
+        points = (*self.points[:number], step, *self.points[number:])
+        words = why.strip() or f"smaller step before {point.name}"
+        return replace(self, points=points).changed(number, "planned", by, words)
+
     def condition_of(self, point: Point) -> Condition:
         return next(each for each in self.conditions if each.name == point.condition)
 
@@ -262,7 +302,7 @@ def _points(
 ) -> tuple[Point, ...]:
     return tuple(
         Point(
-            f"{part:.0%} {condition.name}".strip(),
+            _name(part, condition),
             part * condition.test.maneuver.peak_deg,
             condition=condition.name,
             passes_below=passes_below,
@@ -270,6 +310,10 @@ def _points(
         )
         for part in fractions
     )
+
+
+def _name(share: float, condition: Condition) -> str:
+    return f"{share:.0%} {condition.name}".strip()
 
 
 def _reached(flown: FlownPoint, point: Point) -> str:

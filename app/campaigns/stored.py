@@ -101,6 +101,15 @@ class CampaignPoint(Entry):
 
 
 @dataclass(frozen=True)
+class CampaignStep(Entry):
+    """A proposed step."""
+
+    name: str
+    peak_deg: float
+    """of the manoeuvre's command"""
+
+
+@dataclass(frozen=True)
 class CampaignDetails(CampaignSummary):
     """A campaign, point by point."""
 
@@ -114,6 +123,8 @@ class CampaignDetails(CampaignSummary):
     """whether the next point has no flown step to compute its clearance from"""
     exceeding_at_most: float
     """upper bound on the probability that any point cleared by computation exceeds a limit"""
+    smaller_step: CampaignStep | None
+    """step to fly before a next point that is not cleared; null without one"""
 
 
 class Campaigns:
@@ -154,7 +165,7 @@ class Campaigns:
         return self._details(self.store.campaigns.put(before, campaign.as_plain()), campaign)
 
     def _details(self, stored: StoredCampaign, campaign: Campaign) -> CampaignDetails:
-        point = None if campaign.is_over else campaign.next.point
+        point, step = None if campaign.is_over else campaign.next.point, campaign.smaller_step
         return CampaignDetails(
             **vars(_summary(stored, campaign)),
             conditions=[
@@ -168,6 +179,7 @@ class Campaigns:
             checklist=list(checklist(campaign, point)) if point else [],
             is_first=point is not None and not campaign.flown(point.condition),
             exceeding_at_most=campaign.exceeding_at_most,
+            smaller_step=step and CampaignStep(step.name, step.peak_deg),
         )
 
     def _point(self, point: Point) -> CampaignPoint:

@@ -30,11 +30,12 @@ def add(parser: argparse.ArgumentParser) -> None:
     everything = {name: actions.add_parser(name, help=text) for name, (text, _) in ACTIONS.items()}
     new, add, clear, fly = (everything[name] for name in ("new", "add", "clear", "fly"))
     confirm, hold, abort = (everything[name] for name in ("confirm", "hold", "abort"))
+    smaller = everything["smaller"]
     for action in everything.values():
         option(action, "file CAMPAIGN.json", "the campaign", type=Path)
-    for action in (clear, confirm, hold, abort, fly):
+    for action in (clear, confirm, smaller, hold, abort, fly):
         option(action, "--by NAME", "who decides", required=True)
-    for action in (confirm, hold, abort):
+    for action in (confirm, smaller, hold, abort):
         option(action, "--why TEXT", "reason", default="")
     option(fly, "recording RECORDING", "telemetry in any known format", type=Path)
     option(abort, "--recording FILE", "recording of a point aborted in flight", type=Path)
@@ -138,6 +139,11 @@ def _clear(options: argparse.Namespace) -> int:
         ]
     if point.clearing and point.clearing.amplitude_deg is not None:
         text.append(_recommended(point))
+    if step := campaign.smaller_step:
+        text.append(
+            f"proposed: fly {step.name} ({step.peak_deg:.3g} deg) first, with `forewarn campaign "
+            "smaller`; its clearance is computed as for any point"
+        )
     return _done(options, before, campaign, text, ok=point.state == "on condition")
 
 
@@ -160,6 +166,14 @@ def _confirm(options: argparse.Namespace) -> int:
         campaign.confirmed(options.by, options.why),
         [f"{point.name}: cleared by {options.by}"],
     )
+
+
+def _smaller(options: argparse.Namespace) -> int:
+    campaign = load(options.file)
+    after = campaign.with_smaller_step(options.by, options.why)
+    point = after.next.point
+    text = [f"{point.name}: planned by {options.by}, {point.peak_deg:.3g} deg"]
+    return _done(options, campaign, after, text)
 
 
 def _hold(options: argparse.Namespace) -> int:
@@ -245,6 +259,7 @@ ACTIONS = {
     "show": ("list the points with predicted and flown results", _show),
     "clear": ("compute whether the next point may be flown", _clear),
     "confirm": ("confirm the checklist and clear the next point", _confirm),
+    "smaller": ("plan the proposed smaller step before the next point", _smaller),
     "hold": ("hold the next point", _hold),
     "abort": ("cancel the next point, or record its aborted flight", _abort),
     "fly": ("attach the recording of the next point and complete it", _fly),

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
+from app.campaigns.point import Clearing, FlownPoint
 from app.campaigns.stored import Campaigns
 from core.channels import KEYS
+from core.clearance.clearance import ClearanceRecipe
 from core.planned_test.planned_test import Simulator
 from tests.browser.fly.test_fly_page import Fly, site, stored
 from tests.browser.site import Site
@@ -206,6 +208,27 @@ def test_a_point_aborted_in_flight_links_to_its_recording(
     expect(row).to_contain_text("Ann")
     expect(row.get_by_role("link", name="recording")).to_be_visible()
     expect(campaign.next).to_contain_text("The step before, 50%, was aborted: it reached 66")
+
+
+def test_a_smaller_step_is_flown_before_a_refused_point(campaign: Campaign) -> None:
+    page = campaign.page
+    campaign.plan([0.5, 1.0])
+    campaigns = Campaigns(campaign.site.store)
+    stored, planned = campaigns.get(campaign.id)
+    amplitude = 0.9 * planned.points[1].peak_deg
+    clearing = Clearing(
+        False, 0.2, 0.1, (0.7, 0.9, 1.1), amplitude, (), 210, 1_000, ClearanceRecipe(), ("50%",)
+    )
+    flown = FlownPoint("flight.csv", tuple(map(tuple, campaign.samples().tolist())), 0.5)
+    held = planned.changed(0, "complete", "Bob", flown=flown)
+    campaigns.put(stored, held.changed(1, "hold", "Ann", clearing=clearing))
+    campaign.state("hold")
+    expect(campaign.next).to_contain_text("Proposed: fly 90%")
+    page.get_by_label("your name").fill("Ann")
+    campaign.press("Fly 90% first")
+    expect(campaign.next.get_by_role("heading", level=2)).to_contain_text("Next: 90%")
+    expect(campaign.row("90%")).to_contain_text("planned: Ann")
+    expect(page.get_by_role("button", name="Compute clearance", exact=True)).to_be_visible()
 
 
 def test_the_list_follows_what_is_decided(campaign: Campaign) -> None:

@@ -24,7 +24,7 @@ export function nextPoint({ api, path, campaign, running, again }) {
     return { element, isIdle: () => true, close: () => {} };
   }
   const { name, state, clearing, monitor } = point;
-  const { is_first: isFirst } = campaign;
+  const { is_first: isFirst, smaller_step: step } = campaign;
   let progress = null;
   const failure = errorLine();
   const signed = () => remember(NAME_KEY, by.value.trim());
@@ -49,6 +49,7 @@ export function nextPoint({ api, path, campaign, running, again }) {
     h("div.row", h("h2", `Next: ${name}, ${figure(point.peak_deg)} deg`), stateChip(state), last(point)),
     failedBefore(campaign, point),
     clearing ? computed(clearing, point) : h("p", uncomputed),
+    step && h("p", `Proposed: fly ${step.name} (${figure(step.peak_deg)} deg) first. Its clearance is computed as for any point.`),
     h("p.hint", passWords(point)),
     state === "on condition" && checklist(campaign.checklist, boxes),
     h("div.field-grid", !asksForToken() && byField.element, whyField.element),
@@ -56,6 +57,7 @@ export function nextPoint({ api, path, campaign, running, again }) {
       "div.row",
       state !== "cleared" && (isFirst || state === "on condition") && confirm,
       !isFirst && compute,
+      step && decide(`Fly ${step.name} first`, "smaller-step", PRIMARY),
       train,
       state === "cleared" && link("Fly live", `#/fly?kind=live${monitor ? `&monitor=${monitor}` : ""}`),
       state !== "hold" && decide("Hold", "hold"),

@@ -57,6 +57,48 @@ def test_each_state_has_a_name_and_a_time() -> None:
         _ = over.next
 
 
+def held(amplitude_deg: float | None, cleared: bool = False) -> Campaign:
+    """50 % flown; 75 % of 9.63 deg refused, with this largest recommended amplitude."""
+    clearing = Clearing(
+        cleared, 0.2, 0.1, (0.7, 0.9, 1.1), amplitude_deg, (), 210, 1_000, ClearanceRecipe(), ()
+    )
+    campaign = planned().changed(0, "complete", "Bob", flown=FLOWN)
+    return campaign.changed(1, "hold", "Ann", clearing=clearing)
+
+
+def test_a_refused_point_gets_a_smaller_step_at_the_recommended_amplitude() -> None:
+    """Rounded down to a percent of the planned amplitude; the refused point stays after it."""
+    campaign = held(6.6).with_smaller_step("Ann")
+    assert [point.name for point in campaign.points] == ["50%", "68%", "75%", "100%"]
+    number, step = campaign.next
+    assert (number, step.peak_deg) == (1, pytest.approx(0.68 * 9.63))
+    assert step.events[-1].words == "smaller step before 75%"
+    assert [part.maneuver.peak_deg for part in campaign.build_up(step).flown] == [9.63 / 2]
+    assert campaign.points[2] == held(6.6).points[1]
+
+
+@pytest.mark.parametrize(
+    ("amplitude_deg", "cleared"),
+    [(None, False), (5.3, False), (7.3, False), (6.6, True)],
+    ids=["withdrawn", "hardly above the last step", "not smaller", "cleared and held by a person"],
+)
+def test_no_smaller_step_is_proposed(amplitude_deg: float | None, cleared: bool) -> None:
+    campaign = held(amplitude_deg, cleared)
+    assert campaign.smaller_step is None
+    with pytest.raises(CampaignError, match="no smaller step is proposed before '75%'"):
+        campaign.with_smaller_step("Ann")
+
+
+def test_no_smaller_step_is_proposed_twice_or_afterwards() -> None:
+    campaign = held(6.6).with_smaller_step("Ann")
+    assert campaign.smaller_step is None
+    campaign = campaign.changed(1, "aborted", "Bob", "gust")
+    assert campaign.smaller_step is None
+    for number in (2, 3):
+        campaign = campaign.changed(number, "aborted", "Bob", "gust")
+    assert campaign.smaller_step is None
+
+
 def test_a_file_holds_the_whole_campaign(tmp_path: Path) -> None:
     clearing = Clearing(
         True, 0.02, 0.1, (0.5, 0.7, 0.9), 9.1, (), 210, 1_000, ClearanceRecipe(), ("50%",)

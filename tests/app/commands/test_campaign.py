@@ -183,6 +183,27 @@ def test_a_page_is_written_before_and_after_all_flights(campaign: Path) -> None:
     assert "<b>Ann" not in page
 
 
+def test_a_refused_point_gets_a_smaller_step(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    campaign, by = tmp_path / "campaign.json", ("--by", "Ann")
+    plan = ("--name", "Rudder", "--steps", "0.6", "1.15")
+    assert run(campaign, "new", *plan, *TEST, *NOISE, *QUICK) == 0
+    assert run(campaign, "smaller", *by) == 1
+    assert "no smaller step is proposed before '60%'" in capsys.readouterr().err
+    assert run(campaign, "fly", recorded(campaign), *by) == 0
+    capsys.readouterr()
+    assert run(campaign, "clear", *by) == 1
+    told = capsys.readouterr().out
+    step = load(campaign).smaller_step
+    assert step is not None
+    assert f"proposed: fly {step.name}" in told
+    assert run(campaign, "report") == 0
+    assert f"Proposed: fly {step.name}" in campaign.with_suffix(".html").read_text(encoding="utf-8")
+    assert run(campaign, "smaller", *by) == 0
+    assert load(campaign).next.point.name == step.name
+
+
 def test_a_campaign_is_never_overwritten(
     campaign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from starlette.testclient import TestClient
 
+from app.campaigns.point import Clearing
 from app.campaigns.stored import Campaigns
 from app.commands.sample_flight import table
 from app.store.campaigns import CampaignChanged
+from core.clearance.clearance import ClearanceRecipe
 from core.planned_test.planned_test import Simulator
 from tests.support.api import api, finished, problem, store_of
 
@@ -275,3 +277,25 @@ def test_an_exceedance_puts_the_next_point_on_hold(client: TestClient) -> None:
     assert "60% did not pass" in point["clearing"]["withdrawn"]
     words = problem(client.post(f"{path}/confirm", json={"point": "80%", "by": "Ann"}), 409)
     assert "'80%' cannot be confirmed in state 'hold'" in words
+
+
+def test_a_smaller_step_is_planned_before_a_refused_point(client: TestClient) -> None:
+    path = planned(client)
+    decision = {"point": "80%", "by": "Ann"}
+    assert client.get(path).json()["smaller_step"] is None
+    flown = {"point": "60%", "recording": recording(client, path), "by": "Bob"}
+    assert client.post(f"{path}/flown", json=flown).status_code == 200
+    refused = client.post(f"{path}/smaller-step", json=decision)
+    assert "compute its clearance first" in problem(refused, 409)
+    campaigns = Campaigns(store_of(client))
+    stored, campaign = campaigns.get(path.rpartition("/")[2])
+    peak = campaign.next.point.peak_deg / 0.8
+    clearing = Clearing(
+        False, 0.3, 0.1, (0.8, 0.9, 1.1), 0.727 * peak, (), 210, 1_000, ClearanceRecipe(), ("60%",)
+    )
+    campaigns.put(stored, campaign.changed(1, "hold", "Ann", clearing=clearing))
+    proposed = client.get(path).json()["smaller_step"]
+    assert proposed == {"name": "72%", "peak_deg": pytest.approx(0.72 * peak)}
+    told = client.post(f"{path}/smaller-step", json=decision).json()
+    assert (told["next"], told["state"], told["smaller_step"]) == ("72%", "planned", None)
+    assert told["points"][2]["clearing"]["p_value"] == 0.3
