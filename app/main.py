@@ -191,7 +191,7 @@ async def _parts(app: FastAPI) -> AsyncIterator[None]:
         work = app.state.jobs = Jobs(store, settings.max_jobs, settings.max_queued_jobs)
         parts.push_async_callback(asyncio.to_thread, work.close)
         scenes = app.state.scenes = Scenes()
-        await parts.enter_async_context(scenes.lifespan())
+        parts.push_async_callback(asyncio.to_thread, scenes.stop)
         journals = app.state.journals = Journals(settings.data_dir / "live")
         parts.push_async_callback(asyncio.to_thread, journals.close)
         live_flights = app.state.flights = Flights(

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from ipaddress import ip_address, ip_network
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 PREFIX = "FOREWARN_"
 SHORTEST_TOKEN = 16
@@ -125,18 +125,15 @@ def read_settings(environment: Mapping[str, str] | None = None, **options: Any) 
 
 
 def _parse(variable: str, name: str, text: str) -> Any:
-    if name == "data_dir":
+    kind = get_type_hints(Settings)[name]
+    if kind is Path:
         return Path(text).expanduser()
-    if name in ("allowed_hosts", "udp_senders"):
-        return tuple(host.strip() for host in text.split(",") if host.strip())
-    if name == "port" or name.startswith("max_"):
-        try:
-            return int(text)
-        except ValueError:
-            raise SettingsError(f"{variable}={text!r}: give an integer") from None
-    if name.endswith("_seconds") or name.startswith("retain_"):
-        try:
-            return float(text)
-        except ValueError:
-            raise SettingsError(f"{variable}={text!r}: give a number") from None
-    return text
+    if kind == tuple[str, ...]:
+        return tuple(part.strip() for part in text.split(",") if part.strip())
+    if kind not in (int, float):
+        return text
+    try:
+        return kind(text)
+    except ValueError:
+        needed = "an integer" if kind is int else "a number"
+        raise SettingsError(f"{variable}={text!r}: give {needed}") from None

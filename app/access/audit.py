@@ -8,11 +8,12 @@ import logging
 from collections import OrderedDict, deque
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import partial
 from itertools import islice
 
 from starlette.requests import HTTPConnection
 
-from app.access.people import Person
+from app.access.people import Person, regularly
 from app.access.roles import CHANGES_NOTHING, LOGGED_ONCE, WEBSOCKET, rule_of
 from app.store.people import AuditEntry
 from app.store.store import Store, StoreError
@@ -40,7 +41,8 @@ class Audit:
     async def open(self, store: Store) -> AsyncIterator[None]:
         """Store entries while open, and at the end those that still wait."""
         self._lock = asyncio.Lock()
-        storing = asyncio.create_task(self._store_regularly(store))
+        work = regularly(partial(self.flush, store), STORE_EVERY_S, "audit entries wait: %s")
+        storing = asyncio.create_task(work)
         try:
             yield
         finally:
@@ -79,18 +81,6 @@ class Audit:
         while len(self._pushed) > MOST_REMEMBERED:
             self._pushed.popitem(last=False)
         return is_first
-
-    async def _store_regularly(self, store: Store) -> None:
-        is_failing = False
-        while True:
-            await asyncio.sleep(STORE_EVERY_S)
-            try:
-                await self.flush(store)
-                is_failing = False
-            except StoreError as error:
-                if not is_failing:
-                    LOG.warning("audit entries wait for the store: %s", error)
-                is_failing = True
 
     async def flush(self, store: Store) -> None:
         """Store the waiting entries. StoreError: the rest keeps waiting."""

@@ -8,7 +8,7 @@ import asyncio
 import logging
 import math
 import time
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from datetime import datetime
@@ -45,6 +45,20 @@ class Admission:
     @property
     def has_ended(self) -> bool:
         return self.is_revoked or self.clock() >= self.expires
+
+
+async def regularly(work: Callable[[], Awaitable[None]], every_s: float, failed: str) -> None:
+    """Repeat work with the store; warn when it begins to fail. Never returns."""
+    is_failing = False
+    while True:
+        await asyncio.sleep(every_s)
+        try:
+            await work()
+            is_failing = False
+        except StoreError as error:
+            if not is_failing:
+                LOG.warning(failed, error)
+            is_failing = True
 
 
 class People:
@@ -88,7 +102,9 @@ class People:
         except StoreError as error:
             self._require_token()
             LOG.error("stored tokens cannot be read, so none is accepted: %s", error)
-        refreshing = asyncio.create_task(self._refresh_regularly())
+        failed = "tokens were not refreshed, or their last use not stored: %s"
+        work = regularly(self._refresh_and_note, REFRESH_EVERY_S, failed)
+        refreshing = asyncio.create_task(work)
         try:
             yield
         finally:
@@ -114,20 +130,9 @@ class People:
             if token is None:
                 del self._stored[digest]
 
-    async def _refresh_regularly(self) -> None:
-        is_failing = False
-        while True:
-            await asyncio.sleep(REFRESH_EVERY_S)
-            try:
-                await self.refresh()
-                await self._note_used()
-                is_failing = False
-            except StoreError as error:
-                if not is_failing:
-                    LOG.warning(
-                        "tokens were not refreshed, or their last use not stored: %s", error
-                    )
-                is_failing = True
+    async def _refresh_and_note(self) -> None:
+        await self.refresh()
+        await self._note_used()
 
     async def _note_used(self) -> None:
         """Store the last use of tokens, at most every NOTED_EVERY_S. StoreError."""

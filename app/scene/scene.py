@@ -4,14 +4,12 @@
 someone watches. Without new samples a scene turns STALE by itself.
 """
 
-import asyncio
 import logging
 import threading
 import time
-from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from math import isfinite
-from typing import Self
 
 from app.scene.picture import Picture
 from app.scene.server import address, open_server
@@ -150,10 +148,7 @@ class Scene:
 
 
 class Scenes:
-    """All scenes of the program, by flight, and the thread that draws them.
-
-    Use `lifespan` around the server's life, or `stop` at its end.
-    """
+    """All scenes of the program, by flight, and the thread that draws them; `stop` at the end."""
 
     def __init__(
         self,
@@ -209,14 +204,6 @@ class Scenes:
             self.close(flight)
         if self._ticker is not None:
             self._ticker.join()
-
-    @asynccontextmanager
-    async def lifespan(self) -> AsyncIterator[Self]:
-        """Stop everything at the end of the server's lifespan, off the event loop."""
-        try:
-            yield self
-        finally:
-            await asyncio.to_thread(self.stop)
 
     def _tick(self) -> None:
         while not self._stopping.wait(PERIOD_S):

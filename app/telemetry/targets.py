@@ -43,39 +43,25 @@ TARGETS: dict[str, Channel] = {
 """By key; values are stored in `unit`."""
 
 
-DEFLECTION = radians(100.0)
-"""Of the sideslip or a surface [rad]."""
-ATTITUDE = 1e4
+BY_UNIT: dict[str, float] = {
+    "rad": radians(100.0),  # of the sideslip or a surface
+    "rad/s": 20.0,  # three turns a second
+    "g": 30.0,  # more than aircraft and sensors withstand
+    "m/s": 2000.0,
+    "m": 100_000.0,
+}
+ACCUMULATED = 1e4
 """Of an angle that may accumulate full turns [rad]."""
-RATE = 20.0
-"""Three turns a second [rad/s]."""
-LOAD = 30.0
-"""More than aircraft and sensors withstand [g]."""
 BOUNDS: dict[str, float] = {
-    "beta": DEFLECTION,
-    "p": RATE,
-    "r": RATE,
-    "Ny": LOAD,
-    "delta_a": DEFLECTION,
-    "delta_r": DEFLECTION,
-    "phi": ATTITUDE,
-    "theta": ATTITUDE,
-    "psi": ATTITUDE,
-    "V": 2000.0,
-    "h": 100_000.0,
-    "v": 2000.0,
-    "Ay": LOAD,
-    "delta_a_left": DEFLECTION,
-    "delta_a_right": DEFLECTION,
-    "delta_r_left": DEFLECTION,
-    "delta_r_right": DEFLECTION,
+    target.key: ACCUMULATED if target in ATTITUDE_TARGETS else BY_UNIT.get(target.unit, np.inf)
+    for target in TARGETS.values()
 }
 """Largest plausible magnitude of a target, in its unit; quaternions have none."""
 
 
 def implausible(key: str, values: Array) -> Indices:
     """Rows with a value that no aircraft can reach."""
-    bound = BOUNDS.get(key, np.inf)
+    bound = BOUNDS[key]
     reach = max(-np.fmin.reduce(values, initial=0.0), np.fmax.reduce(values, initial=0.0))
     return np.flatnonzero(np.abs(values) > bound) if reach > bound else np.empty(0, np.intp)
 

@@ -1,10 +1,9 @@
-import asyncio
 import threading
 
 import pytest
 from websockets.sync.client import connect
 
-from app.scene.scene import Scene, Scenes
+from app.scene.scene import Scenes
 from app.scene.server import credentials
 from app.scene.shown import Shown
 from tests.support.scene_site import show
@@ -32,17 +31,6 @@ class TestScenes:
         for address in addresses:
             with pytest.raises(OSError, match="refused"):
                 connect(address, additional_headers=credentials())
-
-    def test_a_lifespan_stops_them(self):
-        before = set(threading.enumerate())
-
-        async def live() -> Scene:
-            async with Scenes().lifespan() as scenes:
-                return await asyncio.to_thread(scenes.open, "a")
-
-        scene = asyncio.run(live())
-        assert not scene.draw()
-        assert {t for t in threading.enumerate() if t.name == "scenes"} <= before
 
     def test_the_ticker_draws_what_is_watched(self, site):
         scene = site.scenes.open("f1")
