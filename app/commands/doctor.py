@@ -30,7 +30,7 @@ from app.scene.server import SUBPROTOCOL
 from app.serving import Server, address_of, listen
 from app.settings import Settings, SettingsError
 from app.store.disk import LastStop
-from app.store.schema import current_revision, needs_upgrade, newest_revision
+from app.store.schema import current_revision, migrations, needs_upgrade, revisions
 from app.store.store import StoreError, open_store
 from app.upkeep.integrity import all_items
 from core import __version__
@@ -132,7 +132,8 @@ def schema(settings: Settings) -> str:
         return "no database yet: the first start creates it"
     revision = current_revision(url)
     if needs_upgrade(url):
-        return f"{revision or 'empty'}; the next start upgrades it to {newest_revision()}"
+        newest = revisions(migrations())[0]
+        return f"{revision or 'empty'}; the next start upgrades it to {newest}"
     store = open_store(settings.url, recover=False)
     try:
         if damage := store.damage():

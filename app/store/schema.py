@@ -25,7 +25,6 @@ from app.store.tables import metadata
 
 if TYPE_CHECKING:
     from alembic.config import Config
-    from alembic.script import ScriptDirectory
 
 COPY = ".before-"
 """Between the name of a database and the revision of its copy."""
@@ -55,22 +54,12 @@ def configuration() -> "Config":
     return config
 
 
-def newest_revision() -> str:
-    return revisions(migrations())[0]
-
-
-@cache
-def scripts(directory: Path) -> "ScriptDirectory":
-    """Migrations of a directory, read once because there are many files."""
-    from alembic.script import ScriptDirectory
-
-    return ScriptDirectory(directory)
-
-
 @cache
 def revisions(directory: Path) -> tuple[str, ...]:
     """Revisions in a directory of migrations, newest first."""
-    return tuple(script.revision for script in scripts(directory).walk_revisions())
+    from alembic.script import ScriptDirectory
+
+    return tuple(script.revision for script in ScriptDirectory(directory).walk_revisions())
 
 
 def current_revision(url: URL) -> str | None:
@@ -110,20 +99,18 @@ def bring_up_to_date(url: URL) -> None:
     StoreError, with the database unchanged, if a newer program made it.
     """
     from alembic import command, util
-    from alembic.migration import MigrationContext
 
     with ONE_AT_A_TIME:
         if not needs_upgrade(url):
             return
         keep_copy(url)
         with migrating(url) as connection:
-            if not inspect(connection).get_table_names():  # another process may have made them
-                metadata.create_all(connection, checkfirst=False)
-                script = scripts(migrations())
-                MigrationContext.configure(connection).stamp(script, "head")
-                return
             config = configuration()
             config.attributes["connection"] = connection
+            if not inspect(connection).get_table_names():  # another process may have made them
+                metadata.create_all(connection, checkfirst=False)
+                command.stamp(config, "head")
+                return
             try:
                 command.upgrade(config, "head")
             except util.CommandError as error:
