@@ -3,7 +3,6 @@
 import json
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +22,15 @@ from app.telemetry.readers.signal_tables import (
     library_errors,
     write_tables,
 )
+from app.telemetry.readers.text_times import SECOND, ElapsedTime, form_of
 from core.types import Array
 
 BATCH_ROWS = 1 << 16
 BUFFER = 1 << 18
 """Buffer of one column, instead of its whole part of a row group [bytes]."""
 PER_SECOND = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
-NANOSECONDS = 10**9
+UTC = "1970-01-01T00:00:00Z"
+"""A time with a zone, as an example for the clock."""
 
 
 def read(path: Path, writer: ColumnWriter) -> Contents:
@@ -38,7 +39,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
         library_errors("Parquet"),
         ParquetFile(path, buffer_size=BUFFER, pre_buffer=False) as file,
     ):
-        moments, ignored = Moments(), list[str]()
+        clock, ignored = ElapsedTime(form_of([UTC])), list[str]()
         columns = _columns(file.schema_arrow, ignored)
         names = [column.name for column in columns]
 
@@ -46,11 +47,11 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
             rows = max(1, min(BATCH_ROWS, 4 * BLOCK // len(names)))
             for batch in file.iter_batches(rows, columns=names, use_threads=False):
                 for number, name in enumerate(names):
-                    yield number, moments.numbers(batch.column(name))
+                    yield number, numbers(batch.column(name), clock)
 
         table = SignalTable((), tuple(columns), file.metadata.num_rows, pieces)
         write_tables([table], writer, ignored)
-        return writer.finish("parquet", start=moments.start, ignored=ignored)
+        return writer.finish("parquet", start=clock.start(), ignored=ignored)
 
 
 def _columns(schema: pa.Schema, ignored: list[str]) -> list[Column]:
@@ -104,40 +105,21 @@ def is_span(kind: pa.DataType) -> bool:
     return pa.types.is_duration(kind) or pa.types.is_time(kind)
 
 
-@dataclass(eq=False)
-class Moments:
-    """Timestamps as seconds from the first one in the file. first: [ns since 1970]."""
-
-    first: int | None = None
-    zoned: bool = False
-
-    @property
-    def start(self) -> str:
-        """The first moment in ISO 8601, in UTC if the file gives a zone; "" if there is none."""
-        if self.first is None:
-            return ""
-        text = str(np.datetime64(self.first, "ns"))
-        return text.rstrip("0").rstrip(".") + ("Z" if self.zoned else "")
-
-    def numbers(self, column: pa.Array) -> Array:
-        """Values as floating-point numbers, NaN if missing."""
-        if pa.types.is_dictionary(column.type):
-            column = column.dictionary_decode()
-        kind = column.type
-        if not (is_moment(kind) or is_span(kind)):
-            return column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
-        missing = column.is_null().to_numpy(zero_copy_only=False)
-        integers = column.cast(pa.int32()) if pa.types.is_time32(kind) else column
-        counts = integers.cast(pa.int64()).fill_null(0).to_numpy(zero_copy_only=False)
-        rate = PER_SECOND[kind.unit]
-        if is_span(kind) or missing.all():
-            return np.where(missing, np.nan, counts / rate)
-        if self.first is None:
-            self.first = int(counts[~missing][0]) * (NANOSECONDS // rate)
-            self.zoned = kind.tz is not None
-        # subtract as integers, because nanoseconds since 1970 exceed a float's precision
-        first, rest = divmod(self.first, NANOSECONDS // rate)
-        return np.where(missing, np.nan, (counts - first) / rate - rest / NANOSECONDS)
+def numbers(column: pa.Array, clock: ElapsedTime) -> Array:
+    """Values as floating-point numbers, NaN if missing; timestamps as seconds of the clock."""
+    if pa.types.is_dictionary(column.type):
+        column = column.dictionary_decode()
+    kind = column.type
+    if not (is_moment(kind) or is_span(kind)):
+        return column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
+    known = column.is_valid().to_numpy(zero_copy_only=False)
+    integers = column.cast(pa.int32()) if pa.types.is_time32(kind) else column
+    counts = integers.cast(pa.int64()).fill_null(0).to_numpy(zero_copy_only=False)
+    if is_span(kind):
+        return np.where(known, counts / PER_SECOND[kind.unit], np.nan)
+    if clock.origin is None and kind.tz is not None:
+        clock.example = UTC
+    return clock.seconds((counts * (SECOND // PER_SECOND[kind.unit]), known))
 
 
 def units_of_table(schema: pa.Schema) -> dict[str, str]:
