@@ -8,9 +8,8 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from app.commands.options.option import add_json, option
 from app.commands.output.results import print_result
@@ -24,21 +23,6 @@ TOKEN, UDP_KEY = "FOREWARN_TOKEN", "FOREWARN_UDP_KEY"
 FASTEST = "max"
 LAST_S = 2.0
 """Longest wait of an interrupted push for acknowledgements."""
-
-
-@dataclass(frozen=True)
-class Pushed:
-    """Result, in samples. broken: connections lost.   refusal: of the last refused sample."""
-
-    flight: str
-    address: str
-    samples: int
-    sent: int
-    durable: int
-    refused: int
-    refusal: str
-    broken: int
-    seconds: float
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -108,24 +92,17 @@ def run(options: argparse.Namespace) -> int:
         print(f"forewarn: {failure}", file=sys.stderr)
     finally:
         client.close()
-    pushed = Pushed(
-        client.flight,
-        client.address,
-        len(rows.t),
-        client.sent,
-        client.durable,
-        client.refused,
-        client.refusal,
-        client.broken,
-        round(time.monotonic() - began, 3),
-    )
-    text = "\n".join(_lines(pushed, client, is_interrupted))
-    print_result(
-        options, text, asdict(pushed) | {"interrupted": is_interrupted, "failure": failure}
-    )
+    counted = ("flight", "address", "sent", "durable", "refused", "refusal", "broken")
+    pushed = {name: getattr(client, name) for name in counted} | {
+        "samples": len(rows.t),
+        "seconds": round(time.monotonic() - began, 3),
+        "interrupted": is_interrupted,
+        "failure": failure,
+    }
+    print_result(options, "\n".join(_lines(pushed, client.problem)), pushed)
     if is_interrupted:
         return INTERRUPTED
-    return 0 if pushed.durable == pushed.samples and not failure else 1
+    return 0 if client.durable == len(rows.t) and not failure else 1
 
 
 def _rate(text: str) -> float:
@@ -153,13 +130,14 @@ def _push(client: LiveClient, rows: RecordedRows, rate: float) -> None:
     client.flush()
 
 
-def _lines(pushed: Pushed, client: LiveClient, is_interrupted: bool) -> Iterator[str]:
-    if is_interrupted:
-        yield f"interrupted: {pushed.sent} of {pushed.samples} samples were sent"
-    yield f"durable: {pushed.durable} of {pushed.samples} samples, in {pushed.seconds:.1f} s"
-    if pushed.refused:
-        yield f"refused: {pushed.refused}: {pushed.refusal}"
-    if pushed.broken:
-        yield f"connections that broke: {pushed.broken}"
-    if client.problem:
-        yield f"not acknowledged: {pushed.sent - pushed.durable - pushed.refused}: {client.problem}"
+def _lines(pushed: dict[str, Any], problem: str) -> Iterator[str]:
+    n, sent, durable, refused = (pushed[k] for k in ("samples", "sent", "durable", "refused"))
+    if pushed["interrupted"]:
+        yield f"interrupted: {sent} of {n} samples were sent"
+    yield f"durable: {durable} of {n} samples, in {pushed['seconds']:.1f} s"
+    if refused:
+        yield f"refused: {refused}: {pushed['refusal']}"
+    if pushed["broken"]:
+        yield f"connections that broke: {pushed['broken']}"
+    if problem:
+        yield f"not acknowledged: {sent - durable - refused}: {problem}"

@@ -20,10 +20,9 @@ class AlarmRepository(Repository):
 
     def add(self, flight_id: str, alarm: Alarm) -> None:
         """Store an alarm of a flight; one already stored under this number is left unchanged."""
-        row = {column.name: getattr(alarm, column.name) for column in columns(alarms, Alarm)}
-        row |= {"id": new_id(), "level": str(alarm.level)}
-        row["exceedance"] = alarm.exceedance and asdict(alarm.exceedance)
-        self._add_numbered(alarms, flight_id, row)
+        others: dict[str, Any] = {"id": new_id(), "level": str(alarm.level)}
+        others["exceedance"] = alarm.exceedance and asdict(alarm.exceedance)
+        self._add_numbered(alarms, flight_id, alarm, **others)
 
     def acknowledge(self, flight_id: str, number: int, by: str) -> Alarm:
         """Record who acknowledged an alarm; only the first acknowledgement counts."""
@@ -61,9 +60,7 @@ class FlightMarkerRepository(Repository):
 
     def add(self, flight_id: str, marker: FlightMarker) -> None:
         """Store a marker; one already stored under this number is left unchanged."""
-        names = [column.name for column in columns(flight_markers, FlightMarker)]
-        row = {name: getattr(marker, name) for name in names}
-        self._add_numbered(flight_markers, flight_id, {"id": new_id()} | row)
+        self._add_numbered(flight_markers, flight_id, marker, id=new_id())
 
     def of(self, flight_id: str) -> list[FlightMarker]:
         query = select(*columns(flight_markers, FlightMarker)).where(

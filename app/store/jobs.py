@@ -55,25 +55,14 @@ class JobRepository(Entries[JobInfo]):
         self,
         job_id: str,
         status: JobStatus | None = None,
-        progress: float | None = None,
-        total: float | None = None,
-        message: str | None = None,
-        result: Any = None,
-        error: Any = None,
+        **changes: Any,
     ) -> JobInfo:
-        """Store the values given and return the job. A job that has ended does not change."""
+        """Store the fields given and return the job. A job that has ended does not change."""
         if status is not None and status not in STATUSES:
             raise ValueError(f"job status {status!r} is unknown: choose {', '.join(STATUSES)}")
-        changes = {
-            "status": status,
-            "progress": progress,
-            "total": total,
-            "message": message,
-            "result": result,
-            "error": error,
-            "started": now() if status == "running" else None,
-            "ended": now() if status in ENDED else None,
-        }
+        changes["status"] = status
+        changes["started"] = now() if status == "running" else None
+        changes["ended"] = now() if status in ENDED else None
         changes = {key: value for key, value in changes.items() if value is not None}
         with self._writing() as connection:
             job = self._fetch(connection, job_id)

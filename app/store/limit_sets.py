@@ -82,9 +82,7 @@ class LimitSetRepository(Entries[LimitSetInfo]):
 
     def note(self, flight_id: str, limits: FlightLimits) -> None:
         """Store limits put in force; those already stored under this number are left unchanged."""
-        names = [column.name for column in columns(flight_limits, FlightLimits)]
-        row = {name: getattr(limits, name) for name in names}
-        self._add_numbered(flight_limits, flight_id, row | {"limit_set_id": limits.limit_set})
+        self._add_numbered(flight_limits, flight_id, limits, limit_set_id=limits.limit_set)
 
     def of_flights(self, flight_ids: Iterable[str]) -> dict[str, list[FlightLimits]]:
         """Limits put in force during flights, in order; flights without any are absent."""

@@ -33,6 +33,11 @@ from core.monitor.file.loading import from_bytes
 from core.monitor.file.portable import MonitorFileError
 
 PART_BYTES = 1024 * 1024
+OWN = (
+    "dataset_digest", "dataset_recipe", "seed", "version", "dt", "h", "lead", "n_unsafe", "n_early",
+    "smallest_epsilon",
+)  # fmt: skip
+"""Fields that a monitor has under the same names."""
 SUPPORT, EVALUATION = "support", "evaluation"
 """SUPPORT: key of the validity calibration, stored inside the column of the evaluation."""
 MOST_IN_MEMORY = 4
@@ -148,21 +153,12 @@ class MonitorRepository(Entries[MonitorInfo]):
             created=now(),
             digest=hashlib.sha256(content).hexdigest(),
             dataset_id=dataset_id,
-            dataset_digest=monitor.dataset_digest,
-            dataset_recipe=monitor.dataset_recipe,
             recipe=to_plain(monitor.recipe),
-            seed=monitor.seed,
-            version=monitor.version,
-            dt=monitor.dt,
-            h=monitor.h,
-            lead=monitor.lead,
-            n_unsafe=monitor.n_unsafe,
-            n_early=monitor.n_early,
-            smallest_epsilon=monitor.smallest_epsilon,
             epsilon=monitor.recipe.epsilon,
             specification=specification_to_plain(monitor.specification),
             support=_support(monitor),
             warnings=warnings_of(monitor.evaluation, monitor.recipe.epsilon),
+            **{name: getattr(monitor, name) for name in OWN},
         )
         row = vars(info) | {EVALUATION: _joined(monitor.evaluation, info.support)}
         del row[SUPPORT], row["warnings"]

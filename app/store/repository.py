@@ -103,15 +103,19 @@ class Repository:
         ):
             yield connection
 
-    def _add_numbered(self, table: Table, flight_id: str, row: Mapping[str, Any]) -> None:
-        """Store a row of a flight; one already stored under its number is left unchanged."""
+    def _add_numbered(self, table: Table, flight_id: str, thing: Any, **others: Any) -> None:
+        """Store a thing of a flight; one already stored under its number is left unchanged.
+
+        others: values of columns that differ from its fields.
+        """
+        row = {column.name: getattr(thing, column.name) for column in columns(table, type(thing))}
         existing = select(table.c.number).where(
-            table.c.flight_id == flight_id, table.c.number == row["number"]
+            table.c.flight_id == flight_id, table.c.number == thing.number
         )
         with self._writing() as connection:
             require(connection, flights, flight_id)
             if connection.execute(existing).first() is None:
-                connection.execute(insert(table).values(**row, flight_id=flight_id))
+                connection.execute(insert(table).values(flight_id=flight_id, **row | others))
 
     def _by_flight(
         self, query: Select, flight_ids: Iterable[str]
