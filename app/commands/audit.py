@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from contextlib import closing
 
 from app.commands.options.option import add_json, add_place, option, place_of
 
@@ -20,10 +21,7 @@ def run(options: argparse.Namespace) -> int:
     from app.store.store import open_store
 
     since, until = (text and utc(text) for text in (options.since, options.until))
-    store = open_store(place_of(options).url, recover=False)
-    try:
+    with closing(open_store(place_of(options).url, recover=False)) as store:
         entries = store.audit.read(since, until, options.who)
         sys.stdout.writelines((as_json_lines if options.json else as_csv)(entries))
-    finally:
-        store.close()
     return 0

@@ -8,7 +8,7 @@ import tempfile
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
@@ -134,12 +134,9 @@ def schema(settings: Settings) -> str:
     if needs_upgrade(url):
         newest = revisions(migrations())[0]
         return f"{revision or 'empty'}; the next start upgrades it to {newest}"
-    store = open_store(settings.url, recover=False)
-    try:
+    with closing(open_store(settings.url, recover=False)) as store:
         if damage := store.damage():
             raise Failed(f"the database is damaged ({damage[0]}): restore a backup")
-    finally:
-        store.close()
     return f"{revision}, the newest; the database is undamaged"
 
 
@@ -150,16 +147,13 @@ def contents(settings: Settings) -> str:
         return "none yet"
     if needs_upgrade(url):
         return "not checked before the schema is upgraded"
-    store = open_store(settings.url, recover=False)
     files = RecordingFiles(settings.data_dir / "recordings")
     numbers, unverified = Counter[str](), set[str]()
-    try:
+    with closing(open_store(settings.url, recover=False)) as store:
         for item in all_items(store, files, unverified):
             if (damage := item.damage()) is not None:
                 raise Failed(str(damage))
             numbers[item.kind] += 1
-    finally:
-        store.close()
     kinds = ("monitor", "dataset", "recording", "scoring", "flight")
     old = f"; {len(unverified)} flights of an earlier version have no digests" if unverified else ""
     return ", ".join(f"{numbers[kind]} {kind}s" for kind in kinds) + f", undamaged{old}"
@@ -213,11 +207,8 @@ def _trial_monitor(settings: Settings) -> str:
     """Store the smallest monitor that can fly."""
     recipe = DatasetRecipe(n_unsafe=12)
     dataset = simulate(recipe, lambda *_: None)
-    store = open_store(settings.url)
-    try:
+    with closing(open_store(settings.url)) as store:
         return store.monitors.add(train(dataset, MonitorRecipe()), "doctor").id
-    finally:
-        store.close()
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 import argparse
 import getpass
+from contextlib import closing
 from dataclasses import asdict
 
 from app.commands.options.option import add_json, add_place, option, place_of
@@ -32,13 +33,11 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     settings = place_of(options)
-    store = open_store(settings.url, recover=False)
     try:
-        ACTIONS[options.action](options, store, settings)
+        with closing(open_store(settings.url, recover=False)) as store:
+            ACTIONS[options.action](options, store, settings)
     except LookupError as error:
         raise ValueError(error.args[0]) from error
-    finally:
-        store.close()
     return 0
 
 

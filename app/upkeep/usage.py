@@ -68,10 +68,7 @@ def space_of(data_dir: Path) -> DiskSpace:
 def usage_of(recordings: Recordings, journals: Journals, data_dir: Path) -> StorageUsage:
     """Usage of everything stored. StoreError."""
     store, items = recordings.store, everything(recordings, journals)
-    kinds = [
-        _kind("flight", [item for item in items if item.kind == "flight"]),
-        _kind("recording", [item for item in items if item.kind == "recording"]),
-    ]
+    kinds = [_kind(kind, items) for kind in ("flight", "recording")]
     for kind, repository in (("dataset", store.datasets), ("monitor", store.monitors)):
         infos, sizes = repository.all(), repository.sizes()
         size = sum(sizes.get(info.id, 0) for info in infos)
@@ -91,6 +88,7 @@ def usage_of(recordings: Recordings, journals: Journals, data_dir: Path) -> Stor
 
 
 def _kind(kind: str, items: list[Retained]) -> KindUsage:
+    items = [item for item in items if item.kind == kind]
     return KindUsage(
         kind,
         len(items),

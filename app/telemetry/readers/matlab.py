@@ -33,8 +33,6 @@ from app.telemetry.readers.signal_tables import (
     write_tables,
 )
 
-MOST_MEMORY = 1 << 30
-"""Most memory for the variables of a file, which are read whole [bytes]."""
 MOST_TEXT = 4096
 MOST_OF_ARRAY = 256
 """Most elements of an array of structures."""
@@ -62,25 +60,23 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
     """Read a MATLAB 5 file; structures of time and data become groups."""
     with library_errors("MATLAB"):
         ignored, texts = list[str](), dict[Keys, str]()
-        matrices = dict(_loaded(path, min(MOST_MEMORY, writer.most_bytes), texts, ignored))
+        matrices = dict(_loaded(path, texts, ignored))
         write_tables(to_tables(as_signals(matrices, texts)), writer, ignored, ".")
         return writer.finish("matlab5", ignored=ignored)
 
 
 def _loaded(
-    path: Path, most_bytes: int, texts: dict[Keys, str], ignored: list[str]
+    path: Path, texts: dict[Keys, str], ignored: list[str]
 ) -> Iterator[tuple[Keys, Matrix]]:
     """Read the variables that can hold signals or describe them."""
     from scipy.io import loadmat, whosmat
 
     wanted = []
     for name, shape, kind in whosmat(path, appendmat=False):
-        n = math.prod(shape)
         if name.startswith("__"):
             continue
-        if kind in NUMBERS and n > most_bytes:
-            ignored.append(f"{name}: {n} numbers, more than can be read")
-        elif kind in NUMBERS or (kind == "char" and n <= MOST_TEXT) or kind == "struct":
+        is_text = kind == "char" and math.prod(shape) <= MOST_TEXT
+        if kind in NUMBERS or is_text or kind == "struct":
             wanted.append(name)
         else:
             ignored.append(f"{name}: {REASONS.get(kind, 'text')}")
