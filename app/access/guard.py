@@ -256,10 +256,6 @@ def _too_large(most: int) -> Problem:
     return Problem(413, text, "urn:forewarn:body", max_bytes=most)
 
 
-def policy_of(path: str) -> str:
-    return next(policy for start, policy in POLICIES if path.startswith(start))
-
-
 def _host_name(host: str) -> str | None:
     """Name or address in a Host header, without port and brackets; None if invalid."""
     match = HOST.fullmatch(host)
@@ -290,13 +286,14 @@ def _noted(send: Send, note: Callable[[int], None]) -> Send:
 def _with_headers(send: Send, scope: Scope) -> Send:
     """Add the security headers that the route has not set."""
     path = scope["path"]
+    policy = next(policy for start, policy in POLICIES if path.startswith(start))
 
     async def send_on(message: Message) -> None:
         if message["type"] in ("http.response.start", "websocket.http.response.start"):
             headers = MutableHeaders(scope=message)
             for name, value in HEADERS.items():
                 headers.setdefault(name, value)
-            headers.setdefault("Content-Security-Policy", policy_of(path))
+            headers.setdefault("Content-Security-Policy", policy)
             headers.setdefault("Cache-Control", "no-store" if "/api/" in path else "no-cache")
         await send(message)
 

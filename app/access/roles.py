@@ -149,11 +149,8 @@ def may(role: Role, needed: Role) -> bool:
 
 def allowed_to(role: Role) -> list[str]:
     """Routes of the table that a role may use, parameters as `{}`."""
-    return sorted(_nameless(rule.route) for _, rule in _rules() if may(role, rule.role))
-
-
-def _nameless(route: str) -> str:
-    return re.sub(r"{[^}]*}", "{}", route)
+    routes = (rule.route for _, rule in _rules() if may(role, rule.role))
+    return sorted(re.sub(r"{[^}]*}", "{}", route) for route in routes)
 
 
 @cache

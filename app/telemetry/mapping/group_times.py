@@ -63,10 +63,6 @@ class _Steps:
     def run_forward(self) -> bool:
         return self.forward >= MOSTLY and self.known >= 0.5 and self.step > 0.0
 
-    @property
-    def count_rows(self) -> bool:
-        return self.step == 1.0 and self.scatter == 0.0 and self.start in (0.0, 1.0)
-
 
 def find_time(columns: Columns, group: int) -> TimeProposal | None:
     """Find the time of a group: as the format declares it, else by name, else by its values.
@@ -126,8 +122,10 @@ def _unnamed(columns: Columns, signal: Signal) -> TimeProposal | None:
     if not (np.diff(few) > 0.0).all():
         return None
     steps = _steps(values)
-    if not steps.run_forward or steps.scatter > EVEN or steps.count_rows:
+    if not steps.run_forward or steps.scatter > EVEN:
         return None
+    if steps.step == 1.0 and steps.scatter == 0.0 and steps.start in (0.0, 1.0):
+        return None  # it counts rows
     reason = "no signal name suggests a time, and this signal increases in even steps"
     return _proposed(signal, steps, 0.5, reason)
 

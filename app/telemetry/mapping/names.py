@@ -178,7 +178,8 @@ def signal_matches(signal: Signal, group: str = "") -> tuple[NameMatch, ...]:
         name, words = names.get(key), descriptions.get(key)
         if name is None and words is not None:
             of_name = max((match.certainty for match in names.values()), default=0.0)
-            merged.append(replace(words, certainty=_less(words, of_name)))
+            less = 1.0 - 0.3 * of_name  # if the name means another target
+            merged.append(replace(words, certainty=less * words.certainty))
         elif name is not None and words is None:
             other = ANOTHER if clear or not descriptions else 1.0
             merged.append(replace(name, certainty=other * name.certainty))
@@ -186,11 +187,6 @@ def signal_matches(signal: Signal, group: str = "") -> tuple[NameMatch, ...]:
             surest = max(name, words, key=lambda match: match.certainty)
             merged.append(replace(surest, unit=name.unit or words.unit))
     return tuple(sorted(merged, key=lambda match: -match.certainty))
-
-
-def _less(words: NameMatch, of_name: float) -> float:
-    """Certainty of a description if the name means another target."""
-    return words.certainty * (1.0 - 0.3 * of_name)
 
 
 def _described(description: str) -> tuple[NameMatch, ...]:

@@ -100,8 +100,10 @@ def write_tables(
     groups: dict[Place, list[SignalTable]] = {}
     for table in series:
         place = _place(table, timed)
-        if place not in timed | clocked and table.columns[0].rate:
-            place = (_rate_words(table.columns[0]),), table.n_rows
+        first = table.columns[0]
+        if place not in timed | clocked and first.rate:
+            start = f" from {first.start:g} s" if first.start else ""
+            place = (f"{first.rate:g} Hz{start}",), table.n_rows
         groups.setdefault(place, []).append(table)
     added = [
         (table, numbers)
@@ -153,10 +155,6 @@ def _nothing(ignored: Sequence[str]) -> str:
         f"the file has no numeric signals{instead}: export the signals of the test with "
         "their times as plain tables or vectors"
     )
-
-
-def _rate_words(column: Column) -> str:
-    return f"{column.rate:g} Hz" + (f" from {column.start:g} s" if column.start else "")
 
 
 def _place(table: SignalTable, timed: set[Place]) -> Place:

@@ -112,7 +112,9 @@ def find_layout(head: str) -> Layout:
             f"no row of numbers in the first {len(text)} lines, which start with "
             f"{shown!a}: give a text table with one row per sample"
         )
-    kinds = [_most_common([row.kinds[i] for row in lines.rows]) for i in range(width)]
+    counts = [Counter(row.kinds[i] for row in lines.rows) for i in range(width)]
+    # a column without content may still get numbers
+    kinds = [max((*VALUES, "text"), key=count.__getitem__) for count in counts]
     first_line, header, header_units = _header(lines, kinds, text)
     rows = [row for row in lines.rows if row.number >= first_line]
     shown = ["".join(c for c in name if c.isprintable()) for name in header[:width]]
@@ -131,12 +133,6 @@ def find_layout(head: str) -> Layout:
     if repeated := [name for name, count in Counter(names).items() if count > 1]:
         notes.append(f"Repeated names, numbered from the second on: {', '.join(repeated)}.")
     return Layout(lines.delimiter, lines.decimal, tuple(columns), first_line, tuple(notes))
-
-
-def _most_common(kinds: Sequence[str]) -> str:
-    """Kind of most cells in a column; a column without content may still get numbers."""
-    counts = Counter(kinds)
-    return max((*VALUES, "text"), key=lambda kind: counts[kind])
 
 
 def _column(name: str, unit: str, kind: str, i: int, rows: Sequence["_Line"]) -> TextColumn:
