@@ -203,7 +203,7 @@ class FlightRepository(Entries[FlightInfo]):
         if not chunks:
             return
         with self._writing() as connection:
-            head = head_of(connection, flight_id)
+            head = fetch(connection, _HEAD_OF.params(id=flight_id), "flight", flight_id).head
             if head is not None and first_seq <= head:
                 raise ValueError(
                     f"flight {flight_id} is stored up to sample {head}: samples from {first_seq} "
@@ -327,8 +327,3 @@ def replays_of(connection: Connection, kind: str, identity: str) -> list[tuple[s
         for row in connection.execute(running.order_by(flights.c.created))
         if row.source.get(kind) == identity
     ]
-
-
-def head_of(connection: Connection, flight_id: str) -> int | None:
-    """Newest stored sample of a flight; None before the first. NotFound."""
-    return fetch(connection, _HEAD_OF.params(id=flight_id), "flight", flight_id).head

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections import OrderedDict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from threading import Lock
 from typing import Annotated, Any
@@ -28,7 +28,7 @@ from app.store.tables import (
 from core.evaluation.certificate import warnings_of
 from core.limits.limits import PlainSpecification, specification_to_plain
 from core.monitor import Monitor, MonitorRecipe
-from core.monitor.calibration import Guarantee, alert_above
+from core.monitor.calibration import alert_above
 from core.monitor.file.loading import from_bytes
 from core.monitor.file.portable import MonitorFileError
 
@@ -101,12 +101,8 @@ class MonitorInfo(Entry):
 
     def alert_above(self, epsilon: float) -> float:
         """Risk above which it alerts, for a miss rate that it supports."""
-        return alert_above(epsilon, self.n_unsafe, guarantee_of(self.recipe))
-
-
-def guarantee_of(recipe: Mapping[str, Any]) -> Guarantee:
-    """Guarantee of a plain recipe; older recipes guarantee the average."""
-    return recipe.get("guarantee", MonitorRecipe.guarantee)
+        guarantee = self.recipe.get("guarantee", MonitorRecipe.guarantee)  # older have none
+        return alert_above(epsilon, self.n_unsafe, guarantee)
 
 
 class MonitorRepository(Entries[MonitorInfo]):

@@ -118,15 +118,12 @@ class Archive:
         self._tar, self.manifest = tar, manifest
 
     def extract(self, part: ArchivePart, target: Path) -> None:
-        """Write a part to a new file, with its original time. Damaged."""
+        """Write a part to a new file, with its original time."""
         content: Any = self._tar.extractfile(part.path)
-        digested: Any = Digested(content)
         with target.open("xb") as file:
-            shutil.copyfileobj(digested, file, PIECE_BYTES)
+            shutil.copyfileobj(content, file, PIECE_BYTES)
         modified = self._tar.getmember(part.path).mtime
         os.utime(target, (modified, modified))
-        if (digested.n_bytes, digested.sha256) != (part.size, part.sha256):
-            raise Damaged(f"{part.path} of the backup is damaged: {REMEDY}")
 
 
 @contextmanager
