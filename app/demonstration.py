@@ -16,16 +16,15 @@ from httpx2 import ASGITransport, AsyncClient, Response
 from pydantic import ConfigDict
 
 from app.access.login import COOKIE
-from app.recipes.recipes import limits_named, to_plain
+from app.recipes.recipes import USUAL_MONITOR, limits_named, to_plain
 from core import __version__
 from core.kernels.compiled import cache_directory
-from core.monitor import MonitorRecipe
 from core.planned_test.collection import DatasetRecipe
 
 LOG = logging.getLogger("forewarn")
 NAME = "demonstration"
 DATASET = DatasetRecipe(n_unsafe=100).as_flown()
-MONITOR = MonitorRecipe()
+MONITOR = USUAL_MONITOR
 N_TEST = 1000
 SEED = 2
 LOOK_EVERY_S = 0.25

@@ -33,6 +33,8 @@ class Branch(IntEnum):
     """Failing flights for calibrating a combination of monitors; they train no member."""
     CLEARANCE = 11
     """Aircraft for calibrating a clearance; below it one stream for its predictions."""
+    ENSEMBLE = 12
+    """Failing flights for calibrating an ensemble; they train no part of it."""
 
 
 def stream(seed: int, branch: Branch, *below: int) -> np.random.Generator:

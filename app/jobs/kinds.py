@@ -1,7 +1,7 @@
 """The kinds of long work, one function for each kind of request."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from app.jobs.jobs import Result, Task
@@ -25,6 +25,7 @@ from core.evaluation.lead_sweep import SweepRecipe, sweep
 from core.evaluation.rates import clopper_pearson
 from core.evaluation.study import StudyRecipe, study
 from core.monitor import Monitor, combine
+from core.monitor.group import GROUPINGS
 from core.planned_test.collection import (
     DatasetRecipe,
     combination_failures,
@@ -137,7 +138,8 @@ def combine_and_test(
         message = f"calibrating: {n_unsafe} unsafe of {n_made} fresh flights"
         progress(message, n_unsafe, recipe.n_unsafe)
 
-    flights, n_made = combination_failures(dataset, recipe.n_unsafe, report)
+    pooled = replace(dataset, groups=GROUPINGS["pooled"])
+    flights, n_made = combination_failures(pooled, recipe.n_unsafe, report)
     combination = combine(
         members,
         flights,

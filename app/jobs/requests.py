@@ -113,7 +113,7 @@ def monitor_request(plain: dict[str, Any], store: Store, max_bytes: int) -> Moni
     requested = _requested_dataset(plain, store, max_bytes)
     n_test = _count(plain, "n_test", N_TEST, 0, LARGEST_N_TEST)
     recipe = _recipe(MonitorRecipe(), monitor_as_ordered(plain), "monitor")
-    if recipe.score.of_members:
+    if recipe.predictor.forecast == "members":
         raise RecipeError(f"monitor.predictor: {NOT_TRAINED}")
     if isinstance(requested, str):
         info = store.datasets.info(requested)

@@ -28,6 +28,7 @@ from core.planned_test.collection import (
     Rollouts,
     card_of,
     collect,
+    combination_failures,
     evaluation_flights,
     fresh,
     stopping_flights,
@@ -167,7 +168,10 @@ def train_and_test(
     progress("training", 0, 3)
     simulated = recipe_of(dataset)
     card = card_of(simulated) if simulated and recipe.predictor.forecast == "card" else None
-    monitor = train(dataset, recipe, card=card)
+    failures = None
+    if simulated and recipe.predictor.forecast == "ensemble":
+        failures = _fresh_failures(replace(simulated, groups=recipe.groups), progress)
+    monitor = train(dataset, recipe, card=card, failures=failures)
     monitor.check_epsilon()
     if simulated is None:
         return Training(dataset, monitor, not_calibrated=NO_RECIPE)
@@ -178,6 +182,15 @@ def train_and_test(
     monitor, test = with_test(monitor, simulated, n_test, dataset.unsafe_rate)
     progress("done", 3, 3)
     return Training(dataset, monitor, test, not_calibrated)
+
+
+def _fresh_failures(recipe: DatasetRecipe, progress: Progress) -> Rollouts:
+    """As many failing flights as the dataset has, to calibrate a rule of several parts."""
+
+    def report(n_unsafe: int, n_made: int) -> None:
+        progress(f"training: {n_unsafe} fresh failures of {n_made} flights", 0, 3)
+
+    return combination_failures(recipe, recipe.n_unsafe, report, Branch.ENSEMBLE)[0]
 
 
 def with_test(

@@ -47,14 +47,17 @@ KINDS: dict[str, str] = {
     "negative_magnitude": "magnitude of one channel",
     "response_filter": "test card, by a filter of the response",
     "peak_ridge": "peak to come, learned from safe flights",
+    "ensemble": "outputs ahead and peak to come, as one",
     "pooled": "none, all failures together",
     "first_limit": "limit exceeded first",
     "largest_deflection": "largest deflection before the failure",
     "rest_of_card": "margin in what is left of the manoeuvre",
     "card_window": "margin within the lead and a little more",
+    "highest_risk": "highest risk of the parts",
 }
 """Labels of members whose key, with spaces for underscores, is not the field's word."""
 METHODS = {
+    "ensemble": "past failures and the peak still to come as one, in any manoeuvre",
     "peak_ahead": "forecast of the peak still to come, in any manoeuvre",
     "test_card": "forecast of the test card: for doublets, pulses and other steps",
     "outputs_ahead": "forecast of the outputs against past failures: for any manoeuvre",

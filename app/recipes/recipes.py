@@ -17,7 +17,9 @@ from core import recipe
 from core.channels import BEYOND_FLIGHT, CHANNELS
 from core.limits.limits import Limits
 from core.monitor.group import Pooled
+from core.monitor.predictor import PREDICTORS
 from core.monitor.recipe import METHODS, MonitorRecipe
+from core.monitor.score import SCORES
 from core.planned_test.amplitude import Suggestion, suggest_amplitude
 from core.planned_test.planned_test import DatasetRecipe
 from core.recipe import RecipeError as RecipeError
@@ -50,7 +52,9 @@ Imperfect = Literal["usual", "none"]
 """Whether rollouts have gusts, instrument errors, noise and pilot scatter as usual in flight."""
 USUAL_DATASET = DatasetRecipe(n_unsafe=500).as_trained()
 """The default dataset."""
-USUAL_MONITOR = MonitorRecipe(guarantee="95%")
+USUAL_MONITOR = MonitorRecipe(
+    predictor=PREDICTORS["ensemble"], score=SCORES["highest_risk"], guarantee="95%"
+)
 """The default monitor."""
 AUTO = "auto"
 """Value of an amplitude: the one that a pilot run suggests."""
@@ -168,10 +172,11 @@ def dataset_for(monitor: MonitorRecipe, dataset: DatasetRecipe) -> DatasetRecipe
 
 
 def monitor_as_ordered(plain: Any) -> Any:
-    """A requested monitor recipe, completed with the usual guarantee.
+    """A requested monitor recipe, completed with the usual guarantee and method.
 
-    A predictor alone gets its usual score, and a score its predictor. A complete recipe of a
-    version without guarantees stays as it is.
+    A predictor alone gets its usual score, and a score its predictor. Exact p-values and pointwise
+    calibration without a method mean the paper's method. A complete recipe of a version without
+    guarantees stays as it is.
     """
     if not isinstance(plain, dict) or plain.keys() >= BEFORE_GUARANTEE:
         return plain
@@ -179,9 +184,12 @@ def monitor_as_ordered(plain: Any) -> Any:
 
 
 def _method(plain: dict[str, Any]) -> dict[str, Any]:
-    """Predictor and score of the first method with the given one of them."""
+    """Predictor and score of the first method with what is given of them; else the paper's."""
     given = {part: plain[part] for part in ("predictor", "score") if part in plain}
-    for predictor, score in METHODS.values() if len(given) == 1 else ():
+    is_of_neighbors = plain.get("p_value") == "exact" or plain.get("calibration") == "pointwise"
+    if len(given) == 2 or (not given and is_of_neighbors):
+        return {}
+    for predictor, score in METHODS.values():
         method = {"predictor": to_plain(predictor), "score": to_plain(score)}
         kinds = {part: isinstance(m, dict) and m.get("kind") for part, m in given.items()}
         if all(kind == method[part]["kind"] for part, kind in kinds.items()):

@@ -33,7 +33,13 @@ from core.monitor.recipe import MISS_RATE, MonitorRecipe
 from core.monitor.response_filter import fit_card
 from core.monitor.score import SCORES, RestOfCard, Score
 from core.monitor.training import SafeObservations, train
-from core.planned_test.collection import card_of, collect, evaluation_flights, stopping_flights
+from core.planned_test.collection import (
+    card_of,
+    collect,
+    combination_failures,
+    evaluation_flights,
+    stopping_flights,
+)
 from core.planned_test.planned_test import DatasetRecipe, Rollouts, SensorNoise, Simulator
 from core.seeds import Branch, monitor_seeds, stream
 from core.simulation.aircraft import AIRCRAFT
@@ -47,6 +53,7 @@ METHODS: dict[str, tuple[Predictor, Score]] = {
     "peaks ahead: rest": (PREDICTORS["peak_ridge"], SCORES["rest_of_card"]),
     "test card: window": (PREDICTORS["response_filter"], SCORES["card_window"]),
     "test card: rest": (PREDICTORS["response_filter"], SCORES["rest_of_card"]),
+    "neighbors + peaks": (PREDICTORS["ensemble"], SCORES["highest_risk"]),
 }
 """Compared methods, as pairs of predictor and score."""
 CEILING = "ceiling"
@@ -306,9 +313,11 @@ class _Part:
         return _earliest(flights, test), float(flights.is_unsafe.mean()), cells
 
     def _by_monitors(self) -> Iterator[tuple[tuple[str, float], _Scores]]:
-        """Methods that use only the latest samples."""
-        recipe = self._recipe
-        names = [name for name in recipe.methods if not METHODS[name][0].forecast]
+        """Methods that use neighbours of the latest samples."""
+        recipe, failures = self._recipe, None
+        names = [name for name in recipe.methods if METHODS[name][0].forecast in ("", "ensemble")]
+        if any(METHODS[name][0].forecast for name in names):
+            failures, _ = combination_failures(self._test, recipe.n_unsafe, branch=Branch.ENSEMBLE)
         for lead in recipe.leads_s if names else ():
             settings = MonitorRecipe(
                 t_early=lead, epsilon=recipe.epsilon, guarantee=recipe.guarantee
@@ -317,7 +326,7 @@ class _Part:
             for name in names:
                 predictor, score = METHODS[name]
                 monitor_recipe = replace(settings, predictor=predictor, score=score)
-                monitor = train(self._dataset, monitor_recipe, safe=safe)
+                monitor = train(self._dataset, monitor_recipe, failures=failures, safe=safe)
                 yield (name, lead), self._monitor_scores(monitor)
 
     def _monitor_scores(self, monitor: Monitor) -> _Scores:
@@ -361,7 +370,7 @@ class _Part:
             forecast = fit_card(card, dataset.safe, dataset.specification, RestOfCard(), 0)
             failures, tests = (forecast.scores_within(np.array(windows), *flown) for flown in both)
             return dict(zip(windows, zip(failures, tests, strict=True), strict=True))
-        if isinstance(predictor, PeakRidge):
+        if predictor.forecast == "peaks" and isinstance(predictor, PeakRidge):
             learned = LearnedFlights.of(dataset.safe, None, judged=True)
             limits = magnitudes_of(dataset.specification)
             forecasts = fit_windows(predictor, learned, limits, windows, dataset.dt)

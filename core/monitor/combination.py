@@ -155,7 +155,7 @@ class RunningCombination(RunningForecast):
         self._streams = [Stream(member, 1.0, exemplars=False) for member in members]
         self._showing = None if showing is None else self._streams[showing]
 
-    def update(self, t: float, y: Array, code: int) -> tuple[float, int]:
+    def update(self, t: float, y: Array, code: int, neighbor_score: float) -> tuple[float, int]:
         """Score of the next sample: minus the highest risk of the members that have one.
 
         State WARMING_UP if no member has one.
@@ -204,7 +204,9 @@ class Combined(PeakForecast):
     def start(self, dt: float) -> RunningCombination:
         return RunningCombination(self.risk_members, self._showing)
 
-    def follow(self, t: Array, y: Array, state: Indices, dt: float) -> ForecastScores:
+    def follow(
+        self, t: Array, y: Array, state: Indices, dt: float, neighbor_scores: Array
+    ) -> ForecastScores:
         assessed = [member.assess(t, y, withdraw=False) for member in self.risk_members]
         risk = np.fmax.reduce([assessments.p_value for assessments in assessed])
         lost = [a.withdrawal.first for a in assessed if a.withdrawal is not None]
@@ -238,9 +240,11 @@ class Combined(PeakForecast):
 
     def _is_lost_at_once(self, y: Array) -> bool:
         """Whether the forecast is lost at the first sample, or else never.   y: (1, 6)."""
-        start, state = np.zeros(1), np.full(1, OK)
+        start, state, near = np.zeros(1), np.full(1, OK), np.full(1, np.nan)
         forecasts = [(member.forecast, member.dt) for member in self.risk_members]
-        return any(f is not None and f.follow(start, y, state, dt).lost == 0 for f, dt in forecasts)
+        return any(
+            f is not None and f.follow(start, y, state, dt, near).lost == 0 for f, dt in forecasts
+        )
 
     def to_section(self) -> Section:
         """Section of a monitor's file: the complete files of the members."""

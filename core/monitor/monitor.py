@@ -220,7 +220,8 @@ class Monitor:
         if self.recipe.predictor.forecasts:
             y_hat[fresh] = z * self.scale
         if self.forecast is not None:
-            scored = self.forecast.follow(t, y, state, self.dt)
+            near = _spread(s, fresh, np.nan)
+            scored = self.forecast.follow(t, y, state, self.dt, near)
             lost_from = Withdrawal(scored.lost, LOST) if scored.lost < len(y) else None
             state, s = scored.state, scored.score[fresh]
             p = p_values(s, self.alphas)
@@ -478,7 +479,7 @@ class Stream:
         is_fresh = code != assessing.STALE
         y_hat = self._point * self._scale if self._maps_ahead else None
         if self._forecast is not None:
-            s, code = self._forecast.update(t, y, code)
+            s, code = self._forecast.update(t, y, code, s)
             if self._forecast.lost:
                 return withdrawn(t, LOST)
             p = simple_p(self._fitted.alphas, s)

@@ -120,10 +120,11 @@ class RunningForecast(ABC):
     lost: bool = False
 
     @abstractmethod
-    def update(self, t: float, y: Array, code: int) -> tuple[float, int]:
+    def update(self, t: float, y: Array, code: int, neighbor_score: float) -> tuple[float, int]:
         """Score of the next sample, NaN for none, and its state.
 
         y: (6,) float64, contiguous.   code: state before the forecast.
+        neighbor_score: of this sample by the monitor's neighbours, NaN for none.
         """
 
     def ahead(self) -> Ahead | None:
@@ -149,10 +150,13 @@ class PeakForecast(ABC):
         """Start a flight sampled at dt [s]."""
 
     @abstractmethod
-    def follow(self, t: Array, y: Array, state: Indices, dt: float) -> ForecastScores:
+    def follow(
+        self, t: Array, y: Array, state: Indices, dt: float, neighbor_scores: Array
+    ) -> ForecastScores:
         """Scores of a whole flight, equal to those of `start(dt).update` sample by sample.
 
         t: (n,) [s].   y: (n, 6).   state: (n,) codes before the forecast.   dt: [s].
+        neighbor_scores: (n,) by the monitor's neighbours, NaN for none.
         """
 
     @abstractmethod

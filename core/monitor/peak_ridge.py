@@ -303,7 +303,7 @@ class RunningPeaks(RunningForecast):
         arguments = *self._state, 0.0, self._history.samples[0], 0
         self._update: Callable[..., tuple[float, int]] = entry(update, *arguments)
 
-    def update(self, t: float, y: Array, code: int) -> tuple[float, int]:
+    def update(self, t: float, y: Array, code: int, neighbor_score: float) -> tuple[float, int]:
         result = self._update(*self._state, t, y, code)
         self.lost = bool(self._history.counts[LOST])
         self._score = result[0]
@@ -347,7 +347,17 @@ class RidgeForecast(PeakForecast):
     def start(self, dt: float) -> RunningPeaks:
         return RunningPeaks(self.peaks, dt, self.deviation)
 
-    def follow(self, t: Array, y: Array, state: Indices, dt: float) -> ForecastScores:
+    def begun_before(self, y: Array) -> Flags:
+        """(n,) whether flights have begun their input by their first sample, y (n, 6).
+
+        Their forecast is lost.
+        """
+        surface, threshold = self.peaks.surface, self.peaks.threshold
+        return (surface >= 0) & (np.abs(y[:, surface]) >= threshold)
+
+    def follow(
+        self, t: Array, y: Array, state: Indices, dt: float, neighbor_scores: Array
+    ) -> ForecastScores:
         score, state = np.full(len(t), np.nan), state.copy()
         lost = kernels.follow(self.peaks, t, y, state, dt, score)
         return ForecastScores(score, state, np.full((len(t), N_CHANNELS), np.nan), lost)

@@ -19,6 +19,7 @@ BLOCK = 8192
 ROWS_A_TASK = 8192
 RANK_TOLERANCE = 1e-10
 Phase = Literal["input", "start"]
+Forecast = Literal["", "card", "peaks", "ensemble", "members"]
 
 
 @dataclass(frozen=True)
@@ -29,9 +30,10 @@ class Predictor(ABC):
     """whether the mapped point is an output y, channel by channel"""
     forecasts: ClassVar[bool] = False
     """whether that output is the one t_early ahead"""
-    forecast: ClassVar[Literal["", "card", "peaks", "members"]] = ""
+    forecast: ClassVar[Forecast] = ""
     """how it forecasts the rest of the manoeuvre: from the test card, from the peaks of other
-    flights, or by the members of a combination; also its section of a monitor's file"""
+    flights, from these and neighbours, or by the members of a combination; also its section of a
+    monitor's file"""
 
     @abstractmethod
     def fit(self, o: RowSource, y_ahead: RowSource) -> Affine:
@@ -75,7 +77,7 @@ class ResponseFilter(Linear):
     linear map, fitted as well, serves validity and finds similar rollouts.
     """
 
-    forecast: ClassVar[Literal["", "card", "peaks", "members"]] = "card"
+    forecast: ClassVar[Forecast] = "card"
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,7 @@ class PeakRidge(Linear):
     well, serves validity and finds similar rollouts.
     """
 
-    forecast: ClassVar[Literal["", "card", "peaks", "members"]] = "peaks"
+    forecast: ClassVar[Forecast] = "peaks"
     past_s: Annotated[float, Bounds(above=0, below=3600)] = 2.0
     """past used [s]: samples since the input began, at most this far back."""
     phase: Phase = "input"
@@ -95,6 +97,17 @@ class PeakRidge(Linear):
 
     def __post_init__(self) -> None:
         check_bounds(self)
+
+
+@dataclass(frozen=True)
+class Ensemble(PeakRidge):
+    """Forecast of the outputs and of the coming peak, as one rule.
+
+    Neighbours of the outputs ahead and the peak of the rest of the manoeuvre each give a risk; the
+    higher one counts. It is calibrated as a whole, on failures that trained neither.
+    """
+
+    forecast: ClassVar[Forecast] = "ensemble"
 
 
 def _centred_triangle(*columns: RowSource) -> tuple[Array, Array]:
@@ -179,7 +192,7 @@ class LastOutput(Predictor):
 class Members(Predictor):
     """Predictors of a combination's members, see core.monitor.combination."""
 
-    forecast: ClassVar[Literal["", "card", "peaks", "members"]] = "members"
+    forecast: ClassVar[Forecast] = "members"
 
     def fit(self, o: RowSource, y_ahead: RowSource) -> Affine:
         raise ValueError(NOT_TRAINED)
@@ -199,6 +212,7 @@ PREDICTORS = family(
         "last_output": LastOutput(),
         "response_filter": ResponseFilter(),
         "peak_ridge": PeakRidge(),
+        "ensemble": Ensemble(),
     },
     made={"combination": Members()},
 )

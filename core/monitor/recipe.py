@@ -58,6 +58,7 @@ class MonitorRecipe:
 
 
 METHODS: dict[str, tuple[Predictor, Score]] = {
+    "ensemble": (PREDICTORS["ensemble"], SCORES["highest_risk"]),
     "peak_ahead": (PREDICTORS["peak_ridge"], SCORES["rest_of_card"]),
     "test_card": (PREDICTORS["response_filter"], SCORES["card_window"]),
     "outputs_ahead": (PREDICTORS["linear"], SCORES["nearest_neighbor"]),
@@ -67,11 +68,13 @@ METHODS: dict[str, tuple[Predictor, Score]] = {
 
 def mismatch(predictor: Predictor, score: Score) -> str:
     """Why a predictor and a score do not work together; empty if they do."""
-    if score.of_members != (predictor.forecast == "members"):
-        return "the predictor combination and the score highest_risk only work together"
+    if score.of_members != (predictor.forecast in ("ensemble", "members")):
+        return (
+            "the predictors ensemble and combination go with the score highest_risk, and no other"
+        )
     if score.reads_card != bool(predictor.forecast):
-        forecasting = (key for key, known in PREDICTORS.items() if known.forecast)
-        reading = (key for key, known in SCORES.items() if known.reads_card)
+        forecasting = (k for k, known in PREDICTORS.items() if known.forecast in ("card", "peaks"))
+        reading = (k for k, s in SCORES.items() if s.reads_card and not s.of_members)
         return (
             f"the predictors {' and '.join(forecasting)} go with the score "
             f"{' or '.join(reading)}, and these scores with no other predictor"

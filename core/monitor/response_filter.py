@@ -172,7 +172,7 @@ class RunningCard(RunningForecast):
         about = card, self._estimate, *self._rest
         self._look_ahead: Callable[..., int] = entry(look_ahead, *about)
 
-    def update(self, t: float, y: Array, code: int) -> tuple[float, int]:
+    def update(self, t: float, y: Array, code: int, neighbor_score: float) -> tuple[float, int]:
         s = self._update(*self._state, t, y, code, self._ahead)
         self.lost = bool(self._estimate.counts[kernels.LOST])
         self.y_hat = self._ahead.copy() if isfinite(self._ahead[0]) else None
@@ -203,7 +203,9 @@ class CardForecast(PeakForecast):
     def start(self, dt: float) -> RunningCard:
         return RunningCard(self.card, dt)
 
-    def follow(self, t: Array, y: Array, state: Indices, dt: float) -> ForecastScores:
+    def follow(
+        self, t: Array, y: Array, state: Indices, dt: float, neighbor_scores: Array
+    ) -> ForecastScores:
         score, y_hat = np.full(len(t), np.nan), np.full((len(t), N_CHANNELS), np.nan)
         lost = kernels.follow(self.card, t, y, state, dt, score, y_hat)
         return ForecastScores(score, state, y_hat, lost)

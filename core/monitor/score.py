@@ -20,7 +20,7 @@ class Score:
     reads_card: ClassVar[bool] = False
     """whether it scores a forecast of the card; distances then only find similar rollouts"""
     of_members: ClassVar[bool] = False
-    """whether it is the score of a combination"""
+    """whether it is the risk of several parts, of an ensemble or a combination"""
 
     @property
     def channel(self) -> int:
@@ -102,7 +102,7 @@ class CardWindow(RestOfCard):
 
 @dataclass(frozen=True)
 class HighestRisk(RestOfCard):
-    """Minus the highest risk of the members of a combination."""
+    """Minus the highest risk of the parts of an ensemble or a combination."""
 
     of_members: ClassVar[bool] = True
 
@@ -117,6 +117,6 @@ SCORES = family(
         "negative_magnitude": NegativeMagnitude(),
         "rest_of_card": RestOfCard(),
         "card_window": CardWindow(),
+        "highest_risk": HighestRisk(),
     },
-    made={"highest_risk": HighestRisk()},
 )

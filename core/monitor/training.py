@@ -15,6 +15,7 @@ from core.kernels.mapping import map_samples
 from core.kernels.p_value import SIMPLE, Transduction
 from core.kernels.peak_risk import lowest_scores
 from core.limits.limits import magnitudes_of
+from core.monitor.ensemble import NeighborsAndPeak, halves
 from core.monitor.group import Groups, Pooled
 from core.monitor.monitor import Monitor, assemble
 from core.monitor.observation import (
@@ -25,7 +26,7 @@ from core.monitor.observation import (
     lead_steps,
 )
 from core.monitor.peak_forecast import PeakForecast
-from core.monitor.peak_ridge import LearnedFlights, fit_peaks
+from core.monitor.peak_ridge import LearnedFlights, RidgeForecast, fit_peaks
 from core.monitor.predictor import NOT_TRAINED, Affine, PeakRidge, Predictor
 from core.monitor.recipe import MonitorRecipe
 from core.monitor.response_filter import NO_CARD, fit_card
@@ -34,8 +35,9 @@ from core.monitor.validity.innovation import fit_innovation
 from core.monitor.validity.support import calibrate
 from core.types import Array, Indices
 
-FreshFlights = Iterable[tuple[Array, Indices, *tuple[Any, ...]]]
-"""Batches of flights: outputs y (n, n_samples, 6), fail_index (n,), further items ignored."""
+Flights = tuple[Array, Indices, *tuple[Any, ...]]
+"""Outputs y (n, n_samples, 6), fail_index (n,), further items ignored."""
+FreshFlights = Iterable[Flights]
 
 
 class SafeObservations:
@@ -65,7 +67,8 @@ def train(
     fresh: FreshFlights | None = None,
     *,
     card: Card | None = None,
-    rollouts: tuple[Array, Indices, *tuple[Any, ...]] | None = None,
+    rollouts: Flights | None = None,
+    failures: Flights | None = None,
     safe: SafeObservations | None = None,
 ) -> Monitor:
     """Fit the predictor on safe observations, then calibrate the score on the failures.
@@ -78,12 +81,15 @@ def train(
     are not in the dataset. The predictor peak_ridge learns from them and the dataset's safe ones;
     it needs them if the specification is known only by its label, see
     core.planned_test.collection.training_rollouts.
+    failures: y and fail_index of fresh failing flights, on which the predictor ensemble is
+    calibrated as a whole, see core.planned_test.collection.combination_failures; safe flights among
+    them are ignored. Without them half of the dataset's failures trains it and half calibrates it.
     safe: shared safe observations of this dataset, for recipes that differ only in predictor and
     score.
     ValueError if the dataset has no unsafe or no safe rollout, if fresh flights are too few, or if
     the card is missing.
     """
-    monitor = _calibrated(dataset, recipe or MonitorRecipe(), safe, card, rollouts)
+    monitor = _calibrated(dataset, recipe or MonitorRecipe(), safe, card, rollouts, failures)
     return monitor if fresh is None else with_validity(monitor, dataset, fresh)
 
 
@@ -111,40 +117,48 @@ def _calibrated(
     recipe: MonitorRecipe,
     safe: SafeObservations | None,
     card: Card | None,
-    rollouts: tuple[Array, Indices, *tuple[Any, ...]] | None,
+    rollouts: Flights | None,
+    failures: Flights | None,
 ) -> Monitor:
     _check(dataset, recipe)
     h, n_delay = lead_steps(recipe.t_early, dataset.dt), recipe.n_delay
+    numbers, unsafe, fail_index = np.arange(len(dataset.unsafe)), dataset.unsafe, dataset.fail_index
+    calibrating = unsafe, fail_index
+    if recipe.predictor.forecast == "ensemble":
+        numbers, calibrating = _apart(dataset, failures)
+        unsafe, fail_index = unsafe[numbers], fail_index[numbers]
     forecast = _fit_forecast(dataset, recipe, h, card, rollouts)
     safe = safe or SafeObservations(dataset, recipe)
     affine = safe.fit(recipe.predictor)
 
-    last = dataset.fail_index - h
+    first, last = _counted(fail_index, h, recipe)
     timely = np.flatnonzero(last >= 0)
-    unsafe_where = np.column_stack([timely, last[timely]])
+    at = np.column_stack([timely, last[timely]])
     n_safe, n_obs = dataset.safe_times.shape
     safe_where = np.column_stack([np.repeat(np.arange(n_safe), n_obs), dataset.safe_times.ravel()])
-    unsafe_points = map_samples(affine, dataset.unsafe, unsafe_where, n_delay)
+    unsafe_points = map_samples(affine, unsafe, at, n_delay)
     safe_points = map_samples(affine, dataset.safe, safe_where, n_delay)
 
     fitted = assemble(recipe, affine, unsafe_points, safe_points, np.empty(0))
     own_point = np.full(len(last), -1)
     own_point[timely] = np.arange(len(timely))
-    first = np.maximum(last, 0) if recipe.calibration == "pointwise" else np.zeros_like(last)
     if forecast is not None:
-        alphas = forecast.lowest_scores(dataset.unsafe, first, last)
+        alphas = forecast.lowest_scores(unsafe, first, last)
     else:
-        alphas = lowest_scores(fitted, dataset.unsafe, n_delay, first, last, own_point, np.empty(0))
+        alphas = lowest_scores(fitted, unsafe, n_delay, first, last, own_point, np.empty(0))
+    if isinstance(forecast, RidgeForecast) and recipe.predictor.forecast == "ensemble":
+        near = lowest_scores(fitted, unsafe, n_delay, first, last, own_point, np.empty(0))
+        neighbors = fitted._replace(alphas=np.sort(near))
+        forecast = NeighborsAndPeak(neighbors, n_delay, forecast, np.sort(alphas))
+        alphas = forecast.lowest_scores(calibrating[0], *_counted(calibrating[1], h, recipe))
     groups = None
     if not isinstance(recipe.groups, Pooled):
-        assigned = recipe.groups.fit(dataset.unsafe, dataset.fail_index, dataset.specification)
+        assigned = recipe.groups.fit(*calibrating, dataset.specification)
         groups = Groups.calibrate(assigned, alphas, recipe.epsilon, recipe.guarantee)
     exact = SIMPLE
     if recipe.is_exact:
         running = recipe.calibration == "trajectory"
-        exact = _transduction(
-            fitted, affine, dataset.unsafe, n_delay, timely, first, last, alphas, running
-        )
+        exact = _transduction(fitted, affine, unsafe, n_delay, timely, first, last, alphas, running)
     return Monitor(
         recipe=recipe,
         dt=dataset.dt,
@@ -152,7 +166,7 @@ def _calibrated(
         scale=safe.scale,
         training_max_abs=np.fmax(channel_peaks(dataset.safe), channel_peaks(dataset.unsafe)),
         unsafe_points=unsafe_points,
-        unsafe_where=unsafe_where,
+        unsafe_where=np.column_stack([numbers[timely], last[timely]]),
         safe_points=safe_points,
         safe_where=safe_where,
         theta_names=dataset.theta_names,
@@ -171,14 +185,39 @@ def _calibrated(
     )
 
 
+def _apart(dataset: Dataset, failures: Flights | None) -> tuple[Indices, tuple[Array, Indices]]:
+    """Numbers of the dataset's failures that train; y and fail_index of those that calibrate."""
+    if failures is None:
+        training, calibrating = halves(len(dataset.unsafe))
+        if not len(training):
+            raise ValueError("the dataset has 1 failure: the predictor ensemble needs 2 or more")
+        return training, (dataset.unsafe[calibrating], dataset.fail_index[calibrating])
+    y, fail_index = failures[:2]
+    if y.shape[1:] != dataset.safe.shape[1:]:
+        raise ValueError(
+            f"failures of shape {y.shape[1:]} were given: rollouts of the dataset have "
+            f"{dataset.safe.shape[1:]}, roll out the same manoeuvre"
+        )
+    fails = fail_index < y.shape[1]
+    if not fails.any():
+        raise ValueError("no flight of failures fails: give failing flights of the same manoeuvre")
+    return np.arange(len(dataset.unsafe)), (y[fails], fail_index[fails])
+
+
+def _counted(fail_index: Indices, h: int, recipe: MonitorRecipe) -> tuple[Indices, Indices]:
+    """First and last sample of each failure that calibration counts."""
+    last = fail_index - h
+    return np.maximum(last, 0) if recipe.calibration == "pointwise" else np.zeros_like(last), last
+
+
 def _fit_forecast(
     dataset: Dataset,
     recipe: MonitorRecipe,
     h: int,
     card: Card | None,
-    rollouts: tuple[Array, Indices, *tuple[Any, ...]] | None,
+    rollouts: Flights | None,
 ) -> PeakForecast | None:
-    """Forecast of the rest of the manoeuvre; None for predictors without one."""
+    """Forecast of the rest of the manoeuvre, of an ensemble its peak; None without one."""
     predictor, specification = recipe.predictor, dataset.specification
     if isinstance(predictor, PeakRidge):
         limits = magnitudes_of(specification)
@@ -223,7 +262,7 @@ def check_lead(t_early: float, horizon: float) -> None:
 
 
 def _check(dataset: Dataset, recipe: MonitorRecipe) -> None:
-    if recipe.score.of_members:
+    if recipe.predictor.forecast == "members":
         raise ValueError(NOT_TRAINED)
     if not len(dataset.unsafe) or not len(dataset.safe):
         raise ValueError(

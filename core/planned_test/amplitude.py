@@ -41,15 +41,18 @@ class Suggestion:
         )
 
 
-def suggest_amplitude(recipe: DatasetRecipe, share: float = WANTED_SHARE) -> Suggestion:
+def suggest_amplitude(
+    recipe: DatasetRecipe, share: float = WANTED_SHARE, most: int = PILOT_ROLLOUTS
+) -> Suggestion:
     """Find the amplitude [deg] at which about this share of the rollouts exceeds a limit.
 
+    most: rollouts at each amplitude.
     Bisection with the same aircraft, pilots and seed. A table is scaled as a whole; the sign stays.
     AmplitudeError if no amplitude from LOWEST_DEG to HIGHEST_DEG has about that share.
     """
     if not 0 < share < 1:
         raise AmplitudeError(f"share={share} was given: give a number between 0 and 1")
-    n = max(FEWEST, min(PILOT_ROLLOUTS, PILOT_STEPS // recipe.n_steps))
+    n = max(FEWEST, min(most, PILOT_STEPS // recipe.n_steps))
     low, high = LOWEST_DEG, HIGHEST_DEG
     _check_range(share, low, _share(recipe, low, n), high, _share(recipe, high, n))
     while high > CLOSE_ENOUGH * low:

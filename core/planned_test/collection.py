@@ -93,28 +93,31 @@ def fresh(recipe: DatasetRecipe, most: int = MOST_FRESH) -> Iterator[Rollouts]:
 
 
 def combination_failures(
-    recipe: DatasetRecipe, n: int, progress: Progress | None = None
+    recipe: DatasetRecipe,
+    n: int,
+    progress: Progress | None = None,
+    branch: Branch = Branch.COMBINATION,
 ) -> tuple[Rollouts, int]:
-    """Roll out until n flights fail, to calibrate a combination; they train no monitor.
+    """Roll out until n flights fail, to calibrate a rule of several parts; they train none of them.
 
-    progress: called with (failures, flights made); an exception cancels.
+    With groups, until n of each group fail.
+    progress: called with (failures, flights made); an exception cancels.   branch: of the seed.
     Returns the failing flights, and the number of flights made.   CollectionError if the recipe's
     budget of rollouts cannot suffice.
     """
-    simulator, rng = Simulator(recipe), stream(recipe.seed, Branch.COMBINATION)
+    simulator, rng = Simulator(recipe), stream(recipe.seed, branch)
     size = max(1, min(FRESH_BATCH, CHUNK_STEPS // recipe.n_steps))
-    parts: list[Rollouts] = []
-    n_failed = made = 0
-    while n_failed < n:
+    wanted = replace(recipe, n_unsafe=n)
+    failures, parts, made = _Failures(wanted), list[Rollouts](), 0
+    while failures.n < n:
         flights = simulator.rollouts(min(size, recipe.max_rollouts - made), rng)
-        failed = np.flatnonzero(flights.is_unsafe)[: n - n_failed]
-        n_failed += len(failed)
-        made += int(failed[-1]) + 1 if n_failed == n else len(flights.y)
-        parts.append(flights.some(failed))
+        flights = flights.some(slice(failures.add(flights)))
+        made += len(flights.y)
+        parts.append(flights.some(flights.is_unsafe))
         if progress:
-            progress(n_failed, made)
-        if n_failed < n:
-            _check_budget(replace(recipe, n_unsafe=n), n_failed, made)
+            progress(failures.n, made)
+        if failures.n < n:
+            _check_reach(failures, wanted, made)
     return _joined(parts), made
 
 

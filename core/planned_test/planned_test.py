@@ -58,8 +58,8 @@ USUAL_NOISE = SensorNoise(
 """Noise of a flight-test vane, rate gyros, accelerometer and position transducers."""
 USUAL_TIMING_JITTER_S, USUAL_AMPLITUDE_JITTER = 0.1, 0.15
 """Scatter of a pilot who flies a doublet by hand."""
-USUAL_SOFTNESS_S = 0.3
-"""No two pilots move the pedals alike: with their lag of 0.1 s, 0.1 to 0.4 s."""
+USUAL_SOFTNESS_S = 0.5
+"""No two pilots move the pedals alike: with their lag of 0.1 s, 0.1 to 0.6 s."""
 
 
 class Rollouts(NamedTuple):
@@ -270,6 +270,8 @@ class Simulator:
         drawn = self._flown(theta, pilot, rng)
 
         def stopped(which: Indices, neutral_from: Indices) -> Indices:
+            if not len(which):
+                return which
             commands = pilot[which]
             is_neutral = np.arange(pilot.shape[1]) >= neutral_from[:, np.newaxis]
             commands[is_neutral] = 0.0

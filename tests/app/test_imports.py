@@ -49,3 +49,11 @@ print(*(name for name in {NOT_FOR_HELP} if name in sys.modules), file=sys.stderr
     helped = run_apart(program)
     assert helped.stdout.count("usage: forewarn") == len(LIGHT)
     assert helped.stderr.split() == []
+
+
+def test_blas_has_one_thread_unless_asked_for_more(monkeypatch):
+    program = "import app, os; print(os.environ['OPENBLAS_NUM_THREADS'])"
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS")
+    assert run_apart(program).stdout.split() == ["1"]
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")
+    assert run_apart(program).stdout.split() == ["2"]

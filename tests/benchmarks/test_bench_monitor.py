@@ -11,12 +11,20 @@ from time import perf_counter, perf_counter_ns
 import numpy as np
 import pytest
 
+from app.recipes.recipes import USUAL_MONITOR
 from core.kernels import assessing as live_path
 from core.kernels.compiled import entry, jit, on_this_thread
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.predictor import Linear
 from core.monitor.training import SafeObservations
-from core.planned_test.collection import DatasetRecipe, Simulator, collect, fresh
+from core.planned_test.collection import (
+    DatasetRecipe,
+    Simulator,
+    collect,
+    combination_failures,
+    evaluation_flights,
+    fresh,
+)
 from tests.benchmarks.pairs import in_turns
 from tests.benchmarks.peers import CKDTreeMonitor
 
@@ -92,6 +100,22 @@ def test_a_call_by_its_table_of_addresses() -> None:
 
     pair = in_turns(laid_out, taken_apart).per(len(samples))
     print(f"\na call by its table: {pair.ours.min() * 1e6:.2f} µs; by nested tuples {pair}")
+
+
+def test_a_sample_of_the_usual_rule_against_neighbours_alone() -> None:
+    """The neighbours are searched once; the forecast of the peak comes on top."""
+    recipe = DatasetRecipe(n_unsafe=500).as_trained()
+    dataset, fresh_failures = collect(recipe), combination_failures(recipe, 500)[0]
+    usual = train(dataset, USUAL_MONITOR, failures=fresh_failures)
+    alone = train(dataset, MonitorRecipe(guarantee="95%"))
+    flights = list(evaluation_flights(recipe, 50).y)
+
+    def flown(monitor: Monitor) -> None:
+        for y in flights:
+            python_calls(monitor, y)
+
+    pair = in_turns(lambda: flown(usual), lambda: flown(alone)).per(sum(map(len, flights)))
+    print(f"\na sample of the usual rule {pair.ours.min() * 1e6:.1f} µs; neighbours alone {pair}")
 
 
 def test_batch_scoring_of_an_hour_at_100_hz() -> None:

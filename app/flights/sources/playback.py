@@ -144,7 +144,7 @@ class FollowedForecast:
         until = min(k, self._followed + MOST_FOLLOWED)
         for at in range(self._followed + 1, until + 1):
             t, y, code = self._sample(at)
-            self._running.update(t, np.ascontiguousarray(y, np.float64), code)
+            self._running.update(t, np.ascontiguousarray(y, np.float64), code, np.nan)
         self._followed = until
         return self._running.ahead() if until == k else None
 

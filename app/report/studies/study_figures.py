@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 # Okabe and Ito's colours keep apart for colour-blind eyes; dashes repeat the difference.
-COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
+COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")
 DASHES: tuple[Any, ...] = (
     "-",
     (0, (6, 2)),
@@ -27,6 +27,7 @@ DASHES: tuple[Any, ...] = (
     (0, (1, 1)),
     (0, (3, 1, 1, 1, 1, 1)),
     (0, (8, 1)),
+    (0, (12, 2)),
 )
 MEASURED, FORECAST, LIMIT, ALERT = "#222222", "#0072B2", "#B22222", "#B22222"
 STYLE: Any = {
@@ -200,7 +201,7 @@ def _example_pair(monitor: Monitor, y: Array, fail_index: Indices) -> tuple[int 
     return middle, closest
 
 
-MARKERS = "osv^D*"
+MARKERS = "osv^D*P"
 
 
 def power_against_lead(results: Mapping[str, PlannedTestSweep], recipe: SweepRecipe) -> Figure:

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from core.kernels.assessing import Fitted
 from core.kernels.p_value import SIMPLE, Transduction
 from core.limits.limits import specification_from_plain
-from core.monitor import peak_ridge, response_filter
+from core.monitor import ensemble, peak_ridge, response_filter
 from core.monitor.combination import Combined, combination_of
 from core.monitor.file import portable
 from core.monitor.file.checks import (
@@ -65,16 +66,17 @@ def _rebuild(sections: Mapping[str, Section]) -> Monitor:
         check_evaluation(sections["evaluation"].header)
     validity, inputs = sections.get("validity"), sections.get("input")
     points = arrays["unsafe_points"], arrays["safe_points"]
+    fitted = assemble(recipe, affine, *points, arrays.pop("alphas"))
     return Monitor(
         recipe=recipe,
-        fitted=assemble(recipe, affine, *points, arrays.pop("alphas")),
+        fitted=fitted,
         exact=exact.indexed() if recipe.is_exact else SIMPLE,
         theta_names=tuple(header["theta_names"]),
         specification=specification_from_plain(specification),
         support=validity and Support.from_section(validity, recipe.predictor.forecasts),
         evaluation=dict(sections["evaluation"].header) if "evaluation" in sections else None,
         inputs=inputs and InputSupport.from_section(inputs),
-        forecast=_forecast(sections, recipe, header["h"]),
+        forecast=_forecast(sections, recipe, header["h"], fitted),
         groups=_groups(sections.get("groups"), recipe),
         **{key: header[key] for key in portable.MONITOR_FIELDS} | {"dt": float(header["dt"])},
         **arrays,
@@ -91,17 +93,19 @@ def _exact(section: Section | None) -> Transduction:
 
 
 def _forecast(
-    sections: Mapping[str, Section], recipe: MonitorRecipe, h: int
+    sections: Mapping[str, Section], recipe: MonitorRecipe, h: int, fitted: Fitted
 ) -> PeakForecast | None:
     """Forecast of the rest of the manoeuvre; None if the predictor makes none."""
     wanted = recipe.predictor.forecast
-    for name in ("card", "peaks", "members"):
+    for name in ("card", "peaks", "ensemble", "members"):
         if (name in sections) != (name == wanted):
             raise ValueError(f"its predictor and its section {name} do not match")
     if wanted == "members":
         return combination_of(_members(sections["members"]), recipe.n_delay, h)
     if wanted == "card":
         return response_filter.from_section(sections["card"], h, recipe.score)
+    if wanted == "ensemble":
+        return ensemble.from_section(sections["ensemble"], fitted, recipe.n_delay)
     return peak_ridge.from_section(sections["peaks"]) if wanted else None
 
 

@@ -32,6 +32,7 @@ VERSIONS = {
     "input": 1,
     "card": 1,
     "peaks": 1,
+    "ensemble": 1,
     "groups": 1,
     "members": 1,
     "evaluation": 1,

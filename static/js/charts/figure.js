@@ -31,6 +31,7 @@ const SHAPES = {
   diamond: "M0 -4.6L4.6 0L0 4.6L-4.6 0z",
   cross: "M-4 -4L4 4M-4 4L4 -4",
   plus: "M-4.5 0H4.5M0 -4.5V4.5",
+  star: "M-4.5 0H4.5M0 -4.5V4.5M-3.2 -3.2L3.2 3.2M-3.2 3.2L3.2 -3.2",
 };
 
 export function createFigure({ title, words, label, x, y, height, series, rules = [] }) {

@@ -10,7 +10,7 @@
 import { createFigure, EPSILON, SPARE, UNIT_SHARE } from "../charts/figure.js";
 import { figure as number, percent } from "../lib/numbers.js";
 
-const METHOD_MARKS = ["circle", "square", "triangle", "diamond", "plus", "cross"];
+const METHOD_MARKS = ["circle", "square", "triangle", "diamond", "plus", "cross", "star"];
 const CEILING = "ceiling";
 const MOST_MARKED = 120; // calibration scores with a mark each
 const PROMISE = { look: "plot-promise", line: [[0, 0], [1, 1]] };

@@ -222,7 +222,11 @@ def test_an_amplitude_is_found_for_any_limit_and_for_a_table(tmp_path: Path, cap
 @pytest.mark.parametrize(
     ("options", "method"),
     [
-        ([], ("linear", "nearest_neighbor")),
+        ([], ("ensemble", "highest_risk")),
+        (["--p-value", "exact"], ("linear", "nearest_neighbor")),
+        (["--calibration", "pointwise"], ("linear", "nearest_neighbor")),
+        (["--predictor", "linear"], ("linear", "nearest_neighbor")),
+        (["--score", "highest_risk"], ("ensemble", "highest_risk")),
         (["--predictor", "peak_ridge"], ("peak_ridge", "rest_of_card")),
         (["--predictor", "response_filter"], ("response_filter", "card_window")),
         (["--predictor", "identity"], ("identity", "nearest_neighbor")),

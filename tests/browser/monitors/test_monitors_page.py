@@ -130,7 +130,7 @@ def test_a_test_that_never_fails_says_what_to_change(page: Page, site: Site) -> 
     page.get_by_role("button", name="Train", exact=True).click()
     error = page.locator(".job .error")
     expect(error).to_contain_text("It failed: 0 of", timeout=SLOW)
-    expect(error).to_contain_text("At an amplitude of 10.2")
+    expect(error).to_contain_text("At an amplitude of 11.1")
 
 
 def test_another_aircraft_brings_its_usual_test(page: Page, site: Site) -> None:
@@ -331,7 +331,7 @@ def test_of_flights_that_differ_the_safe_ones_that_were_called_invalid_are_not_q
 def test_a_method_is_a_predictor_and_a_score_that_go_together(page: Page, site: Site) -> None:
     page.goto(f"{site.http}/#/monitors/new")
     method = page.get_by_label("method", exact=True)
-    expect(method).to_have_value("outputs_ahead")
+    expect(method).to_have_value("ensemble")
     expect(method.locator("option").first).to_contain_text("(recommended)")
     predictor, score = (page.locator(f'[name="monitor.{part}.kind"]') for part in PAIR)
     method.select_option("test_card")
@@ -503,7 +503,7 @@ def test_leads_are_swept_on_a_datasets_test(page: Page, site: Site) -> None:
     expect(page.locator("figure")).to_have_count(2, timeout=SLOW)
     (job,) = (job for job in site.get("/jobs") if job["kind"] == "sweep")
     (found,) = site.get(f"/jobs/{job['id']}")["result"]["tests"].values()
-    assert len(found["cells"]) == 6
+    assert len(found["cells"]) == 8
     row = page.get_by_role("row").nth(1)
     expect(row).to_contain_text(found["cells"][0]["method"])
     expect(row).to_contain_text(percent(found["cells"][0]["power"]))
@@ -551,7 +551,7 @@ def test_two_monitors_are_combined(page: Page, site: Site) -> None:
     recipe = page.locator(".recipe-columns")
     expect(recipe).to_contain_text("highest risk")
     expect(recipe).to_contain_text("Member 2")
-    expect(recipe).to_contain_text("s ahead: forecast of the outputs against past failures")
+    expect(recipe).to_contain_text("s ahead: past failures and the peak still to come as one")
     for monitor in (later, page.url.rpartition("/")[2]):
         site.store.monitors.delete(monitor)
 

@@ -17,7 +17,13 @@ from core.evaluation.lead_sweep import (
 from core.evaluation.prevention import prevention
 from core.evaluation.rates import evaluate, first_alerts
 from core.monitor import MonitorRecipe, train
-from core.planned_test.collection import card_of, collect, evaluation_flights, stopping_flights
+from core.planned_test.collection import (
+    card_of,
+    collect,
+    combination_failures,
+    evaluation_flights,
+    stopping_flights,
+)
 from core.seeds import Branch, monitor_seeds, stream
 from core.simulation.maneuver import FrequencySweep
 
@@ -44,7 +50,8 @@ def test_a_cell_counts_what_each_monitor_alone_does(small: PlannedTestSweep) -> 
         cell = small.cells[name, 0.25]
         for number, (seed, _) in enumerate(monitor_seeds(SMALL.seed, SMALL.n_monitors)):
             test = replace(TESTS["F-16"], seed=seed, n_unsafe=SMALL.n_unsafe)
-            monitor = train(collect(test), recipe, card=card_of(test))
+            failures, _ = combination_failures(test, SMALL.n_unsafe, branch=Branch.ENSEMBLE)
+            monitor = train(collect(test), recipe, card=card_of(test), failures=failures)
             flights = evaluation_flights(test, SMALL.n_test)
             alone = evaluate(monitor, flights.y, flights.fail_index, np.array([0.1]))
             assert cell.misses[number] == alone.misses[0]
@@ -59,13 +66,14 @@ def test_sharing_work_between_methods_changes_no_count() -> None:
     recipe = replace(SMALL, methods=names, leads_s=(0.25, 0.6), n_monitors=1)
     test = replace(TESTS["F-16"].as_flown(), seed=monitor_seeds(0, 1)[0][0], n_unsafe=30)
     dataset, flights = collect(test), evaluation_flights(test, recipe.n_test)
+    failures, _ = combination_failures(test, 30, branch=Branch.ENSEMBLE)
     y, fails, n_samples = flights.y, flights.fail_index, flights.y.shape[1]
     cells = sweep(recipe, {"flown": test})["flown"].cells
     assert list(cells) == [(name, lead) for lead in recipe.leads_s for name in names]
     for (name, lead), cell in cells.items():
         predictor, score = METHODS[name]
         own = MonitorRecipe(t_early=lead, epsilon=0.1, predictor=predictor, score=score)
-        monitor = train(dataset, own, card=card_of(test))
+        monitor = train(dataset, own, card=card_of(test), failures=failures)
         alone = evaluate(monitor, y, fails, np.array([0.1]))
         assert (cell.misses[0], cell.false_alerts[0]) == (alone.misses[0], alone.false_alerts[0])
         first = first_alerts(monitor, y, fails)

@@ -78,3 +78,9 @@ def test_a_faster_reaction_prevents_more() -> None:
     assert counts.prevented[0] > 0.5 * counts.n_unsafe
     assert counts.prevented[-1] < 0.2 * counts.n_unsafe
     assert counts.stopped == 0
+
+
+def test_without_an_alert_nothing_is_stopped_or_prevented() -> None:
+    never, again = np.full(N, 121), stopping_flights(RECIPE, N)
+    result = prevention(never, never, 121, 0.05, again, np.random.default_rng(0))
+    assert (result.stopped, result.prevented.any(), result.caused.any()) == (0, False, False)

@@ -7,7 +7,15 @@ import pytest
 
 from core.evaluation.lead_sweep import METHODS, TESTS
 from core.evaluation.rates import Evaluation
-from core.evaluation.robustness import DIFFERENCES, by_aircraft, fly_each, near_aircraft, robustness
+from core.evaluation.robustness import (
+    DIFFERENCES,
+    by_aircraft,
+    fly_each,
+    near_aircraft,
+    robustness,
+    softer,
+)
+from core.limits.limits import Limits
 from core.monitor import MonitorRecipe, train
 from core.planned_test.collection import DatasetRecipe, collect, fresh, training_rollouts
 from core.planned_test.planned_test import SensorNoise, Simulator
@@ -69,11 +77,21 @@ def test_a_wider_theta_has_the_same_mean() -> None:
     np.testing.assert_allclose(wide - nominal, 1.5 * (narrow - nominal), atol=1e-12)
 
 
-def test_a_softer_input_has_the_planned_amplitude() -> None:
-    for lag_s in (0.2, 0.3, 0.5):
-        softer = DIFFERENCES[f"lag_{lag_s}"].recipe
-        assert softer(RECIPE).maneuver == replace(RECIPE.maneuver, pedal_lag_s=lag_s)
-        assert softer(RECIPE.as_trained()).imperfections == USUAL_IMPERFECTIONS
+@pytest.mark.parametrize("lag_s", [0.2, 0.3, 0.5])
+def test_a_softer_input_is_as_large_as_a_quarter_of_flights_needs_to_exceed(lag_s: float) -> None:
+    softer = DIFFERENCES[f"lag_{lag_s}"].recipe(RECIPE.as_trained())
+    peak = softer.maneuver.peak_deg
+    assert peak > RECIPE.maneuver.peak_deg
+    planned = replace(RECIPE.as_flown().maneuver, pedal_lag_s=lag_s)
+    assert softer.maneuver == planned.with_peak(peak)
+    assert softer.imperfections == USUAL_IMPERFECTIONS
+    flown = Simulator(softer).rollouts(400, np.random.default_rng(6))
+    assert flown.is_unsafe.mean() == pytest.approx(0.25, abs=0.08)
+
+
+def test_an_input_that_exceeds_at_no_amplitude_is_flown_as_planned() -> None:
+    never = replace(RECIPE, specification=Limits(Ny=1e3))
+    assert softer(never, 0.3).maneuver == replace(never.maneuver, pedal_lag_s=0.3)
 
 
 def test_near_aircraft_have_each_derivative_within_the_factor() -> None:

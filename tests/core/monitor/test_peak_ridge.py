@@ -60,6 +60,9 @@ def dataset() -> Dataset:
     return collect(RECIPE)
 
 
+NO_SCORES = np.full(10, np.nan)
+
+
 @cache
 def trained() -> Monitor:
     return train(dataset(), asked(), fresh(RECIPE))
@@ -136,15 +139,14 @@ def test_a_peak_that_what_was_flown_decides_is_forecast_and_the_margin_scored():
     forecast = fit_peaks(PeakRidge(past_s=1.0), flown, limits, 0, 0.05)
     assert (forecast.peaks.surface, forecast.peaks.threshold) == (5, pytest.approx(0.01))
     y = flown.y[0]
-    score = forecast.follow(T[:10], y, np.zeros(10, np.int64), 0.05).score
+    score = forecast.follow(T[:10], y, np.zeros(10, np.int64), 0.05, NO_SCORES).score
     assert np.isposinf(score[[0, 1, 2, 9]]).all()
     assert score[4] == pytest.approx(-(flown.y[:, 8, 3].mean() / 0.5 - 1) / 0.105, rel=0.05)
     assert score[5:8] == pytest.approx(-(y[8, 3] / 0.5 - 1) / FINEST, rel=0.02)
     assert score[8] == pytest.approx(1 / FINEST)
     near = fit_peaks(PeakRidge(past_s=1.0), flown, limits, 2, 0.05)
-    assert near.follow(T[:10], y, np.zeros(10, np.int64), 0.05).score[5] == pytest.approx(
-        1 / FINEST
-    )
+    score = near.follow(T[:10], y, np.zeros(10, np.int64), 0.05, NO_SCORES).score
+    assert score[5] == pytest.approx(1 / FINEST)
 
 
 # --- laws ----------------------------------------------------------------------------------------

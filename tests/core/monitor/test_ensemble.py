@@ -1,0 +1,273 @@
+"""The usual rule: neighbours and the peak to come, calibrated as one."""
+
+import math
+from dataclasses import replace
+from fractions import Fraction
+from itertools import product
+
+import numpy as np
+import pytest
+
+from core.dataset import Dataset
+from core.evaluation.rates import evaluate, first_alerts
+from core.monitor import Monitor, MonitorRecipe, train
+from core.monitor.ensemble import NeighborsAndPeak, halves
+from core.monitor.file import portable
+from core.monitor.file.loading import from_bytes
+from core.monitor.file.portable import MonitorFileError
+from core.monitor.group import GROUPINGS
+from core.monitor.peak_forecast import PeakAhead
+from core.monitor.peak_ridge import RidgeForecast
+from core.monitor.predictor import PREDICTORS
+from core.monitor.recipe import METHODS
+from core.monitor.score import SCORES
+from core.planned_test.collection import combination_failures
+from core.planned_test.planned_test import DatasetRecipe
+from core.seeds import Branch
+from tests.support import oscillator
+from tests.support.oscillator import DT, N_SAMPLES, TIMES, Array
+
+EPSILON = 0.3
+
+
+def recipe_of(method: str, **choices) -> MonitorRecipe:
+    predictor, score = METHODS[method]
+    return MonitorRecipe(epsilon=EPSILON, predictor=predictor, score=score, **choices)
+
+
+RECIPE = recipe_of("ensemble")
+H = 5
+
+
+@pytest.fixture(scope="module")
+def failures() -> tuple[Array, np.ndarray]:
+    """Forty fresh flights, one of which fails too early to be warned of."""
+    y = oscillator.fly(np.random.default_rng(41), 40)[1]
+    fails = oscillator.fail_indices(y)
+    fails[np.flatnonzero(fails < N_SAMPLES)[0]] = H - 1
+    return y, fails
+
+
+@pytest.fixture(scope="module")
+def monitor(dataset: Dataset, failures: tuple[Array, np.ndarray]) -> Monitor:
+    return train(dataset, RECIPE, failures=failures)
+
+
+@pytest.fixture(scope="module")
+def parts(dataset: Dataset) -> tuple[Monitor, Monitor]:
+    """Neighbours and peak as monitors of their own."""
+    return train(dataset, recipe_of("outputs_ahead")), train(dataset, recipe_of("peak_ahead"))
+
+
+def test_the_risk_is_the_higher_one_of_both_parts_calibrated_on_fresh_failures(
+    monitor: Monitor,
+    parts: tuple[Monitor, Monitor],
+    failures: tuple[Array, np.ndarray],
+    flights: Array,
+) -> None:
+    def risks(y: Array) -> list[float]:
+        streams = [part.stream() for part in parts]
+        return [
+            max(stream.update(t, sample).p_value or 0.0 for stream in streams)
+            for t, sample in zip(TIMES, y, strict=True)
+        ]
+
+    alphas = sorted(
+        -max(risks(y)[: last + 1], default=-math.inf)
+        for y, fail in zip(*failures, strict=True)
+        if fail < N_SAMPLES
+        for last in [fail - H]
+    )
+    assert monitor.alphas.tolist() == alphas
+    assert (monitor.n_early, alphas[-1]) == (1, math.inf)
+    for y in flights[:4]:
+        assessments = monitor.assess(TIMES, y)
+        for risk, p in zip(risks(y), assessments.p_value, strict=True):
+            at_least = sum(alpha >= -risk for alpha in alphas)
+            assert p == float(Fraction(at_least + 1, len(alphas) + 1))
+
+
+def test_it_forecasts_the_outputs_of_the_linear_map_and_the_peak_of_its_part(
+    monitor: Monitor, parts: tuple[Monitor, Monitor], flights: Array
+) -> None:
+    np.testing.assert_array_equal(
+        monitor.assess(TIMES, flights[0]).y_hat, parts[0].assess(TIMES, flights[0]).y_hat
+    )
+    stream, alone, shown = monitor.stream(), parts[1].stream(), []
+    for t, y in zip(TIMES, flights[0], strict=True):
+        assert stream.update(t, y).y_hat is not None
+        alone.update(t, y)
+        ahead, expected = stream.forecast_ahead(), alone.forecast_ahead()
+        assert ahead is not None
+        assert expected is not None
+        assert vars(ahead) == vars(expected)
+        shown.append(ahead)
+    assert any(isinstance(ahead, PeakAhead) for ahead in shown)
+
+
+@pytest.mark.parametrize("defect", ["none", "missing", "late", "repeated", "lost", "moving"])
+def test_a_stream_gives_what_a_batch_gives_also_over_gaps(
+    monitor: Monitor, flights: Array, defect: str
+) -> None:
+    for y in flights[:3]:
+        t, sent = TIMES.copy(), y.copy()
+        if defect == "missing":
+            sent[20] = np.nan
+        if defect == "late":
+            t[30:] += 5 * DT
+        if defect == "repeated":
+            t[25] = t[24]
+        if defect == "lost":
+            sent[:14] = np.nan
+        if defect == "moving":
+            sent = sent[20:]
+        batch, stream = monitor.assess(t[: len(sent)], sent), monitor.stream()
+        for k in range(len(sent)):
+            sample, expected = stream.update(t[k], sent[k]), batch[k]
+            for name in ("state", "p_value", "alert", "score", "reason"):
+                assert getattr(sample, name) == getattr(expected, name), (k, name)
+        is_lost = batch.withdrawal is not None
+        assert is_lost == (defect in ("lost", "moving"))
+
+
+def test_neighbours_alone_count_while_the_peak_lacks_a_sample(
+    monitor: Monitor, parts: tuple[Monitor, Monitor], flights: Array
+) -> None:
+    y = flights[0].copy()
+    y[20] = np.nan
+    alone, both = parts[1].assess(TIMES, y), monitor.assess(TIMES, y)
+    near = parts[0].assess(TIMES, y)
+    only_near = np.isnan(alone.p_value) & ~np.isnan(near.p_value)
+    assert only_near.any()
+    np.testing.assert_array_equal(both.score[only_near], -near.p_value[only_near])
+
+
+def test_a_flight_that_begins_in_the_manoeuvre_gets_no_risk(
+    monitor: Monitor, flights: Array
+) -> None:
+    moving = flights[0, 20:]
+    lowest = monitor.lowest_scores(moving[None], np.array([len(moving) - 1]))
+    assert lowest.tolist() == [math.inf]
+
+
+def test_whole_flights_are_judged_as_their_samples_are(monitor: Monitor, flights: Array) -> None:
+    fails = oscillator.fail_indices(flights)
+    first = first_alerts(monitor, flights, fails)
+    for y, fail, alert in zip(flights, fails, first, strict=True):
+        alerts = monitor.assess(TIMES, y).alert[: fail + 1]
+        assert alert == (alerts.argmax() if alerts.any() else N_SAMPLES)
+
+
+# --- failures ------------------------------------------------------------------------------------
+
+
+def test_without_fresh_failures_half_of_them_trains_and_half_calibrates(dataset: Dataset) -> None:
+    training, calibrating = halves(len(dataset.unsafe))
+    assert sorted([*training, *calibrating]) == list(range(len(dataset.unsafe)))
+    assert len(training) == len(calibrating)
+    halved = train(dataset, RECIPE)
+    some = replace(
+        dataset, unsafe=dataset.unsafe[training], fail_index=dataset.fail_index[training]
+    )
+    fresh = dataset.unsafe[calibrating], dataset.fail_index[calibrating]
+    same = train(some, RECIPE, failures=fresh)
+    np.testing.assert_array_equal(halved.alphas, same.alphas)
+    np.testing.assert_array_equal(halved.unsafe_points, same.unsafe_points)
+    assert set(halved.unsafe_where[:, 0]) == set(training)
+    assert halved.dataset_digest == dataset.digest()
+
+
+def test_failures_of_another_shape_or_none_are_refused(
+    dataset: Dataset, failures: tuple[Array, np.ndarray]
+) -> None:
+    y, fails = failures
+    with pytest.raises(ValueError, match="roll out the same manoeuvre"):
+        train(dataset, RECIPE, failures=(y[:, 1:], fails))
+    with pytest.raises(ValueError, match="give failing flights"):
+        train(dataset, RECIPE, failures=(y, np.full(len(y), N_SAMPLES)))
+    one = replace(dataset, unsafe=dataset.unsafe[:1], fail_index=dataset.fail_index[:1])
+    with pytest.raises(ValueError, match="needs 2 or more"):
+        train(one, RECIPE)
+
+
+def test_each_group_gets_enough_fresh_failures_and_its_own_threshold() -> None:
+    grouping = GROUPINGS["largest_deflection"]
+    test = replace(DatasetRecipe(n_unsafe=12, groups=grouping, seed=5).as_flown())
+    fresh, made = combination_failures(test, 12, branch=Branch.ENSEMBLE)
+    assert len(fresh.y) < made
+    fitted = grouping.fit(fresh.y, fresh.fail_index, test.specification)
+    assert fitted is not None
+    assert min(np.count_nonzero(fitted[1] == group) for group in range(3)) == 12
+
+
+def test_a_monitor_by_groups_is_calibrated_on_the_fresh_failures(dataset: Dataset) -> None:
+    y = oscillator.fly(np.random.default_rng(43), 400)[1]
+    fails = oscillator.fail_indices(y)
+    groups = GROUPINGS["largest_deflection"]
+    grouped = train(dataset, replace(RECIPE, groups=groups), failures=(y, fails))
+    assert grouped.groups is not None
+    failing = fails < N_SAMPLES
+    assert len(grouped.alphas) == failing.sum()
+    fitted = groups.fit(y[failing], fails[failing], dataset.specification)
+    assert fitted is not None
+    assert grouped.groups.rule == fitted[0]
+    batch, stream = grouped.assess(TIMES, y[0]), grouped.stream()
+    for t, sample, p in zip(TIMES, y[0], batch.p_value, strict=True):
+        assert stream.update(t, sample).p_value == p
+
+
+def test_the_promise_is_kept_over_many_monitors() -> None:
+    epsilon, n, missed = 0.2, 24, []
+    for seed in range(n):
+        rng = np.random.default_rng([44, seed])
+        data = oscillator.collect(rng, n_unsafe=15)
+        y = oscillator.fly(rng, 150)[1]
+        monitor = train(data, RECIPE, failures=(y, oscillator.fail_indices(y)))
+        y = oscillator.fly(rng, 300)[1]
+        found = evaluate(monitor, y, oscillator.fail_indices(y), np.array([epsilon]))
+        missed.append(found.miss_rate[0])
+    error = np.std(missed, ddof=1) / math.sqrt(n)
+    assert np.mean(missed) <= epsilon + 3 * error
+    assert np.mean(missed) > epsilon / 4
+
+
+# --- the file ------------------------------------------------------------------------------------
+
+
+def test_its_file_gives_the_same_monitor_back(monitor: Monitor, flights: Array) -> None:
+    twin = from_bytes(monitor.to_bytes())
+    assert twin.recipe == monitor.recipe
+    assert twin.to_bytes() == monitor.to_bytes()
+    assert isinstance(twin.forecast, NeighborsAndPeak)
+    assert isinstance(twin.forecast.peak, RidgeForecast)
+    for name in ("p_value", "score", "y_hat", "nearest_safe", "nearest_unsafe"):
+        told, again = (getattr(m.assess(TIMES, flights[0]), name) for m in (monitor, twin))
+        np.testing.assert_array_equal(told, again)
+    last = np.full(len(flights), 30)
+    np.testing.assert_array_equal(
+        monitor.lowest_scores(flights, last), twin.lowest_scores(flights, last)
+    )
+
+
+@pytest.mark.parametrize("name", ["neighbor_alphas", "peak_alphas"])
+def test_calibration_scores_of_a_part_that_are_not_sorted_are_refused(
+    monitor: Monitor, name: str
+) -> None:
+    assert monitor.forecast is not None
+    whole = monitor.forecast.to_section()
+    others = [section for section in monitor._sections() if section.name != "ensemble"]
+    for wrong in (whole.arrays[name][::-1].copy(), np.empty(0), np.full(3, np.nan)):
+        section = whole._replace(arrays={**whole.arrays, name: wrong})
+        with pytest.raises(MonitorFileError, match=f"ensemble {name}"):
+            from_bytes(portable.pack([*others, section]))
+    with pytest.raises(MonitorFileError, match="section ensemble do not match"):
+        from_bytes(portable.pack(others))
+
+
+def test_its_predictor_and_score_go_together_only() -> None:
+    for predictor, score in product(PREDICTORS, SCORES):
+        if (predictor == "ensemble") != (score == "highest_risk"):
+            choice = {"predictor": PREDICTORS[predictor], "score": SCORES[score]}
+            if "ensemble" in predictor or score == "highest_risk":
+                with pytest.raises(ValueError, match="go with the score highest_risk"):
+                    MonitorRecipe(**choice)
