@@ -18,6 +18,7 @@
 
 import { h, piecesOf, svg } from "../lib/dom.js";
 import { figure, percent } from "../lib/numbers.js";
+import { roundStep, roundTicks } from "./value_axis.js";
 
 const FROM_0_TO_1 = { domain: [0, 1], ticks: [0, 0.2, 0.4, 0.6, 0.8, 1] };
 export const UNIT_SHARE = { ...FROM_0_TO_1, format: (value) => percent(value, 0) };
@@ -103,11 +104,11 @@ function createPlot({ x, y, label, width = 600, height = 310 }) {
 
   function axes() {
     const parts = [];
-    for (const value of x.ticks ?? niceTicks(...x.domain, 7)) {
+    for (const value of x.ticks ?? ticksOf(x.domain, 7)) {
       parts.push(path(`M${toX(value)} ${MARGIN.top}V${bottom}`, "plot-grid"));
       parts.push(text(toX(value), bottom + 18, (x.format ?? figure)(value), "middle"));
     }
-    for (const value of y.ticks ?? niceTicks(...y.domain, 5)) {
+    for (const value of y.ticks ?? ticksOf(y.domain, 5)) {
       parts.push(path(`M${MARGIN.left} ${toY(value)}H${right}`, "plot-grid"));
       parts.push(text(MARGIN.left - 8, toY(value) + 4, (y.format ?? figure)(value), "end"));
     }
@@ -176,15 +177,7 @@ function createPlot({ x, y, label, width = 600, height = 310 }) {
   };
 }
 
-function niceTicks(low, high, about) {
-  const rough = (high - low) / about;
-  const power = 10 ** Math.floor(Math.log10(rough));
-  const step = power * ([1, 2, 5].find((factor) => factor * power >= rough) ?? 10);
-  const ticks = [];
-  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++)
-    ticks.push(Number((k * step).toPrecision(12)));
-  return ticks;
-}
+const ticksOf = ([low, high], about) => roundTicks(low, high, roundStep((high - low) / about));
 
 function scale([low, high], from, to) {
   return (value) => Math.round(10 * (from + ((value - low) / (high - low)) * (to - from))) / 10;

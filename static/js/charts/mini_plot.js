@@ -12,9 +12,9 @@ const [WIDTH, HEIGHT, PAD] = [240, 44, 4];
 
 export function createMiniPlot(name, channel = null) {
   const zero = svg("path.mini-zero");
-  const area = svg("path.mini-area");
+  const line = svg("path.mini-line");
   const box = { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, preserveAspectRatio: "none", "aria-hidden": true };
-  const drawing = svg("svg.mini-svg", box, zero, area);
+  const drawing = svg("svg.mini-svg", box, zero, line);
   const words = h("figcaption.mini-words");
   const element = h("figure.mini-plot", drawing, words);
 
@@ -31,7 +31,7 @@ export function createMiniPlot(name, channel = null) {
     const { min, max } = tiles;
     const room = max - min || 1;
     const y = (value) => HEIGHT - PAD - ((value - min) / room) * (HEIGHT - 2 * PAD);
-    area.setAttribute("d", areaOf(tiles, y));
+    line.setAttribute("d", lineOf(tiles, y));
     zero.setAttribute("d", min <= 0 && max >= 0 ? `M0 ${y(0)}H${WIDTH}` : "");
   }
 
@@ -48,25 +48,11 @@ export function createMiniPlot(name, channel = null) {
   return { element, show };
 }
 
-/** One closed path for each unbroken segment; at least a line thick. */
-function areaOf({ t, low, high }, y) {
+/** A line through the greatest and the least value of each bin, broken where nothing was recorded. */
+function lineOf({ t, low, high }, y) {
   const length = t.at(-1) - t[0] || 1;
-  const x = (k) => ((t[k] - t[0]) / length) * WIDTH;
-  const round = (value) => Math.round(10 * value) / 10;
-  const pieces = [];
-  let piece = [];
-  for (let k = 0; k <= t.length; k++) {
-    if (k < t.length && low[k] !== null && high[k] !== null) piece.push(k);
-    else if (piece.length) {
-      pieces.push(piece);
-      piece = [];
-    }
-  }
-  return pieces
-    .map((segment) => {
-      const upper = segment.map((k) => `${round(x(k))} ${round(y(high[k]) - 0.8)}`);
-      const lower = segment.map((k) => `${round(x(k))} ${round(y(low[k]) + 0.8)}`).reverse();
-      return `M${[...upper, ...lower].join("L")}Z`;
-    })
-    .join("");
+  const place = (k, value) => `${Math.round((10 * (t[k] - t[0]) * WIDTH) / length) / 10} ${Math.round(10 * y(value)) / 10}`;
+  const isKnown = (k) => (low[k] ?? null) !== null;
+  const step = (k) => `${isKnown(k - 1) ? "L" : "M"}${place(k, high[k])}L${place(k, low[k])}`;
+  return t.map((_, k) => (isKnown(k) ? step(k) : "")).join("");
 }

@@ -27,7 +27,7 @@ import { createSheet, GUTTER } from "./layout.js";
 import { readPalette, watchTheme } from "./palette.js";
 import { createReadings } from "./readings.js";
 import { createStrip } from "./strip.js";
-import { roundStep } from "./value_axis.js";
+import { roundStep, roundTicks } from "./value_axis.js";
 
 const STEPS = [10, 15, 30, 60, 120, 300, 600, 1200, 1800, 3600, 7200, 14400, 21600]; // s, of long times
 const READ_EVERY = 200; // ms; faster digits cannot be read
@@ -147,9 +147,7 @@ export function createStripChart(host, options) {
 function timeTicks(start, end, width) {
   const least = ((end - start) * 90) / width;
   const step = STEPS.find((candidate) => least > 5 && candidate >= least) ?? roundStep(least);
-  const times = [];
-  for (let k = Math.ceil(start / step); k * step <= end; k++) times.push(k * step);
-  return { times, step };
+  return { times: roundTicks(start, end, step), step };
 }
 
 /** Below the strips: round times, and flags on the cursors. */

@@ -7,7 +7,7 @@
  * createValueAxis({limits, factor, leastHeight, narrowAfter}) -> Axis     limits: [low, high] | null
  *     factor: multiplies the numbers shown.   narrowAfter: [ms] before a range that is too wide narrows
  * createRiskAxis() -> the same for risk, 0..1, by its square root: small risks stay legible
- * roundStep(least) -> number, of 1, 2, 5, 10, ...
+ * roundStep(least) -> number, of 1, 2, 5, 10, ...;   roundTicks(low, high, step) -> [its multiples]
  *
  * Axis  {low, high, step, roomy}    roomy: the range is too wide
  *   fit(low, high, wall)   the least and greatest visible value (low > high: none), wall clock [ms]
@@ -81,12 +81,11 @@ export function createRiskAxis() {
   return { low: 0, high: 1, step: 0.5, roomy: false, fit: () => {}, share };
 }
 
-export function axisTicks(axis) {
-  const ticks = [];
-  const first = Math.ceil(axis.low / axis.step - 1e-6);
-  const last = Math.floor(axis.high / axis.step + 1e-6);
-  for (let k = first; k <= last && ticks.length < 9; k++) ticks.push(k * axis.step);
-  return ticks;
+export const axisTicks = ({ low, high, step }) => roundTicks(low, high, step);
+
+export function roundTicks(low, high, step) {
+  const [first, last] = [Math.ceil(low / step - 1e-6), Math.floor(high / step + 1e-6)];
+  return Array.from({ length: Math.max(0, last - first + 1) }, (_, k) => (first + k) * step);
 }
 
 /** Least of 1, 2, 5, 10, ... that is not below `least`. */

@@ -30,7 +30,7 @@ import {
 import { createReplayNotes } from "./playback/replay_notes.js";
 import { createTransportBar } from "./playback/transport_bar.js";
 import { createSceneFrame } from "./scene_frame.js";
-import { bindShortcuts, createShortcutList } from "./shortcuts.js";
+import { bindShortcuts, openShortcuts } from "./shortcuts.js";
 import { createSourceAddress } from "./source_address.js";
 import { createStatusStrip } from "./status_strip.js";
 import { bindMuteButton, createTone } from "./tone.js";
@@ -367,12 +367,12 @@ function besideRecording(element, beside) {
 
 /** Keys, their list, and the mute button. */
 function bindControls(element, keys, markers, signal) {
-  const shortcuts = createShortcutList(markers.shortcuts);
+  const open = () => openShortcuts(markers.shortcuts());
   const mute = h("button.button.button-small.mute", { type: "button" });
-  const list = button("Keys ?", shortcuts.open, { class: "button button-small", title: "Keyboard shortcuts (key ?)" });
-  element.append(h("div.row.spread", mute, list), shortcuts.dialog);
+  const list = button("Keys ?", open, { class: "button button-small", title: "Keyboard shortcuts (key ?)" });
+  element.append(h("div.row.spread", mute, list));
   bindMuteButton(mute, tone, signal);
-  bindShortcuts({ ...keys, m: () => mute.click(), "?": shortcuts.open }, markers.keys, signal);
+  bindShortcuts({ ...keys, m: () => mute.click(), "?": open }, markers.keys, signal);
 }
 
 function coverText(cause, age) {

@@ -3,11 +3,11 @@
  *
  * bindShortcuts(actions, urgent, signal)    {key: act}; ignored in text fields and dialogs
  *     urgent: work also in lists, boxes and every dialog but this one; once for a held key
- * createShortcutList(urgent) -> {dialog, open()}     urgent() -> [[key, what]], asked for when it opens
+ * openShortcuts(urgent)    the list; urgent: [[key, what, request]]
  */
 
 import { may } from "../lib/api.js";
-import { h } from "../lib/dom.js";
+import { button, h, openDialog } from "../lib/dom.js";
 
 const STEER = "POST /flights/{}/transport";
 /** [title, [key, what it does, the request that it sends, if any]]. */
@@ -58,22 +58,11 @@ export function bindShortcuts(actions, urgent, signal) {
   addEventListener("keydown", press, { signal });
 }
 
-export function createShortcutList(urgent) {
-  const close = h("button", { type: "button", class: "button", onclick: () => dialog.close() }, "Close");
-  const box = h("div", { class: "key-groups" });
-  const group = ([name, keys]) =>
-    h(
-      "section",
-      {},
-      h("h3", {}, name),
-      h("dl", { class: "keys" }, ...keys.flatMap(([key, what]) => [h("dt", {}, h("kbd", {}, key)), h("dd", {}, what)])),
-    );
-  const dialog = h("dialog", { class: "shortcuts", "aria-label": "Keyboard shortcuts" }, h("h2", {}, "Keyboard shortcuts"), box, close);
-  const open = () => {
-    const allowed = ([, , route]) => route === undefined || may(route);
-    const groups = [["Markers, shown to everyone", urgent()], ...GROUPS].map(([name, keys]) => [name, keys.filter(allowed)]);
-    box.replaceChildren(...groups.filter(([, keys]) => keys.length > 0).map(group));
-    dialog.showModal();
-  };
-  return { dialog, open };
+export function openShortcuts(urgent) {
+  const allowed = ([, , route]) => route === undefined || may(route);
+  const groups = [["Markers, shown to everyone", urgent], ...GROUPS].map(([name, keys]) => [name, keys.filter(allowed)]);
+  const keysOf = (keys) => keys.flatMap(([key, what]) => [h("dt", h("kbd", key)), h("dd", what)]);
+  const sections = groups.filter(([, keys]) => keys.length > 0).map(([name, keys]) => h("section", h("h3", name), h("dl.keys", keysOf(keys))));
+  const close = h("div.row", button("Close", () => dialog.close()));
+  const dialog = openDialog("Keyboard shortcuts", [h("div.key-groups", sections), close], "shortcuts");
 }

@@ -17,7 +17,8 @@
  *     attempt(act) -> Promise<bool>     shows why act() failed; whether it did not
  * deleteButton({api, path, what, consequence, done, short})     asks first; done() after the deletion
  *     path: of the resource.   what: "monitor “card 7”".   short: its name, for a small button in a list
- * askToConfirm(question, consequence, word, act, stay) -> open dialog; it shows why act() failed
+ * openDialog(title, content, classes) -> dialog, removed when it closes
+ * askToConfirm(question, consequence, word, act) -> open dialog; it shows why act() failed
  * createKeepButton({api, path, keep, fail, name, attributes})   keeps a flight or a recording, or releases it
  *     fail(error): the server refused.   name: read aloud after the text, where a page has several
  * guideLink(place, about)     place: "slug" or "slug#anchor";  about: read aloud and shown as a tooltip
@@ -188,16 +189,20 @@ export function errorLine(classes = "") {
   }
 }
 
-export function askToConfirm(question, consequence, word, act, stay = "Cancel") {
-  const failure = errorLine();
-  const yes = button(word, perform, { class: "button button-danger" });
-  const no = button(stay, () => dialog.close(), { autofocus: true });
-  const title = h("h2", { id: "dialog-title" }, question);
-  const content = [title, h("p", consequence), failure.element, h("div.row", yes, no)];
-  const dialog = h("dialog.dialog", { "aria-labelledby": "dialog-title" }, content);
+export function openDialog(title, content, classes = "") {
+  const heading = h("h2", { id: "dialog-title" }, title);
+  const dialog = h("dialog", { class: `dialog ${classes}`.trim(), "aria-labelledby": "dialog-title" }, heading, content);
   dialog.addEventListener("close", () => dialog.remove());
   document.querySelector("#page").append(dialog);
   dialog.showModal();
+  return dialog;
+}
+
+export function askToConfirm(question, consequence, word, act) {
+  const failure = errorLine();
+  const yes = button(word, perform, { class: "button button-danger" });
+  const no = button("Cancel", () => dialog.close(), { autofocus: true });
+  const dialog = openDialog(question, [h("p", consequence), failure.element, h("div.row", yes, no)]);
   return dialog;
 
   async function perform() {

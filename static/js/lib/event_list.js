@@ -1,7 +1,7 @@
 /**
  * Events by time, newest first: alerts, exceedances, changes of state, acknowledgements.
  *
- * createEventList(element, {go, label, most}) -> {add(event), times(level) -> [t], showUntil(t), clear()}
+ * createEventList(element, {go, label, most}) -> {add(event), times(level) -> [t], showUntil(t)}
  *     go(t)    called when an event is chosen.   most: events kept
  *     showUntil(t)    events later than t [s] move below a heading of their own until t reaches them
  *     event: {t [s] | null, at, when, text, level "alert" | "caution" | "", seen}; at: sort key, t by default;
@@ -82,12 +82,5 @@ export function createEventList(element, { go, label = "Events, newest first", m
     add,
     showUntil,
     times: (level) => [...known.values()].filter((event) => event.level === level && event.t !== null).map(({ t }) => t),
-    clear: () => {
-      known.clear();
-      list.replaceChildren();
-      later.replaceChildren();
-      ahead.hidden = true;
-      empty.hidden = false;
-    },
   };
 }

@@ -21,7 +21,6 @@
  *     short: used where the text does not fit; mark: sign of the level, besides its colour; quiet: only a bar, no button
  *   setEvents([{t, ...}])       that the keys N and P step through
  *   show(start, end), setCursor(t), setMarking(bool)   marking: a drag sets A and B
- *   reload()                    forgets the tiles: the sources have new ones
  *   window, destroy()
  */
 
@@ -122,7 +121,6 @@ export function createRecordingChart(host, options) {
     },
     show: (from, to) => timeWindow.setWindow(from, to),
     setMarking: chart.setMarking,
-    reload: source.reload,
     destroy: () => {
       source.close();
       chart.destroy();
@@ -261,10 +259,6 @@ function createSource(sources, { timeWindow, dt, end, alertAbove = NaN, flags = 
     bar,
     describe,
     entire: () => caches[0].entire(),
-    reload: () => {
-      caches.forEach((cache) => cache.clear());
-      changed();
-    },
     close: () => caches.forEach((cache) => cache.close()),
   };
 }

@@ -5,7 +5,7 @@
  *     load(start, end, bins) -> Promise<answer>, in the recording's own time; offset [s] is taken from its times
  *   want(view, pixels)    fetches what is missing for this window, once it rests; not after failed(error) until retry()
  *   best(view, pixels) -> TileSet | null    the coarsest that is fine enough, else the finest
- *   entire() -> TileSet | null, clear(), close()
+ *   entire() -> TileSet | null, close()
  * previewTiles({key: {t, low, high}}) -> {start, end, step, t, channels: {key: {low, high}}} | null
  *     a preview's channels, each in bins of its own, on one time grid, for a recording that is not scored yet
  *
@@ -134,10 +134,6 @@ export function createTileCache({ load, start, end, dt, offset = 0, arrived, fai
     want,
     best,
     entire: () => sets[0] ?? null,
-    clear: () => {
-      sets = [];
-      asked = null;
-    },
     retry: () => {
       broken = false;
     },

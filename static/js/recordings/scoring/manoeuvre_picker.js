@@ -46,16 +46,11 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
     close: () => chart?.destroy(),
   };
 
-  /** The same signals at the same times keep window and cursors. */
   function show(channels) {
     const preview = previewTiles(channels);
     if (preview === null) return;
-    const signatureOf = ({ start, end, channels: drawn }) => JSON.stringify([start, end, Object.keys(drawn)]);
-    const isSame = tiles && signatureOf(tiles) === signatureOf(preview);
     tiles = preview;
-    if (!chart || !isSame) return draw();
-    chart.reload();
-    return showManoeuvres();
+    draw();
   }
 
   function draw() {
