@@ -24,9 +24,11 @@ const VIEWS = {
   datasets: { title: "Datasets", guide: "first-monitor", load: () => import("./datasets/index.js") },
 };
 
+const CHECKED_EVERY = 5000; // ms
 const page = document.querySelector("#page");
 let shown = { close: () => {} };
 let turn = 0;
+let checking = 0; // timer
 
 function navigate(hash) {
   if (location.hash === hash) open();
@@ -41,13 +43,15 @@ function decoded(text) {
   }
 }
 
-/** Damaged data, a database that lost content and a full disk are shown above every view. */
+/** Damaged data, a database that lost content and a full disk are shown above every view, also once the check ends. */
 async function showDamage() {
   const element = document.querySelector("#damage");
+  clearTimeout(checking);
   try {
-    const [{ damaged, older }, { warning }] = await Promise.all([api.get("/integrity"), api.get("/storage/space").catch(() => ({ warning: "" }))]);
+    const [{ state: check, damaged, older }, { warning }] = await Promise.all([api.get("/integrity"), api.get("/storage/space").catch(() => ({ warning: "" }))]);
     element.textContent = damageWords(damaged) || (older ? `◆ Data missing: ${older}.` : warning && `◆ Low disk space: ${warning}.`);
     element.hidden = element.textContent === "";
+    if (["begun", "checking"].includes(check)) checking = setTimeout(showDamage, CHECKED_EVERY);
   } catch {
     // the view reports that the server does not answer
   }
