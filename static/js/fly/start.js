@@ -2,7 +2,7 @@
  * Start a flight, or open one that is in progress or has ended.
  *
  * showFlightStart(element, {query, api, navigate}) -> {close()}
- *     query: kind, monitor, dataset, outcome, rollout, seed fill in the form (#/fly?monitor=3f9a)
+ *     query: kind, monitor, epsilon, dataset, outcome, rollout, seed fill in the form (#/fly?monitor=3f9a)
  */
 
 import { createForm, fold, labelled, numberInput, radioGroup, select } from "../forms/controls.js";
@@ -109,7 +109,7 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
     monitors.map(({ id, name, lead, n_unsafe: failures, warnings }) => [id, `${name} (${lead} s ahead, ${failures} failures) ${warningWords({ warnings })}`]),
     { id: "monitor", value: query.get("monitor"), oninput: () => (byHand = true) },
   );
-  const epsilon = numberInput({ min: 0, max: 1 });
+  const epsilon = numberInput({ min: 0, max: 1, value: query.get("epsilon") });
   const served = h("span");
   const asked = query.get("kind") ?? (query.get("dataset") ? "replay" : "simulated");
   const kind = radioGroup({ name: "kind", ways: KINDS, value: KINDS.some(([name]) => name === asked) ? asked : "simulated", label: "Source" });
@@ -133,7 +133,7 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
   limits.ready.then((n) => {
     limits.element.hidden = n === 0 && !may("POST /limit-sets");
   });
-  let epsilonOf = "";
+  let epsilonOf = query.has("epsilon") ? query.get("monitor") : "";
   let warned = ""; // the monitor and the epsilon of the warnings
   let kindOf = ""; // the kind that the preselected monitor fits
   let byHand = query.has("monitor");

@@ -204,6 +204,12 @@ def test_the_form_warns_of_what_speaks_against_the_epsilon_that_is_typed(fly: Fl
     expect(warnings).to_contain_text("was not tested")
 
 
+def test_the_form_opens_with_the_epsilon_of_its_address(fly: Fly) -> None:
+    monitor = fly.ask("GET", "/monitors")[0]["id"]
+    fly.page.goto(f"{fly.site.http}/#/fly?monitor={monitor}&epsilon=0.3")
+    expect(fly.page.get_by_label("ε, accepted miss rate")).to_have_value("0.3")
+
+
 def test_an_alarm_stays_seen_and_heard_until_it_is_acknowledged(fly: Fly) -> None:
     fly.watch(UNSAFE, ("pause", None), ("next_alert", None))
     expect(fly.banner).to_contain_text("ALERT at")
