@@ -71,11 +71,11 @@ export function createRecordingChart(host, options) {
   const { lane: laneHost, overview, fail } = layOutMore(host, layout);
   const lane = createEventLane(laneHost, { chosen: (item) => options.chosen?.(item) });
   const source = createSource(sources, { ...options, timeWindow, dt, end, fail });
-  const bar = createOverviewBar(overview, {
+  const key = options.order.includes("risk") ? "risk" : strips[0].key;
+  const bar = createOverviewBar(overview, stripOf(key, options.channels, { narrowAfter: NARROW_AFTER }), {
     timeWindow,
     start,
     end,
-    key: options.order.includes("risk") ? "risk" : strips[0].key,
     entire: source.entire,
     manoeuvres: sources[0].manoeuvres ?? [],
   });
