@@ -10,6 +10,9 @@ from core.dataset import Dataset
 from core.monitor import train
 from tests.browser.site import open_site
 
+LONG = 120_000
+"""[ms] Until a server checks its data, when it has time for that."""
+
 
 def test_what_is_damaged_stands_above_every_view_until_it_is_deleted(
     page: Page, tmp_path: Path, dataset: Dataset
@@ -26,7 +29,7 @@ def test_what_is_damaged_stands_above_every_view_until_it_is_deleted(
         site.stop()
         site.start_again()
         page.goto(f"{site.http}/#/fly")
-        expect(notice).to_contain_text("not served: monitor doublet")
+        expect(notice).to_contain_text("not served: monitor doublet", timeout=LONG)
         page.goto(f"{site.http}/#/recordings")
         expect(notice).to_be_visible()
         assert page.locator("#page").bounding_box()["height"] > 500  # pyright: ignore
