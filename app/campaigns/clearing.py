@@ -58,6 +58,7 @@ def clear_next(campaign: Campaign, by: str, progress: Progress | None = None) ->
         campaign.clearance,
         tuple(step.name for step in flown),
         rule.exceeding_share,
+        verdict.p_error,
     )
     state = "on condition" if clearing.cleared else "hold"
     return campaign.changed(number, state, by, clearing_in_words(clearing), clearing=clearing)
@@ -89,7 +90,14 @@ def clearing_in_words(clearing: Clearing) -> str:
             f"{clearing.n_exceeding} of {clearing.n_tried:,} simulated aircraft exceed a limit"
             f"{bound_in_words(clearing)}, {predicted}"
         )
-    return f"p-value {clearing.p_value:.3g}, cleared up to {clearing.clear_below:.3g}: {predicted}"
+    return f"{_p_value_in_words(clearing)}: {predicted}"
+
+
+def _p_value_in_words(clearing: Clearing) -> str:
+    """`p-value 0.06 ± 0.01, cleared up to 0.05, close: other random draws may decide otherwise`."""
+    error = "" if clearing.p_error is None else f" ± {clearing.p_error:.1g}"
+    close = ", close: other random draws may decide otherwise" if clearing.is_close else ""
+    return f"p-value {clearing.p_value:.3g}{error}, cleared up to {clearing.clear_below:.3g}{close}"
 
 
 def identified(campaign: Campaign, condition: str, first: int | None = None) -> Identification:

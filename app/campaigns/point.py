@@ -77,7 +77,8 @@ class Clearing:
     95 %.   withdrawn: failed checks that void the guarantee.   n_exceeding: simulated aircraft that
     exceed a limit and calibrate it; p_value is None where they are too rare.   n_tried,
     exceeding_share: number of simulated aircraft, and the share of them that exceed.
-    amplitude_deg: largest recommended amplitude, under its own guarantee.
+    amplitude_deg: largest recommended amplitude, under its own guarantee.   p_error: standard error
+    of p_value over other random draws; None also for clearances of version 0.1.
     """
 
     cleared: bool
@@ -91,12 +92,20 @@ class Clearing:
     recipe: ClearanceRecipe
     steps: tuple[str, ...]
     exceeding_share: float | None = None
+    p_error: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("p_value", "clear_below", "exceeding_share"):
+        for name in ("p_value", "clear_below", "exceeding_share", "p_error"):
             value = getattr(self, name)
             if value is not None and not 0.0 <= value <= 1.0:
                 raise CampaignError(f"{name} is {value:g}: give a number from 0 to 1")
+
+    @property
+    def is_close(self) -> bool:
+        """Whether the p-value is within two of its errors of the threshold."""
+        if self.p_value is None or self.clear_below is None or self.p_error is None:
+            return False
+        return abs(self.p_value - self.clear_below) <= 2.0 * self.p_error
 
     @property
     def exceeding_share_at_most(self) -> float | None:

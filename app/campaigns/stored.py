@@ -74,6 +74,8 @@ class CampaignFlight(Entry):
 class CampaignClearing(Clearing):
     """The clearance computed for a point."""
 
+    close: bool = False
+    """whether the p-value is within two of its errors of the threshold"""
     exceeding_at_most: float | None = None
     """upper bound on the share of aircraft that exceed a limit, with 95 % confidence"""
 
@@ -245,7 +247,11 @@ def _summary(stored: StoredCampaign, campaign: Campaign) -> CampaignSummary:
 def _clearing(clearing: Clearing | None) -> CampaignClearing | None:
     if clearing is None:
         return None
-    return CampaignClearing(**vars(clearing), exceeding_at_most=clearing.exceeding_share_at_most)
+    return CampaignClearing(
+        **vars(clearing),
+        close=clearing.is_close,
+        exceeding_at_most=clearing.exceeding_share_at_most,
+    )
 
 
 def _looked_up(look_up: Callable[[str], Any], identity: str) -> Any:

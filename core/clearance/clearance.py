@@ -2,13 +2,20 @@
 
 Steps at smaller amplitudes identify the aircraft. The posterior predicts the next point's peak,
 given the remaining uncertainty of the aircraft and the pilot's scatter. Conformal prediction turns
-this into a p-value: simulated aircraft that exceed a limit at the next point are flown and
-identified in the same way. At most a share epsilon of the points that would exceed is cleared. The
-guarantee holds for aircraft of D_theta and flights like the simulated ones; checks of the fit
-withdraw the clearance for others.
+this into a p-value: simulated aircraft are flown and identified in the same way, and each counts
+with the share of its flights of the next point that exceed a limit. At most a share epsilon of the
+points that would exceed is cleared. The guarantee holds for aircraft of D_theta and flights like
+the simulated ones; checks of the fit withdraw the clearance for others.
+
+The p-value is that of weighted conformal prediction (Tibshirani, Foygel Barber, Candes and Ramdas
+2019, "Conformal Prediction Under Covariate Shift"): D_theta weighted by the share that exceeds is
+the distribution of the aircraft that exceed. All predictions use the same random draws, so these
+draws hardly change the order of the scores.
 """
 
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from math import ceil, exp, floor, log
@@ -19,16 +26,19 @@ import numpy as np
 from core.bounds import Bounds, check_bounds
 from core.clearance.joint_model import Law
 from core.clearance.posterior import PlantPosterior, RecordedStep, fit, prior_of
-from core.monitor.calibration import Guarantee, alert_above, failures_needed, p_values
+from core.kernels.compiled import on_this_thread
+from core.monitor.calibration import Guarantee, alert_above, failures_needed
 from core.planned_test.planned_test import DatasetRecipe, Simulator
 from core.seeds import Branch, stream
 from core.simulation.imperfections import channel_array
-from core.types import Array, Flags
+from core.types import Array
 
 Progress = Callable[[int, int], object]
 
-BATCH, DRAWN_AT_ONCE = 100, 1_000
-"""Aircraft identified at a time, and aircraft tested at a time for exceedance."""
+BATCH = 100
+"""Aircraft tested and identified at a time."""
+FLIGHTS = 8
+"""Flights of the next point by each aircraft tested for exceedance."""
 MOST_AIRCRAFT = 20_000
 """Largest number of aircraft tested."""
 RARE = 0.01
@@ -57,10 +67,11 @@ class ClearanceRecipe:
     """promise on wrong clearances: on `average` over many calibrations, or for this one with `95%`
     confidence."""
     n_exceeding: Annotated[int, Bounds(least=20)] = 200
-    """exceeding aircraft: simulated ones that exceed a limit at the next point."""
-    n_aircraft: Annotated[int, Bounds(least=100)] = 400
-    """aircraft: simulated ones, exceeding or not, that calibrate the checks and the recommended
-    amplitude."""
+    """exceeding aircraft: least number of simulated ones that exceed a limit at the next point; an
+    aircraft counts with the share of its flights that exceed."""
+    n_aircraft: Annotated[int, Bounds(least=100)] = 1_000
+    """aircraft: least number of simulated ones, exceeding or not; more of them make the p-value
+    more precise."""
     n_draws: Annotated[int, Bounds(least=8)] = 64
     """draws: simulated flights of the next point in each prediction."""
     seed: Annotated[int, Bounds(least=0)] = 0
@@ -143,7 +154,8 @@ class PointVerdict(NamedTuple):
 
     cleared: whether it may be flown under the guarantee.   withdrawn: failed checks, which void the
     guarantee; such a point is never cleared.   p_value: high means risk; None where so few aircraft
-    exceed that the prediction alone decides.   reached: predicted part of a limit, at QUANTILES.
+    exceed that the prediction alone decides.   p_error: its standard error over other random draws.
+    reached: predicted part of a limit, at QUANTILES.
     amplitude_deg: largest recommended amplitude, under its own guarantee; None without one.
     posterior: of this aircraft's deviates.
     """
@@ -151,21 +163,26 @@ class PointVerdict(NamedTuple):
     cleared: bool
     withdrawn: tuple[FailedCheck, ...]
     p_value: float | None
+    p_error: float | None
     reached: tuple[float, float, float]
     amplitude_deg: float | None
     posterior: PlantPosterior
 
 
 class PointPredictor:
-    """Identifies aircraft from the flown steps and predicts the peak of the next point."""
+    """Identifies aircraft from the flown steps and predicts the peak of the next point.
 
-    def __init__(self, points: BuildUp, n_draws: int) -> None:
-        self._n_draws = n_draws
+    All aircraft are predicted with the same draws of deviates, pilots and gusts.
+    """
+
+    def __init__(self, points: BuildUp, recipe: ClearanceRecipe) -> None:
+        self._recipe = recipe
         self.steps = [Simulator(step) for step in points.flown]
         self.following = Simulator(points.following)
         law = points.following.control_law
         self._law = Law(self.following.controller, law.actuator)
         self.plant = self.following.plant
+        self._deviates = self._stream().standard_normal((recipe.n_draws, self.plant.root.shape[1]))
 
     @property
     def checks(self) -> tuple[str, ...]:
@@ -180,7 +197,10 @@ class PointPredictor:
             )
         return tuple(words)
 
-    def predict(self, records: Sequence[Array], rng: np.random.Generator) -> PeakPrediction:
+    def _stream(self) -> np.random.Generator:
+        return stream(self._recipe.seed, Branch.CLEARANCE, 1)
+
+    def predict(self, records: Sequence[Array]) -> PeakPrediction:
         """Identify n aircraft and predict.   records: (n, n_samples, 6) of each step."""
         n = len(records[0])
         posterior, checks = prior_of(self.plant, n), []
@@ -190,12 +210,12 @@ class PointPredictor:
             fitted = fit(self.plant, self._law, [step], posterior)
             posterior = fitted.posterior
             checks += [fitted.chi_square[:, 0], fitted.distance]
-        root = np.linalg.cholesky(posterior.covariance)
-        drawn = rng.standard_normal((n, self._n_draws, root.shape[1]))
-        deviates = posterior.mean[:, np.newaxis] + drawn @ np.swapaxes(root, 1, 2)
-        theta = self.plant.theta_of(deviates.reshape(n * self._n_draws, -1))
-        _, peaks = self.following.fly(theta, rng)
-        parts = np.log(np.minimum(peaks, 1e6)).reshape(n, self._n_draws)
+        roots = np.linalg.cholesky(posterior.covariance)
+        peaks = [
+            self.following.fly(self.plant.theta_of(mean + self._deviates @ root.T), self._stream())
+            for mean, root in zip(posterior.mean, roots, strict=True)
+        ]
+        parts = np.log(np.minimum([peak for _, peak in peaks], 1e6))
         return PeakPrediction(
             parts.mean(axis=1),
             np.maximum(parts.std(axis=1, ddof=1), LEAST_SCATTER),
@@ -221,30 +241,26 @@ class PointPredictor:
 class Clearance:
     """A calibrated rule for the next point of a build-up.
 
-    n_tried: simulated aircraft tested for exceedance.   exceeding_share: share of them that exceed
-    a limit.   scores, exceeds: (n,) of the identified aircraft, and whether they exceed.
-    drawn: (n,) whether they were identified regardless of exceedance.   spare: (n,) logarithm of
-    the amplitude that just reaches a limit over the predicted one.   checks: (n, k) as in
-    PeakPrediction.
+    n_tried: simulated aircraft tested for exceedance.   scores, exceeding: (n,) of the identified
+    aircraft, and the share of their flights of the next point that exceed a limit; it is 0 for all
+    others.   spare: (n_aircraft,) logarithm of the amplitude that just reaches a limit over the
+    predicted one, of the first aircraft.   checks: (n_aircraft, k) as in PeakPrediction, of these.
     """
 
     points: BuildUp
     recipe: ClearanceRecipe
     n_tried: int
-    exceeding_share: float
     scores: Array
-    exceeds: Flags
-    drawn: Flags
+    exceeding: Array
     spare: Array
     checks: Array
 
     @property
     def levels(self) -> Array:
         """(k,) level of each check, beyond which the clearance is withdrawn."""
-        checks = self.checks[self.drawn]
-        n, k = checks.shape
+        n, k = self.checks.shape
         rank = min(n, ceil((n + 1) * (1.0 - CHECK_LEVEL / k) - 1e-9))
-        return np.sort(checks, axis=0)[rank - 1]
+        return np.sort(self.checks, axis=0)[rank - 1]
 
     @property
     def amplitude_spare(self) -> float | None:
@@ -252,14 +268,18 @@ class Clearance:
 
         At the recommended amplitude at most a share epsilon of flights exceeds a limit.
         """
-        spare = np.sort(self.spare[self.drawn])
-        rank = floor(self.recipe.epsilon * (len(spare) + 1) + 1e-9)
-        return float(spare[rank - 1]) if rank else None
+        rank = floor(self.recipe.epsilon * (len(self.spare) + 1) + 1e-9)
+        return float(np.sort(self.spare)[rank - 1]) if rank else None
 
     @property
     def n_exceeding(self) -> int:
-        """Number of identified aircraft that exceed a limit."""
-        return int(np.count_nonzero(self.exceeds))
+        """Number of aircraft that exceed a limit, each counted by the share of its flights."""
+        return int(self.exceeding.sum())
+
+    @property
+    def exceeding_share(self) -> float:
+        """Share of the aircraft tested that exceed a limit."""
+        return float(self.exceeding.sum()) / self.n_tried
 
     @property
     def is_rare(self) -> bool:
@@ -268,7 +288,20 @@ class Clearance:
 
     def p_values(self, scores: Array) -> Array:
         """(n,) p-value of each score among aircraft that exceed: high means risk."""
-        return p_values(-scores, np.sort(-self.scores[self.exceeds]))
+        return (1.0 + self._no_higher(scores, self.exceeding)) / (1.0 + self.exceeding.sum())
+
+    def p_errors(self, scores: Array) -> Array:
+        """(n,) standard error of each p-value over other simulated aircraft."""
+        p, squares = self.p_values(scores), np.square(self.exceeding)
+        low = self._no_higher(scores, squares)
+        variance = low * np.square(1.0 - p) + (squares.sum() - low) * np.square(p)
+        return np.sqrt(variance) / (1.0 + self.exceeding.sum())
+
+    def _no_higher(self, scores: Array, weights: Array) -> Array:
+        """(n,) sum of the weights of the identified aircraft with no higher score."""
+        order = np.argsort(self.scores)
+        sums = np.concatenate([[0.0], np.cumsum(weights[order])])
+        return sums[np.searchsorted(self.scores[order], scores, side="right")]
 
     @property
     def clear_below(self) -> float:
@@ -281,7 +314,7 @@ class Clearance:
 
         ClearanceError for records that do not fit the flown steps.
         """
-        predictor = PointPredictor(self.points, self.recipe.n_draws)
+        predictor = PointPredictor(self.points, self.recipe)
         if len(records) != len(self.points.flown):
             raise ClearanceError(
                 f"{len(records)} records were given: the build-up has {len(self.points.flown)} "
@@ -299,8 +332,7 @@ class Clearance:
                     f"the record of step {number} has {len(y)} samples: the manoeuvre takes "
                     f"{expected} of {step.recipe.dt:g} s, give exactly the manoeuvre"
                 )
-        rng = stream(self.recipe.seed, Branch.CLEARANCE, 1)
-        prediction = predictor.predict([y[np.newaxis] for y in records], rng)
+        prediction = predictor.predict([y[np.newaxis] for y in records])
         withdrawn = tuple(
             FailedCheck(words, value, level)
             for words, value, level in zip(
@@ -309,7 +341,10 @@ class Clearance:
             if not value <= level
         )
         low, middle, high = prediction.quantiles[0].tolist()
-        p_value = None if self.is_rare else float(self.p_values(prediction.score)[0])
+        p_value = p_error = None
+        if not self.is_rare:
+            p_value = float(self.p_values(prediction.score)[0])
+            p_error = float(self.p_errors(prediction.score)[0])
         is_safe = high < 1.0 if p_value is None else p_value <= self.clear_below
         spare = self.amplitude_spare
         factor = None if spare is None else exp(spare - float(prediction.mean[0]))
@@ -317,6 +352,7 @@ class Clearance:
             cleared=is_safe and not withdrawn,
             withdrawn=withdrawn,
             p_value=p_value,
+            p_error=p_error,
             reached=(low, middle, high),
             amplitude_deg=None
             if factor is None or withdrawn
@@ -328,43 +364,47 @@ class Clearance:
 def calibrate(
     points: BuildUp, recipe: ClearanceRecipe, progress: Progress | None = None
 ) -> Clearance:
-    """Find simulated aircraft that exceed a limit at the next point; identify them and others.
+    """Fly simulated aircraft at the next point; identify the first ones and all that exceed there.
 
     progress: called with (aircraft identified, aircraft to identify); an exception cancels.
     ClearanceError if too few exceed, but more than RARE.
     """
-    predictor = PointPredictor(points, recipe.n_draws)
+    predictor = PointPredictor(points, recipe)
     rng = stream(recipe.seed, Branch.CLEARANCE, 0)
-    n_wanted = recipe.n_aircraft + recipe.n_exceeding
-    samples: list[tuple[Array, Flags, Flags]] = []
-    n_tried = n_exceeding = n_met = 0
-    while n_tried < MOST_AIRCRAFT and n_exceeding < recipe.n_exceeding:
+    tried: list[tuple[Array, Array]] = []
+    n_tried, n_exceeding = 0, 0.0
+    while n_tried < recipe.n_aircraft or (
+        n_tried < MOST_AIRCRAFT and n_exceeding < recipe.n_exceeding
+    ):
         if progress:
-            progress(0, n_wanted)
-        theta = predictor.plant.sample(DRAWN_AT_ONCE, rng)
-        exceeds = predictor.following.fly(theta, rng)[0].is_unsafe
-        drawn = n_tried + np.arange(DRAWN_AT_ONCE) < recipe.n_aircraft
-        last = np.searchsorted(np.cumsum(exceeds), recipe.n_exceeding - n_exceeding) + 1
-        kept = drawn | (exceeds & (np.arange(DRAWN_AT_ONCE) < last))
-        samples.append((theta[kept], exceeds[kept], drawn[kept]))
-        n_exceeding += int(np.count_nonzero(exceeds[kept]))
-        n_met += int(np.count_nonzero(exceeds))
-        n_tried += DRAWN_AT_ONCE
+            progress(0, recipe.n_aircraft + recipe.n_exceeding)
+        theta = predictor.plant.sample(BATCH, rng)
+        flights, _ = predictor.following.fly(np.repeat(theta, FLIGHTS, axis=0), rng)
+        exceeding = flights.is_unsafe.reshape(BATCH, FLIGHTS).mean(axis=1)
+        kept = (n_tried + np.arange(BATCH) < recipe.n_aircraft) | (exceeding > 0.0)
+        tried.append((theta[kept], exceeding[kept]))
+        n_exceeding += float(exceeding.sum())
+        n_tried += BATCH
     if n_exceeding < recipe.n_exceeding and n_exceeding > RARE * n_tried:
         raise ClearanceError(
-            f"{n_exceeding} of {n_tried} simulated aircraft would exceed a limit at the next "
+            f"{n_exceeding:.0f} of {n_tried} simulated aircraft would exceed a limit at the next "
             f"point: {recipe.n_exceeding} are out of reach, lower n_exceeding"
         )
-    theta, exceeds, drawn = (np.concatenate(parts) for parts in zip(*samples, strict=True))
+    theta, exceeding = (np.concatenate(parts) for parts in zip(*tried, strict=True))
+
+    def identified(first: int) -> tuple[Array, Array, Array]:
+        batch, rng = theta[first : first + BATCH], stream(recipe.seed, Branch.CLEARANCE, 0, first)
+        with on_this_thread():
+            reach = np.log(predictor.amplitudes(batch, rng))
+            prediction = predictor.predict([step.fly(batch, rng)[0].y for step in predictor.steps])
+        return prediction.score, reach + prediction.mean, prediction.checks
+
     parts: list[tuple[Array, Array, Array]] = []
-    for first in range(0, len(theta), BATCH):
-        batch = theta[first : first + BATCH]
-        reach = np.log(predictor.amplitudes(batch, rng))
-        prediction = predictor.predict([step.fly(batch, rng)[0].y for step in predictor.steps], rng)
-        parts.append((prediction.score, reach + prediction.mean, prediction.checks))
-        if progress:
-            progress(min(first + BATCH, len(theta)), len(theta))
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for part in pool.map(identified, range(0, len(theta), BATCH)):
+            parts.append(part)
+            if progress:
+                progress(min(len(parts) * BATCH, len(theta)), len(theta))
     scores, spare, checks = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return Clearance(
-        points, recipe, n_tried, n_met / n_tried, scores, exceeds, drawn, spare, checks
-    )
+    first = slice(recipe.n_aircraft)
+    return Clearance(points, recipe, n_tried, scores, exceeding, spare[first], checks[first])

@@ -268,12 +268,11 @@ class FlownBuildUp:
                 seed=recipe.seed,
             ),
         )
-        predictor = PointPredictor(rule.points, rule.recipe.n_draws)
-        rng = stream(*self.seed, number, 2)
+        predictor = PointPredictor(rule.points, rule.recipe)
         p_values, unflagged = [], []
         for first in range(0, recipe.n_flown, BATCH):
             batch = slice(first, first + BATCH)
-            prediction = predictor.predict([step.y[batch] for step in self.flown[:number]], rng)
+            prediction = predictor.predict([step.y[batch] for step in self.flown[:number]])
             below = prediction.quantiles[:, 2] < 1.0
             p_values.append(
                 np.where(below, 0.0, 1.0) if rule.is_rare else rule.p_values(prediction.score)

@@ -169,14 +169,14 @@ def _row(
     name: str, error: ModelError, rule: Clearance, n: int, rng: np.random.Generator
 ) -> ErrorRow:
     """Fly and identify n aircraft with an error, as if they had none."""
-    predictor = PointPredictor(rule.points, rule.recipe.n_draws)
+    predictor = PointPredictor(rule.points, rule.recipe)
     steps = [_Truth(step, error, error.step) for step in rule.points.flown]
     following = _Truth(rule.points.following, error, error.following)
     exceeds, cleared, flagged = [], [], []
     for first in range(0, n, BATCH):
         theta = _theta(predictor, error, min(BATCH, n - first), rng)
         exceeds.append(following.fly(theta, rng)[1])
-        prediction = predictor.predict([step.fly(theta, rng)[0] for step in steps], rng)
+        prediction = predictor.predict([step.fly(theta, rng)[0] for step in steps])
         cleared.append(rule.p_values(prediction.score) <= rule.clear_below)
         flagged.append(~(prediction.checks <= rule.levels).all(axis=1))
     exceed, clear, flag = (np.concatenate(parts) for parts in (exceeds, cleared, flagged))

@@ -150,10 +150,11 @@ function last({ events }) {
 }
 
 function computed(clearing, { peak_deg: peak }) {
-  const { p_value: p, clear_below: below, amplitude_deg: amplitude, recipe, withdrawn, steps } = clearing;
+  const { p_value: p, p_error: error, close, clear_below: below, amplitude_deg: amplitude, recipe, withdrawn, steps } = clearing;
+  const risk = error === null ? figure(p) : `${figure(p)} ± ${figure(error, 1)}`;
   const facts = [
     ["Predicted share of a limit", predictedWords(clearing)],
-    ["p-value (high means risk)", p === null || withdrawn.length ? "–" : figure(p)],
+    ["p-value (high means risk)", p === null || withdrawn.length ? "–" : risk],
     ["Cleared up to", below === null ? "–" : figure(below)],
     ["Computed from", steps.join(", ")],
   ];
@@ -161,6 +162,7 @@ function computed(clearing, { peak_deg: peak }) {
     "div.stack-tight",
     factList(facts),
     withdrawn.length ? h("div.warning", h("strong", "Clearance withdrawn:"), sentences(withdrawn)) : null,
+    close && !withdrawn.length && h("p.warning", "Close to the threshold: other random draws may decide otherwise."),
     h("p", promiseWords(clearing)),
     amplitude !== null &&
       h("p", `Largest recommended amplitude: ${figure(amplitude)} deg (this point: ${figure(peak)} deg). A separate promise: at that amplitude at most ${percent(recipe.epsilon)} of aircraft exceed a limit.`),

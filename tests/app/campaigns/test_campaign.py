@@ -101,7 +101,18 @@ def test_no_smaller_step_is_proposed_twice_or_afterwards() -> None:
 
 def test_a_file_holds_the_whole_campaign(tmp_path: Path) -> None:
     clearing = Clearing(
-        True, 0.02, 0.1, (0.5, 0.7, 0.9), 9.1, (), 210, 1_000, ClearanceRecipe(), ("50%",)
+        True,
+        0.02,
+        0.1,
+        (0.5, 0.7, 0.9),
+        9.1,
+        (),
+        210,
+        1_000,
+        ClearanceRecipe(),
+        ("50%",),
+        0.2,
+        0.01,
     )
     campaign = planned().changed(0, "complete", "Bob", flown=FLOWN)
     campaign = campaign.changed(1, "on condition", "Ann", "p-value 0.02", clearing=clearing)
@@ -256,6 +267,24 @@ def test_the_probability_of_any_exceedance_is_bounded_by_the_sum() -> None:
     (first, _, _) = (point.clearing for point in campaign.points)
     assert first
     assert "(at most 0.92 %, 95 % confidence)" in clearing_in_words(first)
+
+
+@pytest.mark.parametrize(
+    ("p_value", "error", "words", "is_close"),
+    [
+        (0.09, 0.012, "p-value 0.09 ± 0.01, cleared up to 0.05: ", False),
+        (0.045, 0.006, "p-value 0.045 ± 0.006, cleared up to 0.05, close", True),
+        (0.07, None, "p-value 0.07, cleared up to 0.05: ", False),
+    ],
+)
+def test_a_clearance_gives_the_error_of_its_p_value(
+    p_value: float, error: float | None, words: str, is_close: bool
+) -> None:
+    """Without one, as in files of earlier versions, it is left out."""
+    about = (0.05, (0.5, 0.7, 0.9), 9.1, (), 210, 1_000, ClearanceRecipe(), ("50%",), 0.3)
+    clearing = Clearing(p_value <= 0.05, p_value, *about, error)
+    assert clearing_in_words(clearing).startswith(words)
+    assert clearing.is_close == is_close
 
 
 def test_amplitudes_build_up_within_the_actuator_limits() -> None:
