@@ -91,7 +91,7 @@ def test_a_build_up_is_planned_cleared_flown_and_identified(
     page = campaign.with_suffix(".html").read_text(encoding="utf-8")
     assert "Next: 100%" in page
     assert page.count('class="flown"') == 2
-    assert page.count('class="predicted"') == 1
+    assert page.count('class="predicted"') == 2, "interval and strokes of one point"
     assert "N_y and surface sensors" in page
     assert "not determined" in page
     assert "http" not in page
