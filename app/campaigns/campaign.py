@@ -83,23 +83,6 @@ class Campaign:
         if sorted(over, reverse=True) != over:
             raise CampaignError("a point is over before an earlier one: fly the points in order")
 
-    @classmethod
-    def planned(
-        cls,
-        name: str,
-        condition: Condition,
-        fractions: Sequence[float],
-        recipe: ClearanceRecipe,
-        passes_below: float = 1.0,
-        criteria: str = "",
-    ) -> "Campaign":
-        """Points at these fractions of the amplitude of a condition's test.
-
-        A point is named by its fraction, and by its condition if that has a name.
-        """
-        points = _points(condition, fractions, passes_below, criteria)
-        return cls(name, (condition,), points, recipe)
-
     def extended(
         self,
         condition: Condition,
@@ -107,7 +90,7 @@ class Campaign:
         passes_below: float = 1.0,
         criteria: str = "",
     ) -> "Campaign":
-        points = _points(condition, fractions, passes_below, criteria)
+        points = points_at(condition, fractions, passes_below, criteria)
         return replace(
             self, conditions=(*self.conditions, condition), points=(*self.points, *points)
         )
@@ -150,6 +133,16 @@ class Campaign:
         )
 
     @property
+    def following(self) -> Point | None:
+        """The next point; None if all are over."""
+        return None if self.is_over else self.next.point
+
+    @property
+    def is_first(self) -> bool:
+        """Whether the next point has no flown step to compute its clearance from."""
+        return self.following is not None and not self.flown(self.following.condition)
+
+    @property
     def next(self) -> NextPoint:
         """The next point; CampaignError if all are over."""
         for number, point in enumerate(self.points):
@@ -178,7 +171,7 @@ class Campaign:
         is_new = _name(share, condition) not in {each.name for each in self.points}
         if not (LEAST_GAIN <= gain < 1.0 and is_new and len(self.points) < MOST_POINTS):
             return None
-        (step,) = _points(condition, [share], point.passes_below, point.criteria)
+        (step,) = points_at(condition, [share], point.passes_below, point.criteria)
         return step
 
     def with_smaller_step(self, by: str, why: str = "") -> "Campaign":
@@ -297,9 +290,16 @@ def _check_growing(peaks: list[float], stop: float | None) -> None:
         )
 
 
-def _points(
-    condition: Condition, fractions: Sequence[float], passes_below: float, criteria: str
+def points_at(
+    condition: Condition,
+    fractions: Sequence[float],
+    passes_below: float = 1.0,
+    criteria: str = "",
 ) -> tuple[Point, ...]:
+    """Points at these fractions of the amplitude of a condition's test.
+
+    A point is named by its fraction, and by its condition if that has a name.
+    """
     return tuple(
         Point(
             _name(part, condition),

@@ -126,6 +126,10 @@ class Condition:
     name: str
     test: DatasetRecipe
 
+    @property
+    def aircraft(self) -> str:
+        return self.test.aircraft.description.split(";")[0]
+
 
 @dataclass(frozen=True)
 class Point:

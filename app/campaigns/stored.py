@@ -167,19 +167,17 @@ class Campaigns:
         return self._details(self.store.campaigns.put(before, campaign.as_plain()), campaign)
 
     def _details(self, stored: StoredCampaign, campaign: Campaign) -> CampaignDetails:
-        point, step = None if campaign.is_over else campaign.next.point, campaign.smaller_step
+        point, step = campaign.following, campaign.smaller_step
         return CampaignDetails(
             **vars(_summary(stored, campaign)),
             conditions=[
-                CampaignCondition(
-                    each.name, each.test.aircraft.description.split(";")[0], to_plain(each.test)
-                )
+                CampaignCondition(each.name, each.aircraft, to_plain(each.test))
                 for each in campaign.conditions
             ],
             points=[self._point(each) for each in campaign.points],
             clearance=to_plain(campaign.clearance),
             checklist=list(checklist(campaign, point)) if point else [],
-            is_first=point is not None and not campaign.flown(point.condition),
+            is_first=campaign.is_first,
             exceeding_at_most=campaign.exceeding_at_most,
             smaller_step=step and CampaignStep(step.name, step.peak_deg),
         )
@@ -229,14 +227,13 @@ def _campaign(stored: StoredCampaign) -> Campaign:
 
 
 def _summary(stored: StoredCampaign, campaign: Campaign) -> CampaignSummary:
-    point = None if campaign.is_over else campaign.next.point
-    aircraft = [each.test.aircraft.description.split(";")[0] for each in campaign.conditions]
+    point = campaign.following
     return CampaignSummary(
         stored.id,
         stored.name,
         stored.created,
         stored.changed,
-        list(dict.fromkeys(aircraft)),
+        list(dict.fromkeys(each.aircraft for each in campaign.conditions)),
         len(campaign.points),
         sum(each.state == "complete" for each in campaign.points),
         point.name if point else None,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from app import json_codec
 from app.assessment.segments import Interval
-from app.campaigns.campaign import USUAL_STEPS, Campaign, load
+from app.campaigns.campaign import USUAL_STEPS, Campaign, load, points_at
 from app.campaigns.clearing import checklist, clear_next, identification_plain, identified, updated
 from app.campaigns.flying import aborted_flight, flown_point
 from app.campaigns.point import CampaignError, Condition, FlownPoint, Point, percent_at_most
@@ -103,8 +103,8 @@ def _new(options: argparse.Namespace) -> int:
     sizes = given_fields(options, ClearanceRecipe, "n_exceeding", "n_aircraft")
     recipe = ClearanceRecipe(**promised, **sizes)
     condition = Condition(options.condition, test)
-    passes = options.passes_below, options.criteria
-    campaign = Campaign.planned(options.name, condition, options.steps, recipe, *passes)
+    points = points_at(condition, options.steps, options.passes_below, options.criteria)
+    campaign = Campaign(options.name, (condition,), points, recipe)
     return _done(options, None, campaign, lines(campaign))
 
 

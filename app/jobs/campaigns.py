@@ -1,11 +1,18 @@
 """Requests and long work of campaigns: clear the next point, train a monitor for it."""
 
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
-from app.campaigns.campaign import LONGEST_CRITERIA, LONGEST_NAME, USUAL_STEPS, Campaign
+from app.campaigns.campaign import (
+    LONGEST_CRITERIA,
+    LONGEST_NAME,
+    USUAL_STEPS,
+    Campaign,
+    points_at,
+)
 from app.campaigns.clearing import clear_next, updated
 from app.campaigns.point import CampaignError, Condition
 from app.campaigns.stored import Campaigns, check_next
@@ -68,13 +75,9 @@ class CampaignRequest(BaseModel):
     def read(self, max_bytes: int) -> Campaign:
         """The campaign. RecipeError, CampaignError."""
         recipe = from_plain(ClearanceRecipe(), self.clearance, "clearance")
-        (condition, steps, passes, criteria), *others = [
-            each.read(max_bytes) for each in self.conditions
-        ]
-        campaign = Campaign.planned(self.name, condition, steps, recipe, passes, criteria)
-        for other in others:
-            campaign = campaign.extended(*other)
-        return campaign
+        planned = [each.read(max_bytes) for each in self.conditions]
+        points = chain.from_iterable(points_at(*each) for each in planned)
+        return Campaign(self.name, tuple(each[0] for each in planned), tuple(points), recipe)
 
 
 def clear(task: Task, campaigns: Campaigns, campaign_id: str, point: str, by: str) -> Result:
@@ -100,8 +103,7 @@ def next_monitor_request(
     """
     check_next(campaign, point)
     following = campaign.next.point
-    is_first = not campaign.flown(following.condition)
-    planned = campaign.test_of(following) if is_first else updated(campaign, following)
+    planned = campaign.test_of(following) if campaign.is_first else updated(campaign, following)
     request = {"name": f"{campaign.name}, {following.name}"} | plain
     return monitor_request(request | {"dataset": to_plain(planned)}, store, max_bytes)
 

@@ -28,13 +28,13 @@ ROOM = 1.08
 
 
 def campaign_page(campaign: Campaign) -> str:
-    point = None if campaign.is_over else campaign.next.point
+    point = campaign.following
     return TEMPLATES.get_template("campaign.html").render(
         campaign=campaign,
         point=point,
         checklist=checklist(campaign, point) if point else (),
         input=input_words(campaign.test_of(point)) if point else "",
-        is_first=point is not None and not campaign.flown(point.condition),
+        is_first=campaign.is_first,
         conditions=[_condition(campaign, condition) for condition in campaign.conditions],
         any_cleared=any(point.clearing and point.clearing.cleared for point in campaign.points),
         bound_in_words=bound_in_words,
@@ -63,7 +63,7 @@ def _condition(campaign: Campaign, condition: Condition) -> dict[str, Any]:
         "points": [point for point in campaign.points if point.condition == condition.name],
         "maneuver": kind_label(to_plain(test.maneuver)["kind"]),
         "limits": limited(test.specification.magnitudes),
-        "aircraft": test.aircraft.description.split(";")[0],
+        "aircraft": condition.aircraft,
         "plot": build_up_plot(campaign, condition.name),
         "identified": identifications[-1] if identifications else None,
         "derivatives": derivatives_plot(identifications) if identifications else "",

@@ -229,11 +229,11 @@ _DECIDED = problem_responses(404, 409, 422)
 
 
 @router.post("/{campaign_id}/confirm", responses=_DECIDED)
-async def confirm_point(
+def confirm_point(
     campaign_id: str, decision: Decision, campaigns: CampaignsDep, person: PersonDep
 ) -> CampaignDetails:
     """Confirm the checklist: clears a point that is on condition, or a first point."""
-    return await _decided(campaigns, campaign_id, decision, person, Campaign.confirmed)
+    return _decided(campaigns, campaign_id, decision, person, Campaign.confirmed)
 
 
 @router.post("/{campaign_id}/smaller-step", responses=_DECIDED)
@@ -245,15 +245,15 @@ async def plan_smaller_step(
 
 
 @router.post("/{campaign_id}/hold", responses=_DECIDED)
-async def hold_point(
+def hold_point(
     campaign_id: str, decision: Decision, campaigns: CampaignsDep, person: PersonDep
 ) -> CampaignDetails:
     """Put the next point on hold."""
-    return await _decided(campaigns, campaign_id, decision, person, Campaign.on_hold)
+    return _decided(campaigns, campaign_id, decision, person, Campaign.on_hold)
 
 
 @router.post("/{campaign_id}/abort", responses=_DECIDED)
-async def abort_point(
+def abort_point(
     campaign_id: str,
     request: AbortRequest,
     campaigns: CampaignsDep,
@@ -275,11 +275,11 @@ async def abort_point(
             flown = _cut(aborted_flight, recordings, recording, campaign, marked)
         return campaign.aborted(by, request.why, flown)
 
-    return await _changed(campaigns, campaign_id, request.point, decide)
+    return campaigns.change(campaign_id, request.point, decide)
 
 
 @router.post("/{campaign_id}/flown", responses=_DECIDED)
-async def complete_point(
+def complete_point(
     campaign_id: str,
     request: FlownRequest,
     campaigns: CampaignsDep,
@@ -293,7 +293,7 @@ async def complete_point(
         flown = _cut(flown_point, recordings, request.recording, campaign, marked)
         return campaign.completed(flown, by)
 
-    return await _changed(campaigns, campaign_id, request.point, decide)
+    return campaigns.change(campaign_id, request.point, decide)
 
 
 def _cut(
@@ -309,7 +309,7 @@ def _cut(
     return cut(name, recorded, campaign.test_of(campaign.next.point), marked, recording_id)
 
 
-async def _decided(
+def _decided(
     campaigns: Campaigns,
     campaign_id: str,
     decision: Decision,
@@ -317,15 +317,11 @@ async def _decided(
     state: Callable[[Campaign, str, str], Campaign],
 ) -> CampaignDetails:
     by = signature(person, decision.by)
-    return await _changed(
-        campaigns, campaign_id, decision.point, lambda campaign: state(campaign, by, decision.why)
-    )
 
+    def decide(campaign: Campaign) -> Campaign:
+        return state(campaign, by, decision.why)
 
-async def _changed(
-    campaigns: Campaigns, campaign_id: str, point: str, decide: Callable[[Campaign], Campaign]
-) -> CampaignDetails:
-    return await asyncio.to_thread(campaigns.change, campaign_id, point, decide)
+    return campaigns.change(campaign_id, decision.point, decide)
 
 
 @router.post("/{campaign_id}/clearance", **queued(409))
@@ -341,12 +337,7 @@ async def clear_point(
     The point is then on hold, or on condition until a person confirms the checklist.
     """
     by = signature(person, decision.by)
-    _, campaign = await asyncio.to_thread(campaigns.get, campaign_id)
-    check_next(campaign, decision.point)
-    await asyncio.to_thread(check_computable, campaign)
-    if await asyncio.to_thread(_is_clearing, campaigns, campaign_id):
-        text = f"the clearance of {decision.point!r} is being computed: wait for it or cancel it"
-        raise Problem(409, text, "urn:forewarn:campaign")
+    await asyncio.to_thread(_check_clearing, campaigns, campaign_id, decision.point)
     request = {"campaign": campaign_id, "point": decision.point, "by": by}
     about = campaigns, campaign_id, decision.point, by
     return await accepted(jobs, "clearance", request, clear, *about)
@@ -394,9 +385,13 @@ async def train_next_monitor(
     return await accepted(jobs, "monitor", details, train_next, *about)
 
 
-def _is_clearing(campaigns: Campaigns, campaign_id: str) -> bool:
-    return any(
-        (job.kind, job.request.get("campaign")) == ("clearance", campaign_id)
-        for job in campaigns.store.jobs.all()
-        if job.status not in ENDED
-    )
+def _check_clearing(campaigns: Campaigns, campaign_id: str, point: str) -> None:
+    """CampaignError or Problem 409 if the clearance of this point cannot be computed now."""
+    _, campaign = campaigns.get(campaign_id)
+    check_next(campaign, point)
+    check_computable(campaign)
+    for job in campaigns.store.jobs.all():
+        about = job.kind, job.request.get("campaign")
+        if job.status not in ENDED and about == ("clearance", campaign_id):
+            text = f"the clearance of {point!r} is being computed: wait for it or cancel it"
+            raise Problem(409, text, "urn:forewarn:campaign")

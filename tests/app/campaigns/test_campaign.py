@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from scipy.stats import beta
 
-from app.campaigns.campaign import Campaign, load
+from app.campaigns.campaign import Campaign, load, points_at
 from app.campaigns.clearing import clearing_in_words
 from app.campaigns.point import (
     CampaignError,
@@ -26,10 +26,21 @@ TEST = TESTS["ATTAS"]
 FLOWN = FlownPoint("flight.csv, 1.00 to 7.00 s", ((0.0, 1e-3, 0.1, 0.2, 0.3, 0.4),) * 30, 0.55)
 
 
+def build_up(
+    name: str,
+    condition: Condition,
+    fractions: tuple[float, ...],
+    recipe: ClearanceRecipe,
+    passes_below: float = 1.0,
+) -> Campaign:
+    points = points_at(condition, fractions, passes_below)
+    return Campaign(name, (condition,), points, recipe)
+
+
 def planned() -> Campaign:
     """Three points."""
     recipe = ClearanceRecipe(epsilon=0.1)
-    return Campaign.planned("Büild-up", Condition("", TEST), (0.5, 0.75, 1.0), recipe)
+    return build_up("Büild-up", Condition("", TEST), (0.5, 0.75, 1.0), recipe)
 
 
 def test_points_are_shares_of_the_planned_amplitude() -> None:
@@ -136,7 +147,7 @@ def test_a_file_holds_the_whole_campaign(tmp_path: Path) -> None:
 )
 def test_points_that_do_not_build_up_are_refused(fractions: tuple[float, ...], words: str) -> None:
     with pytest.raises(CampaignError, match=words):
-        Campaign.planned("c", Condition("", TEST), fractions, ClearanceRecipe())
+        build_up("c", Condition("", TEST), fractions, ClearanceRecipe())
 
 
 def with_flown(plain: dict[str, Any], **changes: Any) -> dict[str, Any]:
@@ -240,12 +251,12 @@ def test_steps_of_another_flight_condition_clear_no_point() -> None:
 
 def test_a_point_beyond_its_criterion_is_not_passed() -> None:
     plan = "c", Condition("", TEST), (0.5, 1.0), ClearanceRecipe()
-    campaign = Campaign.planned(*plan, passes_below=0.5)
+    campaign = build_up(*plan, passes_below=0.5)
     campaign = campaign.completed(FLOWN, "Bob")
     assert campaign.points[0].failed
     assert "NOT PASSED: the criterion is below 50%" in campaign.points[0].events[-1].words
     with pytest.raises(CampaignError, match="above 0, at most 1"):
-        Campaign.planned(*plan, passes_below=1.1)
+        build_up(*plan, passes_below=1.1)
 
 
 def test_the_probability_of_any_exceedance_is_bounded_by_the_sum() -> None:
@@ -289,14 +300,14 @@ def test_a_clearance_gives_the_error_of_its_p_value(
 
 def test_amplitudes_build_up_within_the_actuator_limits() -> None:
     maneuver = TEST.maneuver.with_peak(-9.63)
-    left = Campaign.planned(
+    left = build_up(
         "c", Condition("", replace(TEST, maneuver=maneuver)), (0.5, 1.0), ClearanceRecipe()
     )
     assert [point.peak_deg for point in left.points] == [pytest.approx(-4.815), -9.63]
     law = TEST.control_law
     stops = replace(law, actuator=replace(law.actuator, position_limit_deg=9.0))
     with pytest.raises(CampaignError, match="goes to 9 deg at most"):
-        Campaign.planned(
+        build_up(
             "c", Condition("", replace(TEST, control_law=stops)), (0.5, 1.0), ClearanceRecipe()
         )
 

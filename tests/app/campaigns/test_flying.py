@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from app.assessment.segments import Interval
-from app.campaigns.campaign import Campaign
+from app.campaigns.campaign import Campaign, points_at
 from app.campaigns.flying import aborted_flight, flown_point
 from app.campaigns.point import CampaignError, Condition, FlownPoint
 from app.commands.sample_flight import TRIM_S, table
@@ -159,7 +159,8 @@ def test_an_aborted_flight_counts_against_the_limits_as_recorded(tmp_path: Path)
 def test_one_recording_serves_one_point(tmp_path: Path) -> None:
     point = flown(tmp_path, flight(0.8))
     condition = Condition("", TEST)
-    campaign = Campaign.planned("c", condition, (0.8, 0.9), ClearanceRecipe())
+    points = points_at(condition, (0.8, 0.9))
+    campaign = Campaign("c", (condition,), points, ClearanceRecipe())
     campaign = campaign.completed(point, "Bob")
     with pytest.raises(CampaignError, match="has the samples of '80%'"):
         campaign.completed(point, "Bob")
