@@ -24,10 +24,11 @@ from app.flights.recorder import INTERVAL_S, Recorder
 from app.flights.request import FlightRequest
 from app.flights.sources.live import LiveFlight, LiveSetup
 from app.flights.sources.playback import Script
-from app.flights.sources.simulated import aircraft_of, trim_angles
+from app.flights.sources.simulated import trim_angles
 from app.flights.sources.udp import UdpAccess
 from app.flights.transport import NotPossible
 from app.flights.verdict import first_exceedance
+from app.recipes.recipes import simulated_test
 from app.recordings.scored import ScoredRecordings
 from app.store.flights import INTERRUPTED, FlightInProgress
 from app.store.people import LOCAL
@@ -413,10 +414,10 @@ class Flights:
         if self._scenes is None:
             return None
         recipe = plan.monitor.dataset_recipe
-        aircraft = aircraft_of(recipe)
-        signs = surface_signs(aircraft.uncertain_plant()) if aircraft else SurfaceSigns(1, -1)
+        test = simulated_test(recipe)
+        signs = surface_signs(test.aircraft.uncertain_plant()) if test else SurfaceSigns(1, -1)
         try:
-            looks = aircraft.condition.aircraft_class if aircraft else "fighter"
+            looks = test.aircraft.condition.aircraft_class if test else "fighter"
             alpha0 = trim_angles(recipe)[0]
             return self._scenes.open(plan.id, signs, alpha0, stale_after_s, looks)
         except (RuntimeError, OSError):

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, NamedTuple, get_args
 
-from app.jobs.training import recipe_of, simulated_test, test_to_fly
+from app.jobs.training import test_to_fly
 from app.recipes.labels import kind_label
 from app.recipes.recipes import (
     USUAL_DATASET,
@@ -17,6 +17,7 @@ from app.recipes.recipes import (
     dataset_recipe,
     from_plain,
     monitor_as_ordered,
+    simulated_test,
     to_plain,
 )
 from app.store.store import Store
@@ -217,7 +218,7 @@ def _recipe_of(requested: Requested, store: Store, remedy: str = "") -> DatasetR
     """The recipe, given or stored. RecipeError if a stored dataset was not simulated."""
     if isinstance(requested, DatasetRecipe):
         return requested
-    if (recipe := recipe_of(store.datasets.get(requested))) is None:
+    if (recipe := simulated_test(store.datasets.info(requested).recipe)) is None:
         reason = f"dataset {requested} was not simulated here: give a recipe instead"
         raise RecipeError(f"{reason} {remedy}".strip())
     return recipe

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from app.recipes.recipes import RecipeError, from_plain
+from app.recipes.recipes import simulated_test
 from core.dataset import Dataset
 from core.evaluation.prevention import Prevention, prevention
 from core.evaluation.rates import (
@@ -132,21 +132,6 @@ def simulate(recipe: DatasetRecipe, progress: Progress) -> Dataset:
     return collect(recipe, progress=report)
 
 
-def recipe_of(dataset: Dataset) -> DatasetRecipe | None:
-    """The recipe of a simulated dataset; None for other datasets."""
-    return simulated_test(dataset.recipe)
-
-
-def simulated_test(plain: dict[str, Any]) -> DatasetRecipe | None:
-    """The recipe that a dataset or a monitor stores as plain data; None if it has none."""
-    if not plain:
-        return None
-    try:
-        return from_plain(DatasetRecipe(), plain)
-    except RecipeError:
-        return None
-
-
 def test_to_fly(monitor: Monitor) -> DatasetRecipe:
     """The monitor's planned test, to fly again. ValueError if it is not known."""
     recipe = simulated_test(monitor.dataset_recipe)
@@ -166,7 +151,7 @@ def train_and_test(
     Without a dataset recipe there is no validity and no test.
     """
     progress("training", 0, 3)
-    simulated = recipe_of(dataset)
+    simulated = simulated_test(dataset.recipe)
     card = card_of(simulated) if simulated and recipe.predictor.forecast == "card" else None
     failures = None
     if simulated and recipe.predictor.forecast == "ensemble":

@@ -101,6 +101,14 @@ def from_plain(default: Any, plain: Any, where: str = "recipe") -> Any:
     return recipe.from_plain(default, plain, where, _checked, {STORED_LIMITS: LIMITS})
 
 
+def simulated_test(plain: dict[str, Any]) -> DatasetRecipe | None:
+    """The recipe that a dataset or a monitor stores as plain data; None if it has no known one."""
+    try:
+        return from_plain(DatasetRecipe(), plain, "dataset") if plain else None
+    except ValueError:
+        return None
+
+
 @cache
 def _adapter(kind: type[Any]) -> TypeAdapter[Any]:
     """Cached: making one takes milliseconds."""

@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from app.recipes.recipes import from_plain
+from app.recipes.recipes import from_plain, simulated_test
 from core.planned_test.collection import DatasetRecipe, Rollouts, Simulator
 from core.simulation.aircraft import Aircraft, PublishedAircraft
 from core.simulation.attitude import attitude
@@ -128,13 +128,5 @@ def whole_rollout(plain: dict[str, Any], theta: dict[str, float], y: Array) -> A
 
 def trim_angles(plain: dict[str, Any]) -> tuple[float, float]:
     """Angle of attack and pitch at trim [rad] of a dataset recipe's aircraft; 0 if unknown."""
-    aircraft = aircraft_of(plain)
-    return (0.0, 0.0) if aircraft is None else _trim_angles(aircraft)
-
-
-def aircraft_of(plain: dict[str, Any]) -> Aircraft | None:
-    """Aircraft of a dataset recipe in plain data; None if it has no known one."""
-    try:
-        return from_plain(DatasetRecipe(), plain, "dataset").aircraft if plain else None
-    except ValueError:
-        return None
+    test = simulated_test(plain)
+    return (0.0, 0.0) if test is None else _trim_angles(test.aircraft)

@@ -57,7 +57,7 @@ def test_flights_that_never_fail_leave_the_reason(
     messages = []
     recipe = replace(RECIPE, maneuver=replace(RECIPE.maneuver, amplitude_deg=0.1))
     monkeypatch.setattr(training, "MOST_FRESH", 3_000)
-    monkeypatch.setattr(training, "recipe_of", lambda _: recipe)
+    monkeypatch.setattr(training, "simulated_test", lambda _: recipe)
     trained = train_and_test(simulated, MonitorRecipe(), 0, lambda text, *_: messages.append(text))
     assert trained.monitor.support is None
     assert trained.not_calibrated.startswith(

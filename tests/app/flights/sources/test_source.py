@@ -10,7 +10,6 @@ import pytest
 from app.flights.sources.simulated import (
     SourceError,
     Track,
-    aircraft_of,
     simulate,
     times,
     trim_angles,
@@ -172,8 +171,6 @@ def test_attitude_is_integrated_where_it_was_not_measured() -> None:
 
 def test_the_aircraft_of_a_recipe_gives_the_trim() -> None:
     plain = to_plain(RECIPE)
-    assert type(aircraft_of(plain)) is type(RECIPE.aircraft)
     assert trim_angles(plain)[0] > 0
     for unknown in ({}, {"aircraft": "oscillator"}):
-        assert aircraft_of(unknown) is None
         assert trim_angles(unknown) == (0.0, 0.0)
