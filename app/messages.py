@@ -227,17 +227,29 @@ class LimitsStatus(FlightLimits):
     """time of the sample before they applied [s]; null: all"""
 
 
-class CurrentStatus(Message):
-    """The worst that is true of the flight now.
+class Decided(Message):
+    """The headline of a flight: the worst that is true of it."""
 
-    beside: `stale` and `invalid`, if true and not the headline.
-    """
+    status: Status = Field(
+        description="headline, the worst of: exceeding now, alarm unacknowledged, "
+        "risk above the alert level, stale, invalid, caution unacknowledged, warming up, validity "
+        "not calibrated, limit exceeded earlier, ok"
+    )
+    level: Level = Field(description="level of the headline as in 14 CFR 25.1322")
+    beside: list[Status] = Field(description="`stale` and `invalid` if true and not the headline")
+    exceeded_t: float | None = Field(
+        default=None,
+        description="time of the first exceedance [s], also after seeking back before it",
+    )
+    verdict: Verdict | None = Field(
+        default=None,
+        description="verdict on the warning of the exceedance; null if no limit was exceeded",
+    )
 
-    status: Status
-    level: Level
-    beside: list[Status]
-    exceeded_t: float | None = Field(default=None, description="first exceedance, ever [s]")
-    verdict: Verdict | None = Field(default=None, description="on that exceedance; null if unknown")
+
+class CurrentStatus(Decided):
+    """With what the strips show of exceedances."""
+
     latched: list[LatchedExceedance] = Field(description="exceedances that the strips show")
 
 

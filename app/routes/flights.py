@@ -4,7 +4,7 @@ import asyncio
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Response
-from pydantic import BaseModel, Field, StrictBool
+from pydantic import BaseModel, ConfigDict, Field, StrictBool
 
 from app.flights.display_monitors import flown_monitors
 from app.flights.ended import Record, records
@@ -16,6 +16,7 @@ from app.flights.request import FlightRequest
 from app.flights.sources.source import mode_of
 from app.http.problems import Problem, problem_responses
 from app.messages import (
+    Decided,
     FlownMonitor,
     Frame,
     LimitsFrom,
@@ -23,7 +24,6 @@ from app.messages import (
     LiveStatus,
     Mode,
     TransportState,
-    Verdict,
 )
 from app.routes.dependencies import (
     By,
@@ -44,30 +44,21 @@ from core.flight_events import Alarm, FlightMarker, FlightMarkerKey
 from core.limits.exceedance import ChannelExceedances
 from core.monitor import State
 from core.monitor.assessment import Cause
-from core.monitor.status import Facts, Level, Status, headline
+from core.monitor.status import Facts, Level, headline
 
 router = APIRouter(prefix="/api/v1/flights", tags=["flights"])
 
 
-class FlightStatus(BaseModel):
+class FlightStatus(Decided):
     """A flight in progress or ended. Fields of a flight in progress are null afterwards."""
+
+    model_config = ConfigDict(extra="ignore")
 
     id: str
     name: str
     progress: str = Field(
         description="`running`, `ended`, `failed` or `interrupted`; `ending`: the flight is over "
         "and its record is not stored yet"
-    )
-    status: Status = Field(
-        description="headline, the worst of: exceeding now, alarm unacknowledged, "
-        "risk above the alert level, stale, invalid, caution unacknowledged, warming up, validity "
-        "not calibrated, limit exceeded earlier, ok"
-    )
-    level: Level = Field(description="level of the headline as in 14 CFR 25.1322")
-    beside: list[Status] = Field(description="`stale` and `invalid` if true and not the headline")
-    exceeded_t: float | None = Field(
-        default=None,
-        description="time of the first exceedance [s], also after seeking back before it",
     )
     reason: str = Field(
         default="", description="why its newest sample was not assessed; empty if it was"
@@ -76,10 +67,6 @@ class FlightStatus(BaseModel):
     age: float | None = Field(
         default=None,
         description="age of the newest sample of a live flight [s]; null for other flights",
-    )
-    verdict: Verdict | None = Field(
-        default=None,
-        description="verdict on the warning of the exceedance; null if no limit was exceeded",
     )
     exceedances: list[ChannelExceedances] = Field(
         default_factory=list,
@@ -157,10 +144,10 @@ class TransportRequest(BaseModel):
 
 
 class FramesPart(BaseModel):
-    """Frames in order. next: number of the next frame to request; null at the end."""
+    """Frames in order."""
 
     first: int
-    next: int | None
+    next: int | None = Field(description="number of the next frame to request; null at the end")
     frames: list[Frame]
 
 

@@ -3,11 +3,11 @@
 import asyncio
 from typing import Annotated, Any
 
-import numpy as np
 from fastapi import APIRouter, Body, Request
 from pydantic import BaseModel, Field
 from starlette.requests import HTTPConnection
 
+from app.assessment.outcome import alert_times
 from app.flights.flights import Flights
 from app.http.problems import Problem, problem_responses
 from app.messages import Frame, LiveStatus, plain_frame
@@ -27,6 +27,7 @@ from app.routes.dependencies import (
     signature,
     strictly,
 )
+from app.routes.flights import FramesPart
 
 router = APIRouter(prefix="/api/v1/flights", tags=["flights"])
 DURABLE_WITHIN_S = 5.0
@@ -141,7 +142,7 @@ class ShownFrame(Frame):
     manoeuvre: int = Field(description="1, 2 ...; 0 between manoeuvres")
 
 
-class LiveScore(BaseModel):
+class LiveScore(FramesPart):
     """Assessments of a live flight by a monitor, each from the samples received by then."""
 
     flight: str = Field(description="id")
@@ -156,9 +157,7 @@ class LiveScore(BaseModel):
     n_samples: int
     alerts: list[TimeInterval] = Field(description="each from its first sample to its last")
     exceeded_t: float | None = Field(description="time of the first measured exceedance [s]")
-    first: int
-    next: int | None = Field(description="number of the next frame to request; null at the end")
-    frames: list[ShownFrame]
+    frames: list[ShownFrame]  # pyright: ignore[reportIncompatibleVariableOverride]
 
 
 @router.post("/{flight_id}/score", responses=problem_responses(429))
@@ -188,8 +187,6 @@ def _answer(
     is_own = (opening.monitor_id, opening.epsilon) == (info.monitor_id, info.epsilon)
     samples, n = shown.samples, len(shown.samples)
     stop, following = frame_range(first, last, n)
-    alert = samples["alert"]
-    ends = np.flatnonzero(alert & ~np.append(alert[1:], False))
     exceeded = shown.exceedances[:1]
     return {
         "flight": flight_id,
@@ -200,8 +197,8 @@ def _answer(
         "as_shown": shown.is_as(flights.store.flights.assessments(flight_id)) if is_own else None,
         "n_samples": n,
         "alerts": [
-            {"start": float(samples["t"][begin]), "end": float(samples["t"][end])}
-            for begin, end in zip(shown.alerts, ends, strict=True)
+            {"start": start, "end": end}
+            for start, end in alert_times(samples["t"], samples["alert"])
         ],
         "exceeded_t": float(samples["t"][exceeded[0]]) if len(exceeded) else None,
         "first": first,

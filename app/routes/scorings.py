@@ -32,6 +32,7 @@ from app.routes.dependencies import (
     refused,
     strictly,
 )
+from app.routes.flights import FramesPart
 from app.routes.recordings import ManoeuvreInterval
 from app.store.scorings import ScoringInfo
 from app.telemetry.mapping.mapping import Mapping
@@ -135,12 +136,10 @@ class ScoredFrame(Frame):
     manoeuvre: int = Field(description="number of the manoeuvre; -1 between manoeuvres")
 
 
-class ScoredFrames(BaseModel):
-    """Frames in order. next: number of the next frame to request; null at the end."""
+class ScoredFrames(FramesPart):
+    """Frames of a scoring, in order."""
 
-    first: int
-    next: int | None
-    frames: list[ScoredFrame]
+    frames: list[ScoredFrame]  # pyright: ignore[reportIncompatibleVariableOverride]
 
 
 class Extremes(BaseModel):
