@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from app.assessment.grid import missing_after
-from app.assessment.outcome import Alerts, Hole, Limited, RecordedExceedance
+from app.assessment.outcome import Alerts, Hole, Limited, RecordedExceedance, runs
 from core.limits.exceedance import SAME_TIME
 from core.monitor import Assessments
 from core.monitor.assessment import STATES, State
@@ -119,9 +119,8 @@ def why_warning_unknown(
 
 def _longest_run(flags: Flags) -> tuple[int, int]:
     """Bounds [begin, end) of the longest run of true flags."""
-    edges = np.flatnonzero(np.diff(flags.view(np.int8), prepend=0, append=0)).reshape(-1, 2)
-    longest = edges[(edges[:, 1] - edges[:, 0]).argmax()] if len(edges) else (0, 0)
-    return int(longest[0]), int(longest[1])
+    first, last = max(runs(flags), key=lambda run: run[1] - run[0], default=(0, -1))
+    return first, last + 1
 
 
 def _is_wide(hole: Hole, dt: float) -> bool:

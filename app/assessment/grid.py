@@ -19,6 +19,7 @@ from core.kernels.compiled import entry
 from core.types import Array, Indices
 
 Angles = tuple[float, float, float]
+"""Bank, pitch and heading [rad]."""
 DELAY_INTERVALS = 1.5
 """Longest wait for a sample by default, in intervals of the monitor."""
 WAITING, ROOM = 512, 64
@@ -31,7 +32,8 @@ class Sample(NamedTuple):
     """One sample. t: [s].   y: (6,), NaN where unknown.   attitude: phi, theta, psi [rad].
 
     reason: why it is unknown; empty if known.   condition: values of CONDITION_KEYS sent with it,
-    NaN if unknown, None if not sent; None for no condition.
+    NaN if unknown, None if not sent; None for no condition.   shown: arrival time at which it was
+    settled [s], on the grid.
     """
 
     t: float
@@ -39,6 +41,7 @@ class Sample(NamedTuple):
     attitude: Angles | None = None
     reason: str = ""
     condition: tuple[float | None, ...] | None = None
+    shown: float = nan
 
 
 class Arrivals(NamedTuple):
@@ -211,7 +214,7 @@ class CausalGrid:
         settled = self._settled[:n]
         channels = settled[:, kernel.SETTLED_VALUES : kernel.SETTLED_VALUES + N_CHANNELS].copy()
         return [
-            Sample(row[kernel.T], y, _angles(row[-len(ATTITUDE) :]), self._reason(row))
+            Sample(row[kernel.T], y, _angles(row), self._reason(row), shown=row[kernel.SHOWN])
             for row, y in zip(settled.tolist(), channels, strict=True)
         ]
 
@@ -243,8 +246,8 @@ class CausalGrid:
             del self._reasons[next(iter(self._reasons))]
 
 
-def _angles(angles: list[float]) -> Angles | None:
-    phi, theta, psi = angles
+def _angles(row: list[float]) -> Angles | None:
+    phi, theta, psi = row[-len(ATTITUDE) :]
     return (phi, theta, psi) if isfinite(phi) and isfinite(theta) else None
 
 

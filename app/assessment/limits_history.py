@@ -91,7 +91,7 @@ class LimitsHistory:
         columns = [_at(self.measured.get(key), t) for key in CONDITION_KEYS]
         changes = np.ones(len(t), bool)
         changes[1:] = np.logical_or.reduce(
-            [_differs(values) | (words[1:] != words[:-1]) for values, words in columns]
+            [(v[1:] != v[:-1]) | (words[1:] != words[:-1]) for v, words in columns]
         )
         return [
             (float(t[k]), tuple(str(w[k]) or float(v[k]) for v, w in columns))
@@ -212,7 +212,3 @@ def _at(measured: ConditionSeries | None, t: Array) -> tuple[Array, np.ndarray]:
     unknown = (newest < 0) | np.isinf(measured.values[at])
     words = np.where(unknown, MISSING, np.where(late, STALE, KNOWN))
     return np.where(words == KNOWN, measured.values[at], 0.0), words
-
-
-def _differs(values: Array) -> Flags:
-    return np.diff(values) != 0.0

@@ -48,10 +48,8 @@ OUTCOMES: dict[Outcome, Wording] = {
     ),
 }
 EXCEEDED = "LIMIT EXCEEDED"
-UNWARNED: dict[Outcome, str] = {
-    "invalid": "INVALID, no verdict",
-    "unseen": "data missing, no verdict",
-}
+AS_RECORDED = f"{EXCEEDED} as recorded, not from trim"
+UNWARNED: tuple[Outcome, ...] = ("invalid", "unseen")
 """Exceedances that are neither missed nor warned: the monitor was withdrawn or had no data."""
 
 
@@ -170,10 +168,15 @@ def _holes(key: str, t: Array, start: float, end: float) -> list[Hole]:
     ]
 
 
-def runs(t: Array, alert: Flags) -> Alerts:
+def runs(flags: Flags) -> list[tuple[int, int]]:
+    """First and last sample of each run of true."""
+    edges = np.flatnonzero(np.diff(flags.view(np.int8), prepend=0, append=0)).reshape(-1, 2)
+    return [(begin, end - 1) for begin, end in edges.tolist()]
+
+
+def alert_times(t: Array, alert: Flags) -> Alerts:
     """First and last time of each run of alerts [s]."""
-    edges = np.flatnonzero(np.diff(alert.view(np.int8), prepend=0, append=0)).reshape(-1, 2)
-    return tuple((float(t[begin]), float(t[end - 1])) for begin, end in edges)
+    return tuple((float(t[first]), float(t[last])) for first, last in runs(alert))
 
 
 def outcome(
@@ -202,29 +205,18 @@ def warning_words(outcome: Outcome, lead: float | None, promised: float | None =
     lead: [s] from the first alert to it.   promised: lead time of the monitor [s], named where the
     alert was late; None where unknown.
     """
+    if outcome in UNWARNED:
+        return OUTCOMES[outcome].text
     if lead is None or outcome not in ("timely_alert", "late_alert"):
-        return UNWARNED.get(outcome, "missed: no alert before the limit")
+        return "missed: no alert before the limit"
     warned = f"warned {lead_words(lead)} s before the limit"
     if outcome == "timely_alert":
         return warned
     return f"{warned}: too late" if promised is None else f"{warned} ({promised:.4g} s promised)"
 
 
-def exceedance_verdict(
-    outcome: Outcome,
-    lead: float | None,
-    *,
-    promised: float | None = None,
-    exceeded: bool = True,
-    recorded: bool = False,
-) -> str:
-    """The verdict on an exceedance, worded alike in every view; "" where there was none.
-
-    lead, promised: see warning_words.   exceeded: from trim, as the monitor judges.
-    recorded: with trim and bias, as recorded.
-    """
-    if not exceeded:
-        return f"{EXCEEDED} as recorded, not from trim" if recorded else ""
+def exceedance_verdict(outcome: Outcome, lead: float | None, promised: float | None = None) -> str:
+    """The verdict on an exceedance from trim, worded alike in every view. See warning_words."""
     return f"{EXCEEDED}, {warning_words(outcome, lead, promised)}"
 
 
@@ -243,14 +235,10 @@ def wording_of(manoeuvre: Mapping[str, Any]) -> Wording:
 
 
 def verdict_of(manoeuvre: Mapping[str, Any], promised: float | None = None) -> str:
-    """The exceedance_verdict of a stored manoeuvre (plain data)."""
-    return exceedance_verdict(
-        manoeuvre["outcome"],
-        manoeuvre["lead"],
-        promised=promised,
-        exceeded=manoeuvre["exceedance"] is not None,
-        recorded=manoeuvre.get("recorded_exceedance") is not None,
-    )
+    """The verdict on the exceedance of a manoeuvre (by field); "" where there was none."""
+    if manoeuvre["exceedance"] is not None:
+        return exceedance_verdict(manoeuvre["outcome"], manoeuvre["lead"], promised)
+    return AS_RECORDED if manoeuvre.get("recorded_exceedance") is not None else ""
 
 
 APART = 1.0

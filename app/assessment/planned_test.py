@@ -72,12 +72,6 @@ class PlannedTest:
         """(2,) largest magnitude of each command [rad]; zeros where unknown."""
         return np.abs(self.commands).max(axis=0, initial=0.0)
 
-    @property
-    def inputs_last(self) -> float:
-        """From the first input to the end of the last one [s]; 0 where unknown."""
-        moved = np.flatnonzero(self.commands.any(axis=1))
-        return float(moved[-1] - moved[0] + 1) * self.dt if len(moved) else 0.0
-
 
 def planned_test(monitor: Monitor) -> PlannedTest:
     """The test a monitor was trained for, as far as it records it."""

@@ -272,7 +272,8 @@ def _by_time(
             values[:, column] = x[first:stop]
         else:
             others.append(key)
-            values[:, column] = values_at(at, t, _unwrapped(key, x), steps[slowest], steps[key])
+            x = np.unwrap(x) if key in ATTITUDE else np.ascontiguousarray(x)
+            values[:, column] = values_at(at, t, x, steps[slowest], steps[key])
         release(traces.channels[key].values)
     notes = (
         f"{', '.join(others)}: put on the clock of {slowest} ({1.0 / steps[slowest]:.4g} Hz)."
@@ -328,10 +329,6 @@ def _common(clocks: dict[str, tuple[Array, Array]], at: Array, dt: float) -> tup
             f"t={at[jump]:.10g} s: split the file where its clock jumps"
         )
     return first, stop
-
-
-def _unwrapped(key: str, x: Array) -> Array:
-    return np.unwrap(x) if key in ATTITUDE else np.ascontiguousarray(x)
 
 
 def _between(t: Array, trace: Trace) -> Array:

@@ -16,10 +16,10 @@ from app.assessment.outcome import (
     Limited,
     RecordedExceedance,
     against_limits,
+    alert_times,
     exceedances_outside,
     notes_on_outside,
     outcome,
-    runs,
 )
 from app.assessment.planned_test import input_of
 from app.assessment.recorded import RecordedFlight
@@ -119,19 +119,17 @@ def manoeuvres_in(monitor: Monitor, recorded: RepairedTraces) -> tuple[Interval,
 class JudgedSegment:
     """A segment with everything that does not depend on epsilon.
 
-    begin: its first assessed sample; earlier ones are its rest.   y: (n, 6) from trim.
-    assessments: from `begin` on.   withdrawal: the first sample of these without an assessment, and
+    begin: its first assessed sample; earlier ones are its rest.   y: (n, 6) from trim, of the whole
+    segment.   withdrawal: the first sample of these without an assessment, and
     why; None if the monitor applies throughout.   inputs: flown inputs of the planned surfaces.
     silent: samples from `begin` on where other limits than the monitor's were in force.
     in_force: those limits, in plain data.   own: judged by the monitor's limits, where others were
     in force.
     """
 
-    segment: Segment
+    assessed: AssessedSegment
     begin: int
-    trim: Array
     y: Array
-    assessments: Assessments
     limited: Limited
     validity: Validity
     withdrawal: Withdrawal | None
@@ -139,6 +137,15 @@ class JudgedSegment:
     silent: Flags
     in_force: tuple[dict[str, Any], ...] = ()
     own: Limited | None = None
+
+    @property
+    def assessments(self) -> Assessments:
+        """From `begin` on."""
+        return self.assessed.assessments
+
+    @property
+    def segment(self) -> Segment:
+        return self.assessed.segment
 
     @property
     def first(self) -> int:
@@ -175,25 +182,11 @@ def _judge(flight: RecordedFlight, segment: Segment) -> JudgedSegment:
     streamed = recorded.y[start:stop] - trim
     y_read = input_of(streamed, flight.needed)
     whole = monitor.assess(recorded.t[start:stop], y_read, withdraw=False)
-    assessments = whole.from_sample(begin - start)
-    t = assessments.t
     interval = float(recorded.t[segment.first]), float(recorded.t[segment.last])
     arguments = flight.judged, flight.planned.limits, trim, *interval
     limited = against_limits(*arguments, flight.timeline)
-    assessed = AssessedSegment(
-        monitor,
-        flight.planned,
-        flight.traces,
-        recorded,
-        segment,
-        flight.needed,
-        trim,
-        streamed,
-        y_read,
-        whole,
-        begin - start,
-        {channel.key: channel.held for channel in flight.quality.channels},
-    )
+    assessed = AssessedSegment(flight, segment, trim, streamed, y_read, whole, begin - start)
+    t = assessed.assessments.t
     verdict, withdrawal = validity(assessed)
     if withdrawal is not None:
         withdrawal = withdrawal._replace(first=max(0, withdrawal.first - (begin - start)))
@@ -206,7 +199,7 @@ def _judge(flight: RecordedFlight, segment: Segment) -> JudgedSegment:
         withdrawal = _final_withdrawal(silent, withdrawal, in_force)
     inputs = monitor.flown_input(y, monitor.last_counted(y), flight.planned.amplitudes)
     about = limited, verdict, withdrawal, inputs, silent, in_force, own
-    return JudgedSegment(segment, begin, trim, y, assessments, *about)
+    return JudgedSegment(assessed, begin, y, *about)
 
 
 def _final_withdrawal(
@@ -224,7 +217,7 @@ def _final_withdrawal(
 def _outside(flight: RecordedFlight, judged: list[JudgedSegment]) -> tuple[RecordedExceedance, ...]:
     t = flight.recording.t
     intervals = [(float(t[each.first]), float(t[each.stop - 1])) for each in judged]
-    trims = [each.trim for each in judged]
+    trims = [each.assessed.trim for each in judged]
     return exceedances_outside(
         flight.judged, flight.planned.limits, intervals, trims, flight.timeline
     )
@@ -302,7 +295,7 @@ def _between(
         recording.attitude[key][rows] if key in recording.attitude else unknown for key in ATTITUDE
     ]
     before = np.searchsorted(stops, np.arange(rows.start, rows.stop), side="right") - 1
-    trim = np.nan_to_num([each.trim for each in judged])[np.maximum(before, 0)]
+    trim = np.nan_to_num([each.assessed.trim for each in judged])[np.maximum(before, 0)]
     return {
         "t": recording.t[rows],
         "y": recording.y[rows] - trim,
@@ -328,7 +321,7 @@ def _verdict(
     known = np.isfinite(part["p_value"])
     peak = int(np.nanargmax(part["p_value"])) if known.any() else None
     rises = peak is not None and part["p_value"][peak] > smallest_epsilon(flight.monitor.n_unsafe)
-    alerts = runs(part["t"], part["alert"])
+    alerts = alert_times(part["t"], part["alert"])
     limited, promised = judged.limited, flight.monitor.lead
     withdrawal, own = judged.withdrawal, judged.own
     result, lead = outcome(alerts, limited.exceedance, promised)
@@ -359,7 +352,7 @@ def _verdict(
         end=float(part["t"][-1]),
         first=first,
         last=last,
-        trim=tuple(None if np.isnan(value) else float(value) for value in judged.trim),
+        trim=tuple(None if np.isnan(value) else float(value) for value in judged.assessed.trim),
         validity=judged.validity,
         outcome="invalid" if peak is None else result,
         guarantee=guarantee(flight.monitor, judged.validity, epsilon),

@@ -1,12 +1,12 @@
 """A scored recording: one table of samples, and a verdict on each manoeuvre."""
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from app.assessment.outcome import Outcome, RecordedExceedance, exceedance_verdict
+from app.assessment.outcome import Outcome, RecordedExceedance
 from app.telemetry.timing.quality import Quality
 from core.clearance.sensors import SensorCheck
 
@@ -112,21 +112,6 @@ class ScoredManoeuvre:
     withdrawn_reason: str = ""
     limits_in_force: tuple[dict[str, Any], ...] = ()
     own_exceedance: RecordedExceedance | None = None
-
-    @property
-    def exceedance_verdict(self) -> str:
-        exceeded, recorded = (
-            each is not None for each in (self.exceedance, self.recorded_exceedance)
-        )
-        return exceedance_verdict(self.outcome, self.lead, exceeded=exceeded, recorded=recorded)
-
-    def to_plain(self) -> dict[str, Any]:
-        plain = asdict(self)
-        plain["validity"]["reasons"] = list(self.validity.reasons)
-        plain["validity"]["checks"] = [asdict(check) for check in self.validity.checks]
-        names = "trim", "remarks", "limits_in_force"
-        lists = {name: list(getattr(self, name)) for name in names}
-        return plain | lists | {"alerts": [list(run) for run in self.alerts]}
 
 
 @dataclass(frozen=True, eq=False)

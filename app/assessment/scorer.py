@@ -1,11 +1,12 @@
 """Assesses a live source sample by sample; its journal gives the same assessments again."""
 
 from collections import deque
-from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from app.assessment.batches import Batch, ChannelReader
 from app.assessment.grid import DELAY_INTERVALS, Angles, CausalGrid, Counts, Sample
 from app.assessment.input_checks import Doubt, InputChecks
 from app.assessment.limits_in_force import ConditionHold, LimitsInForce, LimitsRule, Ruling
@@ -24,9 +25,11 @@ from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import REASONS
 from core.monitor.monitor import Stream
 from core.monitor.peak_forecast import Ahead
+from core.simulation.attitude import DisplayAttitude
 from core.types import Array
 
 TrimRule = Literal["detected", "none"]
+P, R = KEYS.index("p"), KEYS.index("r")
 NOT_FINITE = REASONS[assessing.INVALID]
 
 
@@ -34,8 +37,8 @@ class LiveAssessed(NamedTuple):
     """A sample on the monitor's grid, with its assessment.
 
     y: (6,) from trim.   recorded: (6,) including trim.   manoeuvre: 1, 2 ...; 0 for none.
-    display: assessments by the monitors for display.   ruling: limits in force; None for the
-    monitor's own.
+    shown: arrival time at which it was settled [s].   display: assessments by the monitors for
+    display.   ruling: limits in force; None for the monitor's own.
     """
 
     y: Array
@@ -43,8 +46,15 @@ class LiveAssessed(NamedTuple):
     assessment: Assessment
     attitude: Angles | None
     manoeuvre: int
+    shown: float
     display: tuple[Assessment, ...] = ()
     ruling: Ruling | None = None
+
+    def shown_attitude(self, display: DisplayAttitude) -> Angles:
+        """As received; missing angles are integrated from the rates."""
+        if self.attitude is not None:
+            return self.attitude
+        return display.update(self.assessment.t, self.recorded.item(P), self.recorded.item(R))
 
 
 class ReceivedExceedance(NamedTuple):
@@ -257,12 +267,43 @@ class CausalScorer:
             ruling = self.ruling = self._rule.at(self._conditions.at(sample.t))
             self._limits = ruling.limits
             assessment, display = ruling.apply(assessment, display)
-        about = assessment, sample.attitude, self.manoeuvre, display, ruling
+        about = assessment, sample.attitude, self.manoeuvre, sample.shown, display, ruling
         return LiveAssessed(y, sample.y, *about)
 
     def _restart(self, trim: Array) -> None:
         for monitor in (self._authority, *self._display):
             monitor.restart(trim)
+
+
+def replay_line(
+    line: dict[str, Any], scorer: CausalScorer, reader: ChannelReader
+) -> list[LiveAssessed]:
+    """Apply a line of a live flight's journal. Returns the samples that it settles."""
+    if "b" in line:
+        samples = reader.samples(Batch(line["s"], line["b"]))
+        arrived, source = line["a"], line.get("v", "")
+        return [settled for s in samples for settled in scorer.push(arrived, s, source)]
+    settled = scorer.advance(line["a"])
+    if line.get("e") == "manoeuvre":
+        scorer.begin()
+    if line.get("e") == "limits":
+        scorer.put_in_force(LimitsInForce.from_plain(line["limits"]))
+    return settled
+
+
+def rescored(
+    lines: Iterable[dict[str, Any]], scorer: CausalScorer, reader: ChannelReader
+) -> Iterator[LiveAssessed]:
+    """Each sample of a journal, assessed by a new scorer, as it was shown.
+
+    Also those at the end of a journal without an `end` line: its server was killed.
+    """
+    is_ended = False
+    for line in lines:
+        yield from replay_line(line, scorer, reader)
+        is_ended = line.get("e") == "end"
+    if not is_ended:
+        yield from scorer.advance(np.inf)
 
 
 def _known_test(monitor: Monitor) -> PlannedTest:

@@ -108,18 +108,9 @@ class CausalTrim:
         return cls(planned, moving)
 
     @property
-    def n_rest(self) -> int:
-        """Samples of rest that a trim needs."""
-        return len(self._state.rest)
-
-    @property
     def manoeuvre(self) -> int:
         """Number of the current one; 0 at rest."""
         return int(self._state.counts[kernel.MANOEUVRE])
-
-    @property
-    def has_trim(self) -> bool:
-        return bool(self._state.counts[kernel.HAS_TRIM])
 
     @property
     def level(self) -> Array:
@@ -129,7 +120,7 @@ class CausalTrim:
     @property
     def reason(self) -> str:
         """Why there is no manoeuvre."""
-        if self.has_trim:
+        if self._state.counts[kernel.HAS_TRIM]:
             unknown = [
                 key
                 for key, trim, moves in zip(
@@ -138,9 +129,10 @@ class CausalTrim:
                 if np.isnan(trim) and moves
             ]
             return moved(unknown) if unknown else RESTING
-        if self._state.counts[kernel.N_REST] >= self.n_rest:
+        n_rest = len(self._state.rest)
+        if self._state.counts[kernel.N_REST] >= n_rest:
             return MOVING
-        needed = self.n_rest * self.planned.dt
+        needed = n_rest * self.planned.dt
         return f"trim is measured: it needs {needed:.3g} s of rest before the manoeuvre"
 
     def update(self, y: Array) -> bool:

@@ -15,10 +15,11 @@ from app.assessment.planned_test import (
     first_direction,
     read_channels,
 )
+from app.assessment.recorded import RecordedFlight
 from app.assessment.scored import OBSERVATIONS, Check, Validity
 from app.assessment.segments import Segment
 from app.assessment.trim import largest_at_rest
-from app.telemetry.recording import Recording, Traces
+from app.telemetry.recording import Recording
 from core.channels import CHANNELS, KEYS
 from core.kernels.causal_grid import RATE_RATIO
 from core.kernels.deviation import N_RESPONSES
@@ -32,25 +33,30 @@ from core.types import Array, Flags
 class AssessedSegment:
     """A segment of a recording and the monitor's assessments of it.
 
-    traces: repaired.   trim: (6,), NaN where unknown.   y: (n, 6) from trim, NaN where not
-    recorded, with the samples before a manoeuvre that fill the history; n_history of them.
-    y_read: (n, 6) the same, 0 in unknown channels that the monitor does not read.   streamed: their
-    assessments.   needed: (6,) channels the monitor reads.
-    repeats: by channel, how many rows repeat each value (the recorder is faster than the sensor).
+    trim: (6,), NaN where unknown.   y: (n, 6) from trim, NaN where not recorded, with the samples
+    before a manoeuvre that fill the history; n_history of them.   y_read: (n, 6) the same, 0 in
+    unknown channels that the monitor does not read.   streamed: their assessments.
     """
 
-    monitor: Monitor
-    planned: PlannedTest
-    traces: Traces
-    recording: Recording
+    flight: RecordedFlight
     segment: Segment
-    needed: Flags
     trim: Array
     y: Array
     y_read: Array
     streamed: Assessments
     n_history: int
-    repeats: Mapping[str, int]
+
+    @property
+    def monitor(self) -> Monitor:
+        return self.flight.monitor
+
+    @property
+    def needed(self) -> Flags:
+        return self.flight.needed
+
+    @property
+    def recording(self) -> Recording:
+        return self.flight.recording
 
     @cached_property
     def assessments(self) -> Assessments:
@@ -162,15 +168,16 @@ LONGER = 2.0
 def rate(assessed: AssessedSegment) -> Check:
     """Were the needed channels recorded fast enough, and how many samples were assessed?"""
     t, dt = assessed.assessments.t, assessed.monitor.dt
+    repeats = {channel.key: channel.held for channel in assessed.flight.quality.channels}
     steps = {}
     for key in (KEYS[c] for c in np.flatnonzero(assessed.needed)):
-        trace = assessed.traces.channels[key]
+        trace = assessed.flight.traces.channels[key]
         part = slice(*np.searchsorted(trace.t, (t[0] - dt, t[-1] + dt)).tolist())
         n_known = np.count_nonzero(np.isfinite(trace.values[part]))
         if n_known > 1:
             recorded = trace.t[part]
             step = float(recorded[-1] - recorded[0]) / (n_known - 1)
-            steps[key] = step * assessed.repeats.get(key, 1)
+            steps[key] = step * repeats.get(key, 1)
     n_assessed, n = int(np.isfinite(assessed.assessments.p_value).sum()), len(t)
     text = f"{n_assessed} of {n} samples assessed"
     if not steps:
@@ -178,7 +185,7 @@ def rate(assessed: AssessedSegment) -> Check:
     slowest = max(steps, key=lambda key: steps[key])
     rates = f"{slowest} recorded at {1 / steps[slowest]:.4g} Hz, monitor runs at {1 / dt:.4g} Hz"
     fast_enough = True if steps[slowest] <= 1.05 * dt else None
-    if (rows := assessed.repeats.get(slowest, 1)) > 1:
+    if (rows := repeats.get(slowest, 1)) > 1:
         rates += f" (each value repeats in {rows} rows)"
         fast_enough = fast_enough if steps[slowest] <= RATE_RATIO * dt else False
     return Check("rate", fast_enough if n_assessed else False, f"{rates}; {text}")
@@ -236,7 +243,7 @@ def flight_condition(assessed: AssessedSegment) -> Check:
     height = f"; altitude {means['h']:.0f} m, not checked" if "h" in means else ""
     if "V" not in means:
         return Check(name, None, f"no airspeed recorded{height}")
-    speed, model = means["V"], assessed.planned.speed
+    speed, model = means["V"], assessed.flight.planned.speed
     if model is None:
         return Check(name, None, f"{speed:.1f} m/s; model airspeed unknown{height}")
     off = speed / model - 1.0
@@ -246,7 +253,7 @@ def flight_condition(assessed: AssessedSegment) -> Check:
 
 def manoeuvre(assessed: AssessedSegment) -> Iterator[Check]:
     """Was it the planned manoeuvre: surface, direction, length?"""
-    planned = assessed.planned
+    planned = assessed.flight.planned
     if planned.duration is None:
         yield Check("manoeuvre", None, "the monitor does not record its planned test")
         return

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from app.assessment.outcome import OUTCOMES, RecordedExceedance, lead_words
+from app.assessment.outcome import OUTCOMES, RecordedExceedance, lead_words, verdict_of
 from app.assessment.scored import OBSERVATIONS, ScoredManoeuvre, ScoredRecording
 from app.assessment.wording import alerts_above
 from app.telemetry.mapping.mapping import time_of_day
@@ -65,7 +65,7 @@ def _interval(estimate: Estimate, factor: float, unit: str) -> str:
 
 
 def _outcome(manoeuvre: ScoredManoeuvre) -> str:
-    verdict = manoeuvre.exceedance_verdict
+    verdict = verdict_of(vars(manoeuvre))
     if manoeuvre.exceedance is not None:
         return verdict
     words = OUTCOMES[manoeuvre.outcome].text

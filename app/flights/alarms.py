@@ -182,29 +182,31 @@ class Alarms:
 
         seq: of the newest grid sample.   reason: why t is by arrival; empty if it is the source's.
         """
-        self._may_be_active = True
-        if not self._onsets["limit"].begins(seq, t, True):
-            return []
-        about = {"seq": seq, "t": t, "p_value": None, "exceedance": exceedance}
-        return [self._raise("limit", seq, **about, reason=reason or None, raised=clock.utc())]
+        about = {"t": t, "exceedance": exceedance, "reason": reason or None}
+        return self._begin("limit", seq, t, clock, **about)
 
     def note_late(self, seq: int, t: float, reason: str, clock: Clock) -> list[Alarm]:
         """No sample followed seq, at t [s]: return the caution that this raises, if any."""
-        self._may_be_active = True
-        if not self._onsets["stale"].begins(seq, clock.now(), True):
-            return []
-        about = {"seq": seq, "t": t, "p_value": None, "reason": reason, "raised": clock.utc()}
-        return [self._raise("stale", seq, **about)]
+        return self._begin("stale", seq, clock.now(), clock, t=t, reason=reason)
 
     def note_doubts(self, seq: int, doubts: Sequence[Doubt], clock: Clock) -> list[Alarm]:
-        held = {doubt.kind: doubt for doubt in doubts if doubt.level is Level.CAUTION}
-        raised = []
+        cautions = [doubt for doubt in doubts if doubt.level is Level.CAUTION]
+        kinds = {doubt.kind for doubt in cautions}
         for kind in DOUBT_KINDS:
-            begins = self._onsets[kind].begins(seq, clock.now(), kind in held)
-            if begins:
-                about = {"t": held[kind].t, "p_value": None, "reason": held[kind].reason}
-                raised.append(self._raise(kind, seq, seq=seq, **about, raised=clock.utc()))
+            self._onsets[kind].is_active &= kind in kinds
+        raised = []
+        for kind, _, t, reason in cautions:
+            raised += self._begin(kind, seq, clock.now(), clock, t=t, reason=reason)
         return raised
+
+    def _begin(
+        self, kind: AlarmKind, seq: int, when: float, clock: Clock, **about: Any
+    ) -> list[Alarm]:
+        """A condition holds after sample seq: return the alarm that this raises, if any."""
+        self._may_be_active = True
+        if not self._onsets[kind].begins(seq, when, True):
+            return []
+        return [self._raise(kind, seq, seq=seq, p_value=None, raised=clock.utc(), **about)]
 
     def _raise(self, kind: AlarmKind, index: int, **about: Any) -> Alarm:
         self._number += 1

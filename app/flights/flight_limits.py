@@ -53,12 +53,9 @@ def status_of(ruling: Ruling, since: float | None) -> LimitsStatus:
     """The limits in force as sent. since: time of the sample before [s]; None for all samples."""
     limits: Any = specification_to_plain(ruling.specification)
     about = {"case": ruling.case, "limits": limits, "reason": ruling.reason, "since": since}
-    return LimitsStatus(**about, **_about(ruling.in_force))
+    return LimitsStatus(**about, **vars(to_store(ruling.in_force)))
 
 
 def to_store(in_force: LimitsInForce) -> FlightLimits:
-    return FlightLimits(**_about(in_force))
-
-
-def _about(in_force: LimitsInForce) -> dict[str, Any]:
-    return {field.name: getattr(in_force, field.name) for field in fields(FlightLimits)}
+    about = {field.name: getattr(in_force, field.name) for field in fields(FlightLimits)}
+    return FlightLimits(**about)

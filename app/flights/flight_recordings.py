@@ -9,8 +9,7 @@ import time
 from datetime import UTC, datetime, timedelta
 from operator import itemgetter
 
-from app.assessment.rescoring import header_of
-from app.flights.sources.source import mapping_of
+from app.flights.sources.source import header_of, mapping_of
 from app.recipes.labels import kind_label
 from app.recordings.files import NoSpace
 from app.recordings.flown_journal import FlownJournal
@@ -67,7 +66,7 @@ class FlightRecordings:
             return info.recording_id
         if not self._journals.is_whole(flight_id):
             raise NoSpace(f"the journal of flight {flight_id} waits for the disk")
-        header = header_of(path) or {}
+        header = header_of(path)
         mapping, aircraft = mapping_of(self._store, info.source.get("recording"), header)
         name = self._name(info, header, aircraft)
         markers = self._markers(flight_id, str(header.get("began", now())))

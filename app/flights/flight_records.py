@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import ValidationError
 
 from app.flights.flight import Flight
-from app.flights.sources.playback import stored_assessment
 from app.messages import LiveStatus, plain_frame
+from app.recordings.scoring_answers import stored_assessment
 from app.store.flights import FlightInfo
 from app.store.store import NotFound, Store
 from app.telemetry.journal import Journals

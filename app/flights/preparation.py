@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 from app.assessment.limits_in_force import RequestedLimits
-from app.assessment.rescoring import header_of
 from app.flights.display_monitors import DisplayMonitor, check_alike, check_limits
 from app.flights.flight import FlightPlan
 from app.flights.flight_limits import change_of_limits
@@ -13,7 +12,7 @@ from app.flights.shown_flight import ShownFlight
 from app.flights.sources.live import LiveSetup
 from app.flights.sources.playback import Script
 from app.flights.sources.simulated import SourceError
-from app.flights.sources.source import FlownLive, Live, Opening, journal_setup
+from app.flights.sources.source import FlownLive, Live, Opening, header_of, journal_setup
 from app.flights.sources.udp import UdpAccess
 from app.flights.transport import NotPossible
 from app.recordings.scored import ScoredRecordings
@@ -83,7 +82,7 @@ class Preparation:
                 f"flight {info.id} accepts no samples: it was interrupted and its journal is "
                 "missing"
             )
-        setup = live.setup(opening, header_of(path) or {})
+        setup = live.setup(opening, header_of(path))
         plan = FlightPlan(
             info.id,
             flight_name(info),

@@ -115,11 +115,6 @@ class Recorder:
         return self._refusal or (self._store_health.fault if self._store_health else "")
 
     @property
-    def _first_interval(self) -> float:
-        part = 1 + crc32(self._flight_id.encode()) % PARTS if self.is_spread else PARTS
-        return self.interval * part / PARTS
-
-    @property
     def unwritten(self) -> int:
         return len(self._samples)
 
@@ -142,7 +137,9 @@ class Recorder:
             del self._samples[:BATCH]
             self.lost += BATCH
         if self._timer is None:
-            self._schedule(self._first_interval if seq == 0 else self.interval)
+            is_first = self.is_spread and seq == 0
+            part = 1 + crc32(self._flight_id.encode()) % PARTS if is_first else PARTS
+            self._schedule(self.interval * part / PARTS)
 
     def add_event(self, event: Event, announce: Callable[[bool], object] = lambda _: None) -> None:
         """Store an event, then announce it, see PendingEvent.

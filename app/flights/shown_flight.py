@@ -11,7 +11,7 @@ import numpy as np
 
 from app.assessment.input_checks import Doubt
 from app.assessment.limits_in_force import InForceFrom, Ruling
-from app.assessment.rescoring import ShownSample, rescored
+from app.assessment.scorer import LiveAssessed, rescored
 from app.flights.flight import stale_after
 from app.flights.sources.lag import Lag
 from app.flights.sources.live import LiveSetup
@@ -19,14 +19,13 @@ from app.flights.sources.playback import Angles, StoredScript, onsets
 from app.flights.sources.simulated import SourceError
 from app.store.assessments import StoredAssessments
 from app.telemetry.journal import lines_of
-from core.channels import KEYS, N_CHANNELS
+from core.channels import N_CHANNELS
 from core.limits.exceedance import exceeds
 from core.monitor import Assessment
 from core.monitor.assessment import code_of
 from core.simulation.attitude import DisplayAttitude
 from core.types import Array, Indices
 
-P, R = KEYS.index("p"), KEYS.index("r")
 SHOWN = np.dtype(
     [
         ("shown", "<f8"),
@@ -147,13 +146,13 @@ class ShownFlight(StoredScript):
 
     def _read(self, setup: LiveSetup, flight_id: str) -> Iterator[tuple[Any, ...]]:
         display, known, scorer = DisplayAttitude(setup.theta0), dict[str, str](), setup.scorer()
-        for shown in rescored(self._lines(setup, flight_id), scorer, setup.reader):
-            reason = shown.assessed.assessment.reason
+        for assessed in rescored(self._lines(setup, flight_id), scorer, setup.reader):
+            reason = assessed.assessment.reason
             self.reasons.append(known.setdefault(reason, reason))
-            self._display.append(shown.assessed.display)
-            self._rulings.append(shown.assessed.ruling)
+            self._display.append(assessed.display)
+            self._rulings.append(assessed.ruling)
             self._doubts.append(scorer.doubts)
-            yield _row(shown, display)
+            yield _row(assessed, display)
 
     def exceeding(self, limits: Array | None) -> Indices:
         """Under the limits in force. limits: (6,) the monitor's own."""
@@ -189,15 +188,10 @@ class ShownFlight(StoredScript):
         return reasons
 
 
-def _row(sample: ShownSample, display: DisplayAttitude) -> tuple[Any, ...]:
-    assessed, assessment = sample.assessed, sample.assessed.assessment
-    angles = assessed.attitude
-    if angles is None:
-        p, r = float(assessed.recorded[P]), float(assessed.recorded[R])
-        at = display.update(assessment.t, p, r)
-        angles = at.phi, at.theta, at.psi
+def _row(assessed: LiveAssessed, display: DisplayAttitude) -> tuple[Any, ...]:
+    assessment = assessed.assessment
     return (
-        sample.shown,
+        assessed.shown,
         assessment.t,
         assessed.y,
         assessed.recorded,
@@ -205,6 +199,6 @@ def _row(sample: ShownSample, display: DisplayAttitude) -> tuple[Any, ...]:
         bool(assessment.alert),
         code_of(assessment.state),
         UNKNOWN if assessment.y_hat is None else assessment.y_hat,
-        angles,
+        assessed.shown_attitude(display),
         assessed.manoeuvre,
     )

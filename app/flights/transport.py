@@ -70,7 +70,8 @@ class Transport:
         if self.at_end:
             self._go_to(0)
         self.playing = True
-        self._set_anchor(now)
+        wait = self._dt / self.speed if self.index >= 0 and not self._restarts else 0.0
+        self._anchor = (now + wait, self._time(self._next))
 
     def pause(self) -> None:
         self.playing, self._anchor = False, None
@@ -147,10 +148,6 @@ class Transport:
         self._next = index
         self._restarts = self._restarts or self.index >= 0
         self._asked = []
-
-    def _set_anchor(self, now: float) -> None:
-        wait = self._dt / self.speed if self.index >= 0 and not self._restarts else 0.0
-        self._anchor = (now + wait, self._time(self._next))
 
     def _due(self, index: int) -> float:
         assert self._anchor is not None

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from app.assessment.outcome import (
+    AS_RECORDED,
     EXCEEDED,
     Outcome,
     RecordedExceedance,
@@ -72,7 +73,7 @@ def verdict(alarms: Iterable[Alarm], circumstances: Circumstances = AS_FLOWN) ->
     exceedance = RecordedExceedance(first.t, "", 0.0)
     result, lead = outcome(tuple((t, t) for t in alerts), exceedance, promised)
     result = "invalid" if withdrawn and not alerts else result
-    text = exceedance_verdict(result, lead, promised=promised)
+    text = exceedance_verdict(result, lead, promised)
     return _verdict(first.t, lead, text, result, promised)
 
 
@@ -140,8 +141,7 @@ def _verdict(t: float, lead: float | None, text: str, result: Outcome, promised:
 
 
 def _as_recorded(t: float) -> Verdict:
-    text = exceedance_verdict("quiet", None, exceeded=False, recorded=True)
-    return Verdict(exceeded_t=t, lead=None, text=text)
+    return Verdict(exceeded_t=t, lead=None, text=AS_RECORDED)
 
 
 def _warned(risk: Alarm, exceedance: Alarm, live: bool) -> float:

@@ -172,8 +172,10 @@ class Watcher:
         if self._waiting:
             return self._waiting.popleft()
         if self._heartbeat is not None:
-            if self._needs_credit_request:
-                return self._credit_request()
+            behind = self._recent.head + 1 - self._next
+            if behind > 0 and not (self.credit or self._was_asked):
+                self._was_asked = True
+                return Waiting(behind=behind, reason=NO_CREDIT).encode()
             heartbeat, self._heartbeat = self._heartbeat, None
             return heartbeat(self.conflated)
         recent = self._recent
@@ -184,15 +186,6 @@ class Watcher:
     def _notify(self) -> None:
         if self.on_news is not None:
             self.on_news()
-
-    @property
-    def _needs_credit_request(self) -> bool:
-        """Whether frames wait for a client that gives no credit and was not asked for it."""
-        return not (self.credit or self._was_asked) and self._next <= self._recent.head
-
-    def _credit_request(self) -> str:
-        self._was_asked = True
-        return Waiting(behind=self._recent.head + 1 - self._next, reason=NO_CREDIT).encode()
 
     def _frames(self) -> str:
         """Spend a credit on the next frames, on the newest ones if too many came without credit."""

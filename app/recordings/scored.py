@@ -155,7 +155,7 @@ def scoring_fields(
         "end": float(t[-1]),
         "notes": list(scored.notes),
         "quality": quality_of(scored),
-        "manoeuvres": [plain(manoeuvre.to_plain()) for manoeuvre in scored.manoeuvres],
+        "manoeuvres": [plain(asdict(manoeuvre)) for manoeuvre in scored.manoeuvres],
         "outside_exceedances": [asdict(exceedance) for exceedance in scored.outside_exceedances],
         "limits_in_force": None if in_force is None else list(in_force),
     }

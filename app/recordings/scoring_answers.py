@@ -8,7 +8,7 @@ import numpy as np
 
 from app.assessment import manoeuvres_in
 from app.assessment.outcome import OUTCOMES, verdict_of, wording_of
-from app.messages import limited_channels
+from app.messages import limited_channels, plain_frame
 from app.recordings.recordings import Recordings
 from app.recordings.samples import Samples
 from app.recordings.scored import ScoredRecordings
@@ -16,10 +16,11 @@ from app.recordings.tiles import Window
 from app.store.scorings import ScoringInfo
 from core.channels import KEYS
 from core.limits.limits import specification_from_plain
-from core.monitor import State
+from core.monitor import Assessment, State
 from core.monitor.assessment import REASONS, STATES
 from core.monitor.status import BETWEEN, cause_of
 from core.monitor.validity.verdict import in_words
+from core.types import Array
 
 OF_ITS_OWN = ("recording_id", "monitor_id", "specification", "request_digest", "row_digest")
 VERDICTS = ("manoeuvres", "outside_exceedances", "notes")
@@ -96,33 +97,26 @@ def reason(code: int, t: float, manoeuvre: int, manoeuvres: Sequence[Mapping[str
     return scored.get("withdrawn_reason") or in_words(validity["reasons"]) or REASONS[code]
 
 
+def stored_assessment(t: float, sample: Any, reason: str, y_hat: Array | None = None) -> Assessment:
+    """The assessment of a sample stored with p_value, alert and state."""
+    state = STATES[sample["state"]]
+    if state is not State.OK:
+        return Assessment(float(t), None, None, state, reason, cause=cause_of(state, reason))
+    risk = float(sample["p_value"]), bool(sample["alert"])
+    return Assessment(float(t), *risk, state, reason, y_hat)
+
+
 def frames(info: ScoringInfo, samples: Samples, first: int) -> list[dict[str, Any]]:
     """Frames of samples, numbered from `first`; NaN and infinity become null when encoded."""
-    y, y_hat = (np.ascontiguousarray(samples[name]) for name in ("y", "y_hat"))
-    known = np.isfinite(samples["p_value"])
-    forecast = known & np.isfinite(y_hat).all(axis=1)
-    rows = zip(
-        *(samples[name].tolist() for name in ("t", "p_value", "alert", "state", "withdrawn")),
-        samples["manoeuvre"].tolist(),
-        strict=True,
-    )
-    return [
-        {
-            "seq": first + i,
-            "t": t,
-            "y": y[i],
-            "p_value": p_value,
-            "alert": alert if known[i] else None,
-            "state": STATES[state].value,
-            "reason": (why := reason(state, t, manoeuvre, info.manoeuvres)),
-            "cause": cause_of(STATES[state], why),
-            "y_hat": y_hat[i] if forecast[i] else None,
-            "sent": None,
-            "withdrawn": withdrawn,
-            "manoeuvre": manoeuvre,
-        }
-        for i, (t, p_value, alert, state, withdrawn, manoeuvre) in enumerate(rows)
-    ]
+    answer = []
+    for seq, sample in enumerate(samples, first):
+        t, manoeuvre, y_hat = float(sample["t"]), int(sample["manoeuvre"]), sample["y_hat"]
+        why = reason(sample["state"], t, manoeuvre, info.manoeuvres)
+        known = y_hat if np.isfinite(y_hat).all() else None
+        frame = plain_frame(seq, sample["y"], stored_assessment(t, sample, why, known), None)
+        withdrawn = float(sample["withdrawn"])
+        answer.append(frame | {"withdrawn": withdrawn, "manoeuvre": manoeuvre})
+    return answer
 
 
 def tiled(info: ScoringInfo, samples: Samples, window: Window) -> dict[str, Any]:

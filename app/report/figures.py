@@ -15,7 +15,8 @@ import numpy.typing as npt
 from markupsafe import Markup
 
 from app.assessment.limits_history import LimitPiece
-from app.report.strip_chart import Strip, StripChart, runs
+from app.assessment.outcome import runs
+from app.report.strip_chart import Strip, StripChart
 from core.channels import CHANNELS
 from core.monitor.assessment import STATES, State
 from core.types import Array

@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup, escape
 
-from core.types import Array, Flags
+from app.assessment.outcome import runs
+from core.types import Array
 
 WIDTH, LEFT, RIGHT = 680.0, 60.0, 14.0
 """Width of a chart, and the usual margins left and right of its strips [px]."""
@@ -254,10 +255,3 @@ def envelope(t: Array, values: Array, bins: int = BINS) -> tuple[Array, Array]:
     high = np.where(np.isnan(blocks), -np.inf, blocks).argmax(axis=1) + at
     kept = np.sort(np.concatenate([low, high, np.arange(whole, len(t))]), kind="stable")
     return t[kept], values[kept]
-
-
-def runs(flags: Flags) -> list[tuple[int, int]]:
-    """First and last sample of each run of true."""
-    edges = np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8))
-    begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-    return list(zip(begins.tolist(), ends.tolist(), strict=True))

@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from app.assessment.batches import ChannelReader
-from app.assessment.rescoring import rescored
-from app.assessment.scorer import LiveAssessed
+from app.assessment.scorer import LiveAssessed, rescored
 from app.flights.sources.live import LiveSetup
 from app.settings import Settings
 from app.store.store import open_store
@@ -47,7 +46,7 @@ def journal_samples(root: Path, flight: str, name: str = "t") -> list[float]:
 def assessed_again(setup: LiveSetup, flight_id: str) -> list[LiveAssessed]:
     """What the journal of a flight shows by its setup, by what had come at each moment."""
     lines = lines_of(setup.journals.path(flight_id))
-    return [one.assessed for one in rescored(lines, setup.scorer(), setup.reader)]
+    return [*rescored(lines, setup.scorer(), setup.reader)]
 
 
 def assert_shown_again(root: Path, flight: str) -> int:

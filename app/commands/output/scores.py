@@ -97,7 +97,7 @@ def _plain(scoring: Scored) -> dict[str, Any]:
         "epsilon": recording.epsilon,
         "alert_above": recording.alert_above,
         "assessed": is_assessed(scoring),
-        "manoeuvres": [manoeuvre.to_plain() for manoeuvre in recording.manoeuvres],
+        "manoeuvres": [asdict(manoeuvre) for manoeuvre in recording.manoeuvres],
         "outside_exceedances": [asdict(each) for each in recording.outside_exceedances],
         "notes": [*recording.quality.sentences(), *recording.notes],
         "compatibility": [check.to_plain() for check in recording.compatibility],
@@ -128,7 +128,7 @@ def _files(file: str, scoring: Scored, with_png: bool) -> dict[str, Write]:
     scored, monitor = scoring.recording, scoring.monitor
     figure = score_figure(
         scored.samples,
-        [manoeuvre.to_plain() for manoeuvre in scored.manoeuvres],
+        [asdict(manoeuvre) for manoeuvre in scored.manoeuvres],
         pieces_of(planned_test(monitor).limits, scored.limits_in_force),
         scored.alert_above,
         monitor.lead,

@@ -16,8 +16,13 @@ import msgspec
 
 from app.assessment.batches import Batch, ChannelReader, decode_batch
 from app.assessment.limits_in_force import LimitsInForce, Ruling
-from app.assessment.rescoring import replay_line
-from app.assessment.scorer import CausalScorer, LiveAssessed, ReceivedExceedance, TrimRule
+from app.assessment.scorer import (
+    CausalScorer,
+    LiveAssessed,
+    ReceivedExceedance,
+    TrimRule,
+    replay_line,
+)
 from app.flights.alarms import REJOIN_S
 from app.flights.display_monitors import DisplayMonitor
 from app.flights.flight import MARKERS_KEPT, Angles, Flight, FlightPlan, stale_after
@@ -30,7 +35,6 @@ from app.flights.transport import NotPossible
 from app.messages import LiveChange, LiveStatus, ManoeuvreBegun, TransportState
 from app.telemetry.journal import Journal, JournalFull, Journals
 from app.telemetry.recording import TelemetryError
-from core.channels import KEYS
 from core.flight_events import Alarm, FlightMarker
 from core.limits.exceedance import MeasuredExceedance, exceedance
 from core.monitor import Assessment, Monitor, State
@@ -38,7 +42,6 @@ from core.monitor.peak_forecast import Ahead
 from core.simulation.attitude import DisplayAttitude
 from core.types import Array
 
-P, R = KEYS.index("p"), KEYS.index("r")
 BEGUN_KEPT = 50
 """Newest manoeuvres whose beginnings are shown."""
 UNREAD_KEPT, LONGEST_NAME, LONGEST_REASON = 20, 60, 300
@@ -195,8 +198,8 @@ class LiveFlight(Flight):
         lines: of its journal.   stored, alarms, markers: newest sample and contents of its record.
         """
         header, *rest = lines
-        passed = _seconds_between(header["began"], self.clock.utc())
-        arrival = max(passed, float(rest[-1]["a"]) if rest else 0.0)
+        began, now = map(datetime.fromisoformat, (header["began"], self.clock.utc()))
+        arrival = max((now - began).total_seconds(), float(rest[-1]["a"]) if rest else 0.0)
         self._began = self.clock.now() - arrival
         unrecorded = []
         for assessed in self._settled_until(rest, arrival):
@@ -468,14 +471,7 @@ class LiveFlight(Flight):
         self._hold(ruling)
         limits = self.plan.monitor.limits if ruling is None else ruling.limits
         exceeded = exceedance(limits, y, recorded)
-        return y, assessed.assessment, exceeded, self._attitude(assessed)
-
-    def _attitude(self, assessed: LiveAssessed) -> Angles:
-        if assessed.attitude is not None:
-            return assessed.attitude
-        recorded = assessed.recorded
-        rates = recorded.item(P), recorded.item(R)
-        return self._display.update(assessed.assessment.t, *rates)
+        return y, assessed.assessment, exceeded, assessed.shown_attitude(self._display)
 
     def _settle_later(self) -> None:
         deadline = self.scorer.deadline
@@ -517,7 +513,3 @@ def _exceedance_of(sample: ReceivedExceedance) -> tuple[float, MeasuredExceedanc
 def _digest(values: bytes) -> int:
     """Digest below 2**64, by a key of this process that no source knows."""
     return hash(values) & 0xFFFF_FFFF_FFFF_FFFF
-
-
-def _seconds_between(earlier: str, later: str) -> float:
-    return (datetime.fromisoformat(later) - datetime.fromisoformat(earlier)).total_seconds()

@@ -10,21 +10,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from app.assessment.grid import Angles
 from app.assessment.input_checks import Doubt
 from app.assessment.limits_in_force import InForceFrom, Ruling
 from app.assessment.planned_test import input_of, limits_of, needed_channels
 from app.flights.sources.simulated import Track
+from app.recordings.scoring_answers import stored_assessment
 from core.limits.exceedance import MeasuredExceedance, exceedance, exceeds
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import STATES, code_of
 from core.monitor.peak_forecast import Ahead, RunningForecast
-from core.monitor.status import cause_of
 from core.types import Array, Flags, Indices
 
 MOST_FOLLOWED = 1_000
 """Most samples per call by which a forecast catches up: about 30 ms."""
-Angles = tuple[float, float, float]
-"""Bank, pitch and heading [rad]."""
 
 
 class Script(ABC):
@@ -147,15 +146,6 @@ class FollowedForecast:
             self._running.update(t, np.ascontiguousarray(y, np.float64), code, np.nan)
         self._followed = until
         return self._running.ahead() if until == k else None
-
-
-def stored_assessment(t: float, sample: Any, reason: str, y_hat: Array | None = None) -> Assessment:
-    """The assessment of a sample stored with p_value, alert and state."""
-    state = STATES[sample["state"]]
-    if state is not State.OK:
-        return Assessment(float(t), None, None, state, reason, cause=cause_of(state, reason))
-    risk = float(sample["p_value"]), bool(sample["alert"])
-    return Assessment(float(t), *risk, state, reason, y_hat)
 
 
 class StoredScript(Script):

@@ -6,6 +6,7 @@ A source is a request over the wire; its class opens it and names its kind of fl
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from collections.abc import Mapping as PlainMapping
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Union
 
@@ -14,7 +15,6 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.assessment.batches import ChannelReader, Names
 from app.assessment.compiling import make_ready
-from app.assessment.rescoring import header_of
 from app.assessment.scorer import TrimRule
 from app.flights.display_monitors import DisplayMonitor
 from app.flights.flight import Flight
@@ -38,7 +38,7 @@ from app.recipes.recipes import from_plain
 from app.recordings.scored import ScoredRecordings
 from app.store.scorings import ScoringInfo
 from app.store.store import Store
-from app.telemetry.journal import Journals
+from app.telemetry.journal import Journals, lines_of
 from app.telemetry.mapping.mapping import Mapping
 from core.channels import KEYS
 from core.monitor import Monitor
@@ -288,6 +288,11 @@ class Live(Source):
         return setup
 
 
+def header_of(path: Path) -> dict[str, Any]:
+    """First line of a journal, which describes its flight; empty for an empty one. OSError."""
+    return next(lines_of(path), {})
+
+
 def mapping_of(
     store: Store, recording: str | None, header: PlainMapping[str, Any]
 ) -> tuple[Mapping | None, str | None]:
@@ -329,7 +334,7 @@ def journal_setup(opening: Opening, flight_id: str) -> LiveSetup:
         raise SourceError(f"flight {flight_id} is in progress: end it, then score or replay it")
     known = {key: info.source[key] for key in info.source if key in Live.model_fields}
     live = Live.model_validate(known)
-    return live.setup(opening, header_of(journals.path(flight_id)) or {})
+    return live.setup(opening, header_of(journals.path(flight_id)))
 
 
 def _recipe(request: Simulated, store: Store, monitor: Monitor) -> DatasetRecipe:
