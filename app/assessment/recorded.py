@@ -87,8 +87,8 @@ class RecordedFlight:
     """A recording and the monitor that scores it.
 
     traces: repaired.   judged: every received sample, by flight time.   recording: on the monitor's
-    grid.   manoeuvres: as followed in flight.   needed: (6,) channels the monitor needs.
-    timeline: limits in force over time; None where no limit set was in force.
+    grid.   begun: rows with which a manoeuvre is begun by hand.   needed: (6,) channels the monitor
+    needs.   timeline: limits in force over time; None where no limit set was in force.
     """
 
     monitor: Monitor
@@ -97,10 +97,15 @@ class RecordedFlight:
     judged: Traces
     quality: Quality
     recording: Recording
-    manoeuvres: list[FollowedManoeuvre]
+    begun: tuple[int, ...]
     needed: Flags
     notes: tuple[str, ...]
     timeline: InForceTimeline | None = None
+
+    @cached_property
+    def manoeuvres(self) -> list[FollowedManoeuvre]:
+        """As followed in flight."""
+        return CausalTrim.of(self.monitor, self.planned).follow(self.recording.y, self.begun)
 
     @cached_property
     def place(self) -> Indices:
@@ -138,8 +143,6 @@ class RecordedFlight:
             raise MissingChannels(lacking, recorded)
         read = [key for key, is_needed in zip(KEYS, needed, strict=True) if is_needed]
         grid = on_grid(repaired, monitor.dt, read)
-        trim = CausalTrim.of(monitor, planned)
-        manoeuvres = trim.follow(grid.recording.y, grid.begun)
         notes = list(grid.recording.notes)
         if absent:
             notes.append(f"Not recorded and not read by the monitor: {', '.join(absent)}.")
@@ -150,7 +153,7 @@ class RecordedFlight:
             grid.judged,
             quality,
             grid.recording,
-            manoeuvres,
+            grid.begun,
             needed,
             tuple(notes),
             None if history is None else history.timeline([monitor.limits]),

@@ -82,7 +82,8 @@ def score_at_each(
     usual = recipe.to_plain() | {"epsilon": None} == USUAL
     if recorded.flown is not None and recorded.flown.is_trimmed and usual:
         recipe = replace(recipe, trim=None, manoeuvres="entire")  # as in the flight
-    selected, notes = segments(flight.recording, flight.planned, recipe, flight.manoeuvres)
+    followed = flight.manoeuvres if recipe.manoeuvres == "detected" else ()
+    selected, notes = segments(flight.recording, flight.planned, recipe, followed)
     judged = _judge_all(flight, selected)
     outside = _outside(flight, judged)
     notes = (*flight.notes, *notes, *notes_on_outside(outside))

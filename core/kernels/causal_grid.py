@@ -398,23 +398,21 @@ def _average(state, settled, n, grid, following):
     nearest = following if after - grid < grid - before else following - 1
     settled[n, T], settled[n, NUMBER] = grid, MADE
     settled[n, SETTLED_VALUES:] = rows[nearest, VALUES:]
+    tau = rows[first:stop, T] - grid
+    weights = 1.0 + np.cos(np.pi * tau / dt)
     for c in range(state.recent.shape[1] - 1):
-        x = rows[:, VALUES + c]
-        settled[n, SETTLED_VALUES + c] = _local_line(rows[:, T], x, first, stop, grid, dt)
+        x = rows[first:stop, VALUES + c]
+        settled[n, SETTLED_VALUES + c] = _local_line(tau, x, weights)
     return True
 
 
 @jit
-def _local_line(t, x, first, stop, at, width):
-    """Value at a time of the line through the rows first to stop, by Hann's weights.
-
-    Unknown values do not count; NaN without any.   width: [s] to either side.
-    """
+def _local_line(times, x, weights):
+    """Value at time 0 of the line through values; unknown ones do not count; NaN without any."""
     s0 = s1 = s2 = sum_x = sum_tx = 0.0
-    for row in range(first, stop):
+    for row in range(len(x)):
         if np.isfinite(x[row]):
-            tau = t[row] - at
-            w = 1.0 + np.cos(np.pi * tau / width)
+            tau, w = times[row], weights[row]
             s0 += w
             s1 += tau * w
             s2 += tau * tau * w
