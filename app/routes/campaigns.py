@@ -237,11 +237,11 @@ def confirm_point(
 
 
 @router.post("/{campaign_id}/smaller-step", responses=_DECIDED)
-async def plan_smaller_step(
+def plan_smaller_step(
     campaign_id: str, decision: Decision, campaigns: CampaignsDep, person: PersonDep
 ) -> CampaignDetails:
     """Plan the proposed `smaller_step` before a next point that is not cleared."""
-    return await _decided(campaigns, campaign_id, decision, person, Campaign.with_smaller_step)
+    return _decided(campaigns, campaign_id, decision, person, Campaign.with_smaller_step)
 
 
 @router.post("/{campaign_id}/hold", responses=_DECIDED)
