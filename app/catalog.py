@@ -150,7 +150,8 @@ def _telemetry() -> dict[str, Any]:
                 "title": file_format.title,
                 "endings": list(file_format.endings),
                 "extra": file_format.extra or None,
-                "installed": find_spec(LIBRARIES.get(file_format.extra, "app")) is not None,
+                "installed": not file_format.extra
+                or find_spec(LIBRARIES[file_format.extra]) is not None,
                 "experimental": file_format.experimental,
             }
             for file_format in FORMATS.values()
