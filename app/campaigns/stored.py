@@ -183,11 +183,12 @@ class Campaigns:
         )
 
     def _point(self, point: Point) -> CampaignPoint:
-        monitors = self.store.monitors
+        monitors, cleared = self.store.monitors, point.clearing
+        most = cleared.exceeding_share_at_most if cleared else None
         known = vars(point) | {
             "state": point.state,
             "events": list(point.events),
-            "clearing": _clearing(point.clearing),
+            "clearing": cleared and CampaignClearing(**vars(cleared), exceeding_at_most=most),
             "flown": self._flight(point),
             "monitor": point.monitor if _looked_up(monitors.info, point.monitor) else None,
         }
@@ -238,16 +239,6 @@ def _summary(stored: StoredCampaign, campaign: Campaign) -> CampaignSummary:
         sum(each.state == "complete" for each in campaign.points),
         point.name if point else None,
         point.state if point else None,
-    )
-
-
-def _clearing(clearing: Clearing | None) -> CampaignClearing | None:
-    if clearing is None:
-        return None
-    return CampaignClearing(
-        **vars(clearing),
-        close=clearing.is_close,
-        exceeding_at_most=clearing.exceeding_share_at_most,
     )
 
 

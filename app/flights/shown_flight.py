@@ -156,19 +156,13 @@ class ShownFlight(StoredScript):
 
     def exceeding(self, limits: Array | None) -> Indices:
         """Under the limits in force. limits: (6,) the monitor's own."""
-        over, both = (
-            np.zeros(len(self.samples), bool),
-            (self.samples["y"], self.samples["recorded"]),
-        )
-        held = {id(ruling): ruling for ruling in self._rulings}
+        rulings = {id(ruling): ruling for ruling in self._rulings}
         of_sample = np.array([id(ruling) for ruling in self._rulings])
-        for key, ruling in held.items():
-            own = limits if ruling is None else ruling.limits
-            here = of_sample == key
-            if own is not None:
-                exceeding = (exceeds(own, np.nan_to_num(values[here])) for values in both)
-                over[here] = np.logical_or(*exceeding)
-        return onsets(over)
+        each = np.full((len(self.samples), N_CHANNELS), np.inf)
+        for key, ruling in rulings.items():
+            in_force = limits if ruling is None else ruling.limits
+            each[of_sample == key] = np.inf if in_force is None else in_force
+        return onsets(exceeds(each, self.samples["y"]) | exceeds(each, self.samples["recorded"]))
 
     def _lines(self, setup: LiveSetup, flight_id: str) -> Iterator[dict[str, Any]]:
         for line in lines_of(setup.journals.path(flight_id)):

@@ -130,11 +130,7 @@ class Recordings:
             columns = open_columns(folder / "columns")
             proposed, _ = propose_mapping(columns, None)
             mapped = MappedRecording.of(columns, flown.mapping_for(columns))
-            confirmed = replace(
-                with_mapping(proposed, mapped),
-                mapping_state="confirmed",
-                confirmed_over=find_warnings(columns, mapped.mapping, mapped.applied),
-            )
+            confirmed = _confirmed(proposed, mapped, columns)
             self._admit(recording_id, flown.name, flown.aircraft, received, confirmed, flown)
         except BaseException:
             self._drop(recording_id)
@@ -166,18 +162,13 @@ class Recordings:
         """
         mapped = self.mapped(recording_id, mapping)
         mapped.scorable()
+        columns = self.columns(recording_id)
         before = self.store.recordings.mapped_columns(recording_id)
-        warnings = find_warnings(self.columns(recording_id), mapping, mapped.applied)
-        confirmed = replace(
-            with_mapping(before, mapped),
-            mapping_state="confirmed",
-            confirmed_over=warnings,
-        )
+        confirmed = _confirmed(before, mapped, columns)
         self.store.recordings.confirm_mapping(recording_id, confirmed, aircraft)
         aircraft = self.store.recordings.info(recording_id).aircraft
         if remember and aircraft:
-            key = signature(self.columns(recording_id).contents)
-            self.store.mappings.save(aircraft, key, confirmed.mapping)
+            self.store.mappings.save(aircraft, signature(columns.contents), confirmed.mapping)
 
     def delete(self, recording_id: str) -> None:
         """Delete a recording with its folder. InUse while it is replayed; KeptPermanently."""
@@ -255,3 +246,9 @@ class Recordings:
             self.store.recordings.purge(recording_id)
         recordings = [info.id for info in self.store.recordings.all()]
         self.files.clear(recordings, self.store.scorings.ids())
+
+
+def _confirmed(before: MappedColumns, mapped: MappedRecording, columns: Columns) -> MappedColumns:
+    warnings = find_warnings(columns, mapped.mapping, mapped.applied)
+    confirmed = with_mapping(before, mapped)
+    return replace(confirmed, mapping_state="confirmed", confirmed_over=warnings)

@@ -76,7 +76,7 @@ class LatchedExceedance:
 
 
 def exceeds(limits: Array, y: Array) -> Flags:
-    """(...,) whether a sample exceeds a limit. limits: (n_channels,).   y: (..., n_channels)."""
+    """(...,) whether a sample exceeds a limit. limits: (n_channels,) or as y, (..., n_channels)."""
     if y.ndim == 1:
         return exceeds_any(limits, y)
     return np.asarray((np.isfinite(y) & (np.abs(y) >= limits)).any(axis=-1))

@@ -1,6 +1,6 @@
 """Batches that came before are known by their number, the newest of them."""
 
-from app.flights.sources.known_batches import KnownBatches
+from app.flights.sources.live import KnownBatches
 
 
 def test_the_newest_batches_are_known_and_no_other() -> None:
