@@ -288,33 +288,31 @@ class FlownBuildUp:
 
 
 def counted(
-    name: str,
-    points: Sequence[PointOutcomes],
-    over: Flags,
-    clearance: float,
-    monitor: float,
-    among: Flags | None = None,
+    name: str, points: Sequence[PointOutcomes], over: Flags, clearance: float, monitor: float
 ) -> CampaignCounts:
-    """Count over the build-up.
+    """Count over the build-up.   over: (n,) aircraft that exceeded at the first point."""
+    total = counted_each(points, over, clearance, monitor).sum(axis=0)
+    return CampaignCounts(name, clearance, monitor, *total.tolist())
 
-    over: (n,) aircraft that exceeded at the first point.   among: (n,) counted ones; None for all.
-    """
-    n_exceeding = avoided = n_safe = lost = caused = 0
+
+def counted_each(
+    points: Sequence[PointOutcomes], over: Flags, clearance: float, monitor: float
+) -> Indices:
+    """Counts n_exceeding .. caused (n, 5) of each aircraft over the build-up."""
+    counts = np.zeros((len(over), 5), np.int64)
     on_hold: Flags = np.zeros(len(over), bool)
-    over = over.copy() if among is None else over | ~among
+    over = over.copy()
     for point in points:
         flown = ~over & ~on_hold & point.cleared[clearance]
         aborted = flown & point.aborted[monitor]
         exceeds = flown & point.exceeds[monitor]
-        counted = ~over
-        n_exceeding += int(np.count_nonzero(counted & point.would))
-        avoided += int(np.count_nonzero(counted & point.would & ~exceeds))
-        n_safe += int(np.count_nonzero(counted & ~point.would))
-        lost += int(np.count_nonzero(counted & ~point.would & (~flown | aborted)))
-        caused += int(np.count_nonzero(exceeds & ~point.would))
-        on_hold |= counted & (~flown | aborted)
+        exceeding, safe = ~over & point.would, ~over & ~point.would
+        stopped = ~over & (~flown | aborted)
+        kinds = exceeding, exceeding & ~exceeds, safe, safe & stopped, exceeds & ~point.would
+        counts += np.stack(kinds, axis=1)
+        on_hold |= stopped
         over |= exceeds
-    return CampaignCounts(name, clearance, monitor, n_exceeding, avoided, n_safe, lost, caused)
+    return counts
 
 
 def best_of(counts: Sequence[CampaignCounts], avoided: float) -> CampaignCounts | None:

@@ -88,16 +88,16 @@ class Foresight:
         ]
         return np.concatenate(parts).reshape(n, -1).mean(axis=1)
 
-    def chances(self, windows: Sequence[int], fails: Indices) -> Array:
+    def chances(self, windows: Sequence[int], until: Indices) -> Array:
         """Chance of an exceedance within a window while the input is on; 0 at other times.
 
-        windows: samples to look ahead.   fails: (n,) first exceedance, beyond which none is needed.
+        windows: samples to look ahead.   until: (n,) last sample that needs one.
         Returns (n_windows, n, n_samples).
         """
-        chances = np.zeros((len(windows), len(fails), self.n_samples))
+        chances = np.zeros((len(windows), len(until), self.n_samples))
         first, _, neutral = self._switches
         for now in range(1, self.n_samples):
-            every = np.flatnonzero((first < now) & (now <= np.minimum(neutral, fails)))
+            every = np.flatnonzero((first < now) & (now <= np.minimum(neutral, until)))
             for start in range(0, len(every), AT_ONCE):
                 which = every[start : start + AT_ONCE]
                 ends = self._ends(which, self._forked(which, now))
