@@ -45,8 +45,8 @@ class Foresight:
     """The flights that `Simulator.fly` draws from rng, for someone who foresees them.
 
     candidates: (n, n_candidates, n_parameters) aircraft that each might be; None if it is known.
-    Who knows the aircraft also knows the gust and the small movements of the hands to come, so that
-    nobody could know more than that without knowing the pilot's next decisions.
+    Who knows the aircraft also knows the gust and the small movements of the hands to come: only
+    the pilot's next decisions stay open.
     ValueError for manoeuvres other than doublets.
     """
 
