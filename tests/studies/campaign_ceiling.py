@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 
 from core.bounds import Bounds, check_bounds
-from core.clearance.clearance import BATCH, BuildUp, PointPredictor
+from core.clearance.clearance import BATCH, BuildUp, ClearanceRecipe, PointPredictor
 from core.evaluation.lead_sweep import TESTS, planned_tests
 from core.seeds import stream
 from core.types import Array, Flags, Indices
@@ -165,11 +165,12 @@ def _first(flags: Flags) -> Any:
 def _identified(build_up: FlownBuildUp, number: int) -> Array:
     """Aircraft (n, N_CANDIDATES, n_parameters) drawn from the posteriors after the steps before."""
     points = BuildUp(tuple(build_up.points[:number]), build_up.points[number])
-    predictor, rng = PointPredictor(points, 8), stream(*build_up.seed, number, 4)
+    predictor = PointPredictor(points, ClearanceRecipe(n_draws=8))
+    rng = stream(*build_up.seed, number, 4)
     parts: list[Array] = []
     for first in range(0, len(build_up.theta), BATCH):
         records = [step.y[first : first + BATCH] for step in build_up.flown[:number]]
-        posterior = predictor.predict(records, rng).posterior
+        posterior = predictor.predict(records).posterior
         root = np.linalg.cholesky(posterior.covariance)
         n, m = posterior.mean.shape
         drawn = rng.standard_normal((n, N_CANDIDATES, m)) @ np.swapaxes(root, 1, 2)
