@@ -119,6 +119,8 @@ def monitor_request(plain: dict[str, Any], store: Store, max_bytes: int) -> Moni
     if isinstance(requested, str):
         info = store.datasets.info(requested)
         duration, n_unsafe = (info.n_samples - 1) * info.dt, info.n_unsafe
+        if recipe.predictor.forecast == "ensemble" and simulated_test(info.recipe) is None:
+            n_unsafe -= n_unsafe // 2  # no fresh ones can be simulated: the others train
     else:
         requested = dataset_for(recipe, requested)
         duration, n_unsafe = requested.maneuver.duration_s, requested.n_unsafe

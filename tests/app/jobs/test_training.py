@@ -8,9 +8,17 @@ import pytest
 from app.commands.train import report
 from app.jobs import training
 from app.jobs.training import train_and_test
+from app.recipes.recipes import USUAL_MONITOR
 from core.dataset import Dataset
 from core.monitor import MonitorRecipe, train
-from core.planned_test.collection import DatasetRecipe, collect, evaluation_flights, fresh
+from core.planned_test.collection import (
+    DatasetRecipe,
+    collect,
+    combination_failures,
+    evaluation_flights,
+    fresh,
+)
+from core.seeds import Branch
 
 RECIPE = DatasetRecipe(n_unsafe=30, seed=4)
 
@@ -48,6 +56,15 @@ def test_its_flights_neither_train_nor_test(simulated: Dataset) -> None:
     others = [simulated.safe, simulated.unsafe, evaluation_flights(RECIPE, 5).y]
     for others_y in others:
         assert not (y[:, None, 40:50] == others_y[None, :, 40:50]).all(axis=(2, 3)).any()
+
+
+def test_the_usual_rule_is_calibrated_on_as_many_fresh_failures(simulated: Dataset) -> None:
+    result = train_and_test(simulated, replace(USUAL_MONITOR, epsilon=0.2), 0, nothing)
+    failures, _ = combination_failures(RECIPE, RECIPE.n_unsafe, branch=Branch.ENSEMBLE)
+    expected = train(simulated, result.monitor.recipe, failures=failures)
+    np.testing.assert_array_equal(result.monitor.alphas, expected.alphas)
+    assert len(expected.alphas) == RECIPE.n_unsafe
+    assert not (failures.y[:, None, 40:50] == simulated.unsafe[None, :, 40:50]).all((2, 3)).any()
 
 
 def test_flights_that_never_fail_leave_the_reason(

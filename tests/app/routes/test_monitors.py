@@ -96,6 +96,18 @@ def test_a_monitor_is_trained_on_a_stored_dataset(client, dataset):
     assert "not evaluated" in problem(client.get(path), 404)
 
 
+def test_half_of_stored_failures_calibrates_the_usual_rule(client, dataset):
+    stored = store_of(client).datasets.add(dataset, "oscillator").id
+    order = {"dataset": stored, "epsilon": 0.1} | AVERAGE
+    refused = problem(client.post("/api/v1/monitors", json=order), 422)
+    assert "needs at least 9 unsafe rollouts; this monitor has 6" in refused
+    job = finished(client, client.post("/api/v1/monitors", json=order | {"epsilon": 0.2}))
+    assert job["status"] == "done", job
+    path = f"/api/v1/monitors/{job['result']['monitor']}"
+    assert client.get(path).json()["recipe"]["predictor"]["kind"] == "ensemble"
+    assert client.get(f"{path}/calibration").json()["n_unsafe"] == 6
+
+
 @pytest.mark.parametrize(
     ("order", "status", "words"),
     [

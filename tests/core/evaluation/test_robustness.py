@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.recipes.recipes import USUAL_MONITOR
 from core.evaluation.lead_sweep import METHODS, TESTS
 from core.evaluation.rates import Evaluation
 from core.evaluation.robustness import (
@@ -17,8 +18,15 @@ from core.evaluation.robustness import (
 )
 from core.limits.limits import Limits
 from core.monitor import MonitorRecipe, train
-from core.planned_test.collection import DatasetRecipe, collect, fresh, training_rollouts
+from core.planned_test.collection import (
+    DatasetRecipe,
+    collect,
+    combination_failures,
+    fresh,
+    training_rollouts,
+)
 from core.planned_test.planned_test import SensorNoise, Simulator
+from core.seeds import Branch
 from core.simulation.imperfections import USUAL_IMPERFECTIONS, Imperfections
 
 RECIPE = DatasetRecipe(n_unsafe=30, noise=SensorNoise(beta=0.001, Ny=0.004), seed=4)
@@ -132,6 +140,19 @@ def test_an_opposite_input_is_invalid_and_not_silent() -> None:
     assert 60 <= near["n_aircraft"] <= 150
     assert by_aircraft(opposite) == {}
     assert evaluations["doubled_noise"].withdrawn[0] < 0.2 * evaluations["doubled_noise"].n_unsafe
+
+
+@pytest.mark.fuzz
+@pytest.mark.parametrize("plant", TESTS)
+def test_the_default_misses_at_most_two_epsilon_near_its_test(plant: str) -> None:
+    """Aircraft beside the planned one, and softer hands: what the promise does not cover."""
+    recipe = replace(TESTS[plant].as_trained(), n_unsafe=500, seed=9)
+    failures, _ = combination_failures(recipe, 500, branch=Branch.ENSEMBLE)
+    monitor = train(collect(recipe), USUAL_MONITOR, fresh(recipe), failures=failures)
+    for name, counts in robustness(monitor, recipe, 2000).items():
+        if name.startswith(("lag_", "near_")):
+            assert counts.n_unsafe > 50, name
+            assert counts.miss_rate[0] <= 2 * USUAL_MONITOR.epsilon, (name, counts)
 
 
 @pytest.mark.fuzz
