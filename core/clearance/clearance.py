@@ -72,7 +72,7 @@ class ClearanceRecipe:
     n_aircraft: Annotated[int, Bounds(least=100)] = 1_000
     """aircraft: least number of simulated ones, exceeding or not; more of them make the p-value
     more precise."""
-    n_draws: Annotated[int, Bounds(least=8)] = 64
+    n_draws: Annotated[int, Bounds(least=8)] = 128
     """draws: simulated flights of the next point in each prediction."""
     seed: Annotated[int, Bounds(least=0)] = 0
     """seed of every random draw."""
