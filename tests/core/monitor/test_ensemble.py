@@ -177,6 +177,18 @@ def test_without_fresh_failures_half_of_them_trains_and_half_calibrates(dataset:
     assert halved.dataset_digest == dataset.digest()
 
 
+def test_a_specification_known_by_its_label_is_learned_from_the_training_failures(
+    flights: Array,
+) -> None:
+    data = oscillator.collect(np.random.default_rng(45), n_unsafe=30)
+    y = oscillator.fly(np.random.default_rng(46), 200)[1]
+    failures = y, oscillator.fail_indices(y)
+    monitor = train(replace(data, specification="departure"), RECIPE, failures=failures)
+    fresh = evaluate(monitor, flights, oscillator.fail_indices(flights), np.array([EPSILON]))
+    assert fresh.misses[0] <= fresh.n_unsafe / 2
+    assert fresh.power[0] > 0.5
+
+
 def test_failures_of_another_shape_or_none_are_refused(
     dataset: Dataset, failures: tuple[Array, np.ndarray]
 ) -> None:
