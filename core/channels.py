@@ -1,9 +1,17 @@
-"""The telemetry dictionary: the channels of a sample y, their order and units."""
+"""Telemetry dictionaries: the channels of a sample y, their order, units and roles."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
 from math import degrees, pi
+from typing import Any, Literal, Self
 
 from core.kernels import N_CHANNELS
+from core.recipe import instead_of
+
+Role = Literal["output", "control", "condition"]
+Reference = Literal["trim", "absolute"]
+MOST_CHANNELS = 32
 
 
 @dataclass(frozen=True)
@@ -13,6 +21,10 @@ class Channel:
     unit: SI, or g; for computing, storing and sending.
     display_unit: for people; display_factor converts from `unit`.
     display_decimals: significant decimals in display_unit.
+    role: an output responds to the controls; a condition, such as airspeed, only describes the
+    flight.   reference: values are deviations from trim, or absolute.
+    largest: magnitude that no aircraft reaches, in `unit`; None if unknown.
+    group: strips of one group are shown together.
     """
 
     key: str
@@ -22,6 +34,10 @@ class Channel:
     display_unit: str
     display_factor: float
     display_decimals: int
+    role: Role = "output"
+    reference: Reference = "trim"
+    largest: float | None = None
+    group: str = ""
 
     def read(self, value: float, digits: int = 3) -> str:
         """`4.98 deg`: a value in its display unit, to this many significant digits."""
@@ -49,20 +65,124 @@ BEYOND_FLIGHT: dict[str, float] = {"rad": pi, "rad/s": 4.0 * pi}
 """Magnitudes that no aircraft reaches, by unit: a half turn, two turns a second."""
 
 
-def channel(key: str, symbol: str, unit: str, label: str) -> Channel:
+def channel(
+    key: str,
+    symbol: str,
+    unit: str,
+    label: str,
+    role: Role = "output",
+    reference: Reference = "trim",
+    group: str = "",
+) -> Channel:
     """A channel with the display of its unit."""
-    return Channel(key, symbol, unit, label, *DISPLAY.get(unit, (unit, 1.0, 2)))
+    display, largest = DISPLAY.get(unit, (unit, 1.0, 2)), BEYOND_FLIGHT.get(unit)
+    return Channel(key, symbol, unit, label, *display, role, reference, largest, group)
 
 
-CHANNELS: tuple[Channel, ...] = (
-    channel("beta", "β", "rad", "sideslip"),
-    channel("p", "p", "rad/s", "roll rate"),
-    channel("r", "r", "rad/s", "yaw rate"),
-    channel("Ny", "N_y", "g", "lateral acceleration"),
-    channel("delta_a", "δ_a", "rad", "aileron"),
-    channel("delta_r", "δ_r", "rad", "rudder"),
+@dataclass(frozen=True)
+class Dictionary:
+    """The channels of a dataset and of its monitor, in order: 1 to MOST_CHANNELS."""
+
+    name: str
+    channels: tuple[Channel, ...]
+
+    def __post_init__(self) -> None:
+        keys = [known.key for known in self.channels]
+        if not 1 <= len(keys) <= MOST_CHANNELS:
+            raise ValueError(f"{len(keys)} channels were given: give 1 to {MOST_CHANNELS}")
+        if twice := [key for key in keys if keys.count(key) > 1]:
+            raise ValueError(f"two channels have the key {twice[0]!r}: give each its own")
+        if not all(keys):
+            raise ValueError("a channel has no key: give each one")
+
+    def __len__(self) -> int:
+        return len(self.channels)
+
+    @cached_property
+    def keys(self) -> tuple[str, ...]:
+        return tuple(known.key for known in self.channels)
+
+    def index(self, key: str) -> int:
+        """Position of a channel. ValueError names the channels if it is unknown."""
+        if key not in self.keys:
+            raise ValueError(f"channel {key!r} is unknown: {instead_of(key, self.keys)}")
+        return self.keys.index(key)
+
+    def of_role(self, role: Role) -> tuple[int, ...]:
+        """Positions of the channels with this role."""
+        return tuple(k for k, known in enumerate(self.channels) if known.role == role)
+
+    def to_plain(self) -> dict[str, Any]:
+        return {"name": self.name, "channels": [asdict(known) for known in self.channels]}
+
+    @classmethod
+    def from_plain(cls, plain: Mapping[str, Any]) -> Self:
+        """Rebuild it; a channel needs its key and unit. ValueError says what is wrong."""
+        return cls(str(plain["name"]), tuple(map(_channel_of, plain["channels"])))
+
+
+def _channel_of(plain: Mapping[str, Any]) -> Channel:
+    if missing := [name for name in ("key", "unit") if not isinstance(plain.get(name), str)]:
+        raise ValueError(f"channel {dict(plain)!r} has no {missing[0]}: give key and unit")
+    key, unit = plain["key"], plain["unit"]
+    usual = asdict(channel(key, key, unit, key))
+    if unknown := [name for name in plain if name not in usual]:
+        raise ValueError(f"channel {key!r} has {unknown[0]!r}: {instead_of(unknown[0], usual)}")
+    return Channel(**usual | dict(plain))
+
+
+LATERAL = Dictionary(
+    "lateral",
+    (
+        channel("beta", "β", "rad", "sideslip", group="angles"),
+        channel("p", "p", "rad/s", "roll rate", group="rates"),
+        channel("r", "r", "rad/s", "yaw rate", group="rates"),
+        channel("Ny", "N_y", "g", "lateral acceleration", group="acceleration"),
+        channel("delta_a", "δ_a", "rad", "aileron", "control", group="surfaces"),
+        channel("delta_r", "δ_r", "rad", "rudder", "control", group="surfaces"),
+    ),
 )
+"""The six channels of the paper."""
+LONGITUDINAL = Dictionary(
+    "longitudinal",
+    (
+        channel("alpha", "α", "rad", "angle of attack", "output", "absolute", "angles"),
+        channel("q", "q", "rad/s", "pitch rate", group="rates"),
+        channel("theta", "θ", "rad", "pitch angle", "output", "absolute", "angles"),
+        channel("Nz", "N_z", "g", "normal acceleration", "output", "absolute", "acceleration"),
+        channel("V", "V", "m/s", "true airspeed", "condition", "absolute", "speed"),
+        channel("delta_e", "δ_e", "rad", "elevator", "control", "absolute", "surfaces"),
+    ),
+)
+SIX_DOF = Dictionary(
+    "six_dof",
+    (
+        *LONGITUDINAL.channels[:4],
+        channel("beta", "β", "rad", "sideslip", "output", "absolute", "angles"),
+        channel("p", "p", "rad/s", "roll rate", group="rates"),
+        channel("r", "r", "rad/s", "yaw rate", group="rates"),
+        channel("phi", "φ", "rad", "bank angle", "output", "absolute", "angles"),
+        channel("Ny", "N_y", "g", "lateral acceleration", group="acceleration"),
+        LONGITUDINAL.channels[4],
+        LONGITUDINAL.channels[5],
+        channel("delta_a", "δ_a", "rad", "aileron", "control", "absolute", "surfaces"),
+        channel("delta_r", "δ_r", "rad", "rudder", "control", "absolute", "surfaces"),
+    ),
+)
+DICTIONARIES: dict[str, Dictionary] = {
+    known.name: known for known in (LATERAL, LONGITUDINAL, SIX_DOF)
+}
+
+
+def known_channels() -> dict[str, Channel]:
+    """The channels of all dictionaries by key; SIX_DOF's, where they differ."""
+    return {each.key: each for known in DICTIONARIES.values() for each in known.channels}
+
+
+CHANNELS: tuple[Channel, ...] = LATERAL.channels
 BY_KEY: dict[str, Channel] = {known.key: known for known in CHANNELS}
-KEYS: tuple[str, ...] = tuple(BY_KEY)
+KEYS: tuple[str, ...] = LATERAL.keys
+N_RESPONSES = len(LATERAL.of_role("output"))
+"""Channels before the surfaces: the response of the aircraft."""
 if len(CHANNELS) != N_CHANNELS:
     raise AssertionError(f"{len(CHANNELS)} channels: the kernels compute with {N_CHANNELS}")

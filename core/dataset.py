@@ -7,8 +7,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from core.channels import LATERAL, Dictionary
 from core.limits.limits import Specification
+from core.rollouts import LabelledFlights
+from core.seeds import Branch, stream
 from core.types import Array, Indices
 
 
@@ -16,15 +20,16 @@ from core.types import Array, Indices
 class Dataset:
     """Unsafe and safe rollouts of one manoeuvre on aircraft drawn from D_theta.
 
-    unsafe: (n_unsafe, n_samples, 6) measured outputs y, NaN after the failure sample.
+    unsafe: (n_unsafe, n_samples, n_channels) measured outputs y, NaN after the failure sample.
     fail_index: (n_unsafe,) first sample that exceeds a limit.
-    safe: (n_safe, n_samples, 6).
+    safe: (n_safe, n_samples, n_channels).
     safe_times: (n_safe, n_obs) sampled observation indices of each safe rollout, ascending.
     theta_unsafe, theta_safe: (n, n_parameters) parameters, named by `theta_names`.
     dt: sample interval [s].
     n_safe_met: safe rollouts before the last unsafe one, stored or not.
     specification: the limits that the unsafe ones exceed; None where unknown.
-    recipe: of the simulation, as plain data; empty for flown trajectories.
+    recipe: of the simulation, as plain data; empty for other trajectories.
+    dictionary: of the channels.
     """
 
     unsafe: Array
@@ -39,6 +44,37 @@ class Dataset:
     seed: int | None = None
     recipe: dict[str, Any] = field(default_factory=dict)
     specification: Specification = None
+    dictionary: Dictionary = LATERAL
+
+    @classmethod
+    def from_rollouts(
+        cls, y: npt.ArrayLike, *, n_obs: int = 50, seed: int = 0, **labelled: Any
+    ) -> "Dataset":
+        """Dataset of flights of any simulator, or of flown ones.
+
+        y, labelled: see `LabelledFlights.of`: dt, channels, fail_index, limits, theta, theta_names.
+        n_obs: observation times kept of each safe flight.   RolloutsError.
+        """
+        return cls.from_flights(LabelledFlights.of(y, **labelled), n_obs, seed)
+
+    @classmethod
+    def from_flights(cls, flights: LabelledFlights, n_obs: int = 50, seed: int = 0) -> "Dataset":
+        fails, rng = flights.fails, stream(seed, Branch.SAFE_TIMES)
+        safe, n_samples = flights.y[~fails], flights.y.shape[1]
+        order = rng.random((len(safe), n_samples)).argsort(axis=1)
+        return cls(
+            unsafe=flights.y[fails],
+            fail_index=flights.fail_index[fails],
+            safe=safe,
+            safe_times=np.sort(order[:, :n_obs], axis=1),
+            theta_unsafe=flights.theta[fails],
+            theta_safe=flights.theta[~fails],
+            dt=flights.dt,
+            theta_names=flights.theta_names,
+            n_safe_met=len(safe),
+            specification=flights.specification,
+            dictionary=flights.dictionary,
+        )
 
     @property
     def unsafe_rate(self) -> float:
@@ -52,7 +88,10 @@ class Dataset:
 
     @cached_property
     def _digest(self) -> str:
-        sha = hashlib.sha256(json.dumps([self.dt, self.theta_names]).encode())
+        named: list[Any] = [self.dt, self.theta_names]
+        if self.dictionary != LATERAL:
+            named.append(self.dictionary.to_plain())
+        sha = hashlib.sha256(json.dumps(named).encode())
         for array in (self.unsafe, self.fail_index, self.safe, self.safe_times):
             sha.update(repr(array.shape).encode())
             sha.update(np.ascontiguousarray(array).data)

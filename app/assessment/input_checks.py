@@ -11,8 +11,7 @@ import numpy as np
 
 from app.assessment.planned_test import SURFACES, PlannedTest
 from app.assessment.trim import BEGINNING, OTHER, RESTS, SHARE, SMALLEST
-from core.channels import CHANNELS, N_CHANNELS
-from core.kernels.deviation import N_RESPONSES
+from core.channels import CHANNELS, N_CHANNELS, N_RESPONSES
 from core.monitor.status import Level
 from core.types import Array
 

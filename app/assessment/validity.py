@@ -20,9 +20,8 @@ from app.assessment.scored import OBSERVATIONS, Check, Validity
 from app.assessment.segments import Segment
 from app.assessment.trim import largest_at_rest
 from app.telemetry.recording import Recording
-from core.channels import CHANNELS, KEYS
+from core.channels import CHANNELS, KEYS, N_RESPONSES
 from core.kernels.causal_grid import RATE_RATIO
-from core.kernels.deviation import N_RESPONSES
 from core.monitor import Assessments, Monitor
 from core.monitor.assessment import Withdrawal
 from core.monitor.validity.verdict import ValidityVerdict, in_words

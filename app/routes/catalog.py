@@ -75,7 +75,7 @@ class ListedFormat(BaseModel):
     experimental: bool = Field(description="not yet tested on files of many recorders")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Target(Channel):
     """A quantity that a signal can be mapped to: a channel, or an input of a derivation."""
 

@@ -12,6 +12,7 @@ from functools import cache
 from math import pi
 
 from app.telemetry.recording import TelemetryError
+from core.recipe import instead_of
 from core.types import Array
 
 STANDARD_GRAVITY = 9.80665
@@ -129,6 +130,16 @@ def fits(unit: str, target: str) -> bool:
     except TelemetryError:
         return False
     return True
+
+
+def si_unit(unit: str) -> str:
+    """The unit in which a quantity recorded in `unit` is computed; TelemetryError for none."""
+    for target in (PLAIN, *CHOICES, "rad/s^2", "Pa", "K", "N", "N*m", "kg"):
+        if fits(unit, target):
+            return target
+    if known := spelled(unit):
+        return known
+    raise TelemetryError(f"{unit!r} is not a known unit: {instead_of(unit, BASIC)}")
 
 
 def convert(values: Array, unit: str, target: str) -> Array:

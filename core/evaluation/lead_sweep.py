@@ -22,7 +22,7 @@ from core.evaluation.ceiling import Ceiling
 from core.evaluation.prevention import REACTIONS_S, Stopped, prevention
 from core.evaluation.rates import PooledCounts, first_sample
 from core.kernels.compiled import on_this_thread
-from core.limits.limits import Limits, magnitudes_of
+from core.limits.limits import Limits, envelope_of
 from core.monitor.calibration import Guarantee, alert_above, check_epsilon, p_values
 from core.monitor.monitor import Monitor
 from core.monitor.observation import lead_steps
@@ -372,7 +372,7 @@ class _Part:
             return dict(zip(windows, zip(failures, tests, strict=True), strict=True))
         if predictor.forecast == "peaks" and isinstance(predictor, PeakRidge):
             learned = LearnedFlights.of(dataset.safe, None, judged=True)
-            limits = magnitudes_of(dataset.specification)
+            limits = envelope_of(dataset.specification)
             forecasts = fit_windows(predictor, learned, limits, windows, dataset.dt)
             return {
                 window: (forecast.scores(*both[0]), forecast.scores(*both[1]))

@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.kernels import N_CHANNELS
 from core.kernels.assessing import INVALID, OK, STALE, states
 from core.kernels.compiled import in_chunks, jit
 from core.kernels.lanes import WIDTH, address, read
@@ -20,11 +19,9 @@ from core.kernels.mapping import map_observation, map_rows
 from core.kernels.nearest import Tree, locate, nearest_at, squared_distance_at
 from core.types import Array, Indices
 
-N_RESPONSES = 4
-"""Channels before the surfaces: the response of the aircraft."""
 N_BYTES = 8
 """Size of a number."""
-DISTANCE, INNOVATION = N_CHANNELS, N_CHANNELS + 1
+DISTANCE, INNOVATION = -2, -1
 """Columns of distance and innovation, after the residuals of the channels."""
 SIZE, AT, WHEN = range(3)
 SAMPLES, FRESH, RUN, COMPARED, PLACED, NEAR = range(6)
@@ -34,9 +31,10 @@ FLIGHTS_A_TASK = 32
 class Innovation(NamedTuple):
     """The affine map from a sample and past outputs to its innovations.
 
-    matrix: (6 * (n_past + 1), 8) of outputs, oldest first.   offset: (8,).   The first four results
-    are the innovations whitened to unit covariance in training, the others those of each response
-    in its unit.   sigma: (4,) their deviation in training.
+    matrix: (n_channels * (n_past + 1), width) of outputs, oldest first.   offset: (width,), whole
+    lanes.   The first results are the innovations whitened to unit covariance in training, one for
+    each response, the next ones those of each response in its unit, the rest zeros.
+    sigma: (n_responses,) their deviation in training.
     n_past: past outputs, `spacing` samples apart.   window: samples to sum over; 0 without a
     forecast.
     """
@@ -55,28 +53,30 @@ class Innovation(NamedTuple):
 
 
 NO_INNOVATION = Innovation(
-    np.zeros((0, WIDTH)), np.zeros(WIDTH), np.ones(N_RESPONSES), n_past=0, spacing=0, window=0
+    np.zeros((0, WIDTH)), np.zeros(WIDTH), np.ones(WIDTH // 2), n_past=0, spacing=0, window=0
 )
 
 
 @jit
-def innovate(matrix, offset, y, row, n_past, spacing, last, slot):
-    """Write the innovations of sample `row` of y (m, 6) to last[slot]. Arrays by address."""
-    out = last + slot * WIDTH * N_BYTES
-    width = np.int64(WIDTH)  # a literal compiles `map_rows` again
-    map_rows(matrix, offset, y, out, width, row, n_past, spacing)
+def innovate(matrix, offset, y, row, n_past, spacing, n_channels, last, width, slot):
+    """Write the innovations of a sample to last[slot].
+
+    row: of the sample in y (m, n_channels).   matrix, offset, y, last: addresses.
+    """
+    out = last + slot * width * N_BYTES
+    map_rows(matrix, offset, y, out, width, row, n_past, spacing, n_channels)
 
 
 @jit
-def root_mean_square(last, n, window, first, stop):
+def root_mean_square(last, width, n, window, first, stop):
     """Root mean square of innovations first..stop over a window; infinite for NaN.
 
-    last: address of (window, 8).   n: samples in it so far; missing ones count as zeros.
+    last: address of (window, width).   n: samples in it so far; missing ones count as zeros.
     """
     total = 0.0
     for k in range(n):
         for o in range(first, stop):
-            value = read(last, k * WIDTH + o)
+            value = read(last, k * width + o)
             total += value * value
     size = np.sqrt(total / ((stop - first) * window))
     return size if size == size else np.inf
@@ -86,7 +86,7 @@ class Reference(NamedTuple):
     """The part of a monitor's training from which deviations are measured.
 
     matrix, offset: of the predictor, in lanes.   safe: tree of the safe points.
-    scale: (6,) of the channels.   sigma: (6,) of the residuals h samples ahead, in the channels'
+    scale: (n_channels,).   sigma: (n_channels,) of the residuals h samples ahead, in the channels'
     units; NaN if not tested.
     d: entries of a point.   h: lead in samples.   dt: [s].
     has_residuals: whether a point is a forecast of the outputs h samples ahead, to be tested.
@@ -114,15 +114,16 @@ class Reference(NamedTuple):
 class Deviation(NamedTuple):
     """The largest deviation of a flight so far.
 
-    peaks: (3, 8) largest residual of each channel [sigma], largest distance [scaled units], largest
-        innovation over a window [sigma]; number and time [s] of the sample of each, -1 and NaN for
-        none.
+    peaks: (3, n_channels + 2) largest residual of each channel [sigma], largest distance [scaled
+        units], largest innovation over a window [sigma]; number and time [s] of the sample of each,
+        -1 and NaN for none.
     counts: (6,) samples; not stale; assessed without a break; compared with a forecast; with a
         distance; then the nearest safe point found last.
     clock: (2,) times of the first and last sample [s].
     points: (h, d) of the last h samples.
-    innovations: (window, 8) of the last samples, in any order.
-    responses: (4,) root mean square innovation of each response over the window of the largest.
+    innovations: (window, width) of the last samples, in any order.
+    responses: (n_responses,) root mean square innovation of each response over the window of the
+        largest.
     """
 
     peaks: Array
@@ -153,7 +154,7 @@ def n_before(reference: Reference) -> int:
 @jit
 def begin(reference):
     """Deviation of a flight before its first sample."""
-    peaks = np.zeros((3, INNOVATION + 1))
+    peaks = np.zeros((3, reference.scale.shape[0] + 2))
     peaks[AT], peaks[WHEN] = -1.0, np.nan
     counts = np.array([0, 0, 0, 0, 0, -1])
     return Deviation(
@@ -161,8 +162,8 @@ def begin(reference):
         counts,
         np.full(2, np.nan),
         np.empty((reference.h, reference.d)),
-        np.empty((reference.innovation.window, WIDTH)),
-        np.zeros(N_RESPONSES),
+        np.empty((reference.innovation.window, reference.innovation.offset.shape[0])),
+        np.zeros(reference.innovation.sigma.shape[0]),
     )
 
 
@@ -170,7 +171,7 @@ def begin(reference):
 def follow(reference, deviation, t, y, row, codes, near, distance, largest):
     """Process samples of a flight in order.
 
-    y: (m, 6) those not stale, starting at y[row], with their history in the rows before.
+    y: (m, n_channels) those not stale, starting at y[row], with their history in the rows before.
     t, codes, near: (n,) all samples; near is -1 if the nearest safe point is unknown.
     distance: to that point if known, else NaN.   largest: (n, 2) output.
     """
@@ -180,6 +181,8 @@ def follow(reference, deviation, t, y, row, codes, near, distance, largest):
     n_past, spacing = reference.innovation.n_past, reference.innovation.spacing
     matrix, offset = address(reference.innovation.matrix), address(reference.innovation.offset)
     window, last, samples = reference.innovation.window, address(innovations), address(y)
+    n_channels, n_responses, width = scale.shape[0], responses.shape[0], innovations.shape[1]
+    first = n_responses - n_responses  # a literal compiles the callee again
     safe_at, z = locate(reference.safe), np.empty(reference.d)
     for i in range(codes.shape[0]):
         if codes[i] != STALE:
@@ -194,19 +197,23 @@ def follow(reference, deviation, t, y, row, codes, near, distance, largest):
                 n = counts[RUN] - n_past * spacing
                 if window > 0 and n > 0:
                     counts[COMPARED] += 1
-                    innovate(matrix, offset, samples, row, n_past, spacing, last, (n - 1) % window)
+                    slot_of = (n - 1) % window
+                    innovate(
+                        matrix, offset, samples, row, n_past, spacing, n_channels, last, width,
+                        slot_of,
+                    )  # fmt: skip
                     n = min(n, window)
-                    off = root_mean_square(last, n, window, np.int64(0), np.int64(N_RESPONSES))
+                    off = root_mean_square(last, width, n, window, first, n_responses)
                     if off > peaks[SIZE, INNOVATION]:
                         peaks[SIZE, INNOVATION] = off
                         peaks[AT, INNOVATION], peaks[WHEN, INNOVATION] = counts[SAMPLES], t[i]
-                        for c in range(N_RESPONSES):
-                            column = N_RESPONSES + c
-                            responses[c] = root_mean_square(last, n, window, column, column + 1)
+                        for c in range(n_responses):
+                            at = n_responses + c
+                            responses[c] = root_mean_square(last, width, n, window, at, at + 1)
                 if reference.has_residuals and counts[RUN] > h:
                     # The point in this slot is h samples old; all since were assessed.
                     counts[COMPARED] += 1
-                    for c in range(N_CHANNELS):
+                    for c in range(n_channels):
                         off = abs(y[row, c] - points[slot, c] * scale[c]) / sigma[c]
                         if not off <= peaks[SIZE, c]:
                             peaks[SIZE, c] = off if off == off else np.inf
@@ -235,7 +242,7 @@ def follow(reference, deviation, t, y, row, codes, near, distance, largest):
             row += 1
         counts[SAMPLES] += 1
         largest[i, 0], largest[i, 1] = peaks[SIZE, INNOVATION], peaks[SIZE, DISTANCE]
-        for c in range(N_CHANNELS):
+        for c in range(n_channels):
             largest[i, 0] = max(largest[i, 0], peaks[SIZE, c])
 
 
@@ -243,8 +250,8 @@ def follow(reference, deviation, t, y, row, codes, near, distance, largest):
 def update_deviation(reference, deviation, history, y, t, code, distance):
     """Process the next sample of a stream. Returns the largest forecast error and distance so far.
 
-    history: (n, 6) kept here: `n_before` samples and the newest.   code: state of the sample.
-    distance: to the nearest safe point; NaN if unknown.
+    history: (n, n_channels) kept here: `n_before` samples and the newest.
+    code: state of the sample.   distance: to the nearest safe point; NaN if unknown.
     """
     newest = history.shape[0] - 1
     if code != STALE and code != INVALID:
@@ -279,7 +286,8 @@ def _largest_some(reference, t, y, last, start, stop, largest):
 def largest_so_far(reference: Reference, y: Array, last: Indices) -> Array:
     """Largest forecast error and distance of each trajectory up to each of its samples 0..last.
 
-    y: (n, n_samples, 6).   last: (n,) 0 or more.   Returns (n, n_samples, 2); 0 after `last`.
+    y: (n, n_samples, n_channels).   last: (n,) 0 or more.
+    Returns (n, n_samples, 2); 0 after `last`.
     """
     largest = np.zeros((*y.shape[:2], 2))
     t = np.arange(y.shape[1]) * reference.dt

@@ -9,11 +9,10 @@ import numpy as np
 from numba import types
 from numba.np.numpy_support import carray
 
-from core.kernels import N_CHANNELS
 from core.kernels.assessing import Fitted, update
 from core.kernels.compiled import brief, inlined
 from core.kernels.deviation import Deviation, Innovation, Reference, update_deviation
-from core.kernels.lanes import WIDTH, pointer_to
+from core.kernels.lanes import pointer_to
 from core.kernels.nearest import Tree
 from core.kernels.p_value import CalibrationTree, Transduction
 from core.types import Array, Indices
@@ -86,6 +85,7 @@ def _table_of(arrays: tuple[Any, ...]) -> Indices:
 @brief
 def deviation_at(table, counts, numbers, y, t, code, distance):
     """`update_deviation` with the arrays in the table."""
+    n_channels = y.shape[0]
     reference = Reference(
         carray(_floats(table[0, 0]), (table[0, 1], table[1, 1])),
         _numbers(table, 1),
@@ -98,7 +98,7 @@ def deviation_at(table, counts, numbers, y, t, code, distance):
         numbers[0],
         counts[3] != 0,
         Innovation(
-            carray(_floats(table[8, 0]), (table[8, 1], WIDTH)),
+            carray(_floats(table[8, 0]), (table[8, 1], table[9, 1])),
             _numbers(table, 9),
             _numbers(table, 10),
             counts[4],
@@ -107,14 +107,14 @@ def deviation_at(table, counts, numbers, y, t, code, distance):
         ),
     )
     deviation = Deviation(
-        carray(_floats(table[11, 0]), (table[11, 1], WIDTH)),
+        carray(_floats(table[11, 0]), (table[11, 1], n_channels + 2)),
         _whole(table, 12),
         _numbers(table, 13),
         carray(_floats(table[14, 0]), (table[14, 1], counts[0])),
-        carray(_floats(table[15, 0]), (table[15, 1], WIDTH)),
+        carray(_floats(table[15, 0]), (table[15, 1], table[9, 1])),
         _numbers(table, 16),
     )
-    history = carray(_floats(table[17, 0]), (table[17, 1], N_CHANNELS))
+    history = carray(_floats(table[17, 0]), (table[17, 1], n_channels))
     return update_deviation(reference, deviation, history, y, t, code, distance)
 
 
@@ -153,7 +153,7 @@ def update_at(table, counts, numbers, t, y):
             _numbers(table, 24),
         ),
     )
-    buffer = carray(_floats(table[25, 0]), (table[25, 1], N_CHANNELS))
+    buffer = carray(_floats(table[25, 0]), (table[25, 1], y.shape[0]))
     status, clock, point = _whole(table, 26), _numbers(table, 27), _numbers(table, 28)
     return update(fitted, exact, buffer, status, clock, numbers[2], t, y, point)
 

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.kernels import N_CHANNELS
 from core.kernels.assessing import INVALID, OK, STALE, WARMING_UP
 from core.kernels.compiled import brief, in_chunks, jit
 from core.types import Array, Indices
@@ -25,10 +24,12 @@ input; whether the last sample was missing; whether the begin of the input was m
 class PeakWeights(NamedTuple):
     """Weights of the scores.
 
-    weights: (n_scored, n_past, 6) of the samples, newest first, `stride` samples apart.
+    weights: (n_scored, n_past, n_channels) of the samples, newest first, `stride` samples apart.
     offset: (n_scored,).   every: samples between scored phases; phases between use the last score.
     surface: channel that shows when the input begins; -1: at the first sample.
-    threshold: magnitude at which the input has begun, in the SI unit.
+    threshold: deviation from `rest` at which the input has begun, in the SI unit.
+    mirrored: whether an input to the other side is the mirror image, so that all samples of the
+    flight change sign.
     """
 
     weights: Array
@@ -37,13 +38,15 @@ class PeakWeights(NamedTuple):
     stride: int
     surface: int
     threshold: float
+    rest: float = 0.0
+    mirrored: bool = True
 
 
 class PeakHistory(NamedTuple):
     """Memory of one flight.
 
-    samples: (n, 6) of the last n phases, with the sign of the input.   phases: (n,) of each, BEFORE
-    for none.   counts: see TAKEN.   clock: (1,) time of the last sample [s].
+    samples: (n, n_channels) of the last n phases, with the sign of the input.   phases: (n,) of
+    each, BEFORE for none.   counts: see TAKEN.   clock: (1,) time of the last sample [s].
     """
 
     samples: Array
@@ -55,30 +58,33 @@ class PeakHistory(NamedTuple):
 @jit
 def begin(peaks):
     """History before the first sample."""
+    n_channels = peaks.weights.shape[2]
     n = (peaks.weights.shape[1] - 1) * peaks.stride + peaks.every
     counts = np.zeros(5, np.int64)
     counts[PHASE] = BEFORE
-    return PeakHistory(np.zeros((n, N_CHANNELS)), np.full(n, BEFORE), counts, np.zeros(1))
+    return PeakHistory(np.zeros((n, n_channels)), np.full(n, BEFORE), counts, np.zeros(1))
 
 
 @jit
 def _add_sample(peaks, history, y, known):
-    """Add the next sample y (6,), which may be unknown."""
+    """Add the next sample y (n_channels,), which may be unknown."""
     counts = history.counts
     if counts[PHASE] >= 0:
         counts[PHASE] += 1
     elif peaks.surface < 0:
         counts[PHASE], counts[SIGN] = counts[TAKEN], 1
-    elif known and abs(y[peaks.surface]) >= peaks.threshold:
+    elif known and abs(y[peaks.surface] - peaks.rest) >= peaks.threshold:
         if counts[TAKEN] == 0 or counts[MISSING] != 0:
             counts[LOST] = 1
-        counts[PHASE], counts[SIGN] = 0, 1 if y[peaks.surface] > 0.0 else -1
+        counts[PHASE], counts[SIGN] = 0, 1
+        if peaks.mirrored and not y[peaks.surface] > peaks.rest:
+            counts[SIGN] = -1
     counts[TAKEN] += 1
     counts[MISSING] = 0 if known else 1
     if known and counts[PHASE] >= 0:
         at = counts[PHASE] % history.phases.shape[0]
         history.phases[at] = counts[PHASE]
-        for c in range(N_CHANNELS):
+        for c in range(y.shape[0]):
             history.samples[at, c] = counts[SIGN] * y[c]
 
 
@@ -97,7 +103,7 @@ def _score(peaks, history):
         at = past % n
         if history.phases[at] != past:
             return np.nan
-        for c in range(N_CHANNELS):
+        for c in range(peaks.weights.shape[2]):
             s += peaks.weights[k, j, c] * history.samples[at, c]
     return s
 
@@ -132,7 +138,7 @@ def update(peaks, history, dt, t, y, code):
 def follow(peaks, t, y, codes, dt, s):
     """Score a trajectory as `update` does sample by sample; returns the first lost sample.
 
-    t: (n,).   y: (n, 6).   codes: (n,) in and out.   s: (n,) output.   Returns n for none.
+    t: (n,).   y: (n, n_channels).   codes: (n,) in and out.   s: (n,) output.   Returns n for none.
     """
     history = begin(peaks)
     for i in range(t.shape[0]):
@@ -157,7 +163,7 @@ def _scores_some(peaks, y, last, start, stop, scores):
 def scores(peaks: PeakWeights, y: Array, last: Indices) -> Array:
     """Scores (n, n_samples) of samples 0..last of each flight; +inf for the rest.
 
-    y: (n, n_samples, 6), finite over samples 0..last.   last: (n,).
+    y: (n, n_samples, n_channels), finite over samples 0..last.   last: (n,).
     """
     all_scores = np.full(y.shape[:2], np.inf)
     in_chunks(len(y), FLIGHTS_A_TASK, lambda a, b: _scores_some(peaks, y, last, a, b, all_scores))

@@ -78,7 +78,7 @@ class LatchedExceedance:
 def exceeds(limits: Array, y: Array) -> Flags:
     """(...,) whether a sample exceeds a limit. limits: (n_channels,) or as y, (..., n_channels)."""
     if y.ndim == 1:
-        return exceeds_any(limits, y)
+        return exceeds_any(-limits, limits, y)
     return np.asarray((np.isfinite(y) & (np.abs(y) >= limits)).any(axis=-1))
 
 

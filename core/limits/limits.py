@@ -1,18 +1,64 @@
-"""The limits of a test, and the first exceedance of each trajectory."""
+"""The limits of a test: which samples exceed them, and how near a sample is."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Annotated
+from functools import cached_property
+from math import inf, isfinite
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
 from core.bounds import Bounds, check_bounds
-from core.channels import KEYS
-from core.kernels.reductions import first_exceedance
-from core.types import Array, Indices
+from core.channels import KEYS, LATERAL, Dictionary
+from core.kernels.reductions import exceeds_any, first_exceedance
+from core.types import Array, Flags, Indices
 
 Magnitude = Annotated[
     float | None, Bounds(above=0, words="a limit is a positive, finite magnitude")
 ]
+
+
+class Envelope(NamedTuple):
+    """Limits as numbers, one for each channel: a sample is safe strictly between low and high.
+
+    low, high: (n_channels,), infinite for none.   rest: (n_channels,) value in trimmed flight,
+    between them, from which margins count.
+    """
+
+    low: Array
+    high: Array
+    rest: Array
+
+    @classmethod
+    def of_magnitudes(cls, limits: Array) -> "Envelope":
+        return cls(-limits, limits, np.zeros_like(limits))
+
+    def first_exceedance(self, y: Array) -> Indices:
+        """First sample of each trajectory that exceeds a limit.
+
+        y: (n, n_samples, n_channels). A limited channel that is not finite has diverged and
+        exceeds.   Returns (n,) sample indices; n_samples without an exceedance.
+        """
+        return first_exceedance(y, self.low, self.high)
+
+    def exceeds(self, y: Array) -> Flags:
+        """(...,) whether a sample exceeds a limit; missing values do not.
+
+        y: (..., n_channels).
+        """
+        if y.ndim == 1:
+            return exceeds_any(self.low, self.high, y)
+        inside = (y > self.low) & (y < self.high)
+        return np.asarray((np.isfinite(y) & ~inside).any(axis=-1))
+
+    def margin(self, y: Array) -> Array:
+        """(...,) how much of the way from rest to the nearest limit: 1 at the limit.
+
+        y: (..., n_channels).
+        """
+        up = (y - self.rest) / (self.high - self.rest)
+        down = (self.rest - y) / (self.rest - self.low)
+        return np.maximum(up, down).max(axis=-1)
 
 
 @dataclass(frozen=True)
@@ -40,37 +86,105 @@ class Limits:
         limits = [getattr(self, key) for key in KEYS]
         return np.array([np.inf if limit is None else limit for limit in limits])
 
-    def first_exceedance(self, y: Array) -> Indices:
-        """First sample of each trajectory that exceeds a limit.
+    @property
+    def envelope(self) -> Envelope:
+        return Envelope.of_magnitudes(self.magnitudes)
 
-        y: (n, n_samples, 6). A limited channel that is not finite has diverged and exceeds.
-        Returns (n,) sample indices; n_samples without an exceedance.
-        """
-        return first_exceedance(y, self.magnitudes)
+    def first_exceedance(self, y: Array) -> Indices:
+        """See `Envelope.first_exceedance`.   y: (n, n_samples, 6)."""
+        return self.envelope.first_exceedance(y)
 
 
 SPECIFICATIONS = {"limits": Limits()}
 
-Specification = Limits | str | None
+
+@dataclass(frozen=True)
+class Interval:
+    """The safe values of a channel, without the ends. None: no limit on that side.
+
+    rest: value in trimmed flight, between the ends, from which margins count.
+    """
+
+    low: float | None = None
+    high: float | None = None
+    rest: float = 0.0
+
+    def __post_init__(self) -> None:
+        low, high = self.ends
+        if (low, high) == (-inf, inf):
+            raise ValueError("no limit was given: give low, high or both")
+        if not low < self.rest < high or not isfinite(self.rest):
+            raise ValueError(
+                f"limits {low:g} to {high:g} were given with {self.rest:g} in trimmed flight: it "
+                "must be between them"
+            )
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        return -inf if self.low is None else self.low, inf if self.high is None else self.high
+
+
+@dataclass(frozen=True)
+class IntervalLimits:
+    """Unsafe as soon as a channel leaves its interval; an end of the interval itself is unsafe.
+
+    dictionary: of the samples.   intervals: by channel key; other channels have no limit.
+    """
+
+    dictionary: Dictionary
+    intervals: Mapping[str, Interval]
+
+    def __post_init__(self) -> None:
+        if not self.intervals:
+            raise ValueError("no limit was given: set at least one channel's")
+        for key in self.intervals:
+            self.dictionary.index(key)
+
+    @cached_property
+    def envelope(self) -> Envelope:
+        n = len(self.dictionary)
+        envelope = Envelope(np.full(n, -inf), np.full(n, inf), np.zeros(n))
+        for key, interval in self.intervals.items():
+            c = self.dictionary.index(key)
+            envelope.low[c], envelope.high[c] = interval.ends
+            envelope.rest[c] = interval.rest
+        return envelope
+
+
+Specification = Limits | IntervalLimits | str | None
 """What is unsafe for a monitor: limits, a label where only verdicts are known, or None where
 unknown. Only limits can be judged from telemetry."""
-PlainSpecification = dict[str, float | None] | str | None
-"""A specification as JSON: limits by channel, the label, or null."""
+PlainSpecification = dict[str, Any] | str | None
+"""A specification as JSON: a magnitude or an interval by channel, the label, or null."""
 
 
 def magnitudes_of(specification: Specification) -> Array | None:
-    """(6,) largest permitted magnitudes; None without limits."""
+    """(6,) largest permitted magnitudes; None without limits of this kind."""
     return specification.magnitudes if isinstance(specification, Limits) else None
 
 
+def envelope_of(specification: Specification) -> Envelope | None:
+    """The limits as numbers; None without limits."""
+    known = isinstance(specification, Limits | IntervalLimits)
+    return specification.envelope if known else None
+
+
 def specification_to_plain(specification: Specification) -> PlainSpecification:
+    if isinstance(specification, IntervalLimits):
+        return {key: asdict(interval) for key, interval in specification.intervals.items()}
     return asdict(specification) if isinstance(specification, Limits) else specification
 
 
-def specification_from_plain(plain: PlainSpecification) -> Specification:
+def specification_from_plain(
+    plain: PlainSpecification, dictionary: Dictionary = LATERAL
+) -> Specification:
     """Rebuild a specification; channels that are not named have no limit. Raises ValueError."""
     if plain is None or isinstance(plain, str):
         return plain
-    if unknown := [key for key in plain if key not in KEYS]:
-        raise ValueError(f"limits name the channel {unknown[0]!r}: choose {', '.join(KEYS)}")
-    return Limits(**{key: plain.get(key) for key in KEYS})
+    if unknown := [key for key in plain if key not in dictionary.keys]:
+        raise ValueError(
+            f"limits name the channel {unknown[0]!r}: choose {', '.join(dictionary.keys)}"
+        )
+    if dictionary == LATERAL and not any(isinstance(limit, dict) for limit in plain.values()):
+        return Limits(**{key: plain.get(key) for key in KEYS})
+    return IntervalLimits(dictionary, {key: Interval(**limit) for key, limit in plain.items()})

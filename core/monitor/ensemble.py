@@ -11,6 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from core.channels import Dictionary
 from core.kernels import peak_risk
 from core.kernels.assessing import OK, Fitted
 from core.monitor.calibration import p_values
@@ -108,13 +109,15 @@ class NeighborsAndPeak(PeakForecast):
         return Section(self.section, 1, True, part.header, arrays)
 
 
-def from_section(section: Section, fitted: Fitted, n_delay: int) -> NeighborsAndPeak:
+def from_section(
+    section: Section, fitted: Fitted, n_delay: int, dictionary: Dictionary
+) -> NeighborsAndPeak:
     """The rule from its section. ValueError if kernels cannot read it.
 
-    fitted, n_delay: of the monitor, which has the neighbours.
+    fitted, n_delay, dictionary: of the monitor, which has the neighbours.
     """
     near, ahead = (np.ascontiguousarray(section.arrays[name]) for name in ALPHAS)
     for name, alphas in zip(ALPHAS, (near, ahead), strict=True):
         check_alphas(f"ensemble {name}", alphas, (len(alphas),))
-    peak = peak_from_section(section)
+    peak = peak_from_section(section, dictionary)
     return NeighborsAndPeak(fitted._replace(alphas=near), n_delay, peak, ahead)

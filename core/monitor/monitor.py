@@ -8,15 +8,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from core.channels import N_CHANNELS
+from core.channels import LATERAL, Dictionary
 from core.kernels import assessing, compiled, peak_risk
 from core.kernels.assessing import Fitted
 from core.kernels.deviation import NO_INNOVATION, Innovation, Reference, largest_so_far
 from core.kernels.live_call import live_call, update_at
 from core.kernels.nearest import Tree, build
 from core.kernels.p_value import SIMPLE, Transduction, simple_p
-from core.limits.exceedance import exceeds
-from core.limits.limits import Specification, magnitudes_of, specification_to_plain
+from core.limits.limits import (
+    Envelope,
+    Specification,
+    envelope_of,
+    magnitudes_of,
+    specification_to_plain,
+)
 from core.monitor.assessment import (
     REASONS,
     STATES,
@@ -45,7 +50,6 @@ from core.recipe import to_plain
 from core.types import Array, Flags, Indices
 from core.whole_file import whole_file
 
-SAMPLE = (N_CHANNELS,)
 OK = State.OK
 make_assessment = tuple.__new__
 """Builds from the fields in order, in a tenth of the time of the class itself."""
@@ -56,8 +60,8 @@ class Monitor:
     """A safety monitor for one manoeuvre.
 
     dt: sample interval [s].   h: lead in samples.
-    scale: (6,) units of the channels for distances.
-    training_max_abs: (6,) largest magnitude of each channel in training.
+    scale: (n_channels,) units of the channels for distances.
+    training_max_abs: (n_channels,) largest magnitude of each channel in training.
     unsafe_points, safe_points: (n, d) mapped.   unsafe_where, safe_where: (n, 2) the rollout and
     the sample each point comes from.   theta_unsafe, theta_safe: (n, n_parameters) of rollouts.
     n_early: failures too early for a warning; their calibration score is +inf.
@@ -71,6 +75,7 @@ class Monitor:
     forecast: of the rest of the manoeuvre; None for predictors without one. If present, scores are
     of the forecast, and `fitted` only finds similar rollouts.
     groups: calibration by groups; None if all failures are pooled.
+    dictionary: of the channels.
     """
 
     recipe: MonitorRecipe
@@ -98,6 +103,7 @@ class Monitor:
     inputs: InputSupport | None = None
     forecast: PeakForecast | None = field(repr=False, default=None)
     groups: Groups | None = field(repr=False, default=None)
+    dictionary: Dictionary = field(repr=False, default=LATERAL)
 
     @property
     def alphas(self) -> Array:
@@ -111,8 +117,13 @@ class Monitor:
 
     @cached_property
     def limits(self) -> Array | None:
-        """(6,) limits as magnitudes; None if unknown."""
+        """(6,) limits as magnitudes; None if unknown or of another kind."""
         return magnitudes_of(self.specification)
+
+    @cached_property
+    def envelope(self) -> Envelope | None:
+        """Its limits; None if unknown."""
+        return envelope_of(self.specification)
 
     @cached_property
     def validity_basis(self) -> ValidityBasis | None:
@@ -122,7 +133,12 @@ class Monitor:
         reference = self.reference(self.support.innovation, self.support.sigma)
         shape = self.inputs and self.inputs.shape
         return ValidityBasis(
-            self.support, reference, self.training_max_abs, self.safe_points, shape
+            self.support,
+            reference,
+            self.training_max_abs,
+            self.safe_points,
+            shape,
+            self.dictionary,
         )
 
     def reference(
@@ -130,10 +146,10 @@ class Monitor:
     ) -> Reference:
         """Reference from which deviations are measured.
 
-        innovation: of the responses.   sigma: (6,) of the residuals h samples ahead, tested only if
-        given.
+        innovation: of the responses.   sigma: (n_channels,) of the residuals h samples ahead,
+        tested only if given.
         """
-        sigma = np.full(N_CHANNELS, np.nan) if sigma is None else sigma
+        sigma = np.full(len(self.dictionary), np.nan) if sigma is None else sigma
         return Reference(
             matrix=self.fitted.matrix,
             offset=self.fitted.offset,
@@ -177,11 +193,11 @@ class Monitor:
     def p_values(self, y: npt.ArrayLike) -> Array:
         """p-value of each sample of a trajectory sampled at the monitor's dt.
 
-        y: (n_samples, 6) channels in order, SI units, N_y in g.
+        y: (n_samples, n_channels) channels in order, SI units, N_y in g.
         Returns (n_samples,) in [1/(n_unsafe+1), 1]; NaN for invalid samples or history, and after
         the flight is outside training.
         """
-        y = _checked(y)
+        y = self._checked(y)
         t = np.arange(len(y), dtype=np.float64) * self.dt
         if len(self.exact.start) or self.forecast is not None or self.groups is not None:
             return self.assess(t, y).p_value
@@ -204,10 +220,10 @@ class Monitor:
     ) -> Assessments:
         """Assess every sample of a trajectory; bit for bit like a stream of its samples.
 
-        t: (n,) [s].   y: (n, 6).   epsilon: that of the recipe unless given.
+        t: (n,) [s].   y: (n, n_channels).   epsilon: that of the recipe unless given.
         withdraw: mark samples invalid once the flight is outside training, as a stream does.
         """
-        t, y = np.ascontiguousarray(t, np.float64), _checked(y)
+        t, y = np.ascontiguousarray(t, np.float64), self._checked(y)
         if t.shape != (len(y),):
             raise ValueError(f"t has shape {t.shape}: give one time per sample, ({len(y)},)")
         above = self.alert_above(epsilon)
@@ -216,7 +232,7 @@ class Monitor:
         z, s, p, unsafe, safe = assessing.score_all(
             self.fitted, self.exact, y[fresh], state[fresh] == assessing.OK, self.recipe.n_delay
         )
-        y_hat, lost_from = np.full((len(y), N_CHANNELS), np.nan), None
+        y_hat, lost_from = np.full(y.shape, np.nan), None
         if self.recipe.predictor.forecasts:
             y_hat[fresh] = z * self.scale
         if self.forecast is not None:
@@ -247,12 +263,18 @@ class Monitor:
             result.withdrawn_from(self.judge_and_withdraw(t, y, result)[1]) if withdraw else result
         )
 
+    def _checked(self, y: npt.ArrayLike) -> Array:
+        y = np.ascontiguousarray(y, np.float64)
+        if y.ndim != 2 or y.shape[1] != len(self.dictionary):
+            raise ValueError(f"y has shape {y.shape}: give (n_samples, {len(self.dictionary)})")
+        return y
+
     def last_counted(self, y: Array) -> int | None:
         """First sample that exceeds a limit, after which nothing is judged; None for none.
 
-        y: (n, 6).
+        y: (n, n_channels).
         """
-        beyond = None if self.limits is None else exceeds(self.limits, y)
+        beyond = None if self.envelope is None else self.envelope.exceeds(y)
         return int(beyond.argmax()) if beyond is not None and beyond.any() else None
 
     def judge_and_withdraw(
@@ -295,8 +317,8 @@ class Monitor:
     ) -> tuple[FlownInput, ...]:
         """How a manoeuvre's input compares with fresh flights; empty if unknown.
 
-        y: (n, 6) from trim, NaN if unknown.   end: first sample that exceeds a limit, if any.
-        planned: (2,) amplitudes of aileron and rudder [rad]; None if unknown.
+        y: (n, n_channels) from trim, NaN if unknown.   end: first sample that exceeds a limit, if
+        any.   planned: (2,) amplitudes of aileron and rudder [rad]; None if unknown.
         """
         if self.inputs is None:
             return ()
@@ -337,7 +359,7 @@ class Monitor:
     def lowest_scores(self, y: Array, last: Indices) -> Array:
         """Lowest score of each trajectory over samples 0..last.
 
-        y: (n, n_samples, 6).   last: (n,).   Returns (n,); +inf where last < 0.
+        y: (n, n_samples, n_channels).   last: (n,).   Returns (n,); +inf where last < 0.
         """
         if self.forecast is not None:
             return self.forecast.lowest_scores(y, np.zeros_like(last), last)
@@ -375,6 +397,9 @@ class Monitor:
             portable.Section("monitor", 1, True, header, arrays | self.affine._asdict()),
             portable.Section("specification", 1, True, specification, {}),
         ]
+        if self.dictionary != LATERAL:
+            plain = self.dictionary.to_plain()
+            sections.append(portable.Section("dictionary", 1, True, plain, {}))
         if len(self.exact.start):
             plain = {"always": self.exact.always, "running": self.exact.running}
             exact = {name: getattr(self.exact, name) for name in portable.EXACT_ARRAYS}
@@ -394,7 +419,7 @@ class Monitor:
     def first_withdrawn(self, y: Array, fail_index: Indices) -> Indices:
         """First sample at which each trajectory is outside training.
 
-        y: (n, n_samples, 6), finite up to the first exceedance.
+        y: (n, n_samples, n_channels), finite up to the first exceedance.
         fail_index: (n,) first exceedance, n_samples for a safe flight; later samples never
         withdraw.   Returns (n,); n_samples for none.
         """
@@ -422,11 +447,11 @@ class Stream:
         self.monitor = monitor
         self.alert_above = alert_above
         self._fitted, self._exact = monitor.fitted, monitor.exact
-        self._buffer = np.zeros((monitor.recipe.n_delay + 1, N_CHANNELS))
+        self._buffer = np.zeros((monitor.recipe.n_delay + 1, len(monitor.dictionary)))
         self._status = np.array([0, 0, -1, -1])
         self._clock = np.array([np.nan, np.inf, np.nan, np.nan, 0.0])
         self._point = np.empty(self._fitted.d)
-        basis, self._limits = monitor.validity_basis, monitor.limits
+        basis, self._limits = monitor.validity_basis, monitor.envelope
         self._validity = basis and RunningValidity(basis)
         self._reason, self._is_ok = "", False
         self._forecast = monitor.forecast and monitor.forecast.start(monitor.dt)
@@ -445,11 +470,15 @@ class Stream:
     def update(self, t: float, y: npt.ArrayLike) -> Assessment:
         """Assess the next sample.
 
-        t: time [s].   y: (6,) channels in order, SI units, N_y in g; NaN if unknown.
+        t: time [s].   y: (n_channels,) in order, SI units, N_y in g; NaN if unknown.
         """
         y = np.ascontiguousarray(y, np.float64)
-        if y.shape != SAMPLE:
-            raise ValueError(f"a sample of shape {y.shape} was given: give the 6 channels, (6,)")
+        if y.shape != self._buffer[0].shape:
+            keys = self.monitor.dictionary.keys
+            raise ValueError(
+                f"a sample of shape {y.shape} was given: give the {len(keys)} channels "
+                f"{', '.join(keys)}"
+            )
         self._is_ok = False
         if self._reason:
             return withdrawn(float(t), self._reason)
@@ -462,7 +491,7 @@ class Stream:
             if self._validity.update(y, assessment, near if assessment.state is OK else np.nan):
                 self._reason = in_words(self._validity.verdict.reasons)
                 return withdrawn(assessment.t, self._reason)
-            if self._limits is not None and exceeds(self._limits, y):
+            if self._limits is not None and self._limits.exceeds(y):
                 self._validity = None  # the verdict at this moment is final
         self._is_ok = assessment.state is OK
         return assessment
@@ -537,13 +566,6 @@ def assemble(
         channel=recipe.score.channel,
         alphas=alphas,
     )
-
-
-def _checked(y: npt.ArrayLike) -> Array:
-    y = np.ascontiguousarray(y, np.float64)
-    if y.ndim != 2 or y.shape[1] != N_CHANNELS:
-        raise ValueError(f"y has shape {y.shape}: give (n_samples, {N_CHANNELS})")
-    return y
 
 
 def _spread(values: npt.NDArray, where: Flags, missing: Any) -> npt.NDArray:

@@ -8,14 +8,15 @@ began. For a specification known only by its label, the target is the log odds o
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import isfinite
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from core.channels import N_CHANNELS
+from core.channels import LATERAL, Dictionary
 from core.kernels import peak_ridge as kernels
 from core.kernels.compiled import entry
 from core.kernels.peak_ridge import LOST, PHASE, PeakWeights, begin, update
+from core.limits.limits import Envelope
 from core.monitor.file.portable import Section
 from core.monitor.file.values import MOST_SAMPLES, check_array, check_count
 from core.monitor.peak_forecast import (
@@ -30,7 +31,6 @@ from core.monitor.peak_forecast import (
     lowest_within,
 )
 from core.monitor.predictor import PeakRidge
-from core.monitor.validity.flown_input import SURFACES
 from core.types import Array, Flags, Indices
 
 PENALTIES = 10.0 ** np.arange(-1, 5)
@@ -65,15 +65,23 @@ Fit = Callable[[Array, list[Array]], list[tuple[Array, float, float]]]
 class LearnedFlights:
     """Training flights, which calibration does not use.
 
-    y: (n, n_samples, 6), may be NaN after the failure.
+    y: (n, n_samples, n_channels), may be NaN after the failure.
     fail_index: (n,) first sample that fails, n_samples for a safe flight.
+    dictionary: of the channels.
     """
 
     y: Array
     fail_index: Indices
+    dictionary: Dictionary = LATERAL
 
     @classmethod
-    def of(cls, safe: Array, more: tuple[Array, Indices] | None, judged: bool) -> "LearnedFlights":
+    def of(
+        cls,
+        safe: Array,
+        more: tuple[Array, Indices] | None,
+        judged: bool,
+        dictionary: Dictionary = LATERAL,
+    ) -> "LearnedFlights":
         """Safe rollouts and more flights; only the safe ones of these if peaks are `judged`.
 
         The peak of a failing flight may be cut off, and safe flights alone give fewer false alarms.
@@ -88,15 +96,16 @@ class LearnedFlights:
         chosen = chosen[:MOST_FLIGHTS]
         safe = safe[: MOST_FLIGHTS - len(chosen)]
         lasting = np.full(len(safe), safe.shape[1])
-        return cls(np.concatenate([y[chosen], safe]), np.concatenate([fail_index[chosen], lasting]))
+        flights = np.concatenate([y[chosen], safe]), np.concatenate([fail_index[chosen], lasting])
+        return cls(*flights, dictionary)
 
 
 def fit_peaks(
-    predictor: PeakRidge, flights: LearnedFlights, limits: Array | None, window: int, dt: float
+    predictor: PeakRidge, flights: LearnedFlights, limits: Envelope | None, window: int, dt: float
 ) -> "RidgeForecast":
     """Fit the weights of each phase.
 
-    limits: (6,); None if failures are known only by fail_index.
+    limits: None if failures are known only by fail_index.
     window: samples to look ahead, 0 for the rest of the manoeuvre.   dt: [s].
     ValueError if flights do not show when their input begins, or if too few failed.
     """
@@ -106,14 +115,16 @@ def fit_peaks(
 def fit_windows(
     predictor: PeakRidge,
     flights: LearnedFlights,
-    limits: Array | None,
+    limits: Envelope | None,
     windows: list[int],
     dt: float,
 ) -> list["RidgeForecast"]:
     """As `fit_peaks` for several windows, which share the regressors."""
-    y, n_samples = flights.y, flights.y.shape[1]
-    surface, threshold = (-1, 0.0) if predictor.phase == "start" else _begin_of_input(y)
-    start, sign = _starts(y, surface, threshold)
+    y, (_, n_samples, n_channels) = flights.y, flights.y.shape
+    begin = Begin(-1, 0.0)
+    if predictor.phase == "input":
+        begin = _begin_of_input(y, flights.dictionary, limits)
+    start, sign = begin.of(y)
     if limits is None:
         fails = flights.fail_index < n_samples
         if min(fails.sum(), (~fails).sum()) < LEAST_OF_A_KIND:
@@ -125,7 +136,7 @@ def fit_windows(
         fit: Fit = _all_log_odds
         targets = [_fails_later(flights, window).astype(np.float64) for window in windows]
     else:
-        margin = np.abs(y / limits).max(axis=2)
+        margin = limits.margin(y)
         fit, targets = _margins, [_peak_later(margin, window) for window in windows]
     every = -(-n_samples // MOST_PHASES)
     reach = max(1, round(predictor.past_s / dt))
@@ -143,8 +154,8 @@ def fit_windows(
         x = samples.reshape(len(use), -1)
         fits = fit(x, [target[use, now[use]] for target in targets])
         for k, (coefficients, constant, deviation) in enumerate(fits):
-            phase_weights = np.zeros((n_past, N_CHANNELS))
-            phase_weights[: len(past)] = -coefficients.reshape(-1, N_CHANNELS)
+            phase_weights = np.zeros((n_past, n_channels))
+            phase_weights[: len(past)] = -coefficients.reshape(-1, n_channels)
             weights[k].append(phase_weights)
             offsets[k].append(-constant)
             deviations[k].append(deviation)
@@ -155,9 +166,7 @@ def fit_windows(
         )
     return [
         RidgeForecast(
-            PeakWeights(
-                np.array(phase_weights), np.array(offset), every, stride, surface, threshold
-            ),
+            PeakWeights(np.array(phase_weights), np.array(offset), every, stride, *begin),
             np.array(off) if window == 0 and limits is not None else None,
         )
         for window, phase_weights, offset, off in zip(
@@ -166,9 +175,41 @@ def fit_windows(
     ]
 
 
-def _begin_of_input(y: Array) -> tuple[int, float]:
-    """The surface that the input moves first, and the magnitude at which the input has begun."""
-    deflection = np.abs(y[:, :, list(SURFACES)])
+class Begin(NamedTuple):
+    """How the begin of the input shows; see PeakWeights."""
+
+    surface: int
+    threshold: float
+    rest: float = 0.0
+    mirrored: bool = True
+
+    def of(self, y: Array) -> tuple[Indices, Array]:
+        """Sample at which each flight's input begins, -1 if not visible; and its sign."""
+        n = np.arange(len(y))
+        if self.surface < 0:
+            return np.zeros(len(y), np.int64), np.ones(len(y))
+        moved = y[:, :, self.surface] - self.rest
+        begun = np.abs(moved) >= self.threshold
+        start = np.where(begun.any(axis=1) & ~begun[:, 0], begun.argmax(axis=1), -1)
+        return start, np.where((moved[n, start] > 0) | (not self.mirrored), 1.0, -1.0)
+
+
+def _begin_of_input(y: Array, dictionary: Dictionary, limits: Envelope | None) -> Begin:
+    """The control that the input moves first, and from where it counts as moved.
+
+    Flights are mirrored if nothing tells one side from the other: all channels are deviations from
+    trim, and limits are magnitudes.
+    """
+    controls = dictionary.of_role("control")
+    if not controls:
+        raise ValueError(
+            f"the dictionary {dictionary.name} has no control, so the begin of the input is not "
+            "visible: choose phase start"
+        )
+    mirrored = all(channel.reference == "trim" for channel in dictionary.channels)
+    mirrored &= limits is None or bool((limits.low == -limits.high).all())
+    rest = np.array([0.0 if mirrored else float(np.median(y[:, 0, c])) for c in controls])
+    deflection = np.abs(y[:, :, list(controls)] - rest)
     peak = np.median(np.nanmax(deflection, axis=1), axis=0)
     if not peak.any():
         raise ValueError(
@@ -176,20 +217,13 @@ def _begin_of_input(y: Array) -> tuple[int, float]:
             "phase start"
         )
     threshold = np.maximum(BEGUN * peak, VISIBLE * deflection[:, 0].std(axis=0))
-    first = [_starts(y, c, at)[0] for c, at in zip(SURFACES, threshold, strict=True)]
+    begins = [
+        Begin(*each, mirrored)
+        for each in zip(controls, threshold.tolist(), rest.tolist(), strict=True)
+    ]
+    first = [begin.of(y)[0] for begin in begins]
     mean = [starts[starts >= 0].mean() if (starts >= 0).any() else np.inf for starts in first]
-    k = int(np.where(peak >= MOVES * peak.max(), mean, np.inf).argmin())
-    return SURFACES[k], float(threshold[k])
-
-
-def _starts(y: Array, surface: int, threshold: float) -> tuple[Indices, Array]:
-    """Sample at which each flight's input begins, -1 if not visible; and its sign."""
-    n = np.arange(len(y))
-    if surface < 0:
-        return np.zeros(len(y), np.int64), np.ones(len(y))
-    begun = np.abs(y[:, :, surface]) >= threshold
-    start = np.where(begun.any(axis=1) & ~begun[:, 0], begun.argmax(axis=1), -1)
-    return start, np.where(y[n, start, surface] > 0, 1.0, -1.0)
+    return begins[int(np.where(peak >= MOVES * peak.max(), mean, np.inf).argmin())]
 
 
 def _peak_later(margin: Array, window: int) -> Array:
@@ -348,19 +382,19 @@ class RidgeForecast(PeakForecast):
         return RunningPeaks(self.peaks, dt, self.deviation)
 
     def begun_before(self, y: Array) -> Flags:
-        """(n,) whether flights have begun their input by their first sample, y (n, 6).
+        """(n,) whether flights have begun their input by their first sample, y (n, n_channels).
 
         Their forecast is lost.
         """
-        surface, threshold = self.peaks.surface, self.peaks.threshold
-        return (surface >= 0) & (np.abs(y[:, surface]) >= threshold)
+        surface, threshold, rest = self.peaks.surface, self.peaks.threshold, self.peaks.rest
+        return (surface >= 0) & (np.abs(y[:, surface] - rest) >= threshold)
 
     def follow(
         self, t: Array, y: Array, state: Indices, dt: float, neighbor_scores: Array
     ) -> ForecastScores:
         score, state = np.full(len(t), np.nan), state.copy()
         lost = kernels.follow(self.peaks, t, y, state, dt, score)
-        return ForecastScores(score, state, np.full((len(t), N_CHANNELS), np.nan), lost)
+        return ForecastScores(score, state, np.full(y.shape, np.nan), lost)
 
     def lowest_scores(self, y: Array, first: Indices, last: Indices) -> Array:
         return lowest_within(self.scores(y, last), last, first)
@@ -368,29 +402,35 @@ class RidgeForecast(PeakForecast):
     def scores(self, y: Array, last: Indices) -> Array:
         """Scores (n, n_samples) of samples 0..last of each flight; +inf for the rest.
 
-        y: (n, n_samples, 6), finite over samples 0..last.   last: (n,).
+        y: (n, n_samples, n_channels), finite over samples 0..last.   last: (n,).
         """
         return kernels.scores(self.peaks, y, last)
 
     def to_section(self) -> Section:
         header = self.peaks._asdict()
         arrays = {name: header.pop(name) for name in ("weights", "offset")}
+        if self.peaks.mirrored:
+            del header["rest"], header["mirrored"]
         if self.deviation is not None:
             arrays["deviation"] = self.deviation
         return Section(self.section, 1, True, header, arrays)
 
 
-def from_section(section: Section) -> RidgeForecast:
+def from_section(section: Section, dictionary: Dictionary = LATERAL) -> RidgeForecast:
     """Forecast from its section. ValueError if kernels cannot read it."""
     counts = {name: section.header[name] for name in ("every", "stride", "surface")}
-    threshold = section.header["threshold"]
+    threshold, rest = section.header["threshold"], section.header.get("rest", 0.0)
+    mirrored = section.header.get("mirrored", True)
     weights, offset = (np.ascontiguousarray(section.arrays[key]) for key in ("weights", "offset"))
     if type(threshold) is not float or not 0 <= threshold < np.inf:
         raise ValueError(f"peaks threshold is {threshold!r}")
-    if type(counts["surface"]) is not int or counts["surface"] not in (-1, *SURFACES):
+    if type(rest) is not float or not isfinite(rest) or type(mirrored) is not bool:
+        raise ValueError(f"peaks rest is {rest!r}, mirrored {mirrored!r}")
+    controls = dictionary.of_role("control")
+    if type(counts["surface"]) is not int or counts["surface"] not in (-1, *controls):
         raise ValueError(f"peaks surface is {counts['surface']!r}")
     n, n_past = max(len(offset), 1), weights.shape[1]
-    check_array("peaks weights", weights, (n, max(n_past, 1), N_CHANNELS))
+    check_array("peaks weights", weights, (n, max(n_past, 1), len(dictionary)))
     check_array("peaks offset", offset, (n,))
     for name in ("every", "stride"):
         check_count(f"peaks {name}", counts[name], 1)
@@ -399,5 +439,6 @@ def from_section(section: Section) -> RidgeForecast:
     deviation = section.arrays.get("deviation")
     if deviation is not None:
         check_array("peaks deviation", deviation, offset.shape, above=0)
-    peaks = PeakWeights(weights, offset, **counts, threshold=threshold)
+    begin = Begin(counts.pop("surface"), threshold, rest, mirrored)
+    peaks = PeakWeights(weights, offset, **counts, **begin._asdict())
     return RidgeForecast(peaks, deviation)

@@ -13,7 +13,6 @@ from core.monitor.observation import RowSource
 from core.recipe import family
 from core.types import Array
 
-N_OUTPUTS = 6
 BLOCK = 8192
 """Numbers per QR step: fits the cache, and too few for BLAS to start threads."""
 ROWS_A_TASK = 8192
@@ -39,8 +38,8 @@ class Predictor(ABC):
     def fit(self, o: RowSource, y_ahead: RowSource) -> Affine:
         """Fit the map.
 
-        o: (n, 6 * (n_delay + 1)) safe observations, the newest outputs last.
-        y_ahead: (n, 6) outputs t_early later; rows of NaN if the rollout ended earlier.
+        o: (n, n_channels * (n_delay + 1)) safe observations, the newest outputs last.
+        y_ahead: (n, n_channels) outputs t_early later; rows of NaN if the rollout ended earlier.
         Both may be larger than memory: read slices of rows.
         """
 
@@ -185,7 +184,8 @@ class LastOutput(Predictor):
     maps_to_outputs: ClassVar[bool] = True
 
     def fit(self, o: RowSource, y_ahead: RowSource) -> Affine:
-        return Affine(np.eye(o.shape[1])[:, -N_OUTPUTS:], np.zeros(N_OUTPUTS))
+        n_channels = y_ahead.shape[1]
+        return Affine(np.eye(o.shape[1])[:, -n_channels:], np.zeros(n_channels))
 
 
 @dataclass(frozen=True)

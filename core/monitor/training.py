@@ -8,13 +8,13 @@ import numpy as np
 
 from core import __version__
 from core.card import Card
-from core.channels import N_CHANNELS
+from core.channels import LATERAL
 from core.dataset import Dataset
 from core.kernels.assessing import Fitted, weighted_distances
 from core.kernels.mapping import map_samples
 from core.kernels.p_value import SIMPLE, Transduction
 from core.kernels.peak_risk import lowest_scores
-from core.limits.limits import magnitudes_of
+from core.limits.limits import envelope_of
 from core.monitor.ensemble import NeighborsAndPeak, halves
 from core.monitor.group import Groups, Pooled
 from core.monitor.monitor import Monitor, assemble
@@ -36,7 +36,7 @@ from core.monitor.validity.support import calibrate
 from core.types import Array, Indices
 
 Flights = tuple[Array, Indices, *tuple[Any, ...]]
-"""Outputs y (n, n_samples, 6), fail_index (n,), further items ignored."""
+"""Outputs y (n, n_samples, n_channels), fail_index (n,), further items ignored."""
 FreshFlights = Iterable[Flights]
 
 
@@ -44,7 +44,7 @@ class SafeObservations:
     """Scale and predictors fitted on a dataset's safe rollouts; each predictor is fitted once."""
 
     def __init__(self, dataset: Dataset, recipe: MonitorRecipe) -> None:
-        y, times, self.scale = dataset.safe, dataset.safe_times, np.ones(N_CHANNELS)
+        y, times, self.scale = dataset.safe, dataset.safe_times, np.ones(len(dataset.dictionary))
         if recipe.scaling != "raw":
             self.scale = channel_scale(Observations(y, times, 0, self.scale)[:])
         self._units = np.tile(self.scale, recipe.n_delay + 1)
@@ -77,9 +77,9 @@ def train(
     fresh: batches of fresh flights to calibrate validity on, see `with_validity`; without them the
     monitor cannot tell whether a flight resembles its training.
     card: test card, for predictors that need it, see core.planned_test.collection.card_of.
-    rollouts: y (n, n_samples, 6) and fail_index (n,), n_samples for a safe flight, of flights that
-    are not in the dataset. The predictor peak_ridge learns from them and the dataset's safe ones;
-    it needs them if the specification is known only by its label, see
+    rollouts: y (n, n_samples, n_channels) and fail_index (n,), n_samples for a safe flight, of
+    flights that are not in the dataset. The predictor peak_ridge learns from them and the dataset's
+    safe ones; it needs them if the specification is known only by its label, see
     core.planned_test.collection.training_rollouts.
     failures: y and fail_index of fresh failing flights, on which the predictor ensemble is
     calibrated as a whole, see core.planned_test.collection.combination_failures; safe flights among
@@ -97,10 +97,11 @@ def with_validity(monitor: Monitor, dataset: Dataset, fresh: FreshFlights) -> Mo
     """Return the monitor with calibrated validity and the statistics of flown inputs.
 
     dataset: its training dataset.
-    fresh: batches of y (n, n_samples, 6) and fail_index (n,), n_samples for a safe flight, that
-    neither trained nor tested it; reads only as many as needed.   SupportError.
+    fresh: batches of y (n, n_samples, n_channels) and fail_index (n,), n_samples for a safe flight,
+    that neither trained nor tested it; reads only as many as needed.   SupportError.
     """
-    reference, inputs = monitor.reference(fit_innovation(dataset)), FreshInputs(dataset.dt)
+    reference = monitor.reference(fit_innovation(dataset))
+    inputs = FreshInputs(dataset.dt, dataset.dictionary)
     support = calibrate(reference, dataset.safe.shape[1], _noted(fresh, inputs))
     return replace(monitor, support=support, inputs=inputs.support)
 
@@ -184,6 +185,7 @@ def _calibrated(
         seed=dataset.seed,
         version=__version__,
         specification=dataset.specification,
+        dictionary=dataset.dictionary,
     )
 
 
@@ -222,8 +224,9 @@ def _fit_forecast(
     """Forecast of the rest of the manoeuvre, of an ensemble its peak; None without one."""
     predictor, specification = recipe.predictor, dataset.specification
     if isinstance(predictor, PeakRidge):
-        limits = magnitudes_of(specification)
-        flights = LearnedFlights.of(dataset.safe, rollouts, judged=limits is not None)
+        limits = envelope_of(specification)
+        learned = dataset.safe, rollouts, limits is not None, dataset.dictionary
+        flights = LearnedFlights.of(*learned)
         return fit_peaks(predictor, flights, limits, recipe.score.window(h), dataset.dt)
     if predictor.forecast != "card":
         return None
@@ -254,6 +257,15 @@ def _transduction(
     return Transduction(points, unsafe, safe, start, alphas[timely], always, running).indexed()
 
 
+def _lateral_part(recipe: MonitorRecipe) -> str:
+    """Part of a recipe that only works with the lateral channels; empty for none."""
+    if recipe.predictor.forecast == "card":
+        return "the predictor response_filter"
+    if recipe.score.channel >= 0:
+        return "the score negative_magnitude"
+    return "" if isinstance(recipe.groups, Pooled) else "groups of failing flights"
+
+
 def check_lead(t_early: float, horizon: float) -> None:
     """Raise ValueError for a lead [s] that is not shorter than the manoeuvre [s]."""
     if t_early >= horizon:
@@ -266,6 +278,11 @@ def check_lead(t_early: float, horizon: float) -> None:
 def _check(dataset: Dataset, recipe: MonitorRecipe) -> None:
     if recipe.predictor.forecast == "members":
         raise ValueError(NOT_TRAINED)
+    if dataset.dictionary != LATERAL and (part := _lateral_part(recipe)):
+        raise ValueError(
+            f"{part} was given for the channels {', '.join(dataset.dictionary.keys)}: it "
+            f"knows only {', '.join(LATERAL.keys)}, choose another"
+        )
     if not len(dataset.unsafe) or not len(dataset.safe):
         raise ValueError(
             f"the dataset has {len(dataset.unsafe)} unsafe and {len(dataset.safe)} safe rollouts: "

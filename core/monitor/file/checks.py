@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from core.bounds import quoted
-from core.channels import N_CHANNELS
 from core.kernels.p_value import Transduction
 from core.monitor.file.values import check_alphas, check_array, check_count, is_count, is_number
 from core.monitor.observation import lead_steps
@@ -58,16 +57,17 @@ def check_arrays(
     exact: Transduction,
     header: Mapping[str, Any],
     arrays: Mapping[str, npt.NDArray[Any]],
+    n_channels: int,
 ) -> None:
     """Refuse arrays that do not fit together or hold impossible values."""
     d, n_parameters = len(affine.offset), len(header["theta_names"])
-    if recipe.predictor.maps_to_outputs and d != N_CHANNELS:
-        raise ValueError(f"its points have {d} entries instead of {N_CHANNELS}")
-    check_array("matrix", affine.matrix, (N_CHANNELS * (recipe.n_delay + 1), d))
+    if recipe.predictor.maps_to_outputs and d != n_channels:
+        raise ValueError(f"its points have {d} entries instead of {n_channels}")
+    check_array("matrix", affine.matrix, (n_channels * (recipe.n_delay + 1), d))
     check_array("offset", affine.offset, (d,))
-    check_array("scale", arrays["scale"], (N_CHANNELS,), above=0)
+    check_array("scale", arrays["scale"], (n_channels,), above=0)
     reach = arrays["training_max_abs"]
-    check_array("training_max_abs", reach, (N_CHANNELS,), least=0, finite=False)
+    check_array("training_max_abs", reach, (n_channels,), least=0, finite=False)
     for side in ("unsafe", "safe"):
         points, theta = arrays[f"{side}_points"], arrays[f"theta_{side}"]
         where, n = arrays[f"{side}_where"], len(points)
@@ -123,8 +123,10 @@ def _check_exact(recipe: MonitorRecipe, exact: Transduction, alphas: Array, d: i
 def check_specification(plain: object) -> None:
     """Refuse a specification that is neither limits by channel, nor a label, nor null."""
     if isinstance(plain, dict):
-        if wrong := [key for key, n in plain.items() if not (n is None or is_number(n))]:
-            raise ValueError(f"the limit of {wrong[0]!r} is {plain[wrong[0]]!r}")
+        for key, limit in plain.items():
+            numbers = limit.values() if isinstance(limit, dict) else [limit]
+            if not all(number is None or is_number(number) for number in numbers):
+                raise ValueError(f"the limit of {key!r} is {limit!r}")
     elif not (plain is None or isinstance(plain, str)):
         raise ValueError(f"its specification is {plain!r}")
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from core.channels import LATERAL, Dictionary
 from core.kernels.assessing import Fitted
 from core.kernels.p_value import SIMPLE, Transduction
 from core.limits.limits import specification_from_plain
@@ -59,7 +60,10 @@ def _rebuild(sections: Mapping[str, Section]) -> Monitor:
     affine = Affine(stored["matrix"], stored["offset"])
     exact = _exact(sections.get("transduction"))
     check_header(header, recipe)
-    check_arrays(recipe, affine, exact, header, arrays)
+    dictionary = LATERAL
+    if "dictionary" in sections:
+        dictionary = Dictionary.from_plain(sections["dictionary"].header)
+    check_arrays(recipe, affine, exact, header, arrays, len(dictionary))
     specification = sections["specification"].header["specification"]
     check_specification(specification)
     if "evaluation" in sections:
@@ -72,11 +76,12 @@ def _rebuild(sections: Mapping[str, Section]) -> Monitor:
         fitted=fitted,
         exact=exact.indexed() if recipe.is_exact else SIMPLE,
         theta_names=tuple(header["theta_names"]),
-        specification=specification_from_plain(specification),
-        support=validity and Support.from_section(validity, recipe.predictor.forecasts),
+        specification=specification_from_plain(specification, dictionary),
+        dictionary=dictionary,
+        support=validity and Support.from_section(validity, recipe.predictor.forecasts, dictionary),
         evaluation=dict(sections["evaluation"].header) if "evaluation" in sections else None,
-        inputs=inputs and InputSupport.from_section(inputs),
-        forecast=_forecast(sections, recipe, header["h"], fitted),
+        inputs=inputs and InputSupport.from_section(inputs, dictionary),
+        forecast=_forecast(sections, recipe, header["h"], fitted, dictionary),
         groups=_groups(sections.get("groups"), recipe),
         **{key: header[key] for key in portable.MONITOR_FIELDS} | {"dt": float(header["dt"])},
         **arrays,
@@ -93,7 +98,11 @@ def _exact(section: Section | None) -> Transduction:
 
 
 def _forecast(
-    sections: Mapping[str, Section], recipe: MonitorRecipe, h: int, fitted: Fitted
+    sections: Mapping[str, Section],
+    recipe: MonitorRecipe,
+    h: int,
+    fitted: Fitted,
+    dictionary: Dictionary,
 ) -> PeakForecast | None:
     """Forecast of the rest of the manoeuvre; None if the predictor makes none."""
     wanted = recipe.predictor.forecast
@@ -105,8 +114,9 @@ def _forecast(
     if wanted == "card":
         return response_filter.from_section(sections["card"], h, recipe.score)
     if wanted == "ensemble":
-        return ensemble.from_section(sections["ensemble"], fitted, recipe.n_delay)
-    return peak_ridge.from_section(sections["peaks"]) if wanted else None
+        section = sections["ensemble"]
+        return ensemble.from_section(section, fitted, recipe.n_delay, dictionary)
+    return peak_ridge.from_section(sections["peaks"], dictionary) if wanted else None
 
 
 def _groups(section: Section | None, recipe: MonitorRecipe) -> Groups | None:

@@ -27,6 +27,7 @@ FORMAT = 3
 VERSIONS = {
     "monitor": 1,
     "specification": 1,
+    "dictionary": 1,
     "transduction": 1,
     "validity": 2,
     "input": 1,

@@ -13,14 +13,14 @@ from typing import Any, Self
 
 import numpy as np
 
-from core.channels import CHANNELS, KEYS, Channel
+from core.channels import LATERAL, Channel, Dictionary
 from core.monitor.file.portable import Section
 from core.monitor.file.values import check_array
 from core.monitor.validity.input_shape import BEGUN, FreshShapes, InputShape, deflections
 from core.monitor.validity.support import LEVEL, WORST_LEVEL
 from core.types import Array, Flags, Indices
 
-SURFACES = (KEYS.index("delta_a"), KEYS.index("delta_r"))
+SURFACES = LATERAL.of_role("control")
 ARRAYS = {"surfaces": "surfaces", "planned": "usual", "safe": "safe", "unsafe": "unsafe"}
 """Arrays in the section of a monitor's file, and their fields of InputSupport."""
 SHAPE = "begun", "flights", "longest_s", "softest"
@@ -68,6 +68,7 @@ class InputSupport:
     failure, each measure sorted: peak [rad], largest deflection to the other side as a share of the
     peak, time beyond half the peak [s].
     shape: first direction, duration of holds and sharpness; None in older files.
+    dictionary: of the channels.
     """
 
     surfaces: Indices
@@ -75,11 +76,12 @@ class InputSupport:
     safe: Array
     unsafe: Array
     shape: InputShape | None = None
+    dictionary: Dictionary = LATERAL
 
     def check(self) -> None:
         k = len(self.surfaces)
         check_array("input surfaces", self.surfaces, (k,), np.int64)
-        if not set(self.surfaces.tolist()) <= set(SURFACES):
+        if not set(self.surfaces.tolist()) <= set(self.dictionary.of_role("control")):
             raise ValueError(f"input surfaces are {self.surfaces}")
         for name, array in (("safe", self.safe), ("unsafe", self.unsafe)):
             shape = len(array), k, len(MEASURES)
@@ -97,15 +99,17 @@ class InputSupport:
         return Section("input", 1, False, {}, arrays)
 
     @classmethod
-    def from_section(cls, section: Section) -> Self:
+    def from_section(cls, section: Section, dictionary: Dictionary = LATERAL) -> Self:
         """Rebuild it from its section. ValueError."""
         arrays: dict[str, Any] = {field: section.arrays[name] for name, field in ARRAYS.items()}
         if "begun" in section.arrays:
             k = len(arrays["surfaces"])
             older: dict[str, Any] = {"longest_s": np.empty((k, 0)), "softest": np.zeros(k)}
             known = {name: section.arrays[name] for name in SHAPE if name in section.arrays}
-            arrays["shape"] = InputShape(arrays["surfaces"], **(older | known))
-        support = cls(**arrays)
+            arrays["shape"] = InputShape(
+                arrays["surfaces"], **(older | known), dictionary=dictionary
+            )
+        support = cls(**arrays, dictionary=dictionary)
         support.check()
         return support
 
@@ -127,7 +131,7 @@ class InputSupport:
         )
 
     def _judged(self, k: int, values: Array, exceeded: bool, planned: float | None) -> FlownInput:
-        channel = CHANNELS[self.surfaces[k]]
+        channel = self.dictionary.channels[self.surfaces[k]]
         peers = (self.unsafe if exceeded else self.safe)[:, k]
         kind = "that exceed a limit" if exceeded else "without an exceedance"
         levels = [self._level(measure, len(peers)) for measure in MEASURES]
@@ -193,8 +197,9 @@ def measures(y: Array, last: Indices, dt: float, surfaces: Indices | Sequence[in
 class FreshInputs:
     """Gathers the surface movements of fresh flights, batch by batch."""
 
-    def __init__(self, dt: float) -> None:
-        self.dt = dt
+    def __init__(self, dt: float, dictionary: Dictionary = LATERAL) -> None:
+        self.dt, self.dictionary = dt, dictionary
+        self._controls = dictionary.of_role("control")
         self._measures: list[Array] = []
         self._fails: list[Flags] = []
         self._shapes: FreshShapes | None = None
@@ -202,10 +207,10 @@ class FreshInputs:
     def add(self, y: Array, fail_index: Indices) -> None:
         """Add a batch. y: (n, n_samples, 6).   fail_index: (n,), n_samples for a safe flight."""
         last = np.minimum(fail_index, y.shape[1] - 1)
-        values = measures(y, last, self.dt, SURFACES)
+        values = measures(y, last, self.dt, self._controls)
         if self._shapes is None:
             begun = BEGUN * np.median(values[..., PEAK], axis=0)
-            self._shapes = FreshShapes(SURFACES, begun, self.dt)
+            self._shapes = FreshShapes(self._controls, begun, self.dt, self.dictionary)
         self._shapes.add(y, last)
         self._measures.append(values)
         self._fails.append(fail_index < y.shape[1])
@@ -220,7 +225,12 @@ class FreshInputs:
         main = np.flatnonzero(usual >= MAIN * usual.max())
         safe, unsafe = (np.sort(values[kind][:, main], axis=0) for kind in (~fails, fails))
         return InputSupport(
-            np.array(SURFACES)[main], usual[main], safe, unsafe, self._shapes.shape(main)
+            np.array(self._controls)[main],
+            usual[main],
+            safe,
+            unsafe,
+            self._shapes.shape(main),
+            self.dictionary,
         )
 
 

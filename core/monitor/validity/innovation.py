@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from core.channels import N_CHANNELS
 from core.dataset import Dataset
-from core.kernels.deviation import N_RESPONSES, NO_INNOVATION, Innovation
+from core.kernels.deviation import NO_INNOVATION, Innovation
+from core.kernels.lanes import WIDTH
 from core.monitor.observation import channel_scale
 from core.monitor.predictor import PREDICTORS
 from core.types import Array
@@ -21,8 +21,6 @@ WINDOW_S = 0.5
 FINEST = 1e-3
 """Smallest deviation of an innovation, as a share of the channel's. For a channel that never moves,
 in its SI unit (N_y in g): 1 mrad, 1 mrad/s, 1 mg, about the resolution of a sensor."""
-NOW = slice(N_CHANNELS * N_PAST, N_CHANNELS * N_PAST + N_RESPONSES)
-"""Columns of the responses to forecast, within a sample and its past outputs."""
 MOST_SAMPLES = 200_000
 """Samples to fit, of safe and of unsafe rollouts each: enough for all significant digits."""
 
@@ -38,18 +36,22 @@ def fit_innovation(dataset: Dataset) -> Innovation:
     most = max(1, MOST_SAMPLES // dataset.safe.shape[1])
     flights = dataset.safe[:most], dataset.unsafe[:most]
     o = np.concatenate([_observations(y, spacing) for y in flights])
-    if not len(o):
+    if not len(o) or not dataset.dictionary.of_role("output"):
         return NO_INNOVATION
-    known, responses = np.delete(o, NOW, axis=1), o[:, NOW]
+    now = o.shape[1] - len(dataset.dictionary) + np.array(dataset.dictionary.of_role("output"))
+    known, responses = np.delete(o, now, axis=1), o[:, now]
     units, scale = channel_scale(known), channel_scale(responses)
     forecast = PREDICTORS["linear"].fit(known / units, responses).in_units(units)
     innovations = responses - (known @ forecast.matrix + forecast.offset)
     covariance = innovations.T @ innovations / len(innovations) + np.diag((FINEST * scale) ** 2)
-    residual_map = np.insert(-forecast.matrix, NOW.start, np.eye(N_RESPONSES), axis=0)
+    residual_map = np.zeros((o.shape[1], len(now)))
+    residual_map[np.delete(np.arange(len(residual_map)), now)] = -forecast.matrix
+    residual_map[now] = np.eye(len(now))
     white = np.linalg.inv(np.linalg.cholesky(covariance)).T
+    rest = -2 * len(now) % WIDTH
     return Innovation(
-        matrix=np.hstack([residual_map @ white, residual_map]),
-        offset=np.hstack([-forecast.offset @ white, -forecast.offset]),
+        matrix=np.hstack([residual_map @ white, residual_map, np.zeros((len(residual_map), rest))]),
+        offset=np.hstack([-forecast.offset @ white, -forecast.offset, np.zeros(rest)]),
         sigma=np.sqrt(np.diag(covariance)),
         n_past=N_PAST,
         spacing=spacing,
@@ -58,13 +60,13 @@ def fit_innovation(dataset: Dataset) -> Innovation:
 
 
 def _observations(y: Array, spacing: int) -> Array:
-    """(m, 6 * (N_PAST + 1)) each sample with enough history, with its past outputs.
+    """(m, n_channels * (N_PAST + 1)) each sample with enough history, with its past outputs.
 
-    y: (n, n_samples, 6), NaN after a failure.   The oldest outputs come first.
+    y: (n, n_samples, n_channels), NaN after a failure.   The oldest outputs come first.
     """
-    history = N_PAST * spacing
+    history, width = N_PAST * spacing, y.shape[2] * (N_PAST + 1)
     if y.shape[1] <= history:
-        return np.empty((0, N_CHANNELS * (N_PAST + 1)))
+        return np.empty((0, width))
     windows = sliding_window_view(y, history + 1, axis=1)[..., ::spacing].swapaxes(2, 3)
     known = np.isfinite(windows[:, :, -1]).all(axis=2)
-    return windows[known].reshape(-1, N_CHANNELS * (N_PAST + 1))
+    return windows[known].reshape(-1, width)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.channels import CHANNELS
+from core.channels import LATERAL, Dictionary
 from core.monitor.file.values import check_array
 from core.types import Array, Flags, Indices
 
@@ -97,6 +97,7 @@ class InputShape:
     longest_s: (k, m) duration that almost no flight exceeds, for holds 1..m [s]; empty in older
     files.
     softest: (k,) sharpness that almost no flight falls below; 0 in older files.
+    dictionary: of the channels.
 
     Among similar flights at most SIDE_LEVEL are flagged for their direction (in fact as few as
     among these flights), HOLD_LEVEL for their holds, and SOFT_LEVEL for a soft input.
@@ -107,6 +108,7 @@ class InputShape:
     flights: Indices
     longest_s: Array
     softest: Array
+    dictionary: Dictionary = LATERAL
 
     def check(self) -> None:
         k, m = len(self.surfaces), self.longest_s.shape[-1]
@@ -178,7 +180,7 @@ class InputShape:
         hold: its side, number and duration so far [s].
         """
         side, number, lasted = hold
-        n, channel = int(self._n[k]), CHANNELS[self.surfaces[k]]
+        n, channel = int(self._n[k]), self.dictionary.channels[self.surfaces[k]]
         side_name, other_side = ("positive", "negative") if side > 0 else ("negative", "positive")
         if number == 1 and self._untaken[k, int(side > 0)]:
             rest, chances = int(self.flights[k, int(side > 0)]), self.flights.size
@@ -276,8 +278,11 @@ class FreshShapes:
     surfaces: channel numbers.   begun: (k,) [rad].   dt: [s].
     """
 
-    def __init__(self, surfaces: Sequence[int], begun: Array, dt: float) -> None:
+    def __init__(
+        self, surfaces: Sequence[int], begun: Array, dt: float, dictionary: Dictionary = LATERAL
+    ) -> None:
         self._surfaces, self._begun, self._dt = surfaces, begun, dt
+        self._dictionary = dictionary
         self._flights = np.zeros((len(surfaces), 2), np.int64)
         self._longest: list[Array] = []
         self._softest: list[Array] = []
@@ -315,6 +320,7 @@ class FreshShapes:
             self._flights[main],
             np.maximum(bounds, 0.0),
             np.where(np.isfinite(soft), soft, 0.0),
+            self._dictionary,
         )
 
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from core.channels import CHANNELS
 from core.kernels.deviation import (
     COMPARED,
     DISTANCE,
@@ -25,7 +24,7 @@ def outside_training(
     """Where and how far a flight exceeds the bounds; empty for a flight within them.
 
     bounds: (2,) of the forecast error and of the distance.
-    outlier: (6,) forecast from the farthest observation; None or NaN for none.
+    outlier: (n_channels,) forecast from the farthest observation; None or NaN for none.
     """
     support, dt = basis.support, basis.reference.dt
     share = f"{100 * (1 - level / len(support.statistics)):.4g} % of fresh flights stay within"
@@ -57,7 +56,8 @@ def _off_forecasts(basis: ValidityBasis, deviation: Deviation) -> str:
     innovation, dt = basis.reference.innovation, basis.reference.dt
     size, when = deviation.peaks[SIZE, INNOVATION], deviation.peaks[WHEN, INNOVATION]
     c = int((deviation.responses / innovation.sigma).argmax())
-    channel, amount = CHANNELS[c], float(deviation.responses[c])
+    channel = basis.dictionary.channels[basis.dictionary.of_role("output")[c]]
+    amount = float(deviation.responses[c])
     return (
         f"the response to the surfaces was {size:.2f} sigma off its forecast over the "
         f"{innovation.window * dt:g} s to {when:.2f} s, mostly {channel.key} "
@@ -68,7 +68,7 @@ def _off_forecasts(basis: ValidityBasis, deviation: Deviation) -> str:
 def _off_forecast(
     basis: ValidityBasis, c: int, residual: float, when: float, bound: float, share: str
 ) -> str:
-    channel, amount = CHANNELS[c], residual * basis.support.sigma[c]
+    channel, amount = basis.dictionary.channels[c], residual * basis.support.sigma[c]
     if basis.training_max_abs[c] == 0:
         return (
             f"{channel.key} moved by {channel.read(amount)} at {when:.2f} s, but never in training"
@@ -86,7 +86,7 @@ def _mostly(basis: ValidityBasis, outlier: Array | None) -> str:
     apart = np.abs(basis.safe_points - outlier / basis.reference.scale)
     with np.errstate(over="ignore"):
         nearest = apart[np.square(apart).sum(axis=1).argmin()]
-    return f", mostly in forecast {CHANNELS[int(nearest.argmax())].key}"
+    return f", mostly in forecast {basis.dictionary.keys[int(nearest.argmax())]}"
 
 
 def too_little(basis: ValidityBasis, deviation: Deviation) -> list[str]:

@@ -7,14 +7,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from core.channels import N_CHANNELS
-from core.kernels.deviation import (
-    N_RESPONSES,
-    NO_INNOVATION,
-    Innovation,
-    Reference,
-    largest_so_far,
-)
+from core.channels import LATERAL, Dictionary
+from core.kernels.deviation import NO_INNOVATION, Innovation, Reference, largest_so_far
+from core.kernels.lanes import WIDTH
 from core.monitor.calibration import p_values
 from core.monitor.file.portable import Section
 from core.monitor.file.values import MOST_SAMPLES, check_array, check_count
@@ -45,7 +40,7 @@ class SupportError(ValueError):
 class Support:
     """How far fresh simulated flights deviate.
 
-    sigma: (6,) deviation of the monitor's forecast error on safe training rollouts, in the
+    sigma: (n_channels,) deviation of the monitor's forecast error on safe training rollouts, in the
     channels' units, used by older files; else NaN.
     safe, unsafe: (n, 2) largest forecast error [sigma] and distance [scaled units] of fresh flights
     that stayed safe, and of failing ones up to the failure; each column sorted.
@@ -72,20 +67,22 @@ class Support:
         return Section("validity", 2, True, header, arrays | innovation)
 
     @classmethod
-    def from_section(cls, section: Section, forecasts: bool) -> Self:
+    def from_section(
+        cls, section: Section, forecasts: bool, dictionary: Dictionary = LATERAL
+    ) -> Self:
         """Rebuild it from its section.
 
-        forecasts: whether the predictor of the monitor forecasts outputs.   ValueError for values
-        that are impossible or that kernels cannot read.
+        forecasts: whether the predictor of the monitor forecasts outputs.   dictionary: of its
+        channels.   ValueError for values that are impossible or that kernels cannot read.
         """
-        header, arrays, sigma = section.header, section.arrays, np.full(N_CHANNELS, np.nan)
+        header, arrays, sigma = section.header, section.arrays, np.full(len(dictionary), np.nan)
         for name in KINDS:
             shape = max(len(arrays[name]), 1), 2
             check_array(f"support {name}", arrays[name], shape, finite=False, ascending=True)
         check_count("support n_samples", header["n_samples"], 1, 2**53)
         if section.version == 1 and forecasts:
-            check_array("support sigma", sigma := arrays["sigma"], (N_CHANNELS,), above=0)
-        innovation = NO_INNOVATION if section.version == 1 else _innovation_of(section)
+            check_array("support sigma", sigma := arrays["sigma"], (len(dictionary),), above=0)
+        innovation = NO_INNOVATION if section.version == 1 else _innovation_of(section, dictionary)
         known: dict[str, Any] = {name: header[name] for name in FIELDS}
         known |= {name: arrays[name] for name in KINDS}
         support = cls(sigma=sigma, innovation=innovation, **known)
@@ -145,13 +142,15 @@ class Support:
         return bounds
 
 
-def _innovation_of(section: Section) -> Innovation:
+def _innovation_of(section: Section, dictionary: Dictionary) -> Innovation:
     """ValueError for a forecast that is impossible or that kernels cannot read."""
     counts: dict[str, Any] = {name: section.header[name] for name in INNOVATION_FIELDS}
     for name, number in counts.items():
         check_count(f"innovation {name}", number)
-    n_known = N_CHANNELS * (counts["n_past"] + 1) if counts["n_past"] else 0
-    shapes = (n_known, 2 * N_RESPONSES), (2 * N_RESPONSES,), (N_RESPONSES,)
+    n_known = len(dictionary) * (counts["n_past"] + 1) if counts["n_past"] else 0
+    n = len(dictionary.of_role("output")) if n_known else WIDTH // 2
+    width = -(-2 * n // WIDTH) * WIDTH
+    shapes = (n_known, width), (width,), (n,)
     arrays: list[Any] = [np.ascontiguousarray(section.arrays[k]) for k in INNOVATION_ARRAYS]
     for name, array, shape in zip(INNOVATION_ARRAYS, arrays, shapes, strict=True):
         check_array(f"innovation {name}", array, shape, above=0 if name == "sigma" else None)
@@ -165,8 +164,9 @@ def _innovation_of(section: Section) -> Innovation:
 class ValidityBasis:
     """Basis for judging a flight: a monitor's memory of its training.
 
-    training_max_abs: (6,) largest magnitude of each channel.   safe_points: (n, d) mapped.
+    training_max_abs: (n_channels,) largest magnitude of each channel.   safe_points: (n, d) mapped.
     input_shape: first direction and holds of inputs; None if unknown.
+    dictionary: of the channels.
     """
 
     support: Support
@@ -174,6 +174,7 @@ class ValidityBasis:
     training_max_abs: Array
     safe_points: Array
     input_shape: InputShape | None = None
+    dictionary: Dictionary = LATERAL
 
 
 def calibrate(

@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.channels import KEYS, N_CHANNELS
 from core.kernels.assessing import OK, STALE
 from core.kernels.compiled import entry
 from core.kernels.deviation import (
@@ -92,7 +91,7 @@ class Comparison(NamedTuple):
         return min(first + ([] if self.wrong is None else [self.wrong.sample]), default=None)
 
     def verdict(self, y_hat: Array, level: float | None = None) -> ValidityVerdict:
-        """y_hat: (n, 6) forecasts of the samples.   level: that of the support unless given."""
+        """y_hat: (n, n_channels) forecasts.   level: that of the support unless given."""
         at = int(self.deviation.peaks[AT, DISTANCE])
         outlier = y_hat[at] if at >= 0 else None
         return _verdict(self.basis, self.deviation, level, outlier, self.wrong)
@@ -108,9 +107,10 @@ def compare(
 ) -> Comparison:
     """Compare a whole manoeuvre with training.
 
-    t: (n,) [s].   y: (n, 6).   state: (n,) codes, not withdrawn.   near: (n,) nearest safe points,
-    -1 or None if unknown.   end: last sample that counts, the first that exceeds a limit if one
-    does, because failing flights are calibrated up to there.
+    t: (n,) [s].   y: (n, n_channels).   state: (n,) codes, not withdrawn.
+    near: (n,) nearest safe points, -1 or None if unknown.
+    end: last sample that counts, the first that exceeds a limit if one does, because failing
+    flights are calibrated up to there.
     Samples that were not assessed add nothing. A forecast is checked only if its sample and all
     samples it uses were assessed.
     """
@@ -140,7 +140,7 @@ class RunningValidity:
         self.basis = basis
         self.level = basis.support.check_level(level)
         self._residual_bound, self._distance_bound = basis.support.bounds(level).tolist()
-        self._history = np.zeros((n_before(basis.reference) + 1, N_CHANNELS))
+        self._history = np.zeros((n_before(basis.reference) + 1, len(basis.dictionary)))
         self._deviation: Deviation = begin(basis.reference)
         self._outlier: Array | None = None
         self._call = deviation_call(basis.reference, self._deviation, self._history)
@@ -152,7 +152,7 @@ class RunningValidity:
     def update(self, y: Array, assessment: Assessment, distance: float = np.nan) -> bool:
         """Judge the next sample. Returns whether the flight is invalid, now or earlier.
 
-        y: (6,) float64, contiguous.   assessment: of it, not withdrawn.
+        y: (n_channels,) float64, contiguous.   assessment: of it, not withdrawn.
         distance: from the nearest safe point; NaN if unknown or given in the assessment.
         """
         if assessment.nearest_safe is not None:
@@ -227,6 +227,7 @@ def _worst_row(basis: ValidityBasis, deviation: Deviation, bounds: Array) -> tup
         return DISTANCE, None
     if basis.reference.innovation.window:
         shares = deviation.responses / basis.reference.innovation.sigma
-        return INNOVATION, KEYS[int(shares.argmax())]
+        output = basis.dictionary.of_role("output")[int(shares.argmax())]
+        return INNOVATION, basis.dictionary.keys[output]
     worst = int(deviation.peaks[SIZE, :DISTANCE].argmax())
-    return worst, KEYS[worst]
+    return worst, basis.dictionary.keys[worst]

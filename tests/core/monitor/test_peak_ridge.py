@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 from core.dataset import Dataset
 from core.evaluation.rates import evaluate
 from core.kernels.peak_ridge import PeakWeights
-from core.limits.limits import Limits, magnitudes_of
+from core.limits.limits import Envelope, Limits, magnitudes_of
 from core.monitor import Monitor, MonitorRecipe, State, train
 from core.monitor.file.loading import from_bytes
 from core.monitor.file.portable import MonitorFileError, pack
@@ -123,6 +123,9 @@ def test_the_weights_are_least_squares_with_a_row_for_each_penalty():
     assert residual == pytest.approx(off(best))
 
 
+ONES = Envelope.of_magnitudes(np.ones(6))
+
+
 def linear_flights(n: int = 200) -> LearnedFlights:
     """Flights whose rudder moves at sample 3 and whose N_y at 8 is twice beta at sample 5."""
     rng = np.random.default_rng(1)
@@ -134,7 +137,7 @@ def linear_flights(n: int = 200) -> LearnedFlights:
 
 
 def test_a_peak_that_what_was_flown_decides_is_forecast_and_the_margin_scored():
-    limits = np.array([np.inf, np.inf, np.inf, 0.5, np.inf, np.inf])
+    limits = Limits(Ny=0.5).envelope
     flown = linear_flights()
     forecast = fit_peaks(PeakRidge(past_s=1.0), flown, limits, 0, 0.05)
     assert (forecast.peaks.surface, forecast.peaks.threshold) == (5, pytest.approx(0.01))
@@ -290,11 +293,9 @@ def test_what_cannot_be_learned_is_refused_with_what_to_do():
         train(dataset(), asked(), rollouts=(np.zeros((3, 5, 6)), np.zeros(3, np.int64)))
     still = linear_flights()
     with pytest.raises(ValueError, match=r"no surface moves.*choose phase start"):
-        fit_peaks(PeakRidge(), LearnedFlights(0 * still.y, still.fail_index), np.ones(6), 0, 0.05)
+        fit_peaks(PeakRidge(), LearnedFlights(0 * still.y, still.fail_index), ONES, 0, 0.05)
     with pytest.raises(ValueError, match="choose phase start"):
-        fit_peaks(
-            PeakRidge(), LearnedFlights(still.y[:, 4:], still.fail_index - 4), np.ones(6), 0, 0.05
-        )
+        fit_peaks(PeakRidge(), LearnedFlights(still.y[:, 4:], still.fail_index - 4), ONES, 0, 0.05)
     with pytest.raises(ValueError, match="choose input or start"):
         PeakRidge(phase="end")  # pyright: ignore[reportArgumentType]
 

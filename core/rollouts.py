@@ -1,0 +1,246 @@
+"""Labelled flights of any simulator, or flown ones: checked, and split by flight."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from hashlib import sha256
+
+import numpy as np
+import numpy.typing as npt
+
+from core.channels import DICTIONARIES, Dictionary, known_channels
+from core.limits.limits import IntervalLimits, Limits, Specification, envelope_of
+from core.recipe import instead_of
+from core.types import Array, Flags, Indices
+
+LABEL = "labels of the rollouts"
+"""Specification of rollouts whose failures are known by their label alone."""
+SEPARATES = 0.995
+"""A channel whose first sample ranks failing above safe flights this surely leaks the label."""
+FEWEST_RANKED = 20
+"""Flights of either kind needed to say that a channel leaks the label."""
+
+
+class RolloutsError(ValueError):
+    """Rollouts that cannot train a monitor."""
+
+
+@dataclass(frozen=True, eq=False)
+class LabelledFlights:
+    """Flights of one manoeuvre, sampled at dt [s] over one horizon.
+
+    y: (n, n_samples, n_channels) SI units, N_y and N_z in g; NaN after the failure.
+    fail_index: (n,) first sample that fails, n_samples for a safe flight.
+    theta: (n, n_parameters), no columns if unknown.
+    findings: what was left out or looks implausible, in words.
+    """
+
+    y: Array
+    fail_index: Indices
+    theta: Array
+    dt: float
+    dictionary: Dictionary
+    specification: Specification
+    theta_names: tuple[str, ...] = ()
+    findings: tuple[str, ...] = ()
+
+    @property
+    def fails(self) -> Flags:
+        return self.fail_index < self.y.shape[1]
+
+    def some(self, which: Flags | Indices) -> "LabelledFlights":
+        return replace(
+            self, y=self.y[which], fail_index=self.fail_index[which], theta=self.theta[which]
+        )
+
+    @classmethod
+    def of(
+        cls,
+        y: npt.ArrayLike,
+        *,
+        dt: float,
+        channels: Dictionary | Sequence[str],
+        fail_index: npt.ArrayLike | None = None,
+        limits: Limits | IntervalLimits | None = None,
+        theta: npt.ArrayLike | None = None,
+        theta_names: Sequence[str] = (),
+    ) -> "LabelledFlights":
+        """Check flights and label them.
+
+        y: (n, n_samples, n_channels) SI units, N_y and N_z in g; NaN after the end of a flight.
+        channels: a dictionary, or keys of the built-in ones.
+        fail_index: (n,) first sample that fails, -1 or n_samples for a safe flight. Without it,
+        limits tell; with both, the label wins and `findings` count the disagreements.
+        RolloutsError if the flights cannot train a monitor.
+        """
+        y = np.array(y, np.float64)
+        dictionary = channels if isinstance(channels, Dictionary) else dictionary_of(channels)
+        if y.ndim != 3 or y.shape[2] != len(dictionary) or min(y.shape[:2]) < 2:
+            raise RolloutsError(
+                f"y has shape {y.shape}: give (flights, samples, {len(dictionary)}), two or more "
+                f"flights and samples, channels {', '.join(dictionary.keys)}"
+            )
+        if not dt > 0:
+            raise RolloutsError(f"dt={dt} s was given: give a positive sample interval")
+        fail, findings = _labels(y, fail_index, limits)
+        theta = np.empty((len(y), 0)) if theta is None else np.array(theta, np.float64)
+        if theta.ndim != 2 or len(theta) != len(y):
+            raise RolloutsError(f"theta has shape {theta.shape}: give one row for each of {len(y)}")
+        names = tuple(theta_names) or tuple(f"theta_{k}" for k in range(1, theta.shape[1] + 1))
+        specification = LABEL if limits is None else limits
+        flights = cls(y, fail, theta, float(dt), dictionary, specification, names)
+        flights, cut = _of_one_length(flights)
+        flights, repeated = _without_duplicates(flights)
+        found = (*findings, *cut, *repeated, *_leaks(flights), *_one_setting(flights))
+        n_failed = int(flights.fails.sum())
+        if n_failed < 2 or n_failed > len(flights.y) - 2:
+            raise RolloutsError(
+                f"{n_failed} of {len(flights.y)} flights fail: a monitor needs two or more failing "
+                f"and two or more safe flights{''.join(f'; {text}' for text in found)}"
+            )
+        return replace(flights, findings=found)
+
+    def split(self, shares: Sequence[float], seed: int = 0) -> list["LabelledFlights"]:
+        """Disjoint parts by flight, with equal shares of failing flights.
+
+        Flights with the same parameters stay in one part.   shares: of each part, 1 in all.
+        """
+        rng, ends = np.random.default_rng(seed), np.cumsum(shares)
+        setting = np.arange(len(self.y))
+        if self.theta.shape[1]:
+            setting = np.unique(self.theta, axis=0, return_inverse=True)[1].reshape(-1)
+        part = np.empty(setting.max() + 1, np.int64)
+        failing = np.zeros(len(part), bool)
+        failing[setting[self.fails]] = True
+        for kind in (failing, ~failing):
+            those = rng.permutation(np.flatnonzero(kind))
+            place = (np.arange(len(those)) + 0.5) / max(len(those), 1)
+            part[those] = np.searchsorted(ends[:-1], place, side="right")
+        return [self.some(part[setting] == k) for k in range(len(ends))]
+
+
+def dictionary_of(keys: Sequence[str]) -> Dictionary:
+    """Dictionary of channels that the built-in ones know. RolloutsError names an unknown one."""
+    if keys := [str(key) for key in keys]:
+        for known in DICTIONARIES.values():
+            if list(known.keys) == keys:
+                return known
+    known = known_channels()
+    for key in keys:
+        if key not in known:
+            raise RolloutsError(
+                f"channel {key!r} is unknown: {instead_of(key, known)}, or give a Dictionary with "
+                "its unit"
+            )
+    try:
+        return Dictionary("own", tuple(known[key] for key in keys))
+    except ValueError as error:
+        raise RolloutsError(str(error)) from error
+
+
+def _labels(
+    y: Array, fail_index: npt.ArrayLike | None, limits: Limits | IntervalLimits | None
+) -> tuple[Indices, list[str]]:
+    """(n,) first failing sample, n_samples for none; and where labels and limits disagree."""
+    n, n_samples = y.shape[:2]
+    envelope = envelope_of(limits)
+    measured = None
+    if envelope is not None:
+        if len(envelope.low) != y.shape[2]:
+            raise RolloutsError("the limits are of other channels: give limits of these")
+        over = envelope.exceeds(y)
+        measured = np.where(over.any(axis=1), over.argmax(axis=1), n_samples)
+    if fail_index is None:
+        if measured is None:
+            raise RolloutsError("neither fail_index nor limits were given: give one of them")
+        return measured, []
+    fail = np.array(fail_index, np.int64)
+    if fail.shape != (n,) or (fail < -1).any() or (fail > n_samples).any():
+        raise RolloutsError(
+            f"fail_index has shape {fail.shape}, values {fail.min()} to {fail.max()}: give one for "
+            f"each of {n} flights, the first failing sample or -1"
+        )
+    fail = np.where(fail < 0, n_samples, fail)
+    if measured is None:
+        return fail, []
+    apart = np.flatnonzero((fail < n_samples) != (measured < n_samples))
+    earlier = np.flatnonzero(measured < fail)
+    texts = []
+    if len(apart):
+        texts.append(
+            f"label and limits disagree in {len(apart)} of {n} flights whether they fail: the "
+            "label counts"
+        )
+    if len(earlier):
+        texts.append(
+            f"{len(earlier)} of {n} flights exceed a limit before their label says so: the label "
+            "counts"
+        )
+    return fail, texts
+
+
+def _of_one_length(flights: LabelledFlights) -> tuple[LabelledFlights, list[str]]:
+    """Flights over the usual length of safe ones, without flights of unknown outcome."""
+    missing = np.any(np.isnan(flights.y), axis=2)
+    n_samples = flights.y.shape[1]
+    length = np.where(missing.any(axis=1), missing.argmax(axis=1), n_samples)
+    lengths, counts = np.unique(length[~flights.fails], return_counts=True)
+    if not len(lengths):
+        return flights, []
+    horizon, texts = int(lengths[counts.argmax()]), []
+    fail = np.where(flights.fail_index >= horizon, horizon, flights.fail_index)
+    fails = fail < horizon
+    short = ~fails & (length < horizon)
+    torn = fails & (length <= np.minimum(fail, horizon - 1))
+    if short.any():
+        texts.append(
+            f"{short.sum()} safe flights end before {horizon * flights.dt:g} s, so that their "
+            "outcome is unknown: left out"
+        )
+    if torn.any():
+        texts.append(f"{torn.sum()} failing flights have no value up to their failure: left out")
+    keep = ~(short | torn)
+    y = flights.y[keep, :horizon]
+    y[np.arange(horizon) > fail[keep, np.newaxis]] = np.nan
+    kept = replace(flights, y=y, fail_index=fail[keep], theta=flights.theta[keep])
+    return kept, texts
+
+
+def _without_duplicates(flights: LabelledFlights) -> tuple[LabelledFlights, list[str]]:
+    seen: set[bytes] = set()
+    keep = np.ones(len(flights.y), bool)
+    for k, y in enumerate(flights.y):
+        digest = sha256(np.ascontiguousarray(y).data).digest()
+        keep[k] = digest not in seen
+        seen.add(digest)
+    n = int((~keep).sum())
+    if not n:
+        return flights, []
+    return flights.some(keep), [f"{n} flights repeat another one: left out"]
+
+
+def _leaks(flights: LabelledFlights) -> list[str]:
+    """Channels that tell failing from safe flights at the first sample."""
+    fails = flights.fails
+    if min(fails.sum(), (~fails).sum()) < FEWEST_RANKED:
+        return []
+    texts = []
+    for c, channel in enumerate(flights.dictionary.channels):
+        first = flights.y[:, 0, c]
+        above = first[fails, np.newaxis] > first[~fails]
+        equal = first[fails, np.newaxis] == first[~fails]
+        share = float((above + 0.5 * equal).mean())
+        if not 1 - SEPARATES < share < SEPARATES:
+            texts.append(
+                f"the first sample of {channel.key} tells failing from safe flights: it may be "
+                "known only afterwards, leave the channel out"
+            )
+    return texts
+
+
+def _one_setting(flights: LabelledFlights) -> list[str]:
+    if not flights.theta.shape[1]:
+        return []
+    failing = np.unique(flights.theta[flights.fails], axis=0)
+    if len(failing) > 1 or len(np.unique(flights.theta, axis=0)) == 1:
+        return []
+    return ["all failing flights have the same parameters: the promise holds for these only"]
