@@ -72,7 +72,7 @@ class LabelledFlights:
         limits tell; with both, the label wins and `findings` count the disagreements.
         RolloutsError if the flights cannot train a monitor.
         """
-        y = np.array(y, np.float64)
+        y = np.array(y, np.float64, order="C")
         dictionary = channels if isinstance(channels, Dictionary) else dictionary_of(channels)
         if y.ndim != 3 or y.shape[2] != len(dictionary) or min(y.shape[:2]) < 2:
             raise RolloutsError(
@@ -199,7 +199,7 @@ def _of_one_length(flights: LabelledFlights) -> tuple[LabelledFlights, list[str]
     if torn.any():
         texts.append(f"{torn.sum()} failing flights have no value up to their failure: left out")
     keep = ~(short | torn)
-    y = flights.y[keep, :horizon]
+    y = np.ascontiguousarray(flights.y[keep, :horizon])
     y[np.arange(horizon) > fail[keep, np.newaxis]] = np.nan
     kept = replace(flights, y=y, fail_index=fail[keep], theta=flights.theta[keep])
     return kept, texts

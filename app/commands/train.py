@@ -2,29 +2,40 @@
 
 import argparse
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 
 from app.assessment.wording import PROMISED
-from app.commands.options.option import add_output
-from app.commands.options.recipe import add_recipe_options, plain_recipe, print_recipe
+from app.commands.options.option import add_output, option
+from app.commands.options.recipe import (
+    add_recipe_options,
+    limits_of,
+    monitor_options,
+    plain_recipe,
+    print_recipe,
+)
 from app.commands.output.results import check_file, print_result, progress_bar
 from app.jobs.requests import N_TEST
-from app.jobs.training import FlownTest, Training, simulate, train_and_test
-from app.recipes.recipes import dataset_for, from_plain
+from app.jobs.training import FlownTest, Training, simulate, train_and_test, train_on_flights
+from app.recipes import labels
+from app.recipes.recipes import RecipeError, dataset_for, from_plain, monitor_as_ordered
+from app.telemetry.rollouts import read_dictionary, read_rollouts
 from core.bounds import Bounds, check_bounds
 from core.dataset import Dataset
 from core.evaluation.certificate import warnings_of
+from core.evaluation.method_choice import THRESHOLD
 from core.evaluation.prevention import Prevention
 from core.evaluation.rates import Evaluation, clopper_pearson
 from core.evaluation.robustness import DIFFERENCES, by_aircraft
 from core.monitor import Monitor, MonitorRecipe
 from core.monitor.calibration import check_epsilon
+from core.monitor.recipe import METHODS
 from core.monitor.training import check_lead
 from core.planned_test.collection import DatasetRecipe
+from core.rollouts import LabelledFlights
 
 
 @dataclass(frozen=True)
@@ -42,10 +53,23 @@ class TrainingRecipe:
 
 def add(parser: argparse.ArgumentParser) -> None:
     add_recipe_options(parser, "n_test", of=TrainingRecipe, method=True)
+    own = parser.add_argument_group("own rollouts, instead of simulated ones")
+    option(
+        own,
+        "--rollouts SOURCE",
+        "flights of your simulator: a folder with a file for each, a table with a column flight, "
+        "or arrays y, dt, channels, units in npz, MATLAB or HDF5",
+        type=Path,
+    )
+    option(own, "--dictionary FILE", "channels as JSON or CSV: key, unit, role ...", type=Path)
     add_output(parser, "FILE", "file to write", Path("monitor.fwm"))
 
 
 def run(options: argparse.Namespace) -> int:
+    if options.rollouts is not None:
+        return run_on_rollouts(options)
+    if options.dictionary is not None:
+        raise RecipeError("--dictionary was given without --rollouts: give both")
     recipe = from_plain(TrainingRecipe(), plain_recipe(options))
     recipe = replace(recipe, dataset=dataset_for(recipe.monitor, recipe.dataset))
     if options.print_recipe:
@@ -60,6 +84,56 @@ def run(options: argparse.Namespace) -> int:
     text = f"{report(training)}\nwritten: {options.out}"
     print_result(options, text, summary(training) | {"file": str(options.out)})
     return 0
+
+
+def run_on_rollouts(options: argparse.Namespace) -> int:
+    plain = monitor_options(options)
+    recipe = from_plain(MonitorRecipe(), monitor_as_ordered(plain))
+    check_file(options.out)
+    dictionary = None if options.dictionary is None else read_dictionary(options.dictionary)
+    read = read_rollouts(options.rollouts, dictionary)
+    flights = LabelledFlights.of(
+        read.y,
+        dt=read.dt,
+        channels=read.dictionary,
+        fail_index=read.fail_index,
+        limits=limits_of(options.limit or (), read.dictionary, read.y),
+        theta=read.theta,
+    )
+    choose = not plain.keys() & {"predictor", "score"}
+    training = train_on_flights(flights, recipe, choose, lambda *_: None)
+    training.monitor.save(options.out)
+    lines = [*(f"note: {text}" for text in flights.findings), *method_lines(training)]
+    text = "\n".join([*lines, report(training), f"written: {options.out}"])
+    facts = summary(training) | {
+        "file": str(options.out),
+        "findings": list(flights.findings),
+        "methods": [asdict(counts) for counts in training.tried],
+    }
+    print_result(options, text, facts)
+    return 0
+
+
+def method_lines(training: Training) -> list[str]:
+    """The methods tried, and which one the monitor uses."""
+    if not training.tried:
+        return []
+    recipe, rows = training.monitor.recipe, []
+    for counts in training.tried:
+        chosen = METHODS.get(counts.name) == (recipe.predictor, recipe.score)
+        name = labels.METHODS.get(counts.name, counts.name)
+        rows.append(
+            f"  {counts.missed} of {counts.n_unsafe} failing flights missed, {counts.quiet} of "
+            f"{counts.n_safe} safe ones without an alert: {name}{' (chosen)' * chosen}"
+        )
+    best, plain = max(counts.power for counts in training.tried), training.tried[-1]
+    hopeless = plain.name == THRESHOLD and plain.power >= best
+    if hopeless:
+        rows.append(
+            "WARNING: no method is better than a threshold on today's value: expect no early "
+            "warning, and clear this point beforehand"
+        )
+    return ["methods, on flights that chose nothing else:", *rows]
 
 
 def summary(training: Training) -> dict[str, Any]:
@@ -116,6 +190,9 @@ def promise_lines(monitor: Monitor, test: FlownTest | None) -> list[str]:
 
 def _dataset_line(dataset: Dataset) -> str:
     recipe = dataset.recipe
+    if not recipe:
+        n_unsafe, n_safe = len(dataset.unsafe), len(dataset.safe)
+        return f"trained on {n_unsafe} failing and {n_safe} safe flights"
     plan = ", ".join(recipe[part]["kind"] for part in ("aircraft", "control_law", "maneuver"))
     return (
         f"simulated {len(dataset.unsafe)} unsafe and {dataset.n_safe_met} safe rollouts "
@@ -161,7 +238,7 @@ def test_lines(test: FlownTest, lead: float) -> list[str]:
         ),
         _share("P(fail | alert)", caught, caught + counts.false_alerts[0], "of alerts"),
         _lead_line(test.leads, lead),
-        *_prevention_lines(test.prevention),
+        *(_prevention_lines(test.prevention) if test.prevention else []),
         *(
             _robustness_line(DIFFERENCES[name].words, counts)
             for name, counts in test.robustness.items()

@@ -8,6 +8,12 @@ import numpy as np
 
 from app.recipes.recipes import simulated_test
 from core.dataset import Dataset
+from core.evaluation.method_choice import (
+    MethodCounts,
+    best_of,
+    plain_threshold,
+    try_methods,
+)
 from core.evaluation.prevention import Prevention, prevention
 from core.evaluation.rates import (
     EPSILONS,
@@ -33,13 +39,16 @@ from core.planned_test.collection import (
     fresh,
     stopping_flights,
 )
+from core.rollouts import LabelledFlights
 from core.seeds import Branch, stream
-from core.types import Array
+from core.types import Array, Indices
 
 Progress = Callable[[str, int, int], object]
 """Called with (message, done, total); an exception that it raises cancels the work."""
 
 LEAD_BINS = 20
+SHARES = (0.5, 0.15, 0.15, 0.2)
+"""Shares of own flights that train and calibrate, choose the method, calibrate validity, test."""
 CURVES = (
     "misses",
     "false_alerts",
@@ -62,7 +71,7 @@ class FlownTest:
 
     at_epsilon: counts at the monitor's own epsilon.   curves: counts over the grid of epsilons.
     leads: (n_unsafe,) time from the first alert to the failure [s], -inf without an alert.
-    prevention: the failures that its alerts prevent.
+    prevention: the failures that its alerts prevent; None if flights cannot be flown again.
     robustness: counts at its own epsilon on flights that differ from the planned test.
     groups: counts at its own epsilon on failing flights, by grouping and group name.
     """
@@ -71,7 +80,7 @@ class FlownTest:
     at_epsilon: Evaluation
     curves: Evaluation
     leads: Array
-    prevention: Prevention
+    prevention: Prevention | None = None
     robustness: dict[str, Evaluation] = field(default_factory=dict)
     groups: dict[str, dict[str, Evaluation]] = field(default_factory=dict)
 
@@ -87,7 +96,7 @@ class FlownTest:
             "at_epsilon": {key: values[0] for key, values in _curves(self.at_epsilon).items()},
             "curves": _curves(self.curves),
             "leads": _histogram(self.leads, monitor.lead, monitor.dt),
-            "prevention": _prevention(self.prevention),
+            **({"prevention": _prevention(self.prevention)} if self.prevention else {}),
             "robustness": {
                 name: {"words": DIFFERENCES[name].words, "n_unsafe": counts.n_unsafe}
                 | {"n_safe": counts.n_safe}
@@ -116,12 +125,14 @@ class Training:
 
     test: results on fresh flights, or None.
     not_calibrated: why validity is not calibrated; empty if it is.
+    tried: the methods among which this one was chosen, and a threshold, on other flights.
     """
 
     dataset: Dataset
     monitor: Monitor
     test: FlownTest | None = None
     not_calibrated: str = ""
+    tried: tuple[MethodCounts, ...] = ()
 
 
 def simulate(recipe: DatasetRecipe, progress: Progress) -> Dataset:
@@ -183,13 +194,17 @@ def with_test(
 ) -> tuple[Monitor, FlownTest]:
     """The monitor with its test on n fresh flights. unsafe_rate: of its planned test."""
     test = fly_test(monitor, recipe, n)
+    return _with_evaluation(monitor, test, n, unsafe_rate), test
+
+
+def _with_evaluation(monitor: Monitor, test: FlownTest, n: int, unsafe_rate: float) -> Monitor:
     evaluation = test.as_plain(n, monitor) | {
         "unsafe_rate": unsafe_rate,
         "seed": monitor.seed,
         "dataset_digest": monitor.dataset_digest,
         "version": monitor.version,
     }
-    return replace(monitor, evaluation=evaluation), test
+    return replace(monitor, evaluation=evaluation)
 
 
 def _with_validity(
@@ -215,26 +230,70 @@ def _counted(batches: Iterator[Rollouts], progress: Progress) -> Iterator[Rollou
 
 def fly_test(monitor: Monitor, recipe: DatasetRecipe, n: int) -> FlownTest:
     """Test a monitor on n fresh flights of a planned test and n of each difference from it."""
-    epsilon, flights = monitor.check_epsilon(), evaluation_flights(recipe, n)
+    flights = evaluation_flights(recipe, n)
+    test, alerts = _tested(monitor, flights.y, flights.fail_index)
+    prevented = prevention(
+        alerts,
+        flights.fail_index,
+        flights.y.shape[1],
+        monitor.dt,
+        stopping_flights(recipe, n),
+        stream(recipe.seed, Branch.REACTION),
+    )
+    return replace(test, prevention=prevented, robustness=robustness(monitor, recipe, n))
+
+
+def _tested(monitor: Monitor, y: Array, fail_index: Indices) -> tuple[FlownTest, Indices]:
+    """The counts on fresh flights, and the first alert of each."""
+    epsilon = monitor.check_epsilon()
     grid = EPSILONS[monitor.smallest_epsilon - 1e-9 <= EPSILONS]
-    both = evaluate(monitor, flights.y, flights.fail_index, np.append(grid, epsilon))
-    alerts, fails = first_alerts(monitor, flights.y, flights.fail_index), flights.fail_index
-    return FlownTest(
+    both = evaluate(monitor, y, fail_index, np.append(grid, epsilon))
+    alerts = first_alerts(monitor, y, fail_index)
+    test = FlownTest(
         epsilon=epsilon,
         at_epsilon=_part(both, slice(-1, None)),
         curves=_part(both, slice(0, -1)),
-        leads=leads(alerts, fails, flights.y.shape[1], monitor.dt),
-        prevention=prevention(
-            alerts,
-            fails,
-            flights.y.shape[1],
-            monitor.dt,
-            stopping_flights(recipe, n),
-            stream(recipe.seed, Branch.REACTION),
-        ),
-        robustness=robustness(monitor, recipe, n),
-        groups=evaluate_groups(monitor, flights.y, flights.fail_index),
+        leads=leads(alerts, fail_index, y.shape[1], monitor.dt),
+        groups=evaluate_groups(monitor, y, fail_index),
     )
+    return test, alerts
+
+
+def train_on_flights(
+    flights: LabelledFlights, recipe: MonitorRecipe, choose: bool, progress: Progress, seed: int = 0
+) -> Training:
+    """Train a monitor on flights of any simulator, split by flight into SHARES.
+
+    choose: choose the method by the second part; else that of the recipe is used.
+    """
+    learning, choosing, checking, testing = flights.split(SHARES, seed)
+    dataset = Dataset.from_flights(learning, seed=seed)
+    progress("training", 0, 2)
+    tried: list[MethodCounts] = []
+    if choose:
+        methods = try_methods(dataset, choosing, recipe, checking)
+        if not methods:
+            raise ValueError(
+                f"no method can be trained on {len(dataset.unsafe)} failing and "
+                f"{len(dataset.safe)} safe flights: give more, or raise epsilon"
+            )
+        tried = [counts for _, counts in methods.values()]
+        monitor = methods[best_of(tried, recipe.epsilon).name][0]
+        if (plain := plain_threshold(dataset, choosing, recipe)) is not None:
+            tried.append(plain)
+    else:
+        monitor = train(dataset, recipe, rollouts=(checking.y, checking.fail_index))
+        monitor.check_epsilon()
+    not_calibrated = ""
+    try:
+        monitor = with_validity(monitor, dataset, [(checking.y, checking.fail_index)])
+    except SupportError as error:
+        not_calibrated = str(error)
+    progress(f"testing on {len(testing.y)} held-out flights", 1, 2)
+    test, _ = _tested(monitor, testing.y, testing.fail_index)
+    monitor = _with_evaluation(monitor, test, len(testing.y), float(flights.fails.mean()))
+    progress("done", 2, 2)
+    return Training(dataset, monitor, test, not_calibrated, tuple(tried))
 
 
 def _prevention(result: Prevention) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from core.channels import LATERAL
 from core.monitor.group import GROUPINGS, members
 from core.monitor.monitor import Monitor
 from core.types import Array, Flags, Indices
@@ -231,8 +232,10 @@ def evaluate_groups(
 
     y, fail_index: as in `evaluate`.   epsilon: default: the monitor's own.
     Groupings with fewer than two groups of these flights are left out. For a monitor calibrated by
-    groups, its own groups are used.
+    groups, its own groups are used. They are defined for the lateral channels only.
     """
+    if monitor.dictionary != LATERAL:
+        return {}
     at, fails = np.array([monitor.check_epsilon(epsilon)]), fail_index < y.shape[1]
     y, fail_index = y[fails], fail_index[fails]
     own_groups, evaluations = monitor.groups, {}

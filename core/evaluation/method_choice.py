@@ -1,0 +1,118 @@
+"""Which method warns best for a test: by flights that chose nothing, beside a plain threshold."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from core.dataset import Dataset
+from core.evaluation.rates import evaluate
+from core.limits.limits import Envelope, envelope_of
+from core.monitor.calibration import alert_above, p_values
+from core.monitor.monitor import Monitor
+from core.monitor.observation import lead_steps
+from core.monitor.recipe import METHODS, MonitorRecipe
+from core.monitor.training import train
+from core.rollouts import LabelledFlights
+from core.types import Array, Indices
+
+OF_THE_CARD = "test_card"
+"""The method that needs a test card, which own rollouts lack."""
+THRESHOLD = "threshold on today's value"
+
+
+@dataclass(frozen=True)
+class MethodCounts:
+    """Flights on which a method was tried. name: key of METHODS, or THRESHOLD.
+
+    missed: failing flights without an alert in time.   quiet: safe flights, valid and without one.
+    """
+
+    name: str
+    missed: int
+    n_unsafe: int
+    quiet: int
+    n_safe: int
+
+    @property
+    def miss_rate(self) -> float:
+        return self.missed / max(self.n_unsafe, 1)
+
+    @property
+    def power(self) -> float:
+        return self.quiet / max(self.n_safe, 1)
+
+
+def try_methods(
+    dataset: Dataset, flights: LabelledFlights, recipe: MonitorRecipe, learning: LabelledFlights
+) -> dict[str, tuple[Monitor, MethodCounts]]:
+    """Each method that works without a test card, trained on a dataset and tried on flights.
+
+    recipe: of lead, epsilon and promise; its method does not matter.
+    learning: flights from which forecasts learn where only the label tells failures.
+    """
+    tried = {}
+    for name, (predictor, score) in METHODS.items():
+        if name == OF_THE_CARD:
+            continue
+        of_method = replace(recipe, predictor=predictor, score=score)
+        more = learning.y, learning.fail_index
+        try:
+            monitor = train(dataset, of_method, rollouts=more)
+            monitor.check_epsilon()
+        except ValueError:
+            continue  # such as a peak that too few failures teach
+        counts = evaluate(monitor, flights.y, flights.fail_index, np.array([recipe.epsilon]))
+        tried[name] = (
+            monitor,
+            MethodCounts(
+                name, int(counts.misses[0]), counts.n_unsafe, int(counts.quiet[0]), counts.n_safe
+            ),
+        )
+    return tried
+
+
+def best_of(counts: list[MethodCounts], epsilon: float) -> MethodCounts:
+    """The method with most quiet flights among those that do not miss surely more than epsilon.
+
+    The first one wins a tie within one standard error, because the order of METHODS is that of
+    robustness to flights unlike the planned ones.
+    """
+
+    def misses_more(count: MethodCounts) -> bool:
+        error = np.sqrt(epsilon * (1 - epsilon) / max(count.n_unsafe, 1))
+        return count.miss_rate > epsilon + 2 * error
+
+    within = [count for count in counts if not misses_more(count)] or counts
+    most = max(count.power for count in within)
+    error = np.sqrt(most * (1 - most) / max(within[0].n_safe, 1))
+    return next(count for count in within if count.power >= most - error)
+
+
+def plain_threshold(
+    dataset: Dataset, flights: LabelledFlights, recipe: MonitorRecipe
+) -> MethodCounts | None:
+    """A threshold on today's margin, calibrated like the monitors; None for labels alone."""
+    envelope = envelope_of(dataset.specification)
+    if envelope is None:
+        return None
+    h = lead_steps(recipe.t_early, dataset.dt)
+    alphas = np.sort(_scores(envelope, dataset.unsafe, dataset.fail_index - h))
+    above = alert_above(recipe.epsilon, len(alphas), recipe.guarantee)
+    fails = flights.fails
+    last = np.where(fails, flights.fail_index - h, flights.y.shape[1] - 1)
+    alerts = p_values(_scores(envelope, flights.y, last), alphas) > above
+    alerts &= last >= 0
+    return MethodCounts(
+        THRESHOLD,
+        int((~alerts[fails]).sum()),
+        int(fails.sum()),
+        int((~alerts[~fails]).sum()),
+        int((~fails).sum()),
+    )
+
+
+def _scores(envelope: Envelope, y: Array, last: Indices) -> Array:
+    """(n,) minus the largest margin of each flight over samples 0..last; +inf for none."""
+    margin = np.nan_to_num(envelope.margin(y), nan=-np.inf)
+    counts = np.arange(y.shape[1]) <= last[:, np.newaxis]
+    return -np.where(counts, margin, -np.inf).max(axis=1)
