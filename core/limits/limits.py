@@ -99,7 +99,7 @@ SPECIFICATIONS = {"limits": Limits()}
 
 
 @dataclass(frozen=True)
-class Interval:
+class SafeInterval:
     """The safe values of a channel, without the ends. None: no limit on that side.
 
     rest: value in trimmed flight, between the ends, from which margins count.
@@ -132,7 +132,7 @@ class IntervalLimits:
     """
 
     dictionary: Dictionary
-    intervals: Mapping[str, Interval]
+    intervals: Mapping[str, SafeInterval]
 
     def __post_init__(self) -> None:
         if not self.intervals:
@@ -187,4 +187,4 @@ def specification_from_plain(
         )
     if dictionary == LATERAL and not any(isinstance(limit, dict) for limit in plain.values()):
         return Limits(**{key: plain.get(key) for key in KEYS})
-    return IntervalLimits(dictionary, {key: Interval(**limit) for key, limit in plain.items()})
+    return IntervalLimits(dictionary, {key: SafeInterval(**limit) for key, limit in plain.items()})

@@ -8,7 +8,7 @@ import pytest
 from core.channels import LATERAL, Dictionary, channel
 from core.dataset import Dataset
 from core.evaluation.rates import evaluate
-from core.limits.limits import Envelope, Interval, IntervalLimits, Limits
+from core.limits.limits import Envelope, SafeInterval, IntervalLimits, Limits
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.file.loading import from_bytes
 from core.monitor.predictor import PREDICTORS
@@ -147,12 +147,12 @@ def test_magnitudes_are_intervals_around_zero() -> None:
 )
 def test_an_impossible_interval_is_refused(interval: dict[str, float], words: str) -> None:
     with pytest.raises(ValueError, match=words):
-        Interval(**interval)
+        SafeInterval(**interval)
 
 
 def test_limits_of_an_unknown_channel_are_refused_with_the_nearest() -> None:
     with pytest.raises(ValueError, match="did you mean alpha"):
-        IntervalLimits(DICTIONARY, {"alfa": Interval(high=0.3)})
+        IntervalLimits(DICTIONARY, {"alfa": SafeInterval(high=0.3)})
 
 
 # --- what a dictionary cannot have ----------------------------------------------------------------

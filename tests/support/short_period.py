@@ -6,7 +6,7 @@ It knows nothing of `core.simulation`. About a quarter of the flights exceed the
 import numpy as np
 
 from core.channels import Dictionary, channel
-from core.limits.limits import Interval, IntervalLimits
+from core.limits.limits import SafeInterval, IntervalLimits
 from core.types import Array
 
 DT, N_SAMPLES = 0.05, 81
@@ -19,7 +19,7 @@ DICTIONARY = Dictionary(
         channel("delta_e", "δ_e", "rad", "elevator", "control", "absolute"),
     ),
 )
-LIMITS = IntervalLimits(DICTIONARY, {"Nz": Interval(low=-1.1, high=2.9, rest=1.0)})
+LIMITS = IntervalLimits(DICTIONARY, {"Nz": SafeInterval(low=-1.1, high=2.9, rest=1.0)})
 
 
 def fly(rng: np.random.Generator, n: int) -> tuple[Array, Array]:

@@ -36,7 +36,7 @@ from app.recipes.recipes import (
 from app.telemetry.units import convert
 from core.channels import BY_KEY, KEYS, LATERAL, Channel, Dictionary
 from core.evaluation.study import StudyRecipe
-from core.limits.limits import Interval, IntervalLimits, Limits
+from core.limits.limits import SafeInterval, IntervalLimits, Limits
 from core.monitor import MonitorRecipe
 from core.planned_test.planned_test import DatasetRecipe
 from core.recipe import family_of, instead_of
@@ -251,7 +251,7 @@ def limits_of(
             most = _number(text, shared, channel, assignment)
             least = None if most is None else -most
         rest = float(np.nanmedian(y[:, 0, c])) if channel.reference == "absolute" else 0.0
-        intervals[key.strip()] = Interval(least, most, rest)
+        intervals[key.strip()] = SafeInterval(least, most, rest)
     if dictionary == LATERAL and all(each.low == -(each.high or 0) for each in intervals.values()):
         return Limits(**(dict.fromkeys(KEYS) | {k: each.high for k, each in intervals.items()}))
     return IntervalLimits(dictionary, intervals)

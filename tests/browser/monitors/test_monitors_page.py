@@ -12,7 +12,7 @@ from playwright.sync_api import Page, expect
 from app.catalog import catalog
 from app.store.store import Store
 from core.monitor import train
-from core.monitor.calibration import failures_needed
+from core.monitor.calibration import Guarantee, failures_needed
 from tests.browser.site import open_site
 
 SMALL = {"n_unsafe": 40, "seed": 5}
@@ -371,7 +371,8 @@ def test_texts_of_methods_and_of_datasets_of_one_recipe_are_read_in_a_narrow_win
 
 def test_the_form_knows_how_many_failures_an_epsilon_needs(page: Page, site: Site) -> None:
     page.goto(site.http)
-    cases = [(epsilon, words) for epsilon in (0.01, 0.02, 0.1, 0.3) for words in ("average", "95%")]
+    guarantees: tuple[Guarantee, ...] = ("average", "95%")
+    cases = [(epsilon, words) for epsilon in (0.01, 0.02, 0.1, 0.3) for words in guarantees]
     told = page.evaluate(
         """async (cases) => {
              const { neededFor } = await import("/js/monitors/train_form.js");
