@@ -8,7 +8,7 @@ import pytest
 from core.channels import LATERAL, Dictionary, channel
 from core.dataset import Dataset
 from core.evaluation.rates import evaluate
-from core.limits.limits import Envelope, SafeInterval, IntervalLimits, Limits
+from core.limits.limits import Envelope, IntervalLimits, Limits, SafeInterval
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.file.loading import from_bytes
 from core.monitor.predictor import PREDICTORS

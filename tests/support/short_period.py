@@ -6,7 +6,7 @@ It knows nothing of `core.simulation`. About a quarter of the flights exceed the
 import numpy as np
 
 from core.channels import Dictionary, channel
-from core.limits.limits import SafeInterval, IntervalLimits
+from core.limits.limits import IntervalLimits, SafeInterval
 from core.types import Array
 
 DT, N_SAMPLES = 0.05, 81

@@ -36,7 +36,7 @@ from app.recipes.recipes import (
 from app.telemetry.units import convert
 from core.channels import BY_KEY, KEYS, LATERAL, Channel, Dictionary
 from core.evaluation.study import StudyRecipe
-from core.limits.limits import SafeInterval, IntervalLimits, Limits
+from core.limits.limits import IntervalLimits, Limits, SafeInterval
 from core.monitor import MonitorRecipe
 from core.planned_test.planned_test import DatasetRecipe
 from core.recipe import family_of, instead_of

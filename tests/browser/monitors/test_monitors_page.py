@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import httpx2
@@ -372,7 +373,7 @@ def test_texts_of_methods_and_of_datasets_of_one_recipe_are_read_in_a_narrow_win
 def test_the_form_knows_how_many_failures_an_epsilon_needs(page: Page, site: Site) -> None:
     page.goto(site.http)
     guarantees: tuple[Guarantee, ...] = ("average", "95%")
-    cases = [(epsilon, words) for epsilon in (0.01, 0.02, 0.1, 0.3) for words in guarantees]
+    cases: list[tuple[float, Guarantee]] = list(product((0.01, 0.02, 0.1, 0.3), guarantees))
     told = page.evaluate(
         """async (cases) => {
              const { neededFor } = await import("/js/monitors/train_form.js");
