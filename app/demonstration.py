@@ -28,7 +28,7 @@ MONITOR = USUAL_MONITOR
 N_TEST = 1000
 SEED = 2
 LOOK_EVERY_S = 0.25
-KERNELS = 78
+KERNELS = 84
 """Kernels that training and flying the monitor compile; only the estimate depends on it."""
 FEW_KERNELS = 5
 LEAST_SHARE = 0.08
