@@ -128,7 +128,7 @@ def _calibrated(
     if recipe.predictor.forecast == "ensemble":
         numbers, calibrating = _apart(dataset, failures)
         unsafe, fail_index = unsafe[numbers], fail_index[numbers]
-        if rollouts is None and magnitudes_of(dataset.specification) is None:
+        if rollouts is None and envelope_of(dataset.specification) is None:
             rollouts = unsafe, fail_index  # labels are learned from failures too
     forecast = _fit_forecast(dataset, recipe, h, card, rollouts)
     safe = safe or SafeObservations(dataset, recipe)
