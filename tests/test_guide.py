@@ -71,7 +71,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("slug", ["first-monitor", "first-recording", "method"])
+@pytest.mark.parametrize("slug", ["first-monitor", "first-recording", "own-simulator", "method"])
 def test_commands_of_a_page_run(slug: str, folder: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(folder)
     assert commands(slug)
@@ -79,9 +79,13 @@ def test_commands_of_a_page_run(slug: str, folder: Path, monkeypatch: pytest.Mon
         assert main(["sample-flight"]) == 0
         lines = Path("flight.csv").read_text().splitlines()
         Path("rows.csv").write_text("\n".join(line.partition(",")[2] for line in lines))
+    if slug == "own-simulator":
+        make, use = blocks(slug, "python")
+        exec(make + use, {})
     for arguments in commands(slug):
+        small = [] if "--rollouts" in arguments else SMALL.get(arguments[0], [])
         if arguments[0] not in MINUTES:
-            assert main([*arguments, *SMALL.get(arguments[0], [])]) == 0, arguments
+            assert main([*arguments, *small]) == 0, arguments
 
 
 def test_commands_on_stored_data_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -48,7 +48,8 @@ Progress = Callable[[str, int, int], object]
 
 LEAD_BINS = 20
 SHARES = (0.5, 0.15, 0.15, 0.2)
-"""Shares of own flights that train and calibrate, choose the method, calibrate validity, test."""
+PARTS = "train and calibrate", "choose the method", "calibrate validity", "certify"
+"""Shares of own flights, and what each part does."""
 CURVES = (
     "misses",
     "false_alerts",
@@ -292,6 +293,9 @@ def train_on_flights(
     progress(f"testing on {len(testing.y)} held-out flights", 1, 2)
     test, _ = _tested(monitor, testing.y, testing.fail_index)
     monitor = _with_evaluation(monitor, test, len(testing.y), float(flights.fails.mean()))
+    parts = zip(PARTS, (learning, choosing, checking, testing), strict=True)
+    own = {"flights": {name: len(part.y) for name, part in parts}}
+    monitor = replace(monitor, evaluation=(monitor.evaluation or {}) | own)
     progress("done", 2, 2)
     return Training(dataset, monitor, test, not_calibrated, tuple(tried))
 

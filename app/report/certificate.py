@@ -9,6 +9,7 @@ from app.report.page import TEMPLATES, limited
 from core import __version__
 from core.evaluation.certificate import Share, certificate, miss_rate_of, warnings_of
 from core.evaluation.rates import clopper_pearson
+from core.limits.limits import IntervalLimits
 from core.monitor import Monitor
 from core.monitor.calibration import threshold
 from core.monitor.combination import members_of
@@ -44,6 +45,7 @@ def certificate_page(monitor: Monitor, name: str, digest: str, created: str = ""
         alerts_above=alerts_above(epsilon, monitor.alert_above(), monitor.recipe.guarantee),
         promised=PROMISED[monitor.recipe.guarantee],
         limits=limited(monitor.limits),
+        intervals=_intervals(monitor),
         summary=summary,
         evaluation=evaluation,
         false_alarm=Share(evaluation["at_epsilon"]["false_alerts"], evaluation["n_safe"])
@@ -61,6 +63,25 @@ def certificate_page(monitor: Monitor, name: str, digest: str, created: str = ""
         thresholds=_thresholds(monitor),
         version=__version__,
     )
+
+
+def _intervals(monitor: Monitor) -> list[str]:
+    """Limits that are intervals, or the label, in words; empty for magnitudes and unknown ones."""
+    specification = monitor.specification
+    if isinstance(specification, str):
+        return [f"known only by the {specification}"]
+    if not isinstance(specification, IntervalLimits):
+        return []
+    by_key = {channel.key: channel for channel in monitor.dictionary.channels}
+    return [
+        f"{by_key[key].label} {by_key[key].symbol} "
+        + " and ".join(
+            f"{word} {by_key[key].read(end)}"
+            for word, end in (("above", interval.low), ("below", interval.high))
+            if end is not None
+        )
+        for key, interval in specification.intervals.items()
+    ]
 
 
 def _thresholds(monitor: Monitor) -> list[tuple[str, float]]:

@@ -22,6 +22,7 @@ SLUGS = (
     "first-monitor",
     "first-recording",
     "first-live-flight",
+    "own-simulator",
     "campaigns",
     "alarms-and-keys",
     "limit-sets",

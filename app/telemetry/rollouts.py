@@ -7,7 +7,7 @@ names the flight of each row. Arrays are `y` (flights, samples, channels), `dt`,
 
 import csv
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +19,7 @@ import numpy.typing as npt
 from app.telemetry.contents import Columns
 from app.telemetry.reading import columns_of
 from app.telemetry.recording import TelemetryError
-from app.telemetry.units import convert, si_unit
+from app.telemetry.units import convert, si_unit, without_unit
 from core.channels import Channel, Dictionary, channel, known_channels
 from core.types import Array, Indices
 
@@ -180,8 +180,7 @@ def _folder(folder: Path) -> Iterator[_Flight]:
         raise TelemetryError(f"{folder} is empty: give a folder with one file for each flight")
     for path in files:
         with columns_of(path) as columns:
-            table = _table(columns, path)
-            yield _flight(table, columns, slice(None), path)
+            yield _flight(_table(columns, path), columns, slice(None), path)
 
 
 def _long_table(columns: Columns, path: Path) -> Iterator[_Flight]:
@@ -192,36 +191,41 @@ def _long_table(columns: Columns, path: Path) -> Iterator[_Flight]:
             f"{path} has no column that names the flight of a row: call it {FLIGHTS[0]}, or give a "
             "folder with one file for each flight"
         )
-    numbers = np.array(columns.values(flight))
+    numbers = np.array(columns.values(table.pop(flight)))
     order = np.argsort(numbers, kind="stable")
     ends = np.flatnonzero(np.diff(numbers[order])) + 1
     for rows in np.split(order, ends):
-        yield _flight([name for name in table if name != flight], columns, rows, path)
+        yield _flight(table, columns, rows, path)
 
 
-def _table(columns: Columns, path: Path) -> list[str]:
-    """Signals of the only group of a file."""
+def _table(columns: Columns, path: Path) -> dict[str, str]:
+    """Signals of the only group of a file, by their names without units."""
     signals = columns.contents.signals
     if len({signal.group for signal in signals}) != 1:
         raise TelemetryError(f"{path} has several tables: give one for each flight")
-    return [signal.name for signal in signals]
+    return {without_unit(signal.name): signal.name for signal in signals}
 
 
-def _flight(names: Sequence[str], columns: Columns, rows: slice | Indices, path: Path) -> _Flight:
-    time, label = _named(names, TIMES), _named(names, LABELS)
+def _flight(
+    table: Mapping[str, str], columns: Columns, rows: slice | Indices, path: Path
+) -> _Flight:
+    time, label = _named(table, TIMES), _named(table, LABELS)
     if time is None:
         raise TelemetryError(f"{path} has no column of times: call it t [s]")
-    t = convert(np.array(columns.values(time)[rows]), columns.signal(time).unit or "s", "s")
-    rest = [name for name in names if name not in (time, label)]
+
+    def values(name: str) -> Array:
+        return np.array(columns.values(table[name])[rows])
+
+    rest = [name for name in table if name not in (time, label)]
     return _Flight(
-        t,
-        {name: np.array(columns.values(name)[rows]) for name in rest},
-        {name: columns.signal(name).unit for name in rest},
-        None if label is None else np.array(columns.values(label)[rows]),
+        convert(values(time), columns.signal(table[time]).unit or "s", "s"),
+        {name: values(name) for name in rest},
+        {name: columns.signal(table[name]).unit for name in rest},
+        None if label is None else values(label),
     )
 
 
-def _named(names: Sequence[str], among: Sequence[str]) -> str | None:
+def _named(names: Iterable[str], among: Sequence[str]) -> str | None:
     return next((name for name in names if name.lower() in among), None)
 
 

@@ -270,6 +270,11 @@ def unit_in(name: str) -> str:
     return "" if unit.lower() in NOT_GIVEN else unit
 
 
+def without_unit(name: str) -> str:
+    """A name without the unit in brackets at its end."""
+    return re.sub(rf"\s*(?:{MARKED_UNIT.pattern})$", "", name) if unit_in(name) else name
+
+
 def unit_of_cell(cell: str) -> str:
     """Unit in a cell of a row of units: "[deg]", "(deg)" or "deg"; "" for a sign of none."""
     match = MARKED_UNIT.fullmatch(cell)

@@ -1,0 +1,291 @@
+"""Flights of somebody's own simulator, in the files that numpy, pandas and MATLAB write."""
+
+import json
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.io import savemat
+
+from app.cli import main
+from app.store.store import open_store
+from app.telemetry.recording import TelemetryError
+from app.telemetry.rollouts import read_dictionary, read_rollouts
+from core.channels import Dictionary
+from core.monitor import load
+from core.monitor.file.portable import MonitorFileError
+from core.types import Array
+from tests.support import short_period
+from tests.support.short_period import DICTIONARY, DT
+
+KEYS, N = ("alpha", "q", "Nz", "delta_e"), 6
+UNITS = ("deg", "deg/s", "g", "deg")
+TO_FILE = np.array([np.degrees(1.0), np.degrees(1.0), 1.0, np.degrees(1.0)])
+LABELS = np.array([-1, 40, -1, -1, 50, -1])
+
+
+def flights(n: int = N, seed: int = 1) -> Array:
+    return short_period.fly(np.random.default_rng(seed), n)[1]
+
+
+def arrays(y: Array, **more: object) -> dict[str, object]:
+    return {"y": y * TO_FILE, "dt": DT, "channels": KEYS, "units": UNITS, **more}
+
+
+def as_npz(folder: Path, y: Array) -> Path:
+    path = folder / "rollouts.npz"
+    np.savez(path, **arrays(y, fail_index=LABELS))  # pyright: ignore[reportArgumentType]
+    return path
+
+
+def as_matlab(folder: Path, y: Array) -> Path:
+    path = folder / "rollouts.mat"
+    cells = {
+        name: np.array(texts, object) for name, texts in (("channels", KEYS), ("units", UNITS))
+    }
+    savemat(path, arrays(y, fail_index=LABELS, **cells) | cells)
+    return path
+
+
+def as_hdf5(folder: Path, y: Array) -> Path:
+    path = folder / "rollouts.h5"
+    with h5py.File(path, "w") as file:
+        for name, value in arrays(y, fail_index=LABELS).items():
+            file[name] = list(value) if isinstance(value, tuple) else value
+    return path
+
+
+def table(y: Array, k: int) -> pd.DataFrame:
+    names = [f"{key} [{unit}]" for key, unit in zip(KEYS, UNITS, strict=True)]
+    frame = pd.DataFrame(y[k] * TO_FILE, columns=names)
+    frame.insert(0, "t [s]", DT * np.arange(len(frame)))
+    frame["unsafe"] = (LABELS[k] >= 0) & (np.arange(len(frame)) >= LABELS[k])
+    return frame.astype({"unsafe": float})
+
+
+def as_folder(folder: Path, y: Array) -> Path:
+    place = folder / "flights"
+    place.mkdir()
+    for k in range(len(y)):
+        table(y, k).to_csv(place / f"flight_{k:03}.csv", index=False)
+    return place
+
+
+def as_long_csv(folder: Path, y: Array) -> Path:
+    path = folder / "all.csv"
+    parts = [table(y, k).assign(flight=k) for k in range(len(y))]
+    pd.concat(parts).to_csv(path, index=False)
+    return path
+
+
+def as_long_parquet(folder: Path, y: Array) -> Path:
+    path = folder / "all.parquet"
+    parts = [table(y, k).assign(flight=k) for k in range(len(y))]
+    pd.concat(parts).to_parquet(path, index=False)
+    return path
+
+
+@pytest.mark.parametrize(
+    "write", [as_npz, as_matlab, as_hdf5, as_folder, as_long_csv, as_long_parquet]
+)
+def test_every_kind_of_source_gives_the_same_flights(
+    write: Callable[[Path, Array], Path], tmp_path: Path
+) -> None:
+    y = flights()
+    read = read_rollouts(write(tmp_path, y))
+    np.testing.assert_allclose(read.y, y, rtol=1e-9, atol=1e-9)
+    assert read.dt == pytest.approx(DT)
+    assert read.dictionary.keys == KEYS
+    assert [channel.unit for channel in read.dictionary.channels] == ["rad", "rad/s", "g", "rad"]
+    assert read.dictionary.of_role("control") == (3,)
+    assert read.fail_index is not None
+    assert read.fail_index.tolist() == LABELS.tolist()
+
+
+def test_a_label_of_the_whole_flight_fails_at_its_last_sample(tmp_path: Path) -> None:
+    y = flights()
+    y[1, 41:] = np.nan
+    path = tmp_path / "labels.npz"
+    np.savez(path, **arrays(y, unsafe=LABELS >= 0))  # pyright: ignore[reportArgumentType]
+    fail_index = read_rollouts(path).fail_index
+    assert fail_index is not None
+    assert fail_index.tolist() == [-1, 40, -1, -1, y.shape[1] - 1, -1]
+
+
+def test_a_dictionary_chooses_channels_and_their_roles(tmp_path: Path) -> None:
+    file = tmp_path / "mine.csv"
+    file.write_text("key,unit,role,label\nNz,g,output,load factor\nalpha,rad,control,vane\n")
+    dictionary = read_dictionary(file)
+    assert dictionary.channels[0].label == "load factor"
+    read = read_rollouts(as_npz(tmp_path, flights()), dictionary)
+    np.testing.assert_allclose(read.y, flights()[..., [2, 0]], rtol=1e-9)
+    as_json = tmp_path / "mine.json"
+    as_json.write_text(json.dumps(dictionary.to_plain()))
+    assert read_dictionary(as_json) == dictionary
+
+
+def test_names_in_greek_and_with_spaces_are_channels(tmp_path: Path) -> None:
+    path = tmp_path / "greek.npz"
+    np.savez(path, y=flights(), dt=DT, channels=("α", "pitch rate", "Nz", "stick"),
+             units=("rad", "rad/s", "g", "rad"), unsafe=LABELS >= 0)  # fmt: skip
+    assert read_rollouts(path).dictionary.keys == ("α", "pitch rate", "Nz", "stick")
+
+
+def no_time(folder: Path, y: Array) -> Path:
+    place = as_folder(folder, y)
+    file = place / "flight_000.csv"
+    pd.read_csv(file).drop(columns="t [s]").to_csv(file, index=False)
+    return place
+
+
+def two_rates(folder: Path, y: Array) -> Path:
+    place = as_folder(folder, y)
+    file = place / "flight_003.csv"
+    frame = pd.read_csv(file)
+    frame["t [s]"] *= 2
+    frame.to_csv(file, index=False)
+    return place
+
+
+def no_flight(folder: Path, y: Array) -> Path:
+    path = folder / "one.csv"
+    table(y, 0).to_csv(path, index=False)
+    return path
+
+
+def unknown_unit(folder: Path, y: Array) -> Path:
+    path = folder / "unit.npz"
+    np.savez(path, y=y, dt=DT, channels=("vane", *KEYS[1:]), units=("degg", "rad/s", "g", "rad"))
+    return path
+
+
+def no_interval(folder: Path, y: Array) -> Path:
+    path = folder / "dt.npz"
+    np.savez(path, y=y, channels=KEYS)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("write", "words"),
+    [
+        (lambda folder, y: folder / "absent", "no such file or folder"),
+        (lambda folder, y: folder, "is empty"),
+        (no_time, "no column of times"),
+        (two_rates, "1 of 6 flights are not sampled every 0.05 s"),
+        (no_flight, "no column that names the flight"),
+        (unknown_unit, "did you mean deg"),
+        (no_interval, "has no dt"),
+    ],
+)
+def test_a_source_that_cannot_be_used_says_what_to_do(
+    write: Callable[[Path, Array], Path], words: str, tmp_path: Path
+) -> None:
+    with pytest.raises(TelemetryError, match=words):
+        read_rollouts(write(tmp_path, flights()))
+
+
+def test_an_invalid_dictionary_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "bad.json"
+    file.write_text('[{"key": "alpha"}]')
+    with pytest.raises(TelemetryError, match="give key and unit"):
+        read_dictionary(file)
+
+
+# --- the command ----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("own") / "pitch.npz"
+    np.savez(path, **arrays(flights(1600)))  # pyright: ignore[reportArgumentType]
+    return path
+
+
+def test_the_command_trains_on_own_rollouts_and_says_how_well(
+    source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "pitch.fwm"
+    limit = ["--limit", "Nz=-1.1..2.9g"]
+    assert main(["train", "--rollouts", str(source), *limit, "--out", str(out), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    names = [counts["name"] for counts in facts["methods"]]
+    assert names == ["ensemble", "peak_ahead", "outputs_ahead", "threshold on today's value"]
+    at = facts["evaluation"]["at_epsilon"]
+    assert at["misses"] <= 0.25 * facts["evaluation"]["n_unsafe"]
+    assert facts["validity"] == "calibrated"
+    monitor = load(out)
+    assert monitor.dictionary.keys == DICTIONARY.keys
+    envelope = monitor.envelope
+    assert envelope is not None
+    assert (envelope.low[2], envelope.high[2]) == (-1.1, 2.9)
+    assert envelope.rest[2] == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_method_that_is_asked_for_is_used(
+    source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "pitch.fwm"
+    rest = ["--limit", "Nz=-1.1..2.9", "--predictor", "linear", "--out", str(out)]
+    assert main(["train", "--rollouts", str(source), *rest]) == 0
+    assert "methods" not in capsys.readouterr().out
+    assert load(out).forecast is None
+
+
+@pytest.mark.parametrize(
+    ("rest", "words"),
+    [
+        (["--limit", "Nz=x..2"], "write it as Nz=LOW..HIGH"),
+        (["--limit", "Nzz=2"], "did you mean Nz"),
+        (["--limit", "Nz=2deg"], "not a unit of this quantity"),
+        (["--limit", "Nz=..0.5"], "must be between"),
+        ([], "neither fail_index nor limits"),
+        (["--limit", "Nz=-9..90"], "0 of 1600 flights fail"),
+        (["--limit", "Nz=-1.1..2.9", "--epsilon", "0.001"], "no method can be trained"),
+    ],
+)
+def test_what_cannot_be_trained_is_one_clear_error(
+    rest: list[str], words: str, source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "none.fwm"
+    assert main(["train", "--rollouts", str(source), *rest, "--out", str(out)]) != 0
+    assert words in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_a_dictionary_without_rollouts_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "d.json"
+    file.write_text("[]")
+    assert main(["train", "--dictionary", str(file)]) != 0
+    assert "--rollouts" in capsys.readouterr().err
+
+
+def test_arrays_of_a_dictionary_need_each_of_its_channels(tmp_path: Path) -> None:
+    more = Dictionary("more", (*DICTIONARY.channels, DICTIONARY.channels[0].__class__(
+        "V", "V", "m/s", "airspeed", "kt", 1.94, 1)))  # fmt: skip
+    with pytest.raises(TelemetryError, match="no channel V"):
+        read_rollouts(as_npz(tmp_path, flights()), more)
+
+
+def test_what_knows_only_lateral_channels_refuses_the_monitor_by_name(
+    source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, flight = tmp_path / "pitch.fwm", tmp_path / "flight.csv"
+    method = ["--limit", "Nz=-1.1..2.9", "--predictor", "linear"]
+    assert main(["train", "--rollouts", str(source), *method, "--out", str(out)]) == 0
+    flight.write_text("t,beta\n0,0\n0.05,0\n")
+    assert main(["score", str(out), str(flight)]) != 0
+    assert "monitor of alpha, q, Nz, delta_e" in capsys.readouterr().err
+    store = open_store(tmp_path / "data")
+    with closing(store), pytest.raises(MonitorFileError, match="know only beta, p, r"):
+        store.monitors.add_file(out.read_bytes(), "pitch")
+    page = tmp_path / "certificate.html"
+    assert main(["certificate", str(out), "--out", str(page)]) == 0
+    text = page.read_text()
+    assert "normal acceleration N_z above -1.1 g and below 2.9 g" in text
+    assert "800 train and calibrate" in text
