@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from app import json_codec
-from core.channels import CHANNELS, KEYS
+from core.channels import CHANNELS, KEYS, Reference, Role
 from core.flight_events import Alarm, FlightLimits, FlightMarker, FlightMarkerKind
 from core.limits.exceedance import ChannelExceedances, LatchedExceedance
 from core.limits.limits import Limits, Specification
@@ -47,6 +47,10 @@ class ChannelLimit(Message):
     display_unit: str = Field(description="unit that people read")
     display_factor: float = Field(description="factor from `unit` to `display_unit`")
     display_decimals: int = Field(description="meaningful decimals in `display_unit`")
+    role: Role = Field(description="outputs respond to controls")
+    reference: Reference = Field(description="whether values are deviations from trim")
+    largest: float | None = Field(description="magnitude that no aircraft reaches, in `unit`")
+    group: str = Field(description="strips of one group belong together")
     limit: float | None = Field(description="unsafe from this magnitude on, in `unit`")
 
 
