@@ -48,6 +48,7 @@ def certificate_page(monitor: Monitor, name: str, digest: str, created: str = ""
         intervals=_intervals(monitor),
         summary=summary,
         evaluation=evaluation,
+        flights=evaluation.get("flights", {}),
         false_alarm=Share(evaluation["at_epsilon"]["false_alerts"], evaluation["n_safe"])
         if evaluation["n_safe"]
         else None,

@@ -7,7 +7,7 @@ from core.monitor import Monitor
 from tests.app.upkeep.test_integrity import corrupt_pages
 from tests.faults.conftest import keep_monitor
 from tests.faults.server import running
-from tests.faults.test_full_disk import FLIGHTS, fly
+from tests.faults.test_full_disk import FLIGHTS, fly, until
 from tests.support.api import problem
 
 
@@ -21,8 +21,7 @@ def test_a_server_of_a_corrupted_database_starts_and_says_what_is_damaged(
     corrupt_pages(tmp_path / "forewarn.db")
     with running(tmp_path) as (process, client):
         assert client.get("/").status_code == 200
-        detail = problem(client.get("/readyz"), 503)
-        assert detail.startswith("the database is damaged")
+        until(lambda: problem(client.get("/readyz"), 503).startswith("the database is damaged"))
         (item,) = client.get("/api/v1/integrity").json()["damaged"]
         assert item["kind"] == "database"
         for refused in (

@@ -29,9 +29,12 @@ from tests.studies.campaign_study import (
     counted_each,
 )
 from tests.studies.foresight import Foresight
+from tests.studies.retraining import retrained
 from tests.studies.study_command import Progress, run_study
 
 RULES = "known", "identified", "calibrated"
+RETRAINED = "retrained"
+"""A monitor of the program for each aircraft as identified: 1 s of processor time each."""
 CEILING = "ceiling"
 AFFORDED = 0.25
 """Share of the safe points that may be lost."""
@@ -39,6 +42,8 @@ REFUSED = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, WITHOUT)
 """Chances of an exceedance before the flight from which a point is refused."""
 ABORTED = (0.04, 0.07, 0.1, 0.13, 0.16, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7, WITHOUT)
 """Chances in flight from which it is aborted."""
+LEAD_S = 0.5
+"""Lead of the monitors: of the reaction, and of the motion that goes on."""
 WINDOWS_S = 1.0, 1.5, 10.0
 """Times to look ahead in flight; the last one is the rest."""
 N_CANDIDATES, N_RESAMPLED = 64, 1000
@@ -67,7 +72,10 @@ class CeilingRecipe:
 
     def __post_init__(self) -> None:
         check_bounds(self)
-        for kind, given, known in (("test", self.tests, TESTS), ("rule", self.rules, RULES)):
+        for kind, given, known in (
+            ("test", self.tests, TESTS),
+            ("rule", self.rules, (*RULES, RETRAINED)),
+        ):
             if unknown := [name for name in given if name not in known]:
                 raise ValueError(f"{kind} {unknown[0]!r} was given: choose {', '.join(known)}")
 
@@ -135,6 +143,8 @@ def ruled(build_up: FlownBuildUp, rule: str) -> list[tuple[PointOutcomes, ...]]:
     numbers = range(1, len(build_up.points))
     if rule == "calibrated":
         return [tuple(build_up.outcomes(number) for number in numbers)]
+    if rule == RETRAINED:
+        return [tuple(retrained(build_up, number, LEAD_S, REFUSED) for number in numbers)]
     foreseen = [_foreseen(build_up, number, rule) for number in numbers]
     return list(zip(*foreseen, strict=True))
 

@@ -29,7 +29,7 @@ FILE, PICTURE, EXAMPLE = (
     START / name for name in ("recording.json", "picture.svg", "example-flight.csv")
 )
 SOURCE = Simulated(kind="simulated", seed=2, outcome="unsafe")
-"""Alerted on 0.45 s before it exceeds its limit."""
+"""Alerted on 0.8 s before it exceeds its limit."""
 TITLE, MODE = "Demonstration", "demonstration recording"
 DIGITS = 6
 TICK_S = 0.01

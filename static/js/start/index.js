@@ -6,7 +6,7 @@ import { button, errorLine, h, link } from "../lib/dom.js";
 import { canFly, fittingMonitor, startFlight } from "../lib/monitors.js";
 
 const EXAMPLE = "example-flight.csv";
-const CAPTION = "Warned 0.45 s before the limit: lateral acceleration of a simulated F-16 in a rudder doublet.";
+const CAPTION = "Warned 0.80 s before the limit: lateral acceleration of a simulated F-16 in a rudder doublet.";
 
 export function show(element, { api, navigate }) {
   let closed = false;

@@ -12,7 +12,15 @@ from core.monitor import Monitor
 from tests.browser.chromium import wait_until
 from tests.browser.recorded_site import RecordedSite, open_recorded_site
 from tests.browser.site import Site, open_site
-from tests.support.demonstration_recording import EXAMPLE, FILE, MODE, PICTURE, example, picture
+from tests.support.demonstration_recording import (
+    EXAMPLE,
+    FILE,
+    MODE,
+    PICTURE,
+    START,
+    example,
+    picture,
+)
 
 STEPS_DONE = "document.querySelectorAll('.story li[data-done]').length"
 READY = {"phase": "ready", "step": "flying", "share": 1.0, "elapsed": 40.0, "remaining": 0.0}
@@ -60,10 +68,11 @@ def test_the_shipped_recording_is_small_and_warns_before_the_limit():
     assert FILE.stat().st_size < 300_000
     assert recording["hello"]["mode"] == MODE
     verdict = recording["headlines"][-1]["pair"][0]["verdict"]
-    assert verdict["lead"] == pytest.approx(0.45)
+    assert verdict["lead"] == pytest.approx(0.8)
     frames = recording["frames"]["whole"]
     assert {len(column) for column in frames.values()} == {121}
     assert picture(recording) == PICTURE.read_text()
+    assert f"Warned {verdict['lead']:.2f} s" in (START / "index.js").read_text()
     assert example(recording) == EXAMPLE.read_text()
 
 
@@ -72,7 +81,7 @@ def test_the_recording_plays_to_its_end_without_a_monitor(played: Page, fresh: S
     wait_until(played, f"{STEPS_DONE} > 0", 5)
     expect(played.locator(".mode")).to_have_text("DEMONSTRATION RECORDING")
     wait_until(played, f"{STEPS_DONE} === 3", 20)
-    expect(played.locator(".flight")).to_contain_text("Warned 0.45 s before the limit")
+    expect(played.locator(".flight")).to_contain_text("Warned 0.80 s before the limit")
     expect(played.get_by_role("button", name="Replay")).to_be_visible(timeout=20_000)
     expect(played.get_by_role("link", name="What next")).to_be_visible()
     expect(played.locator(".transport-time")).to_have_text("6.00 / 6.00 s")
