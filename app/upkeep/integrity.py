@@ -170,7 +170,8 @@ class Integrity:
     def check_all(self) -> None:
         """Check every page and every listed item. Stopped; StoreError."""
         pace = self._pace
-        self._note_pages(check_pages(self.store.engine, pace.stopped, pace.rest))
+        lines = check_pages(self.store.engine, pace.stopped, pace.rest)
+        self._note_pages(lines)
         self.n_checked = 0
         try:
             for item in all_items(self.store, self.files, self.unverified, pace.rest):
@@ -179,7 +180,7 @@ class Integrity:
                 self.n_checked += 1
                 pace.rest()
         except Damaged as error:
-            self._note_pages([str(error)])
+            self._note_pages([] if lines else [str(error)])
 
     def _run(self) -> None:
         if self._pace.stopped.wait(BEGIN_AFTER_S):
