@@ -42,6 +42,11 @@ class Format:
         return tuple(self.names.split())
 
 
+def files_of(folder: Path) -> list[Path]:
+    """The files of a folder in the order of their names, without hidden ones."""
+    return sorted(path for path in folder.iterdir() if path.is_file() and path.name[0] != ".")
+
+
 def format_of(path: Path, name: str) -> tuple[Format, tuple[str, ...]]:
     """The format of a file with the original name `name`, and notes on the choice.
 
@@ -135,6 +140,8 @@ PACKED = {
     )
 }
 """Messages by the first bytes of a file."""
+FOLDER = Format("folder", "folder of flights", "", lambda _: False, ".folder")
+"""A folder with one file for each flight, read as one long table."""
 FORMATS: dict[str, Format] = {
     known.key: known
     for known in (

@@ -4,14 +4,14 @@ import logging
 import shutil
 import stat
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from app.telemetry.contents import Columns, Contents, open_columns, printable
-from app.telemetry.formats import Format, format_of
+from app.telemetry.formats import FOLDER, Format, files_of, format_of
 from app.telemetry.readers import isolation
 from app.telemetry.recording import TelemetryError
 
@@ -54,35 +54,52 @@ def read_file(
     name = str(path) if name is None else name
     try:
         size = _size(path)
-        known, notes = format_of(path, name)
-        folder.mkdir()
-        try:
-            order = {
-                "path": str(path.absolute()),
-                "folder": str(folder.absolute()),
-                "reader": known.reader,
-                "extra": known.extra,
-                "notes": notes,
-                "seconds": limits.seconds * max(1.0, size / GIB),
-                "memory": limits.memory,
-                "most_bytes": limits.numbers_of(size),
-                "bad_share": limits.bad_share,
-            }
-            _check(isolation.carry_out(order), known, order)
-            return open_columns(folder).contents
-        except BaseException:
-            shutil.rmtree(folder, ignore_errors=True)
-            raise
+        return _read(path, folder, *format_of(path, name), size, limits)
     except TelemetryError as error:
         raise TelemetryError(printable(f"{name}: {error}", LONGEST_SENTENCE)) from None
 
 
+def _read(
+    path: Path,
+    folder: Path,
+    known: Format,
+    notes: Sequence[str],
+    size: int,
+    limits: ReadLimits,
+) -> Contents:
+    folder.mkdir()
+    try:
+        order = {
+            "path": str(path.absolute()),
+            "folder": str(folder.absolute()),
+            "reader": known.reader,
+            "extra": known.extra,
+            "notes": notes,
+            "seconds": limits.seconds * max(1.0, size / GIB),
+            "memory": limits.memory,
+            "most_bytes": limits.numbers_of(size),
+            "bad_share": limits.bad_share,
+        }
+        _check(isolation.carry_out(order), known, order)
+        return open_columns(folder).contents
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+
+
 @contextmanager
 def columns_of(path: Path) -> Iterator[Columns]:
-    """Open the columns of a file in a temporary folder; errors as in `read_file`."""
+    """Open the columns of a file in a temporary folder; errors as in `read_file`.
+
+    The files of a folder are read as one long table, see app.telemetry.readers.folder.
+    """
     with tempfile.TemporaryDirectory(prefix="forewarn-") as place:
         folder = Path(place) / "columns"
-        read_file(path, folder)
+        if path.is_dir():
+            size = sum(file.stat().st_size for file in files_of(path))
+            _read(path, folder, FOLDER, (), size, ReadLimits())
+        else:
+            read_file(path, folder)
         yield open_columns(folder)
 
 

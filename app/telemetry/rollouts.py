@@ -52,8 +52,6 @@ def read_rollouts(source: Path, dictionary: Dictionary | None = None) -> Rollout
 
     dictionary: of the channels to use; without it all signals are, known ones by their keys.
     """
-    if source.is_dir():
-        return _of_flights(_folder(source), dictionary, f"{source}")
     if not source.exists():
         raise TelemetryError(f"{source}: no such file or folder: give the rollouts")
     if source.suffix.lower() in ARRAYS and (arrays := _arrays(source)) is not None:
@@ -172,15 +170,6 @@ class _Flight:
     columns: Mapping[str, Array]
     units: Mapping[str, str]
     unsafe: Array | None
-
-
-def _folder(folder: Path) -> Iterator[_Flight]:
-    files = sorted(path for path in folder.iterdir() if path.is_file() and path.name[0] != ".")
-    if not files:
-        raise TelemetryError(f"{folder} is empty: give a folder with one file for each flight")
-    for path in files:
-        with columns_of(path) as columns:
-            yield _flight(_table(columns, path), columns, slice(None), path)
 
 
 def _long_table(columns: Columns, path: Path) -> Iterator[_Flight]:

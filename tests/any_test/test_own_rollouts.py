@@ -137,7 +137,7 @@ def test_names_in_greek_and_with_spaces_are_channels(tmp_path: Path) -> None:
 
 def no_time(folder: Path, y: Array) -> Path:
     place = as_folder(folder, y)
-    file = place / "flight_000.csv"
+    file = place / "flight_001.csv"
     pd.read_csv(file).drop(columns="t [s]").to_csv(file, index=False)
     return place
 
@@ -174,7 +174,7 @@ def no_interval(folder: Path, y: Array) -> Path:
     [
         (lambda folder, y: folder / "absent", "no such file or folder"),
         (lambda folder, y: folder, "is empty"),
-        (no_time, "no column of times"),
+        (no_time, "has no t .s., as flight_000"),
         (two_rates, "1 of 6 flights are not sampled every 0.05 s"),
         (no_flight, "no column that names the flight"),
         (unknown_unit, "did you mean deg"),
