@@ -207,15 +207,20 @@ LONGEST_REASON = 120
 def library_errors(title: str) -> Iterator[None]:
     """Turn any error of a library into one TelemetryError. title: kind of file.
 
-    Output and warnings are dropped. A missing library, too little memory and a full disk are not
-    faults of the file; their errors pass unchanged.
+    Output and warnings are dropped. A missing library and a full disk are not faults of the file;
+    their errors pass unchanged.
     """
     try:
         with warnings.catch_warnings(), redirect_stdout(io.StringIO()):
             warnings.simplefilter("ignore")
             yield
-    except (TelemetryError, ImportError, MemoryError):
+    except (TelemetryError, ImportError):
         raise
+    except MemoryError as error:
+        raise TelemetryError(
+            f"reading this {title} file needs more memory than available: export only the time "
+            "range and signals of this test"
+        ) from error
     except Exception as error:
         if isinstance(error, OSError) and error.errno in NO_ROOM:
             raise

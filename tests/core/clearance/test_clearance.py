@@ -255,14 +255,18 @@ def test_both_guarantees_hold_and_few_verdicts_depend_on_the_draws(name: str) ->
 @pytest.mark.fuzz
 @pytest.mark.parametrize("name", TESTS)
 def test_the_predicted_interval_covers_nine_of_ten_flown_peaks(name: str) -> None:
-    """Also with few draws, where plain quantiles would be too narrow."""
+    """Also with few draws, where plain quantiles would be too narrow.
+
+    On average over the draws too, which all aircraft of a computation share.
+    """
     points, rng = BuildUp.fractions(TESTS[name], (0.6,)), np.random.default_rng(20_263)
-    predictor, inside = PointPredictor(points, ClearanceRecipe(n_draws=16)), []
-    for _ in range(4):
-        theta = predictor.plant.sample(100, rng)
+    inside = []
+    for seed in range(24):
+        predictor = PointPredictor(points, ClearanceRecipe(n_draws=16, seed=seed))
+        theta = predictor.plant.sample(20, rng)
         _, peaks = predictor.following.fly(theta, rng)
         prediction = predictor.predict([step.fly(theta, rng)[0].y for step in predictor.steps])
         low, _, high = prediction.quantiles.T
         inside.append(((low <= peaks) & (peaks <= high)).mean())
-    # smallest and largest of 16: 15 of 17 hold, standard error .016; plain quantiles hold .794
+    # smallest and largest of 16: 15 of 17 hold, standard error .02; plain quantiles hold .794
     assert 0.835 <= np.mean(inside) <= 0.93
