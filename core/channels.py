@@ -117,7 +117,7 @@ class Dictionary:
 
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any]) -> Self:
-        """Rebuild it; a channel needs its key and unit. ValueError says what is wrong."""
+        """Rebuild it. ValueError if a channel lacks its key or unit, or has an unknown field."""
         return cls(str(plain["name"]), tuple(map(_channel_of, plain["channels"])))
 
 

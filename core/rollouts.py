@@ -120,10 +120,10 @@ class LabelledFlights:
 
 def dictionary_of(keys: Sequence[str]) -> Dictionary:
     """Dictionary of channels that the built-in ones know. RolloutsError names an unknown one."""
-    if keys := [str(key) for key in keys]:
-        for known in DICTIONARIES.values():
-            if list(known.keys) == keys:
-                return known
+    keys = tuple(map(str, keys))
+    for dictionary in DICTIONARIES.values():
+        if dictionary.keys == keys:
+            return dictionary
     known = known_channels()
     for key in keys:
         if key not in known:
@@ -187,10 +187,10 @@ def _of_one_length(flights: LabelledFlights) -> tuple[LabelledFlights, list[str]
     if not len(lengths):
         return flights, []
     horizon, texts = int(lengths[counts.argmax()]), []
-    fail = np.where(flights.fail_index >= horizon, horizon, flights.fail_index)
+    fail = np.minimum(flights.fail_index, horizon)
     fails = fail < horizon
     short = ~fails & (length < horizon)
-    torn = fails & (length <= np.minimum(fail, horizon - 1))
+    torn = fails & (length <= fail)
     if short.any():
         texts.append(
             f"{short.sum()} safe flights end before {horizon * flights.dt:g} s, so that their "

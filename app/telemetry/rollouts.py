@@ -240,9 +240,9 @@ def _of_flights(
                 f"{name}: flight {k + 1} has gaps or times out of order: export it again"
             )
         for c, known in enumerate(dictionary.channels):
-            column = _chosen(list(flight.columns), known.key, f"{name}, flight {k + 1}")
-            key = list(flight.columns)[column]
-            y[k, : len(flight.t), c] = _converted(flight.columns[key], flight.units[key], known)
+            _chosen(list(flight.columns), known.key, f"{name}, flight {k + 1}")
+            values, unit = flight.columns[known.key], flight.units[known.key]
+            y[k, : len(flight.t), c] = _converted(values, unit, known)
     return RolloutFile(y, dt, dictionary, _table_labels(read))
 
 

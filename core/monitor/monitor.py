@@ -447,7 +447,8 @@ class Stream:
         self.monitor = monitor
         self.alert_above = alert_above
         self._fitted, self._exact = monitor.fitted, monitor.exact
-        self._buffer = np.zeros((monitor.recipe.n_delay + 1, len(monitor.dictionary)))
+        self._shape = (len(monitor.dictionary),)
+        self._buffer = np.zeros((monitor.recipe.n_delay + 1, *self._shape))
         self._status = np.array([0, 0, -1, -1])
         self._clock = np.array([np.nan, np.inf, np.nan, np.nan, 0.0])
         self._point = np.empty(self._fitted.d)
@@ -473,7 +474,7 @@ class Stream:
         t: time [s].   y: (n_channels,) in order, SI units, N_y in g; NaN if unknown.
         """
         y = np.ascontiguousarray(y, np.float64)
-        if y.shape != self._buffer[0].shape:
+        if y.shape != self._shape:
             keys = self.monitor.dictionary.keys
             raise ValueError(
                 f"a sample of shape {y.shape} was given: give the {len(keys)} channels "
