@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from fractions import Fraction
 from itertools import product
 
 import numpy as np
@@ -20,6 +19,7 @@ from core.monitor.peak_forecast import PeakAhead
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
 from tests.support import oscillator
+from tests.support.highest_risk import check_highest_risk, forty_flights
 from tests.support.oscillator import DT, N_SAMPLES, TIMES, Array
 
 RECIPES = (
@@ -39,11 +39,7 @@ def members(dataset: Dataset) -> tuple[Monitor, ...]:
 
 @pytest.fixture(scope="module")
 def failures() -> tuple[Array, np.ndarray]:
-    """Forty fresh flights, one of which fails too early to be warned of."""
-    y = oscillator.fly(np.random.default_rng(21), 40)[1]
-    fails = oscillator.fail_indices(y)
-    fails[np.flatnonzero(fails < N_SAMPLES)[0]] = H - 1
-    return y, fails
+    return forty_flights(21, H)
 
 
 @pytest.fixture(scope="module")
@@ -57,27 +53,7 @@ def test_scores_and_risks_are_those_of_a_plain_loop(
     combination: Monitor,
     flights: Array,
 ) -> None:
-    def risks(y: Array) -> list[float]:
-        """Highest risk of the members, sample by sample, from their own streams."""
-        streams = [member.stream() for member in members]
-        return [
-            max(stream.update(t, sample).p_value or 0.0 for stream in streams)
-            for t, sample in zip(TIMES, y, strict=True)
-        ]
-
-    alphas = sorted(
-        -max(risks(y)[: last + 1], default=-math.inf)
-        for y, fail in zip(*failures, strict=True)
-        if fail < N_SAMPLES
-        for last in [fail - H]
-    )
-    assert combination.alphas.tolist() == alphas
-    assert (combination.n_early, alphas[-1]) == (1, math.inf)
-    for y in flights[:4]:
-        told = combination.assess(TIMES, y)
-        for risk, p in zip(risks(y), told.p_value, strict=True):
-            at_least = sum(alpha >= -risk for alpha in alphas)
-            assert p == float(Fraction(at_least + 1, len(alphas) + 1))
+    check_highest_risk(combination, members, failures, flights[:4])
 
 
 def test_a_stream_says_what_a_batch_says_also_over_gaps(

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from fractions import Fraction
 from itertools import product
 
 import numpy as np
@@ -25,6 +24,7 @@ from core.planned_test.collection import combination_failures
 from core.planned_test.planned_test import DatasetRecipe
 from core.seeds import Branch
 from tests.support import oscillator
+from tests.support.highest_risk import check_highest_risk, forty_flights
 from tests.support.oscillator import DT, N_SAMPLES, TIMES, Array
 
 EPSILON = 0.3
@@ -41,11 +41,7 @@ H = 5
 
 @pytest.fixture(scope="module")
 def failures() -> tuple[Array, np.ndarray]:
-    """Forty fresh flights, one of which fails too early to be warned of."""
-    y = oscillator.fly(np.random.default_rng(41), 40)[1]
-    fails = oscillator.fail_indices(y)
-    fails[np.flatnonzero(fails < N_SAMPLES)[0]] = H - 1
-    return y, fails
+    return forty_flights(41, H)
 
 
 @pytest.fixture(scope="module")
@@ -65,26 +61,7 @@ def test_the_risk_is_the_higher_one_of_both_parts_calibrated_on_fresh_failures(
     failures: tuple[Array, np.ndarray],
     flights: Array,
 ) -> None:
-    def risks(y: Array) -> list[float]:
-        streams = [part.stream() for part in parts]
-        return [
-            max(stream.update(t, sample).p_value or 0.0 for stream in streams)
-            for t, sample in zip(TIMES, y, strict=True)
-        ]
-
-    alphas = sorted(
-        -max(risks(y)[: last + 1], default=-math.inf)
-        for y, fail in zip(*failures, strict=True)
-        if fail < N_SAMPLES
-        for last in [fail - H]
-    )
-    assert monitor.alphas.tolist() == alphas
-    assert (monitor.n_early, alphas[-1]) == (1, math.inf)
-    for y in flights[:4]:
-        assessments = monitor.assess(TIMES, y)
-        for risk, p in zip(risks(y), assessments.p_value, strict=True):
-            at_least = sum(alpha >= -risk for alpha in alphas)
-            assert p == float(Fraction(at_least + 1, len(alphas) + 1))
+    check_highest_risk(monitor, parts, failures, flights[:4])
 
 
 def test_it_forecasts_the_outputs_of_the_linear_map_and_the_peak_of_its_part(
