@@ -8,16 +8,17 @@ does. `sent` and the heartbeat's `server_time` are times of the server.
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
+from math import isfinite
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from app import json_codec
-from core.channels import CHANNELS, KEYS, Reference, Role
+from core.channels import KEYS, Dictionary, Reference, Role
 from core.flight_events import Alarm, FlightLimits, FlightMarker, FlightMarkerKind
 from core.limits.exceedance import ChannelExceedances, LatchedExceedance
-from core.limits.limits import Limits, Specification
+from core.limits.limits import Envelope, Specification, envelope_of
 from core.monitor import Assessment
 from core.monitor.assessment import Cause, State
 from core.monitor.calibration import Guarantee
@@ -51,7 +52,10 @@ class ChannelLimit(Message):
     reference: Reference = Field(description="whether values are deviations from trim")
     largest: float | None = Field(description="magnitude that no aircraft reaches, in `unit`")
     group: str = Field(description="strips of one group belong together")
-    limit: float | None = Field(description="unsafe from this magnitude on, in `unit`")
+    low: float | None = Field(description="unsafe from this value down, in `unit`; null: no limit")
+    high: float | None = Field(description="unsafe from this value up; null: no limit")
+    rest: float = Field(description="value in trimmed flight, from which margins count")
+    limit: float | None = Field(description="`high` if it is -`low`; else null")
 
 
 class Verdict(Message):
@@ -582,7 +586,17 @@ def encode_frames(seq: int, frames: list[str], conflated: int) -> str:
     return f'{{"type":"frames","seq":{seq},"conflated":{conflated},"frames":[{",".join(frames)}]}}'
 
 
-def limited_channels(specification: Specification) -> list[ChannelLimit]:
-    """The telemetry dictionary with the limits of a specification."""
-    limits = asdict(specification) if isinstance(specification, Limits) else {}
-    return [ChannelLimit(**asdict(channel), limit=limits.get(channel.key)) for channel in CHANNELS]
+def limited_channels(dictionary: Dictionary, specification: Specification) -> list[ChannelLimit]:
+    """A telemetry dictionary with the limits of a specification."""
+    envelope = envelope_of(specification) or Envelope.unlimited(len(dictionary))
+    ends = zip(*(ends.tolist() for ends in envelope), strict=True)
+    return [
+        ChannelLimit(
+            **asdict(channel),
+            low=low if isfinite(low) else None,
+            high=high if isfinite(high) else None,
+            rest=rest,
+            limit=high if isfinite(high) and low == -high else None,
+        )
+        for channel, (low, high, rest) in zip(dictionary.channels, ends, strict=True)
+    ]

@@ -112,6 +112,16 @@ class Dictionary:
         """Positions of the channels with this role."""
         return tuple(k for k, known in enumerate(self.channels) if known.role == role)
 
+    @property
+    def stored(self) -> dict[str, Any] | None:
+        """As it is stored: None for the lateral channels, which older files do not name."""
+        return None if self == LATERAL else self.to_plain()
+
+    @classmethod
+    def from_stored(cls, stored: Mapping[str, Any] | None) -> "Dictionary":
+        """Reverse of `stored`.   ValueError."""
+        return LATERAL if stored is None else cls.from_plain(stored)
+
     def to_plain(self) -> dict[str, Any]:
         return {"name": self.name, "channels": [asdict(known) for known in self.channels]}
 

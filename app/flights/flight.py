@@ -355,7 +355,7 @@ class Flight(ABC):
         limits = self._plain_limits(ruling)
         record.append(LimitsFrom(t=since, limits=limits, seq=self.head + 1))
         self._ruling, self._held_since = ruling, since
-        channels = limited_channels(self._specification)
+        channels = limited_channels(self.plan.monitor.dictionary, self._specification)
         self._broadcast(LimitsChange(limits=self.limits, channels=channels).encode())
 
     def _plain_limits(self, ruling: Ruling | None) -> Any:
@@ -390,7 +390,7 @@ class Flight(ABC):
             flight=plan.id,
             name=plan.name,
             server_time=self.clock.utc(),
-            channels=limited_channels(self._specification),
+            channels=limited_channels(self.plan.monitor.dictionary, self._specification),
             epsilon=plan.epsilon,
             guarantee=monitor.recipe.guarantee,
             n_unsafe=monitor.n_unsafe,

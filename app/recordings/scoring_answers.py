@@ -13,8 +13,9 @@ from app.recordings.recordings import Recordings
 from app.recordings.samples import Samples
 from app.recordings.scored import ScoredRecordings
 from app.recordings.tiles import Window
+from app.store.monitors import MonitorInfo
 from app.store.scorings import ScoringInfo
-from core.channels import KEYS
+from core.channels import KEYS, Dictionary
 from core.limits.limits import specification_from_plain
 from core.monitor import Assessment, State
 from core.monitor.assessment import REASONS, STATES
@@ -37,14 +38,16 @@ def answers(
     used = [(info.monitor_id, info.epsilon) for info in infos]
     monitors = scored.store.monitors.used(used)
     return [
-        _answer(info, monitors[pair].warnings, verified or scored.verified(info))
+        _answer(info, monitors[pair], verified or scored.verified(info))
         | {"alert_above": monitors[pair].alert_above(info.epsilon)}
         for info, pair in zip(infos, used, strict=True)
     ]
 
 
-def _answer(info: ScoringInfo, warnings: list[str], verified: bool) -> dict[str, Any]:
-    specification = specification_from_plain(info.specification)
+def _answer(info: ScoringInfo, monitor: MonitorInfo, verified: bool) -> dict[str, Any]:
+    dictionary = Dictionary.from_stored(monitor.dictionary)
+    specification = specification_from_plain(info.specification, dictionary)
+    channels = limited_channels(dictionary, specification)
     plain = {key: value for key, value in asdict(info).items() if key not in OF_ITS_OWN}
     plain["manoeuvres"] = [
         manoeuvre
@@ -62,9 +65,9 @@ def _answer(info: ScoringInfo, warnings: list[str], verified: bool) -> dict[str,
         "damage": info.damage,
         "recording": info.recording_id,
         "monitor": info.monitor_id,
-        "warnings": warnings,
+        "warnings": monitor.warnings,
         "verified": verified,
-        "channels": [channel.model_dump() for channel in limited_channels(specification)],
+        "channels": [channel.model_dump() for channel in channels],
     }
 
 

@@ -14,7 +14,7 @@ from app.store.database import Damaged
 from app.store.repository import Entries, Entry, InUse, NotFound, Time
 from app.store.tables import dataset_blocks, datasets, monitors, new_id, now
 from core import __version__
-from core.channels import KEYS
+from core.channels import KEYS, Dictionary
 from core.dataset import Dataset
 from core.limits.limits import (
     PlainSpecification,
@@ -90,6 +90,8 @@ class DatasetInfo(Entry):
     """names of theta, the uncertain parameters"""
     specification: Annotated[PlainSpecification, Field(serialization_alias="limits")]
     """by channel; a label for limits known only by verdicts; null if unknown"""
+    dictionary: dict[str, Any] | None
+    """channels of its samples; null for the six lateral ones"""
     peaks: tuple[PeakHistogram, ...]
     """one histogram per limited channel"""
 
@@ -132,6 +134,7 @@ class DatasetRepository(Entries[DatasetInfo]):
             theta_names=tuple(dataset.theta_names),
             peaks=peak_histograms(dataset),
             specification=specification_to_plain(dataset.specification),
+            dictionary=dataset.dictionary.stored,
         )
         row = vars(info) | {"peaks": [asdict(peaks) for peaks in info.peaks]}
         self._add_in_parts(datasets, row, dataset_blocks, _blocks(info.id, dataset))
@@ -145,6 +148,7 @@ class DatasetRepository(Entries[DatasetInfo]):
                 name: from_blocks(_contents(connection, dataset_id, name), getattr(info, count))
                 for name, count in ROWS.items()
             }
+        dictionary = Dictionary.from_stored(info.dictionary)
         dataset = Dataset(
             **arrays,
             dt=info.dt,
@@ -152,7 +156,8 @@ class DatasetRepository(Entries[DatasetInfo]):
             n_safe_met=info.n_safe_met,
             seed=info.seed,
             recipe=info.recipe,
-            specification=specification_from_plain(info.specification),
+            specification=specification_from_plain(info.specification, dictionary),
+            dictionary=dictionary,
         )
         if dataset.digest() != info.digest:
             raise Damaged(

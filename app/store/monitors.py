@@ -92,6 +92,8 @@ class MonitorInfo(Entry):
     """default miss rate"""
     specification: Annotated[PlainSpecification, Field(serialization_alias="limits")]
     """by channel; a label for limits known only by verdicts; null if unknown"""
+    dictionary: dict[str, Any] | None
+    """channels of its samples; null for the six lateral ones"""
     support: SupportInfo | None
     """null if its validity is not calibrated: it cannot tell whether a flight resembles its
     training"""
@@ -152,6 +154,7 @@ class MonitorRepository(Entries[MonitorInfo]):
             recipe=to_plain(monitor.recipe),
             epsilon=monitor.recipe.epsilon,
             specification=specification_to_plain(monitor.specification),
+            dictionary=monitor.dictionary.stored,
             support=_support(monitor),
             warnings=warnings_of(monitor.evaluation, monitor.recipe.epsilon),
             **{name: getattr(monitor, name) for name in OWN},

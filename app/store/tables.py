@@ -125,6 +125,7 @@ datasets = Table(
     _plain("theta_names"),
     _plain("peaks"),
     _plain("specification", nullable=True),
+    _plain("dictionary", nullable=True),
 )
 
 dataset_blocks = Table(
@@ -157,6 +158,7 @@ monitors = Table(
     Column("epsilon", Float, nullable=False),
     _plain("evaluation", nullable=True),
     _plain("specification", nullable=True),
+    _plain("dictionary", nullable=True),
 )
 
 monitor_parts = Table(

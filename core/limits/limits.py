@@ -33,6 +33,10 @@ class Envelope(NamedTuple):
     def of_magnitudes(cls, limits: Array) -> "Envelope":
         return cls(-limits, limits, np.zeros_like(limits))
 
+    @classmethod
+    def unlimited(cls, n_channels: int) -> "Envelope":
+        return cls.of_magnitudes(np.full(n_channels, inf))
+
     def first_exceedance(self, y: Array) -> Indices:
         """First sample of each trajectory that exceeds a limit.
 
@@ -142,8 +146,7 @@ class IntervalLimits:
 
     @cached_property
     def envelope(self) -> Envelope:
-        n = len(self.dictionary)
-        envelope = Envelope(np.full(n, -inf), np.full(n, inf), np.zeros(n))
+        envelope = Envelope.unlimited(len(self.dictionary))
         for key, interval in self.intervals.items():
             c = self.dictionary.index(key)
             envelope.low[c], envelope.high[c] = interval.ends
