@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from app import json_codec
-from core.channels import KEYS, Dictionary, Reference, Role
+from core.channels import KEYS, MOST_CHANNELS, Dictionary, Reference, Role
 from core.flight_events import Alarm, FlightLimits, FlightMarker, FlightMarkerKind
 from core.limits.exceedance import ChannelExceedances, LatchedExceedance
 from core.limits.limits import Envelope, Specification, envelope_of
@@ -26,7 +26,7 @@ from core.monitor.peak_forecast import Ahead, NothingAhead, PeakAhead
 from core.monitor.status import Level, Status
 
 Mode = Literal["live", "replay", "simulated"]
-Outputs = Annotated[list[float | None], Field(min_length=6, max_length=6)]
+Outputs = Annotated[list[float | None], Field(min_length=1, max_length=MOST_CHANNELS)]
 
 
 class Message(BaseModel):

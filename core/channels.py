@@ -122,6 +122,15 @@ class Dictionary:
         """Reverse of `stored`.   ValueError."""
         return LATERAL if stored is None else cls.from_plain(stored)
 
+    @cached_property
+    def absolute(self) -> tuple[int, ...]:
+        """Positions of the channels that do not count from trim."""
+        return tuple(k for k, known in enumerate(self.channels) if known.reference == "absolute")
+
+    @cached_property
+    def by_key(self) -> dict[str, Channel]:
+        return {known.key: known for known in self.channels}
+
     def to_plain(self) -> dict[str, Any]:
         return {"name": self.name, "channels": [asdict(known) for known in self.channels]}
 

@@ -5,18 +5,18 @@ Start at `score`: it returns one table of samples and one verdict for each manoe
 
 from app.assessment.recorded import MissingChannels
 from app.assessment.score import manoeuvres_in, score, score_at_each
-from app.assessment.scored import BETWEEN, SAMPLE, ScoredManoeuvre, ScoredRecording
+from app.assessment.scored import BETWEEN, ScoredManoeuvre, ScoredRecording, sample_type
 from app.assessment.segments import Interval, ScoringRecipe
 
 __all__ = [
     "BETWEEN",
-    "SAMPLE",
     "Interval",
     "MissingChannels",
     "ScoredManoeuvre",
     "ScoredRecording",
     "ScoringRecipe",
     "manoeuvres_in",
+    "sample_type",
     "score",
     "score_at_each",
 ]

@@ -9,15 +9,15 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from app.assessment.grid import Angles, Sample
+from app.assessment.grid import Sample
 from app.telemetry.mapping.applying import derivation_order
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
 from app.telemetry.readers.journal import TIMES
 from app.telemetry.recording import ATTITUDE, TelemetryError
-from app.telemetry.targets import BOUNDS, TARGETS
+from app.telemetry.targets import TARGETS, largest_plausible
 from app.telemetry.units import convert
-from core.channels import KEYS
+from core.channels import LATERAL, Dictionary
 from core.limits.limit_sets import CONDITION_KEYS, ConditionKey
 
 MOST_SAMPLES = 1_000
@@ -32,7 +32,6 @@ NAN = float("nan")
 _NUMBER = {float: float, int: float}
 _FLOATS = {float}
 _NOTHING = [NAN]
-_BOUNDS = tuple(BOUNDS[key] for key in KEYS)
 _decoder = msgspec.json.Decoder()
 
 
@@ -119,26 +118,36 @@ class ChannelReader:
     """Turns batches into samples by a mapping; without one, names are our keys in SI units.
 
     conditions: names of the channels of the flight condition in a batch, in SI units; by default
-    their own.   TelemetryError for a mapping that cannot read live samples.
+    their own.   dictionary: of the samples.   TelemetryError for a mapping that cannot read live samples.
     """
 
-    def __init__(self, mapping: Mapping | None = None, conditions: Names | None = None) -> None:
+    def __init__(
+        self,
+        mapping: Mapping | None = None,
+        conditions: Names | None = None,
+        dictionary: Dictionary = LATERAL,
+    ) -> None:
         self.mapping, self.conditions = mapping, conditions or {}
+        self._channels = dictionary.channels
+        self._bounds = tuple(map(largest_plausible, dictionary.channels))
+        keys = *dictionary.keys, *ATTITUDE
         self._conditions = [_Direct(self.conditions.get(key, key)) for key in CONDITION_KEYS]
         self._condition_names = frozenset(read.name for read in self._conditions)
         if mapping is None:
             self._time: _Direct | None = None
-            self._direct = {key: _Direct(key) for key in (*KEYS, *ATTITUDE)}
+            self._direct = {key: _Direct(key) for key in keys}
             self._derived: dict[str, ChannelSource] = {}
-            self._columns: list[_Direct | None] = [*self._direct.values()]
+            self._columns: list[_Direct | None] = [self._direct[key] for key in keys]
             self._read = {*TIMES, *self._names}
-            self._plain_names = [*self._direct]
+            self._plain_names = [*keys]
             return
         self._time = _time_of(mapping)
         self._direct = {
-            key: _direct(key, source) for key, source in mapping.channels.items() if source.signal
+            key: _direct(key, source, dictionary)
+            for key, source in mapping.channels.items()
+            if source.signal
         }
-        self._columns = [self._direct.get(key) for key in (*KEYS, *ATTITUDE)]
+        self._columns = [self._direct.get(key) for key in keys]
         plain = [read.name for read in self._columns if read and read.is_plain]
         self._plain_names = plain if len(plain) == len(self._columns) else []
         self._derived = {key: mapping.channels[key] for key in derivation_order(mapping)}
@@ -170,7 +179,9 @@ class ChannelReader:
         """TelemetryError if a flight cannot begin with this batch."""
         samples = self.samples(batch)
         lacking = [
-            key for key in needed if all(np.isnan(sample.y[KEYS.index(key)]) for sample in samples)
+            channel.key
+            for c, channel in enumerate(self._channels)
+            if channel.key in needed and all(np.isnan(sample.y[c]) for sample in samples)
         ]
         if not lacking:
             return
@@ -208,19 +219,33 @@ class ChannelReader:
         times = self._times(values)
         n = len(times)
         if n == 1 and not self._derived:
-            return [_sample(times[0], self._row(values))]
+            return [self._sample(times[0], self._row(values))]
         channels = {
             key: read(values, n) for key, read in self._direct.items() if read.name in values
         }
         if self._derived:
             self._derive(channels, times)
         unknown = [NAN] * n
-        columns = [channels.get(key, unknown) for key in (*KEYS, *ATTITUDE)]
+        keys = (*(channel.key for channel in self._channels), *ATTITUDE)
+        columns = [channels.get(key, unknown) for key in keys]
         rows = zip(times, zip(*columns, strict=True), strict=True)
-        return [_sample(t, row) for t, row in rows]
+        return [self._sample(t, row) for t, row in rows]
+
+    def _sample(self, t: float, row: tuple[float, ...]) -> Sample:
+        """A sample of the channels, then the attitude; implausible values are missing."""
+        n, bounds = len(self._channels), self._bounds
+        y, reason = np.array(row[:n]), ""
+        for c in [c for c, bound in enumerate(bounds) if not -bound <= row[c] <= bound]:
+            if row[c] == row[c]:
+                channel = self._channels[c]
+                text = f"{channel.key} of {row[c]:.4g} {channel.unit} is implausible"
+                reason, y[c] = reason or text, NAN
+        phi, theta, psi = row[n:]
+        known = isfinite(phi) or isfinite(theta) or isfinite(psi)
+        return Sample(t, y, (phi, theta, psi) if known else None, reason)
 
     def _row(self, values: Values) -> tuple[float, ...]:
-        """The only sample of a batch: KEYS, then ATTITUDE."""
+        """The only sample of a batch: the channels, then ATTITUDE."""
         given = [values.get(name, _NOTHING) for name in self._plain_names]
         row: tuple[Any, ...] = tuple([column[0] if len(column) == 1 else None for column in given])
         if row and {*map(type, row)} == _FLOATS:
@@ -254,8 +279,9 @@ class ChannelReader:
             channels[key] = derived.tolist()
 
 
-def _direct(key: str, source: ChannelSource) -> _Direct:
-    scale, shift = _factor(source.unit, TARGETS[key].unit, f"{key} ({source.signal})")
+def _direct(key: str, source: ChannelSource, dictionary: Dictionary) -> _Direct:
+    target = dictionary.by_key.get(key) or TARGETS[key]
+    scale, shift = _factor(source.unit, target.unit, f"{key} ({source.signal})")
     sign = source.sign
     return _Direct(source.signal, sign * scale, sign * shift - source.bias)
 
@@ -296,16 +322,3 @@ def _numbers(values: Values, name: str, n: int) -> list[float]:
         raise TelemetryError(
             f"{name} contains a non-number: send a number or null per sample"
         ) from None
-
-
-def _sample(t: float, row: tuple[float, ...]) -> Sample:
-    y, reason = np.array(row[: len(KEYS)]), ""
-    for i in [i for i, bound in enumerate(_BOUNDS) if not -bound <= row[i] <= bound]:
-        if row[i] == row[i]:
-            text = f"{KEYS[i]} of {row[i]:.4g} {TARGETS[KEYS[i]].unit} is implausible"
-            reason, y[i] = reason or text, NAN
-    angles: Angles | None = None
-    phi, theta, psi = row[len(KEYS) :]
-    if isfinite(phi) and isfinite(theta):
-        angles = phi, theta, psi if isfinite(psi) else 0.0
-    return Sample(t, y, angles, reason)

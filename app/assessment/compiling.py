@@ -9,9 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from core.channels import N_CHANNELS
 from core.kernels.compiled import cache_directory
-from core.limits.exceedance import exceeds
 from core.monitor import Monitor
 
 LOG = logging.getLogger("forewarn")
@@ -50,8 +48,9 @@ def make_ready(monitor: Monitor) -> None:
 
 def warm_up(monitor: Monitor) -> None:
     """Assess a few samples of zeros."""
-    stream, nothing = monitor.stream(monitor.recipe.epsilon), np.zeros(N_CHANNELS)
+    stream = monitor.stream(monitor.recipe.epsilon)
+    nothing = np.zeros(len(monitor.dictionary))
     for k in range(monitor.recipe.n_delay + 2):
         stream.update(k * monitor.dt, nothing)
-    if monitor.limits is not None:
-        exceeds(monitor.limits, nothing)
+    if monitor.envelope is not None:
+        monitor.envelope.exceeds(nothing)

@@ -12,24 +12,22 @@ from typing import NamedTuple
 import numpy as np
 
 from app.telemetry.recording import ATTITUDE
-from core.channels import N_CHANNELS
 from core.kernels import causal_grid as kernel
 from core.kernels.causal_grid import GridState
 from core.kernels.compiled import entry
 from core.types import Array, Indices
 
 Angles = tuple[float, float, float]
-"""Bank, pitch and heading [rad]."""
+"""Bank, pitch and heading [rad]; NaN where unknown."""
 DELAY_INTERVALS = 1.5
 """Longest wait for a sample by default, in intervals of the monitor."""
 WAITING, ROOM = 512, 64
 """Room for rows that wait and for samples settled at once; it grows where that is not enough."""
 MOST_REASONS = 1024
-N_VALUES = N_CHANNELS + len(ATTITUDE)
 
 
 class Sample(NamedTuple):
-    """One sample. t: [s].   y: (6,), NaN where unknown.   attitude: phi, theta, psi [rad].
+    """One sample. t: [s].   y: (n_channels,), NaN where unknown.   attitude: phi, theta, psi [rad].
 
     reason: why it is unknown; empty if known.   condition: values of CONDITION_KEYS sent with it,
     NaN if unknown, None if not sent; None for no condition.   shown: arrival time at which it was
@@ -47,8 +45,8 @@ class Sample(NamedTuple):
 class Arrivals(NamedTuple):
     """Received samples, in order of arrival.
 
-    arrived: (n,) [s] of any monotonic clock.   t: (n,) of the source [s].   values: (n, 9) the
-    channels, then the attitude [rad]; NaN where unknown.
+    arrived: (n,) [s] of any monotonic clock.   t: (n,) of the source [s].   values: (n,
+    n_channels + 3) the channels, then the attitude [rad]; NaN where unknown.
     """
 
     arrived: Array
@@ -59,7 +57,7 @@ class Arrivals(NamedTuple):
 class GridRows(NamedTuple):
     """Samples on the grid.
 
-    t: (n,) [s].   shown: (n,) arrival time at which each was settled [s].   values: (n, 9).
+    t: (n,) [s].   shown: (n,) arrival time at which each was settled [s].   values: as received.
     """
 
     t: Array
@@ -104,21 +102,23 @@ class CausalGrid:
     slower than 1.5 dt gives unknown samples, with a reason.
     """
 
-    def __init__(self, dt: float, delay: float) -> None:
-        self.dt, self.delay = dt, delay
-        clock = np.full(kernel.N_CLOCK + N_VALUES, np.nan)
+    def __init__(self, dt: float, delay: float, n_channels: int) -> None:
+        self.dt, self.delay, self._n_channels = dt, delay, n_channels
+        n_values = n_channels + len(ATTITUDE)
+        self._width = kernel.SETTLED_VALUES + n_values
+        clock = np.full(kernel.N_CLOCK + n_values, np.nan)
         clock[[kernel.DT, kernel.DELAY, kernel.OFFSET, kernel.INTERVAL]] = dt, delay, 0.0, dt
         clock[[kernel.NEWEST, kernel.NEWEST_ARRIVED]] = -np.inf
         self._state = GridState(
             clock,
             np.zeros(kernel.N_COUNT, np.int64),
-            rows=np.empty((WAITING, kernel.VALUES + N_VALUES)),
+            rows=np.empty((WAITING, kernel.VALUES + n_values)),
             steps=np.empty((2, kernel.INTERVALS)),
-            recent=np.empty((kernel.REMEMBERED, 1 + N_CHANNELS)),
+            recent=np.empty((kernel.REMEMBERED, 1 + n_channels)),
             late=np.empty(kernel.REMEMBERED),
         )
-        self._settled = _room(ROOM)
-        self._one = Arrivals(np.empty(1), np.empty(1), np.empty((1, N_VALUES)))
+        self._settled = self._room(ROOM)
+        self._one = Arrivals(np.empty(1), np.empty(1), np.empty((1, n_values)))
         self._flight_t = np.empty((1, 2))
         compiled = self._state, self._settled
         self._receive_one = entry(kernel.receive, *compiled, *self._one, 0, self._flight_t)
@@ -159,8 +159,8 @@ class CausalGrid:
             self._note(int(self._state.counts[kernel.N_RECEIVED]), sample.reason)
         one = self._one
         one.arrived[0], one.t[0] = arrived, sample.t
-        one.values[0, :N_CHANNELS] = sample.y
-        one.values[0, N_CHANNELS:] = sample.attitude or nan
+        one.values[0, : self._n_channels] = sample.y
+        one.values[0, self._n_channels :] = sample.attitude or nan
         added = self._add(self._receive_one, one, self._flight_t)
         return [sample for n in added for sample in self._samples(n)]
 
@@ -173,14 +173,14 @@ class CausalGrid:
 
         Returns the samples on the grid, and the flight time of each received one (n,) [s].
         """
-        self._settled = _room(2 * len(received.t) + ROOM)
+        self._settled = self._room(2 * len(received.t) + ROOM)
         flight_t = np.empty((len(received.t), 2))
         added = self._add(kernel.receive, received, flight_t)
-        return joined([self._part(n) for n in added]), flight_t[:, 0]
+        return joined([self._part(n) for n in added] or [self._part(0)]), flight_t[:, 0]
 
     def settle(self, now: float) -> GridRows:
         """The samples that are settled at `now`, all at once."""
-        return joined([self._part(n) for n in self._settle(now)])
+        return joined([self._part(n) for n in self._settle(now)] or [self._part(0)])
 
     def _add(
         self, receive: Callable[..., tuple[int, int, int]], received: Arrivals, flight_t: Array
@@ -194,7 +194,7 @@ class CausalGrid:
             if room < 0:
                 self._grow()
             elif room > len(self._settled):
-                self._settled = _room(2 * room)
+                self._settled = self._room(2 * room)
 
     def _settle(self, now: float) -> Iterator[int]:
         more = True
@@ -202,6 +202,9 @@ class CausalGrid:
             n_settled, more = self._advance_to(self._state, self._settled, float(now))
             if n_settled:
                 yield n_settled
+
+    def _room(self, n: int) -> Array:
+        return np.empty((n, self._width))
 
     def _grow(self) -> None:
         """Double the room of the waiting rows."""
@@ -212,7 +215,7 @@ class CausalGrid:
 
     def _samples(self, n: int) -> list[Sample]:
         settled = self._settled[:n]
-        channels = settled[:, kernel.SETTLED_VALUES : kernel.SETTLED_VALUES + N_CHANNELS].copy()
+        channels = settled[:, kernel.SETTLED_VALUES : -len(ATTITUDE)].copy()
         return [
             Sample(row[kernel.T], y, _angles(row), self._reason(row), shown=row[kernel.SHOWN])
             for row, y in zip(settled.tolist(), channels, strict=True)
@@ -248,17 +251,11 @@ class CausalGrid:
 
 def _angles(row: list[float]) -> Angles | None:
     phi, theta, psi = row[-len(ATTITUDE) :]
-    return (phi, theta, psi) if isfinite(phi) and isfinite(theta) else None
-
-
-def _room(n: int) -> Array:
-    return np.empty((n, kernel.SETTLED_VALUES + N_VALUES))
+    return (phi, theta, psi) if any(map(isfinite, (phi, theta, psi))) else None
 
 
 def joined(parts: list[GridRows]) -> GridRows:
-    """The samples of several parts, in order."""
-    if not parts:
-        return GridRows(np.empty(0), np.empty(0), np.empty((0, N_VALUES)))
+    """The samples of several parts, in order; one or more."""
     return parts[0] if len(parts) == 1 else GridRows(*map(np.concatenate, zip(*parts, strict=True)))
 
 

@@ -5,13 +5,15 @@ sample is checked when it arrives, so a flight and the replay of its journal fin
 """
 
 from collections import deque
+from collections.abc import Sequence
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from app.assessment.planned_test import SURFACES, PlannedTest
+from app.assessment.planned_test import PlannedTest
 from app.assessment.trim import BEGINNING, OTHER, RESTS, SHARE, SMALLEST
-from core.channels import CHANNELS, N_CHANNELS, N_RESPONSES
+from core.channels import Channel
+from core.limits.limits import Envelope
 from core.monitor.status import Level
 from core.types import Array
 
@@ -47,7 +49,6 @@ AGREES = 0.05
 CONTRADICTS_S = 1.0
 """A contradiction lasts until this time passes without another one [s]."""
 
-EXPLAINED = np.full(N_RESPONSES, np.inf)
 UNMOVED = "aircraft moves, surfaces do not: {}check the channel"
 
 
@@ -63,17 +64,21 @@ class Doubt(NamedTuple):
 class InputChecks:
     """The checks of one source.
 
-    usual: (6,) largest magnitudes in training.   limits: (6,) of the monitor; None if unknown.
+    usual: (n_channels,) largest magnitudes in training.   limits: of the monitor; None if unknown.
     by_hand: whether a manoeuvre can be begun by hand.
     """
 
     def __init__(
-        self, planned: PlannedTest, usual: Array, limits: Array | None, by_hand: bool
+        self, planned: PlannedTest, usual: Array, limits: Envelope | None, by_hand: bool
     ) -> None:
-        self._recent = _Recent()
+        self._recent = _Recent(len(usual))
         self._frozen = _Frozen(self._recent)
-        scales = usual if limits is None else np.where(np.isfinite(limits), limits, usual)
-        self._contradictions = _Contradictions(self._recent, AGREES * scales)
+        scales = usual
+        if limits is not None:
+            to_limit = np.minimum(limits.high - limits.rest, limits.rest - limits.low)
+            scales = np.where(np.isfinite(to_limit), to_limit, usual)
+        channels = planned.dictionary.channels
+        self._contradictions = _Contradictions(self._recent, AGREES * scales, channels)
         self._surfaces = _Surfaces(self._recent, planned, usual, by_hand)
         self.doubts: tuple[Doubt, ...] = ()
         """those of the newest sample"""
@@ -97,12 +102,12 @@ class InputChecks:
 class _Recent:
     """The newest samples in order of time, and what noise and resolution make of a channel."""
 
-    def __init__(self) -> None:
-        self._t, self._y = np.empty(2 * KEPT), np.empty((2 * KEPT, N_CHANNELS))
+    def __init__(self, n_channels: int) -> None:
+        self._t, self._y = np.empty(2 * KEPT), np.empty((2 * KEPT, n_channels))
         self._n = 0
         self._newest = self._looked = self._measured = -np.inf
-        self.uncertainty = np.zeros(N_CHANNELS)
-        """(6,) extent of a channel that is noise and resolution alone"""
+        self.uncertainty = np.zeros(n_channels)
+        """(n_channels,) extent of a channel that is noise and resolution alone"""
         self.is_measured = False
 
     def push(self, t: float, y: Array) -> bool:
@@ -123,7 +128,7 @@ class _Recent:
         return True
 
     def window(self, seconds: float) -> Array:
-        """(n, 6) samples of the last seconds."""
+        """(n, n_channels) samples of the last seconds."""
         first = int(self._t[: self._n].searchsorted(self._newest - seconds - 1e-9))
         return self._y[max(first, self._n - KEPT) : self._n]
 
@@ -184,13 +189,13 @@ class _Frozen:
 
 
 class _Contradictions:
-    """Samples of one time that differ. agrees: (6,) differences that are none.
+    """Samples of one time that differ. agrees: (n_channels,) differences that are none.
 
     A repeated time counts once the source goes on: a source that is set back repeats times as well.
     """
 
-    def __init__(self, recent: _Recent, agrees: Array) -> None:
-        self._recent, self._agrees = recent, agrees
+    def __init__(self, recent: _Recent, agrees: Array, channels: Sequence[Channel]) -> None:
+        self._recent, self._agrees, self._channels = recent, agrees, channels
         self._known: dict[float, tuple[Array, str]] = {}
         self._times: deque[float] = deque()
         self._newest = self._seen = -np.inf
@@ -231,7 +236,7 @@ class _Contradictions:
             return
         c, self._seen = int(np.nanargmax(excess)), arrived
         if self._doubt is None and self._waiting is None:
-            channel = CHANNELS[c]
+            channel = self._channels[c]
             values = f"{channel.symbol} {channel.read(first[c])}", channel.read(y[c])
             reason = f"samples of {t:.2f} s contradict: {values[0]} and {values[1]}"
             if source != first_source:
@@ -250,17 +255,22 @@ class _Surfaces:
 
     def __init__(self, recent: _Recent, planned: PlannedTest, usual: Array, by_hand: bool) -> None:
         self._recent = recent
-        self._moves = np.maximum(MOVES * usual[:N_RESPONSES], RESTS)
+        self._outputs = list(planned.dictionary.of_role("output"))
+        self._controls = list(planned.controls)
+        self._moves = np.maximum(MOVES * usual[self._outputs], RESTS)
         amplitudes = planned.amplitudes
-        self._is_planned = (amplitudes > 0.0) | (amplitudes.max() == 0.0)
-        an_input = max(BEGINNING * SHARE * OTHER * amplitudes.max(), SMALLEST)
+        largest = amplitudes.max(initial=0.0)
+        self._is_planned = (amplitudes > 0.0) | (largest == 0.0)
+        an_input = max(BEGINNING * SHARE * OTHER * largest, SMALLEST)
         self._least_if_dead = np.where(self._is_planned, SMALLEST, an_input)
-        self._has_changed, self._all_changed = np.zeros(len(SURFACES), bool), False
-        self._moved, self._quiet = -np.inf, np.zeros(N_RESPONSES)
+        self._has_changed, self._all_changed = np.zeros(len(amplitudes), bool), False
+        self._moved, self._quiet = -np.inf, np.zeros(len(self._outputs))
         self._since: float | None = None
         self._reason = UNMOVED.format("press G or " if by_hand else "")
 
     def push(self, t: float, looks: bool, in_manoeuvre: bool) -> Doubt | None:
+        if not self._controls or not self._outputs:
+            return None
         if in_manoeuvre:
             self._moved, self._since = t, None
         elif looks:
@@ -271,16 +281,17 @@ class _Surfaces:
 
     def _look(self, t: float) -> None:
         extent, uncertainty = _extent(self._recent.window(REACTS_S)), self._recent.uncertainty
-        if self._surfaces_move(extent[N_RESPONSES:], uncertainty[N_RESPONSES:]):
+        controls, outputs = self._controls, self._outputs
+        if self._surfaces_move(extent[controls], uncertainty[controls]):
             self._moved, self._since = t, None
         if t - self._moved < SWINGS_S:
-            self._quiet = EXPLAINED
+            self._quiet = np.full(len(outputs), np.inf)
             return
-        swing = _extent(self._recent.window(SWINGS_S)[:, :N_RESPONSES])
+        swing = _extent(self._recent.window(SWINGS_S)[:, outputs])
         self._quiet = np.fmin(self._quiet, swing)
         if self._since is None:
-            least = np.fmax(self._moves, uncertainty[:N_RESPONSES])
-            moves = (extent[:N_RESPONSES] > least) & (swing > GROWS * self._quiet)
+            least = np.fmax(self._moves, uncertainty[outputs])
+            moves = (extent[outputs] > least) & (swing > GROWS * self._quiet)
             self._since = t if moves.any() else None
         elif not (swing > self._moves).any():
             self._since = None
@@ -288,7 +299,7 @@ class _Surfaces:
     def _surfaces_move(self, extent: Array, uncertainty: Array) -> bool:
         """Whether a surface moves. Another than the planned one must make an input if that is dead.
 
-        extent, uncertainty: (2,) of each surface.
+        extent, uncertainty: (n_controls,) of each surface.
         """
         if not self._all_changed:
             self._has_changed |= extent > 0.0
@@ -298,5 +309,5 @@ class _Surfaces:
 
 
 def _extent(y: Array) -> Array:
-    """(6,) largest less smallest; NaN where a channel is unknown. y: (n, 6)."""
+    """(k,) largest less smallest; NaN where a channel is unknown. y: (n, k)."""
     return np.fmax.reduce(y, axis=0) - np.fmin.reduce(y, axis=0)

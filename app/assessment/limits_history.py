@@ -19,10 +19,10 @@ from app.telemetry.mapping.mapping import Mapping as ChannelMapping
 from app.telemetry.mapping.mapping import TimeSource
 from app.telemetry.recording import TelemetryError
 from app.telemetry.units import convert
-from core.channels import KEYS, N_CHANNELS
+from core.channels import KEYS
 from core.limits.exceedance import SAME_TIME
 from core.limits.limit_sets import CONDITION_KEYS, MISSING, STALE, Condition
-from core.limits.limits import specification_to_plain
+from core.limits.limits import Envelope, specification_to_plain
 from core.types import Array, Flags, Indices
 
 KNOWN = ""
@@ -68,8 +68,8 @@ class LimitsHistory:
         }
         return cls(versions, measured)
 
-    def timeline(self, own: Sequence[Array | None]) -> "InForceTimeline":
-        """Limits in force over time. own: (6,) limits of each monitor, alarm authority first."""
+    def timeline(self, own: Sequence[Envelope | None]) -> "InForceTimeline":
+        """Limits in force over time. own: limits of each monitor, alarm authority first."""
         starts, rulings = [-np.inf], list[Ruling | None]([None])
         begins = [-np.inf if v.seq == 0 else v.t + SAME_TIME for v in self.versions]
         for version, (begin, end) in zip(self.versions, pairwise([*begins, np.inf]), strict=True):
@@ -103,15 +103,15 @@ class InForceTimeline:
     """Which limits are in force when, and which monitors they suit.
 
     starts: (n,) increasing [s], the first -inf.   rulings: the ruling from each start on; None for
-    the alarm authority's own limits.   own: (6,) those; None where unknown.
+    the alarm authority's own limits.   own: those; None where unknown.
     """
 
-    def __init__(self, starts: Array, rulings: tuple[Ruling | None, ...], own: Array | None):
+    def __init__(self, starts: Array, rulings: tuple[Ruling | None, ...], own: Envelope | None):
         self.starts, self.rulings = starts, rulings
         limits = [own if ruling is None else ruling.limits for ruling in rulings]
-        unlimited = np.full(N_CHANNELS, np.inf)
-        self.limits = np.array([unlimited if each is None else each for each in limits])
-        """(n, 6), infinite where there is no limit or it is unknown"""
+        each = [limit or Envelope.unlimited(len(KEYS)) for limit in limits]
+        self.limits = Envelope(*map(np.array, zip(*each, strict=True)))
+        """of each start, infinite where there is no limit or it is unknown"""
         self._silent = np.array([bool(ruling and ruling.reasons[0]) for ruling in rulings])
 
     def index(self, t: Array | float) -> Indices:
@@ -121,14 +121,16 @@ class InForceTimeline:
         """The ruling at a time [s]; None for the alarm authority's own limits."""
         return self.rulings[int(self.index(t))]
 
-    def at(self, t: Array) -> Array:
-        """(n, 6) largest permitted magnitudes at each time."""
-        return self.limits[self.index(t)]
+    def at(self, t: Array) -> Envelope:
+        """The limits at each time."""
+        index = self.index(t)
+        return Envelope(*(ends[index] for ends in self.limits))
 
-    def during(self, start: float, end: float) -> list[Array]:
-        """(6,) each distinct limits in force from start to end [s], in order."""
+    def during(self, start: float, end: float) -> list[Envelope]:
+        """Each distinct limits in force from start to end [s], in order."""
         first, last = self.index(np.array([start, end]))
-        distinct = {limits.tobytes(): limits for limits in self.limits[first : last + 1]}
+        rows = [self.limits.row(k) for k in range(first, last + 1)]
+        distinct = {(row.low.tobytes(), row.high.tobytes()): row for row in rows}
         return list(distinct.values())
 
     def silent(self, t: Array) -> Flags:
@@ -149,15 +151,15 @@ class InForceTimeline:
 
 
 class LimitPiece(NamedTuple):
-    """Limits (6,) from start to end [s], infinite where there is no limit or it is unknown."""
+    """Limits from start to end [s], infinite where there is no limit or it is unknown."""
 
     start: float
     end: float
-    limits: Array
+    limits: Envelope
 
 
-def pieces_of(limits: Array, in_force: Sequence[Mapping[str, Any]] | None) -> list[LimitPiece]:
-    """Which limits were in force when. limits: (6,) the monitor's.
+def pieces_of(limits: Envelope, in_force: Sequence[Mapping[str, Any]] | None) -> list[LimitPiece]:
+    """Which limits were in force when. limits: the monitor's.
 
     in_force: plain, see InForceTimeline.intervals; None where the monitor's applied throughout.
     """
@@ -167,7 +169,9 @@ def pieces_of(limits: Array, in_force: Sequence[Mapping[str, Any]] | None) -> li
         LimitPiece(
             each["start"],
             each["end"],
-            np.array([(each["limits"] or {}).get(key, np.inf) for key in KEYS]),
+            Envelope.of_magnitudes(
+                np.array([(each["limits"] or {}).get(key, np.inf) for key in KEYS])
+            ),
         )
         for each in in_force
     ]

@@ -10,9 +10,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from core.channels import BY_KEY
+from core.channels import LATERAL
 from core.flight_events import FlightLimits
 from core.limits.limit_sets import (
     CONDITION_KEYS,
@@ -25,11 +23,10 @@ from core.limits.limit_sets import (
     limit_set_from_plain,
     limit_set_to_plain,
 )
-from core.limits.limits import Limits
+from core.limits.limits import Envelope, Limits, limits_in_words
 from core.monitor import Assessment, State
 from core.monitor.assessment import Cause, withdrawn
 from core.monitor.status import LIMITS_UNKNOWN, NOT_APPLICABLE
-from core.types import Array
 
 CONDITION_VALID_S = 1.0
 """How long a flight-condition value stays valid without a newer one [s]."""
@@ -63,12 +60,12 @@ class LimitsInForce(FlightLimits):
 class Ruling:
     """Which limits apply to a sample.
 
-    limits: (6,); None where unknown.   case: name of the flight condition; empty where there is
+    limits: None where unknown.   case: name of the flight condition; empty where there is
     none.   reasons: for each monitor, why it is not applicable; empty where it is.
     """
 
     in_force: LimitsInForce
-    limits: Array | None
+    limits: Envelope | None
     case: str
     reasons: tuple[str, ...]
     specification: Limits | None = None
@@ -105,10 +102,10 @@ class InForceFrom(NamedTuple):
 class LimitsRule:
     """Which limits apply to each sample of a flight while one version of a set is in force.
 
-    own: (6,) limits of each monitor of the flight, the alarm authority first.
+    own: limits of each monitor of the flight, the alarm authority first.
     """
 
-    def __init__(self, in_force: LimitsInForce, own: Sequence[Array | None]) -> None:
+    def __init__(self, in_force: LimitsInForce, own: Sequence[Envelope | None]) -> None:
         self.in_force, self._own = in_force, own
         fixed = in_force.fixed
         self._fixed = tuple(fixed.get(key) for key in CONDITION_KEYS)
@@ -143,15 +140,15 @@ class LimitsRule:
             reason = f"{LIMITS_UNKNOWN}: {key}"
             return Ruling(in_force, None, "", (reason,) * len(self._own))
         case = in_force.limits.cases[key]
-        magnitudes = case.limits.magnitudes
+        limits = case.limits.envelope
         reasons = tuple(
             ""
-            if own is not None and np.array_equal(own, magnitudes)
-            else f"{NOT_APPLICABLE}: {limits_in_words(magnitudes)} in force, the monitor warns of "
-            f"{limits_in_words(own)}; {in_force.serving[key]}"
+            if own is not None and own.is_as(limits)
+            else f"{NOT_APPLICABLE}: {limits_in_words(LATERAL, limits)} in force, the monitor "
+            f"warns of {limits_in_words(LATERAL, own)}; {in_force.serving[key]}"
             for own in self._own
         )
-        return Ruling(in_force, magnitudes, case.name, reasons, case.limits)
+        return Ruling(in_force, limits, case.name, reasons, case.limits)
 
 
 class ConditionHold:
@@ -202,11 +199,3 @@ class RequestedLimits(NamedTuple):
     limits: LimitSet
     serving: tuple[str, ...]
     fixed: Mapping[ConditionKey, float] | None = None
-
-
-def limits_in_words(magnitudes: Array | None) -> str:
-    """`|N_y| 0.5 g`: limits in words."""
-    if magnitudes is None:
-        return "unknown limits"
-    channels = zip(BY_KEY.values(), magnitudes.tolist(), strict=True)
-    return " or ".join(f"|{c.symbol}| {c.read(limit)}" for c, limit in channels if isfinite(limit))

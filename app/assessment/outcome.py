@@ -11,8 +11,9 @@ import numpy as np
 
 from app.assessment.limits_history import InForceTimeline
 from app.telemetry.recording import GAP_RATIO, Traces
-from core.channels import BY_KEY, CHANNELS
+from core.channels import Dictionary
 from core.limits.exceedance import SAME_TIME, onsets
+from core.limits.limits import Envelope, exceeded_end
 from core.types import Array, Flags
 
 Outcome = Literal[
@@ -76,17 +77,22 @@ class Hole(NamedTuple):
 
 
 class Peak(NamedTuple):
-    """Largest magnitude of a limited channel, from trim (judged) and as recorded.
+    """The value of a limited channel furthest towards a limit, from trim and as recorded.
 
-    largest: None where no value or no trim is known.   recorded: 0 where there is no value.
+    largest: from trim, which is judged; None where no value or no trim is known.
+    low, high: limits, infinite for none.   recorded: value in trimmed flight where none is known.
     bias: removed by the mapping.
     """
 
     channel: str
     largest: float | None
-    limit: float
+    low: float
+    high: float
     recorded: float
     bias: float = 0.0
+
+    def is_beyond(self, value: float) -> bool:
+        return not self.low < value < self.high
 
 
 class Limited(NamedTuple):
@@ -105,7 +111,8 @@ class Limited(NamedTuple):
 
 def against_limits(
     traces: Traces,
-    limits: Array,
+    dictionary: Dictionary,
+    limits: Envelope,
     trim: Array,
     start: float,
     end: float,
@@ -113,7 +120,7 @@ def against_limits(
 ) -> Limited:
     """Judge the recorded samples, not those resampled for the monitor.
 
-    traces: repaired.   limits, trim: (6,).   start, end: [s], both included.
+    traces: repaired.   trim: (n_channels,).   start, end: [s], both included.
     timeline: limits in force over time, instead of `limits`; each gets a peak of its own.
     """
     exceedances: list[RecordedExceedance] = []
@@ -121,31 +128,32 @@ def against_limits(
     peaks: list[Peak] = []
     holes: list[Hole] = []
     in_force = [limits] if timeline is None else timeline.during(start, end)
-    for c in np.flatnonzero(np.isfinite(in_force).any(axis=0)):
-        key = CHANNELS[c].key
-        magnitudes = dict.fromkeys(float(each[c]) for each in in_force if np.isfinite(each[c]))
+    limited = np.logical_or.reduce([each.limited for each in in_force])
+    for c in np.flatnonzero(limited).tolist():
+        key, rest = dictionary.keys[c], float(limits.rest[c])
+        ends = dict.fromkeys(
+            (float(each.low[c]), float(each.high[c])) for each in in_force if each.limited[c]
+        )
         if timeline is not None and key not in traces.channels:
-            peaks += [Peak(key, None, limit, 0.0) for limit in magnitudes]
+            peaks += [Peak(key, None, *each, 0.0) for each in ends]
             continue
         trace = traces.channels[key]
         part = slice(*np.searchsorted(trace.t, (start - SAME_TIME, end + SAME_TIME)).tolist())
         known = np.isfinite(trace.values[part])
         t, values = trace.t[part][known], trace.values[part][known]
         value, recorded = values - trim[c], values + trace.bias
-        limit = np.full(len(t), limits[c]) if timeline is None else timeline.at(t)[:, c]
+        low, high = _ends_at(t, c, limits, timeline)
         for judged, results in ((value, exceedances), (recorded, raw)):
-            if len(over := onsets(t, judged, limit)):
-                i = over[0]
-                exceeded = None if timeline is None else float(limit[i])
-                results.append(RecordedExceedance(float(t[i]), key, float(judged[i]), exceeded))
-        for magnitude in magnitudes:
-            here = limit == magnitude
+            if len(over := onsets(t, judged, low, high)):
+                results.append(_exceedance(over[0], key, t, judged, low, high, timeline))
+        for each in ends:
+            here = (low == each[0]) & (high == each[1])
             if len(t) and not here.any():
                 continue
-            from_trim = value[here & np.isfinite(value)]
-            largest = float(np.abs(from_trim).max()) if len(from_trim) else None
-            as_recorded = float(np.abs(recorded[here]).max(initial=0.0))
-            peaks.append(Peak(key, largest, magnitude, as_recorded, trace.bias))
+            largest = _furthest(value[here & np.isfinite(value)], *each, rest)
+            as_recorded = _furthest(recorded[here], *each, rest)
+            as_recorded = rest if as_recorded is None else as_recorded
+            peaks.append(Peak(key, largest, *each, as_recorded, trace.bias))
         holes += _holes(key, t, start, end)
     first, first_raw = (
         min(results, key=lambda exceedance: exceedance.t, default=None)
@@ -153,6 +161,39 @@ def against_limits(
     )
     each = [sum(hole.lost for hole in holes if hole.channel == key) for key, *_ in peaks]
     return Limited(first, tuple(peaks), max(each, default=0.0), tuple(holes), first_raw)
+
+
+def _ends_at(
+    t: Array, c: int, limits: Envelope, timeline: InForceTimeline | None
+) -> tuple[Array, Array]:
+    """(n,) low and high limit of channel c at each time."""
+    if timeline is not None:
+        at = timeline.at(t)
+        return at.low[:, c], at.high[:, c]
+    return np.full(len(t), limits.low[c]), np.full(len(t), limits.high[c])
+
+
+def _exceedance(
+    i: int,
+    key: str,
+    t: Array,
+    value: Array,
+    low: Array,
+    high: Array,
+    timeline: InForceTimeline | None,
+) -> RecordedExceedance:
+    """The exceedance at sample i."""
+    exceeded = exceeded_end(float(low[i]), float(high[i]), float(value[i]))
+    limit = None if timeline is None else exceeded
+    return RecordedExceedance(float(t[i]), key, float(value[i]), limit)
+
+
+def _furthest(values: Array, low: float, high: float, rest: float) -> float | None:
+    """The value with the largest share of the way from rest to a limit; None without values."""
+    if not len(values):
+        return None
+    share = np.maximum((values - rest) / (high - rest), (rest - values) / (rest - low))
+    return float(values[share.argmax()])
 
 
 def _holes(key: str, t: Array, start: float, end: float) -> list[Hole]:
@@ -253,24 +294,25 @@ MOST_OUTSIDE = 1000
 
 def exceedances_outside(
     traces: Traces,
-    limits: Array,
+    dictionary: Dictionary,
+    limits: Envelope,
     intervals: Sequence[tuple[float, float]],
     trims: Sequence[Array],
     timeline: InForceTimeline | None = None,
 ) -> tuple[RecordedExceedance, ...]:
     """The first recorded sample of each exceedance that begins outside all manoeuvres.
 
-    traces: repaired.   limits: (6,).   intervals: start and end of each manoeuvre, in order [s].
-    trims: (6,) of each manoeuvre. It applies until the next one; the first applies before, too.
+    traces: repaired.   intervals: start and end of each manoeuvre, in order [s].
+    trims: (n_channels,) of each manoeuvre. It applies until the next one; the first before, too.
     timeline: limits in force over time, instead of `limits`.
     An exceedance that begins in a manoeuvre and outlasts it belongs to that manoeuvre.
     """
     starts, ends = np.array(intervals, np.float64).T
     subtracted = np.nan_to_num(np.array(trims))
     exceedances = []
-    in_force = limits[None] if timeline is None else timeline.limits
-    for c in np.flatnonzero(np.isfinite(in_force).any(axis=0)):
-        key = CHANNELS[c].key
+    in_force = limits if timeline is None else timeline.limits
+    for c in np.flatnonzero(in_force.limited).tolist():
+        key = dictionary.keys[c]
         if key not in traces.channels:
             continue
         trace = traces.channels[key]
@@ -279,27 +321,27 @@ def exceedances_outside(
             t, values = trace.t[first : first + BLOCK], trace.values[first : first + BLOCK]
             number = np.maximum(np.searchsorted(starts - SAME_TIME, t, "right") - 1, 0)
             value = values - subtracted[number, c]
-            limit = np.full(len(t), limits[c]) if timeline is None else timeline.at(t)[:, c]
-            over = onsets(t, value, limit)
-            parts.append((t[over], number[over], value[over], limit[over]))
-        t, number, value, limit = (np.concatenate(column) for column in zip(*parts, strict=True))
+            low, high = _ends_at(t, c, limits, timeline)
+            over = onsets(t, value, low, high)
+            parts.append((t[over], number[over], value[over], low[over], high[over]))
+        t, number, value, low, high = map(np.concatenate, zip(*parts, strict=True))
         inside = (t >= starts[number] - SAME_TIME) & (t <= ends[number] + SAME_TIME)
         exceedances += [
-            RecordedExceedance(
-                float(t[i]), key, float(value[i]), None if timeline is None else float(limit[i])
-            )
-            for i in onsets(t, value, limit, APART)
+            _exceedance(i, key, t, value, low, high, timeline)
+            for i in onsets(t, value, low, high, APART)
             if not inside[i]
         ]
     return tuple(sorted(exceedances, key=lambda exceedance: exceedance.t))
 
 
-def notes_on_outside(exceedances: Sequence[RecordedExceedance]) -> tuple[str, ...]:
+def notes_on_outside(
+    exceedances: Sequence[RecordedExceedance], dictionary: Dictionary
+) -> tuple[str, ...]:
     """Notes on exceedances outside the manoeuvres, for people; empty without any."""
     if not exceedances:
         return ()
     first = exceedances[0]
-    value = BY_KEY[first.channel].read(first.value)
+    value = dictionary.by_key[first.channel].read(first.value)
     times = "once" if len(exceedances) == 1 else f"{len(exceedances)} times, first"
     counts = Counter(exceedance.channel for exceedance in exceedances)
     return (

@@ -4,7 +4,7 @@ A recording is a source whose samples have all arrived: that of a live flight in
 the times of their arrival, an uploaded file in the order of time.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf
@@ -15,7 +15,6 @@ import numpy.typing as npt
 
 from app.assessment.grid import (
     DELAY_INTERVALS,
-    N_VALUES,
     Arrivals,
     CausalGrid,
     GridRows,
@@ -31,13 +30,12 @@ from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.recording import ATTITUDE, Recording, TelemetryError, Trace, Traces
 from app.telemetry.timing.quality import Quality
 from app.telemetry.timing.repair import FlownOrder, RepairedTraces
-from core.channels import KEYS, N_CHANNELS
+from core.channels import LATERAL, Dictionary
 from core.kernels.causal_grid import FASTER, ON_GRID, RATE_RATIO, values_at
 from core.monitor import Monitor, State
 from core.monitor.assessment import STATES
 from core.types import Array, Flags, Indices
 
-READ = (*KEYS, *ATTITUDE)
 CONDITION = ("V", "h")
 MISSING = {"state": STATES.index(State.INVALID), "alert": False, "manoeuvre": BETWEEN}
 """Fields of a time without a sample; the others are NaN."""
@@ -87,8 +85,8 @@ class RecordedFlight:
     """A recording and the monitor that scores it.
 
     traces: repaired.   judged: every received sample, by flight time.   recording: on the monitor's
-    grid.   begun: rows with which a manoeuvre is begun by hand.   needed: (6,) channels the monitor
-    needs.   timeline: limits in force over time; None where no limit set was in force.
+    grid.   begun: rows with which a manoeuvre is begun by hand.   needed: (n_channels,) channels
+    the monitor needs.   timeline: limits in force over time; None where no limit set was in force.
     """
 
     monitor: Monitor
@@ -136,13 +134,13 @@ class RecordedFlight:
     ) -> Self:
         """Raises MissingChannels, or TelemetryError for a channel that is too slow."""
         quality, planned = repaired.quality, planned_test(monitor)
-        needed = needed_channels(monitor, planned.limits)
+        needed, keys = needed_channels(monitor), monitor.dictionary.keys
         recorded = [c.key for c in quality.channels if c.missing < 1.0 or c.implausible]
-        absent = [key for key in KEYS if key not in recorded]
-        if lacking := [key for key in absent if needed[KEYS.index(key)]]:
+        absent = [key for key in keys if key not in recorded]
+        if lacking := [key for key in absent if needed[keys.index(key)]]:
             raise MissingChannels(lacking, recorded)
-        read = [key for key, is_needed in zip(KEYS, needed, strict=True) if is_needed]
-        grid = on_grid(repaired, monitor.dt, read)
+        read = [key for key, is_needed in zip(keys, needed, strict=True) if is_needed]
+        grid = on_grid(repaired, monitor.dt, read, monitor.dictionary)
         notes = list(grid.recording.notes)
         if absent:
             notes.append(f"Not recorded and not read by the monitor: {', '.join(absent)}.")
@@ -156,25 +154,31 @@ class RecordedFlight:
             grid.begun,
             needed,
             tuple(notes),
-            None if history is None else history.timeline([monitor.limits]),
+            None if history is None else history.timeline([monitor.envelope]),
         )
 
 
-def on_grid(repaired: RepairedTraces, dt: float, needed: Collection[str] = KEYS) -> OnGrid:
+def on_grid(
+    repaired: RepairedTraces,
+    dt: float,
+    needed: Collection[str],
+    dictionary: Dictionary = LATERAL,
+) -> OnGrid:
     """The channels of a recording on a grid of dt [s], each sample by those received by then.
 
     needed: channels with a step of at most 1.5 dt; others may be slower, for display.
     Raises TelemetryError for a needed channel that is too slow, if the needed channels have fewer
     than two common samples, and for a recording of more than MOST_SAMPLES dt.
     """
-    flown = repaired.flown
+    flown, read = repaired.flown, (*dictionary.keys, *ATTITUDE)
     if flown is None:
-        received, notes = _by_time(repaired.traces, dt, needed)
+        received, notes = _by_time(repaired.traces, dt, needed, read)
         received_traces, begun, delay = repaired.traces, (), None
     else:
-        received, notes = _by_arrival(flown), ()
+        received, notes = _by_arrival(flown, read), ()
         received_traces, begun, delay = flown.traces, flown.begun, flown.delay
-    grid = CausalGrid(dt, DELAY_INTERVALS * dt if delay is None else delay)
+    delay = DELAY_INTERVALS * dt if delay is None else delay
+    grid = CausalGrid(dt, delay, len(dictionary))
     parts, times, rows_begun = [], [], list[int]()
     edges = [n for _, n in begun]
     for first, stop, arrival in zip(
@@ -207,9 +211,9 @@ def _recording(
     known = {key: trace for key, trace in traces.channels.items() if _has_value(trace.values)}
     return Recording(
         t=rows.t,
-        y=np.ascontiguousarray(rows.values[:, :N_CHANNELS]),
+        y=np.ascontiguousarray(rows.values[:, : -len(ATTITUDE)]),
         attitude={
-            key: rows.values[:, N_CHANNELS + column].copy()
+            key: rows.values[:, column - len(ATTITUDE)].copy()
             for column, key in enumerate(ATTITUDE)
             if key in known
         },
@@ -221,10 +225,10 @@ def _recording(
     )
 
 
-def _by_arrival(flown: FlownOrder) -> Arrivals:
-    values = np.full((len(flown.arrived), N_VALUES), np.nan)
+def _by_arrival(flown: FlownOrder, read: Sequence[str]) -> Arrivals:
+    values = np.full((len(flown.arrived), len(read)), np.nan)
     t = next(iter(flown.traces.channels.values())).t
-    for column, key in enumerate(READ):
+    for column, key in enumerate(read):
         if key in flown.traces.channels:
             values[:, column] = flown.traces.channels[key].values
     return Arrivals(np.ascontiguousarray(flown.arrived), np.ascontiguousarray(t), values)
@@ -241,15 +245,15 @@ def _by_flight_time(traces: Traces, flight_t: Array) -> Traces:
 
 
 def _by_time(
-    traces: Traces, dt: float, needed: Collection[str]
+    traces: Traces, dt: float, needed: Collection[str], read: Sequence[str]
 ) -> tuple[Arrivals, tuple[str, ...]]:
     """The samples of a file, in order of time, on the clock of the slowest needed channel."""
     clocks = {
         key: _clock(trace)
         for key, trace in traces.channels.items()
-        if key in READ and _has_value(trace.values)
+        if key in read and _has_value(trace.values)
     }
-    of_needed = {key: clocks[key] for key in KEYS if key in needed and key in clocks}
+    of_needed = {key: clocks[key] for key in read if key in needed and key in clocks}
     if not of_needed:
         raise TelemetryError(
             "none of the channels that the monitor needs has values: map them to signals that "
@@ -266,8 +270,8 @@ def _by_time(
     at = of_needed[slowest][0]
     first, stop = _common(of_needed, at, dt)
     at = at[first:stop]
-    values, others = np.full((len(at), N_VALUES), np.nan), list[str]()
-    for column, key in enumerate(READ):
+    values, others = np.full((len(at), len(read)), np.nan), list[str]()
+    for column, key in enumerate(read):
         if key not in clocks:
             continue
         t, x = clocks[key]

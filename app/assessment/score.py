@@ -26,10 +26,10 @@ from app.assessment.recorded import RecordedFlight
 from app.assessment.scored import (
     BETWEEN,
     BLOCK,
-    SAMPLE,
     ScoredManoeuvre,
     ScoredRecording,
     Validity,
+    sample_type,
 )
 from app.assessment.segments import Interval, ScoringRecipe, Segment, detected_segments, segments
 from app.assessment.validity import AssessedSegment, under_limits, validity
@@ -37,7 +37,7 @@ from app.assessment.wording import guarantee, limits_remarks, remarks, withdrawn
 from app.telemetry.contents import release
 from app.telemetry.recording import ATTITUDE
 from app.telemetry.timing.repair import RepairedTraces
-from core.channels import KEYS
+from core.channels import LATERAL
 from core.limits.exceedance import SAME_TIME
 from core.monitor import Assessments, Monitor
 from core.monitor.assessment import STATES, State, Withdrawal
@@ -86,8 +86,9 @@ def score_at_each(
     selected, notes = segments(flight.recording, flight.planned, recipe, followed)
     judged = _judge_all(flight, selected)
     outside = _outside(flight, judged)
-    notes = (*flight.notes, *notes, *notes_on_outside(outside))
-    checks, t = compatibility(flight.traces), flight.recording.t
+    notes = (*flight.notes, *notes, *notes_on_outside(outside, monitor.dictionary))
+    checks = compatibility(flight.traces) if monitor.dictionary == LATERAL else ()
+    t = flight.recording.t
     timeline = flight.timeline
     in_force = timeline and tuple(timeline.intervals(float(t[0]), float(t[-1])))
     return tuple(
@@ -120,9 +121,9 @@ def manoeuvres_in(monitor: Monitor, recorded: RepairedTraces) -> tuple[Interval,
 class JudgedSegment:
     """A segment with everything that does not depend on epsilon.
 
-    begin: its first assessed sample; earlier ones are its rest.   y: (n, 6) from trim, of the whole
-    segment.   withdrawal: the first sample of these without an assessment, and
-    why; None if the monitor applies throughout.   inputs: flown inputs of the planned surfaces.
+    begin: its first assessed sample; earlier ones are its rest.   y: (n, n_channels) from trim,
+    of the whole segment.   withdrawal: the first sample of these without an assessment, and why;
+    None if the monitor applies throughout.   inputs: flown inputs of the planned surfaces.
     silent: samples from `begin` on where other limits than the monitor's were in force.
     in_force: those limits, in plain data.   own: judged by the monitor's limits, where others were
     in force.
@@ -177,14 +178,15 @@ def _judge(flight: RecordedFlight, segment: Segment) -> JudgedSegment:
     """Assess a segment as a stream in flight does, then check its validity."""
     recorded, monitor = flight.recording, flight.monitor
     begin, stop = segment.first if segment.onset is None else segment.onset, segment.last + 1
-    trim = segment.trim_of(recorded.y)
+    trim = segment.trim_of(recorded.y, monitor.dictionary)
     y = recorded.y[segment.first : stop] - trim
     start = begin if segment.onset is None else max(0, begin - monitor.recipe.n_delay - 1)
     streamed = recorded.y[start:stop] - trim
     y_read = input_of(streamed, flight.needed)
     whole = monitor.assess(recorded.t[start:stop], y_read, withdraw=False)
     interval = float(recorded.t[segment.first]), float(recorded.t[segment.last])
-    arguments = flight.judged, flight.planned.limits, trim, *interval
+    about = flight.judged, monitor.dictionary, flight.planned.limits
+    arguments = *about, trim, *interval
     limited = against_limits(*arguments, flight.timeline)
     assessed = AssessedSegment(flight, segment, trim, streamed, y_read, whole, begin - start)
     t = assessed.assessments.t
@@ -220,7 +222,12 @@ def _outside(flight: RecordedFlight, judged: list[JudgedSegment]) -> tuple[Recor
     intervals = [(float(t[each.first]), float(t[each.stop - 1])) for each in judged]
     trims = [each.assessed.trim for each in judged]
     return exceedances_outside(
-        flight.judged, flight.planned.limits, intervals, trims, flight.timeline
+        flight.judged,
+        flight.monitor.dictionary,
+        flight.planned.limits,
+        intervals,
+        trims,
+        flight.timeline,
     )
 
 
@@ -237,10 +244,10 @@ def _assessed(
 def _samples(
     flight: RecordedFlight, judged: list[JudgedSegment], alert_above: float
 ) -> npt.NDArray[np.void]:
-    """(n,) of SAMPLE, filled block by block to save memory; also the times without a sample."""
+    """(n,) of sample_type, filled block by block; also the times without a sample."""
     n = len(flight.recording.t)
     firsts, stops = [each.first for each in judged], [each.stop for each in judged]
-    samples = np.empty(n, SAMPLE)
+    samples = np.empty(n, sample_type(len(flight.monitor.dictionary)))
     for first in range(0, n, BLOCK):
         rows = slice(first, min(first + BLOCK, n))
         fields = _between(flight, rows, judged, stops)
@@ -285,7 +292,7 @@ def _shifted(begin: int, end: int, by: int) -> slice:
 def _between(
     flight: RecordedFlight, rows: slice, judged: list[JudgedSegment], stops: list[int]
 ) -> dict[str, npt.NDArray[Any]]:
-    """The fields of SAMPLE in some rows, without assessments.
+    """The fields of sample_type in some rows, without assessments.
 
     stops: the row behind each segment. Channels are from the trim of the segment before; before the
     first segment, from its own.
@@ -305,7 +312,7 @@ def _between(
         "alert": np.zeros(n, bool),
         "state": np.full(n, INVALID, np.uint8),
         "manoeuvre": np.full(n, BETWEEN, np.int16),
-        "y_hat": np.full((n, len(KEYS)), np.nan),
+        "y_hat": np.full(recording.y[rows].shape, np.nan),
         "attitude": np.column_stack(attitude),
     }
 
@@ -333,7 +340,7 @@ def _verdict(
         result, lead = "invalid", None
     elif limited.exceedance is None and own is not None and own.exceedance is not None:
         result, lead = "invalid", None  # the alert was about limits no longer in force
-    lines = list(limits_remarks(judged.in_force, own, flight.monitor.limits))
+    lines = list(limits_remarks(judged.in_force, own, flight.planned))
     if withdrawal is not None:
         lines.append(withdrawn(judged.assessments, withdrawal.first, limited, alert_above))
     why = ""

@@ -12,27 +12,32 @@ from core.clearance.sensors import SensorCheck
 
 BETWEEN = -1
 """Manoeuvre number of samples between manoeuvres."""
-SAMPLE = np.dtype(
-    [
-        ("t", "<f8"),
-        ("y", "<f8", 6),
-        ("p_value", "<f8"),
-        ("withdrawn", "<f8"),
-        ("alert", "?"),
-        ("state", "u1"),
-        ("manoeuvre", "<i2"),
-        ("y_hat", "<f8", 6),
-        ("attitude", "<f8", 3),
-    ]
-)
-"""A scored sample.
 
-t: [s].   y: from trim, as assessed, NaN where not recorded; between manoeuvres, from the trim of
-the one before.   p_value: NaN unless state is `ok`.   withdrawn: p-value where the monitor was not
-applicable, NaN elsewhere.   alert: false unless state is `ok`.   state: index into
-core.monitor.assessment.STATES.   manoeuvre: number, or BETWEEN.   y_hat: forecast, NaN without one.
-attitude: phi, theta, psi [rad], NaN where not recorded.
-"""
+
+def sample_type(n_channels: int) -> np.dtype:
+    """Type of a scored sample.
+
+    t: [s].   y: from trim, as assessed, NaN where not recorded; between manoeuvres, from the trim
+    of the one before.   p_value: NaN unless state is `ok`.   withdrawn: p-value where the monitor
+    was not applicable, NaN elsewhere.   alert: false unless state is `ok`.   state: index into
+    core.monitor.assessment.STATES.   manoeuvre: number, or BETWEEN.   y_hat: forecast, NaN without
+    one.   attitude: phi, theta, psi [rad], NaN where not recorded.
+    """
+    return np.dtype(
+        [
+            ("t", "<f8"),
+            ("y", "<f8", (n_channels,)),
+            ("p_value", "<f8"),
+            ("withdrawn", "<f8"),
+            ("alert", "?"),
+            ("state", "u1"),
+            ("manoeuvre", "<i2"),
+            ("y_hat", "<f8", (n_channels,)),
+            ("attitude", "<f8", (3,)),
+        ]
+    )
+
+
 OBSERVATIONS = "observations within training"
 """Name of the check that needs a calibrated support."""
 BLOCK = 4096
@@ -118,7 +123,7 @@ class ScoredManoeuvre:
 class ScoredRecording:
     """A recording scored by a monitor.
 
-    samples: (n,) of SAMPLE, one each dt [s].   notes: assumptions and steps, oldest first.
+    samples: (n,) of sample_type, one each dt [s].   notes: assumptions and steps, oldest first.
     alert_above: risk above which a sample alerts.
     quality: of the recorded times and channels.
     outside_exceedances: first recorded sample of each exceedance that begins in no manoeuvre.

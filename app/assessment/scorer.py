@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
+from math import isfinite, nan
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -18,9 +19,9 @@ from app.assessment.planned_test import (
     planned_test,
 )
 from app.assessment.trim import CausalTrim
-from core.channels import KEYS
+from core.channels import LATERAL
 from core.kernels import assessing
-from core.limits.exceedance import exceeds
+from core.limits.limits import Envelope
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import REASONS
 from core.monitor.monitor import Stream
@@ -29,14 +30,15 @@ from core.simulation.attitude import DisplayAttitude
 from core.types import Array
 
 TrimRule = Literal["detected", "none"]
-P, R = KEYS.index("p"), KEYS.index("r")
+P, R = LATERAL.index("p"), LATERAL.index("r")
+UNKNOWN: Angles = nan, nan, nan
 NOT_FINITE = REASONS[assessing.INVALID]
 
 
 class LiveAssessed(NamedTuple):
     """A sample on the monitor's grid, with its assessment.
 
-    y: (6,) from trim.   recorded: (6,) including trim.   manoeuvre: 1, 2 ...; 0 for none.
+    y: (n_channels,) from trim.   recorded: the same including trim.   manoeuvre: 1, 2 ...; 0: none.
     shown: arrival time at which it was settled [s].   display: assessments by the monitors for
     display.   ruling: limits in force; None for the monitor's own.
     """
@@ -50,10 +52,13 @@ class LiveAssessed(NamedTuple):
     display: tuple[Assessment, ...] = ()
     ruling: Ruling | None = None
 
-    def shown_attitude(self, display: DisplayAttitude) -> Angles:
-        """As received; missing angles are integrated from the rates."""
-        if self.attitude is not None:
-            return self.attitude
+    def shown_attitude(self, display: DisplayAttitude | None) -> Angles:
+        """As received; missing angles are integrated from the rates, or unknown without display."""
+        phi, theta, psi = self.attitude or UNKNOWN
+        if display is None:
+            return phi, theta, psi
+        if isfinite(phi) and isfinite(theta):
+            return phi, theta, psi if isfinite(psi) else 0.0
         return display.update(self.assessment.t, self.recorded.item(P), self.recorded.item(R))
 
 
@@ -61,14 +66,14 @@ class ReceivedExceedance(NamedTuple):
     """A received sample beyond a limit, whatever the grid makes of it.
 
     t: flight time [s].   is_dated: False if the source's time is implausible; t is by arrival.
-    y: (6,) from trim.   recorded: (6,) including trim.   limits: (6,) in force.
+    y: (n_channels,) from trim.   recorded: the same including trim.   limits: in force.
     """
 
     t: float
     is_dated: bool
     y: Array
     recorded: Array
-    limits: Array
+    limits: Envelope
 
 
 class GridMonitor:
@@ -76,7 +81,7 @@ class GridMonitor:
 
     def __init__(self, monitor: Monitor, epsilon: float) -> None:
         self.monitor, self.epsilon = monitor, epsilon
-        self.needed = needed_channels(monitor, limits_of(monitor))
+        self.needed = needed_channels(monitor)
         self._needs_all = bool(self.needed.all())
         self._stream = self._new_stream()
         self._history: deque[Sample] = deque(maxlen=monitor.recipe.n_delay + 1)
@@ -87,7 +92,7 @@ class GridMonitor:
             self._stream.update(sample.t, self._read(sample.y - trim))
 
     def assess(self, sample: Sample, y: Array) -> Assessment:
-        """Assess a sample of a manoeuvre. y: (6,) from trim, NaN where that is unknown."""
+        """Assess a sample of a manoeuvre. y: (n_channels,) from trim, NaN where that is unknown."""
         self._history.append(sample)
         return self._explained(self._stream.update(sample.t, self._read(y)), sample, y)
 
@@ -123,7 +128,7 @@ class GridMonitor:
         known = np.isfinite(y)
         if known.all():
             return ""
-        wanted = zip(KEYS, known, self.needed, strict=True)
+        wanted = zip(self.monitor.dictionary.keys, known, self.needed, strict=True)
         missing = [key for key, is_known, is_needed in wanted if is_needed and not is_known]
         return f"{' and '.join(missing)} {several if missing[1:] else one}" if missing else ""
 
@@ -154,13 +159,13 @@ class CausalScorer:
                 f"delay {self.delay:g} s is subtracted from the lead of {shortest:g} s: give at "
                 f"least 0 and less than {shortest:g} s"
             )
-        self._grid = CausalGrid(monitor.dt, self.delay)
+        self._grid = CausalGrid(monitor.dt, self.delay, len(monitor.dictionary))
         detected = trim == "detected"
         self._trim = CausalTrim.of(monitor, planned_test(monitor)) if detected else None
         planned = self._trim.planned if self._trim else _known_test(monitor)
-        about = monitor.training_max_abs, monitor.limits, self._trim is not None
+        about = monitor.training_max_abs, monitor.envelope, self._trim is not None
         self._checks = InputChecks(planned, *about)
-        self._limits = monitor.limits
+        self._limits = monitor.envelope
         self._rule: LimitsRule | None = None
         self.ruling: Ruling | None = None
         """of the newest sample; None for the monitor's own limits"""
@@ -178,7 +183,8 @@ class CausalScorer:
     def needed(self) -> list[str]:
         """Channels that at least one of the monitors needs."""
         needed = np.logical_or.reduce([m.needed for m in (self._authority, *self._display)])
-        return [key for key, is_needed in zip(KEYS, needed, strict=True) if is_needed]
+        keys = self.monitor.dictionary.keys
+        return [key for key, is_needed in zip(keys, needed, strict=True) if is_needed]
 
     @property
     def counts(self) -> Counts:
@@ -203,7 +209,7 @@ class CausalScorer:
     def put_in_force(self, in_force: LimitsInForce) -> Ruling:
         """Apply other limits to the samples settled from now on; return the current ruling."""
         monitors = self._authority, *self._display
-        self._rule = LimitsRule(in_force, [grid.monitor.limits for grid in monitors])
+        self._rule = LimitsRule(in_force, [grid.monitor.envelope for grid in monitors])
         self.ruling = self._rule.at(self._conditions.at(in_force.t))
         self._limits = self.ruling.limits
         return self.ruling
@@ -223,7 +229,8 @@ class CausalScorer:
         self._checks.push(arrived, t, sample.y, source, self.manoeuvre > 0)
         if self._limits is not None:
             y = sample.y if self._trim is None else sample.y - np.nan_to_num(self._trim.level)
-            if exceeds(self._limits, y) or (y is not sample.y and exceeds(self._limits, sample.y)):
+            exceeds = self._limits.exceeds
+            if exceeds(y) or (y is not sample.y and exceeds(sample.y)):
                 about = y, sample.y, self._limits
                 self._exceedances.append(ReceivedExceedance(t, is_dated, *about))
         if self._grid.n_clock_steps > n_steps:

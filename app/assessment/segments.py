@@ -8,10 +8,11 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from app.assessment.planned_test import SURFACES, PlannedTest
+from app.assessment.planned_test import PlannedTest
 from app.assessment.scored import MOST_MANOEUVRES
 from app.assessment.trim import GUARD_S, FollowedManoeuvre
 from app.telemetry.recording import Recording, TelemetryError
+from core.channels import LATERAL, Dictionary
 from core.kernels.causal_grid import ON_GRID
 from core.types import Array
 
@@ -104,7 +105,7 @@ class Segment(NamedTuple):
 
     onset: sample with which a detected manoeuvre begins; earlier ones are its rest.
     rest: samples whose mean is the trim; None where no trim is subtracted.
-    trim: (6,) as followed in flight; None to take it from `rest`.
+    trim: (n_channels,) as followed in flight; None to take it from `rest`.
     requested: length of rest requested [s], if the recording has less; else None.
     """
 
@@ -116,11 +117,18 @@ class Segment(NamedTuple):
     trim: Array | None = None
     requested: float | None = None
 
-    def trim_of(self, y: Array) -> Array:
-        """(6,) trim, NaN where unknown, 0 where none is subtracted. y: (n, 6) of the recording."""
+    def trim_of(self, y: Array, dictionary: Dictionary = LATERAL) -> Array:
+        """(n_channels,) trim, NaN where unknown, 0 where none is subtracted.
+
+        y: (n, n_channels) of the recording.
+        """
         if self.trim is not None:
             return self.trim
-        return np.zeros(y.shape[1]) if self.rest is None else mean_of_rest(y[self.rest])
+        if self.rest is None:
+            return np.zeros(y.shape[1])
+        trim = mean_of_rest(y[self.rest])
+        trim[list(dictionary.absolute)] = 0.0
+        return trim
 
 
 def segments(
@@ -144,12 +152,10 @@ def segments(
         return (_marked(recording, planned, recipe, entire),), ()
     if detected := detected_segments(planned, recipe, followed):
         return detected, (f"Manoeuvres detected by control activity: {len(detected)}.",)
-    unseen = np.isnan(recording.y[:, SURFACES]).all()
-    note = (
-        "No manoeuvre can be detected without aileron and rudder"
-        if unseen
-        else "No control input detected"
-    )
+    controls = [planned.dictionary.channels[c].label for c in planned.controls]
+    note = "No control input detected"
+    if np.isnan(recording.y[:, planned.controls]).all():
+        note = f"No manoeuvre can be detected without {' and '.join(controls) or 'controls'}"
     return (_marked(recording, planned, recipe, entire),), (
         f"{note}: the entire recording is scored as one.",
     )
@@ -219,7 +225,7 @@ def _marked(
 
 
 def mean_of_rest(rest: Array) -> Array:
-    """Trim from a rest (n, 6): (6,) mean of each channel's known samples, NaN without any."""
+    """Trim from a rest (n, k): (k,) mean of each channel's known samples, NaN without any."""
     known = np.isfinite(rest)
     count = known.sum(axis=0)
     total = np.where(known, rest, 0.0).sum(axis=0)

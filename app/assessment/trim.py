@@ -5,8 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.assessment.planned_test import SURFACES, PlannedTest, limits_of, needed_channels
-from core.channels import KEYS, N_CHANNELS
+from app.assessment.planned_test import PlannedTest, needed_channels
 from core.kernels import causal_trim as kernel
 from core.kernels.causal_trim import TrimRule, TrimState
 from core.kernels.compiled import entry
@@ -40,10 +39,11 @@ RESTS = 0.005
 MOVING = "the surfaces move: trim is measured as soon as they rest"
 RESTING = "no manoeuvre is under way: it begins with the first movement of a surface"
 """These reasons are stored: a journal that is rescored must give the same."""
+BY_HAND = "no manoeuvre is under way: no channel is a control, so begin it by hand (press G)"
 
 
 class FollowedManoeuvre(NamedTuple):
-    """Samples begin to stop - 1.   trim: (6,) NaN where unknown."""
+    """Samples begin to stop - 1.   trim: (n_channels,) NaN where unknown."""
 
     begin: int
     stop: int
@@ -56,8 +56,8 @@ class CausalTrim:
     A manoeuvre begins when a surface first departs from rest; trim is the mean of the rest before
     it. A response that moves keeps the trim of an earlier rest; without one its trim is unknown.
 
-    moving: (6,) a channel that moves further within CALM_S has no trim.   sizes: (2,) inputs of the
-    surfaces [rad]; those of the planned test unless given.
+    moving: (n_channels,) a channel that moves further within CALM_S has no trim.   sizes:
+    (n_controls,) inputs of the controls; those of the planned test unless given.
     """
 
     def __init__(
@@ -68,14 +68,16 @@ class CausalTrim:
         n_rest = n_trim + round(GUARD_S / dt)
         if sizes is None:
             amplitudes = planned.amplitudes
-            sizes = np.where(amplitudes > 0.0, amplitudes, OTHER * amplitudes.max())
+            largest = amplitudes.max(initial=0.0)
+            sizes = np.where(amplitudes > 0.0, amplitudes, OTHER * largest)
         threshold = np.maximum(BEGINNING * SHARE * sizes, SMALLEST)
-        length = planned.duration
+        length, n_channels = planned.duration, len(planned.dictionary)
+        self._absolute = list(planned.dictionary.absolute)
         most = 0 if length is None else max(1, round((length - planned.trim_segment_s) / dt))
         self._rule = TrimRule(
-            np.array(SURFACES),
+            np.array(planned.controls, np.int64),
             threshold,
-            np.full(N_CHANNELS, np.inf) if moving is None else moving,
+            np.full(n_channels, np.inf) if moving is None else moving,
             n_trim,
             max(1, round(MEASURED_S / dt)),
             most,
@@ -84,15 +86,15 @@ class CausalTrim:
         )
         self._state = TrimState(
             np.zeros(kernel.N_COUNT, np.int64),
-            np.full(N_CHANNELS, np.nan),
+            np.full(n_channels, np.nan),
             threshold.copy(),
-            np.zeros(len(SURFACES)),
-            np.empty((n_rest, N_CHANNELS)),
-            np.empty((n_rest + round(CALM_S / dt), N_CHANNELS)),
-            np.empty((round(RESTED / dt), len(SURFACES))),
+            np.zeros(len(threshold)),
+            np.empty((n_rest, n_channels)),
+            np.empty((n_rest + round(CALM_S / dt), n_channels)),
+            np.empty((round(RESTED / dt), len(threshold))),
         )
         compiled = self._rule, self._state
-        self._follow_one = entry(kernel.follow, *compiled, np.empty((1, N_CHANNELS)), 0)
+        self._follow_one = entry(kernel.follow, *compiled, np.empty((1, n_channels)), 0)
         self._begin = entry(kernel.begin, *compiled)
 
     @classmethod
@@ -103,8 +105,8 @@ class CausalTrim:
         """
         moving = largest_at_rest(monitor.training_max_abs)
         moving = 2.0 ** np.ceil(np.log2(moving))
-        moving[SURFACES,] = np.inf
-        moving[~needed_channels(monitor, limits_of(monitor))] = np.inf
+        moving[[*planned.controls, *monitor.dictionary.absolute]] = np.inf
+        moving[~needed_channels(monitor)] = np.inf
         return cls(planned, moving)
 
     @property
@@ -114,8 +116,11 @@ class CausalTrim:
 
     @property
     def level(self) -> Array:
-        """The last trim (6,), NaN where unknown."""
-        return self._state.trim.copy()
+        """The last trim (n_channels,), NaN where unknown; 0 where it is not subtracted."""
+        level = self._state.trim.copy()
+        if self._absolute:
+            level[self._absolute] = 0.0
+        return level
 
     @property
     def reason(self) -> str:
@@ -124,11 +129,14 @@ class CausalTrim:
             unknown = [
                 key
                 for key, trim, moves in zip(
-                    KEYS, self._state.trim, np.isfinite(self._rule.moving), strict=True
+                    self.planned.dictionary.keys,
+                    self._state.trim,
+                    np.isfinite(self._rule.moving),
+                    strict=True,
                 )
                 if np.isnan(trim) and moves
             ]
-            return moved(unknown) if unknown else RESTING
+            return moved(unknown) if unknown else RESTING if self.planned.controls else BY_HAND
         n_rest = len(self._state.rest)
         if self._state.counts[kernel.N_REST] >= n_rest:
             return MOVING
@@ -136,13 +144,13 @@ class CausalTrim:
         return f"trim is measured: it needs {needed:.3g} s of rest before the manoeuvre"
 
     def update(self, y: Array) -> bool:
-        """Add a sample (6,). Returns whether a manoeuvre begins with it."""
+        """Add a sample (n_channels,). Returns whether a manoeuvre begins with it."""
         before = self.manoeuvre
         self._follow_one(self._rule, self._state, np.array([y]), 0)
         return self.manoeuvre not in (0, before)
 
     def follow(self, y: Array, begun: Sequence[int] = ()) -> list[FollowedManoeuvre]:
-        """Add samples (n, 6) of a whole recording; return its manoeuvres.
+        """Add samples (n, n_channels) of a whole recording; return its manoeuvres.
 
         begun: samples with which one is begun by hand.
         """

@@ -6,21 +6,16 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from app.assessment.coverage import lost_samples
-from app.assessment.planned_test import (
-    SURFACE_NAMES,
-    SURFACES,
-    PlannedTest,
-    first_direction,
-    read_channels,
-)
+from app.assessment.planned_test import PlannedTest, first_direction, read_channels
 from app.assessment.recorded import RecordedFlight
 from app.assessment.scored import OBSERVATIONS, Check, Validity
 from app.assessment.segments import Segment
 from app.assessment.trim import largest_at_rest
 from app.telemetry.recording import Recording
-from core.channels import CHANNELS, KEYS, N_RESPONSES
+from core.channels import LATERAL, Dictionary
 from core.kernels.causal_grid import RATE_RATIO
 from core.monitor import Assessments, Monitor
 from core.monitor.assessment import Withdrawal
@@ -32,9 +27,9 @@ from core.types import Array, Flags
 class AssessedSegment:
     """A segment of a recording and the monitor's assessments of it.
 
-    trim: (6,), NaN where unknown.   y: (n, 6) from trim, NaN where not recorded, with the samples
-    before a manoeuvre that fill the history; n_history of them.   y_read: (n, 6) the same, 0 in
-    unknown channels that the monitor does not read.   streamed: their assessments.
+    trim: (n_channels,), NaN where unknown.   y: (n, n_channels) from trim, NaN where not recorded,
+    with the samples before a manoeuvre that fill the history; n_history of them.   y_read: the
+    same, 0 in unknown channels that the monitor does not read.   streamed: their assessments.
     """
 
     flight: RecordedFlight
@@ -48,6 +43,10 @@ class AssessedSegment:
     @property
     def monitor(self) -> Monitor:
         return self.flight.monitor
+
+    @property
+    def dictionary(self) -> Dictionary:
+        return self.flight.monitor.dictionary
 
     @property
     def needed(self) -> Flags:
@@ -70,12 +69,12 @@ class AssessedSegment:
 
     @cached_property
     def largest(self) -> Array:
-        """(6,) largest magnitude of each channel from trim; -inf where not recorded."""
+        """(n_channels,) largest magnitude of each, from trim; -inf where not recorded."""
         return largest(self.y)
 
 
 def largest(y: Array) -> Array:
-    """(6,) largest magnitude of each column of y (n, 6), ignoring NaN; -inf if all are NaN."""
+    """(k,) largest magnitude of each column of y (n, k), ignoring NaN; -inf if all are NaN."""
     return np.abs(y).max(axis=0, initial=-np.inf, where=np.isfinite(y))
 
 
@@ -95,7 +94,7 @@ def validity(assessed: AssessedSegment) -> tuple[Validity, Withdrawal | None]:
         rate(assessed),
         enough,
         channels(assessed),
-        flight_condition(assessed),
+        *flight_condition(assessed),
         *manoeuvre(assessed),
         units(assessed),
         trim(assessed),
@@ -133,7 +132,7 @@ def under_limits(verdict: Validity, in_force: Sequence[Mapping[str, Any]]) -> Va
 def support(assessed: AssessedSegment) -> tuple[ValidityVerdict, Withdrawal | None]:
     """Are the observations within training, by conformal rank; and from where not?"""
     monitor, absent = assessed.monitor, ~np.isfinite(assessed.y).any(axis=0)
-    if missing := [KEYS[c] for c in np.flatnonzero(absent & read_channels(monitor))]:
+    if missing := _keys(assessed, absent & read_channels(monitor)):
         reason = f"not judged: {', '.join(missing)} not recorded"
         return ValidityVerdict(None, reasons=(reason,)), None
     streamed = assessed.streamed
@@ -169,7 +168,7 @@ def rate(assessed: AssessedSegment) -> Check:
     t, dt = assessed.assessments.t, assessed.monitor.dt
     repeats = {channel.key: channel.held for channel in assessed.flight.quality.channels}
     steps = {}
-    for key in (KEYS[c] for c in np.flatnonzero(assessed.needed)):
+    for key in _keys(assessed, assessed.needed):
         trace = assessed.flight.traces.channels[key]
         part = slice(*np.searchsorted(trace.t, (t[0] - dt, t[-1] + dt)).tolist())
         n_known = np.count_nonzero(np.isfinite(trace.values[part]))
@@ -203,11 +202,11 @@ def coverage(assessed: AssessedSegment) -> Check:
 def channels(assessed: AssessedSegment) -> Check:
     """Is every needed channel there, and which are derived?"""
     there = np.isfinite(assessed.y).any(axis=0)
-    if lost := [KEYS[c] for c in np.flatnonzero(assessed.needed & ~there)]:
+    if lost := _keys(assessed, assessed.needed & ~there):
         text = f"no sample of {', '.join(lost)} here, or none to take its trim from"
         return Check("channels", False, text)
-    derived = [key for key in KEYS if key in assessed.recording.derived]
-    absent = [KEYS[c] for c in np.flatnonzero(~there)]
+    derived = [key for key in assessed.dictionary.keys if key in assessed.recording.derived]
+    absent = _keys(assessed, ~there)
     remarks = [f"{', '.join(derived)} derived, not measured"] if derived else []
     remarks += [f"{', '.join(absent)} not recorded and not needed"] if absent else []
     return Check("channels", True, "; ".join(["all needed channels", *remarks]))
@@ -222,7 +221,7 @@ def units(assessed: AssessedSegment) -> Check:
         return Check(
             "units", True, f"every channel within {LARGER:g} times its largest in training"
         )
-    channel = CHANNELS[worst]
+    channel = assessed.dictionary.channels[worst]
     text = (
         f"{channel.key} peaks at {channel.read(assessed.largest[worst])}, {ratio[worst]:.3g} times "
         "its largest in training"
@@ -234,20 +233,29 @@ def units(assessed: AssessedSegment) -> Check:
     return Check("units", False, f"{text}: check its unit and the manoeuvre{hint}")
 
 
-def flight_condition(assessed: AssessedSegment) -> Check:
-    """Did the aircraft fly at the model's airspeed?"""
+def _keys(assessed: AssessedSegment, which: npt.ArrayLike) -> list[str]:
+    """Keys of some channels. which: (n_channels,) bool."""
+    return [assessed.dictionary.keys[c] for c in np.flatnonzero(which)]
+
+
+def flight_condition(assessed: AssessedSegment) -> Iterator[Check]:
+    """Did the aircraft fly at the model's airspeed? Only for a monitor that was simulated here."""
+    if assessed.dictionary != LATERAL:
+        return
     name, part = "flight condition", slice(assessed.segment.first, assessed.segment.last + 1)
     condition = {key: values[part] for key, values in assessed.recording.condition.items()}
     means = {key: v[np.isfinite(v)].mean() for key, v in condition.items() if np.isfinite(v).any()}
     height = f"; altitude {means['h']:.0f} m, not checked" if "h" in means else ""
     if "V" not in means:
-        return Check(name, None, f"no airspeed recorded{height}")
+        yield Check(name, None, f"no airspeed recorded{height}")
+        return
     speed, model = means["V"], assessed.flight.planned.speed
     if model is None:
-        return Check(name, None, f"{speed:.1f} m/s; model airspeed unknown{height}")
+        yield Check(name, None, f"{speed:.1f} m/s; model airspeed unknown{height}")
+        return
     off = speed / model - 1.0
     text = f"{speed:.1f} m/s, {off:+.1%} from the model's {model:.1f} m/s{height}"
-    return Check(name, bool(abs(off) <= SPEED_SHARE), text)
+    yield Check(name, bool(abs(off) <= SPEED_SHARE), text)
 
 
 def manoeuvre(assessed: AssessedSegment) -> Iterator[Check]:
@@ -273,32 +281,33 @@ def manoeuvre(assessed: AssessedSegment) -> Iterator[Check]:
 def surfaces_flown(planned: PlannedTest, y: Array, usual: Array) -> tuple[bool | None, str]:
     """Did the surfaces move as planned? None where not recorded; and the finding in words.
 
-    y: (n, 6) from trim, NaN where unknown.   usual: (6,) largest magnitudes in simulation.
+    y: (n, n_channels) from trim, NaN where unknown.   usual: (n_channels,) largest in training.
     """
     amplitudes, texts, oks, flown = planned.amplitudes, [], [], largest(y)
-    for column, (c, name) in enumerate(zip(SURFACES, SURFACE_NAMES, strict=True)):
-        moved, amplitude = flown[c], amplitudes[column]
+    for column, c in enumerate(planned.controls):
+        channel = planned.dictionary.channels[c]
+        name, moved, amplitude = channel.label, flown[c], amplitudes[column]
         if not np.isfinite(moved):
             oks.append(None)
             texts.append(f"{name} not recorded")
             continue
-        text = f"{name} moved by {CHANNELS[c].read(moved, 2)}"
+        text = f"{name} moved by {channel.read(moved, 2)}"
         oks.append(True)
         if amplitude > 0.0:
-            text += f", planned {CHANNELS[c].read(amplitude, 2)}"
+            text += f", planned {channel.read(amplitude, 2)}"
             flown_first = first_direction(y[:, c])
             planned_first = first_direction(planned.commands[:, column])
             if moved < FLOWN_SHARE * amplitude:
                 oks[-1] = False
                 text += ": hardly flown"
-            elif flown_first != planned_first:
+            elif planned_first and flown_first != planned_first:
                 oks[-1] = False
                 text += ": moved the other way first, or its sign is reversed"
         elif moved > max(FLOWN_SHARE * amplitudes.max(initial=0.0), LARGER * usual[c]):
             oks[-1] = False
             text += ", although the planned manoeuvre does not use it"
         elif moved > LARGER * usual[c]:
-            known = CHANNELS[c].read(usual[c], 2)
+            known = channel.read(usual[c], 2)
             text += f", at most {known} in training"
         texts.append(text)
     ok = False if False in oks else None if None in oks else True
@@ -314,17 +323,21 @@ def trim(assessed: AssessedSegment) -> Check:
     text = f"mean of the first {length:.2f} s"
     unknown = assessed.needed & np.isnan(assessed.trim)
     if unknown.any() and segment.onset is not None:
-        keys = ", ".join(KEYS[c] for c in np.flatnonzero(unknown))
+        keys = ", ".join(_keys(assessed, unknown))
         return Check("trim", False, f"trim of {keys} unknown: the aircraft moved before it")
     if segment.onset is not None:
         text = f"mean of the {length:.2f} s before the first input"
-    rest = assessed.recording.y[segment.rest, :N_RESPONSES]
+    outputs = list(assessed.dictionary.of_role("output"))
+    if not outputs:
+        return Check("trim", True, text)
+    rest = assessed.recording.y[segment.rest][:, outputs]
     known = np.isfinite(rest)
     spread = rest.max(0, initial=-np.inf, where=known) - rest.min(0, initial=np.inf, where=known)
-    most = largest_at_rest(assessed.monitor.training_max_abs[:N_RESPONSES])
-    share = np.where(assessed.needed[:N_RESPONSES], spread / most, 0.0)
+    most = largest_at_rest(assessed.monitor.training_max_abs[outputs])
+    share = np.where(assessed.needed[outputs], spread / most, 0.0)
     worst = int(share.argmax())
-    moved = f"{CHANNELS[worst].key} moves by {CHANNELS[worst].read(spread[worst], 2)} in it"
+    channel = assessed.dictionary.channels[outputs[worst]]
+    moved = f"{channel.key} moves by {channel.read(spread[worst], 2)} in it"
     if share[worst] > 1.0:
         return Check("trim", False, f"{text}, but {moved}: the flight does not begin in trim")
     return Check("trim", True, text)

@@ -7,7 +7,7 @@ from app.assessment.scored import OBSERVATIONS, ScoredManoeuvre, ScoredRecording
 from app.assessment.wording import alerts_above
 from app.telemetry.mapping.mapping import time_of_day
 from app.telemetry.targets import TARGETS
-from core.channels import BY_KEY, CHANNELS
+from core.channels import Dictionary
 from core.clearance.equation_error import Estimate
 from core.clearance.sensors import TOLERANCES, SensorCheck
 from core.monitor import Monitor
@@ -29,7 +29,7 @@ def verdict(monitor: Monitor, scored: ScoredRecording, *, of_day: bool = False) 
         for line in _lines(monitor, scored, manoeuvre, of_day)
     ]
     outside = [
-        f"outside every manoeuvre: {_place(exceedance, of_day)}"
+        f"outside every manoeuvre: {_place(exceedance, monitor.dictionary, of_day)}"
         for exceedance in scored.outside_exceedances[:MOST_LISTED]
     ]
     if (more := len(scored.outside_exceedances) - MOST_LISTED) > 0:
@@ -100,7 +100,7 @@ def _lines(
     if manoeuvre.withdrawn_t is not None:
         since = _time(manoeuvre.withdrawn_t, of_day)
         yield f"  withdrawn          from {since} on: no assessments"
-    yield f"  exceedance         {_exceedance(manoeuvre, of_day)}"
+    yield f"  exceedance         {_exceedance(manoeuvre, monitor.dictionary, of_day)}"
     if manoeuvre.outcome == "unknown":
         yield "  warning lead time  unknown"
     elif manoeuvre.outcome == "invalid":
@@ -109,7 +109,7 @@ def _lines(
         yield f"  warning lead time  {_lead(monitor, manoeuvre)}"
     moved = ", ".join(
         f"{channel.key} {channel.read(value)}"
-        for channel, value in zip(CHANNELS, manoeuvre.trim, strict=True)
+        for channel, value in zip(monitor.dictionary.channels, manoeuvre.trim, strict=True)
         if value is not None
     )
     if any(manoeuvre.trim):
@@ -144,17 +144,17 @@ def _risk(
         yield f"  alerts             {len(alerts)}, the last one {begin:.2f} to {end:.2f} s"
 
 
-def _exceedance(manoeuvre: ScoredManoeuvre, of_day: bool) -> str:
+def _exceedance(manoeuvre: ScoredManoeuvre, dictionary: Dictionary, of_day: bool) -> str:
     exceedance = manoeuvre.exceedance
     if manoeuvre.outcome == "unknown":
         return "unknown"
     if exceedance is None:
         return "none recorded"
-    return _place(exceedance, of_day)
+    return _place(exceedance, dictionary, of_day)
 
 
-def _place(exceedance: RecordedExceedance, of_day: bool) -> str:
-    value = BY_KEY[exceedance.channel].read(exceedance.value)
+def _place(exceedance: RecordedExceedance, dictionary: Dictionary, of_day: bool) -> str:
+    value = dictionary.by_key[exceedance.channel].read(exceedance.value)
     return f"at {_time(exceedance.t, of_day)} ({exceedance.channel} {value})"
 
 

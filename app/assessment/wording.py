@@ -1,21 +1,21 @@
 """Sentences about a scored segment: its guarantee, its remarks, its limits in force."""
 
 from collections.abc import Mapping, Sequence
+from math import isfinite
 from typing import Any
 
 import numpy as np
 
-from app.assessment.limits_in_force import limits_in_words
 from app.assessment.outcome import Limited, Peak
 from app.assessment.planned_test import PlannedTest
 from app.assessment.scored import Validity
 from app.assessment.segments import Segment
-from core.channels import BY_KEY
+from core.channels import BY_KEY, Channel, Dictionary
 from core.limits.exceedance import SAME_TIME
+from core.limits.limits import exceeded_end, limits_in_words
 from core.monitor import Assessments, Monitor
 from core.monitor.assessment import STATES, State
 from core.monitor.calibration import Guarantee
-from core.types import Array
 
 PROMISED: dict[Guarantee, str] = {
     "average": "on average over calibration sets",
@@ -84,11 +84,13 @@ def remarks(
             "unknown"
         )
     elif limited.exceedance is None:
-        lines += _not_exceeded(limited.peaks)
+        lines += _not_exceeded(planned.dictionary, limited.peaks)
     lines += [
-        _beyond_as_recorded(peak)
+        _beyond_as_recorded(planned.dictionary, peak)
         for peak in limited.peaks
-        if peak.largest is not None and peak.largest < peak.limit <= peak.recorded
+        if peak.largest is not None
+        and not peak.is_beyond(peak.largest)
+        and peak.is_beyond(peak.recorded)
     ]
     if limited.lost > 0.0:
         lines.append(f"{limited.lost:.2f} s missing in the limited channels")
@@ -115,30 +117,31 @@ def remarks(
 def limits_remarks(
     in_force: Sequence[Mapping[str, Any]],
     own: Limited | None,
-    limits: Array | None,
+    planned: PlannedTest,
 ) -> list[str]:
     """Remarks where other limits than the monitor's were in force.
 
-    in_force: plain, see InForceTimeline.intervals.   own: judged by the monitor's limits (6,) where
-    others were in force; else None.
+    in_force: plain, see InForceTimeline.intervals.   own: judged by the monitor's limits where
+    others were in force; else None.   planned: of the monitor.
     """
     if own is None:
         return []
+    limits = limits_in_words(planned.dictionary, planned.limits)
     lines = [
         f"from {each['start']:.2f} to {each['end']:.2f} s {_in_force(each)}, the monitor warns of "
-        f"{limits_in_words(limits)}"
+        f"{limits if planned.limits_known else 'unknown limits'}"
         for each in in_force
         if each["reason"]
     ]
     exceeded = own.exceedance
-    if limits is None:
+    if not planned.limits_known:
         by_own = ""
     elif exceeded is None:
-        by_own = f"; the monitor's own {limits_in_words(limits)} was not exceeded"
+        by_own = f"; the monitor's own {limits} was not exceeded"
     else:
-        value = BY_KEY[exceeded.channel].read(exceeded.value)
+        value = planned.dictionary.by_key[exceeded.channel].read(exceeded.value)
         by_own = (
-            f"; the monitor's own {limits_in_words(limits)} was exceeded at {exceeded.t:.2f} s "
+            f"; the monitor's own {limits} was exceeded at {exceeded.t:.2f} s "
             f"({exceeded.channel} {value})"
         )
     return [
@@ -159,11 +162,10 @@ def _in_force(interval: Mapping[str, Any]) -> str:
     return f"{limits} ({name}, {interval['case']}) in force"
 
 
-def _not_exceeded(peaks: Sequence[Peak]) -> list[str]:
+def _not_exceeded(dictionary: Dictionary, peaks: Sequence[Peak]) -> list[str]:
     """How close a manoeuvre came to its limits; unknown where no value is known."""
     known = ", ".join(
-        f"|{peak.channel}| {BY_KEY[peak.channel].read(peak.largest)} of "
-        f"{BY_KEY[peak.channel].read(peak.limit)} from trim"
+        _peak_in_words(dictionary.by_key[peak.channel], peak, peak.largest)
         for peak in peaks
         if peak.largest is not None
     )
@@ -174,13 +176,28 @@ def _not_exceeded(peaks: Sequence[Peak]) -> list[str]:
     return lines
 
 
-def _beyond_as_recorded(peak: Peak) -> str:
-    read = BY_KEY[peak.channel].read
+def _peak_in_words(channel: Channel, peak: Peak, value: float) -> str:
+    """`|Ny| 0.45 g of 0.5 g from trim`; `Nz 4.2 g, limits -1 to 4.9 g`."""
+    trim = " from trim" if channel.reference == "trim" else ""
+    if -peak.low == peak.high:
+        limit = channel.read(peak.high)
+        return f"|{channel.key}| {channel.read(abs(value))} of {limit}{trim}"
+    ends = [channel.read(end) if isfinite(end) else "none" for end in (peak.low, peak.high)]
+    return f"{channel.key} {channel.read(value)}{trim}, limits {' and '.join(ends)}"
+
+
+def _beyond_as_recorded(dictionary: Dictionary, peak: Peak) -> str:
+    channel = dictionary.by_key[peak.channel]
     included, parts = "with trim", "the trim is"
     if peak.bias:
-        included = f"with trim and the bias of {read(peak.bias)} that the mapping removes"
+        bias = channel.read(peak.bias)
+        included = f"with trim and the bias of {bias} that the mapping removes"
         parts = "bias and trim are"
+    limit = exceeded_end(peak.low, peak.high, peak.recorded)
+    symmetric = -peak.low == peak.high
+    name = f"|{peak.channel}|" if symmetric else peak.channel
+    recorded = abs(peak.recorded) if symmetric else peak.recorded
     return (
-        f"|{peak.channel}| as recorded, {included}, is {read(peak.recorded)}, beyond the limit of "
-        f"{read(peak.limit)}: decide whether {parts} sensor error or really flown"
+        f"{name} as recorded, {included}, is {channel.read(recorded)}, beyond the limit of "
+        f"{channel.read(limit)}: decide whether {parts} sensor error or really flown"
     )

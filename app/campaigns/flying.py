@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from app.assessment.outcome import exceedances_outside, notes_on_outside
-from app.assessment.planned_test import SURFACES, PlannedTest
+from app.assessment.planned_test import PlannedTest
 from app.assessment.recorded import on_grid
 from app.assessment.segments import Interval, ScoringRecipe, Segment, detected_segments, segments
 from app.assessment.trim import AFTERWARDS, CausalTrim, FollowedManoeuvre
@@ -13,7 +13,7 @@ from app.assessment.validity import surfaces_flown
 from app.campaigns.point import CampaignError, FlownPoint
 from app.telemetry.recording import Recording
 from app.telemetry.timing.repair import RepairedTraces
-from core.channels import KEYS
+from core.channels import KEYS, LATERAL
 from core.planned_test.planned_test import DatasetRecipe, Simulator
 from core.types import Array
 
@@ -39,7 +39,7 @@ def flown_point(
     CampaignError if there is no manoeuvre or several, if samples are missing, or if it is not the
     planned one.
     """
-    grid, planned = on_grid(recorded, test.dt), PlannedTest.of(test)
+    grid, planned = on_grid(recorded, test.dt, KEYS), PlannedTest.of(test)
     recording = grid.recording
     followed = CausalTrim(planned).follow(grid.recording.y, grid.begun)
     segment, span = _segment(name, recording, planned, marked, followed)
@@ -59,11 +59,11 @@ def flown_point(
             f"{test.dt:g} s: give the whole manoeuvre"
         )
     remark = _flown_as_planned(f"{name}, {where}", y, planned, test)
-    worst = _worst(recorded, planned.limits, rest, span)
-    as_is = _worst(recorded, planned.limits, np.zeros(len(KEYS)), span)
+    worst = _worst(recorded, planned.limits.high, rest, span)
+    as_is = _worst(recorded, planned.limits.high, np.zeros(len(KEYS)), span)
     if worst.part < 1.0 <= as_is.part:
         worst = as_is._replace(words=f"{as_is.words} as recorded, trim not subtracted")
-    elsewhere = exceedances_outside(recorded.traces, planned.limits, [span], [rest])
+    elsewhere = exceedances_outside(recorded.traces, LATERAL, planned.limits, [span], [rest])
     return FlownPoint(
         f"{name}, {where}",
         tuple(map(tuple, y.tolist())),
@@ -72,7 +72,7 @@ def flown_point(
         recording_id,
         float(recording.t[segment.first]),
         float(recording.t[segment.last]),
-        " ".join([remark, *notes_on_outside(elsewhere)]).strip(),
+        " ".join([remark, *notes_on_outside(elsewhere, LATERAL)]).strip(),
     )
 
 
@@ -91,7 +91,7 @@ def aborted_flight(
     """
     start, end = (-np.inf, np.inf) if marked is None else (marked.start, marked.end)
     where = "entire recording" if marked is None else f"{start:.2f} to {end:.2f} s"
-    limits = PlannedTest.of(test).limits
+    limits = PlannedTest.of(test).limits.high
     limited = [KEYS[c] for c in np.flatnonzero(np.isfinite(limits))]
     if missing := [key for key in limited if not _within(recorded, key, start, end)[0].size]:
         raise CampaignError(
@@ -176,7 +176,7 @@ def _flown_as_planned(where: str, y: Array, planned: PlannedTest, test: DatasetR
             f"{where}: {words}. This is not the planned point: check the signs and units of the "
             "mapping, or choose the part of the recording"
         )
-    flown, amplitudes = np.abs(y).max(axis=0)[list(SURFACES)], planned.amplitudes
+    flown, amplitudes = np.abs(y).max(axis=0)[list(planned.controls)], planned.amplitudes
     shares = flown[amplitudes > 0.0] / amplitudes[amplitudes > 0.0]
     low, high = AS_PLANNED
     return f"{words}." if (shares < low).any() or (shares > high).any() else ""

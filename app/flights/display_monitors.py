@@ -37,7 +37,7 @@ class DisplayMonitor(NamedTuple):
 
 
 def check_limits(monitor_id: str, monitor: Monitor) -> None:
-    if monitor.limits is None:
+    if monitor.specification is None:
         raise LimitsUnknown(
             f"monitor {monitor_id} does not contain the limits it was trained for, so exceedances "
             "cannot be judged: choose another monitor, or train it again"
@@ -56,6 +56,8 @@ def check_alike(authority: Monitor, display: Sequence[DisplayMonitor]) -> None:
 
 
 def _unlike(authority: Monitor, other: Monitor) -> str:
+    if other.dictionary != authority.dictionary:
+        return "other channels"
     if other.dt != authority.dt:
         return f"another sample interval, {other.dt:g} s and not {authority.dt:g} s,"
     recipes = authority.dataset_recipe, other.dataset_recipe

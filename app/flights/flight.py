@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from math import inf
+from math import inf, nan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -57,11 +57,10 @@ from app.messages import (
     validity_word,
 )
 from app.scene.shown import Shown
-from core.channels import KEYS
 from core.evaluation.certificate import warnings_of
 from core.flight_events import FLIGHT_MARKERS, Alarm, FlightMarker, FlightMarkerKey
 from core.limits.exceedance import Exceedances, MeasuredExceedance
-from core.limits.limits import Specification, specification_to_plain
+from core.limits.limits import Envelope, Specification, specification_to_plain
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import Cause
 from core.monitor.peak_forecast import Ahead
@@ -80,7 +79,6 @@ MOST_HELD = 200
 """Newest changes of the limits that a joining watcher receives."""
 MARKERS_KEPT = 50
 """Stored markers that a flight keeps in memory; the store has all."""
-BETA, DELTA_A, DELTA_R = (KEYS.index(key) for key in ("beta", "delta_a", "delta_r"))
 NOTHING_COMES = "no sample comes"
 """Reason of a stale flight without new samples; each display adds the age."""
 STALE_INTERVALS, STALE_S = 3.0, 0.25
@@ -160,7 +158,10 @@ class Flight(ABC):
         self._exceeds = False
         self.doubts: tuple[Doubt, ...] = ()
         self.exceeded_t: float | None = None
-        self.exceedances = Exceedances(self._near)
+        monitor = plan.monitor
+        keys = monitor.dictionary.keys
+        rest = np.zeros(len(keys)) if monitor.envelope is None else monitor.envelope.rest
+        self.exceedances = Exceedances(dict(zip(keys, rest.tolist(), strict=True)), self._near)
         self._limits_held: deque[LimitsFrom] = deque(maxlen=MOST_HELD)
         self._limits_of_record: deque[LimitsFrom] = deque(maxlen=MOST_HELD)
         self._alert_above = plan.monitor.alert_above(plan.epsilon)
@@ -365,9 +366,9 @@ class Flight(ABC):
         return plain if isinstance(plain, dict) else None
 
     @property
-    def _limits(self) -> Array | None:
-        """(6,) limits in force; None if unknown."""
-        return self.plan.monitor.limits if self._ruling is None else self._ruling.limits
+    def _limits(self) -> Envelope | None:
+        """Limits in force; None if unknown."""
+        return self.plan.monitor.envelope if self._ruling is None else self._ruling.limits
 
     @property
     def _specification(self) -> Specification:
@@ -597,9 +598,9 @@ class Flight(ABC):
         shown = Shown(
             self.t,
             Attitude(*attitude),
-            y.item(BETA),
-            y.item(DELTA_A),
-            y.item(DELTA_R),
+            self._value(y, "beta"),
+            self._value(y, "delta_a"),
+            self._value(y, "delta_r"),
             None if is_stale else assessment.p_value,
             self._alert_above,
             bool(assessment.alert) and not is_stale,
@@ -609,6 +610,11 @@ class Flight(ABC):
             cause=assessment.cause,
         )
         self._use_scene(lambda scene: scene.show(shown))
+
+    def _value(self, y: Array, key: str) -> float:
+        """A channel of a sample; NaN if the monitor has no such channel."""
+        keys = self.plan.monitor.dictionary.keys
+        return y.item(keys.index(key)) if key in keys else nan
 
     def _miss(self, seconds: float) -> None:
         reason, is_new = f"no sample came for {seconds:g} s", self.state is not State.STALE

@@ -6,9 +6,11 @@ from typing import Any
 
 from app.assessment.limits_in_force import LimitsInForce, RequestedLimits, Ruling
 from app.flights.display_monitors import ALIKE
+from app.flights.sources.simulated import SourceError
 from app.messages import LimitsStatus
 from app.store.monitors import MonitorInfo
 from app.store.store import Store
+from core.channels import LATERAL
 from core.flight_events import FlightLimits
 from core.limits.limit_sets import ConditionKey
 from core.limits.limits import Limits, specification_to_plain
@@ -25,7 +27,15 @@ def change_of_limits(
     version: int | None,
     fixed: Mapping[ConditionKey, float] | None,
 ) -> RequestedLimits:
-    """A version of a limit set, the newest if None; for a thread. NotFound."""
+    """A version of a limit set, the newest if None; for a thread.
+
+    NotFound; SourceError for a monitor of other channels.
+    """
+    if monitor.dictionary != LATERAL:
+        raise SourceError(
+            f"a limit set was given with a monitor of {', '.join(monitor.dictionary.keys)}: limit "
+            f"sets know only {', '.join(LATERAL.keys)}, leave it out"
+        )
     stored = store.limit_sets.version(limit_set, version)
     limits, monitors = stored.limits, store.monitors.all()
     serving = tuple(_serving(monitor, case.limits, monitors) for case in limits.cases)

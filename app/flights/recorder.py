@@ -22,7 +22,6 @@ from app.flights.clock import Clock, Timer
 from app.messages import LimitsFrom
 from app.store.assessments import DISPLAY, StoredDisplay
 from app.store.store import NotFound, Store, StoreError, StoreHealth
-from core.channels import N_CHANNELS
 from core.flight_events import Alarm, FlightLimits, FlightMarker
 from core.limits.exceedance import ChannelExceedances
 from core.monitor import Assessment
@@ -40,7 +39,6 @@ PARTS = 64
 BATCH = 10_000
 """Most samples per write."""
 MOST_WAITING = 200_000
-UNKNOWN = np.full(N_CHANNELS, np.nan)
 Columns = tuple[Array, Flags, npt.NDArray[np.uint8]]
 
 
@@ -281,6 +279,7 @@ class Recorder:
 
     def _write(self, batch: list[RecordedSample]) -> None:
         assessments = [sample.assessment for sample in batch]
+        unknown = np.full(len(batch[0].y), np.nan)
         display = [
             _to_store(column) for column in zip(*(sample.display for sample in batch), strict=True)
         ]
@@ -292,7 +291,7 @@ class Recorder:
             *_columns(assessments),
             np.array(
                 [
-                    UNKNOWN if assessment.y_hat is None else assessment.y_hat
+                    unknown if assessment.y_hat is None else assessment.y_hat
                     for assessment in assessments
                 ]
             ),

@@ -19,29 +19,29 @@ from app.flights.sources.playback import Angles, StoredScript, onsets
 from app.flights.sources.simulated import SourceError
 from app.store.assessments import StoredAssessments
 from app.telemetry.journal import lines_of
-from core.channels import N_CHANNELS
-from core.limits.exceedance import exceeds
+from core.limits.limits import Envelope
 from core.monitor import Assessment
 from core.monitor.assessment import code_of
 from core.simulation.attitude import DisplayAttitude
 from core.types import Array, Indices
 
-SHOWN = np.dtype(
-    [
-        ("shown", "<f8"),
-        ("t", "<f8"),
-        ("y", "<f8", (N_CHANNELS,)),
-        ("recorded", "<f8", (N_CHANNELS,)),
-        ("p_value", "<f8"),
-        ("alert", "?"),
-        ("state", "u1"),
-        ("y_hat", "<f8", (N_CHANNELS,)),
-        ("attitude", "<f8", (3,)),
-        ("manoeuvre", "<i4"),
-    ]
-)
-"""A shown sample; `shown` is the time since the flight began [s]."""
-UNKNOWN = np.full(N_CHANNELS, np.nan)
+
+def shown_type(n_channels: int) -> np.dtype:
+    """Type of a shown sample; `shown` is the time since the flight began [s]."""
+    return np.dtype(
+        [
+            ("shown", "<f8"),
+            ("t", "<f8"),
+            ("y", "<f8", (n_channels,)),
+            ("recorded", "<f8", (n_channels,)),
+            ("p_value", "<f8"),
+            ("alert", "?"),
+            ("state", "u1"),
+            ("y_hat", "<f8", (n_channels,)),
+            ("attitude", "<f8", (3,)),
+            ("manoeuvre", "<i4"),
+        ]
+    )
 
 
 class ShownFlight(StoredScript):
@@ -61,7 +61,8 @@ class ShownFlight(StoredScript):
         self._rulings: list[Ruling | None] = []
         self._doubts: list[tuple[Doubt, ...]] = []
         self._came: list[float] = []
-        samples = np.fromiter(self._read(setup, flight_id), SHOWN)
+        self.keys = setup.monitor.dictionary.keys
+        samples = np.fromiter(self._read(setup, flight_id), shown_type(len(self.keys)))
         super().__init__(samples, setup.dt, setup.monitor.recipe.predictor.forecasts)
         if not len(self.samples):
             raise SourceError(f"flight {flight_id} has no assessed sample: its source sent too few")
@@ -69,7 +70,7 @@ class ShownFlight(StoredScript):
         self._began = float((shown - self.samples["t"]).min())
         self.t = np.maximum.accumulate(shown - self._began)
         self.alerts = onsets(self.samples["alert"])
-        self.exceedances = self.exceeding(setup.monitor.limits)
+        self.exceedances = self.exceeding(setup.monitor.envelope)
         self._late = self._lags(setup.scorer().lead)
         self._begun = np.concatenate([[0], 1 + np.flatnonzero(np.diff(self.samples["manoeuvre"]))])
         self._n_history = setup.monitor.recipe.n_delay + 1
@@ -145,7 +146,7 @@ class ShownFlight(StoredScript):
         )
 
     def _read(self, setup: LiveSetup, flight_id: str) -> Iterator[tuple[Any, ...]]:
-        display, known, scorer = DisplayAttitude(setup.theta0), dict[str, str](), setup.scorer()
+        display, known, scorer = setup.display_attitude(), dict[str, str](), setup.scorer()
         for assessed in rescored(self._lines(setup, flight_id), scorer, setup.reader):
             reason = assessed.assessment.reason
             self.reasons.append(known.setdefault(reason, reason))
@@ -154,15 +155,18 @@ class ShownFlight(StoredScript):
             self._doubts.append(scorer.doubts)
             yield _row(assessed, display)
 
-    def exceeding(self, limits: Array | None) -> Indices:
-        """Under the limits in force. limits: (6,) the monitor's own."""
+    def exceeding(self, limits: Envelope | None) -> Indices:
+        """Under the limits in force. limits: the monitor's own."""
         rulings = {id(ruling): ruling for ruling in self._rulings}
         of_sample = np.array([id(ruling) for ruling in self._rulings])
-        each = np.full((len(self.samples), N_CHANNELS), np.inf)
+        over = np.zeros(len(self.samples), bool)
         for key, ruling in rulings.items():
             in_force = limits if ruling is None else ruling.limits
-            each[of_sample == key] = np.inf if in_force is None else in_force
-        return onsets(exceeds(each, self.samples["y"]) | exceeds(each, self.samples["recorded"]))
+            if in_force is not None:
+                part = of_sample == key
+                y, recorded = self.samples["y"][part], self.samples["recorded"][part]
+                over[part] = in_force.exceeds(y) | in_force.exceeds(recorded)
+        return onsets(over)
 
     def _lines(self, setup: LiveSetup, flight_id: str) -> Iterator[dict[str, Any]]:
         for line in lines_of(setup.journals.path(flight_id)):
@@ -182,7 +186,7 @@ class ShownFlight(StoredScript):
         return reasons
 
 
-def _row(assessed: LiveAssessed, display: DisplayAttitude) -> tuple[Any, ...]:
+def _row(assessed: LiveAssessed, display: DisplayAttitude | None) -> tuple[Any, ...]:
     assessment = assessed.assessment
     return (
         assessed.shown,
@@ -192,7 +196,7 @@ def _row(assessed: LiveAssessed, display: DisplayAttitude) -> tuple[Any, ...]:
         np.nan if assessment.p_value is None else assessment.p_value,
         bool(assessment.alert),
         code_of(assessment.state),
-        UNKNOWN if assessment.y_hat is None else assessment.y_hat,
+        np.full(len(assessed.y), np.nan) if assessment.y_hat is None else assessment.y_hat,
         assessed.shown_attitude(display),
         assessed.manoeuvre,
     )

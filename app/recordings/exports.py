@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from app.assessment.limits_history import pieces_of
 from core.channels import CHANNELS
+from core.limits.limits import Envelope
 from core.monitor.assessment import STATES
 from core.types import Array
 
@@ -103,13 +104,13 @@ def columns(
 
 def _limits(t: Array, in_force: Sequence[Mapping[str, Any]]) -> list[ExportColumn]:
     """The limit in force of each channel that had one, over time; NaN if none applied."""
-    pieces = pieces_of(np.full(len(CHANNELS), np.inf), in_force)
-    limited = np.isfinite([piece.limits for piece in pieces]).any(axis=0)
+    pieces = pieces_of(Envelope.unlimited(len(CHANNELS)), in_force)
+    limited = np.logical_or.reduce([piece.limits.limited for piece in pieces])
     limit_columns = []
     for c in np.flatnonzero(limited):
         channel, limits = CHANNELS[c], np.full(len(t), np.nan)
         for piece in pieces:
-            limit = piece.limits[c] if np.isfinite(piece.limits[c]) else np.nan
+            limit = piece.limits.high[c] if piece.limits.limited[c] else np.nan
             limits[(t >= piece.start) & (t <= piece.end)] = limit
         if np.isfinite(limits).any():
             name = f"limit_{channel.key}"

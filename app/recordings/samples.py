@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from app.assessment import SAMPLE
+from app.assessment import sample_type
 from app.recordings.files import Verified, reporting_full_disk
-from app.recordings.tiles import TILE, make_tiles
+from app.recordings.tiles import make_tiles, tile_type
 from app.store.database import Damaged
 from core.whole_file import whole_file
 
@@ -56,8 +56,12 @@ def open_samples(
     Version 0.1.0 used another name for one field, with the same bits.
     """
     path = samples_file(folder, scoring_id)
-    verified.check(path, expected, REMEDY, lambda path: digest(_mapped(path, SAMPLE), rest))
-    return _mapped(path, SAMPLE)
+    verified.check(path, expected, REMEDY, lambda path: digest(_samples(path), rest))
+    return _samples(path)
+
+
+def _samples(path: Path) -> Samples:
+    return _mapped(path, "y", sample_type)
 
 
 def open_tiles(folder: Path, scoring_id: str, expected: str, verified: Verified) -> Samples:
@@ -69,11 +73,11 @@ def open_tiles(folder: Path, scoring_id: str, expected: str, verified: Verified)
 
     def compare(path: Path) -> str:
         samples = open_samples(folder, scoring_id, expected, verified)
-        is_intact = digest(make_tiles(samples)) == digest(_mapped(path, TILE))
+        is_intact = digest(make_tiles(samples)) == digest(_mapped(path, "low", tile_type))
         return expected if is_intact else ""
 
     verified.check(path, expected, REMEDY, compare)
-    return _mapped(path, TILE)
+    return _mapped(path, "low", tile_type)
 
 
 def remove(folder: Path, scoring_id: str) -> None:
@@ -81,10 +85,12 @@ def remove(folder: Path, scoring_id: str) -> None:
         (folder / f"{scoring_id}.{kind}").unlink(missing_ok=True)
 
 
-def _mapped(path: Path, dtype: np.dtype) -> Samples:
+def _mapped(path: Path, of_channels: str, type_of: Callable[[int], np.dtype]) -> Samples:
+    """A stored array of structures. of_channels: a field with one value for each channel."""
     try:
-        return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False)).view(dtype)
+        stored = np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
+        return stored.view(type_of(stored.dtype[of_channels].shape[0]))
     except FileNotFoundError:
         raise
-    except (OSError, ValueError, TypeError, EOFError) as error:
+    except (OSError, ValueError, TypeError, EOFError, KeyError, IndexError) as error:
         raise Damaged(f"{path} is damaged ({error}): {REMEDY}") from error

@@ -11,8 +11,6 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
-import numpy as np
-
 from app.assessment import ScoredRecording, ScoringRecipe, score
 from app.assessment.limits_history import InForceTimeline, LimitsHistory
 from app.recordings.mapped_columns import plain, quality_of
@@ -26,14 +24,14 @@ from app.recordings.samples import (
     samples_file,
     save_samples,
 )
-from app.recordings.tiles import TILE, Window, window
+from app.recordings.tiles import Window, window
 from app.store.scorings import ScoringInfo
 from app.store.tables import new_id, now
 from app.telemetry.mapping.mapping import Mapping
 from core import __version__
 from core.kernels.compiled import threads
+from core.limits.limits import Envelope
 from core.monitor import Monitor
-from core.types import Array
 
 
 class ScoredRecordings:
@@ -77,7 +75,7 @@ class ScoredRecordings:
         first = bisect_left(t, start)
         last = bisect_right(t, end) - 1
         if last < first:
-            return samples, Window(first, 1, np.empty(0, TILE))
+            return samples, Window(first, 1, tiles[:0])
         return samples, window(samples, tiles, first, last, bins)
 
     def delete(self, recording_id: str, scoring_id: str) -> None:
@@ -127,7 +125,7 @@ class ScoredRecordings:
         return stored, stored.id == scoring_id
 
     def limits_timeline(
-        self, info: ScoringInfo, own: Sequence[Array | None]
+        self, info: ScoringInfo, own: Sequence[Envelope | None]
     ) -> InForceTimeline | None:
         """Which limits were in force when, for monitors of `own` limits; None for no limit set."""
         history = self._history(info.recording_id, Mapping.from_plain(info.mapping))

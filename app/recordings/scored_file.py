@@ -21,7 +21,6 @@ from app.telemetry.recording import TelemetryError
 from app.telemetry.timing.repair import RepairedTraces
 from core.evaluation.certificate import UselessMonitor, check_use
 from core.monitor import Monitor, load
-from core.monitor.file.loading import only_lateral
 from core.simulation.attitude import surface_signs
 
 if TYPE_CHECKING:
@@ -114,7 +113,7 @@ def score_file(request: ScoreRequest, memory: MappingMemory | None = None) -> Sc
     memory: provides the aircraft's mapping if none is given; otherwise stores the given one after
     scoring. UselessMonitor unless accepted.
     """
-    monitors = [only_lateral(load(path), str(path)) for path in request.monitors]
+    monitors = [load(path) for path in request.monitors]
     for monitor in monitors:
         for epsilon in request.epsilons:
             checked = monitor.check_epsilon(epsilon)

@@ -11,8 +11,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from core.channels import N_CHANNELS
-
 Samples = npt.NDArray[np.void]
 
 FINEST = 8
@@ -22,18 +20,21 @@ FACTOR = 4
 BLOCK = 2**15
 """Samples that are processed at once."""
 
-TILE = np.dtype(
-    [
-        ("low", "<f8", (N_CHANNELS,)),
-        ("high", "<f8", (N_CHANNELS,)),
-        ("risk_low", "<f8"),
-        ("risk_high", "<f8"),
-        ("withdrawn", "<f8"),
-        ("state", "u1"),
-        ("alert", "?"),
-    ]
-)
-"""Extremes of y and p_value, largest withdrawn, worst state, any alert; NaN if missing."""
+
+def tile_type(n_channels: int) -> np.dtype:
+    """Extremes of y and p_value, largest withdrawn, worst state, any alert; NaN if missing."""
+    return np.dtype(
+        [
+            ("low", "<f8", (n_channels,)),
+            ("high", "<f8", (n_channels,)),
+            ("risk_low", "<f8"),
+            ("risk_high", "<f8"),
+            ("withdrawn", "<f8"),
+            ("state", "u1"),
+            ("alert", "?"),
+        ]
+    )
+
 
 JOINED: dict[str, Any] = {
     "low": np.fmin,
@@ -64,7 +65,8 @@ class Window:
 def make_tiles(samples: Samples) -> Samples:
     """All levels of the pyramid over the samples of a scoring, finest level first."""
     blocks = (samples[first : first + BLOCK] for first in range(0, len(samples), BLOCK))
-    levels = [np.concatenate([np.empty(0, TILE), *(_joined(b, FINEST) for b in blocks)])]
+    none = _joined(samples[:0], FINEST)
+    levels = [np.concatenate([none, *(_joined(b, FINEST) for b in blocks)])]
     while len(levels[-1]) > FACTOR:
         levels.append(_joined(levels[-1], FACTOR))
     return np.concatenate(levels)
@@ -95,9 +97,10 @@ def _level(samples: Samples, tiles: Samples, width: int) -> tuple[int, Samples]:
 
 def _joined(source: Samples, n: int) -> Samples:
     """A tile for each n samples or tiles; the last one may have fewer."""
-    joined = np.empty(-(-len(source) // n), TILE)
+    of_samples = "y" in (source.dtype.names or ())
+    n_channels = source["y" if of_samples else "low"].shape[1]
+    joined = np.empty(-(-len(source) // n), tile_type(n_channels))
     starts = np.arange(0, len(source), n)
-    of_samples = source.dtype != TILE
     for name, extreme in JOINED.items():
         values = source[OF_SAMPLE.get(name, name) if of_samples else name]
         joined[name] = values if n == 1 else extreme.reduceat(values, starts, axis=0)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from app.assessment.limits_history import LimitsHistory
-from app.assessment.planned_test import SURFACE_NAMES, SURFACES, PlannedTest
+from app.assessment.planned_test import PlannedTest
 from app.assessment.recorded import on_grid
 from app.assessment.trim import BEGINNING, SHARE, CausalTrim
 from app.recipes.labels import kind_label
@@ -20,8 +20,9 @@ from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.mapping.mapping import Mapping
 from app.telemetry.recording import Recording
 from app.telemetry.timing.repair import RepairedTraces
-from core.channels import BY_KEY, KEYS
+from core.channels import BY_KEY, KEYS, LATERAL
 from core.kernels.causal_grid import RATE_RATIO
+from core.limits.limits import Envelope, magnitudes_of
 from core.monitor import Monitor
 from core.planned_test.planned_test import DatasetRecipe
 from core.recipe import to_plain
@@ -38,6 +39,8 @@ from core.simulation.maneuver import (
 )
 from core.types import Array
 
+SURFACES = LATERAL.of_role("control")
+SURFACE_NAMES = tuple(LATERAL.channels[c].label for c in SURFACES)
 UNITS_S = np.arange(0.2, 5.01, 0.05)
 """Lengths of a card's shortest segment to compare with the recorded input [s]."""
 RISE_S = 0.2
@@ -155,7 +158,7 @@ def _largest_input(recording: Recording, dt: float) -> Input | None:
         return None
     surfaces = np.nan_to_num(surfaces)
     sizes = np.full(2, 0.5 * np.ptp(surfaces, axis=0).max())
-    unknown = PlannedTest(dt, np.full(len(KEYS), np.inf))
+    unknown = PlannedTest(dt, Envelope.unlimited(len(KEYS)))
     inputs = [
         _input(recording.t, surfaces, trim[SURFACES,], sizes, onset, stop, dt)
         for onset, stop, trim in CausalTrim(unknown, sizes=sizes).follow(recording.y)
@@ -250,9 +253,9 @@ def _limits(
     with recordings.present(recording_id):
         history = LimitsHistory.of(recordings.columns(recording_id), mapping)
     if history is not None and found is not None:
-        magnitudes = history.timeline([None]).at(np.array([found.start]))[0]
+        magnitudes = history.timeline([None]).at(np.array([found.start])).high[0]
     if (magnitudes is None or np.isinf(magnitudes).all()) and monitor is not None:
-        magnitudes, source = monitor.limits, "those of the monitor"
+        magnitudes, source = magnitudes_of(monitor.specification), "those of the monitor"
     if magnitudes is None or np.isinf(magnitudes).all():
         return None, "No limits are recorded: check the usual ones of the aircraft."
     limits = {

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from app.assessment.planned_test import SURFACE_NAMES, PlannedTest
+from app.assessment.planned_test import PlannedTest
 from app.campaigns.campaign import Campaign
 from app.campaigns.clearing import bound_in_words, checklist, history
 from app.campaigns.point import Condition, percent_at_most
@@ -15,6 +15,7 @@ from app.recipes.recipes import to_plain
 from app.report.page import TEMPLATES, limited
 from app.report.strip_chart import CROSS, DOT, STROKE, StripChart
 from core import __version__
+from core.channels import LATERAL
 from core.clearance.identification import Identification
 from core.planned_test.planned_test import DatasetRecipe
 from core.types import Array
@@ -47,7 +48,8 @@ def input_words(test: DatasetRecipe) -> str:
     """The input step by step: time, surface, deflection; empty if it has too many steps."""
     commands = np.degrees(PlannedTest.of(test).commands)
     lines: list[str] = []
-    for name, command in zip(SURFACE_NAMES, commands.T, strict=True):
+    names = [LATERAL.channels[c].label for c in LATERAL.of_role("control")]
+    for name, command in zip(names, commands.T, strict=True):
         changes = np.flatnonzero(np.diff(command, prepend=0.0))
         if 0 < len(changes) <= MOST_STEPS:
             steps = (f"at {k * test.dt:g} s to {command[k]:.3g} deg" for k in changes)
@@ -62,7 +64,7 @@ def _condition(campaign: Campaign, condition: Condition) -> dict[str, Any]:
         "name": condition.name,
         "points": [point for point in campaign.points if point.condition == condition.name],
         "maneuver": kind_label(to_plain(test.maneuver)["kind"]),
-        "limits": limited(test.specification.magnitudes),
+        "limits": limited(test.specification.envelope),
         "aircraft": condition.aircraft,
         "plot": build_up_plot(campaign, condition.name),
         "identified": identifications[-1] if identifications else None,

@@ -9,7 +9,7 @@ from app.report.page import TEMPLATES, limited
 from core import __version__
 from core.evaluation.certificate import Share, certificate, miss_rate_of, warnings_of
 from core.evaluation.rates import clopper_pearson
-from core.limits.limits import IntervalLimits
+from core.limits.limits import IntervalLimits, Limits, envelope_of
 from core.monitor import Monitor
 from core.monitor.calibration import threshold
 from core.monitor.combination import members_of
@@ -29,6 +29,7 @@ def certificate_page(monitor: Monitor, name: str, digest: str, created: str = ""
             "train it with test flights"
         )
     prevention = evaluation.get("prevention")
+    magnitudes = monitor.specification if isinstance(monitor.specification, Limits) else None
     return TEMPLATES.get_template("certificate.html").render(
         name=name,
         digest=digest,
@@ -44,7 +45,7 @@ def certificate_page(monitor: Monitor, name: str, digest: str, created: str = ""
         written=datetime.now(UTC).isoformat(),
         alerts_above=alerts_above(epsilon, monitor.alert_above(), monitor.recipe.guarantee),
         promised=PROMISED[monitor.recipe.guarantee],
-        limits=limited(monitor.limits),
+        limits=limited(envelope_of(magnitudes)),
         intervals=_intervals(monitor),
         summary=summary,
         evaluation=evaluation,

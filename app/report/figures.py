@@ -183,9 +183,10 @@ def _levels(
     c: int, limits: Sequence[LimitPiece], start: float = -np.inf, end: float = np.inf
 ) -> list[float]:
     """Limits of a channel between two times [s], either sign, in its display unit."""
-    here = [piece.limits[c] for piece in limits if piece.start <= end and piece.end >= start]
-    shown = np.unique(np.array(here)[np.isfinite(here)]) * CHANNELS[c].display_factor
-    return [*shown.tolist(), *(-shown).tolist()]
+    here = [piece.limits for piece in limits if piece.start <= end and piece.end >= start]
+    ends = np.array([each for known in here for each in (known.low[c], known.high[c])])
+    shown = np.unique(ends[np.isfinite(ends)])[::-1] * CHANNELS[c].display_factor
+    return shown.tolist()
 
 
 def _draw_limits(strip: Strip, c: int, limits: Sequence[LimitPiece]) -> None:

@@ -20,7 +20,7 @@ from app.telemetry.mapping.mapping import TimeSource, counts_the_day, time_of_da
 from core import __version__
 from core.channels import CHANNELS, Channel, significant
 from core.evaluation.certificate import certificate, warnings_of
-from core.types import Array
+from core.limits.limits import Envelope
 
 CONFIDENT = 0.9
 """From this confidence on, a proposal is listed without its reasons."""
@@ -96,9 +96,9 @@ def report(subject: ReportSubject) -> str:
     )
 
 
-def limited(limits: Array | None) -> list[tuple[Channel, float]]:
+def limited(limits: Envelope | None) -> list[tuple[Channel, float]]:
     """The channels with a limit, and its magnitude."""
-    magnitudes = [] if limits is None else zip(CHANNELS, limits.tolist(), strict=True)
+    magnitudes = [] if limits is None else zip(CHANNELS, limits.high.tolist(), strict=True)
     return [(channel, limit) for channel, limit in magnitudes if limit < float("inf")]
 
 

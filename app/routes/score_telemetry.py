@@ -21,26 +21,16 @@ Times = Annotated[list[float], Field(min_length=1, max_length=MOST_SAMPLES)]
 _model: Any = create_model
 TelemetryBody = _model(
     "TelemetryBody",
-    __config__=ConfigDict(extra="forbid", title="Telemetry to score"),
-    __doc__="Telemetry, one array per channel, SI units; null for a missing value.",
+    __config__=ConfigDict(extra="allow", title="Telemetry to score"),
+    __doc__="Telemetry, one array for each channel of the monitor, by its key, in its unit; null "
+    "for a missing value. Those named here are of monitors of the six lateral channels.",
     t=(Times, Field(description="time [s], increasing")),
-    **{c.key: (Values, Field(description=f"{c.label} [{c.unit}]")) for c in CHANNELS},
+    **{c.key: (Values | None, Field(None, description=f"{c.label} [{c.unit}]")) for c in CHANNELS},
     **{
         key: (Values | None, Field(None, description=f"{words} [rad], for the display only"))
         for key, words in zip(ATTITUDE, ("bank angle", "pitch angle", "heading"), strict=True)
     },
 )
-
-
-class ForecastByChannel(BaseModel):
-    """Forecast of each channel t_early ahead."""
-
-    beta: float = Field(description="[rad]")
-    p: float = Field(description="[rad/s]")
-    r: float = Field(description="[rad/s]")
-    Ny: float = Field(description="[g]")
-    delta_a: float = Field(description="[rad]")
-    delta_r: float = Field(description="[rad]")
 
 
 class AssessedSample(BaseModel):
@@ -52,7 +42,9 @@ class AssessedSample(BaseModel):
     alert_above: float | None = Field(description="null unless state is `ok`")
     state: Literal["ok", "warming_up", "stale", "invalid"]
     reason: str = Field(description="why the state is not `ok`")
-    y_hat: ForecastByChannel | None = Field(description="forecast t_early ahead")
+    y_hat: dict[str, float] | None = Field(
+        description="forecast of each channel t_early ahead, by its key"
+    )
     score: float | None
     group: str | None = Field(
         description="group of failing flights whose calibration gives p_value; null while "
@@ -70,14 +62,14 @@ class AssessedTelemetry(BaseModel):
     assessments: list[AssessedSample]
 
 
-def parse_telemetry(plain: dict[str, Any]) -> Recording:
-    """Read telemetry from parsed JSON. TelemetryError."""
-    known = ("t", *KEYS, *ATTITUDE)
+def parse_telemetry(plain: dict[str, Any], keys: Sequence[str] = KEYS) -> Recording:
+    """Read telemetry from parsed JSON. keys: of the monitor's channels. TelemetryError."""
+    known = tuple(dict.fromkeys(("t", *keys, *ATTITUDE)))
     if unknown := [key for key in plain if key not in known]:
         raise TelemetryError(f"telemetry has no channel {unknown[0]!r}: choose {', '.join(known)}")
-    if missing := [key for key in ("t", *KEYS) if plain.get(key) is None]:
+    if missing := [key for key in ("t", *keys) if plain.get(key) is None]:
         raise TelemetryError(
-            f"missing channel: {missing[0]}; give t and {', '.join(KEYS)}, one array each"
+            f"missing channel: {missing[0]}; give t and {', '.join(keys)}, one array each"
         )
     t = _array("t", plain["t"])
     if not 1 <= len(t) <= MOST_SAMPLES:
@@ -90,7 +82,7 @@ def parse_telemetry(plain: dict[str, Any]) -> Recording:
             raise TelemetryError(
                 f"{key} has {len(values)} samples, t has {len(t)}: give equally many"
             )
-    y = np.column_stack([channels[key] for key in KEYS])
+    y = np.column_stack([channels[key] for key in keys])
     return Recording(t, y, {key: channels[key] for key in ATTITUDE if key in channels})
 
 
@@ -104,7 +96,6 @@ def _array(key: str, values: Any) -> np.ndarray:
         raise TelemetryError(f"{key} has a number too large for a float") from None
 
 
-Forecast = msgspec.defstruct("Forecast", [(key, float) for key in KEYS], gc=False)
 _LAST = ("nearest_unsafe", "nearest_safe")
 AssessedRow = msgspec.defstruct(
     "AssessedRow",
@@ -117,14 +108,15 @@ AssessedRow = msgspec.defstruct(
 
 def assessed(monitor: Monitor, recording: Recording, epsilon: float, *, why: bool) -> Sequence[Any]:
     """The assessment of each sample in wire form; `why` adds the exemplars."""
+    keys = monitor.dictionary.keys
     if why:
         stream = monitor.stream(epsilon)
         return [
-            stream.update(t, y).as_dict()
+            stream.update(t, y).as_dict(keys)
             for t, y in zip(recording.t.tolist(), recording.y, strict=True)
         ]
     columns = monitor.assess(recording.t, recording.y, epsilon).columns()
-    columns["y_hat"] = [y and Forecast(*y) for y in columns["y_hat"]]
+    columns["y_hat"] = [y and dict(zip(keys, y, strict=True)) for y in columns["y_hat"]]
     return [AssessedRow(*row) for row in zip(*columns.values(), strict=True)]
 
 
@@ -149,11 +141,11 @@ def score_telemetry(
 ) -> AssessedTelemetry:
     """Assess telemetry sample by sample. Its interval must be that of the monitor.
 
-    One array per channel in SI units, N_y in g; null for a missing value. A sample at any other
+    One array per channel of the monitor, in SI units, N_y in g; null for a missing value. A sample at any other
     interval after the last one is `invalid`.
     """
-    recording = parse_telemetry(plain)
     monitor = store.monitors.get(monitor_id)
+    recording = parse_telemetry(plain, monitor.dictionary.keys)
     with refused(422, "epsilon", ValueError):
         served = monitor.check_epsilon(epsilon)
     assessments = assessed(monitor, recording, served, why=why)

@@ -34,7 +34,7 @@ COLOURS = {
 
 
 class Shown(NamedTuple):
-    """All that a picture depends on; see Scene.show."""
+    """All that a picture depends on; see Scene.show. Unknown angles and surfaces are NaN."""
 
     t: float
     attitude: Attitude

@@ -16,24 +16,29 @@ from sqlalchemy import Row
 
 from app.store.arrays import from_blob, to_blob
 from app.store.database import Damaged, to_text
-from core.channels import N_CHANNELS
 from core.monitor.assessment import REASONS
 from core.types import Array
 
-SAMPLE = np.dtype(
-    [
-        ("t", "<f8"),
-        ("y", "<f8", (N_CHANNELS,)),
-        ("p_value", "<f8"),
-        ("alert", "?"),
-        ("state", "u1"),
-        ("y_hat", "<f8", (N_CHANNELS,)),
-    ]
-)
-"""One assessed sample; `state` is an index into core.monitor.assessment.STATES."""
+FIELDS = ("t", "y", "p_value", "alert", "state", "y_hat")
+"""Of a stored sample."""
 DISPLAY = np.dtype([("p_value", "<f8"), ("alert", "?"), ("state", "u1")])
-"""Result of a display monitor for one sample; fields as in SAMPLE."""
+"""Result of a display monitor for one sample; fields as in FIELDS."""
 DIGEST_BYTES = hashlib.sha256().digest_size
+
+
+def sample_type(n_channels: int) -> np.dtype:
+    """Type of an assessed sample; `state` is an index into core.monitor.assessment.STATES."""
+    channels = ("<f8", (n_channels,))
+    return np.dtype(
+        [
+            ("t", "<f8"),
+            ("y", *channels),
+            ("p_value", "<f8"),
+            ("alert", "?"),
+            ("state", "u1"),
+            ("y_hat", *channels),
+        ]
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +64,7 @@ class StoredAssessments:
     t: Array
     """(n,) [s]"""
     y: Array
-    """(n, 6) samples"""
+    """(n, n_channels) samples"""
     p_value: Array
     """(n,), NaN if none"""
     alert: npt.NDArray[np.bool_]
@@ -67,7 +72,7 @@ class StoredAssessments:
     state: npt.NDArray[np.uint8]
     """(n,) indices into core.monitor.assessment.STATES"""
     y_hat: Array
-    """(n, 6), NaN without a forecast"""
+    """(n, n_channels), NaN without a forecast"""
     reasons: tuple[str, ...]
     """(n,) why a sample was not assessed"""
     display: tuple[StoredDisplay, ...] = ()
@@ -83,7 +88,7 @@ class Chunk:
 
     first_seq: int
     samples: npt.NDArray
-    """(n,) of SAMPLE"""
+    """(n,) of sample_type"""
     reasons: list[str]
     """(n,)"""
     display: list[StoredDisplay]
@@ -118,7 +123,8 @@ def chunk_of(row: Row) -> Chunk:
     is_verified = _digest(without_digest) == content[-DIGEST_BYTES:]
     try:
         samples = from_blob(content)
-        is_whole = samples.dtype == SAMPLE and len(samples) == row.last_seq - row.first_seq + 1
+        is_sample = samples.dtype == sample_type(samples["y"].shape[1])
+        is_whole = is_sample and len(samples) == row.last_seq - row.first_seq + 1
         if not is_whole or not (is_verified or _ends_with_samples(content, samples)):
             raise Damaged("its digest does not match")
         reasons = reasons_of(samples["state"], row.reasons or ())
@@ -146,9 +152,9 @@ def _ends_with_samples(content: bytes, samples: npt.NDArray) -> bool:
 
 
 def pack(*fields: Any) -> npt.NDArray:
-    """Pack the fields of SAMPLE, given in its order."""
-    samples = np.empty(len(fields[0]), SAMPLE)
-    for name, values in zip(SAMPLE.names or (), fields, strict=True):
+    """Pack the FIELDS of samples, given in this order."""
+    samples = np.empty(len(fields[0]), sample_type(np.shape(fields[1])[-1]))
+    for name, values in zip(FIELDS, fields, strict=True):
         if values is None:
             samples[name] = np.nan
         elif np.shape(values) != samples[name].shape:

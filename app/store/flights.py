@@ -10,13 +10,14 @@ from sqlalchemy import Connection, Select, bindparam, case, delete, func, insert
 
 from app.store.answers import note_deleted, was_deleted
 from app.store.assessments import (
-    SAMPLE,
+    FIELDS,
     StoredAssessments,
     StoredDisplay,
     chunk_of,
     chunk_row,
     joined,
     pack,
+    sample_type,
 )
 from app.store.database import Damaged
 from app.store.repository import Entries, Entry, Time, check_deletable, columns, fetch, require
@@ -29,6 +30,7 @@ from app.store.tables import (
     now,
     recordings,
 )
+from core.channels import LATERAL
 from core.monitor.assessment import STATES, State
 
 INTERRUPTED = "interrupted"
@@ -183,8 +185,8 @@ class FlightRepository(Entries[FlightInfo]):
     ) -> None:
         """Store the next samples of a flight, numbered from first_seq.
 
-        t: (n,) [s].   y: (n, 6).   p_value: (n,), NaN if none.   alert: (n,) bool.
-        state: (n,) indices into STATES.   y_hat: (n, 6), None or NaN without a forecast.
+        t: (n,) [s].   y: (n, n_channels).   p_value: (n,), NaN if none.   alert: (n,) bool.
+        state: (n,) indices into STATES.   y_hat: (n, n_channels), None or NaN without a forecast.
         reasons: (n,) why a sample was not assessed; None for the default of its state.
         display: assessments by each display monitor.
         ValueError for wrong shapes and for samples that are already stored.
@@ -225,7 +227,8 @@ class FlightRepository(Entries[FlightInfo]):
             require(connection, flights, flight_id)
             rows = connection.execute(query.order_by(chunk.first_seq)).all()
         chunks = [chunk_of(row) for row in rows]
-        samples = np.concatenate([np.empty(0, SAMPLE), *(part.samples for part in chunks)])
+        none = np.empty(0, sample_type(len(LATERAL)))
+        samples = np.concatenate([part.samples for part in chunks] or [none])
         reasons = [text for part in chunks for text in part.reasons]
         numbers = [np.arange(len(part.samples)) + part.first_seq for part in chunks]
         seq = np.concatenate([np.empty(0, np.int64), *numbers])
@@ -238,7 +241,7 @@ class FlightRepository(Entries[FlightInfo]):
             seq=seq[selected],
             reasons=tuple(reasons[selected]),
             display=tuple(monitor.part(selected) for monitor in display),
-            **{name: np.ascontiguousarray(samples[name][selected]) for name in SAMPLE.names or ()},
+            **{name: np.ascontiguousarray(samples[name][selected]) for name in FIELDS},
         )
 
     def check(self, flight_id: str, rest: Callable[[], None] = lambda: None) -> bool:

@@ -29,7 +29,7 @@ from core.evaluation.certificate import warnings_of
 from core.limits.limits import PlainSpecification, specification_to_plain
 from core.monitor import Monitor, MonitorRecipe
 from core.monitor.calibration import alert_above
-from core.monitor.file.loading import from_bytes, only_lateral
+from core.monitor.file.loading import from_bytes
 from core.monitor.file.portable import MonitorFileError
 
 PART_BYTES = 1024 * 1024
@@ -132,7 +132,7 @@ class MonitorRepository(Entries[MonitorInfo]):
         It is linked to its training dataset if that is stored here.
         """
         monitor_upload.check(content, name)
-        monitor = only_lateral(from_bytes(content, name), name)
+        monitor = from_bytes(content, name)
         same = select(datasets.c.id).where(
             datasets.c.digest == monitor.dataset_digest, datasets.c.complete
         )

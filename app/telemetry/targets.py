@@ -59,6 +59,14 @@ BOUNDS: dict[str, float] = {
 """Largest plausible magnitude of a target, in its unit; quaternions have none."""
 
 
+def largest_plausible(channel: Channel) -> float:
+    """Largest plausible magnitude of a channel, in its unit; infinite if unknown."""
+    known = TARGETS.get(channel.key)
+    if known is not None and known.unit == channel.unit:
+        return BOUNDS[channel.key]
+    return np.inf if channel.largest is None else channel.largest
+
+
 def implausible(key: str, values: Array) -> Indices:
     """Rows with a value that no aircraft can reach."""
     bound = BOUNDS[key]

@@ -1,9 +1,9 @@
 """The judge of limits: what exceeds them, when it began, its worst value and when it ended.
 
-A magnitude equal to its limit exceeds it; a missing value does not. Limits may change in time.
+A value equal to its limit exceeds it; a missing value does not. Limits may change in time.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isnan
 from operator import attrgetter
@@ -11,9 +11,8 @@ from typing import Literal
 
 import numpy as np
 
-from core.channels import KEYS
-from core.kernels.reductions import exceeds_any
-from core.types import Array, Flags, Indices
+from core.limits.limits import Envelope
+from core.types import Array, Indices
 
 SAME_TIME = 1e-6
 """[s] Times that differ by less are equal: a clock may count from 1970."""
@@ -75,51 +74,55 @@ class LatchedExceedance:
     acknowledged: bool
 
 
-def exceeds(limits: Array, y: Array) -> Flags:
-    """(...,) whether a sample exceeds a limit. limits: (n_channels,) or as y, (..., n_channels)."""
-    if y.ndim == 1:
-        return exceeds_any(-limits, limits, y)
-    return np.asarray((np.isfinite(y) & (np.abs(y) >= limits)).any(axis=-1))
-
-
-def onsets(t: Array, value: Array, limit: Array | float, apart: float = 0.0) -> Indices:
+def onsets(
+    t: Array, value: Array, low: Array | float, high: Array | float, apart: float = 0.0
+) -> Indices:
     """Samples of one channel at which an exceedance begins.
 
-    t, value: (n,).   limit: (n,) or one.   apart: [s] samples beyond the limit that are no further
-    apart belong to one exceedance; 0 for one exceedance per sample.
+    t, value: (n,).   low, high: (n,) or one.   apart: [s] samples beyond a limit that are no
+    further apart belong to one exceedance; 0 for one exceedance per sample.
     """
-    over = np.flatnonzero(np.isfinite(value) & (np.abs(value) >= limit))
+    over = np.flatnonzero(np.isfinite(value) & ~((value > low) & (value < high)))
     return over[np.diff(t[over], prepend=-inf) > apart] if apart else over
 
 
-def exceedance(limits: Array | None, y: Array, recorded: Array) -> MeasuredExceedance | None:
+def exceedance(
+    keys: Sequence[str], limits: Envelope | None, y: Array, recorded: Array
+) -> MeasuredExceedance | None:
     """The limit that a sample exceeds from trim, as recorded, or both; None if it exceeds none.
 
-    limits: (n_channels,), None if unknown.   y: from trim.   recorded: including trim.
+    keys: of the channels.   limits: None if unknown.   y: (n_channels,) from trim.
+    recorded: (n_channels,) including trim.
     With several channels beyond their limits, the result names the furthest one.
     """
     if limits is None:
         return None
-    if exceeds(limits, y):
-        return _furthest(limits, y, "both" if exceeds(limits, recorded) else "from_trim")
-    if recorded is y or not exceeds(limits, recorded):
+    if limits.exceeds(y):
+        judged = "both" if limits.exceeds(recorded) else "from_trim"
+        return _furthest(keys, limits, y, judged)
+    if recorded is y or not limits.exceeds(recorded):
         return None
-    return _furthest(limits, recorded, "recorded")
+    return _furthest(keys, limits, recorded, "recorded")
 
 
-def _furthest(limits: Array, y: Array, judged: Judged) -> MeasuredExceedance:
-    worst = int(np.nan_to_num(np.abs(y) / limits, posinf=0.0).argmax())
-    return MeasuredExceedance(KEYS[worst], float(y[worst]), float(limits[worst]), judged)
+def _furthest(
+    keys: Sequence[str], limits: Envelope, y: Array, judged: Judged
+) -> MeasuredExceedance:
+    worst = int(np.nan_to_num(limits.shares(y)).argmax())
+    value = float(y[worst])
+    return MeasuredExceedance(keys[worst], value, limits.exceeded(worst, value), judged)
 
 
 class Exceedances:
     """The measured exceedances of a flight per channel, and those that the strips latch.
 
+    rest: value of each channel in trimmed flight, by key in the order of a sample.
     near: [s] a received sample and a grid sample so close together are one exceedance.
     """
 
-    def __init__(self, near: float = 0.0) -> None:
-        self._near = near
+    def __init__(self, rest: Mapping[str, float], near: float = 0.0) -> None:
+        self._rest, self._near = rest, near
+        self._index = {key: c for c, key in enumerate(rest)}
         self._of: dict[str, ChannelExceedances] = {}
         self._begun: dict[str, set[float]] = {}
         self._over: set[str] = set()
@@ -140,9 +143,12 @@ class Exceedances:
         self._is_over_any = False
 
     def update(
-        self, t: float, y: Array, limits: Array | None, named: MeasuredExceedance | None
+        self, t: float, y: Array, limits: Envelope | None, named: MeasuredExceedance | None
     ) -> None:
-        """Add a sample, y (6,) from trim. named: its exceedance, or one since the last sample."""
+        """Add a sample.
+
+        y: (n_channels,) from trim.   named: its exceedance, or one since the last sample.
+        """
         if named is None and not self._is_over_any:
             return
         values: dict[str, tuple[float, float]] = {}
@@ -150,9 +156,10 @@ class Exceedances:
             values[named.channel] = named.value, named.limit
         from_trim = set[str]()
         if limits is not None:
-            for key, value, limit in zip(KEYS, y.tolist(), limits.tolist(), strict=True):
-                if abs(value) >= limit < inf:
-                    values[key] = value, limit
+            samples = zip(self._rest, y.tolist(), limits.low, limits.high, strict=True)
+            for c, (key, value, low, high) in enumerate(samples):
+                if value <= low or value >= high:
+                    values[key] = value, limits.exceeded(c, value)
                     from_trim.add(key)
         for key, (value, limit) in values.items():
             self._note(key, t, value, limit)
@@ -198,8 +205,13 @@ class Exceedances:
         known.n += begins
         known.first_t = min(known.first_t, t)
         known.last_t = max(known.last_t, t) if begins else known.last_t
-        if abs(value) / limit > abs(known.worst) / known.limit:
+        if self._share(key, value, limit) > self._share(key, known.worst, known.limit):
             known.worst, known.worst_t, known.limit = value, t, limit
+
+    def _share(self, key: str, value: float, limit: float) -> float:
+        """How much of the way from rest to the limit."""
+        rest = self._rest.get(key, 0.0)
+        return abs((value - rest) / (limit - rest))
 
     def _latch(self, t: float, over: dict[str, float], y: Array) -> None:
         for key, value in over.items():
@@ -208,9 +220,9 @@ class Exceedances:
                 latched = LatchedExceedance(key, t, value, over=True, acknowledged=False)
                 self._latched[key] = latched
             latched.over = True
-            latched.value = max(latched.value, value, key=abs)
+            latched.value = max(latched.value, value, key=lambda v: abs(v - self._rest[key]))
         for key in [key for key in self._latched if key not in over]:
-            if isnan(y.item(KEYS.index(key))):
+            if isnan(y.item(self._index[key])):
                 continue
             if self._latched[key].acknowledged:
                 del self._latched[key]
@@ -220,7 +232,7 @@ class Exceedances:
 
 def of_alarms(alarms: Iterable[tuple[float, MeasuredExceedance]]) -> list[ChannelExceedances]:
     """Exceedances per channel from alarms: time [s], and values at their onset."""
-    log = Exceedances()
+    log = Exceedances({})
     for t, named in alarms:
         log.pass_by(t, named)
     return log.of_channels

@@ -45,24 +45,51 @@ class Envelope(NamedTuple):
         """
         return first_exceedance(y, self.low, self.high)
 
+    @property
+    def limited(self) -> Flags:
+        """(n_channels,) whether a channel has a limit, at any sample if limits change in time."""
+        known = np.isfinite(self.low) | np.isfinite(self.high)
+        return np.asarray(known.reshape(-1, known.shape[-1]).any(axis=0))
+
     def exceeds(self, y: Array) -> Flags:
         """(...,) whether a sample exceeds a limit; missing values do not.
 
-        y: (..., n_channels).
+        y: (..., n_channels). The limits may be of each sample, (n, n_channels).
         """
         if y.ndim == 1:
             return exceeds_any(self.low, self.high, y)
         inside = (y > self.low) & (y < self.high)
         return np.asarray((np.isfinite(y) & ~inside).any(axis=-1))
 
-    def margin(self, y: Array) -> Array:
-        """(...,) how much of the way from rest to the nearest limit: 1 at the limit.
+    def shares(self, y: Array) -> Array:
+        """(..., n_channels) how much of the way from rest to the nearest limit: 1 at the limit.
 
         y: (..., n_channels).
         """
         up = (y - self.rest) / (self.high - self.rest)
         down = (self.rest - y) / (self.rest - self.low)
-        return np.maximum(up, down).max(axis=-1)
+        return np.maximum(up, down)
+
+    def margin(self, y: Array) -> Array:
+        """(...,) the share of the channel nearest to its limit, see `shares`."""
+        return self.shares(y).max(axis=-1)
+
+    def exceeded(self, c: int, value: float) -> float:
+        """The limit of channel c that a value exceeds, see `exceeded_end`."""
+        return exceeded_end(float(self.low[c]), float(self.high[c]), value)
+
+    def row(self, k: int) -> "Envelope":
+        """The limits of sample k, where they are of each sample."""
+        return Envelope(self.low[k], self.high[k], self.rest[k])
+
+    def is_as(self, other: "Envelope") -> bool:
+        """Whether both permit the same values."""
+        return np.array_equal(self.low, other.low) and np.array_equal(self.high, other.high)
+
+
+def exceeded_end(low: float, high: float, value: float) -> float:
+    """The end of an interval that a value is beyond; of a symmetric interval the magnitude."""
+    return low if value <= low != -high else high
 
 
 @dataclass(frozen=True)
@@ -159,6 +186,22 @@ Specification = Limits | IntervalLimits | str | None
 unknown. Only limits can be judged from telemetry."""
 PlainSpecification = dict[str, Any] | str | None
 """A specification as JSON: a magnitude or an interval by channel, the label, or null."""
+
+
+def limits_in_words(dictionary: Dictionary, limits: Envelope | None) -> str:
+    """`|N_y| 0.5 g`, `α below 25 deg or N_z -1 to 4.9 g`: limits in words."""
+    if limits is None:
+        return "unknown limits"
+    parts = []
+    for channel, low, high in zip(dictionary.channels, limits.low, limits.high, strict=True):
+        if -low == high < inf:
+            parts.append(f"|{channel.symbol}| {channel.read(high)}")
+        elif isfinite(low) and isfinite(high):
+            parts.append(f"{channel.symbol} {channel.read(low)} to {channel.read(high)}")
+        elif isfinite(low) or isfinite(high):
+            end, side = (low, "above") if isfinite(low) else (high, "below")
+            parts.append(f"{channel.symbol} {side} {channel.read(end)}")
+    return " or ".join(parts)
 
 
 def magnitudes_of(specification: Specification) -> Array | None:

@@ -1,5 +1,6 @@
 """The assessment of one sample, and the states in which there is none."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from enum import StrEnum
 from typing import Any, NamedTuple
@@ -66,7 +67,7 @@ class Assessment(NamedTuple):
     t: time [s].   p_value, alert, score: None unless state is `ok`.
     alert_above: p-value above which it is an alert; None unless state is `ok`.
     cause: of an invalid sample, if views distinguish it; else None.
-    y_hat: (6,) forecast of the outputs t_early ahead; None if the predictor makes none.
+    y_hat: (n_channels,) forecast of the outputs t_early ahead; None if the predictor makes none.
     nearest_unsafe, nearest_safe: exemplars; None if the score uses no neighbours.
     group: group of failing flights whose calibration gives the p-value; None while unknown and for
     monitors without groups.
@@ -85,8 +86,8 @@ class Assessment(NamedTuple):
     cause: Cause | None = None
     group: str | None = None
 
-    def as_dict(self) -> dict[str, Any]:
-        """Wire form: plain numbers, the forecast by channel key."""
+    def as_dict(self, keys: Sequence[str] = KEYS) -> dict[str, Any]:
+        """Wire form: plain numbers, the forecast by channel key. keys: of the channels."""
         return {
             "t": self.t,
             "p_value": self.p_value,
@@ -96,7 +97,7 @@ class Assessment(NamedTuple):
             "reason": self.reason,
             "y_hat": None
             if self.y_hat is None
-            else dict(zip(KEYS, self.y_hat.tolist(), strict=True)),
+            else dict(zip(keys, self.y_hat.tolist(), strict=True)),
             "score": self.score,
             "group": self.group,
             "nearest_unsafe": self.nearest_unsafe and asdict(self.nearest_unsafe),
@@ -121,7 +122,7 @@ class Assessments:
     """Assessments of a whole trajectory, one array per field; row i is sample i.
 
     t: (n,) [s].   state: (n,) indices into STATES.   p_value, score: (n,), NaN unless `ok`.
-    alert: (n,) false unless `ok`.   y_hat: (n, 6), NaN without a forecast.
+    alert: (n,) false unless `ok`.   y_hat: (n, n_channels), NaN without a forecast.
     nearest_unsafe, nearest_safe: (n,) point numbers of the monitor; -1 for none.
     withdrawal: first sample outside training; None if the flight stays inside.
     alert_above: p-value above which a sample alerts.
@@ -165,7 +166,7 @@ class Assessments:
     def columns(self) -> dict[str, list[Any]]:
         """Fields of `as_dict` as lists over the samples, without exemplars.
 
-        y_hat: lists (6,).
+        y_hat: lists (n_channels,).
         """
         reasons = list(map(REASONS.__getitem__, self.state.tolist()))
         if self.withdrawal is not None:

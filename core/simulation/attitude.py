@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.channels import KEYS
+from core.channels import KEYS, LATERAL, Dictionary
 from core.simulation.uncertain_plant import UncertainPlant
 from core.types import Array
 
@@ -88,6 +88,20 @@ def attitude(
     display = DisplayAttitude(theta0, phi0, psi0)
     rows = zip(t.tolist(), y[:, P].tolist(), y[:, R].tolist(), strict=True)
     return np.array([display.update(*row) for row in rows]).reshape(-1, 3)
+
+
+def attitude_of(dictionary: Dictionary, t: Array, y: Array, theta0: float = 0.0) -> Array:
+    """Attitude (n, 3) [rad]: integrated from lateral rates; else from channels, NaN if unknown.
+
+    t: (n,) [s].   y: (n, n_channels).
+    """
+    if dictionary == LATERAL:
+        return attitude(t, y, theta0)
+    angles = np.full((len(t), 3), np.nan)
+    for column, key in enumerate(Attitude._fields):
+        if key in dictionary.keys:
+            angles[:, column] = y[:, dictionary.index(key)]
+    return angles
 
 
 class SurfaceSigns(NamedTuple):

@@ -35,6 +35,7 @@ from app.flights.transport import NotPossible
 from app.messages import LiveChange, LiveStatus, ManoeuvreBegun, TransportState
 from app.telemetry.journal import Journal, JournalFull, Journals
 from app.telemetry.recording import TelemetryError
+from core.channels import LATERAL
 from core.flight_events import Alarm, FlightMarker
 from core.limits.exceedance import MeasuredExceedance, exceedance
 from core.monitor import Assessment, Monitor, State
@@ -94,6 +95,10 @@ class LiveSetup(NamedTuple):
     def dt(self) -> float:
         return self.monitor.dt
 
+    def display_attitude(self) -> DisplayAttitude | None:
+        """Integrates missing angles from roll and yaw rate; None for other channels."""
+        return DisplayAttitude(self.theta0) if self.monitor.dictionary == LATERAL else None
+
     def scorer(self) -> CausalScorer:
         display = [(shown.monitor, shown.epsilon) for shown in self.display]
         return CausalScorer(self.monitor, self.epsilon, self.delay, self.trim, display)
@@ -132,7 +137,8 @@ class LiveFlight(Flight):
         self.dt, self.is_checked = setup.dt, plan.monitor.support is not None
         self._setup, self._stale_after = setup, stale_after(setup.dt)
         self.needed = self.scorer.needed
-        self._display = DisplayAttitude(setup.theta0)
+        self._display = setup.display_attitude()
+        self._keys = setup.monitor.dictionary.keys
         self._began = self._last_arrival = self.clock.now()
         self._settled = 0.0
         self._journal: Journal | None = None
@@ -293,7 +299,7 @@ class LiveFlight(Flight):
 
     def _judge_received(self) -> None:
         for sample in self.scorer.pop_exceedances():
-            self._exceed(*_exceedance_of(sample))
+            self._exceed(*self._exceedance_of(sample))
         if (doubts := self.scorer.doubts) != self.doubts:
             self._doubt(doubts)
             self._send_live()
@@ -382,7 +388,7 @@ class LiveFlight(Flight):
             self._sender = via.removeprefix(UDP)
         self._n_resumed += line.get("e") == "resumed"
         settled = replay_line(line, self.scorer, self._setup.reader)
-        self._replayed += map(_exceedance_of, self.scorer.pop_exceedances())
+        self._replayed += map(self._exceedance_of, self.scorer.pop_exceedances())
         if settled:
             self._lag.note(line["a"], settled[-1].assessment.t)
         return settled
@@ -493,9 +499,14 @@ class LiveFlight(Flight):
             begun = ManoeuvreBegun(number=assessed.manoeuvre, t=assessed.assessment.t)
             self._begun.append(begun)
         self._hold(ruling)
-        limits = self.plan.monitor.limits if ruling is None else ruling.limits
-        exceeded = exceedance(limits, y, recorded)
+        limits = self.plan.monitor.envelope if ruling is None else ruling.limits
+        exceeded = exceedance(self._keys, limits, y, recorded)
         return y, assessed.assessment, exceeded, assessed.shown_attitude(self._display)
+
+    def _exceedance_of(self, sample: ReceivedExceedance) -> tuple[float, MeasuredExceedance, str]:
+        named = exceedance(self._keys, sample.limits, sample.y, sample.recorded)
+        assert named is not None
+        return sample.t, named, "" if sample.is_dated else TIME_UNKNOWN
 
     def _settle_later(self) -> None:
         deadline = self.scorer.deadline
@@ -526,12 +537,6 @@ class LiveFlight(Flight):
             if self._has_begun:
                 self._miss(self._stale_after)
         self._call_at("watch out", when, self._watch_out)
-
-
-def _exceedance_of(sample: ReceivedExceedance) -> tuple[float, MeasuredExceedance, str]:
-    named = exceedance(sample.limits, sample.y, sample.recorded)
-    assert named is not None
-    return sample.t, named, "" if sample.is_dated else TIME_UNKNOWN
 
 
 def _digest(values: bytes) -> int:

@@ -13,10 +13,12 @@ import numpy.typing as npt
 from app.assessment.grid import Angles
 from app.assessment.input_checks import Doubt
 from app.assessment.limits_in_force import InForceFrom, Ruling
-from app.assessment.planned_test import input_of, limits_of, needed_channels
+from app.assessment.planned_test import input_of, needed_channels
 from app.flights.sources.simulated import Track
 from app.recordings.scoring_answers import stored_assessment
-from core.limits.exceedance import MeasuredExceedance, exceedance, exceeds
+from core.channels import LATERAL
+from core.limits.exceedance import MeasuredExceedance, exceedance
+from core.limits.limits import Envelope
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import STATES, code_of
 from core.monitor.peak_forecast import Ahead, RunningForecast
@@ -34,9 +36,10 @@ class Script(ABC):
     validity is calibrated.   alerts, exceedances: rising, samples at which an alert or a measured
     exceedance begins.   shows_rulings: whether it knows the limits in force when it was flown.
     delay: stated delay of a live flight [s], subtracted from the monitor's lead.
-    manoeuvres: plain, of a scored recording.
+    manoeuvres: plain, of a scored recording.   keys: of the channels.
     """
 
+    keys: Sequence[str] = LATERAL.keys
     t: Array
     dt: float
     is_checked: bool
@@ -56,7 +59,7 @@ class Script(ABC):
 
     @abstractmethod
     def y(self, k: int) -> Array:
-        """Sample k, (6,)."""
+        """Sample k, (n_channels,)."""
 
     @abstractmethod
     def attitude(self, k: int) -> Angles:
@@ -87,8 +90,8 @@ class Script(ABC):
         return []
 
     @abstractmethod
-    def exceeding(self, limits: Array | None) -> Indices:
-        """Samples at which an exceedance begins. limits: (6,), None if unknown."""
+    def exceeding(self, limits: Envelope | None) -> Indices:
+        """Samples at which an exceedance begins. limits: None if unknown."""
 
     def late(self, k: int) -> str:
         """Why sample k was late when it was shown; empty if it was not."""
@@ -111,18 +114,18 @@ class Script(ABC):
         return int(later[0]) if len(later) else None
 
     def recorded(self, k: int) -> Array:
-        """Sample k including trim, (6,)."""
+        """Sample k including trim, (n_channels,)."""
         return self.y(k)
 
-    def exceedance(self, k: int, limits: Array | None) -> MeasuredExceedance | None:
-        """The limit that sample k exceeds, if any. limits: (6,), None if unknown."""
-        return exceedance(limits, self.y(k), self.recorded(k))
+    def exceedance(self, k: int, limits: Envelope | None) -> MeasuredExceedance | None:
+        """The limit that sample k exceeds, if any. limits: None if unknown."""
+        return exceedance(self.keys, limits, self.y(k), self.recorded(k))
 
 
 class FollowedForecast:
     """The forecast of the rest of a card, at any sample of a stored flight.
 
-    sample: number -> time [s], outputs (6,) as the monitor reads them, and state code.
+    sample: number -> time [s], outputs (n_channels,) as the monitor reads them, and state code.
     """
 
     def __init__(self, monitor: Monitor, sample: Callable[[int], tuple[float, Array, int]]) -> None:
@@ -158,7 +161,7 @@ class StoredScript(Script):
         self.samples, self.dt, self._forecasts = samples, dt, forecasts
 
     def y(self, k: int) -> Array:
-        """Sample k as assessed, from trim, (6,)."""
+        """Sample k as assessed, from trim, (n_channels,)."""
         return self.samples["y"][k]
 
     def assessment(self, k: int) -> Assessment:
@@ -172,11 +175,11 @@ class StoredScript(Script):
         """Why sample k was not assessed."""
 
     def _of_card(self, k: int) -> Array:
-        """Sample k from the trim of the followed card, (6,)."""
+        """Sample k from the trim of the followed card, (n_channels,)."""
         return self.y(k)
 
     def _follow(self, monitor: Monitor) -> None:
-        self._needed = needed_channels(monitor, limits_of(monitor))
+        self.keys, self._needed = monitor.dictionary.keys, needed_channels(monitor)
         self._followed = FollowedForecast(monitor, self._followed_sample)
 
     def _followed_sample(self, k: int) -> tuple[float, Array, int]:
@@ -201,6 +204,7 @@ class AssessedTrack(Script):
         display: Iterable[tuple[Monitor, float]] = (),
     ) -> None:
         self.t, self.dt, self.theta = track.t, track.dt, track.theta
+        self.keys = monitor.dictionary.keys
         if track.fail_index is not None:
             self.fail_t = float(track.t[track.fail_index])
         self._track = track
@@ -208,7 +212,7 @@ class AssessedTrack(Script):
         self._followed = FollowedForecast(monitor, self._followed_sample)
         self._display = [shown.assess(track.t, track.y, epsilon) for shown, epsilon in display]
         self.alerts = onsets(self._assessments.alert)
-        self.exceedances = self.exceeding(monitor.limits)
+        self.exceedances = self.exceeding(monitor.envelope)
         self.is_checked = monitor.support is not None
 
     def y(self, k: int) -> Array:
@@ -227,10 +231,10 @@ class AssessedTrack(Script):
     def display(self, k: int) -> tuple[Assessment, ...]:
         return tuple(assessments[k] for assessments in self._display)
 
-    def exceeding(self, limits: Array | None) -> Indices:
+    def exceeding(self, limits: Envelope | None) -> Indices:
         if limits is None:
             return np.empty(0, np.int64)
-        return onsets(exceeds(limits, self._track.y))
+        return onsets(limits.exceeds(self._track.y))
 
 
 def onsets(active: Flags) -> Indices:

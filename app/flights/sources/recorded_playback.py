@@ -14,13 +14,14 @@ from app.assessment.limits_history import InForceTimeline
 from app.assessment.limits_in_force import InForceFrom, Ruling
 from app.flights.sources.playback import Angles, StoredScript, onsets
 from app.recordings.scoring_answers import reason
-from core.channels import KEYS
-from core.limits.exceedance import SAME_TIME, Judged, MeasuredExceedance, exceeds
+from core.channels import LATERAL
+from core.limits.exceedance import SAME_TIME, Judged, MeasuredExceedance
+from core.limits.limits import Envelope
 from core.monitor import Assessment, Monitor
 from core.simulation.attitude import WASH_OUT_S, DisplayAttitude
 from core.types import Array, Indices
 
-P, R = KEYS.index("p"), KEYS.index("r")
+P, R = LATERAL.index("p"), LATERAL.index("r")
 RUN_UP_S = 2 * WASH_OUT_S
 """A missing attitude is integrated from this time before its sample [s]."""
 
@@ -30,7 +31,8 @@ class RecordedScript(StoredScript):
 
     samples: as app.assessment stores them, mapped.   manoeuvres: plain, see app.assessment.
     forecasts: whether the monitor makes forecasts.   outside: exceedances outside every manoeuvre,
-    plain.   biases: (6,) that the mapping subtracted.   theta0: pitch at trim [rad], for the scene.
+    plain.   biases: (n_channels,) that the mapping subtracted; none if empty.
+    theta0: pitch at trim [rad], for the scene.
     display: the recording as scored by the monitors for display.   held: limits that were in force;
     None for none.
     monitor: by which it was scored, for what that forecasts of the rest of a card; None for none.
@@ -44,7 +46,7 @@ class RecordedScript(StoredScript):
         *,
         forecasts: bool,
         outside: Sequence[Mapping[str, Any]] = (),
-        biases: Sequence[float] = (0.0,) * len(KEYS),
+        biases: Sequence[float] = (),
         theta0: float = 0.0,
         display: Sequence["RecordedScript"] = (),
         held: InForceTimeline | None = None,
@@ -68,8 +70,9 @@ class RecordedScript(StoredScript):
         self._displayed = -1
         self._display_scripts = display
         known = [s.get("trim") or () for s in manoeuvres]
-        trims = [[value or 0.0 for value in trim] or [0.0] * len(KEYS) for trim in known]
-        self._offsets = np.array([*trims, [0.0] * len(KEYS)]) + biases
+        none = [0.0] * samples["y"].shape[1]
+        trims = [[value or 0.0 for value in trim] or none for trim in known]
+        self._offsets = np.array([*trims, none]) + (biases or none)
         self._starts = np.array([s.get("first", 0) for s in manoeuvres])
         if monitor is not None:
             self._follow(monitor)
@@ -93,38 +96,37 @@ class RecordedScript(StoredScript):
         ]
 
     def recorded(self, k: int) -> Array:
-        """Sample k with bias and trim, (6,); between manoeuvres with the trim of the last one."""
+        """Sample k with bias and trim, (n_channels,); between manoeuvres by the last one's trim."""
         before = int(np.searchsorted(self._starts, k, "right")) - 1
         return self.samples["y"][k] + self._offsets[max(before, 0)]
 
-    def exceedance(self, k: int, limits: Array | None) -> MeasuredExceedance | None:
+    def exceedance(self, k: int, limits: Envelope | None) -> MeasuredExceedance | None:
         """The limit that sample k exceeds, or the recording between it and the last sample."""
         of_sample = super().exceedance(k, limits)
         if of_sample is not None or limits is None:
             return of_sample
         if (between := self._exceedances.get(k)) is not None:
-            c = KEYS.index(between["channel"])
+            c = self.keys.index(between["channel"])
             as_recorded = between["value"] + float((self.recorded(k) - self.y(k))[c])
-            judged: Judged = "both" if abs(as_recorded) >= limits[c] else "from_trim"
+            is_both = not limits.low[c] < as_recorded < limits.high[c]
+            judged: Judged = "both" if is_both else "from_trim"
         elif (between := self._recorded_exceedances.get(k)) is not None:
             judged = "recorded"
         else:
             return None
-        channel = between["channel"]
-        limit = float(limits[KEYS.index(channel)])
-        if abs(between["value"]) < limit:
+        channel, value = between["channel"], between["value"]
+        c = self.keys.index(channel)
+        if limits.low[c] < value < limits.high[c]:
             return None
-        return MeasuredExceedance(
-            channel=channel, value=between["value"], limit=limit, judged=judged
-        )
+        return MeasuredExceedance(channel, value, limits.exceeded(c, value), judged)
 
-    def exceeding(self, limits: Array | None) -> Indices:
+    def exceeding(self, limits: Envelope | None) -> Indices:
         if limits is None:
             return np.empty(0, np.int64)
         y = self.samples["y"]
         before = np.searchsorted(self._starts, np.arange(len(y)), "right") - 1
         recorded = y + self._offsets[np.maximum(before, 0)]
-        over = np.logical_or(*(exceeds(limits, np.nan_to_num(v)) for v in (y, recorded)))
+        over = limits.exceeds(y) | limits.exceeds(recorded)
         for k in (*self._exceedances, *self._recorded_exceedances):
             over[k] = over[k] or self.exceedance(k, limits) is not None
         return onsets(over)
@@ -137,7 +139,7 @@ class RecordedScript(StoredScript):
         """As recorded; missing angles are integrated from the rates."""
         recorded = self.samples["attitude"][k]
         known = np.isfinite(recorded)
-        if known.all():
+        if known.all() or self.keys != LATERAL.keys:
             phi, theta, psi = recorded.tolist()
         else:
             phi, theta, psi = np.where(known, recorded, self._integrated(k)).tolist()

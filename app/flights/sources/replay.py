@@ -121,7 +121,7 @@ class TrackFlight(Flight):
             )
         plan = self.plan
         monitors = [plan.monitor, *(shown.monitor for shown in plan.display)]
-        self._held = LimitsRule(in_force, [monitor.limits for monitor in monitors]).at()
+        self._held = LimitsRule(in_force, [monitor.envelope for monitor in monitors]).at()
         self._exceedances = self._script.exceeding(self._held.limits)
         return self._held
 
@@ -145,7 +145,7 @@ class TrackFlight(Flight):
 
     def _exceeded(self, k: int) -> MeasuredExceedance | None:
         ruling = self._ruled(k)
-        limits = self.plan.monitor.limits if ruling is None else ruling.limits
+        limits = self.plan.monitor.envelope if ruling is None else ruling.limits
         return self._script.exceedance(k, limits)
 
     def _do(self, action: str, value: float | bool | None, now: float) -> None:

@@ -40,10 +40,10 @@ from app.store.scorings import ScoringInfo
 from app.store.store import Store
 from app.telemetry.journal import Journals, lines_of
 from app.telemetry.mapping.mapping import Mapping
-from core.channels import KEYS
+from core.channels import Dictionary
 from core.monitor import Monitor
 from core.planned_test.collection import DatasetRecipe
-from core.simulation.attitude import attitude
+from core.simulation.attitude import attitude_of
 
 FIRST_FREE_PORT = 1024
 NO_HEADER: PlainMapping[str, Any] = MappingProxyType({})
@@ -153,11 +153,16 @@ class Replay(TrackSource):
         """The rollout, with the samples after its failure if they can be simulated again."""
         stored = store.datasets.rollout(self.dataset, self.outcome, self.rollout)
         info = store.datasets.info(self.dataset)
-        y = stored.y
+        dictionary, y = Dictionary.from_stored(info.dictionary), stored.y
+        if dictionary != monitor.dictionary:
+            raise SourceError(
+                f"the dataset has the channels {', '.join(dictionary.keys)}, the monitor "
+                f"{', '.join(monitor.dictionary.keys)}: choose a dataset of the monitor's channels"
+            )
         if stored.fail_index is not None:
             y = whole_rollout(info.recipe, stored.theta, y)
         t = times(len(y), info.dt)
-        angles = attitude(t, y, trim_angles(info.recipe)[1])
+        angles = attitude_of(dictionary, t, y, trim_angles(info.recipe)[1])
         return Track(t, y, info.dt, angles, theta=stored.theta, fail_index=stored.fail_index)
 
     def name(self) -> str:
@@ -182,14 +187,17 @@ class Recorded(Source):
                 f"this recording was scored by monitor {info.monitor_name} ({info.monitor_id}) at "
                 f"epsilon {info.epsilon:g}: use these, or score it again"
             )
-        limits = [monitor.limits, *(shown.monitor.limits for shown in opening.display)]
+        limits = [monitor.envelope, *(shown.monitor.envelope for shown in opening.display)]
         script = RecordedScript(
             opening.scored.samples(info),
             info.manoeuvres,
             info.dt,
             forecasts=monitor.recipe.predictor.forecasts,
             outside=info.outside_exceedances,
-            biases=[info.mapping["channels"].get(key, {}).get("bias", 0.0) for key in KEYS],
+            biases=[
+                info.mapping["channels"].get(key, {}).get("bias", 0.0)
+                for key in monitor.dictionary.keys
+            ],
             theta0=trim_angles(monitor.dataset_recipe)[1],
             display=[self._displayed(shown, info, opening) for shown in opening.display],
             held=opening.scored.limits_timeline(info, limits),
@@ -272,7 +280,9 @@ class Live(Source):
         setup = LiveSetup(
             monitor,
             opening.epsilon,
-            ChannelReader(mapping, header.get("conditions", opening.conditions)),
+            ChannelReader(
+                mapping, header.get("conditions", opening.conditions), monitor.dictionary
+            ),
             opening.journals,
             trim_angles(monitor.dataset_recipe)[1],
             self.delay,

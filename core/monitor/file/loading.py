@@ -53,16 +53,6 @@ def from_bytes(blob: bytes, name: str = "monitor") -> Monitor:
         ) from error
 
 
-def only_lateral(monitor: Monitor, name: str) -> Monitor:
-    """The monitor, for programs that know the six lateral channels. MonitorFileError, with name."""
-    if monitor.dictionary == LATERAL:
-        return monitor
-    raise MonitorFileError(
-        f"{name} is a monitor of {', '.join(monitor.dictionary.keys)}: recordings, live flights "
-        f"and the page know only {', '.join(LATERAL.keys)}, use it from Python"
-    )
-
-
 def _rebuild(sections: Mapping[str, Section]) -> Monitor:
     header, stored = sections["monitor"].header, sections["monitor"].arrays
     arrays: dict[str, Any] = {key: stored[key] for key in portable.MONITOR_ARRAYS}
