@@ -118,7 +118,8 @@ class ChannelReader:
     """Turns batches into samples by a mapping; without one, names are our keys in SI units.
 
     conditions: names of the channels of the flight condition in a batch, in SI units; by default
-    their own.   dictionary: of the samples.   TelemetryError for a mapping that cannot read live samples.
+    their own.   dictionary: of the samples.
+    TelemetryError for a mapping that cannot read live samples.
     """
 
     def __init__(

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from app.telemetry.recording import ATTITUDE
+from core.channels import LATERAL
 from core.kernels import causal_grid as kernel
 from core.kernels.causal_grid import GridState
 from core.kernels.compiled import entry
@@ -102,7 +103,7 @@ class CausalGrid:
     slower than 1.5 dt gives unknown samples, with a reason.
     """
 
-    def __init__(self, dt: float, delay: float, n_channels: int) -> None:
+    def __init__(self, dt: float, delay: float, n_channels: int = len(LATERAL)) -> None:
         self.dt, self.delay, self._n_channels = dt, delay, n_channels
         n_values = n_channels + len(ATTITUDE)
         self._width = kernel.SETTLED_VALUES + n_values

@@ -141,8 +141,8 @@ def score_telemetry(
 ) -> AssessedTelemetry:
     """Assess telemetry sample by sample. Its interval must be that of the monitor.
 
-    One array per channel of the monitor, in SI units, N_y in g; null for a missing value. A sample at any other
-    interval after the last one is `invalid`.
+    One array per channel of the monitor, in SI units, N_y in g; null for a missing value. A sample
+    at any other interval after the last one is `invalid`.
     """
     monitor = store.monitors.get(monitor_id)
     recording = parse_telemetry(plain, monitor.dictionary.keys)

@@ -19,7 +19,8 @@ from app.assessment.outcome import (
 from app.assessment.verdict import verdict
 from app.report.facts import headline
 from app.telemetry.recording import Trace, Traces
-from core.channels import KEYS
+from core.channels import KEYS, LATERAL
+from core.limits.limits import Limits
 from core.monitor import Assessments, Monitor
 from core.monitor.assessment import STATES, State
 from tests.app.assessment.test_wording import assessments
@@ -139,7 +140,7 @@ def test_exceedances_outside_every_manoeuvre_are_reported(attas: Monitor, calm: 
     assert any(line.startswith("outside every manoeuvre") for line in verdict(attas, scored))
     assert score(attas, recorded(y), ScoringRecipe(manoeuvres="entire")).outside_exceedances == ()
     assert score(attas, recorded(calm)).outside_exceedances == ()
-    assert notes_on_outside(()) == ()
+    assert notes_on_outside((), LATERAL) == ()
 
 
 def test_an_exceedance_belongs_to_the_manoeuvre_it_begins_in():
@@ -147,8 +148,10 @@ def test_an_exceedance_belongs_to_the_manoeuvre_it_begins_in():
     value = np.where((t > 9.5) & (t < 12.0), 0.5, 0.0)
     value[[500, 505, 700]] = 0.6
     traces = Traces({"Ny": Trace(t, value)})
-    limits = np.array([np.inf, np.inf, np.inf, 0.2, np.inf, np.inf])
-    found = exceedances_outside(traces, limits, [(5.0, 10.0), (65.0, 75.0)], [np.zeros(6)] * 2)
+    limits = Limits(Ny=0.2).envelope
+    found = exceedances_outside(
+        traces, LATERAL, limits, [(5.0, 10.0), (65.0, 75.0)], [np.zeros(6)] * 2
+    )
     assert [c.t for c in found] == pytest.approx([50.0])
     assert APART > 0.5
     assert MOST_OUTSIDE >= 1
@@ -157,11 +160,11 @@ def test_an_exceedance_belongs_to_the_manoeuvre_it_begins_in():
 def test_many_exceedances_outside_suggest_a_wrong_mapping():
     often = tuple(RecordedExceedance(20.0 * n, "Ny", 0.6) for n in range(23))
     rare = tuple(RecordedExceedance(5.0 + n, "beta", 0.3) for n in range(2))
-    doubt, note = notes_on_outside(often + rare)
+    doubt, note = notes_on_outside(often + rare, LATERAL)
     assert doubt.startswith("Ny exceeded its limit 23 times outside every manoeuvre: ")
     assert all(word in doubt for word in ("signal", "unit", "sign", "offset"))
     assert "25 times" in note
-    assert len(notes_on_outside(often[:2] + rare)) == 1
+    assert len(notes_on_outside(often[:2] + rare, LATERAL)) == 1
 
 
 def test_a_withdrawn_manoeuvre_shows_alert_and_lead_as_withdrawn(attas: Monitor, calm: np.ndarray):

@@ -7,8 +7,9 @@ import numpy.typing as npt
 import pytest
 
 from app.assessment.input_checks import Doubt, InputChecks
-from app.assessment.planned_test import SURFACES, PlannedTest
+from app.assessment.planned_test import PlannedTest
 from core.channels import KEYS
+from core.limits.limits import Envelope
 from core.monitor.status import Level
 from core.planned_test.collection import DatasetRecipe, Simulator, collect
 from core.planned_test.planned_test import SensorNoise
@@ -23,7 +24,7 @@ PLANNED = PlannedTest.of(attas.TEST)
 NOISE = np.random.default_rng(4).normal(0.0, 2e-3, (400, len(KEYS)))
 
 
-def checks(limits: Array | None = PLANNED.limits, by_hand: bool = True) -> InputChecks:
+def checks(limits: Envelope | None = PLANNED.limits, by_hand: bool = True) -> InputChecks:
     return InputChecks(PLANNED, USUAL, limits, by_hand)
 
 
@@ -55,7 +56,7 @@ def test_identical_samples_of_a_source_without_noise_are_an_advisory() -> None:
     t = np.arange(200) * DT
     smooth = np.sin(t)[:, None] * USUAL
     smooth[120:] = smooth[120]
-    smooth[:, SURFACES] *= 10.0
+    smooth[:, PLANNED.controls] *= 10.0
     for y in (np.zeros((200, len(KEYS))), smooth):
         (doubt,) = doubts(t, y)
         assert (doubt.kind, doubt.level) == ("frozen", Level.ADVISORY)
@@ -140,7 +141,7 @@ def test_dead_surfaces_are_found_within_half_a_second_and_live_ones_never(
         if not is_unsafe:
             continue
         begins = t[(np.abs(y[:, RUDDER]) > 0.2 * planned.amplitudes[1]).argmax()]
-        for dead in ([RUDDER], [*SURFACES]):
+        for dead in ([RUDDER], [*PLANNED.controls]):
             still = y.copy()
             still[:, dead] = y[0, dead]
             looked = InputChecks(planned, usual, planned.limits, True)
@@ -173,7 +174,7 @@ def test_real_records_raise_no_caution_and_their_dead_surfaces_do(name: str, sig
         pytest.skip("the flight records are not beside this checkout")
     table = np.genfromtxt(RECORDS / f"{name}.csv", delimiter=",", names=True)
     y = np.column_stack([table[attas.COLUMNS[key]] for key in KEYS])
-    y[:, SURFACES] *= sign
+    y[:, PLANNED.controls] *= sign
     assert cautions(table["t_s"], y) == []
-    y[:, SURFACES] = y[0, SURFACES]
+    y[:, PLANNED.controls] = y[0, PLANNED.controls]
     assert cautions(table["t_s"], y)[0] == "surfaces"

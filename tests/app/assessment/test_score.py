@@ -7,15 +7,22 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from app.assessment import BETWEEN, SAMPLE, Interval, ScoringRecipe, manoeuvres_in, score_at_each
+from app.assessment import (
+    BETWEEN,
+    Interval,
+    ScoringRecipe,
+    manoeuvres_in,
+    sample_type,
+    score_at_each,
+)
 from app.assessment.outcome import RecordedExceedance, against_limits, outcome
-from app.assessment.planned_test import needed_channels, planned_test
+from app.assessment.planned_test import needed_channels
 from app.assessment.trim import GUARD_S
 from app.assessment.verdict import verdict
 from app.report import facts
 from app.telemetry.recording import TelemetryError, Trace, Traces
 from app.telemetry.timing.repair import repair
-from core.channels import KEYS
+from core.channels import KEYS, LATERAL
 from core.limits.limits import Limits
 from core.monitor import Monitor, MonitorRecipe
 from core.monitor.assessment import STATES, State
@@ -239,13 +246,13 @@ def test_an_exceedance_between_the_monitors_samples_counts():
     t = np.arange(0.0, 10.0, 0.01)
     values = np.where(np.arange(len(t)) == 502, -0.25, 0.01)
     traces = Traces({"Ny": Trace(t, values)})
-    limits = np.array([np.inf, np.inf, np.inf, 0.2, np.inf, np.inf])
-    limited = against_limits(traces, limits, np.full(6, 0.01), 2.0, 8.0)
+    limits = Limits(Ny=0.2).envelope
+    limited = against_limits(traces, LATERAL, limits, np.full(6, 0.01), 2.0, 8.0)
     assert limited.exceedance == RecordedExceedance(float(t[502]), "Ny", -0.25 - 0.01)
     assert limited.lost == 0.0
-    later = against_limits(traces, limits, np.full(6, 0.01), 6.0, 8.0)
+    later = against_limits(traces, LATERAL, limits, np.full(6, 0.01), 6.0, 8.0)
     assert later.exceedance is None
-    assert later.peaks[0][:3] == ("Ny", pytest.approx(0.0), 0.2)
+    assert later.peaks[0][:4] == ("Ny", pytest.approx(0.0), -0.2, 0.2)
 
 
 def test_removing_a_bias_does_not_hide_an_exceedance_as_recorded(attas: Monitor, calm: np.ndarray):
@@ -453,7 +460,7 @@ def test_a_missing_needed_channel_is_named_with_its_derivation(attas: Monitor, c
 def test_a_channel_that_the_monitor_does_not_read_may_be_missing(calm: np.ndarray):
     silent = replace(TEST, noise=replace(TEST.noise, delta_a=0.0), n_unsafe=40)
     monitor = trained(silent)
-    assert needed_channels(monitor, planned_test(monitor).limits).tolist() == [True] * 4 + [
+    assert needed_channels(monitor).tolist() == [True] * 4 + [
         False,
         True,
     ]
@@ -471,7 +478,7 @@ def test_a_channel_that_the_monitor_does_not_read_may_be_missing(calm: np.ndarra
 def test_several_epsilons_differ_only_in_their_alerts(attas: Monitor, calm: np.ndarray):
     loose, strict = score_at_each(attas, repair(recorded(calm)), ScoringRecipe(), (0.5, 0.05))
     assert (loose.epsilon, strict.epsilon) == (0.5, 0.05)
-    for name in SAMPLE.names or ():
+    for name in sample_type(6).names or ():
         if name != "alert":
             np.testing.assert_array_equal(loose.samples[name], strict.samples[name])
     for scored in (loose, strict):

@@ -5,15 +5,15 @@ import numpy.typing as npt
 import pytest
 
 from app.assessment.grid import Sample
-from app.assessment.planned_test import SURFACES
 from app.assessment.scorer import CausalScorer, LiveAssessed
-from core.channels import KEYS
+from core.channels import KEYS, LATERAL
 from core.monitor import State
 from core.types import Array
 from tests.support import attas
 from tests.support.flying import EPSILON, T, exact_monitor, failing_flight
 from tests.support.oscillator import DT
 
+CONTROLS = LATERAL.of_role("control")
 TRIM = np.array([0.01, -0.02, 0.005, 0.03, 0.02, -0.04])
 
 
@@ -70,7 +70,7 @@ def test_a_manoeuvre_is_detected_soon_after_its_first_departure_and_never_at_res
     for y in flown:
         said = assessed(CausalScorer(monitor, 0.1), t, y)
         begins = next(k for k, one in enumerate(said) if one.manoeuvre)
-        moved = np.abs(y[:, SURFACES] - TRIM[[*SURFACES]]).max(axis=1)
+        moved = np.abs(y[:, CONTROLS] - TRIM[[*CONTROLS]]).max(axis=1)
         onset = int((moved > 0.2 * moved.max()).argmax())
         late.append((begins - onset) * attas.TEST.dt)
         assert {one.assessment.state for one in said[:begins]} == {State.WARMING_UP}

@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from app.assessment.planned_test import SURFACES, PlannedTest
+from app.assessment.planned_test import PlannedTest
 from app.assessment.trim import CausalTrim
+from core.channels import LATERAL
 from core.limits.limits import Limits
 from core.simulation.maneuver import MANEUVERS, Doublet, Maneuver
 from tests.support.attas import DOUBLET, record
 
+CONTROLS = LATERAL.of_role("control")
 DT = 0.05
-LIMITS = Limits().magnitudes
+LIMITS = Limits().envelope
 PLAN = PlannedTest(DT, LIMITS, DOUBLET)
 NO_PLAN = PlannedTest(DT, LIMITS)
 AMPLITUDE = np.radians(3.7)
@@ -47,7 +49,7 @@ def turbulence(n: int, rms: float, time: float, rng: np.random.Generator) -> np.
 def followed(surfaces: np.ndarray, plan: PlannedTest) -> list[tuple[int, int]]:
     """First and last sample of each manoeuvre. surfaces: (n, 2)."""
     y = np.zeros((len(surfaces), 6))
-    y[:, SURFACES] = surfaces
+    y[:, CONTROLS] = surfaces
     extent = np.ptp(np.nan_to_num(surfaces), axis=0)
     sizes = None if plan.maneuver else 0.5 * extent
     return [(begin, stop - 1) for begin, stop, _ in CausalTrim(plan, sizes=sizes).follow(y)]

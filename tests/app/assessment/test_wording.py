@@ -19,10 +19,12 @@ from app.assessment.scored import ScoredManoeuvre, Validity
 from app.assessment.verdict import verdict
 from app.assessment.wording import remarks, withdrawn
 from app.telemetry.recording import Trace, Traces
-from core.channels import KEYS
+from core.channels import KEYS, LATERAL
+from core.limits.limits import Limits
 from core.monitor import Assessments
 
-NONE = Limited(None, (Peak("Ny", 0.1, 0.2, 0.1),), 0.0)
+PLANNED = {"limits_known": True, "trim_segment_s": 1.0, "dt": 0.1, "dictionary": LATERAL}
+NONE = Limited(None, (Peak("Ny", 0.1, -0.2, 0.2, 0.1),), 0.0)
 
 
 def assessments(*p_values: float) -> Assessments:
@@ -67,9 +69,11 @@ SKID = RecordedExceedance(8.5, "beta", float(np.radians(-7.0)))
 
 
 def test_peaks_are_in_display_units():
-    within, beyond = np.radians([4.0, 6.0]).tolist()
-    limited = Limited(None, (Peak("beta", within, float(np.radians(5.0)), beyond),), 0.0)
-    planned: Any = SimpleNamespace(limits_known=True, trim_segment_s=1.0, dt=0.1)
+    within, limit, beyond = np.radians([4.0, 5.0, 6.0]).tolist()
+    limited = Limited(None, (Peak("beta", within, -limit, limit, beyond),), 0.0)
+    planned: Any = SimpleNamespace(
+        limits_known=True, trim_segment_s=1.0, dt=0.1, dictionary=LATERAL
+    )
     segment: Any = SimpleNamespace(requested=None, rest=None, onset=None, first=0)
     inside, as_recorded = remarks(planned, segment, limited, assessments(0.1))
     assert inside.endswith(": |beta| 4 deg of 5 deg from trim")
@@ -81,9 +85,11 @@ def test_peaks_are_in_display_units():
 
 def test_a_limited_channel_without_trim_may_have_exceeded_its_limit():
     traces = Traces({key: Trace(np.arange(3.0), np.full(3, 0.1)) for key in KEYS})
-    limits = np.where(np.array(KEYS) == "Ny", 0.2, np.inf)
-    limited = against_limits(traces, limits, np.full(len(KEYS), np.nan), 0.0, 2.0)
-    planned: Any = SimpleNamespace(limits_known=True, trim_segment_s=1.0, dt=0.1)
+    limits = Limits(Ny=0.2).envelope
+    limited = against_limits(traces, LATERAL, limits, np.full(len(KEYS), np.nan), 0.0, 2.0)
+    planned: Any = SimpleNamespace(
+        limits_known=True, trim_segment_s=1.0, dt=0.1, dictionary=LATERAL
+    )
     segment: Any = SimpleNamespace(requested=None, rest=None, onset=None, first=0)
     (line,) = remarks(planned, segment, limited, assessments(0.1))
     assert line.startswith("no value of Ny from trim is known")
@@ -108,7 +114,7 @@ def test_exceedances_and_trim_are_in_display_units():
     of_day = verdict(monitor, scored, of_day=True)
     assert of_day[0].startswith("doublet, 8.00 to 9.00 s, 00:00:08.00 to 00:00:09.00: ")
     assert "  exceedance         at 8.50 s, 00:00:08.50 (beta -7 deg)" in of_day
-    assert notes_on_outside((SKID,))[0].endswith("once beta -7 deg at 8.50 s.")
+    assert notes_on_outside((SKID,), LATERAL)[0].endswith("once beta -7 deg at 8.50 s.")
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from app.flights.ended import records
 from app.messages import Hello
 from core.channels import KEYS
 from core.limits.exceedance import ChannelExceedances, Exceedances, MeasuredExceedance, exceedance
+from core.limits.limits import Limits
 from tests.app.flights.test_flight_limits import Range
 from tests.app.flights.test_flight_limits import run as run_range
 from tests.support.flying import T, exact_monitor
@@ -18,18 +19,17 @@ from tests.support.oscillator import DT
 from tests.support.stored import alarm
 
 NY, P = KEYS.index("Ny"), KEYS.index("p")
-LIMITS = np.full(6, np.inf)
-LIMITS[[NY, P]] = 0.5, 1.0
+LIMITS = Limits(Ny=0.5, p=1.0).envelope
 run = run_range
 
 
 def sampled(*values: tuple[float, float]) -> Exceedances:
     """Samples of (Ny, p), a second each."""
-    log = Exceedances()
+    log = Exceedances(dict.fromkeys(KEYS, 0.0))
     for t, (ny, p) in enumerate(values):
         y = np.zeros(6)
         y[[NY, P]] = ny, p
-        log.update(float(t), y, LIMITS, exceedance(LIMITS, y, y))
+        log.update(float(t), y, LIMITS, exceedance(KEYS, LIMITS, y, y))
     return log
 
 
@@ -45,7 +45,7 @@ def test_what_a_seek_comes_to_again_is_counted_once() -> None:
     log = sampled((0, 0), (0.6, 0), (0, 0))
     log.restart()
     y = np.array([0, 0, 0, 0.6, 0, 0])
-    log.update(1.0, y, LIMITS, exceedance(LIMITS, y, y))
+    log.update(1.0, y, LIMITS, exceedance(KEYS, LIMITS, y, y))
     assert [one.n for one in log.of_channels] == [1]
 
 

@@ -249,7 +249,7 @@ def test_a_measured_condition_chooses_the_limits_and_the_journal_says_the_same(
             mapping = Mapping({}, {"": TimeSource("t")})
             history = LimitsHistory.of(open_columns(place.directory / "columns"), mapping)
             assert history is not None
-            timeline = history.timeline([exact_monitor().limits])
+            timeline = history.timeline([exact_monitor().envelope])
             rulings = [timeline.ruling(frame["t"]) for frame in frames]
             assert [one and one.reasons[0] for one in rulings] == [f["reason"] for f in frames]
             asked = {"source": {"kind": "journal", "flight_id": flight.id}, "monitor": ids}

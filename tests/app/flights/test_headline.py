@@ -15,8 +15,10 @@ from app.flights.ended import records
 from app.flights.sources.recorded_playback import RecordedScript
 from app.flights.verdict import Circumstances, longest_manoeuvre, verdict
 from app.recipes.recipes import to_plain
+from core.channels import KEYS
 from core.flight_events import Alarm
 from core.limits.exceedance import Judged, MeasuredExceedance, exceedance
+from core.limits.limits import Limits
 from core.monitor import Assessment, State
 from core.monitor.assessment import REASONS, STATES
 from core.monitor.status import BETWEEN, AlarmKind
@@ -39,7 +41,7 @@ INVALID = STATES.index(State.INVALID)
 WARMING_UP = STATES.index(State.WARMING_UP)
 WARNED = "LIMIT EXCEEDED, warned 0.31 s before the limit"
 MISSED = "LIMIT EXCEEDED, missed: no alert before the limit"
-LIMITS = np.array([np.inf, np.inf, np.inf, 0.5, np.inf, np.inf])
+LIMITS = Limits(Ny=0.5).envelope
 
 
 def ny(value: float) -> Array:
@@ -71,14 +73,14 @@ def statuses(flown: Flown | Live) -> list[str]:
 def test_either_value_beyond_the_limit_counts_and_it_says_which(
     from_trim: float, recorded: float, judged: Judged, value: float
 ) -> None:
-    over = exceedance(LIMITS, ny(from_trim), ny(recorded))
+    over = exceedance(KEYS, LIMITS, ny(from_trim), ny(recorded))
     assert over == MeasuredExceedance(channel="Ny", value=value, limit=0.5, judged=judged)
 
 
 @pytest.mark.parametrize("value", [0.4999, np.nan])
 def test_a_value_within_the_limit_or_missing_is_no_exceedance(value: float) -> None:
-    assert exceedance(LIMITS, ny(value), ny(value)) is None
-    assert exceedance(None, ny(9.0), ny(9.0)) is None
+    assert exceedance(KEYS, LIMITS, ny(value), ny(value)) is None
+    assert exceedance(KEYS, None, ny(9.0), ny(9.0)) is None
 
 
 def test_a_recording_is_judged_with_its_trim_too() -> None:

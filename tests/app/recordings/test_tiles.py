@@ -5,14 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.assessment import SAMPLE
+from app.assessment import sample_type
 from app.recordings.tiles import FACTOR, FINEST, make_tiles, window
 
 
 def samples_of(n: int, seed: int = 0) -> np.ndarray:
     """Samples of which some are missing, some invalid, some alerts."""
     rng = np.random.default_rng(seed)
-    samples = np.zeros(n, SAMPLE)
+    samples = np.zeros(n, sample_type(6))
     samples["t"] = 0.1 * np.arange(n)
     samples["y"] = np.where(rng.random((n, 6)) < 0.3, np.nan, rng.standard_normal((n, 6)))
     samples["p_value"] = np.where(rng.random(n) < 0.5, np.nan, rng.random(n))

@@ -9,6 +9,7 @@ import pytest
 from app.flights.sources.recorded_playback import RecordedScript
 from app.flights.sources.replay import TrackFlight
 from app.flights.transport import NotPossible
+from core.limits.limits import Limits
 from core.monitor import State
 from core.monitor.assessment import REASONS, STATES
 from core.monitor.status import BETWEEN
@@ -133,7 +134,7 @@ def test_a_recorded_exceedance_between_two_samples_is_that_of_the_sample_after_i
     samples: npt.NDArray,
 ) -> None:
     samples["y"] = 0.0
-    limits = np.array([np.inf, np.inf, np.inf, 0.5, np.inf, np.inf])
+    limits = Limits(Ny=0.5).envelope
     outside = [{"t": 3367.5, "channel": "Ny", "value": -0.7}]
     played = RecordedScript(samples, MANOEUVRES, DT, forecasts=True, outside=outside)
     found = {k: over for k in range(N) if (over := played.exceedance(k, limits)) is not None}

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from core.channels import KEYS
 from core.dataset import Dataset
-from core.limits.exceedance import exceeds
+from core.limits.limits import Envelope
 from core.monitor import Assessments, Monitor, MonitorRecipe, State, train
 from core.monitor.assessment import STATES
 from core.monitor.predictor import PREDICTORS
@@ -525,9 +525,9 @@ def test_responses_are_judged_whatever_the_predictor(dataset: Dataset, flights: 
 
 
 def test_one_sample_exceeds_as_a_row_of_many_does() -> None:
-    limits = np.array([np.inf, 1.0, 2.0, np.inf, 0.5, np.inf])
+    limits = Envelope.of_magnitudes(np.array([np.inf, 1.0, 2.0, np.inf, 0.5, np.inf]))
     values = (0.0, -2.0, 0.5, 1.0, np.nan, np.inf, -np.inf)
     y = np.random.default_rng(0).choice(values, (200, 6), p=(0.7, *6 * (0.05,)))
-    among_many = exceeds(limits, y)
+    among_many = limits.exceeds(y)
     assert 0 < among_many.sum() < len(y)
-    assert [bool(exceeds(limits, row)) for row in y] == among_many.tolist()
+    assert [bool(limits.exceeds(row)) for row in y] == among_many.tolist()
