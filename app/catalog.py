@@ -33,7 +33,7 @@ from app.recipes.recipes import (
 from app.recipes.recipes import to_plain as stored_plain
 from app.telemetry.formats import FORMATS, LIBRARIES
 from app.telemetry.mapping.derivations import DERIVATIONS
-from app.telemetry.targets import TARGETS
+from app.telemetry.targets import KNOWN
 from app.telemetry.units import choices
 from core import __version__
 from core.bounds import bounds_of
@@ -156,9 +156,7 @@ def _telemetry() -> dict[str, Any]:
             }
             for file_format in FORMATS.values()
         ],
-        "targets": [
-            asdict(target) | {"units": choices(target.unit)} for target in TARGETS.values()
-        ],
+        "targets": [asdict(target) | {"units": choices(target.unit)} for target in KNOWN.values()],
         "time_units": choices("s"),
         "derivations": [
             {"key": way.key, "target": way.target, "title": way.title, "needs": list(way.needs)}

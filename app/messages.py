@@ -52,6 +52,7 @@ class ChannelLimit(Message):
     reference: Reference = Field(description="whether values are deviations from trim")
     largest: float | None = Field(description="magnitude that no aircraft reaches, in `unit`")
     group: str = Field(description="strips of one group belong together")
+    formula: str = Field(default="", description="of a computed channel; empty if it is measured")
     low: float | None = Field(description="unsafe from this value down, in `unit`; null: no limit")
     high: float | None = Field(description="unsafe from this value up; null: no limit")
     rest: float = Field(description="value in trimmed flight, from which margins count")

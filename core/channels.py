@@ -2,12 +2,16 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from math import degrees, pi
 from typing import Any, Literal, Self
 
+import numpy as np
+
+from core.formulas import Formula, FormulaError, Window, parse, smallest_of_flights
 from core.kernels import N_CHANNELS
 from core.recipe import instead_of
+from core.types import Array
 
 Role = Literal["output", "control", "condition"]
 Reference = Literal["trim", "absolute"]
@@ -16,7 +20,7 @@ MOST_CHANNELS = 32
 
 @dataclass(frozen=True)
 class Channel:
-    """One measured quantity, with its unit, label and display.
+    """One measured or computed quantity, with its unit, label and display.
 
     unit: SI, or g; for computing, storing and sending.
     display_unit: for people; display_factor converts from `unit`.
@@ -25,6 +29,7 @@ class Channel:
     flight.   reference: values are deviations from trim, or absolute.
     largest: magnitude that no aircraft reaches, in `unit`; None if unknown.
     group: strips of one group are shown together.
+    formula: of channels before this one, which a source then does not send (`core.formulas`).
     """
 
     key: str
@@ -38,6 +43,7 @@ class Channel:
     reference: Reference = "trim"
     largest: float | None = None
     group: str = ""
+    formula: str = ""
 
     def read(self, value: float, digits: int = 3) -> str:
         """`4.98 deg`: a value in its display unit, to this many significant digits."""
@@ -94,6 +100,15 @@ class Dictionary:
             raise ValueError(f"two channels have the key {twice[0]!r}: give each its own")
         if not all(keys):
             raise ValueError("a channel has no key: give each one")
+        if not self.measured:
+            raise ValueError("all channels have formulas: give those that a source sends")
+        for known in self.channels:
+            if known.formula and known.role != "output":
+                raise ValueError(
+                    f"channel {known.key} has a formula and the role {known.role!r}: a computed "
+                    "channel is an output"
+                )
+        _ = self.formulas  # refuses those that cannot be read
 
     def __len__(self) -> int:
         return len(self.channels)
@@ -111,6 +126,38 @@ class Dictionary:
     def of_role(self, role: Role) -> tuple[int, ...]:
         """Positions of the channels with this role."""
         return tuple(k for k, known in enumerate(self.channels) if known.role == role)
+
+    @cached_property
+    def measured(self) -> tuple[str, ...]:
+        """Keys of the channels that a source sends."""
+        return tuple(known.key for known in self.channels if not known.formula)
+
+    @cached_property
+    def formulas(self) -> tuple[tuple[int, Formula], ...]:
+        """Positions and formulas of the computed channels."""
+        return tuple((c, self._parsed(c)) for c, known in enumerate(self.channels) if known.formula)
+
+    def _parsed(self, c: int) -> Formula:
+        try:
+            return parse(self.channels[c].formula, self.keys[:c])
+        except FormulaError as error:
+            raise ValueError(f"channel {self.keys[c]}: {error}") from None
+
+    def complete(self, y: Array, dt: float) -> Array:
+        """Flights with their computed channels; y itself if there are none.
+
+        y: (..., n_samples, n_channels), or n_measured: measured channels alone.   dt: [s].
+        """
+        if not self.formulas:
+            return y
+        places = [self.keys.index(key) for key in self.measured]
+        whole = np.full((*y.shape[:-1], len(self)), np.nan)
+        whole[..., places] = y[..., places] if y.shape[-1] == len(self) else y
+        columns = [np.ascontiguousarray(whole[..., c]) for c in range(len(self))]
+        for c, formula in self.formulas:
+            columns[c][:] = formula.values(columns, smallest_of_flights(dt))
+            whole[..., c] = columns[c]
+        return whole
 
     @property
     def stored(self) -> dict[str, Any] | None:
@@ -132,7 +179,7 @@ class Dictionary:
         return {known.key: known for known in self.channels}
 
     def to_plain(self) -> dict[str, Any]:
-        return {"name": self.name, "channels": [asdict(known) for known in self.channels]}
+        return {"name": self.name, "channels": [_plain(known) for known in self.channels]}
 
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any]) -> Self:
@@ -140,9 +187,41 @@ class Dictionary:
         return cls(str(plain["name"]), tuple(map(_channel_of, plain["channels"])))
 
 
+class Computed:
+    """Fills the computed channels of a stream, one sample after another."""
+
+    def __init__(self, dictionary: Dictionary) -> None:
+        self._formulas = dictionary.formulas
+        self._windows: dict[tuple[int, int], Window] = {}
+
+    def fill(self, t: float, y: Array) -> None:
+        """Compute in place.   t: [s] of the sample.   y: (n_channels,)."""
+        if not self._formulas:
+            return
+        # numpy computes powers of one value in another way than those of several
+        columns = np.repeat(y[:, np.newaxis], 2, axis=1)
+        for c, formula in self._formulas:
+            columns[c] = formula.values(columns, partial(self._smallest, c, t))
+            y[c] = columns[c, 0]
+
+    def _smallest(self, c: int, t: float, place: int, x: Array, seconds: float) -> Array:
+        window = self._windows.setdefault((c, place), Window())
+        return np.full_like(x, window.smallest(t, float(x[0]), seconds))
+
+
+def _plain(known: Channel) -> dict[str, Any]:
+    """Without an empty formula, so that the digests of older dictionaries stay."""
+    plain = asdict(known)
+    if not known.formula:
+        del plain["formula"]
+    return plain
+
+
 def _channel_of(plain: Mapping[str, Any]) -> Channel:
     if missing := [name for name in ("key", "unit") if not isinstance(plain.get(name), str)]:
         raise ValueError(f"channel {dict(plain)!r} has no {missing[0]}: give key and unit")
+    if not isinstance(plain.get("formula", ""), str):
+        raise ValueError(f"channel {plain['key']!r} has a formula that is no text: write one")
     key, unit = plain["key"], plain["unit"]
     usual = asdict(channel(key, key, unit, key))
     if unknown := [name for name in plain if name not in usual]:

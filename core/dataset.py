@@ -76,6 +76,19 @@ class Dataset:
             dictionary=flights.dictionary,
         )
 
+    def flights(self) -> LabelledFlights:
+        """All rollouts, failing ones first, to be split by flight."""
+        n_safe, n_samples = len(self.safe), self.safe.shape[1]
+        return LabelledFlights(
+            np.concatenate([self.unsafe, self.safe]),
+            np.concatenate([self.fail_index, np.full(n_safe, n_samples)]),
+            np.concatenate([self.theta_unsafe, self.theta_safe]),
+            self.dt,
+            self.dictionary,
+            self.specification,
+            self.theta_names,
+        )
+
     @property
     def unsafe_rate(self) -> float:
         """Unbiased share of unsafe rollouts; collection stopped at the last unsafe one."""

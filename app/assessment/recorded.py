@@ -5,7 +5,7 @@ the times of their arrival, an uploaded file in the order of time.
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf
 from typing import NamedTuple, Self
@@ -30,6 +30,7 @@ from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.recording import ATTITUDE, Recording, TelemetryError, Trace, Traces
 from app.telemetry.timing.quality import Quality
 from app.telemetry.timing.repair import FlownOrder, RepairedTraces
+from app.telemetry.units import convert
 from core.channels import LATERAL, Dictionary
 from core.kernels.causal_grid import FASTER, ON_GRID, RATE_RATIO, values_at
 from core.monitor import Monitor, State
@@ -133,6 +134,7 @@ class RecordedFlight:
         cls, monitor: Monitor, repaired: RepairedTraces, history: LimitsHistory | None = None
     ) -> Self:
         """Raises MissingChannels, or TelemetryError for a channel that is too slow."""
+        repaired = in_units(repaired, monitor.dictionary)
         quality, planned = repaired.quality, planned_test(monitor)
         needed, keys = needed_channels(monitor), monitor.dictionary.keys
         recorded = [c.key for c in quality.channels if c.missing < 1.0 or c.implausible]
@@ -156,6 +158,39 @@ class RecordedFlight:
             tuple(notes),
             None if history is None else history.timeline([monitor.envelope]),
         )
+
+
+def in_units(repaired: RepairedTraces, dictionary: Dictionary) -> RepairedTraces:
+    """The channels of a dictionary in its units; the same object if they are.
+
+    TelemetryError for a channel that was recorded in a unit of another kind.
+    """
+    traces = _in_units(repaired.traces, dictionary)
+    if traces is repaired.traces:
+        return repaired
+    flown = repaired.flown
+    if flown is not None:
+        flown = replace(flown, traces=_in_units(flown.traces, dictionary))
+    return replace(repaired, traces=traces, flown=flown)
+
+
+def _in_units(traces: Traces, dictionary: Dictionary) -> Traces:
+    changed = {}
+    for channel in dictionary.channels:
+        trace = traces.channels.get(channel.key)
+        if trace is None or trace.unit in ("", channel.unit):
+            continue
+        try:
+            values = convert(trace.values, trace.unit, channel.unit)
+            shift, bias = convert(np.array([0.0, trace.bias]), trace.unit, channel.unit).tolist()
+        except TelemetryError as error:
+            raise TelemetryError(
+                f"channel {channel.key} of the recording: {error}: map it to another signal"
+            ) from None
+        changed[channel.key] = replace(
+            trace, values=values, bias=bias - shift, unit=channel.unit
+        )
+    return replace(traces, channels=traces.channels | changed) if changed else traces
 
 
 def on_grid(

@@ -2,7 +2,7 @@
 
 import argparse
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -26,13 +26,11 @@ from app.telemetry.rollouts import read_dictionary, read_rollouts
 from core.bounds import Bounds, check_bounds
 from core.dataset import Dataset
 from core.evaluation.certificate import warnings_of
-from core.evaluation.method_choice import THRESHOLD
 from core.evaluation.prevention import Prevention
 from core.evaluation.rates import Evaluation, clopper_pearson
 from core.evaluation.robustness import DIFFERENCES, by_aircraft
 from core.monitor import Monitor, MonitorRecipe
 from core.monitor.calibration import check_epsilon
-from core.monitor.recipe import METHODS
 from core.monitor.training import check_lead
 from core.planned_test.collection import DatasetRecipe
 from core.rollouts import LabelledFlights
@@ -101,39 +99,29 @@ def run_on_rollouts(options: argparse.Namespace) -> int:
         theta=read.theta,
     )
     choose = not plain.keys() & {"predictor", "score"}
-    training = train_on_flights(flights, recipe, choose, lambda *_: None)
+    training = train_on_flights(Dataset.from_flights(flights), recipe, choose, lambda *_: None)
     training.monitor.save(options.out)
-    lines = [*(f"note: {text}" for text in flights.findings), *method_lines(training)]
+    lines = [*(f"note: {text}" for text in flights.findings), *method_lines(training.monitor)]
     text = "\n".join([*lines, report(training), f"written: {options.out}"])
     facts = summary(training) | {
         "file": str(options.out),
         "findings": list(flights.findings),
-        "methods": [asdict(counts) for counts in training.tried],
+        "methods": (training.monitor.evaluation or {}).get("methods", []),
     }
     print_result(options, text, facts)
     return 0
 
 
-def method_lines(training: Training) -> list[str]:
+def method_lines(monitor: Monitor) -> list[str]:
     """The methods tried, and which one the monitor uses."""
-    if not training.tried:
-        return []
-    recipe, rows = training.monitor.recipe, []
-    for counts in training.tried:
-        chosen = METHODS.get(counts.name) == (recipe.predictor, recipe.score)
-        name = labels.METHODS.get(counts.name, counts.name)
-        rows.append(
-            f"  {counts.missed} of {counts.n_unsafe} failing flights missed, {counts.quiet} of "
-            f"{counts.n_safe} safe ones without an alert: {name}{' (chosen)' * chosen}"
-        )
-    best, plain = max(counts.power for counts in training.tried), training.tried[-1]
-    hopeless = plain.name == THRESHOLD and plain.power >= best
-    if hopeless:
-        rows.append(
-            "WARNING: no method is better than a threshold on today's value: expect no early "
-            "warning, and clear this point beforehand"
-        )
-    return ["methods, on flights that chose nothing else:", *rows]
+    methods = (monitor.evaluation or {}).get("methods", [])
+    rows = [
+        f"  {tried['missed']} of {tried['n_unsafe']} failing flights missed, {tried['quiet']} of "
+        f"{tried['n_safe']} safe ones without an alert: "
+        f"{labels.METHODS.get(tried['name'], tried['name'])}{' (chosen)' * tried['chosen']}"
+        for tried in methods
+    ]
+    return ["methods, on flights that chose nothing else:", *rows] if rows else []
 
 
 def summary(training: Training) -> dict[str, Any]:

@@ -51,10 +51,14 @@ def train_monitor(task: Task, request: MonitorRequest, store: Store) -> Result:
     else:
         dataset = simulate(requested, task.progress)
         dataset_id = store.datasets.add(dataset, dataset_name(requested)).id
-    training = train_and_test(dataset, request.recipe, request.n_test, task.progress)
+    training = train_and_test(
+        dataset, request.recipe, request.n_test, task.progress, choose=request.choose
+    )
     task.progress("storing", task.done, task.total)
     info = store.monitors.add(training.monitor, request.name, dataset_id)
-    return {"monitor": info.id, "dataset": dataset_id}
+    methods = (training.monitor.evaluation or {}).get("methods")
+    tried = {"methods": methods} if methods else {}
+    return {"monitor": info.id, "dataset": dataset_id} | tried
 
 
 def combine_monitors(

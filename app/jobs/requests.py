@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, NamedTuple, get_args
 
-from app.jobs.training import test_to_fly
+from app.jobs.training import calibrating, test_to_fly
 from app.recipes.labels import kind_label
 from app.recipes.recipes import (
     USUAL_DATASET,
@@ -49,12 +49,16 @@ Requested = str | DatasetRecipe
 
 
 class MonitorRequest(NamedTuple):
-    """A monitor to train, its dataset, and the number of fresh test flights."""
+    """A monitor to train, its dataset, and the number of fresh test flights.
+
+    choose: whether own flights choose its method.
+    """
 
     name: str
     dataset: Requested
     recipe: MonitorRecipe
     n_test: int
+    choose: bool = False
 
 
 @dataclass(frozen=True)
@@ -113,14 +117,17 @@ def monitor_request(plain: dict[str, Any], store: Store, max_bytes: int) -> Moni
     name = _name(plain)
     requested = _requested_dataset(plain, store, max_bytes)
     n_test = _count(plain, "n_test", N_TEST, 0, LARGEST_N_TEST)
+    choose = plain.keys().isdisjoint({"predictor", "score"})
     recipe = _recipe(MonitorRecipe(), monitor_as_ordered(plain), "monitor")
     if recipe.predictor.forecast == "members":
         raise RecipeError(f"monitor.predictor: {NOT_TRAINED}")
     if isinstance(requested, str):
         info = store.datasets.info(requested)
         duration, n_unsafe = (info.n_samples - 1) * info.dt, info.n_unsafe
-        if recipe.predictor.forecast == "ensemble" and simulated_test(info.recipe) is None:
-            n_unsafe -= n_unsafe // 2  # no fresh ones can be simulated: the others train
+        if simulated_test(info.recipe) is None:
+            n_unsafe = calibrating(n_unsafe)  # no fresh ones can be simulated
+            if recipe.predictor.forecast == "ensemble" and not choose:
+                n_unsafe -= n_unsafe // 2  # the others train
     else:
         requested = dataset_for(recipe, requested)
         duration, n_unsafe = requested.maneuver.duration_s, requested.n_unsafe
@@ -132,7 +139,7 @@ def monitor_request(plain: dict[str, Any], store: Store, max_bytes: int) -> Moni
     if recipe.predictor.forecast == "card":
         with _refusing("monitor.predictor: "):
             card_of(_recipe_of(requested, store, "or choose the predictor peak_ridge"), 2)
-    return MonitorRequest(name or f"{recipe.t_early:g} s ahead", requested, recipe, n_test)
+    return MonitorRequest(name or f"{recipe.t_early:g} s ahead", requested, recipe, n_test, choose)
 
 
 def combination_request(

@@ -1,7 +1,8 @@
 """Train a monitor from a dataset and test it on fresh flights."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,8 @@ from core.evaluation.rates import (
 )
 from core.evaluation.robustness import DIFFERENCES, by_aircraft, robustness
 from core.monitor import Monitor, MonitorRecipe, train
+from core.monitor.calibration import failures_needed, smallest_epsilon
+from core.monitor.recipe import METHODS
 from core.monitor.training import with_validity
 from core.monitor.validity.support import SupportError
 from core.planned_test.collection import (
@@ -39,7 +42,6 @@ from core.planned_test.collection import (
     fresh,
     stopping_flights,
 )
-from core.rollouts import LabelledFlights
 from core.seeds import Branch, stream
 from core.types import Array, Indices
 
@@ -50,6 +52,27 @@ LEAD_BINS = 20
 SHARES = (0.5, 0.15, 0.15, 0.2)
 PARTS = "train and calibrate", "choose the method", "calibrate validity", "certify"
 """Shares of own flights, and what each part does."""
+
+
+def calibrating(n_unsafe: int) -> int:
+    """How many failures of own flights calibrate, of all that the dataset has."""
+    return int(n_unsafe * SHARES[0])
+
+
+def too_few(n_unsafe: int, recipe: MonitorRecipe) -> list[str]:
+    """That own flights have too few failures for the recipe's epsilon, and how many would do."""
+    needed, guarantee = failures_needed(recipe.epsilon, recipe.guarantee), recipe.guarantee
+    if calibrating(n_unsafe) >= needed:
+        return []
+    sure = "" if guarantee == "average" else " with 95 % confidence"
+    possible = smallest_epsilon(max(calibrating(n_unsafe), 1), guarantee)
+    return [
+        f"{n_unsafe} failing flights are too few for epsilon {recipe.epsilon:g}{sure}, which needs "
+        f"{ceil(needed / SHARES[0])}, as {SHARES[0]:.0%} of them calibrate: give more, or accept "
+        f"epsilon {ceil(1e4 * possible) / 1e4:g}"
+    ]
+
+
 CURVES = (
     "misses",
     "false_alerts",
@@ -63,7 +86,6 @@ CURVES = (
     "fail_given_alert_interval",
 )
 """What an Evaluation stores over epsilon."""
-NO_RECIPE = "validity is not calibrated: the dataset has no recipe to simulate fresh flights"
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,14 +148,12 @@ class Training:
 
     test: results on fresh flights, or None.
     not_calibrated: why validity is not calibrated; empty if it is.
-    tried: the methods among which this one was chosen, and a threshold, on other flights.
     """
 
     dataset: Dataset
     monitor: Monitor
     test: FlownTest | None = None
     not_calibrated: str = ""
-    tried: tuple[MethodCounts, ...] = ()
 
 
 def simulate(recipe: DatasetRecipe, progress: Progress) -> Dataset:
@@ -156,22 +176,27 @@ def test_to_fly(monitor: Monitor) -> DatasetRecipe:
 
 
 def train_and_test(
-    dataset: Dataset, recipe: MonitorRecipe, n_test: int, progress: Progress
+    dataset: Dataset,
+    recipe: MonitorRecipe,
+    n_test: int,
+    progress: Progress,
+    *,
+    choose: bool = False,
 ) -> Training:
     """Train a monitor, calibrate its validity, and test it on n_test fresh flights.
 
-    Without a dataset recipe there is no validity and no test.
+    A dataset without a recipe is split instead, see `train_on_flights`, also for `choose`.
     """
-    progress("training", 0, 3)
     simulated = simulated_test(dataset.recipe)
-    card = card_of(simulated) if simulated and recipe.predictor.forecast == "card" else None
+    if simulated is None:
+        return train_on_flights(dataset, recipe, choose, progress)
+    progress("training", 0, 3)
+    card = card_of(simulated) if recipe.predictor.forecast == "card" else None
     failures = None
-    if simulated and recipe.predictor.forecast == "ensemble":
+    if recipe.predictor.forecast == "ensemble":
         failures = _fresh_failures(replace(simulated, groups=recipe.groups), progress)
     monitor = train(dataset, recipe, card=card, failures=failures)
     monitor.check_epsilon()
-    if simulated is None:
-        return Training(dataset, monitor, not_calibrated=NO_RECIPE)
     monitor, not_calibrated = _with_validity(monitor, dataset, simulated, progress)
     if n_test == 0:
         return Training(dataset, monitor, not_calibrated=not_calibrated)
@@ -261,14 +286,15 @@ def _tested(monitor: Monitor, y: Array, fail_index: Indices) -> tuple[FlownTest,
 
 
 def train_on_flights(
-    flights: LabelledFlights, recipe: MonitorRecipe, choose: bool, progress: Progress, seed: int = 0
+    whole: Dataset, recipe: MonitorRecipe, choose: bool, progress: Progress, seed: int = 0
 ) -> Training:
-    """Train a monitor on flights of any simulator, split by flight into SHARES.
+    """Train a monitor on flights that cannot be simulated here, split by flight into SHARES.
 
     choose: choose the method by the second part; else that of the recipe is used.
     """
+    flights = whole.flights()
     learning, choosing, checking, testing = flights.split(SHARES, seed)
-    dataset = Dataset.from_flights(learning, seed=seed)
+    dataset = replace(Dataset.from_flights(learning, seed=seed), recipe=whole.recipe)
     progress("training", 0, 2)
     tried: list[MethodCounts] = []
     if choose:
@@ -292,12 +318,18 @@ def train_on_flights(
         not_calibrated = str(error)
     progress(f"testing on {len(testing.y)} held-out flights", 1, 2)
     test, _ = _tested(monitor, testing.y, testing.fail_index)
+    monitor = replace(monitor, dataset_digest=whole.digest())
     monitor = _with_evaluation(monitor, test, len(testing.y), float(flights.fails.mean()))
     parts = zip(PARTS, (learning, choosing, checking, testing), strict=True)
-    own = {"flights": {name: len(part.y) for name, part in parts}}
+    own: dict[str, Any] = {"flights": {name: len(part.y) for name, part in parts}}
+    if tried:
+        method = monitor.recipe.predictor, monitor.recipe.score
+        own["methods"] = [
+            asdict(counts) | {"chosen": METHODS.get(counts.name) == method} for counts in tried
+        ]
     monitor = replace(monitor, evaluation=(monitor.evaluation or {}) | own)
     progress("done", 2, 2)
-    return Training(dataset, monitor, test, not_calibrated, tuple(tried))
+    return Training(dataset, monitor, test, not_calibrated)
 
 
 def _prevention(result: Prevention) -> dict[str, Any]:

@@ -14,7 +14,6 @@ from app.telemetry.mapping.applying import applicable
 from app.telemetry.mapping.checks import find_warnings
 from app.telemetry.mapping.mapping import Mapping, TimeSource, rate_words
 from app.telemetry.recording import Trace, Traces
-from app.telemetry.targets import TARGETS
 from core.channels import KEYS
 from core.types import Array
 
@@ -66,13 +65,13 @@ def channel_bands(traces: Traces, bins: int = BINS) -> dict[str, dict[str, Any]]
 
     In JSON's types, None for missing numbers.
     """
-    return {key: _bands(trace, TARGETS[key].unit, bins) for key, trace in traces.channels.items()}
+    return {key: _bands(trace, bins) for key, trace in traces.channels.items()}
 
 
-def _bands(trace: Trace, unit: str, bins: int) -> dict[str, Any]:
+def _bands(trace: Trace, bins: int) -> dict[str, Any]:
     rows = len(trace.values)
     if not rows:
-        return {"t": [], "low": [], "high": [], "unit": unit, "min": None, "max": None}
+        return {"t": [], "low": [], "high": [], "unit": trace.unit, "min": None, "max": None}
     starts = np.linspace(0, rows, min(bins, rows), endpoint=False).astype(np.intp)
     middle = (starts + np.append(starts[1:], rows)) // 2
     low, high = np.fmin.reduceat(trace.values, starts), np.fmax.reduceat(trace.values, starts)
@@ -80,7 +79,7 @@ def _bands(trace: Trace, unit: str, bins: int) -> dict[str, Any]:
         "t": _plain(trace.t[middle]),
         "low": _plain(low),
         "high": _plain(high),
-        "unit": unit,
+        "unit": trace.unit,
         "min": _plain(np.fmin.reduce(low, keepdims=True))[0],
         "max": _plain(np.fmax.reduce(high, keepdims=True))[0],
     }

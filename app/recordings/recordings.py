@@ -27,6 +27,9 @@ from app.telemetry.mapping.mapping import Mapping
 from app.telemetry.readers import isolation
 from app.telemetry.reading import read_file
 from app.telemetry.recording import TelemetryError
+from app.telemetry.targets import KNOWN
+from core.channels import Channel, Dictionary
+from core.recipe import instead_of
 
 LOG = logging.getLogger("forewarn")
 MOST_UPLOADS = 8
@@ -136,6 +139,24 @@ class Recordings:
             self._drop(recording_id)
             raise
         return recording_id
+
+    def own_channels(self) -> list[Channel]:
+        """The channels of the dictionaries of stored monitors and datasets."""
+        infos = (*self.store.monitors.all(), *self.store.datasets.all())
+        stored = [info.dictionary for info in infos if info.dictionary is not None]
+        channels = (c for plain in stored for c in Dictionary.from_stored(plain).channels)
+        return list(dict.fromkeys(channels))
+
+    def check_channels(self, mapping: Mapping) -> None:
+        """TelemetryError for a channel that no dictionary here has."""
+        if mapping.channels.keys() <= KNOWN.keys():
+            return
+        known = [*KNOWN, *(channel.key for channel in self.own_channels())]
+        for key in mapping.channels:
+            if key not in known:
+                raise TelemetryError(
+                    f"the mapping has an unknown channel {key!r}: {instead_of(key, known)}"
+                )
 
     def columns(self, recording_id: str) -> Columns:
         """The columns of a recording. NotFound; StoreError if its folder is missing."""

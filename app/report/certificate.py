@@ -4,6 +4,7 @@ import json
 from datetime import UTC, datetime
 
 from app.assessment.wording import PROMISED, alerts_above
+from app.recipes import labels
 from app.recipes.recipes import to_plain
 from app.report.page import TEMPLATES, limited
 from core import __version__
@@ -50,6 +51,10 @@ def certificate_page(monitor: Monitor, name: str, digest: str, created: str = ""
         summary=summary,
         evaluation=evaluation,
         flights=evaluation.get("flights", {}),
+        methods=[
+            (labels.METHODS.get(method["name"], method["name"]), method)
+            for method in evaluation.get("methods", [])
+        ],
         false_alarm=Share(evaluation["at_epsilon"]["false_alerts"], evaluation["n_safe"])
         if evaluation["n_safe"]
         else None,

@@ -6,8 +6,8 @@ from typing import Any
 
 from app.assessment.outcome import OUTCOMES, OutcomeLevel, wording_of
 from app.telemetry.mapping.derivations import DERIVATIONS
-from app.telemetry.targets import TARGETS
-from core.channels import BY_KEY, KEYS
+from app.telemetry.targets import as_mapped, in_order, target_of
+from core.channels import BY_KEY, Dictionary
 from core.monitor.validity.flown_input import amplitude_in_words
 
 Plain = Mapping[str, Any]
@@ -178,16 +178,22 @@ def drawn(manoeuvres: Sequence[Plain]) -> set[int]:
     return set(order[:MOST_DRAWN])
 
 
-def mapping_rows(mapping: Plain, rationales: Mapping[str, Plain]) -> list[dict[str, Any]]:
-    """One row for each channel with its source; None where it is missing."""
+def mapping_rows(
+    mapping: Plain, rationales: Mapping[str, Plain], dictionary: Dictionary
+) -> list[dict[str, Any]]:
+    """One row for each channel with its source; None where it is missing.
+
+    dictionary: of the monitor; its channels come first.
+    """
     channels = mapping["channels"]
+    needed = {known.key: as_mapped(known) for known in dictionary.channels}
     rows = []
-    for key in (*KEYS, *(key for key in TARGETS if key in channels and key not in KEYS)):
+    for key in (*needed, *(key for key in in_order(channels) if key not in needed)):
         source, rationale = channels.get(key), rationales.get(key, {})
         way = source["derivation"] if source else ""
         rows.append(
             {
-                "target": TARGETS[key],
+                "target": needed.get(key) or target_of(key, source["unit"]),
                 "source": source,
                 "derived": DERIVATIONS[way].title if way in DERIVATIONS else way,
                 "confidence": rationale.get("confidence") if source else None,

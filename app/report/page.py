@@ -75,7 +75,7 @@ def report(subject: ReportSubject) -> str:
         unchecked=valid.count(None),
         outcomes=OUTCOMES,
         alerts=facts.alerts(manoeuvres),
-        mapping=facts.mapping_rows(scoring["mapping"], subject.rationales),
+        mapping=facts.mapping_rows(scoring["mapping"], subject.rationales, monitor.dictionary),
         confident=CONFIDENT,
         sentences=facts.notes(sentences),
         notes=facts.notes(

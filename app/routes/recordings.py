@@ -294,6 +294,7 @@ def confirm_mapping(
     if the mapping cannot be applied.
     """
     mapping = Mapping.from_plain(request.mapping.to_plain())
+    recordings.check_channels(mapping)
     recordings.confirm_mapping(recording_id, mapping, request.aircraft, remember=request.remember)
     return json_response(_drawn(recording_answer(recordings, recording_id)))
 
@@ -307,6 +308,7 @@ def preview_mapping(
     If the mapping cannot be applied, `problem` has the reason and there are no channels.
     """
     mapping = Mapping.from_plain(request.mapping.to_plain())
+    recordings.check_channels(mapping)
     return json_response(_drawn(preview(recordings, recording_id, mapping, request.bins)))
 
 

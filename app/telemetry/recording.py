@@ -45,7 +45,7 @@ class Trace:
 
     group: of the file; channels of one group share their times, as one array.
     source: signal or derivation in words.   derived: not measured.
-    bias: subtracted from the recorded values, in the channel's unit.
+    bias: subtracted from the recorded values, in `unit`.   unit: of the values, SI or g.
     """
 
     t: Array
@@ -54,11 +54,12 @@ class Trace:
     source: str = ""
     derived: bool = False
     bias: float = 0.0
+    unit: str = ""
 
 
 @dataclass(frozen=True, eq=False)
 class Traces:
-    """Channels of a file by key of TARGETS. notes: assumptions and changes, oldest first."""
+    """Channels of a file by key. notes: assumptions and changes, oldest first."""
 
     channels: dict[str, Trace]
     notes: tuple[str, ...] = field(default=())

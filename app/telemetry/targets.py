@@ -1,17 +1,20 @@
 """The quantities that a signal of a file can be mapped to, and the values that they can reach.
 
-The bounds allow for every aircraft and convention, also for a heading that is never wrapped. Values
-beyond them are failed sensors or no measurements, and are not scored.
+A key means its quantity in TARGETS, else in the built-in dictionaries, else that of somebody's own
+dictionary. The bounds allow for every aircraft and convention, also for a heading that is never
+wrapped. Values beyond them are failed sensors or no measurements, and are not scored.
 """
 
+from collections.abc import Iterable
 from dataclasses import replace
 from math import radians
 
 import numpy as np
 
 from app.telemetry.contents import release
-from app.telemetry.recording import Trace
-from core.channels import CHANNELS, Channel, channel
+from app.telemetry.recording import TelemetryError, Trace
+from app.telemetry.units import factor, fits, si_unit
+from core.channels import CHANNELS, Channel, channel, known_channels
 from core.types import Array, Indices
 
 ATTITUDE_TARGETS = (
@@ -40,7 +43,45 @@ TARGETS: dict[str, Channel] = {
     target.key: target
     for target in (*CHANNELS, *ATTITUDE_TARGETS, *CONDITION_TARGETS, *INGREDIENTS)
 }
-"""By key; values are stored in `unit`."""
+"""By key, of the lateral motion; values are stored in `unit`."""
+KNOWN: dict[str, Channel] = TARGETS | {
+    key: known for key, known in known_channels().items() if key not in TARGETS
+}
+"""TARGETS, then the other channels of the built-in dictionaries."""
+
+
+def target_of(key: str, unit: str) -> Channel:
+    """What a signal recorded in `unit` is mapped to by a key; its values are stored in its unit.
+
+    A key that is not known, or one outside TARGETS whose unit is of another kind (q in Pa), is a
+    channel of somebody's own dictionary: its values are stored in SI units, and whoever reads them
+    converts. TelemetryError if `unit` is unknown.
+    """
+    known = KNOWN.get(key)
+    if known and (key in TARGETS or not unit.strip() or fits(unit, known.unit)):
+        return known
+    return channel(key, key, si_unit(unit), key)
+
+
+def as_mapped(own: Channel) -> Channel:
+    """A channel of any dictionary, in the unit in which its mapped values are stored.
+
+    It is unchanged if its unit is not one of its key's quantity, or unknown.
+    """
+    try:
+        unit = target_of(own.key, own.unit).unit
+        per_unit = factor(unit, own.unit)
+    except TelemetryError:
+        return own
+    largest = own.largest and own.largest / per_unit
+    display = own.display_factor * per_unit
+    return replace(own, unit=unit, display_factor=display, largest=largest)
+
+
+def in_order(keys: Iterable[str]) -> list[str]:
+    """Keys in the order of KNOWN, then the others."""
+    given = dict.fromkeys(keys)
+    return [*(key for key in KNOWN if key in given), *(key for key in given if key not in KNOWN)]
 
 
 BY_UNIT: dict[str, float] = {
@@ -54,29 +95,33 @@ ACCUMULATED = 1e4
 """Of an angle that may accumulate full turns [rad]."""
 BOUNDS: dict[str, float] = {
     target.key: ACCUMULATED if target in ATTITUDE_TARGETS else BY_UNIT.get(target.unit, np.inf)
-    for target in TARGETS.values()
+    for target in KNOWN.values()
 }
-"""Largest plausible magnitude of a target, in its unit; quaternions have none."""
+"""Largest plausible magnitude of a known target, in its unit; quaternions have none."""
 
 
 def largest_plausible(channel: Channel) -> float:
     """Largest plausible magnitude of a channel, in its unit; infinite if unknown."""
-    known = TARGETS.get(channel.key)
+    known = KNOWN.get(channel.key)
     if known is not None and known.unit == channel.unit:
         return BOUNDS[channel.key]
     return np.inf if channel.largest is None else channel.largest
 
 
-def implausible(key: str, values: Array) -> Indices:
-    """Rows with a value that no aircraft can reach."""
-    bound = BOUNDS[key]
+def implausible(key: str, values: Array, unit: str = "") -> Indices:
+    """Rows with a value that no aircraft can reach.
+
+    unit: of the values; "" for that of the known target. Other quantities have no bound.
+    """
+    known = KNOWN.get(key)
+    bound = BOUNDS[key] if known and unit in ("", known.unit) else np.inf
     reach = max(-np.fmin.reduce(values, initial=0.0), np.fmax.reduce(values, initial=0.0))
     return np.flatnonzero(np.abs(values) > bound) if reach > bound else np.empty(0, np.intp)
 
 
 def plausible(key: str, trace: Trace) -> Trace:
     """A channel with implausible values replaced by NaN; unchanged if there are none."""
-    rows = implausible(key, trace.values)
+    rows = implausible(key, trace.values, trace.unit)
     release(trace.values)
     return replace(trace, values=without(trace.values, rows)) if len(rows) else trace
 

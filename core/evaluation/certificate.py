@@ -13,8 +13,8 @@ TWICE = 2.0
 than this multiple of it."""
 USELESS = 0.2
 """A monitor is useless if, with 97.5 % confidence, fewer safe flights than this pass it."""
-
-
+THRESHOLD = "threshold on today's value"
+"""Name of the rule beside which methods are tried, in `methods` of an evaluation."""
 UNTESTED = (
     "the monitor was not tested on fresh flights: its miss rate and the share of safe flights "
     "without a false alarm are unknown"
@@ -152,7 +152,22 @@ def warnings_of(evaluation: Mapping[str, Any] | None, epsilon: float) -> list[st
     tested = certificate(evaluation, epsilon)
     if evaluation is None or tested is None:
         return [UNTESTED]
-    return [*tested.warnings, *_off_the_plan(evaluation)]
+    return [*tested.warnings, *_no_gain(evaluation), *_off_the_plan(evaluation)]
+
+
+def _no_gain(evaluation: Mapping[str, Any]) -> list[str]:
+    """The warning that the chosen method is no better than a plain threshold."""
+    methods = evaluation.get("methods", ())
+    chosen = [method["quiet"] for method in methods if method["chosen"]]
+    plain = [method["quiet"] for method in methods if method["name"] == THRESHOLD]
+    if not chosen or not plain or plain[0] < chosen[0]:
+        return []
+    n_safe = methods[0]["n_safe"]
+    return [
+        f"no method is better than a {THRESHOLD}: {chosen[0]} of {n_safe} safe flights have no "
+        f"alert, {plain[0]} with the threshold; expect no early warning, and clear this point "
+        "beforehand"
+    ]
 
 
 def _off_the_plan(evaluation: Mapping[str, Any]) -> list[str]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from core.dataset import Dataset
+from core.evaluation.certificate import THRESHOLD
 from core.evaluation.rates import evaluate
 from core.limits.limits import Envelope, envelope_of
 from core.monitor.calibration import alert_above, p_values
@@ -17,7 +18,6 @@ from core.types import Array, Indices
 
 OF_THE_CARD = "test_card"
 """The method that needs a test card, which own rollouts lack."""
-THRESHOLD = "threshold on today's value"
 
 
 @dataclass(frozen=True)

@@ -214,11 +214,16 @@ def test_the_command_trains_on_own_rollouts_and_says_how_well(
     facts = json.loads(capsys.readouterr().out)
     names = [counts["name"] for counts in facts["methods"]]
     assert names == ["ensemble", "peak_ahead", "outputs_ahead", "threshold on today's value"]
+    assert facts["evaluation"]["methods"] == facts["methods"]
+    assert sum(counts["chosen"] for counts in facts["methods"]) == 1
     at = facts["evaluation"]["at_epsilon"]
     assert at["misses"] <= 0.25 * facts["evaluation"]["n_unsafe"]
     assert facts["validity"] == "calibrated"
     monitor = load(out)
     assert monitor.dictionary.keys == DICTIONARY.keys
+    page = tmp_path / "certificate.html"
+    assert main(["certificate", str(out), "--out", str(page)]) == 0
+    assert "Methods tried" in page.read_text()
     envelope = monitor.envelope
     assert envelope is not None
     assert (envelope.low[2], envelope.high[2]) == (-1.1, 2.9)
@@ -289,3 +294,4 @@ def test_what_knows_only_lateral_channels_refuses_the_monitor_by_name(
     text = page.read_text()
     assert "normal acceleration N_z above -1.1 g and below 2.9 g" in text
     assert "800 train and calibrate" in text
+    assert "Methods tried" not in text

@@ -1,6 +1,5 @@
 """A server in its own process, to be killed or starved; forked from one with the imports done."""
 
-import multiprocessing
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,10 +12,8 @@ import httpx2
 
 from app.serving import serve
 from app.settings import Settings
+from tests.support.forked_processes import PROCESSES
 from tests.support.patience import PATIENCE
-
-PROCESSES = multiprocessing.get_context("forkserver")
-PROCESSES.set_forkserver_preload([__name__])
 
 
 class Running(NamedTuple):

@@ -1,6 +1,5 @@
 """Processes that open a store, mostly to be killed; forked from one with the imports done."""
 
-import multiprocessing
 import os
 import signal
 import warnings
@@ -17,10 +16,8 @@ from sqlalchemy import event
 from app.store import arrays, repository, schema
 from app.store.store import open_store
 from tests.support import oscillator
+from tests.support.forked_processes import PROCESSES
 from tests.support.stored import append
-
-PROCESSES = multiprocessing.get_context("forkserver")
-PROCESSES.set_forkserver_preload([__name__])
 
 
 class Writer:

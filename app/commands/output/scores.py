@@ -28,7 +28,7 @@ from app.telemetry.contents import Contents
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, counts_the_day
 from app.telemetry.mapping.proposal import Proposal
 from app.telemetry.recording import TelemetryError
-from app.telemetry.targets import TARGETS
+from app.telemetry.targets import in_order, target_of
 from core.channels import Channel
 from core.evaluation.certificate import warnings_of
 from core.whole_file import whole_file, write_whole
@@ -179,7 +179,7 @@ def mapping_lines(mapping: Mapping, proposal: Proposal | None) -> Iterator[str]:
     """One line for each channel, with the confidence of a proposal."""
     yield "proposed mapping:" if proposal else "given mapping:"
     yield from (f"  {note}" for note in (proposal.notes if proposal else ()))
-    for key in (key for key in TARGETS if key in mapping.channels):
+    for key in in_order(mapping.channels):
         source = mapping.channels[key]
         rationale = proposal.rationales.get(key) if proposal else None
         confidence = ""
@@ -187,7 +187,7 @@ def mapping_lines(mapping: Mapping, proposal: Proposal | None) -> Iterator[str]:
             confidence = f", confidence {rationale.confidence:.0%}"
             if rationale.confidence < EVIDENT:
                 confidence += f": {'; '.join(rationale.reasons)}"
-        yield f"  {key:8} {_source(source, TARGETS[key])}{confidence}"
+        yield f"  {key:8} {_source(source, target_of(key, source.unit))}{confidence}"
 
 
 def _source(source: ChannelSource, target: Channel) -> str:

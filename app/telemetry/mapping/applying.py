@@ -11,8 +11,9 @@ from app.telemetry.mapping.derivations import DERIVATIONS, derive
 from app.telemetry.mapping.group_times import dead_time, no_clock, repeated_time
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, rate_words
 from app.telemetry.recording import TelemetryError, Trace, Traces
-from app.telemetry.targets import TARGETS, plausible
+from app.telemetry.targets import in_order, plausible, target_of
 from app.telemetry.units import convert, spelled
+from core.channels import KEYS
 from core.types import Array
 
 ANY_NUMBERS = np.errstate(over="ignore", invalid="ignore", divide="ignore")
@@ -30,7 +31,7 @@ def apply_mapping(columns: Columns, mapping: Mapping) -> Traces:
     if not mapping.channels:
         raise TelemetryError(
             _without_time(columns, mapping)
-            or f"the mapping has no channel: map signals to {', '.join(list(TARGETS)[:6])}"
+            or f"the mapping has no channel: map signals to {', '.join(KEYS)}, or to others"
         )
     times: dict[str, Array] = {}
     traces = {
@@ -45,14 +46,14 @@ def apply_mapping(columns: Columns, mapping: Mapping) -> Traces:
         derived = derive(way, {need: plausible(need, trace) for need, trace in inputs.items()})
         values = _signed(derived.values, source)
         traces[key] = replace(derived, values=values, bias=source.bias)
-    channels = {key: traces[key] for key in TARGETS if key in traces}
+    channels = {key: traces[key] for key in in_order(traces)}
     return Traces(channels, tuple(_notes(mapping, channels)))
 
 
 def applicable(columns: Columns, mapping: Mapping) -> Traces:
     """The channels that can be applied alone, for a mapping that fails as a whole."""
     channels: dict[str, Trace] = {}
-    for key in (key for key in TARGETS if key in mapping.channels):
+    for key in in_order(mapping.channels):
         with suppress(TelemetryError):
             channels[key] = apply_mapping(columns, part_of(mapping, key)).channels[key]
     return Traces(channels)
@@ -120,11 +121,13 @@ def _read(columns: Columns, mapping: Mapping, key: str, times: dict[str, Array])
             f"{len(times[group])}: choose a time from the same group"
         )
     try:
-        values = _finite(convert(values, source.unit, TARGETS[key].unit))
+        unit = target_of(key, source.unit).unit
+        values = _finite(convert(values, source.unit, unit))
     except TelemetryError as error:
         raise TelemetryError(f"unit of {key} ({signal.name}): {error}") from None
     release(values)
-    return Trace(times[group], _signed(values, source), group, signal.name, bias=source.bias)
+    values = _signed(values, source)
+    return Trace(times[group], values, group, signal.name, bias=source.bias, unit=unit)
 
 
 def _signal(columns: Columns, role: str, name: str) -> Signal:
@@ -188,11 +191,13 @@ def _notes(mapping: Mapping, channels: dict[str, Trace]) -> list[str]:
     converted = [
         f"{key} from {spelled(source.unit)}"
         for key, source in sources.items()
-        if source.signal and spelled(source.unit) not in ("", TARGETS[key].unit)
+        if source.signal and spelled(source.unit) not in ("", channels[key].unit)
     ]
     reversed_ = [key for key, source in sources.items() if source.sign < 0]
     shifted = [
-        f"{key} {TARGETS[key].read(source.bias)}" for key, source in sources.items() if source.bias
+        f"{key} {target_of(key, source.unit).read(source.bias)}"
+        for key, source in sources.items()
+        if source.bias
     ]
     derived = [
         f"{key} ({channels[key].source.removeprefix('derived: ')})"

@@ -47,15 +47,19 @@ class Candidate:
 
 @dataclass(eq=False)
 class Candidates:
-    """by_key: the most certain first.   rejected: channel -> why signals were ruled out."""
+    """by_key: the most certain first.   rejected: channel -> why signals were ruled out.
+
+    groups: those of the flight that is mapped.
+    """
 
     by_key: dict[str, list[Candidate]] = field(default_factory=dict)
     rejected: dict[str, list[str]] = field(default_factory=dict)
+    groups: set[int] = field(default_factory=set)
 
 
 def find_candidates(columns: Columns, usable: set[int], mapped: set[str]) -> Candidates:
     """Judge all signals of usable groups, except those that are already mapped."""
-    candidates = Candidates()
+    candidates = Candidates(groups=set(usable))
     contents = columns.contents
     rates = rates_by_letter(contents.signals)
     for signal in contents.signals:

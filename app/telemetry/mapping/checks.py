@@ -25,8 +25,8 @@ from app.telemetry.mapping.signs import (
     quiet_bias,
 )
 from app.telemetry.recording import TelemetryError, Trace, Traces
-from app.telemetry.targets import TARGETS, plausible
-from app.telemetry.units import factor, fits, spelled
+from app.telemetry.targets import KNOWN, TARGETS, in_order, plausible, target_of
+from app.telemetry.units import factor, fits, spelled, unit_in
 from core.channels import KEYS
 from core.simulation.attitude import SurfaceSigns
 
@@ -164,7 +164,10 @@ def _normalised(columns: Columns, mapping: Mapping) -> dict[str, str]:
     sources = {
         key: source
         for key, source in mapping.channels.items()
-        if key.startswith(SURFACES) and source.signal in signals and fits(source.unit, "rad")
+        if key.startswith(SURFACES)
+        and key in TARGETS
+        and source.signal in signals
+        and fits(source.unit, "rad")
     }
     extents = {key: extent_of(columns.values(source.signal)) for key, source in sources.items()}
     large = {key for key in sources if is_seldom(key, extents[key], sources[key].unit)}
@@ -196,7 +199,7 @@ def find_warnings(columns: Columns, mapping: Mapping, applied: Traces | None) ->
 
     applied: the mapped channels; None if the mapping cannot be applied.
     """
-    warnings: MappingWarnings = {key: [] for key in TARGETS if key in mapping.channels}
+    warnings: MappingWarnings = {key: [] for key in in_order(mapping.channels)}
     for key in warnings:
         source = mapping.channels[key]
         if source.signal:
@@ -235,25 +238,36 @@ def _other_flights(columns: Columns, mapping: Mapping) -> Iterator[tuple[str, st
 def _used_twice(mapping: Mapping, key: str) -> list[str]:
     name = mapping.channels[key].signal
     others = [
-        TARGETS[other].label
+        _label(other)
         for other, source in mapping.channels.items()
-        if other != key and source.signal == name
+        if other != key and source.signal == name and not _same_quantity(mapping, key, other)
     ]
     others += [f"the time{f' of {g}' if g else ''}" for g, t in mapping.times.items()
                if t.signal == name]  # fmt: skip
     return [f"{name} is also mapped to {' and '.join(others)}"] if others else []
 
 
+def _same_quantity(mapping: Mapping, key: str, other: str) -> bool:
+    """Whether one of two channels is a name of somebody's own for the other."""
+    is_known = key in KNOWN, other in KNOWN
+    return is_known[0] != is_known[1] and mapping.channels[key] == mapping.channels[other]
+
+
+def _label(key: str) -> str:
+    return KNOWN[key].label if key in KNOWN else key
+
+
 def _other_unit(columns: Columns, key: str, source: ChannelSource) -> list[str]:
     """Warn if the chosen unit differs from that of the file, or else of the name."""
     try:
-        signal = columns.signal(source.signal)
-    except KeyError:
+        signal, target = columns.signal(source.signal), target_of(key, source.unit)
+    except (KeyError, TelemetryError):
         return []
-    target, chosen = TARGETS[key], spelled(source.unit)
+    chosen = spelled(source.unit)
     where, unit = "the file", spelled(signal.unit)
     if not unit:
-        of_name = (match.unit for match in name_matches(signal.name) if match.key == key)
+        of_name = [match.unit for match in name_matches(signal.name) if match.key == key]
+        of_name += [] if key in TARGETS else [unit_in(signal.name)]
         where, unit = "its name", spelled(next((text for text in of_name if text), ""))
     if not unit or not fits(chosen, target.unit) or chosen == f"{unit}/s":
         return []

@@ -133,7 +133,8 @@ def derive(way: Derivation, traces: Mapping[str, Trace]) -> Trace:
     inputs = {key: on_times_of(first, traces[key], key) for key in (*way.needs, *helps)}
     names = [_named(traces[key].source, key) for key in inputs]
     source = f"derived: {way.title}, from {', '.join(names)}"
-    return Trace(first.t, way.apply(first.t, inputs), first.group, source, derived=True)
+    values, unit = way.apply(first.t, inputs), TARGETS[way.target].unit
+    return Trace(first.t, values, first.group, source, derived=True, unit=unit)
 
 
 def _named(source: str, key: str) -> str:

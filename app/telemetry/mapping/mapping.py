@@ -18,8 +18,8 @@ from pydantic import (
 
 from app.telemetry.contents import Contents
 from app.telemetry.recording import TelemetryError
-from app.telemetry.targets import TARGETS
-from core.channels import KEYS
+from app.telemetry.targets import in_order
+from core.channels import LATERAL, Dictionary
 
 OF_REQUEST = ConfigDict(extra="forbid", use_attribute_docstrings=True)
 """Pydantic reads requests into the classes below with these settings."""
@@ -87,7 +87,7 @@ class Mapping:
     __pydantic_config__ = OF_REQUEST
 
     channels: dict[str, ChannelSource] = field(default_factory=dict)
-    """by key of a target in the catalog"""
+    """by key of a target in the catalog, or of a channel of your own dictionaries"""
     times: dict[str, Annotated[TimeSource, BeforeValidator(_rate_read)]] = field(
         default_factory=dict
     )
@@ -107,10 +107,6 @@ class Mapping:
             raise TelemetryError(
                 f"{place or 'a mapping'} is {fault['input']!r:.80}: {fault['msg']}"
             ) from None
-        if unknown := [key for key in mapping.channels if key not in TARGETS]:
-            raise TelemetryError(
-                f"the mapping has an unknown channel {unknown[0]!r}: use {', '.join(TARGETS)}"
-            )
         named = [(f"mapping of {key!r}", source) for key, source in mapping.channels.items()]
         named += [(f"time of {group!r}", source) for group, source in mapping.times.items()]
         for name, source in named:
@@ -123,19 +119,22 @@ _MAPPING = TypeAdapter(Mapping)
 
 
 def mapping_template(
-    mapping: Mapping, contents: Contents, missing: Collection[str] = KEYS
+    mapping: Mapping,
+    contents: Contents,
+    missing: Collection[str] = LATERAL.keys,
+    dictionary: Dictionary = LATERAL,
 ) -> dict[str, Any]:
-    """The mapping as plain data, with an empty entry for each missing channel; if no group has a
-    time, also one for each group.
+    """The mapping as plain data, with an empty entry for each missing channel of a dictionary; if
+    no group has a time, also one for each group.
     """
-    empty = {key: ChannelSource(unit=TARGETS[key].unit) for key in missing}
+    units = {known.key: known.unit for known in dictionary.channels}
+    empty = {key: ChannelSource(unit=units[key]) for key in missing}
     groups = [group.name for group in contents.groups if group.n_rows > 1]
     times = mapping.times or {name: TimeSource() for name in groups}
     return {
         "channels": {
             key: asdict(mapping.channels.get(key) or empty[key])
-            for key in TARGETS
-            if key in mapping.channels or key in empty
+            for key in in_order([*mapping.channels, *empty])
         },
         "times": {name: asdict(source) for name, source in times.items()},
     }

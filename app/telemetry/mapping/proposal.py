@@ -1,6 +1,6 @@
 """Propose a mapping from the signals of a file to channels, with confidence and reasons."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 from app.telemetry.contents import Columns
@@ -15,6 +15,7 @@ from app.telemetry.mapping.candidates import (
 )
 from app.telemetry.mapping.checks import check_against_motion, doubt_normalised
 from app.telemetry.mapping.derivations import DERIVATIONS, ways
+from app.telemetry.mapping.exact_names import assign_by_name
 from app.telemetry.mapping.group_times import (
     DOUBTED,
     TimeProposal,
@@ -28,9 +29,9 @@ from app.telemetry.mapping.names import signal_matches
 from app.telemetry.mapping.proposal_builder import ProposalBuilder, Rationale, recall
 from app.telemetry.mapping.recorded_motion import choose_rates
 from app.telemetry.mapping.signs import CONVENTION
-from app.telemetry.recording import TelemetryError
-from app.telemetry.targets import TARGETS
-from core.channels import KEYS
+from app.telemetry.recording import ATTITUDE, TelemetryError
+from app.telemetry.targets import KNOWN, TARGETS, in_order
+from core.channels import KEYS, LATERAL, Channel, Dictionary
 from core.simulation.attitude import SurfaceSigns
 
 RIVALS = 0.08
@@ -47,7 +48,7 @@ UNCHECKED = {
     "phi": "roll rate and lateral acceleration are not checked against it",
     "psi": "the yaw rate is not checked against it",
 }
-"""What is not checked without a channel."""
+"""What is not checked without a channel; attitude only checks lateral channels."""
 NO_TIME = f"no signal is a time: choose one as the time, or give the sample rate ({EXAMPLE})"
 
 
@@ -55,8 +56,7 @@ NO_TIME = f"no signal is a time: choose one as the time, or give the sample rate
 class Proposal:
     """A mapping with its reasons.
 
-    rationales: by key of TARGETS, or "t:" and the name of a group. A channel without a source can
-        have one too.
+    rationales: by key, or "t:" and the name of a group. A channel without a source can have one.
     alternatives: key -> other signals that fit, the likeliest first.
     derivable: key -> derivations whose inputs are mapped.
     missing: channels of the monitor without a source.
@@ -80,27 +80,35 @@ def propose(
     expected: SurfaceSigns = CONVENTION,
     rate: TimeSource | None = None,
     group: str = "",
+    dictionary: Dictionary = LATERAL,
+    others: Iterable[Channel] = (),
 ) -> Proposal:
-    """Propose a mapping by names, units, ranges of values and motion.
+    """Propose a mapping: TARGETS by names, units, ranges and motion, others by exact name.
 
     remembered: a confirmed mapping; it applies to each of its signals that the file has.
     aircraft: name of the aircraft that it was confirmed for.
     expected: how the monitor's aircraft responds to positive deflections.
     rate: sample rate given by a person, for groups without a time signal.
     group: the flight to map, if groups are flights of their own; "" for the most complete.
+    dictionary: of the monitor.   others: further channels that the file may have, mapped last.
     """
     builder = ProposalBuilder(columns)
     if remembered is not None:
         recall(builder, remembered, aircraft)
     _find_times(builder, rate)
-    candidates = _assign_signals(builder, group)
-    _derive(builder)
+    named = () if dictionary == LATERAL else dictionary.channels
+    usable = _usable(builder, group)
+    alternatives = assign_by_name(builder, (c for c in named if c.key not in TARGETS), usable)
+    candidates = _assign_signals(builder, usable, group)
+    others = (*named, *(other for other in others if other.key not in TARGETS))
+    alternatives |= assign_by_name(builder, others, candidates.groups)
+    _derive(builder, dictionary)
     check_against_motion(builder, expected)
     doubt_normalised(builder)
-    _explain_missing(builder, candidates)
+    _explain_missing(builder, candidates, dictionary)
     _note_unchecked(builder, candidates)
-    channels = {key: builder.channels[key] for key in TARGETS if key in builder.channels}
-    alternatives, derivable = dict[str, tuple[str, ...]](), dict[str, tuple[str, ...]]()
+    channels = {key: builder.channels[key] for key in in_order(builder.channels)}
+    derivable = dict[str, tuple[str, ...]]()
     for key, ranked in candidates.by_key.items():
         chosen = channels[key].signal if key in channels else ""
         if names := tuple(c.signal.name for c in ranked if c.signal.name != chosen):
@@ -113,32 +121,54 @@ def propose(
         builder.rationales,
         alternatives,
         derivable,
-        tuple(key for key in KEYS if key not in channels),
+        tuple(key for key in dictionary.keys if key not in channels),
         tuple(builder.notes),
     )
 
 
-def _assign_signals(builder: ProposalBuilder, group: str) -> Candidates:
-    """Assign to each channel the signal that fits best; return all that fit."""
-    mapped = {source.signal for source in (*builder.channels.values(), *builder.times.values())}
+def _usable(builder: ProposalBuilder, group: str) -> set[int]:
+    """Groups whose signals are proposed: all that have a time; only `group` if it is given."""
     groups = builder.columns.contents.groups
-    usable = {
+    if group and group not in (names := [each.name for each in groups]):
+        raise TelemetryError(f"the file has no group {group!r}: choose one of {', '.join(names)}")
+    return {
         n
-        for n, group in enumerate(groups)
-        if group.name in builder.times
-        or not (builder.times or group.n_rows < 2 or dead_time(builder.columns, n))
+        for n, each in enumerate(groups)
+        if (not group or each.name == group)
+        and (
+            each.name in builder.times
+            or not (builder.times or each.n_rows < 2 or dead_time(builder.columns, n))
+        )
     }
+
+
+def _assign_signals(builder: ProposalBuilder, usable: set[int], group: str) -> Candidates:
+    """Assign to each of TARGETS the signal that fits best; return all that fit."""
+    own = {key: source for key, source in builder.channels.items() if key not in KNOWN}
+    mapped = {source.signal for key, source in builder.channels.items() if key not in own}
+    mapped |= {source.signal for source in builder.times.values()}
     candidates = find_candidates(builder.columns, usable, mapped)
     _choose_flight(builder, candidates, group)
     assigned = assign(candidates, set(builder.channels))
-    assigned = choose_rates(builder.columns, builder.mapping, candidates, assigned)
-    decision = decide_units(builder.columns, builder.mapping, assigned)
+    before = Mapping(
+        {key: source for key, source in builder.channels.items() if key in TARGETS}, builder.times
+    )
+    assigned = choose_rates(builder.columns, before, candidates, assigned)
+    decision = decide_units(builder.columns, before, assigned)
     for key in TARGETS:
-        if key in decision.assigned:
+        if key in decision.assigned and _agrees(decision.assigned[key], own.values()):
             _enter(builder, decision.assigned[key], candidates.by_key[key])
         if key in builder.channels and key in decision.contradictions:
             builder.comment(key, *decision.contradictions[key])
     return candidates
+
+
+def _agrees(candidate: Candidate, own: Iterable[ChannelSource]) -> bool:
+    """Whether own channels of its signal are the same quantity: in the same unit."""
+    name = candidate.signal.name
+    return all(
+        source == ChannelSource(name, candidate.unit) for source in own if source.signal == name
+    )
 
 
 def _choose_flight(builder: ProposalBuilder, candidates: Candidates, group: str) -> None:
@@ -148,8 +178,6 @@ def _choose_flight(builder: ProposalBuilder, candidates: Candidates, group: str)
     """
     contents = builder.columns.contents
     names = [each.name for each in contents.groups]
-    if group and group not in names:
-        raise TelemetryError(f"the file has no group {group!r}: choose one of {', '.join(names)}")
     flights = separate_flights(contents)
     sources = [builder.channels[key].signal for key in builder.confirmed]
     confirmed = [builder.columns.signal(name).group for name in sources if name]
@@ -161,6 +189,7 @@ def _choose_flight(builder: ProposalBuilder, candidates: Candidates, group: str)
         return
     for key, ranked in candidates.by_key.items():
         candidates.by_key[key] = [c for c in ranked if c.signal.group == chosen]
+    candidates.groups &= {chosen}
     candidates.rejected.clear()
     if others := [names[other] for other in sorted(flights) if other != chosen]:
         more = f" and {len(others) - MOST_NAMED} more" if len(others) > MOST_NAMED else ""
@@ -223,9 +252,9 @@ def _enter(builder: ProposalBuilder, candidate: Candidate, ranked: list[Candidat
         builder.comment(key, f"{', '.join(rivals[:MOST_NAMED])} would also fit", 0.85)
 
 
-def _derive(builder: ProposalBuilder) -> None:
+def _derive(builder: ProposalBuilder, dictionary: Dictionary) -> None:
     """Propose a derivation for each channel without a signal, if its inputs are mapped."""
-    for key in (*DERIVED_FIRST, *KEYS):
+    for key in (*DERIVED_FIRST, *(key for key in KEYS if key in dictionary.keys)):
         if key in builder.channels:
             continue
         for way in DERIVATIONS.values():
@@ -239,17 +268,23 @@ def _derive(builder: ProposalBuilder) -> None:
                 break
 
 
-def _explain_missing(builder: ProposalBuilder, candidates: Candidates) -> None:
+def _explain_missing(
+    builder: ProposalBuilder, candidates: Candidates, dictionary: Dictionary
+) -> None:
     """Record why a channel has no source, and what it could be derived from."""
     timeless = list(_timeless(builder))
-    for key, target in TARGETS.items():
+    needed = {known.key: known for known in dictionary.channels}
+    for key, target in (needed | TARGETS).items():
         if key in builder.channels:
             continue
         rejected = [why for of, why in timeless if of == key] + candidates.rejected.get(key, [])
         reasons = [*builder.rationales.get(key, Rationale(0.0)).reasons, *rejected[:MOST_NAMED]]
-        if key in KEYS:
-            if not reasons:
+        if key in needed:
+            if not reasons and key in TARGETS:
                 reasons.append(f"no signal name suggests {target.label}")
+            elif not reasons:
+                names = dict.fromkeys([target.key, target.symbol, target.label])
+                reasons.append(f"no signal has the name {', '.join(names)}")
             if inputs := ways(key):
                 reasons.append(f"it can be derived from {inputs}")
         if reasons:
@@ -257,8 +292,9 @@ def _explain_missing(builder: ProposalBuilder, candidates: Candidates) -> None:
 
 
 def _note_unchecked(builder: ProposalBuilder, candidates: Candidates) -> None:
+    is_lateral = any(key in builder.channels for key in KEYS)
     for key, check in UNCHECKED.items():
-        if key not in builder.channels:
+        if key not in builder.channels and (is_lateral or key not in ATTITUDE):
             similar = [candidate.signal.name for candidate in candidates.by_key.get(key, ())][:1]
             but = f" ({similar[0]} is doubtful)" if similar else ""
             builder.notes.append(f"no signal is {TARGETS[key].label}{but}: {check}")

@@ -9,7 +9,8 @@ from app.telemetry.contents import Columns
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.mapping.magnitudes import extent_of
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
-from app.telemetry.targets import TARGETS
+from app.telemetry.recording import TelemetryError
+from app.telemetry.targets import KNOWN, target_of
 from app.telemetry.units import fits, spelled
 
 MOST_CONFIDENT = 0.99
@@ -81,7 +82,8 @@ def recall(builder: ProposalBuilder, remembered: Mapping, aircraft: str) -> None
         builder.assign(key, source, CONFIDENCE, origin)
         builder.confirmed.add(key)
         unit = spelled(builder.columns.signal(source.signal).unit)
-        if unit and fits(unit, TARGETS[key].unit) and unit != spelled(source.unit):
+        kept = target_of(key, source.unit).unit
+        if unit and fits(unit, kept) and unit != spelled(source.unit):
             reason = f"the file now gives {unit} where {source.unit} was confirmed: check the unit"
             builder.comment(key, reason, 0.5)
     _derived(builder, remembered, origin)
@@ -107,12 +109,19 @@ def _obstacle(builder: ProposalBuilder, key: str, name: str, unit: str) -> str:
         signal = builder.columns.signal(name)
     except KeyError:
         return f"the file has no signal {name}"
-    if not fits(unit, TARGETS[key].unit):
-        return f"{unit!r} is not a unit of {TARGETS[key].label}"
+    if not _has_unit(key, unit):
+        return f"{unit!r} is not a unit of {KNOWN[key].label if key in KNOWN else key}"
     if contents.groups[signal.group].name not in builder.times:
         return f"{name} has no time"
     extent = extent_of(builder.columns.values(name))
     return f"all {extent.n} rows of {name} are empty" if extent.empty else ""
+
+
+def _has_unit(key: str, unit: str) -> bool:
+    try:
+        return fits(unit, target_of(key, unit).unit)
+    except TelemetryError:
+        return False
 
 
 def _derived(builder: ProposalBuilder, remembered: Mapping, origin: str) -> None:

@@ -44,7 +44,7 @@ class Spelling:
 def spellings(name: str, group: str = "") -> tuple[Spelling, ...]:
     """The ways to read a name: with its last words as a unit, and with all as words."""
     name = re.sub(r"\s\(\d+\)$", "", name)  # "beta (2)" is a second beta
-    path, bare = _place(FROM_TRIM.sub("", name))
+    path, bare = place(FROM_TRIM.sub("", name))
     # vehicle_acceleration_0 is the first of its kind
     before = tuple(w for part in (group, *path) for w in _words(part) if not w.isdigit())
     bare, index = _index(bare)
@@ -53,14 +53,15 @@ def spellings(name: str, group: str = "") -> tuple[Spelling, ...]:
         return (Spelling(before, _with_index(_words(bare), index), bracketed),)
     rest = f"{bare} {bracketed}"
     ways = [
-        Spelling(before, _with_index(_words(stem), index), unit) for stem, unit in _suffixes(rest)
+        Spelling(before, _with_index(_words(stem), index), unit)
+        for stem, unit in unit_suffixes(rest)
     ]
     plain = Spelling(before, _with_index(_words(rest), index))
     lower = Spelling(before, _with_index(_words(rest.lower()), index))
     return tuple(dict.fromkeys([*ways, plain, lower]))
 
 
-def _place(name: str) -> tuple[list[str], str]:
+def place(name: str) -> tuple[list[str], str]:
     """Split off the path before the last / or : or dot, and the device after a backslash."""
     name, *device = name.strip().split("\\")
     units = re.search(r"\s*[\[(<{][^\[(<{]*[\])>}]\s*$|\s+/\s+\S+$", name)
@@ -87,7 +88,7 @@ def _bracketed(name: str) -> tuple[str, str]:
     return (name[: match.start()], match[1].strip(" _")) if match else (name, "")
 
 
-def _suffixes(name: str) -> list[tuple[str, str]]:
+def unit_suffixes(name: str) -> list[tuple[str, str]]:
     """(stem, unit) for each way in which a name ends in a unit: ay_m_s2, BetaDeg, altft."""
     name = name.strip()
     ends = [match.start() for match in re.finditer(r"[_\s\-]+(?=[^_\s\-])", name)][-4:]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.telemetry.recording import GAP_RATIO
-from app.telemetry.targets import BOUNDS, TARGETS
+from app.telemetry.targets import BOUNDS, KNOWN
 from core.types import Array, Flags, Indices
 
 MOST_FAULTS = 500
@@ -133,7 +133,7 @@ class ChannelQuality:
     def repairs(self) -> list[str]:
         if not self.implausible:
             return []
-        read = TARGETS[self.key].read
+        read = KNOWN[self.key].read
         return [
             f"{self.key} exceeds the plausible {read(BOUNDS[self.key])} in "
             f"{_rows(self.implausible)} (up to {read(self.largest)}, at "

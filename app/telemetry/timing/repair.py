@@ -81,10 +81,11 @@ def repair(traces: Traces) -> RepairedTraces:
         qualities.append(clock.quality)
         marks += clock.faults
         for key, x in clock.values.items():
-            x, quality, of_channel = _plausible(key, clock.t, x, clock.quality.step)
-            channels[key] = replace(traces.channels[key], t=clock.t, values=x), quality
+            trace = replace(traces.channels[key], t=clock.t, values=x)
+            trace, quality, of_channel = _plausible(key, trace, clock.quality.step)
+            channels[key] = trace, quality
             marks += of_channel
-            release(x)
+            release(trace.values)
     in_order = {key: channels[key] for key in traces.channels}
     about = tuple(quality for _, quality in in_order.values())
     notes = [line for quality in (*qualities, *about) for line in quality.repairs()]
@@ -93,12 +94,13 @@ def repair(traces: Traces) -> RepairedTraces:
 
 
 def _plausible(
-    key: str, t: Array, x: Array, step: float
-) -> tuple[Array, ChannelQuality, tuple[Fault, ...]]:
+    key: str, trace: Trace, step: float
+) -> tuple[Trace, ChannelQuality, tuple[Fault, ...]]:
     """A channel without implausible values, its quality and its faults."""
-    beyond = implausible(key, x)
-    plausible = without(x, beyond)
-    quality, marks = channel_quality(key, t, plausible, step)
+    t, x = trace.t, trace.values
+    beyond = implausible(key, x, trace.unit)
+    plausible = replace(trace, values=without(x, beyond))
+    quality, marks = channel_quality(key, t, plausible.values, step)
     if not len(beyond):
         return plausible, quality, marks
     largest = beyond[np.abs(x[beyond]).argmax()]

@@ -157,6 +157,11 @@ def _evaluation_parts(evaluation: Mapping[str, Any]) -> Iterator[tuple[str, bool
         yield "robustness", type(robustness["words"]) is str and is_count(robustness["n_unsafe"])
         yield "robustness", _counts_fit(_row(robustness, robustness), robustness)
         yield "robustness", _shares_fit(robustness)
+    for method in evaluation.get("methods", []):
+        pairs = ("missed", "n_unsafe"), ("quiet", "n_safe")
+        yield "methods", type(method["name"]) is str and type(method["chosen"]) is bool
+        yield "methods", all(is_count(method[n]) for _, n in pairs)
+        yield "methods", all(is_count(method[part], method[n]) for part, n in pairs)
     for group in evaluation.get("groups", []):
         n, counts = group["n_unsafe"], (group["misses"], group["withdrawn"])
         low, high = group["miss_interval"]

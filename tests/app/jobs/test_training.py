@@ -7,7 +7,7 @@ import pytest
 
 from app.commands.train import report
 from app.jobs import training
-from app.jobs.training import train_and_test
+from app.jobs.training import too_few, train_and_test
 from app.recipes.recipes import USUAL_MONITOR
 from core.dataset import Dataset
 from core.monitor import MonitorRecipe, train
@@ -83,10 +83,23 @@ def test_flights_that_never_fail_leave_the_reason(
     assert messages[-1] == "calibrating validity on fresh flights: 3000 so far"
 
 
-def test_a_dataset_without_a_recipe_leaves_validity_uncalibrated(dataset: Dataset) -> None:
-    result = train_and_test(dataset, MonitorRecipe(), 100, nothing)
+def test_a_dataset_without_a_recipe_is_split_by_flight(dataset: Dataset) -> None:
+    result = train_and_test(dataset, MonitorRecipe(epsilon=0.2), 100, nothing)
+    assert len(result.monitor.alphas) == 6
+    assert result.monitor.dataset_digest == dataset.digest()
     assert result.monitor.support is None
-    assert result.not_calibrated.startswith("validity is not calibrated: the dataset has no recipe")
+    assert result.not_calibrated.startswith("validity is not calibrated: of ")
+    assert result.monitor.evaluation is not None
+    parts = result.monitor.evaluation["flights"]
+    assert sum(parts.values()) == len(dataset.unsafe) + len(dataset.safe)
+
+
+@pytest.mark.parametrize(("n_unsafe", "enough"), [(57, False), (58, True)])
+def test_too_few_failures_name_the_number_that_would_do(n_unsafe: int, enough: bool) -> None:
+    texts = too_few(n_unsafe, USUAL_MONITOR)
+    assert enough is (not texts)
+    assert all("needs 58" in text for text in texts)
+    assert too_few(0, USUAL_MONITOR)
 
 
 def test_what_progress_raises_cancels_the_calibration(simulated: Dataset) -> None:

@@ -390,7 +390,7 @@ def test_a_mapping_that_cannot_be_applied_is_not_kept(client, kept):
     path = f"{RECORDINGS}/{kept['id']}"
     for wrong, words in (
         ({"Ny": {"signal": "no such", "unit": "g"}}, "no such"),
-        ({"alpha": {"signal": "t_s", "unit": "rad"}}, "alpha"),
+        ({"alfa": {"signal": "t_s", "unit": "rad"}}, "alpha"),
         ({"Ny": {"unit": "g"}}, "either a signal or a derivation"),
     ):
         mapping = {"channels": wrong, "times": kept["mapping"]["times"]}

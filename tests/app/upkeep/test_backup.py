@@ -23,8 +23,8 @@ from app.upkeep.restore import MOVES, finish, restore
 from core.dataset import Dataset
 from core.monitor import MonitorRecipe, train
 from tests.support.api import api
+from tests.support.forked_processes import PROCESSES
 from tests.support.recorded import csv_of, kept_files, uploaded
-from tests.support.store_writer import PROCESSES
 from tests.support.stored import EVALUATION, append, assert_says_its_number, flown
 
 

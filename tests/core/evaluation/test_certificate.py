@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 
 from core.evaluation.certificate import (
+    THRESHOLD,
     UNTESTED,
     certificate,
     warnings_of,
@@ -118,3 +119,18 @@ def test_the_power_of_an_older_version_is_recomputed() -> None:
     assert stored["at_epsilon"]["power"] == 0.94
     older = evaluation(10, 30)
     assert with_power_of_quiet(older) == older
+
+
+@pytest.mark.parametrize(("quiet", "is_warned"), [(89, False), (90, True), (95, True)])
+def test_a_method_no_better_than_a_threshold_has_a_warning(quiet: int, is_warned: bool) -> None:
+    methods = [
+        {"name": "peak_ahead", "missed": 3, "n_unsafe": 30, "quiet": 90, "n_safe": 100}
+        | {"chosen": True},
+        {"name": "ensemble", "missed": 9, "n_unsafe": 30, "quiet": 99, "n_safe": 100}
+        | {"chosen": False},
+        {"name": THRESHOLD, "missed": 3, "n_unsafe": 30, "quiet": quiet, "n_safe": 100}
+        | {"chosen": False},
+    ]
+    found = warnings_of(evaluation(20, 20, methods=methods), 0.1)
+    assert [THRESHOLD in text for text in found] == [True] * is_warned
+    assert warnings_of(evaluation(20, 20, methods=methods[:2]), 0.1) == []

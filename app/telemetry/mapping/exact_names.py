@@ -1,0 +1,167 @@
+"""Map signals to channels of any dictionary by exact name; only units decide besides.
+
+Case, spaces, punctuation, the path of the name and a unit at its end do not matter.
+"""
+
+import unicodedata
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+from app.telemetry.contents import Signal
+from app.telemetry.mapping.magnitudes import extent_of
+from app.telemetry.mapping.mapping import ChannelSource
+from app.telemetry.mapping.proposal_builder import ProposalBuilder, Rationale
+from app.telemetry.mapping.spelling import place, unit_suffixes
+from app.telemetry.recording import TelemetryError
+from app.telemetry.targets import KNOWN, target_of
+from app.telemetry.units import NOT_GIVEN, PLAIN, factor, fits, spelled, unit_in, without_unit
+from core.channels import Channel
+
+SURE, LESS_SURE = 0.95, 0.9
+"""Certainty of the key, and of a name after a path, a name with a unit, a symbol or a label."""
+WITHOUT_UNIT = 0.7
+"""Factor on the certainty if neither file nor name gives a unit."""
+RIVALLED = 0.85
+"""Factor on the certainty if another signal has the same name."""
+
+
+class NamedSignal(NamedTuple):
+    """A signal with the name of a channel.
+
+    grade: less is closer.   unit: given by the name, "" for none.
+    """
+
+    grade: tuple[int, int, bool]
+    channel: Channel
+    signal: Signal
+    unit: str
+
+
+def assign_by_name(
+    builder: ProposalBuilder, channels: Iterable[Channel], groups: set[int]
+) -> dict[str, tuple[str, ...]]:
+    """Assign signals of some groups to the channels that have no source yet.
+
+    channels: of several dictionaries, so that a key may come with several units.
+    Returns the other signals of each channel's name. A reason explains each that does not fit.
+    """
+    wanted = [channel for channel in channels if channel.key not in builder.channels]
+    named = _in_order(builder, wanted, groups)
+    refused: dict[str, list[str]] = {}
+    for match in named:
+        key = match.channel.key
+        if key in builder.channels:
+            continue
+        source = _source(builder, match)
+        if isinstance(source, str):
+            refused.setdefault(key, []).append(source)
+        elif _is_free(builder, key, source):
+            _enter(builder, match, source)
+    for key, reasons in refused.items():
+        if key not in builder.channels:
+            builder.rationales[key] = Rationale(0.0, tuple(dict.fromkeys(reasons)))
+    others: dict[str, tuple[str, ...]] = {}
+    for channel in wanted:
+        source = builder.channels.get(channel.key, ChannelSource())
+        same = [match for match in named if match.channel.key == channel.key]
+        names = dict.fromkeys(match.signal.name for match in same)
+        if rivals := tuple(name for name in names if name != source.signal):
+            others[channel.key] = rivals
+            if source.signal:
+                also = f"{', '.join(rivals)} would also fit"
+                builder.comment(channel.key, also, RIVALLED)
+    return others
+
+
+def _in_order(
+    builder: ProposalBuilder, channels: list[Channel], groups: set[int]
+) -> list[NamedSignal]:
+    """The matches, the closest first; among equals those of the group with most channels."""
+    contents = builder.columns.contents
+    times = {source.signal for source in builder.times.values()}
+    named = [
+        match
+        for signal in contents.signals
+        if signal.group in groups and signal.name not in times
+        for channel in channels
+        if (match := _match(signal, channel))
+    ]
+    offers: dict[int, set[str]] = {}
+    for match in named:
+        offers.setdefault(match.signal.group, set()).add(match.channel.key)
+    return sorted(named, key=lambda match: (match.grade, -len(offers[match.signal.group])))
+
+
+def _match(signal: Signal, channel: Channel) -> NamedSignal | None:
+    names = (channel.key, channel.symbol, channel.label)
+    matches = [
+        NamedSignal((n, rank, text != name), channel, signal, unit)
+        for n, text, unit in _readings(signal.name)
+        for rank, name in enumerate(names)
+        if text == name or (_plain(name) and _plain(text) == _plain(name))
+    ]
+    return min(matches, key=lambda match: match.grade, default=None)
+
+
+def _readings(name: str) -> Iterator[tuple[int, str, str]]:
+    """(distance, name, unit): as it is, without a unit, and without its path."""
+    path, last = place(name)
+    for n, text in enumerate((name, last) if path else (name,)):
+        yield 2 * n, text, ""
+        yield 2 * n, without_unit(text), unit_in(text)
+        yield from ((2 * n + 1, stem, unit) for stem, unit in unit_suffixes(text))
+
+
+def _plain(name: str) -> str:
+    """Letters and digits, without case."""
+    return "".join(filter(str.isalnum, unicodedata.normalize("NFKC", name).casefold()))
+
+
+def _source(builder: ProposalBuilder, match: NamedSignal) -> ChannelSource | str:
+    """The source of the channel, or why the signal cannot be it."""
+    _, channel, signal, of_name = match
+    named = f"the name {signal.name} is that of {channel.label}"
+    extent = extent_of(builder.columns.values(signal.name))
+    if extent.empty:
+        return f"{named}, but all its {extent.n} rows are empty"
+    in_file = signal.unit.strip().lower() not in NOT_GIVEN
+    text, where = (signal.unit, "in the file") if in_file else (of_name, "in its name")
+    unit = channel.unit
+    if text:
+        if not spelled(text):
+            return f"{named}, but its unit {text!r} {where} is not a known unit"
+        if not fits(text, channel.unit):
+            return f"{named}, but its unit {spelled(text)} {where} is not one of {channel.unit}"
+        unit = channel.unit if factor(text, channel.unit) == 1.0 else spelled(text)
+    elif channel.largest is not None and extent.peak > channel.largest:
+        return (
+            f"{named}, but no unit is given and values up to {extent.peak:.4g} {unit} are "
+            "implausible: choose its unit"
+        )
+    try:
+        factor(unit, target_of(channel.key, unit).unit)
+    except TelemetryError as error:
+        return f"{named}, but {error}"
+    return ChannelSource(signal.name, unit)
+
+
+def _is_free(builder: ProposalBuilder, key: str, source: ChannelSource) -> bool:
+    """Whether no other channel uses the signal, except the same quantity by another name."""
+    return all(
+        (other in KNOWN) != (key in KNOWN) and used == source
+        for other, used in builder.channels.items()
+        if used.signal == source.signal
+    )
+
+
+def _enter(builder: ProposalBuilder, match: NamedSignal, source: ChannelSource) -> None:
+    _, channel, signal, of_name = match
+    confidence = SURE if match.grade[:2] == (0, 0) else LESS_SURE
+    reasons = [f"the name {signal.name} is that of {channel.label}"]
+    in_file = signal.unit.strip().lower() not in NOT_GIVEN
+    if in_file or of_name:
+        reasons.append(f"its unit {'in the file' if in_file else 'in its name'} is {source.unit}")
+    elif channel.unit != PLAIN:
+        confidence *= WITHOUT_UNIT
+        reasons.append(f"no unit is given: taken as {source.unit}, check it")
+    builder.assign(channel.key, source, round(confidence, 4), *reasons)
