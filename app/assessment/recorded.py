@@ -187,9 +187,7 @@ def _in_units(traces: Traces, dictionary: Dictionary) -> Traces:
             raise TelemetryError(
                 f"channel {channel.key} of the recording: {error}: map it to another signal"
             ) from None
-        changed[channel.key] = replace(
-            trace, values=values, bias=bias - shift, unit=channel.unit
-        )
+        changed[channel.key] = replace(trace, values=values, bias=bias - shift, unit=channel.unit)
     return replace(traces, channels=traces.channels | changed) if changed else traces
 
 

@@ -139,7 +139,8 @@ def score_file(request: ScoreRequest, memory: MappingMemory | None = None) -> Sc
             message = f"{request.file}: {error}{_why(error, proposal)}"
             if proposal and (not applied or isinstance(error, MissingChannels)):
                 missing = error.keys if isinstance(error, MissingChannels) else proposal.missing
-                template = mapping_template(mapping, contents, missing)
+                dictionary = monitors[0].dictionary
+                template = mapping_template(mapping, contents, missing, dictionary)
                 raise UnmappedFile(message, contents, template) from None
             raise TelemetryError(message) from None
     if memory and request.mapping:
@@ -174,6 +175,7 @@ def _proposed(
         expected=surface_signs(aircraft.uncertain_plant()) if aircraft else CONVENTION,
         rate=request.rate,
         group=request.group,
+        dictionary=monitor.dictionary,
     )
 
 

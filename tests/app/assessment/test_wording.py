@@ -103,7 +103,8 @@ def test_exceedances_and_trim_are_in_display_units():
     scored: Any = SimpleNamespace(
         manoeuvres=(manoeuvre,), outside_exceedances=(SKID,), epsilon=0.1, alert_above=0.0495
     )
-    monitor: Any = SimpleNamespace(n_unsafe=99, lead=0.25, recipe=SimpleNamespace(guarantee="95%"))
+    recipe = SimpleNamespace(guarantee="95%")
+    monitor: Any = SimpleNamespace(n_unsafe=99, lead=0.25, recipe=recipe, dictionary=LATERAL)
     lines = verdict(monitor, scored)
     assert "  exceedance         at 8.50 s (beta -7 deg)" in lines
     assert any(line.startswith("  trim               p 1.5 deg/s, ") for line in lines)

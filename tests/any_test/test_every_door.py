@@ -1,0 +1,201 @@
+"""A pitch manoeuvre through every door: file, REST, live push, journal, recording, report."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import httpx2
+import numpy as np
+import pandas as pd
+import pytest
+
+from app.cli import main
+from app.jobs.training import train_on_flights
+from core.channels import Dictionary, channel
+from core.limits.limits import IntervalLimits, SafeInterval
+from core.monitor import Monitor, MonitorRecipe
+from core.rollouts import LabelledFlights
+from core.types import Array
+from tests.support import short_period
+from tests.support.api import served
+from tests.support.patience import PATIENCE
+from tests.support.short_period import DICTIONARY, DT
+
+REST = 60
+"""Samples of rest before a pushed flight."""
+TEN = Dictionary(
+    "ten channels",
+    (
+        *(channel(f"x {k}", f"ξ_{k}", "m/s^2", f"noise {k}", "condition") for k in range(6)),
+        *DICTIONARY.channels,
+    ),
+)
+
+
+class Own(NamedTuple):
+    """A server with a monitor of its own channels, its file, and flights that it has not seen."""
+
+    url: str
+    id: str
+    monitor: Monitor
+    file: Path
+    y: Array
+    fail_index: Array
+
+    def flight(self, fails: bool) -> Array:
+        """At rest first; without NaN."""
+        k = int(np.flatnonzero((self.fail_index < self.y.shape[1]) == fails)[0])
+        y = self.y[k]
+        noise = y[:8] - y[:8].mean(axis=0)
+        rest = y[:8].mean(axis=0) + np.resize(noise, (REST, y.shape[1]))
+        return np.concatenate([rest, y])
+
+
+def flights(dictionary: Dictionary, n: int, seed: int) -> LabelledFlights:
+    rng = np.random.default_rng(seed)
+    y = short_period.with_channels(short_period.fly(rng, n)[1], len(dictionary), rng)
+    limits = IntervalLimits(dictionary, {"Nz": SafeInterval(low=-1.1, high=2.9, rest=1.0)})
+    return LabelledFlights.of(y, dt=DT, channels=dictionary, limits=limits)
+
+
+@pytest.fixture(scope="module", params=[DICTIONARY, TEN], ids=["pitch", "ten channels"])
+def own(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Own]:
+    dictionary, root = request.param, tmp_path_factory.mktemp("own")
+    labelled = flights(dictionary, 1600, 1)
+    monitor = train_on_flights(labelled, MonitorRecipe(), False, lambda *_: None).monitor
+    file = root / "pitch.fwm"
+    monitor.save(file)
+    rng = np.random.default_rng(8)
+    y = short_period.with_channels(short_period.fly(rng, 40)[1], len(dictionary), rng)
+    limits = labelled.specification
+    assert isinstance(limits, IntervalLimits)
+    fail_index = limits.envelope.first_exceedance(y)
+    with served(root / "data") as (url, _):
+        content = file.read_bytes()
+        answer = httpx2.post(f"{url}/api/v1/monitors?name=pitch", content=content, headers={
+            "Content-Type": "application/octet-stream"})  # fmt: skip
+        answer.raise_for_status()
+        yield Own(url, answer.json()["id"], monitor, file, y, fail_index)
+
+
+def times(n: int) -> list[float]:
+    return (DT * np.arange(n)).round(6).tolist()
+
+
+def as_telemetry(own: Own, y: Array) -> dict[str, list[float]]:
+    channels = dict(zip(own.monitor.dictionary.keys, y.T.tolist(), strict=True))
+    return {"t": times(len(y)), **channels}
+
+
+def get(url: str) -> Any:
+    return httpx2.get(url).raise_for_status().json()
+
+
+def flown(own: Own, y: Array, trim: str) -> str:
+    """The address of an ended live flight with these samples."""
+    body = {"source": {"kind": "live", "trim": trim}, "monitor": own.id}
+    answer = httpx2.post(f"{own.url}/api/v1/flights", json=body).raise_for_status()
+    flight = f"{own.url}/api/v1/flights/{answer.json()['id']}"
+    telemetry = as_telemetry(own, y)
+    for first in range(0, len(y), 20):
+        batch = {key: values[first : first + 20] for key, values in telemetry.items()}
+        httpx2.post(f"{flight}/samples", json=batch).raise_for_status()
+    httpx2.post(f"{flight}/end").raise_for_status()
+    return flight
+
+
+def test_scored_at_once_is_what_the_library_says(own: Own) -> None:
+    y = own.flight(fails=True)
+    answer = httpx2.post(f"{own.url}/api/v1/monitors/{own.id}/score", json=as_telemetry(own, y))
+    answer.raise_for_status()
+    said = [sample["p_value"] for sample in answer.json()["assessments"]]
+    expected = own.monitor.assess(np.array(times(len(y))), y).p_value
+    np.testing.assert_array_equal(np.array(said, float), expected)
+
+
+def test_a_channel_of_another_dictionary_is_refused_by_name(own: Own) -> None:
+    telemetry = as_telemetry(own, own.y[0]) | {"beta": [0.0] * own.y.shape[1]}
+    answer = httpx2.post(f"{own.url}/api/v1/monitors/{own.id}/score", json=telemetry)
+    assert answer.status_code == 422
+    assert "no channel 'beta'" in answer.text
+
+
+@pytest.mark.parametrize("trim", ["none", "detected"])
+def test_a_failing_flight_is_an_alarm_with_its_channel_and_limit(own: Own, trim: str) -> None:
+    y = own.flight(fails=True)
+    flight = flown(own, y, trim)
+    ended = get(flight)
+    (exceeded,) = ended["exceedances"]
+    assert exceeded["channel"] == "Nz"
+    nz = own.monitor.dictionary.index("Nz")
+    beyond = np.flatnonzero((y[:, nz] <= -1.1) | (y[:, nz] >= 2.9))
+    assert exceeded["first_t"] == pytest.approx(beyond[0] * DT)
+    assert exceeded["limit"] == (2.9 if y[beyond[0], nz] > 0 else -1.1)
+    record = get(f"{flight}/assessments")["frames"]
+    assert len(record) == len(y)
+    assert len(record[0]["y"]) == len(own.monitor.dictionary)
+    assert ended["status"] == "alarm"
+    if trim == "detected":
+        assert {frame["state"] for frame in record[: REST - 5]} == {"warming_up"}
+        assert any(frame["state"] == "ok" for frame in record[REST:])
+
+
+def test_a_safe_flight_is_quiet_and_valid(own: Own) -> None:
+    record = get(f"{flown(own, own.flight(fails=False), 'detected')}/assessments")["frames"]
+    states = [frame["state"] for frame in record]
+    assert "invalid" not in states
+    assert states.count("ok") > 40
+
+
+def test_the_recording_of_a_flight_is_scored_as_it_was_shown(own: Own) -> None:
+    flight = flown(own, own.flight(fails=True), "detected")
+    shown = get(f"{flight}/assessments")["frames"]
+    recording = httpx2.post(f"{flight}/recording").raise_for_status().json()
+    address = f"{own.url}/api/v1/recordings/{recording['id']}"
+    body = {"monitor": own.id}
+    scoring = httpx2.post(f"{address}/scorings", json=body).raise_for_status().json()
+    assert [each["key"] for each in scoring["channels"]] == [*own.monitor.dictionary.keys]
+    frames = get(f"{address}/scorings/{scoring['id']}/samples")["frames"]
+    of_manoeuvre = [frame for frame in shown if frame["p_value"] is not None]
+    scored = {round(frame["t"], 6): frame["p_value"] for frame in frames}
+    assert [scored[round(frame["t"], 6)] for frame in of_manoeuvre] == [
+        frame["p_value"] for frame in of_manoeuvre
+    ]
+    assert scoring["manoeuvres"][0]["exceedance"]["channel"] == "Nz"
+    report = httpx2.get(f"{address}/scorings/{scoring['id']}/report").raise_for_status()
+    assert "N_z" in report.text
+
+
+def test_a_flight_is_replayed_from_its_journal(own: Own) -> None:
+    flight = flown(own, own.flight(fails=True), "detected")
+    source = {"kind": "journal", "flight_id": flight.rsplit("/", 1)[1]}
+    body = {"source": source, "monitor": own.id}
+    answer = httpx2.post(f"{own.url}/api/v1/flights", json=body).raise_for_status().json()
+    replay = f"{own.url}/api/v1/flights/{answer['id']}"
+    httpx2.post(f"{replay}/transport", json={"action": "speed", "value": 10}).raise_for_status()
+    until = time.monotonic() + PATIENCE
+    while get(replay)["head"] in (None, -1) and time.monotonic() < until:
+        time.sleep(0.05)
+    httpx2.post(f"{replay}/end").raise_for_status()
+
+
+def test_a_file_is_scored_by_the_command_line(
+    own: Own, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    y = own.flight(fails=True)
+    units = {"rad": ("deg", np.degrees(1.0)), "rad/s": ("deg/s", np.degrees(1.0))}
+    columns = {"t [s]": times(len(y))}
+    for known, values in zip(own.monitor.dictionary.channels, y.T, strict=True):
+        unit, factor = units.get(known.unit, (known.unit, 1.0))
+        columns[f"{known.key} [{unit}]"] = (values * factor).tolist()
+    file = tmp_path / "flight.csv"
+    pd.DataFrame(columns).to_csv(file, index=False)
+    out = tmp_path / "out"
+    assert main(["score", str(own.file), str(file), "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert "LIMIT EXCEEDED" in printed
+    assert "(Nz " in printed
+    assert (out / "scored.svg").read_text().count("N_z")
+    table = pd.read_csv(out / "assessments.csv", comment="#")
+    assert len(table) == len(y)
