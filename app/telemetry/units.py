@@ -90,6 +90,12 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "m/s": ("m/s", "kt", "ft/s", "km/h"),
     "m": ("m", "ft", "FL", "km"),
     "s": ("s", "ms", "us", "ns", "min", "h", "day"),
+    "rad/s^2": ("rad/s^2", "deg/s^2"),
+    "Pa": ("Pa", "hPa", "kPa", "bar", "psf", "psi", "inHg"),
+    "N": ("N", "lbf"),
+    "N*m": ("N*m", "lbf*ft"),
+    "kg": ("kg",),
+    "K": ("K",),
 }
 """By unit of the target, which comes first."""
 
@@ -134,7 +140,7 @@ def fits(unit: str, target: str) -> bool:
 
 def si_unit(unit: str) -> str:
     """The unit in which a quantity recorded in `unit` is computed; TelemetryError for none."""
-    for target in (PLAIN, *CHOICES, "rad/s^2", "Pa", "K", "N", "N*m", "kg"):
+    for target in (PLAIN, *CHOICES):
         if fits(unit, target):
             return target
     if known := spelled(unit):
