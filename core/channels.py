@@ -1,20 +1,21 @@
 """Telemetry dictionaries: the channels of a sample y, their order, units and roles."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from math import degrees, pi
 from typing import Any, Literal, Self
 
 import numpy as np
 
-from core.formulas import Formula, FormulaError, Window, parse, smallest_of_flights
+from core.formulas import Formula, FormulaError, LastingWindow, parse, smallest_of_flights, spelled
 from core.kernels import N_CHANNELS
 from core.recipe import instead_of
 from core.types import Array
 
 Role = Literal["output", "control", "condition"]
 Reference = Literal["trim", "absolute"]
+Side = Literal["above", "below"]
 MOST_CHANNELS = 32
 
 
@@ -85,6 +86,20 @@ def channel(
     return Channel(key, symbol, unit, label, *display, role, reference, largest, group)
 
 
+def lasting(known: Channel, seconds: float, side: Side = "above") -> Channel:
+    """The value above or below which a channel was for this time [s]: to limit lasting values."""
+    name = spelled(known.key)
+    held = f"lasting({name}, {seconds:g})" if side == "above" else f"-lasting(-{name}, {seconds:g})"
+    return replace(
+        known,
+        key=f"{known.key}_{side}_{seconds:g}s",
+        symbol=f"{known.symbol} ({seconds:g} s)",
+        label=f"{known.label} for {seconds:g} s",
+        role="output",
+        formula=held,
+    )
+
+
 @dataclass(frozen=True)
 class Dictionary:
     """The channels of a dataset and of its monitor, in order: 1 to MOST_CHANNELS."""
@@ -126,6 +141,13 @@ class Dictionary:
     def of_role(self, role: Role) -> tuple[int, ...]:
         """Positions of the channels with this role."""
         return tuple(k for k, known in enumerate(self.channels) if known.role == role)
+
+    def plus(self, *more: Channel) -> Self:
+        """This dictionary with more channels after its own. ValueError."""
+        if not more:
+            return self
+        name = "own" if self.name in DICTIONARIES else self.name
+        return replace(self, name=name, channels=(*self.channels, *more))
 
     @cached_property
     def measured(self) -> tuple[str, ...]:
@@ -192,7 +214,7 @@ class Computed:
 
     def __init__(self, dictionary: Dictionary) -> None:
         self._formulas = dictionary.formulas
-        self._windows: dict[tuple[int, int], Window] = {}
+        self._windows: dict[tuple[int, int], LastingWindow] = {}
 
     def fill(self, t: float, y: Array) -> None:
         """Compute in place.   t: [s] of the sample.   y: (n_channels,)."""
@@ -205,7 +227,7 @@ class Computed:
             y[c] = columns[c, 0]
 
     def _smallest(self, c: int, t: float, place: int, x: Array, seconds: float) -> Array:
-        window = self._windows.setdefault((c, place), Window())
+        window = self._windows.setdefault((c, place), LastingWindow())
         return np.full_like(x, window.smallest(t, float(x[0]), seconds))
 
 
@@ -223,7 +245,8 @@ def _channel_of(plain: Mapping[str, Any]) -> Channel:
     if not isinstance(plain.get("formula", ""), str):
         raise ValueError(f"channel {plain['key']!r} has a formula that is no text: write one")
     key, unit = plain["key"], plain["unit"]
-    usual = asdict(channel(key, key, unit, key))
+    reference = "absolute" if plain.get("formula") else "trim"
+    usual = asdict(channel(key, key, unit, key, reference=reference))
     if unknown := [name for name in plain if name not in usual]:
         raise ValueError(f"channel {key!r} has {unknown[0]!r}: {instead_of(unknown[0], usual)}")
     return Channel(**usual | dict(plain))

@@ -124,7 +124,7 @@ def smallest_of_flights(dt: float) -> Smallest:
 
 
 @dataclass
-class Window:
+class LastingWindow:
     """The samples of a stream that `lasting` may still need, by time [s]."""
 
     t: list[float] = field(default_factory=list)
@@ -175,6 +175,12 @@ def parse(text: str, keys: Sequence[str]) -> Formula:
             f"a formula has {len(text)} characters: write it with at most {MOST_CHARACTERS}"
         )
     return _Parser(text, keys).read()
+
+
+def spelled(key: str) -> str:
+    """A channel's key as a formula names it."""
+    match = _TOKEN.fullmatch(key)
+    return key if match and match.lastgroup == "name" else f"[{key}]"
 
 
 def _tokens(text: str) -> Iterator[_Token]:

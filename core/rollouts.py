@@ -67,6 +67,7 @@ class LabelledFlights:
         """Check flights and label them.
 
         y: (n, n_samples, n_channels) SI units, N_y and N_z in g; NaN after the end of a flight.
+        Computed channels are computed, so they may be left out.
         channels: a dictionary, or keys of the built-in ones.
         fail_index: (n,) first sample that fails, -1 or n_samples for a safe flight. Without it,
         limits tell; with both, the label wins and `findings` count the disagreements.
@@ -74,13 +75,15 @@ class LabelledFlights:
         """
         y = np.array(y, np.float64, order="C")
         dictionary = channels if isinstance(channels, Dictionary) else dictionary_of(channels)
-        if y.ndim != 3 or y.shape[2] != len(dictionary) or min(y.shape[:2]) < 2:
+        widths = (len(dictionary), len(dictionary.measured))
+        if y.ndim != 3 or y.shape[2] not in widths or min(y.shape[:2]) < 2:
             raise RolloutsError(
-                f"y has shape {y.shape}: give (flights, samples, {len(dictionary)}), two or more "
-                f"flights and samples, channels {', '.join(dictionary.keys)}"
+                f"y has shape {y.shape}: give (flights, samples, {widths[1]}), two or more "
+                f"flights and samples, channels {', '.join(dictionary.measured)}"
             )
         if not dt > 0:
             raise RolloutsError(f"dt={dt} s was given: give a positive sample interval")
+        y = _completed(y, dt, dictionary)
         fail, findings = _labels(y, fail_index, limits)
         theta = np.empty((len(y), 0)) if theta is None else np.array(theta, np.float64)
         if theta.ndim != 2 or len(theta) != len(y):
@@ -135,6 +138,21 @@ def dictionary_of(keys: Sequence[str]) -> Dictionary:
         return Dictionary("own", tuple(known[key] for key in keys))
     except ValueError as error:
         raise RolloutsError(str(error)) from error
+
+
+def _completed(y: Array, dt: float, dictionary: Dictionary) -> Array:
+    """Flights with computed channels. RolloutsError where a formula gives no number."""
+    y = dictionary.complete(y, dt)
+    for c, formula in dictionary.formulas:
+        unknown = np.isnan(y[..., [c, *formula.inputs]])
+        n = int((unknown[..., 0] & ~unknown[..., 1:].any(axis=2)).any(axis=1).sum())
+        if n:
+            channel = dictionary.channels[c]
+            raise RolloutsError(
+                f"{channel.key} = {channel.formula} is not a finite number in {n} of {len(y)} "
+                "flights: keep divisors from 0 and roots of what is positive, for example by max"
+            )
+    return y
 
 
 def _labels(

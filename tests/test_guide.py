@@ -80,8 +80,7 @@ def test_commands_of_a_page_run(slug: str, folder: Path, monkeypatch: pytest.Mon
         lines = Path("flight.csv").read_text().splitlines()
         Path("rows.csv").write_text("\n".join(line.partition(",")[2] for line in lines))
     if slug == "own-simulator":
-        make, use = blocks(slug, "python")
-        exec(make + use, {})
+        exec("".join(blocks(slug, "python")), {})
     for arguments in commands(slug):
         small = [] if "--rollouts" in arguments else SMALL.get(arguments[0], [])
         if arguments[0] not in MINUTES:

@@ -12,7 +12,6 @@ from app.assessment.wording import PROMISED
 from app.commands.options.option import add_output, option
 from app.commands.options.recipe import (
     add_recipe_options,
-    limits_of,
     monitor_options,
     plain_recipe,
     print_recipe,
@@ -22,6 +21,7 @@ from app.jobs.requests import N_TEST
 from app.jobs.training import FlownTest, Training, simulate, train_and_test, train_on_flights
 from app.recipes import labels
 from app.recipes.recipes import RecipeError, dataset_for, from_plain, monitor_as_ordered
+from app.telemetry.limit_texts import specified
 from app.telemetry.rollouts import read_dictionary, read_rollouts
 from core.bounds import Bounds, check_bounds
 from core.dataset import Dataset
@@ -60,14 +60,22 @@ def add(parser: argparse.ArgumentParser) -> None:
         type=Path,
     )
     option(own, "--dictionary FILE", "channels as JSON or CSV: key, unit, role ...", type=Path)
+    option(
+        own,
+        "--channel FORMULA",
+        "computed channel, such as 'load [kN] = 0.7*Nz*mass', to limit by --limit load=..12; a "
+        "limit on what lasts needs none: --limit 'Nz=..4.9 for 0.2 s'",
+        action="append",
+    )
     add_output(parser, "FILE", "file to write", Path("monitor.fwm"))
 
 
 def run(options: argparse.Namespace) -> int:
     if options.rollouts is not None:
         return run_on_rollouts(options)
-    if options.dictionary is not None:
-        raise RecipeError("--dictionary was given without --rollouts: give both")
+    for name in ("dictionary", "channel"):
+        if getattr(options, name) is not None:
+            raise RecipeError(f"--{name} was given without --rollouts: give both")
     recipe = from_plain(TrainingRecipe(), plain_recipe(options))
     recipe = replace(recipe, dataset=dataset_for(recipe.monitor, recipe.dataset))
     if options.print_recipe:
@@ -90,12 +98,13 @@ def run_on_rollouts(options: argparse.Namespace) -> int:
     check_file(options.out)
     dictionary = None if options.dictionary is None else read_dictionary(options.dictionary)
     read = read_rollouts(options.rollouts, dictionary)
+    dictionary, limits = specified(read, options.channel or (), options.limit or ())
     flights = LabelledFlights.of(
         read.y,
         dt=read.dt,
-        channels=read.dictionary,
+        channels=dictionary,
         fail_index=read.fail_index,
-        limits=limits_of(options.limit or (), read.dictionary, read.y),
+        limits=limits,
         theta=read.theta,
     )
     choose = not plain.keys() & {"predictor", "score"}

@@ -1,6 +1,7 @@
 """A recording as plain data: contents, mapping, small plots."""
 
-from dataclasses import asdict
+from collections.abc import Collection, Iterable
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,9 @@ from app.telemetry.mapping.applying import applicable
 from app.telemetry.mapping.checks import find_warnings
 from app.telemetry.mapping.mapping import Mapping, TimeSource, rate_words
 from app.telemetry.recording import Trace, Traces
-from core.channels import KEYS
+from app.telemetry.targets import as_mapped, target_of
+from app.telemetry.units import choices
+from core.channels import DICTIONARIES, LATERAL, Channel, Dictionary
 from core.types import Array
 
 BINS = 120
@@ -22,11 +25,25 @@ BINS = 120
 SUMMARY = ("n", "missing", "min", "max", "mean")
 
 
-def recording_answer(recordings: Recordings, recording_id: str) -> dict[str, Any]:
-    """A recording with its contents and mapping. NotFound; StoreError."""
+def recording_answer(
+    recordings: Recordings, recording_id: str, monitor_id: str | None = None, *, anew: bool = False
+) -> dict[str, Any]:
+    """A recording with its contents and mapping. NotFound; StoreError.
+
+    monitor_id: the monitor whose channels come first.   anew: whether to propose the mapping for
+    it again.
+    """
     info = recordings.store.recordings.info(recording_id)
     mapped = recordings.store.recordings.mapped_columns(recording_id)
     contents = recordings.columns(recording_id).contents
+    if monitor_id is None:
+        dictionary = _likely(mapped.mapping["channels"], recordings.store.dictionaries())
+    else:
+        dictionary = recordings.dictionary_of(monitor_id)
+    if anew:
+        mapped = recordings.proposed_for(recording_id, dictionary)
+        state, over = mapped.mapping_state, mapped.confirmed_over
+        info = replace(info, mapping_state=state, confirmed_over=over)
     return asdict(info) | {
         "contents": _contents(contents, mapped),
         "bad_rows": _bad_rows(contents),
@@ -38,10 +55,37 @@ def recording_answer(recordings: Recordings, recording_id: str) -> dict[str, Any
         },
         **{key: mapped.proposal[key] for key in ("rationales", "alternatives", "derivable")},
         "mapping_notes": mapped.proposal.get("notes", []),
-        "missing": [key for key in KEYS if key not in mapped.mapping["channels"]],
+        "channels": list(dictionary.measured),
+        "targets": _targets(mapped.mapping["channels"], dictionary, recordings.channels()),
+        "missing": [k for k in dictionary.measured if k not in mapped.mapping["channels"]],
         "quality": mapped.quality,
         "problem": mapped.problem,
     }
+
+
+def _likely(mapped: Collection[str], own: Iterable[Dictionary]) -> Dictionary:
+    """The dictionary that a mapping is for: the lateral one if it has any of its channels."""
+    if not mapped or any(key in mapped for key in LATERAL.keys):
+        return LATERAL
+    known = (*own, *DICTIONARIES.values())
+    return max(known, key=lambda each: _share(mapped, each.measured))
+
+
+def _share(mapped: Collection[str], keys: Collection[str]) -> float:
+    return sum(key in mapped for key in keys) / len(keys)
+
+
+def _targets(
+    mapped: dict[str, Any], dictionary: Dictionary, known: Iterable[Channel]
+) -> list[dict[str, Any]]:
+    """What signals can be mapped to, each key once: first the channels of a dictionary."""
+    targets: dict[str, Channel] = {}
+    for channel in (*dictionary.channels, *known):
+        if not channel.formula:
+            targets.setdefault(channel.key, as_mapped(channel))
+    for key, source in mapped.items():
+        targets.setdefault(key, target_of(key, source["unit"]))
+    return [asdict(target) | {"units": choices(target.unit)} for target in targets.values()]
 
 
 def preview(

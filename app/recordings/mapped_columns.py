@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -17,6 +18,7 @@ from app.telemetry.mapping.mapping import Mapping
 from app.telemetry.mapping.proposal import propose
 from app.telemetry.recording import TelemetryError, Traces
 from app.telemetry.timing.quality import Quality
+from core.channels import LATERAL, Channel, Dictionary
 from core.clearance.sensors import TOLERANCES
 
 BLOCK = 2**18
@@ -24,11 +26,20 @@ BLOCK = 2**18
 
 
 def propose_mapping(
-    columns: Columns, remembered: RememberedMapping | None
+    columns: Columns,
+    remembered: RememberedMapping | None,
+    dictionary: Dictionary = LATERAL,
+    others: Iterable[Channel] = (),
+    summaries: list[list[float | None]] | None = None,
 ) -> tuple[MappedColumns, MappedRecording]:
-    """Propose a mapping for a new recording; return it in stored form, and applied."""
+    """Propose a mapping of a recording; return it in stored form, and applied.
+
+    dictionary: of the monitor.   others: further channels that the file may have.
+    summaries: of the signals, as `statistics` gives them, if they are known.
+    """
     before = _still_known(remembered)
-    proposal = propose(columns, before, aircraft=remembered.aircraft if remembered else "")
+    aircraft = remembered.aircraft if remembered else ""
+    proposal = propose(columns, before, aircraft=aircraft, dictionary=dictionary, others=others)
     unchanged = before is not None and before.channels.items() <= proposal.mapping.channels.items()
     described = {
         "rationales": proposal.rationales,
@@ -40,7 +51,8 @@ def propose_mapping(
         },
     }
     state: MappingState = "remembered" if unchanged else "proposed"
-    unmapped = MappedColumns({}, state, plain(described), None, None, None, statistics(columns))
+    summaries = statistics(columns) if summaries is None else summaries
+    unmapped = MappedColumns({}, state, plain(described), None, None, None, summaries)
     mapped = MappedRecording.of(columns, proposal.mapping)
     return with_mapping(unmapped, mapped), mapped
 

@@ -18,7 +18,7 @@ from app.recordings.mapped_columns import propose_mapping, signature, with_mappi
 from app.recordings.mapped_recording import MappedRecording, RecentMappings
 from app.recordings.upload import Received, receive
 from app.recordings.workers import Busy, Workers, run_to_end
-from app.store.recordings import MappedColumns
+from app.store.recordings import MappedColumns, RememberedMapping
 from app.store.store import NotFound, Store, StoreError
 from app.store.tables import new_id
 from app.telemetry.contents import Columns, open_columns
@@ -28,7 +28,7 @@ from app.telemetry.readers import isolation
 from app.telemetry.reading import read_file
 from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import KNOWN
-from core.channels import Channel, Dictionary
+from core.channels import LATERAL, Channel, Dictionary
 from core.recipe import instead_of
 
 LOG = logging.getLogger("forewarn")
@@ -48,6 +48,7 @@ class Upload:
 
     name: original file name.   length: declared by the client [bytes], None if unknown.
     body: content in chunks.   is_abandoned: whether the client has disconnected.
+    monitor: id of the one that the mapping is proposed for, if any.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Upload:
     length: int | None
     body: AsyncIterator[bytes]
     is_abandoned: Callable[[], Awaitable[bool]]
+    monitor: str | None = None
 
 
 class Recordings:
@@ -91,7 +93,7 @@ class Recordings:
     async def receive(self, upload: Upload) -> str:
         """Store an upload; return its id.
 
-        Busy; NoSpace; Stalled; Abandoned; TelemetryError if the file cannot be read.
+        Busy; NoSpace; Stalled; Abandoned; NotFound; TelemetryError if the file cannot be read.
         """
         if len(self._uploads) >= MOST_UPLOADS:
             raise Busy(f"{MOST_UPLOADS} uploads are in progress, the maximum: try again soon")
@@ -100,11 +102,12 @@ class Recordings:
         self._uploads.add(task)
         recording_id = new_id()
         try:
+            dictionary = await run_to_end(self.dictionary_of, upload.monitor)
             folder = await run_to_end(self._begin, recording_id, upload.length or 0)
             received = await receive(upload.body, folder / "file", self.files.require)
             if received.size == 0:
                 raise TelemetryError("the file is empty: choose a file with telemetry")
-            stored, mapped = await self.readers.run(self._read, folder, upload)
+            stored, mapped = await self.readers.run(self._read, folder, upload, dictionary)
             if await upload.is_abandoned():
                 raise Abandoned
             about = upload.name, upload.aircraft, received, stored
@@ -140,18 +143,44 @@ class Recordings:
             raise
         return recording_id
 
-    def own_channels(self) -> list[Channel]:
-        """The channels of the dictionaries of stored monitors and datasets."""
-        infos = (*self.store.monitors.all(), *self.store.datasets.all())
-        stored = [info.dictionary for info in infos if info.dictionary is not None]
-        channels = (c for plain in stored for c in Dictionary.from_stored(plain).channels)
-        return list(dict.fromkeys(channels))
+    def dictionary_of(self, monitor_id: str | None) -> Dictionary:
+        """The dictionary of a stored monitor; the lateral one without a monitor. NotFound."""
+        if monitor_id is None:
+            return LATERAL
+        return Dictionary.from_stored(self.store.monitors.info(monitor_id).dictionary)
+
+    def channels(self) -> list[Channel]:
+        """All known channels: TARGETS, and those of built-in and stored dictionaries.
+
+        A key comes with each of its units.
+        """
+        own = (channel for known in self.store.dictionaries() for channel in known.channels)
+        return list(dict.fromkeys((*KNOWN.values(), *own)))
+
+    def proposed_for(self, recording_id: str, dictionary: Dictionary) -> MappedColumns:
+        """A proposal for a monitor's dictionary; a confirmed mapping stays in it. NotFound."""
+        info = self.store.recordings.info(recording_id)
+        stored = self.store.recordings.mapped_columns(recording_id)
+        columns = self.columns(recording_id)
+        before = self.store.mappings.find(info.aircraft, signature(columns.contents))
+        if info.mapping_state == "confirmed":
+            before = RememberedMapping(info.aircraft or "", stored.mapping)
+        with self.present(recording_id):
+            proposed, mapped = propose_mapping(
+                columns, before, dictionary, self.channels(), stored.statistics
+            )
+        self._recent.add(recording_id, mapped)
+        if proposed.mapping != stored.mapping:
+            return replace(proposed, mapping_state="proposed")
+        return replace(
+            proposed, mapping_state=stored.mapping_state, confirmed_over=stored.confirmed_over
+        )
 
     def check_channels(self, mapping: Mapping) -> None:
         """TelemetryError for a channel that no dictionary here has."""
         if mapping.channels.keys() <= KNOWN.keys():
             return
-        known = [*KNOWN, *(channel.key for channel in self.own_channels())]
+        known = [*dict.fromkeys(channel.key for channel in self.channels())]
         for key in mapping.channels:
             if key not in known:
                 raise TelemetryError(
@@ -215,13 +244,16 @@ class Recordings:
         isolation.warm_up()
         return self.files.create(recording_id)
 
-    def _read(self, folder: Path, upload: Upload) -> tuple[MappedColumns, MappedRecording]:
+    def _read(
+        self, folder: Path, upload: Upload, dictionary: Dictionary
+    ) -> tuple[MappedColumns, MappedRecording]:
         """Read the file in a folder, and propose a mapping of its columns."""
         with reporting_full_disk():
             read_file(folder / "file", folder / "columns", name=upload.name)
         columns = open_columns(folder / "columns")
         key = signature(columns.contents)
-        return propose_mapping(columns, self.store.mappings.find(upload.aircraft, key))
+        remembered = self.store.mappings.find(upload.aircraft, key)
+        return propose_mapping(columns, remembered, dictionary, self.channels())
 
     def _admit(
         self,

@@ -1,8 +1,7 @@
 """The catalog of recipe parts with their schemas, and the description of the streams."""
 
-from dataclasses import dataclass
 from functools import cache
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from fastapi import APIRouter, Response
 from pydantic import BaseModel, Field
@@ -11,7 +10,7 @@ from pydantic.json_schema import models_json_schema
 from app.catalog import catalog
 from app.messages import DOWN, UP, UPLINK_DOWN, UPLINK_UP
 from app.routes.dependencies import json_response
-from app.routes.recordings import Derivable
+from app.routes.recordings import Derivable, Target
 from core import __version__
 from core.channels import Channel
 from core.flight_events import FlightMarkerKind
@@ -73,13 +72,6 @@ class ListedFormat(BaseModel):
     extra: str | None = Field(description="optional dependency that reads it, if any")
     installed: bool = Field(description="whether its reader is installed")
     experimental: bool = Field(description="not yet tested on files of many recorders")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Target(Channel):
-    """A quantity that a signal can be mapped to: a channel, or an input of a derivation."""
-
-    units: Annotated[list[str], Field(description="common units, its own first")]
 
 
 class ListedDerivation(Derivable):

@@ -30,6 +30,7 @@ from app.store.tables import new_id, now
 from app.telemetry.contents import BadRow
 from app.telemetry.mapping.mapping import Mapping
 from app.telemetry.mapping.proposal_builder import Rationale
+from core.channels import Channel
 
 router = APIRouter(prefix="/api/v1/recordings", tags=["recordings"])
 LONGEST_NAME = 255
@@ -88,6 +89,18 @@ class Derivable(BaseModel):
     needs: list[str]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Target(Channel):
+    """A quantity that a signal can be mapped to: a channel, or an input of a derivation."""
+
+    units: Annotated[list[str], Field(description="common units, its own first")]
+
+
+ForMonitor = Annotated[
+    str | None, Query(description="id of the monitor whose channels come first in the mapping")
+]
+
+
 @dataclass(frozen=True)
 class RecordingDetails(RecordingInfo):
     """A recording as it is listed, with its contents and mapping."""
@@ -105,8 +118,13 @@ class RecordingDetails(RecordingInfo):
     """possible derivations, by channel"""
     mapping_notes: list[str]
     """on the proposed mapping as a whole"""
+    channels: list[str]
+    """keys of the channels that the monitor needs from the file; without one, those of the
+    dictionary that fits the mapping"""
+    targets: list[Target]
+    """what signals can be mapped to: `channels` first, then the others of all dictionaries"""
     missing: list[str]
-    """channels without a signal"""
+    """those of `channels` without a signal"""
     quality: dict[str, Any] | None
     """quality of the times and channels as mapped"""
     problem: str | None
@@ -241,6 +259,7 @@ async def upload_recording(
             min_length=1, max_length=200, description="propose the stored mapping of this aircraft"
         ),
     ] = None,
+    monitor: ForMonitor = None,
 ) -> RecordingDetails:
     """Upload a telemetry file in any format of the catalog, in a form or as the body.
 
@@ -255,14 +274,14 @@ async def upload_recording(
         raise Problem(422, text, "urn:forewarn:request")
     length = request.headers.get("content-length", "")
     size = int(length) if length.isdigit() else None
-    upload = Upload(file_name, aircraft, size, sent.content, request.is_disconnected)
+    upload = Upload(file_name, aircraft, size, sent.content, request.is_disconnected, monitor)
     try:
         recording_id = await recordings.receive(upload)
     except (ClientDisconnect, Abandoned):
         text = "the upload was interrupted and not stored: send the file again"
         raise Problem(408, text) from None
     location = {"Location": f"/api/v1/recordings/{recording_id}"}
-    answer = await asyncio.to_thread(recording_answer, recordings, recording_id)
+    answer = await asyncio.to_thread(recording_answer, recordings, recording_id, monitor)
     return json_response(_drawn(answer), 201, location)
 
 
@@ -273,9 +292,15 @@ def list_recordings(recordings: RecordingsDep) -> list[RecordingInfo]:
 
 
 @router.get("/{recording_id}")
-def read_recording(recording_id: str, recordings: RecordingsDep) -> RecordingDetails:
-    """One recording with its contents and mapping."""
-    return json_response(_drawn(recording_answer(recordings, recording_id)))
+def read_recording(
+    recording_id: str, recordings: RecordingsDep, monitor: ForMonitor = None
+) -> RecordingDetails:
+    """One recording with its contents and mapping.
+
+    With a monitor its channels are proposed beside a confirmed mapping, and nothing is stored.
+    """
+    anew = monitor is not None
+    return json_response(_drawn(recording_answer(recordings, recording_id, monitor, anew=anew)))
 
 
 @router.delete("/{recording_id}", status_code=204, responses=problem_responses(409))
@@ -286,7 +311,10 @@ def delete_recording(recording_id: str, recordings: RecordingsDep) -> None:
 
 @router.put("/{recording_id}/mapping")
 def confirm_mapping(
-    recording_id: str, request: MappingRequest, recordings: RecordingsDep
+    recording_id: str,
+    request: MappingRequest,
+    recordings: RecordingsDep,
+    monitor: ForMonitor = None,
 ) -> RecordingDetails:
     """Confirm the mapping of signals to channels.
 
@@ -295,8 +323,9 @@ def confirm_mapping(
     """
     mapping = Mapping.from_plain(request.mapping.to_plain())
     recordings.check_channels(mapping)
+    recordings.dictionary_of(monitor)
     recordings.confirm_mapping(recording_id, mapping, request.aircraft, remember=request.remember)
-    return json_response(_drawn(recording_answer(recordings, recording_id)))
+    return json_response(_drawn(recording_answer(recordings, recording_id, monitor)))
 
 
 @router.post("/{recording_id}/preview")

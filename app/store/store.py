@@ -9,12 +9,12 @@ import logging
 from collections.abc import Callable
 from pathlib import Path
 
-from sqlalchemy import Engine
+from sqlalchemy import Engine, select
 
 from app.store.alarms import AlarmRepository, FlightMarkerRepository
 from app.store.answers import AnswerRepository
 from app.store.campaigns import CampaignRepository
-from app.store.database import Damaged, StoreError, address, check_pages, make_engine
+from app.store.database import Damaged, StoreError, address, check_pages, make_engine, reading
 from app.store.datasets import DatasetRepository
 from app.store.disk import LastStop, Reserve
 from app.store.flights import FlightRepository
@@ -26,6 +26,8 @@ from app.store.recordings import MappingRepository, MarkerRepository, RecordingR
 from app.store.repository import InUse, KeptPermanently, NotFound, Writer
 from app.store.schema import bring_up_to_date, current_revision, forget_copies
 from app.store.scorings import ScoringRepository
+from app.store.tables import datasets, monitors
+from core.channels import Dictionary
 
 LOG = logging.getLogger("forewarn")
 ANSWER_S = 2.0
@@ -59,6 +61,16 @@ class Store:
         self.answers = AnswerRepository(*shared)
         self.tokens = TokenRepository(*shared)
         self.audit = AuditRepository(*shared)
+
+    def dictionaries(self) -> list[Dictionary]:
+        """The dictionaries of monitors and datasets that are not lateral, each once."""
+        stored = []
+        with reading(self.engine) as connection:
+            for table in (monitors, datasets):
+                has_own = table.c.dictionary.is_not(None) & table.c.complete
+                query = select(table.c.dictionary).where(has_own).order_by(table.c.created.desc())
+                stored += connection.execute(query).scalars()
+        return list(dict.fromkeys(map(Dictionary.from_plain, stored)))
 
     def recover(self) -> None:
         """Clean up after a process that died: mark its work interrupted, delete partial content.

@@ -35,7 +35,8 @@ MOST_JITTER = 0.01
 class RolloutFile:
     """Flights as read, in SI units.
 
-    y: (n, n_samples, n_channels), NaN after the end of a flight.   dt: [s].
+    y: (n, n_samples, n_measured), NaN after the end of a flight; without computed channels.
+    dt: [s].
     fail_index: (n,) first failing sample, -1 for none; None without labels.
     theta: (n, n_parameters); None if unknown.
     """
@@ -123,9 +124,9 @@ def _of_arrays(arrays: Mapping[str, Any], dictionary: Dictionary | None, name: s
             "give one of each for each channel"
         )
     dictionary = dictionary or _own(keys, units)
-    columns = [_chosen(keys, key, name) for key in dictionary.keys]
+    columns = [_chosen(keys, key, name) for key in dictionary.measured]
     y = y[..., columns]
-    for c, known in enumerate(dictionary.channels):
+    for c, known in enumerate(_measured(dictionary)):
         y[..., c] = _converted(y[..., c], units[columns[c]], known)
     theta = np.asarray(arrays["theta"], np.float64) if "theta" in arrays else None
     dt = float(np.ravel(arrays["dt"])[0])
@@ -232,14 +233,15 @@ def _of_flights(
             f"{name}: {len(off)} of {len(read)} flights are not sampled every {dt:g} s: resample "
             "them to one interval"
         )
-    y = np.full((len(read), max(len(flight.t) for flight in read), len(dictionary)), np.nan)
+    measured = _measured(dictionary)
+    y = np.full((len(read), max(len(flight.t) for flight in read), len(measured)), np.nan)
     for k, flight in enumerate(read):
         steps = np.diff(flight.t)
         if (np.abs(steps - dt) > 0.5 * dt).any():
             raise TelemetryError(
                 f"{name}: flight {k + 1} has gaps or times out of order: export it again"
             )
-        for c, known in enumerate(dictionary.channels):
+        for c, known in enumerate(measured):
             _chosen(list(flight.columns), known.key, f"{name}, flight {k + 1}")
             values, unit = flight.columns[known.key], flight.units[known.key]
             y[k, : len(flight.t), c] = _converted(values, unit, known)
@@ -275,6 +277,10 @@ def _own(keys: Sequence[str], units: Sequence[str]) -> Dictionary:
         return Dictionary("own", tuple(channels))
     except ValueError as error:
         raise TelemetryError(str(error)) from error
+
+
+def _measured(dictionary: Dictionary) -> list[Channel]:
+    return [known for known in dictionary.channels if not known.formula]
 
 
 def _chosen(keys: Sequence[str], key: str, name: str) -> int:

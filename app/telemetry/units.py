@@ -44,6 +44,7 @@ BASIC: dict[str, tuple[str, str]] = {
     "in": ("0.0254 m", "inch inches"),
     "g": (f"{STANDARD_GRAVITY} m/s^2", "gs g's gn g0 g_0 gee gees"),
     "mg": ("0.001 g", "milli-g millig"),
+    "kN": ("1000 N", "kilonewton kilonewtons"),  # kn is a knot, see `_plain`
     "kt": ("1852 m/h", "kts kn knot knots ktas kias kcas keas"),
     "Hz": ("1 s^-1", "hertz"),
     "Pa": ("[pressure]", "pascal"),
@@ -90,6 +91,12 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "m/s": ("m/s", "kt", "ft/s", "km/h"),
     "m": ("m", "ft", "FL", "km"),
     "s": ("s", "ms", "us", "ns", "min", "h", "day"),
+    "rad/s^2": ("rad/s^2", "deg/s^2"),
+    "Pa": ("Pa", "hPa", "kPa", "bar", "psf", "psi", "inHg"),
+    "N": ("N", "lbf"),
+    "N*m": ("N*m", "lbf*ft"),
+    "kg": ("kg",),
+    "K": ("K",),
 }
 """By unit of the target, which comes first."""
 
@@ -134,7 +141,7 @@ def fits(unit: str, target: str) -> bool:
 
 def si_unit(unit: str) -> str:
     """The unit in which a quantity recorded in `unit` is computed; TelemetryError for none."""
-    for target in (PLAIN, *CHOICES, "rad/s^2", "Pa", "K", "N", "N*m", "kg"):
+    for target in (PLAIN, *CHOICES):
         if fits(unit, target):
             return target
     if known := spelled(unit):
@@ -235,6 +242,7 @@ def _plain(text: str) -> str:
     """Lower case with uniform signs: "°/s²" -> "°/s2", "m·s⁻²" -> "m*s-2"."""
     text = text.strip().replace("º", "°").replace("µ", "u").replace("μ", "u")
     text = unicodedata.normalize("NFKC", text).replace("−", "-").replace("’", "'")
+    text = re.sub(r"\bkN\b", "kilonewton", text)
     text = re.sub(r"^[\[({<]\s*(.*?)\s*[\])}>]$", r"\1", text).lower()
     text = re.sub(r"\s+since\s.*$", "", text)  # NetCDF: "seconds since 2019-03-12"
     text = re.sub(r"\s+per\s+|_per_", "/", text)

@@ -87,7 +87,7 @@ def watch_errors(page: Page) -> list[str]:
     return errors
 
 
-def wait_until(page: Page, condition: str, seconds: float = 10) -> None:
+def wait_until(page: Page, condition: str, seconds: float = 20) -> None:
     """Wait until a JavaScript expression, or what it promises, is true.
 
     Playwright's own wait_for_function evaluates strings in the page, which its policy forbids.

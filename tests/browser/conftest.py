@@ -106,6 +106,12 @@ def own_page(browser: Browser, stored: dict[str, str], allowed_errors: list[str]
 ENDED = re.compile(r"status of 404 .*/flights/\w+/source\?")
 """A flight's source is gone with its end, also for a page that is just reading what lies before."""
 
+RELAYED_LATE = "error: WebSocket is already in CLOSING or CLOSED state"
+"""The server closed its socket while a test passed a message of the page on to it.
+
+The page's own socket is then Playwright's, which raises an exception instead.
+"""
+
 
 def unexpected(errors: list[str], allowed: list[str]) -> list[str]:
     """What of the errors no test has allowed."""

@@ -9,11 +9,13 @@ import { validityWords } from "/static/js/recordings/words.js";
 import { createRingBuffer } from "/static/js/charts/live/ring_buffer.js";
 import { createRiskGauge } from "/static/js/fly/assessment/risk_gauge.js";
 import { headlineOf } from "/static/js/fly/headline.js";
+import { limitsOf, limitsInWords, exceededWords, withLimits } from "/static/js/lib/limits.js";
 import { decimal, decimals, riskText } from "/static/js/lib/numbers.js";
 import { addDrawer, loopStats } from "/static/js/lib/draw_loop.js";
 import { createFlightChart } from "/static/js/charts/live/flight_chart.js";
 import { createTimeline } from "/static/js/charts/live/timeline.js";
 import { bindMuteButton, createTone } from "/static/js/fly/tone.js";
+import { marginAt, stripOf } from "/static/js/charts/strips.js";
 import { createValueAxis } from "/static/js/charts/value_axis.js";
 
 const options = new URLSearchParams(location.search);
@@ -122,7 +124,7 @@ Object.assign(window, {
   harness: {
     chart, gauge, timeline, tone, feed, frame, sample, pixels, loopStats, riskText,
     createRingBuffer, createTimeline, createValueAxis, createTone, createAlarmPanel,
-    decimal, decimals, changedChannels, validityWords, EPSILON, CHANNELS,
+    decimal, decimals, limitsInWords, exceededWords, withLimits, limitsOf, marginAt, stripOf, changedChannels, validityWords, EPSILON, CHANNELS,
     draw: (wall) => chart.update(wall),
   },
 });

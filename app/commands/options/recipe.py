@@ -3,9 +3,7 @@
 import argparse
 import csv
 import json
-import re
 import sys
-from collections.abc import Sequence
 from dataclasses import fields
 from math import ceil, inf
 from pathlib import Path
@@ -33,10 +31,9 @@ from app.recipes.recipes import (
     set_path,
     to_plain,
 )
-from app.telemetry.units import convert
-from core.channels import BY_KEY, KEYS, LATERAL, Channel, Dictionary
+from app.telemetry.limit_texts import VALUE
+from core.channels import BY_KEY, KEYS
 from core.evaluation.study import StudyRecipe
-from core.limits.limits import IntervalLimits, Limits, SafeInterval
 from core.monitor import MonitorRecipe
 from core.planned_test.planned_test import DatasetRecipe
 from core.recipe import family_of, instead_of
@@ -44,7 +41,6 @@ from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.imperfections import Imperfections
 from core.simulation.maneuver import MANEUVERS
-from core.types import Array
 
 MOST_DELAY = 10
 """Most past outputs in an observation, however short the interval."""
@@ -85,8 +81,6 @@ USUALLY = {
     "guarantee": f"{USUAL_MONITOR.guarantee.replace('%', '%%')} if absent in train",
 }
 """What the help adds to the words of the field."""
-VALUE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z°/]*)")
-"""A number and an optional unit."""
 # part of a dataset's recipe: kind whose defaults are an example, required field, what to do
 EXAMPLES: dict[str, tuple[str, str, str]] = {
     "aircraft": ("matrices", "a", "give --aircraft FILE.json with your matrices"),
@@ -226,51 +220,6 @@ def monitor_options(options: argparse.Namespace) -> dict[str, Any]:
         if path.startswith("monitor.") and value is not None:
             set_path(plain, path, value)
     return plain.get("monitor", {})
-
-
-def limits_of(
-    assignments: Sequence[str], dictionary: Dictionary, y: Array
-) -> Limits | IntervalLimits | None:
-    """Limits of own rollouts from `Nz=-1.4..4.9`, `alpha=..12deg` or `Ny=0.5g`, a magnitude.
-
-    y: (n, n_samples, n_channels) flights, whose first samples are trimmed flight.
-    """
-    if not assignments:
-        return None
-    intervals = {}
-    for assignment in assignments:
-        key, _, text = assignment.partition("=")
-        c = dictionary.index(key.strip())
-        channel = dictionary.channels[c]
-        low, dots, high = text.partition("..")
-        unit = VALUE.fullmatch(high.strip() or low.strip())
-        shared = unit[2] if unit else ""
-        if dots:
-            least, most = (_number(end, shared, channel, assignment) for end in (low, high))
-        else:
-            most = _number(text, shared, channel, assignment)
-            least = None if most is None else -most
-        rest = float(np.nanmedian(y[:, 0, c])) if channel.reference == "absolute" else 0.0
-        intervals[key.strip()] = SafeInterval(least, most, rest)
-    if dictionary == LATERAL and all(each.low == -(each.high or 0) for each in intervals.values()):
-        return Limits(**(dict.fromkeys(KEYS) | {k: each.high for k, each in intervals.items()}))
-    return IntervalLimits(dictionary, intervals)
-
-
-def _number(text: str, shared: str, channel: Channel, assignment: str) -> float | None:
-    """One end of a limit in the channel's unit; None if it is empty.
-
-    shared: unit of the other end, which holds for both.
-    """
-    if not text.strip():
-        return None
-    match = VALUE.fullmatch(text.strip())
-    if match is None:
-        raise RecipeError(
-            f"{assignment!r}: write it as {channel.key}=LOW..HIGH, such as {channel.key}=-1..4"
-        )
-    number, unit = np.array([float(match[1])]), match[2] or shared
-    return float(convert(number, unit or channel.unit, channel.unit)[0])
 
 
 def print_recipe(recipe: Any) -> int:

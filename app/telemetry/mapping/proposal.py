@@ -90,22 +90,24 @@ def propose(
     expected: how the monitor's aircraft responds to positive deflections.
     rate: sample rate given by a person, for groups without a time signal.
     group: the flight to map, if groups are flights of their own; "" for the most complete.
-    dictionary: of the monitor.   others: further channels that the file may have, mapped last.
+    dictionary: of the monitor; computed channels are not mapped.
+    others: further channels that the file may have, mapped last.
     """
     builder = ProposalBuilder(columns)
     if remembered is not None:
         recall(builder, remembered, aircraft)
     _find_times(builder, rate)
-    named = () if dictionary == LATERAL else dictionary.channels
+    measured = tuple(known for known in dictionary.channels if not known.formula)
+    named = () if dictionary == LATERAL else measured
     usable = _usable(builder, group)
     alternatives = assign_by_name(builder, (c for c in named if c.key not in TARGETS), usable)
     candidates = _assign_signals(builder, usable, group)
-    others = (*named, *(other for other in others if other.key not in TARGETS))
+    others = (*named, *(c for c in others if c.key not in TARGETS and not c.formula))
     alternatives |= assign_by_name(builder, others, candidates.groups)
     _derive(builder, dictionary)
     check_against_motion(builder, expected)
     doubt_normalised(builder)
-    _explain_missing(builder, candidates, dictionary)
+    _explain_missing(builder, candidates, measured)
     _note_unchecked(builder, candidates)
     channels = {key: builder.channels[key] for key in in_order(builder.channels)}
     derivable = dict[str, tuple[str, ...]]()
@@ -121,7 +123,7 @@ def propose(
         builder.rationales,
         alternatives,
         derivable,
-        tuple(key for key in dictionary.keys if key not in channels),
+        tuple(key for key in dictionary.measured if key not in channels),
         tuple(builder.notes),
     )
 
@@ -269,11 +271,11 @@ def _derive(builder: ProposalBuilder, dictionary: Dictionary) -> None:
 
 
 def _explain_missing(
-    builder: ProposalBuilder, candidates: Candidates, dictionary: Dictionary
+    builder: ProposalBuilder, candidates: Candidates, measured: tuple[Channel, ...]
 ) -> None:
     """Record why a channel has no source, and what it could be derived from."""
     timeless = list(_timeless(builder))
-    needed = {known.key: known for known in dictionary.channels}
+    needed = {known.key: known for known in measured}
     for key, target in (needed | TARGETS).items():
         if key in builder.channels:
             continue

@@ -1,15 +1,17 @@
 /**
  * The elements of a strip chart: a row for each strip, the time axis, the tool bar.
  *
- * layOut(host, strips, label) -> {rows, rowOf: [{canvas, readout}], axis, keys, bar: {element, mode, interval, values}}
+ * layOut(host, strips, label) -> {rows, rowOf: [{canvas, readout}], axis, keys, bar: {element, mode, interval, values}, onfold}
+ *     strips: as arranged by strips.js; of a folded one only the reading is shown, below the time axis
  *     keys: element for what the keys do.   bar: its buttons follow the other elements
+ *     onfold(): to be set; strips were folded or unfolded
  * createSheet(canvas) -> Sheet     a canvas drawn in px of the page, in the colours of its theme
  *     {canvas, pen, width, height, palette, hatches, resize(width, height, ratio), setPalette(palette), clear(name "")}
  *     clear: empties it but for a name in the gutter; the pen's origin is then the plot's left edge
  * GUTTER    width of the value axis left of the plot [px]
  */
 
-import { h } from "../lib/dom.js";
+import { button, h } from "../lib/dom.js";
 import { hatch } from "./palette.js";
 
 export const GUTTER = 46;
@@ -19,29 +21,76 @@ let charts = 0;
 export function layOut(host, strips, label) {
   const keys = h("p", { class: "visually-hidden", id: `strip-chart-help-${++charts}` });
   const rowOf = strips.map(() => ({ canvas: h("canvas", { role: "img" }), readout: h("div.readout") }));
-  const rows = h("div.strips", strips.map(({ key, limits, risk }, k) => {
+  const elements = strips.map(({ key, isTall }, k) => {
     const { canvas, readout } = rowOf[k];
     const row = h("div.strip", { "data-key": key }, h("div.strip-plot", canvas), readout);
-    row.classList.toggle("strip-tall", limits !== null || risk);
+    row.classList.toggle("strip-tall", isTall);
     return row;
-  }));
+  });
+  const rows = h("div.strips", elements);
   const axis = h("canvas", { "aria-hidden": "true" });
   const mode = h("span", { class: "chip" });
   const interval = h("span", { class: "strip-interval" });
   const values = h("output", { class: "strip-cursors", "aria-live": "polite" });
   const bar = h("div", { class: "strip-toolbar" }, mode, interval, values);
+  const layout = { rows, rowOf, axis, keys, bar: { element: bar, mode, interval, values }, onfold: () => {} };
+  const folds = createFolds(strips, elements, rows, () => layout.onfold());
   host.classList.add("strip-chart");
   host.tabIndex = 0;
   host.setAttribute("role", "group");
   host.setAttribute("aria-label", label);
   host.setAttribute("aria-describedby", keys.id);
-  host.replaceChildren(
+  host.toggleAttribute("data-many", folds.length > 0);
+  host.replaceChildren(...[
     keys,
     rows,
     h("div", { class: "strip-axis" }, h("div", { class: "strip-plot" }, axis)),
+    folds.length > 0 && h("div.strip-folds", { role: "group", "aria-label": "Channels by group" }, folds),
     bar,
-  );
-  return { rows, rowOf, axis, keys, bar: { element: bar, mode, interval, values } };
+  ].filter(Boolean));
+  return layout;
+}
+
+/** A heading for each group of strips that fold, which opens or folds all of them, and the readings of the folded ones. */
+function createFolds(strips, elements, rows, changed) {
+  const foldable = strips.map((strip, k) => ({ strip, row: elements[k] })).filter(({ strip }) => strip.fold !== null);
+  const groups = [...Map.groupBy(foldable, ({ strip }) => strip.fold.group)];
+  return groups.map(([name, members]) => foldOf(name, members));
+
+  function foldOf(name, members) {
+    const heading = button("", () => turn(members, members.some(isFolded)), { class: "strip-fold" });
+    const readings = h("div.strip-readings");
+    for (const member of members) {
+      const { strip, row } = member;
+      row.append(button("", () => turn([member], isFolded(member)), { class: "strip-turn", "aria-label": `Show or fold the strip of ${strip.label}` }));
+      if (!strip.fold.isOpen) readings.append(row);
+    }
+    show();
+    return h("div.strip-group", heading, readings);
+
+    function isFolded({ row }) {
+      return row.parentNode === readings;
+    }
+
+    function turn(some, isOpen) {
+      for (const { row } of some) put(row, isOpen ? rows : readings);
+      show();
+      changed();
+    }
+
+    function show() {
+      const n = members.filter(isFolded).length;
+      heading.textContent = `${n > 0 ? "▸" : "▾"} ${name}`;
+      heading.title = n > 0 ? `Show the strips of this group: ${n}` : "Fold the strips of this group";
+      heading.setAttribute("aria-expanded", String(n === 0));
+    }
+  }
+
+  /** In the order of the strips. */
+  function put(row, parent) {
+    const later = elements.slice(elements.indexOf(row) + 1);
+    parent.insertBefore(row, later.find((other) => other.parentNode === parent) ?? null);
+  }
 }
 
 export function createSheet(canvas) {

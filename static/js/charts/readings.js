@@ -18,8 +18,8 @@
  */
 
 import { formatted, h, put } from "../lib/dom.js";
+import { isBeyond, limitText } from "../lib/limits.js";
 import { figure, formatTime, formatValue, reading, shownIn } from "../lib/numbers.js";
-import { isBeyond, limitText } from "./strips.js";
 
 export const NOTHING = { low: NaN, high: NaN };
 
@@ -74,6 +74,7 @@ function createReadout(element, strip, large) {
   const latch = h("div.readout-latch", { hidden: true });
   const detail = h("div.readout-detail");
   const symbol = h("span.readout-symbol", formatted(strip.symbol));
+  let said = "";
   element.classList.toggle("tile-readout", !large);
   element.append(
     h("div.readout-reading", symbol, large ? value : h("span.tile-values", value, second), unit, state),
@@ -99,7 +100,9 @@ function createReadout(element, strip, large) {
       if (now.values.length > 1) say(second, rangeText(strip, now.values[1]));
     }
     showAlarm(now, known);
-    put(detail, details(strip, now));
+    const text = details(strip, now);
+    if (text !== said) detail.replaceChildren(text && formatted(text));
+    said = text;
   }
 
   function showAlarm({ values, alert = false, exceeded = null }, known) {

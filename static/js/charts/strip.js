@@ -17,9 +17,10 @@
  *   withdrawn  whether the risk is red above the alert level, and grey where the series "withdrawn" has it
  */
 
+import { isBeyond } from "../lib/limits.js";
 import { leadSeconds } from "../lib/numbers.js";
 import { createStripFrame, SPARSE } from "./strip_frame.js";
-import { holdsOf, isBeyond } from "./strips.js";
+import { holdsOf } from "./strips.js";
 import { drawBeyond, drawEnvelope, drawForecast, drawTrace } from "./trace.js";
 
 /**

@@ -53,8 +53,9 @@ export function createStripChart(host, options) {
       resize(width, height, ratio);
       return width;
     });
-    plot = Math.max(16, Math.floor(widths[0]) - GUTTER);
-    measured = widths[0] > 0;
+    const wide = Math.max(...widths); // a folded strip has none
+    plot = Math.max(16, Math.floor(wide) - GUTTER);
+    measured = wide > 0;
     if (measured) setPalette(); // colours exist only on the page
   }
 
@@ -74,7 +75,7 @@ export function createStripChart(host, options) {
     const step = (view.end - view.start) / plot;
     const first = Math.round(view.end / step) - plot; // whole columns: the trace does not shimmer
     const picture = `${source.stamp()} ${time.revision} ${look}`;
-    const isRoomy = strips.some(({ axis }) => axis.roomy);
+    const isRoomy = strips.some(({ axis }, k) => axis.roomy && drawn[k].width > 0);
     if (picture !== last.picture || first !== last.first || isRoomy) draw(view, step, first);
     const news = `${source.news()} ${time.revision} ${look}`;
     if (news !== last.news || (source.follows && wall - last.read >= READ_EVERY)) {
@@ -102,7 +103,7 @@ export function createStripChart(host, options) {
       alertAbove: source.alertAbove,
       ...source.read(window),
     };
-    for (const part of parts) part.draw(frame);
+    for (const part of parts) if (part.width !== 0) part.draw(frame);
   }
 
   const controls = attachControls(host, layout, time, {
@@ -114,11 +115,13 @@ export function createStripChart(host, options) {
     follows: source.follows,
     steps,
   });
-  const resizing = new ResizeObserver(() => {
+  const remeasure = () => {
     measured = false;
     if (autostart) update();
-  });
+  };
+  const resizing = new ResizeObserver(remeasure);
   resizing.observe(host);
+  layout.onfold = remeasure;
   const unwatch = watchTheme(host, () => {
     setPalette();
     update(wall); // printing does not wait for a frame

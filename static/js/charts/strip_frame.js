@@ -18,7 +18,7 @@
  */
 
 import { figure } from "../lib/numbers.js";
-import { createSheet } from "./layout.js";
+import { createSheet, GUTTER } from "./layout.js";
 import { holdsOf } from "./strips.js";
 import { axisTicks } from "./value_axis.js";
 
@@ -177,22 +177,32 @@ export function createStripFrame(canvas, strip) {
       return;
     }
     const levels = [...(strip.limits ?? [])].reverse().filter(Number.isFinite);
-    for (const value of levels)
-      label(value, signed(value * axis.factor), own.palette.limit, "700");
+    for (const level of levels) {
+      const value = level * axis.factor;
+      label(level, fitting([4, 3, 2].map((digits) => signed(value, digits)), value, "700"), own.palette.limit, "700");
+    }
     const isZero = (value) => Math.abs(value) < axis.step / 2;
     const ticks = axisTicks(axis);
     if (ticks.some(isZero)) label(0, "0", own.palette.dim);
     for (const value of ticks
       .filter((value) => !isZero(value))
       .sort((a, b) => Math.abs(b) - Math.abs(a)))
-      label(value, round(value * axis.factor, axis.step * axis.factor), own.palette.dim);
+      label(value, fitting([round(value * axis.factor, axis.step * axis.factor)], value * axis.factor, ""), own.palette.dim);
+  }
+
+  /** The first text that fits the gutter: fewer digits, then thousands and millions. */
+  function fitting(texts, value, weight) {
+    pen.font = `${weight} 12px ${own.palette.font}`.trim();
+    const scaled = [[1e3, "k"], [1e6, "M"]].filter(([factor]) => Math.abs(value) >= factor);
+    const all = [...texts, ...scaled.map(([factor, prefix]) => signed(value / factor, 3) + prefix)];
+    return all.find((text) => pen.measureText(text).width <= GUTTER - 6) ?? all.at(-1);
   }
 
   return own;
 }
 
-function signed(value) {
-  return `${value < 0 ? "−" : "+"}${figure(Math.abs(value), 4)}`;
+function signed(value, digits) {
+  return `${value < 0 ? "−" : "+"}${figure(Math.abs(value), digits)}`;
 }
 
 function round(value, step) {

@@ -1,71 +1,99 @@
 /**
- * What a strip shows: a channel or the risk, its limits and its value axis.
+ * What a strip shows: a channel, the risk, or the margin to the nearest limit; its limits and its value axis.
  *
- * A channel is {key, symbol, unit, label, limits: [low, high] | null} and how people read it, see
- * ../lib/numbers.js; `limit` is short for limits of -limit and +limit. Either end may be infinite.
+ * Channels are as the server publishes them, see ../lib/limits.js and ../lib/numbers.js.
  *
  * stripOf(key, channels, {narrowAfter}) -> Strip     the channel, and
  *     limits [low, high] | null  in force now, or always;   risk, axis
  *     held [{from, to, limits}] | null  limits of samples with from < t <= to [s], where they changed
  *     forecast  key of the forecast's series, or null
  * holdsOf(strip) -> held, of one entry where the limits never changed
- * isBeyond(limits, low, high = low) -> [below, above]     the limit itself counts
- * widest([limits]) -> limits that hold all
+ * hasMargin(channels)     whether MARGIN says more than the limited channel does
+ * marginAt(strips, t, read) -> {low, high, nearest}     of samples at t [s] whose values lie in read(strip) -> {low, high};
+ *     nearest: the strip whose limit is nearest.   NaN where a limited channel has no value, or no limit is known
+ * limitedFirst(channels) -> {limited, others}     keys
+ * arranged(strips) -> strips from top to bottom, each with
+ *     isTall, fold: {group, isOpen} | null     among many channels those without a limit are folded by group
  */
 
-import { magnitude, magnitudeIn, shownIn } from "../lib/numbers.js";
+import { isLimited, limitsOf, marginOf } from "../lib/limits.js";
+import { shownIn } from "../lib/numbers.js";
 import { createRiskAxis, createValueAxis } from "./value_axis.js";
 
+export const MARGIN = "limit margin";
+const MOST_TALL = 4;
+const MOST_OPEN = 8; // strips of channels
 const RISK = { key: "risk", symbol: "risk", unit: "", label: "higher is worse" };
+const OF_LIMITS = { key: MARGIN, symbol: "margin", unit: "", label: "1 at the nearest limit", low: null, high: 1, ...shownAs("", 2) };
+const GROUPS = { control: "controls", output: "responses", condition: "flight condition" };
+
+function shownAs(unit, decimals) {
+  return { display_unit: unit, display_factor: 1, display_decimals: decimals };
+}
 
 export function stripOf(key, channels, { narrowAfter } = {}) {
-  const risk = key === "risk";
-  const channel = risk ? RISK : channels.find((candidate) => candidate.key === key);
+  const risk = key === RISK.key;
+  const channel = risk ? RISK : key === MARGIN ? OF_LIMITS : channels.find((candidate) => candidate.key === key);
   if (channel === undefined) throw new Error(`strip ${key} is not a channel of this flight`);
   const limits = limitsOf(channel);
   const { factor } = shownIn(channel);
-  const axis = risk ? createRiskAxis() : createValueAxis({ limits, factor, narrowAfter });
+  const axis = risk ? createRiskAxis() : createValueAxis({ limits, factor, narrowAfter, isAbsolute: channel.reference === "absolute" });
   return { ...channel, limits, held: null, forecast: null, risk, axis };
-}
-
-export function limitsOf({ limits, limit }) {
-  return limits ?? bothSides(limit ?? null);
-}
-
-export function limitsByKey(given, key) {
-  return bothSides(given?.[key] ?? null);
-}
-
-function bothSides(limit) {
-  return limit === null ? null : [-limit, limit];
 }
 
 export function holdsOf({ held, limits }) {
   return held ?? [{ from: -Infinity, to: Infinity, limits }];
 }
 
-export function isBeyond([least, greatest], low, high = low) {
-  return [low <= least, high >= greatest];
+export function hasMargin(channels) {
+  const limited = channels.map(limitsOf).filter((limits) => limits !== null);
+  return limited.length > 1 || limited.flat().some((end) => !Number.isFinite(end));
 }
 
-export function widest(all) {
-  const known = all.filter((limits) => limits !== null);
-  if (known.length === 0) return null;
-  return [Math.min(...known.map(([low]) => low)), Math.max(...known.map(([, high]) => high))];
-}
-
-export function limitText(strip, [low, high]) {
-  if (low === -high) return `±${magnitudeIn(strip, high)}`;
-  if (low === -Infinity) return `at most ${magnitudeIn(strip, high)}`;
-  if (high === Infinity) return `at least ${magnitudeIn(strip, low)}`;
-  return `${magnitude(strip, low)} to ${magnitudeIn(strip, high)}`;
+export function marginAt(strips, t, read) {
+  const margin = { low: NaN, high: NaN, nearest: null };
+  for (const strip of strips) {
+    const limits = holdsOf(strip).find(({ from, to }) => t > from && t <= to)?.limits ?? null;
+    if (strip.risk || strip.key === MARGIN || limits === null) continue;
+    const { low, high } = read(strip);
+    const [least, greatest] = marginOf(limits, strip.rest ?? 0, low, high);
+    if (!Number.isFinite(greatest)) return { low: NaN, high: NaN, nearest: null };
+    if (!(greatest <= margin.high)) Object.assign(margin, { high: greatest, nearest: strip });
+    if (!(least <= margin.low)) margin.low = least;
+  }
+  return margin;
 }
 
 export function limitedFirst(channels) {
-  const isLimited = (channel) => limitsOf(channel) !== null;
   const keysOf = (chosen) => chosen.map(({ key }) => key);
   return {
     limited: keysOf(channels.filter(isLimited)),
     others: keysOf(channels.filter((channel) => !isLimited(channel))),
   };
+}
+
+export function arranged(strips) {
+  const isSummary = ({ key, risk }) => risk || key === MARGIN;
+  const summaries = strips.filter(isSummary);
+  const channels = strips.filter((strip) => !isSummary(strip));
+  const tall = channels.filter(({ limits }) => limits !== null).slice(0, MOST_TALL);
+  const shaped = (strip, fold = null) => Object.assign(strip, { isTall: strip.risk || tall.includes(strip), fold });
+  if (channels.length <= MOST_OPEN) return strips.map((strip) => shaped(strip));
+  const first = channels.filter(({ limits }) => limits !== null).slice(0, MOST_OPEN);
+  const groups = grouped(channels.filter((strip) => !first.includes(strip)));
+  let open = first.length;
+  const folded = groups.flatMap(([group, members]) => {
+    const isOpen = open + members.length <= MOST_OPEN;
+    if (isOpen) open += members.length;
+    return members.map((strip) => shaped(strip, { group, isOpen }));
+  });
+  return [...first, ...summaries].map((strip) => shaped(strip)).concat(folded);
+}
+
+/** [[name, strips]], those with a control first. */
+function grouped(strips) {
+  const groups = Map.groupBy(strips, ({ group, role }) => group || (GROUPS[role] ?? "channels"));
+  const hasControl = ([, members]) => members.some(({ role }) => role === "control");
+  const all = [...groups];
+  return [...all.filter(hasControl), ...all.filter((entry) => !hasControl(entry))];
 }

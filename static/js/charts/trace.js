@@ -18,8 +18,8 @@
  *   series(key) -> Read: (i, out) -> bool, range(key, out) -> bool     least and greatest value into out; false for none
  */
 
+import { isBeyond } from "../lib/limits.js";
 import { SPARSE } from "./strip_frame.js";
-import { isBeyond } from "./strips.js";
 
 const HALF = 0.9; // px, half of a trace's thickness
 const DASH = 9; // px of a dash and its space

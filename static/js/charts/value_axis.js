@@ -4,8 +4,9 @@
  * It widens as soon as a value does not fit. It narrows only after the values have needed much less
  * for some seconds. Limits are always in view.
  *
- * createValueAxis({limits, factor, leastHeight, narrowAfter}) -> Axis     limits: [low, high] | null
+ * createValueAxis({limits, factor, leastHeight, narrowAfter, isAbsolute}) -> Axis     limits: [low, high] | null
  *     factor: multiplies the numbers shown.   narrowAfter: [ms] before a range that is too wide narrows
+ *     isAbsolute: zero need not be in the first range
  * createRiskAxis() -> the same for risk, 0..1, by its square root: small risks stay legible
  * roundStep(least) -> number, of 1, 2, 5, 10, ...;   roundTicks(low, high, step) -> [its multiples]
  *
@@ -15,14 +16,17 @@
  */
 
 const ROOMY = 0.45; // share of the range below which it is
+const LEAST_SHARE = 0.01; // of the values, as height
 
 export function createValueAxis({
   limits = null,
   factor = 1,
   leastHeight = 0.02,
   narrowAfter = 4000,
+  isAbsolute = false,
 }) {
   let roomySince = null;
+  let isUnset = isAbsolute && limits === null;
   const axis = {
     ...range(...(limits ?? [0, 0]).map((limit) => (Number.isFinite(limit) ? limit : 0))),
     factor,
@@ -40,11 +44,11 @@ export function createValueAxis({
   function range(low, high) {
     const [least, greatest] = (limits ?? [-Infinity, Infinity]).map((limit, side) => {
       if (!Number.isFinite(limit)) return side === 0 ? Infinity : -Infinity;
-      return limit + (side === 0 ? -0.15 : 0.15) * Math.abs(limit);
+      return limit + (side === 0 ? -1 : 1) * spareBeyond(limit);
     });
     [low, high] = [Math.min(low, least), Math.max(high, greatest)];
-    if (high - low < leastHeight)
-      [low, high] = [(low + high - leastHeight) / 2, (low + high + leastHeight) / 2];
+    const height = Math.max(leastHeight, LEAST_SHARE * Math.max(Math.abs(low), Math.abs(high)));
+    if (high - low < height) [low, high] = [(low + high - height) / 2, (low + high + height) / 2];
     const step = roundStep((factor * (high - low)) / 3) / factor;
     return {
       low: low === least ? low : Math.floor(low / step + 1e-6) * step,
@@ -53,9 +57,16 @@ export function createValueAxis({
     };
   }
 
+  function spareBeyond(limit) {
+    const width = limits[1] - limits[0];
+    return Number.isFinite(width) ? 0.075 * width : 0.15 * Math.abs(limit) || leastHeight;
+  }
+
   function fit(low, high, wall) {
     if (!(low <= high)) return;
     const margin = 0.05 * (high - low);
+    if (isUnset) Object.assign(axis, range(low - margin, high + margin));
+    isUnset = false;
     if (low < axis.low || high > axis.high) {
       Object.assign(axis, range(Math.min(low - margin, axis.low), Math.max(high + margin, axis.high)));
       roomySince = null;

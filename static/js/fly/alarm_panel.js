@@ -6,7 +6,8 @@
  * Its height is the same either way, so that the strips do not move when an alarm comes.
  *
  * createAlarmPanel(element, {tone, acknowledge(alarm) -> Promise of the acknowledged alarm}) -> AlarmPanel
- *   describe({epsilon, alertAbove, guarantee, lead, warnings, limits, channels})   of the flight; limits: in words
+ *   describe({epsilon, alertAbove, guarantee, lead, warnings, limits, channels})   of the flight; limits: the monitor's
+ *     own, in words; empty where none is known
  *   setState({state, reason, last})    of the newest assessment; last: cause of the newest sample
  *   onAlarm(alarm)       raised or acknowledged
  *   setStale(words)      why and by how much the newest sample is stale; empty where it is current
@@ -112,7 +113,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     if (kind in CAUTION_WORDS) return `${cautionText({ ...first, ...goesOn }, ` ${at}`)}${more}`;
     if (kind === "limit") return `LIMIT EXCEEDED ${at}: ${measured(exceedance)}${more}`;
     const lead = leadSeconds(flight.lead);
-    return `ALERT ${at}: risk${value} > ${figure(flight.alertAbove)}, warns ${lead} s before ${flight.limits}${more}`;
+    return `ALERT ${at}: risk${value} > ${figure(flight.alertAbove)}, warns ${lead} s before ${flight.limits || "a failure as labelled"}${more}`;
   }
 
   function measured({ channel, value, limit, judged }) {

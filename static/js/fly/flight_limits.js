@@ -12,9 +12,10 @@ import { labelled, numberInput, select } from "../forms/controls.js";
 import { may } from "../lib/api.js";
 import { loadCatalog } from "../lib/catalog.js";
 import { askToConfirm, formatted, h } from "../lib/dom.js";
-import { limitsOf } from "./panels.js";
+import { limitsInWords } from "../lib/limits.js";
 
 const CHANGE = "PUT /flights/{}/limits";
+const NONE = "No limit is known: the monitor learned from labelled flights. Its risk is shown; no exceedance can be.";
 
 export function createFlightLimits(element, { api, path }) {
   element.classList.add("flight-limits");
@@ -47,10 +48,11 @@ export function createFlightLimits(element, { api, path }) {
 
   function show(limits, channels) {
     const unknown = limits !== null && limits.limits === null;
-    element.hidden = limits === null && change.hidden;
+    const known = limitsInWords(channels);
+    element.hidden = limits === null && change.hidden && known !== "";
     element.toggleAttribute("data-unknown", unknown);
     if (limits === null) {
-      words.replaceChildren(formatted(`Limits: the monitor's own, ${limitsOf(channels)}`));
+      words.replaceChildren(formatted(known === "" ? NONE : `Limits: the monitor's own, ${known}`));
       return;
     }
     const version = `${limits.name} version ${limits.version}`;
@@ -58,7 +60,7 @@ export function createFlightLimits(element, { api, path }) {
     words.title = title;
     words.replaceChildren(
       h("strong", {}, unknown ? "◆ LIMITS UNKNOWN: " : "Limits in force: "),
-      formatted(unknown ? `${whyOf(limits)} · ${version}` : `${version}, ${limits.case}: ${limitsOf(channels)}`),
+      formatted(unknown ? `${whyOf(limits)} · ${version}` : `${version}, ${limits.case}: ${known}`),
       h("span", { class: "dim" }, ` · put in force by ${limits.by} at ${limits.t.toFixed(2)} s`),
     );
   }

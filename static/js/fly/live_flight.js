@@ -10,6 +10,7 @@ import { reason } from "../lib/api.js";
 import { askToConfirm, button, h, put, state as stateOf } from "../lib/dom.js";
 import { addDrawer } from "../lib/draw_loop.js";
 import { createEventList } from "../lib/event_list.js";
+import { exceededWords, withLimits } from "../lib/limits.js";
 import { sentence } from "../lib/monitors.js";
 import { createAlarmPanel } from "./alarm_panel.js";
 import { createAssessmentDisplay } from "./assessment/assessment_display.js";
@@ -19,14 +20,7 @@ import { createFlightLimits, limitsNote } from "./flight_limits.js";
 import { createFlightMarkers, markerNote } from "./flight_markers.js";
 import { isStale, LEVEL_OF, staleText, textOf } from "./headline.js";
 import { createLivePanel } from "./live_panel.js";
-import {
-  acknowledgementOf,
-  alertText,
-  createFlightPanels,
-  limitsOf,
-  recordedFlag,
-  sourceText,
-} from "./panels.js";
+import { acknowledgementOf, alertText, createFlightPanels, recordedFlag, sourceText } from "./panels.js";
 import { createReplayNotes } from "./playback/replay_notes.js";
 import { createTransportBar } from "./playback/transport_bar.js";
 import { createSceneFrame } from "./scene_frame.js";
@@ -115,7 +109,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
       }
     }
     if (hello.head < display.seq) forgetFrom(hello.head);
-    alarm.describe({ epsilon, alertAbove: alertAbove(), guarantee: hello.guarantee, lead, warnings, limits: limitsOf(warnedOf()), channels });
+    alarm.describe({ epsilon, alertAbove: alertAbove(), guarantee: hello.guarantee, lead, warnings, limits: exceededWords(withLimits(channels, hello.monitors[0].limits)), channels });
     showLimits(hello.limits);
     onTransport(hello.transport);
     if (hello.live) onLive(hello.live);
@@ -183,12 +177,6 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     }
     transport.arrived();
     onFrames([], newest);
-  }
-
-  /** The channels with the monitor's own limits, which alerts refer to. */
-  function warnedOf() {
-    const { limits } = hello.monitors[0];
-    return hello.channels.map((channel) => ({ ...channel, limit: limits?.[channel.key] ?? null }));
   }
 
   function alertAbove() {

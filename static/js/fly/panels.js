@@ -3,7 +3,6 @@
  *
  * createFlightPanels(element) -> {name: element}     refused: of a marker that was not set
  * windowOf({duration, lead}) -> s     width of the strips; a short flight fills them
- * limitsOf(channels)                  "|N_y| 0.5 g", of the limited channels
  * cautionText({kind, reason}, at)     "NOT APPLICABLE at 3.4 s: ..."; at: time in words
  * waitingOf(alarms) -> {warnings, cautions}    the unacknowledged ones
  * acknowledgementOf(alarm, isLive) -> event    isLive: flight time runs with the time of day
@@ -11,7 +10,7 @@
  */
 
 import { h } from "../lib/dom.js";
-import { magnitudeIn, quantity, riskText } from "../lib/numbers.js";
+import { quantity, riskText } from "../lib/numbers.js";
 import { withdrawnWord } from "../lib/states.js";
 import { AS_RECORDED } from "../recordings/words.js";
 
@@ -58,11 +57,6 @@ export function createFlightPanels(element) {
 export function windowOf({ duration, lead }) {
   if (duration === null) return WIDEST;
   return Math.min(WIDEST, Math.max(NARROWEST, duration + lead));
-}
-
-export function limitsOf(channels) {
-  const limited = channels.filter(({ limit }) => limit !== null);
-  return limited.map((channel) => `|${channel.symbol}| ${magnitudeIn(channel, channel.limit)}`).join(" or ");
 }
 
 export function alertText(alarm, alertAbove, channels) {

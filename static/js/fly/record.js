@@ -8,8 +8,10 @@
 
 import { createFlightChart } from "../charts/live/flight_chart.js";
 import { ApiError, needs, reason } from "../lib/api.js";
+import { channelsOf, ownLimits } from "../lib/catalog.js";
 import { askToConfirm, button, createKeepButton, deleteButton, errorLine, formatted, h, put, state } from "../lib/dom.js";
 import { createEventList } from "../lib/event_list.js";
+import { withLimits } from "../lib/limits.js";
 import { startFlight, warningLines } from "../lib/monitors.js";
 import { magnitudeIn, quantity, secondsText } from "../lib/numbers.js";
 import { summaryLines } from "./assessment/risk_ahead.js";
@@ -132,10 +134,10 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     const { passes, longest } = longestPass(frames);
     const held = heldDuring(flight.limits_held ?? [], longest);
     const newest = held.findLast(({ limits }) => limits !== null)?.limits ?? {};
-    const limits = put.length > 0 || held.length > 0 ? newest : (monitor.dataset_recipe.limits ?? {});
+    const limits = put.length > 0 || held.length > 0 ? newest : ownLimits(monitor);
     panels.notice.append(...putLines(put));
-    panels.notice.append(...exceedanceLines(flight.exceedances, catalog.channels));
-    const channels = catalog.channels.map((channel) => ({ ...channel, limit: limits[channel.key] ?? null }));
+    const channels = withLimits(channelsOf(catalog, monitor), limits);
+    panels.notice.append(...exceedanceLines(flight.exceedances, channels));
     if (longest.length === 0) {
       panels.strips.replaceChildren(state("empty", "Nothing was recorded", "The flight ended before its first sample."));
       return;

@@ -97,7 +97,8 @@ function channelTable(channels, { names, needed }, { recording }) {
 
 function ownRows(channels, needed) {
   const rows = channels.map(({ key, symbol, label, unit }) => [key, formatted(`${symbol}, ${label}`), unit, needed.includes(key) ? "✓ needed" : "optional"]);
-  return [...rows, [ATTITUDE.join(", "), "attitude, for the scene", "rad", "optional"]];
+  const others = ATTITUDE.filter((angle) => !channels.some(({ key }) => key === angle));
+  return others.length === 0 ? rows : [...rows, [others.join(", "), "attitude, for the scene", "rad", "optional"]];
 }
 
 function copied(name, text) {

@@ -1,5 +1,6 @@
 /** The server's catalog, fetched once a page, and the names in it. */
 
+import { isLimited, limitsOf, limitText, withLimits } from "./limits.js";
 import { magnitudeIn, shownIn } from "./numbers.js";
 
 let catalog = null;
@@ -32,11 +33,21 @@ export function kindName(catalog, family, part) {
   return catalog.families[family].entries[part?.kind]?.label ?? part?.kind ?? "not recorded";
 }
 
-export function limitWords(catalog, limits) {
-  const limited = catalog.channels.filter(({ key }) => limits?.[key] != null);
-  const words = limited.map(
-    (channel) => `|${channel.symbol}| < ${magnitudeIn(channel, limits[channel.key])}`,
-  );
+/** The channels of a monitor or a dataset. */
+export function channelsOf(catalog, { dictionary }) {
+  return dictionary?.channels ?? catalog.channels;
+}
+
+/** By channel; of a monitor or a dataset that was not simulated, too. */
+export function ownLimits({ limits, dataset_recipe: recipe }) {
+  return limits !== null && typeof limits === "object" ? limits : (recipe?.limits ?? null);
+}
+
+export function limitWords({ channels }, limits) {
+  const words = withLimits(channels, limits).filter(isLimited).map((channel) => {
+    const [low, high] = limitsOf(channel);
+    return low === -high ? `|${channel.symbol}| < ${magnitudeIn(channel, high)}` : `${channel.symbol} ${limitText(channel, [low, high])}`;
+  });
   return words.join(", ") || "not recorded";
 }
 

@@ -3,7 +3,7 @@
 import { rolloutFigure, sampleRollouts } from "../datasets/figures.js";
 import { isSimulated } from "../forms/planned_test.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
-import { aircraftName, kindName, limitWords, loadCatalog, methodWords } from "../lib/catalog.js";
+import { aircraftName, channelsOf, kindName, limitWords, loadCatalog, methodWords, ownLimits } from "../lib/catalog.js";
 import {
   button,
   deleteButton,
@@ -47,7 +47,7 @@ export function showMonitor(element, { id, api, navigate }) {
     const { predictor } = monitor.recipe;
     const figures = [
       rollouts
-        ? rolloutFigure({ catalog, limits: monitor.dataset_recipe.limits, rollouts, ...dataset })
+        ? rolloutFigure({ catalog: { ...catalog, channels: channelsOf(catalog, monitor) }, limits: ownLimits(monitor), rollouts, ...dataset })
         : empty("No rollouts", "The training dataset is not stored on this server. The monitor works without it."),
       curves ??
         empty(
@@ -95,13 +95,14 @@ function evaluationOf(api, id) {
 }
 
 function facts({ monitor, calibration, dataset, evaluation, catalog }) {
-  const { aircraft, maneuver, limits } = monitor.dataset_recipe;
+  const { aircraft, maneuver } = monitor.dataset_recipe;
+  const limits = limitWords({ channels: channelsOf(catalog, monitor) }, ownLimits(monitor));
   const nGroups = calibration.groups.length;
   const entries = [
     ["Aircraft", aircraftName(catalog, aircraft)],
     ...(aircraft?.sources ? [["Identified from", aircraft.sources.join(", ")]] : []),
     ["Manoeuvre", kindName(catalog, "maneuver", maneuver)],
-    ["Limits", formatted(limitWords(catalog, limits))],
+    ["Limits", typeof monitor.limits === "string" ? `none: failures are known by label only (${monitor.limits})` : formatted(limits)],
     ["Warning lead time", `${figure(monitor.lead)} s`],
     ["Calibrated on", `${monitor.n_unsafe} failures${nGroups ? ` of each of ${nGroups} groups` : ""}`],
     ["Smallest epsilon", figure(monitor.smallest_epsilon)],

@@ -50,7 +50,7 @@ function createStory({ hello, messages }, { again, api }) {
   const alarms = messages.map(({ message }) => message.alarm).filter(Boolean);
   const [alert, exceeded] = ["risk", "limit"].map((wanted) => alarms.find(({ kind }) => kind === wanted));
   const channel = hello.channels.find(({ key }) => key === exceeded.exceedance.channel);
-  const limit = magnitudeIn(channel, channel.limit);
+  const limit = magnitudeIn(channel, exceeded.exceedance.limit);
   const steps = [
     [0, "Simulated F-16 in a rudder doublet"],
     [alert.t, `Alert: ${channel.symbol} is about to exceed ${limit}`],

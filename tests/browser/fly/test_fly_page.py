@@ -16,6 +16,7 @@ from app.flights.watcher import RecentFrames
 from core.monitor import MonitorRecipe, train
 from core.planned_test.collection import DatasetRecipe, collect
 from tests.browser.chromium import wait_until
+from tests.browser.conftest import RELAYED_LATE
 from tests.browser.recordings.scored_chart import pixels
 from tests.browser.site import Site, open_site
 
@@ -79,8 +80,9 @@ def fly(page: Page, site: Site) -> "Iterator[Fly]":
 
 
 @pytest.fixture
-def own_fly(own_page: Page, site: Site) -> "Iterator[Fly]":
+def own_fly(own_page: Page, site: Site, allowed_errors: list[str]) -> "Iterator[Fly]":
     """A page of its own, for a test that reroutes its WebSockets."""
+    allowed_errors.append(RELAYED_LATE)
     fly = Fly(own_page, site)
     yield fly
     fly.end()

@@ -16,6 +16,7 @@ from app.store.tables import flights
 from app.telemetry import journal
 from core.channels import KEYS
 from tests.browser.chromium import wait_until
+from tests.browser.conftest import RELAYED_LATE
 from tests.browser.fly.test_fly_page import EPSILON, SCROLL_SIZE, Fly, site, stored
 from tests.browser.site import Site
 
@@ -55,7 +56,8 @@ def live(page: Page, site: Site) -> Iterator[Live]:
 
 
 @pytest.fixture
-def own_live(own_page: Page, site: Site) -> Iterator[Live]:
+def own_live(own_page: Page, site: Site, allowed_errors: list[str]) -> Iterator[Live]:
+    allowed_errors.append(RELAYED_LATE)
     live = Live(own_page, site)
     yield live
     live.end()

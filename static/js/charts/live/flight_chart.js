@@ -8,8 +8,8 @@
  *     channels     [Channel], see ../strips.js, in the order of a frame's `y`
  *     alertAbove, lead [s], dt [s]       as the flight's hello says
  *     seconds 60   default width of the live window   history 180000   samples kept
- *     order        keys from top to bottom, "risk" among them; default: limited channels, others, risk
- *     forecasts    keys whose forecast is drawn; default: the limited channels
+ *     order        keys from top to bottom, "risk" among them; default: limited channels, others, margin, risk
+ *     forecasts    keys whose forecast is drawn; default: the limited channels, and the margin
  *     timeline     one to share with other charts
  *     autostart true                  false: nothing is drawn until update() is called
  *
@@ -33,11 +33,12 @@
  * isCurrent(ahead, t)    whether it was made by the sample at t [s] or shortly before
  */
 
+import { limitsByKey, limitsOf, widest } from "../../lib/limits.js";
 import { leadSeconds, quantity, reading } from "../../lib/numbers.js";
 import { STATE_WORDS, stripState, WITHDRAWN } from "../../lib/states.js";
 import { layOut } from "../layout.js";
 import { createStripChart } from "../strip_chart.js";
-import { limitedFirst, limitsByKey, limitsOf, stripOf, widest } from "../strips.js";
+import { arranged, hasMargin, limitedFirst, MARGIN, marginAt, stripOf } from "../strips.js";
 import { bandsOf, createCells } from "./cells.js";
 import { createIntake } from "./intake.js";
 import { createRingBuffer } from "./ring_buffer.js";
@@ -67,11 +68,11 @@ export function createFlightChart(host, options) {
   const timeline = options.timeline ?? createTimeline({ seconds, lead, dt });
   const strips = arrange(options);
   const forecasts = strips.map(({ forecast }) => forecast).filter((key) => key !== null);
-  const keys = [...channels.map(({ key }) => key), "risk", ...forecasts];
+  const keys = [...channels.map(({ key }) => key), "risk", MARGIN, ...forecasts];
   const seriesOf = new Map(keys.map((key, series) => [key, series]));
   const ring = createRingBuffer({ series: keys.length, capacity: history });
   const intake = createIntake({ ring, channels, strips, dt });
-  const source = createSource({ ring, seriesOf, intake, timeline, alertAbove, lead, dt });
+  const source = createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, lead, dt });
   const layout = layOut(host, strips, "Strip charts");
   const chart = createStripChart(host, { strips, source, layout, autostart: options.autostart });
   const { redraw } = chart;
@@ -85,9 +86,10 @@ export function createFlightChart(host, options) {
   }
 
   function setLimits(given, held = []) {
-    for (const strip of strips.filter(({ risk }) => !risk)) {
+    for (const strip of strips.filter(({ risk, key }) => !risk && key !== MARGIN)) {
       const channel = given.find(({ key }) => key === strip.key);
       strip.limits = channel === undefined ? null : limitsOf(channel);
+      strip.rest = channel?.rest;
       const each = held.slice(-CHANGES).map(({ t, limits }) => ({ from: t ?? -Infinity, limits: limitsByKey(limits, strip.key) }));
       const changes = each.filter(({ limits }, k) => k === 0 || !isSame(limits, each[k - 1].limits));
       strip.held = changes.length === 0 ? null : until(changes);
@@ -148,11 +150,13 @@ export function createFlightChart(host, options) {
 
 function arrange({ channels, order, forecasts }) {
   const { limited, others } = limitedFirst(channels);
-  const wanted = forecasts ?? limited;
-  return (order ?? [...limited, ...others, "risk"]).map((key) => {
+  const margin = hasMargin(channels) ? [MARGIN] : [];
+  const wanted = forecasts ?? [...limited, ...margin];
+  const strips = (order ?? [...limited, ...others, ...margin, "risk"]).map((key) => {
     const strip = stripOf(key, channels);
     return wanted.includes(key) && !strip.risk ? { ...strip, forecast: `${key} forecast` } : strip;
   });
+  return arranged(strips);
 }
 
 function isSame(limits, others) {
@@ -165,7 +169,7 @@ function until(changes) {
 }
 
 /** The ring buffer as a source of strip_chart.js. */
-function createSource({ ring, seriesOf, intake, timeline, alertAbove, lead, dt }) {
+function createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, lead, dt }) {
   const cells = createCells(ring, seriesOf);
   const flags = [];
   let wall = performance.now();
@@ -263,7 +267,7 @@ function createSource({ ring, seriesOf, intake, timeline, alertAbove, lead, dt }
       before: old ? `last value, ${age.toFixed(1)} s old` : "",
       otherwise: Number.isFinite(cursor)
         ? `cursor ${reading(strip, valuesAt(strip, cursor)[0].low)}`
-        : forecastText(strip, now, last),
+        : [nearestText(strip, last), forecastText(strip, now, last)].filter(Boolean).join("  "),
     };
   }
 
@@ -281,6 +285,13 @@ function createSource({ ring, seriesOf, intake, timeline, alertAbove, lead, dt }
     const value = ring.value(seriesOf.get(strip.forecast), last);
     if (!Number.isFinite(value)) return "";
     return `in ${leadSeconds(lead, 2)} s ${reading(strip, value)}`;
+  }
+
+  /** Whose limit is the nearest. */
+  function nearestText({ key }, last) {
+    if (key !== MARGIN || last < 0) return "";
+    const { nearest } = marginAt(strips, ring.time(last), (strip) => single(ring.value(seriesOf.get(strip.key), last)));
+    return nearest === null ? "" : `of ${nearest.symbol}`;
   }
 
   /** The newest sample that has a value, -1 where none is near. */

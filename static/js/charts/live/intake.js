@@ -1,12 +1,13 @@
 /**
  * Puts a flight's frames into the ring buffer: their flags, and the newest state.
  *
- * createIntake({ring, channels, strips, dt}) -> Intake     strips: series in the order channels, risk, forecasts
+ * createIntake({ring, channels, strips, dt}) -> Intake     series: channels, risk, margin, forecasts of the strips
  *   push(frames) -> how many were stored;   insert(frames, complete)    earlier ones; complete: the sample after them follows
  *   status -> {state, alert}          of the newest frame, or as set by setStatus
  */
 
 import { stripState } from "../../lib/states.js";
+import { MARGIN, marginAt } from "../strips.js";
 import { BROKEN, FLAG } from "./ring_buffer.js";
 
 const NO_DATA = { state: "none", alert: false };
@@ -14,7 +15,9 @@ const NO_DATA = { state: "none", alert: false };
 export function createIntake({ ring, channels, strips, dt }) {
   const placeOf = new Map(channels.map(({ key }, k) => [key, k]));
   const forecasting = strips.filter(({ risk, forecast }) => !risk && forecast !== null);
-  const row = new Float64Array(channels.length + 1 + forecasting.length);
+  const isMargined = strips.some(({ key }) => key === MARGIN);
+  const first = channels.length + 2; // series of forecasts
+  const row = new Float64Array(first + forecasting.length);
   let status = NO_DATA;
   let seq = null;
 
@@ -28,10 +31,17 @@ export function createIntake({ ring, channels, strips, dt }) {
   function rowOf(frame) {
     for (let k = 0; k < channels.length; k++) row[k] = number(frame.y[k]);
     row[channels.length] = frame.state === "ok" ? number(frame.p_value) : NaN;
+    row[channels.length + 1] = isMargined ? marginOf(frame.y, frame.t) : NaN;
     forecasting.forEach(({ key }, k) => {
-      row[channels.length + 1 + k] = number(frame.y_hat?.[placeOf.get(key)] ?? frame.y_hat?.[key]);
+      row[first + k] = key === MARGIN ? marginOf(frame.y_hat, frame.t) : forecastOf(frame, key);
     });
     return row;
+  }
+
+  const forecastOf = ({ y_hat: ahead }, key) => number(ahead?.[placeOf.get(key)] ?? ahead?.[key]);
+
+  function marginOf(values, t) {
+    return marginAt(strips, t, ({ key }) => single(number(values?.[placeOf.get(key)]))).high;
   }
 
   function store(frame) {
@@ -85,6 +95,10 @@ export function createIntake({ ring, channels, strips, dt }) {
       seq = null;
     },
   };
+}
+
+function single(value) {
+  return { low: value, high: value };
 }
 
 function number(value) {

@@ -5,7 +5,8 @@
  * the word INVALID; a second recording laid over the first is dashed, in another colour.
  *
  * createRecordingChart(host, options) -> RecordingChart
- *     channels    [Channel], see ../strips.js      order    keys from top to bottom
+ *     channels    [Channel], see ../strips.js
+ *     order       keys from top to bottom; default: limited channels, margin, risk, others
  *     sources     one or two: [{load(start, end, bins) -> Promise<tiles>, start, end, dt, offset, manoeuvres}]
  *                 start, end: in the chart's time, which is the recording's own less `offset` [s];
  *                 manoeuvres: [{start, end, withdrawn}] of its manoeuvres in the chart's time, or null
@@ -26,11 +27,12 @@
 
 import { reason } from "../../lib/api.js";
 import { button, h } from "../../lib/dom.js";
+import { limitsByKey, widest } from "../../lib/limits.js";
 import { durationText, formatTime, formatValue, shownIn } from "../../lib/numbers.js";
 import { layOut } from "../layout.js";
 import { NOTHING, rangeText } from "../readings.js";
 import { createStripChart } from "../strip_chart.js";
-import { limitsByKey, stripOf, widest } from "../strips.js";
+import { arranged, hasMargin, limitedFirst, MARGIN, marginAt, stripOf } from "../strips.js";
 import { createTimeWindow } from "../time_window.js";
 import { bandsOf, between, cellsOf } from "./cells.js";
 import { createOverviewBar } from "./overview_bar.js";
@@ -64,14 +66,15 @@ export function createRecordingChart(host, options) {
   const end = Math.max(...sources.map((source) => source.end));
   const dt = Math.min(...sources.map((source) => source.dt));
   const timeWindow = windowOf(options.key, start, end, dt);
-  const strips = options.order.map((key) =>
-    withHeld(stripOf(key, options.channels, { narrowAfter: NARROW_AFTER }), options.held),
+  const order = options.order ?? usualOrder(options.channels);
+  const strips = arranged(
+    order.map((key) => withHeld(stripOf(key, options.channels, { narrowAfter: NARROW_AFTER }), options.held)),
   );
   const layout = layOut(host, strips, label);
   const { lane: laneHost, overview, fail } = layOutMore(host, layout);
   const lane = createEventLane(laneHost, { chosen: (item) => options.chosen?.(item) });
-  const source = createSource(sources, { ...options, timeWindow, dt, end, fail });
-  const key = options.order.includes("risk") ? "risk" : strips[0].key;
+  const source = createSource(sources, { ...options, strips, timeWindow, dt, end, fail });
+  const key = order.includes("risk") ? "risk" : strips[0].key;
   const bar = createOverviewBar(overview, stripOf(key, options.channels, { narrowAfter: NARROW_AFTER }), {
     timeWindow,
     start,
@@ -128,9 +131,14 @@ export function createRecordingChart(host, options) {
   };
 }
 
+function usualOrder(channels) {
+  const { limited, others } = limitedFirst(channels);
+  return [...limited, ...(hasMargin(channels) ? [MARGIN] : []), "risk", ...others];
+}
+
 /** A strip with its limits by time, where these were not always the channel's own. */
 function withHeld(strip, given) {
-  if (strip.risk || !given) return strip;
+  if (strip.risk || strip.key === MARGIN || !given) return strip;
   const held = given.map(({ start, end, limits }) => ({
     from: start - 1e-9, // a sample at the start is judged by them, one at the end is not
     to: end - 1e-9,
@@ -165,8 +173,10 @@ function layOutMore(host, { rows, axis, bar }) {
 }
 
 /** Tiles as a source of strip_chart.js. */
-function createSource(sources, { timeWindow, dt, end, alertAbove = NaN, flags = [], fail }) {
-  const caches = sources.map((source) => createTileCache({ ...source, arrived: changed, failed }));
+function createSource(sources, { strips, timeWindow, dt, end, alertAbove = NaN, flags = [], fail }) {
+  const isMargined = strips.some(({ key }) => key === MARGIN);
+  const derive = isMargined ? (answer, offset) => withMargin(answer, strips, offset) : undefined;
+  const caches = sources.map((source) => createTileCache({ ...source, derive, arrived: changed, failed }));
   const all = sources.some(({ manoeuvres }) => !manoeuvres)
     ? null
     : sources.flatMap(({ manoeuvres }) => manoeuvres);
@@ -261,6 +271,15 @@ function createSource(sources, { timeWindow, dt, end, alertAbove = NaN, flags = 
     entire: () => caches[0].entire(),
     close: () => caches.forEach((cache) => cache.close()),
   };
+}
+
+/** Tiles with the margin as one more channel; its least value in a bin may be a little too low. */
+function withMargin(answer, strips, offset) {
+  const margins = answer.t.map((t, k) =>
+    marginAt(strips, t - offset, ({ key }) => ({ low: answer.channels[key]?.low[k] ?? NaN, high: answer.channels[key]?.high[k] ?? NaN })),
+  );
+  const [low, high] = ["low", "high"].map((end) => margins.map((margin) => margin[end]));
+  return { ...answer, channels: { ...answer.channels, [MARGIN]: { low, high } } };
 }
 
 /** Above the strips: manoeuvres with their outcome, markers and notes. chosen(item): one was pressed. */

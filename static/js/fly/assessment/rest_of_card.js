@@ -9,6 +9,7 @@
  */
 
 import { formatted, h } from "../../lib/dom.js";
+import { isBeyond, limitsOf } from "../../lib/limits.js";
 import { magnitudeIn, percent } from "../../lib/numbers.js";
 
 const WORST = ["predicted", "possible", "none"];
@@ -58,12 +59,24 @@ export function createRestOfCard(element, noRest) {
 
 /** The channel that is most likely to exceed its limit; the earliest of equals. */
 function worstOf({ ahead, channels }) {
-  const each = Object.entries(ahead.channels).map(([key, { predicted, possible }]) => {
+  const each = Object.entries(ahead.channels).map(([key, band]) => {
+    const { predicted, possible } = band;
     const channel = channels.find((one) => one.key === key);
     const level = predicted !== null ? "predicted" : possible !== null ? "possible" : "none";
-    return { channel, level, at: predicted ?? possible ?? Infinity };
+    const at = predicted ?? possible ?? Infinity;
+    return { channel, level, at, limit: limitAt(channel, ahead.t, band, at) };
   });
   return each.sort((a, b) => WORST.indexOf(a.level) - WORST.indexOf(b.level) || a.at - b.at)[0];
+}
+
+/** The limit that the band exceeds at this time or, being thinned, nearest to it. */
+function limitAt(channel, t, { low, high }, at) {
+  const limits = limitsOf(channel);
+  const ends = (limits ?? []).map((limit, side) => {
+    const times = t.filter((_, k) => isBeyond(limits, low[k], high[k])[side]);
+    return { limit, side, apart: Math.min(...times.map((time) => Math.abs(time - at))) };
+  });
+  return ends.sort((a, b) => a.apart - b.apart)[0];
 }
 
 function levelOf({ mean, high }) {
@@ -76,11 +89,18 @@ function peakWords(peak) {
   return { predicted: "▲ exceedance predicted, ", possible: "◇ may exceed, ", none: "" }[levelOf(peak)] + words;
 }
 
-function wordsOf({ channel, level, at }, t) {
+function wordsOf({ channel, level, at, limit }, t) {
   if (level === "none") return "no exceedance predicted in the rest of the card";
-  const limit = magnitudeIn(channel, channel.limit);
+  const exceeds = exceedWords(channel, limit);
   const within = `${Math.max(0, at - t).toFixed(1)} s`;
   return level === "predicted"
-    ? `▲ ${channel.symbol} predicted to exceed ${limit} in ${within}`
-    : `◇ ${channel.symbol} may exceed ${limit} in ${within}: the 90 % band reaches it`;
+    ? `▲ ${channel.symbol} predicted to ${exceeds} in ${within}`
+    : `◇ ${channel.symbol} may ${exceeds} in ${within}: the 90 % band reaches it`;
+}
+
+/** "exceed 0.5 g", "fall below −1.4 g". */
+function exceedWords(channel, { limit, side }) {
+  const [least, greatest] = limitsOf(channel);
+  if (least === -greatest) return `exceed ${magnitudeIn(channel, greatest)}`;
+  return `${side === 0 ? "fall below" : "exceed"} ${magnitudeIn(channel, limit)}`;
 }

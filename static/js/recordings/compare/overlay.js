@@ -3,9 +3,10 @@
 import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
 import { select } from "../../forms/controls.js";
 import { h, panel } from "../../lib/dom.js";
+import { limitsOf } from "../../lib/limits.js";
 import { figure, followUnits, secondsText } from "../../lib/numbers.js";
 import { laneOf, manoeuvresOf } from "../scoring/events.js";
-import { scoringSource, stripOrder } from "../scoring/source.js";
+import { scoringSource } from "../scoring/source.js";
 
 const OWN = "own"; // aligned by the times of the recordings
 const NAMES = ["first", "second"];
@@ -58,7 +59,6 @@ export function createOverlay({ api, compared }) {
     const [{ scoring: below }] = shown;
     chart = createRecordingChart(host, {
       channels: below.channels,
-      order: stripOrder(below.channels),
       alertAbove: below.alert_above,
       sources: shown.map(({ scoring, offset }) => ({
         ...scoringSource(api, scoring, offset),
@@ -87,8 +87,7 @@ export function createOverlay({ api, compared }) {
 }
 
 function limitsDiffer(scorings) {
-  const limitsOf = ({ channels, alert_above: above }) => JSON.stringify([channels.map(({ limit }) => limit), above]);
-  const limits = scorings.map(limitsOf);
-  const words = "The strips show limits, ε, alerts and manoeuvres of the first scoring.";
-  return h("span", new Set(limits).size > 1 ? words : "");
+  const shownOf = ({ channels, alert_above: above }) => JSON.stringify([channels.map((channel) => [channel.key, limitsOf(channel)]), above]);
+  const words = "The strips show channels, limits, ε, alerts and manoeuvres of the first scoring.";
+  return h("span", new Set(scorings.map(shownOf)).size > 1 ? words : "");
 }

@@ -10,6 +10,7 @@ import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
 import { radioGroup, textInput } from "../../forms/controls.js";
 import { reason } from "../../lib/api.js";
 import { button, errorLine, h, hiddenHead, table } from "../../lib/dom.js";
+import { withLimits } from "../../lib/limits.js";
 import { decimal, followUnits } from "../../lib/numbers.js";
 
 const WAYS = [
@@ -17,7 +18,6 @@ const WAYS = [
   ["entire", "The entire recording as one"],
   ["marked", "Marked by hand"],
 ];
-const SURFACES = ["delta_r", "delta_a"]; // drawn first: they show where a manoeuvre begins
 
 export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
   let way = "detected";
@@ -29,6 +29,7 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
   const place = h("div.picker-chart");
   const hint = h("p.hint", { role: "status" });
   const marked = createManoeuvreTable({ changed: () => showManoeuvres() });
+  const controls = catalog.channels.filter(isControl).map(({ label }) => label).join(" and ");
   const isMarking = () => mark.getAttribute("aria-pressed") === "true";
   const mark = button("Mark by dragging", () => press(!isMarking()), { "aria-pressed": "false" });
   const add = button("Add the manoeuvre from A to B", addMarked);
@@ -64,10 +65,10 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
   }
 
   function createChart(known) {
-    const { start, end, step: dt, channels } = tiles;
+    const { start, end, step: dt } = tiles;
     return createRecordingChart(place, {
-      channels: known.map((channel) => ({ ...channel, limit: null })),
-      order: [...new Set([...SURFACES.filter((key) => key in channels), ...known.map(({ key }) => key)])],
+      channels: withLimits(known, null), // controls come first: they show where a manoeuvre begins
+      order: [...known.filter(isControl).reverse(), ...known.filter((channel) => !isControl(channel))].map(({ key }) => key),
       sources: [{ load: async () => tiles, start, end, dt, manoeuvres: null }],
       label: "Recording with its manoeuvres",
       key: `${recording.id} ${start} ${end}`,
@@ -123,13 +124,15 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
     if (way === "entire") return "One manoeuvre from the first sample to the last.";
     if (way === "marked")
       return "Drag over a manoeuvre in the chart, or set A and B, then add it. Begin in trim, a little before the first input.";
-    if (monitor() === null) return "Choose a monitor: its manoeuvre is detected from aileron and rudder.";
+    if (monitor() === null) return `Choose a monitor: its manoeuvre is detected from ${controls}.`;
     if (refusal) return refusal;
     if (!shown.length)
       return "No manoeuvre like the monitor's was detected. Mark one by hand, or score the entire recording.";
-    return `${shown.length} detected from aileron and rudder; each begins a little before its first input.`;
+    return `${shown.length} detected from ${controls}; each begins a little before its first input.`;
   }
 }
+
+const isControl = ({ role }) => role === "control";
 
 function laneItem({ start, end, name }, k) {
   const text = name || `manoeuvre ${k + 1}`;

@@ -26,7 +26,7 @@ import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
 import { createTrainingOffer } from "../training_offer.js";
 import { alertRule, outcomeChip, outsideChip, trimText } from "../words.js";
 import { eventsOf, flagsOf, laneOf, limitsInForceOf, manoeuvresOf } from "./events.js";
-import { scoringSource, stripOrder, TRIM_SEGMENT } from "./source.js";
+import { scoringSource, TRIM_SEGMENT } from "./source.js";
 import { createVerdictTable } from "./verdict_table.js";
 
 const WIDE = 4; // windows longer than this many manoeuvres are too wide to show its events
@@ -55,7 +55,6 @@ export function showScoring(element, { id, query, api, navigate }) {
     const verdicts = createVerdictTable(scoring, { show: visitManoeuvre });
     const chart = createRecordingChart(host, {
       channels: scoring.channels,
-      order: stripOrder(scoring.channels),
       sources: [{ ...scoringSource(api, scoring), manoeuvres: manoeuvresOf(scoring) }],
       alertAbove: scoring.alert_above,
       held: limitsInForceOf(scoring),

@@ -5,8 +5,6 @@
  *     outside_exceedances: [exceedance], ...}     exceedance: {t, channel, value} | null;   lead [s] | null
  */
 
-import { limitedFirst } from "../../charts/strips.js";
-
 export const TRIM_SEGMENT = "trim_segment";
 const MOST_BINS = 4000;
 
@@ -23,9 +21,4 @@ export function scoringSource(api, { recording, id, start, end, dt }, offset = 0
     offset,
     load: (from, to, bins) => api.get(`${path}?start=${from}&end=${to}&bins=${Math.min(bins, MOST_BINS)}`),
   };
-}
-
-export function stripOrder(channels) {
-  const { limited, others } = limitedFirst(channels);
-  return [...limited, "risk", ...others];
 }

@@ -1,0 +1,134 @@
+"""Limits and computed channels of own rollouts, as people write them.
+
+Nz=-1.4..4.9g    alpha=..12deg    Nz=..4.9 for 0.2 s    load [kN] = 0.7*Nz*mass
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from app.telemetry.recording import TelemetryError
+from app.telemetry.rollouts import RolloutFile
+from app.telemetry.units import PLAIN, convert, si_unit
+from core.channels import KEYS, LATERAL, Channel, Dictionary, channel, lasting
+from core.limits.limits import IntervalLimits, Limits, SafeInterval
+from core.types import Array
+
+VALUE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*((?:[A-Za-z°%]\S*)?)")
+"""A number and an optional unit."""
+COMPUTED = re.compile(r"\s*([^=\[\]]*[^=\[\]\s])\s*(?:\[([^=\[\]]*)\])?\s*=(.*)", re.DOTALL)
+"""KEY [UNIT] = FORMULA."""
+
+
+Ends = tuple[float | None, float | None]
+"""Low and high; None: no limit on that side."""
+
+
+def specified(
+    flights: RolloutFile, channels: Sequence[str], limits: Sequence[str]
+) -> tuple[Dictionary, Limits | IntervalLimits | None]:
+    """The dictionary of flights with computed channels, and limits; None without any.
+
+    A limit with a time, `Nz=..4.9 for 0.2 s`, is one on a computed channel of its own. Of channels
+    that are absolute, the first samples are trimmed flight.   TelemetryError, ValueError.
+    """
+    dictionary = flights.dictionary.plus(*map(computed_channel, channels))
+    ends: dict[str, Ends] = {}
+    for text in limits:
+        known, low, high, seconds = _limit(text, dictionary)
+        if seconds is None:
+            ends[known.key] = low, high
+            continue
+        for added, interval in _lasting(known, low, high, seconds):
+            if added.key not in dictionary.keys:
+                dictionary = dictionary.plus(added)
+            ends[added.key] = interval
+    if not ends:
+        return dictionary, None
+    if dictionary == LATERAL and all(low == -(high or 0) for low, high in ends.values()):
+        return dictionary, Limits(
+            **(dict.fromkeys(KEYS) | {k: high for k, (_, high) in ends.items()})
+        )
+    first = dictionary.complete(flights.y[:, :1], flights.dt)[:, 0]
+    intervals = {
+        key: SafeInterval(low, high, _rest(dictionary, key, first))
+        for key, (low, high) in ends.items()
+    }
+    return dictionary, IntervalLimits(dictionary, intervals)
+
+
+def computed_channel(text: str) -> Channel:
+    """The channel of `load [kN] = 0.7*Nz*mass`. TelemetryError."""
+    match = COMPUTED.fullmatch(text)
+    if match is None:
+        raise TelemetryError(
+            f"channel {text!r}: write it as KEY [UNIT] = FORMULA, such as load [N] = 0.7*Nz*mass"
+        )
+    key, unit, formula = match[1], (match[2] or "").strip() or PLAIN, match[3].strip()
+    si_unit(unit)  # refuses an unknown one
+    return replace(channel(key, key, unit, key, "output", "absolute"), formula=formula)
+
+
+def _limit(
+    text: str, dictionary: Dictionary
+) -> tuple[Channel, float | None, float | None, float | None]:
+    """Channel, low, high and seconds of `Nz=-1.4..4.9g for 0.2 s`, or of `Ny=0.5g`, a magnitude."""
+    key, _, rest = text.partition("=")
+    known = dictionary.channels[dictionary.index(key.strip())]
+    interval, lasts, duration = rest.partition(" for ")
+    low, dots, high = interval.partition("..")
+    unit = VALUE.fullmatch(high.strip() or low.strip())
+    shared = unit[2] if unit else ""
+    if dots:
+        least, most = (_number(end, shared, known, text) for end in (low, high))
+    else:
+        most = _number(interval, shared, known, text)
+        least = None if most is None else -most
+    if least is None and most is None:
+        raise TelemetryError(f"{text!r}: no limit was given: give low, high or both")
+    return known, least, most, _seconds(duration, text) if lasts else None
+
+
+def _lasting(
+    known: Channel, low: float | None, high: float | None, seconds: float
+) -> list[tuple[Channel, Ends]]:
+    """A channel for each end: what it limits is above it, or below it, for the time."""
+    channels: list[tuple[Channel, Ends]] = []
+    if high is not None:
+        channels.append((lasting(known, seconds, "above"), (None, high)))
+    if low is not None:
+        channels.append((lasting(known, seconds, "below"), (low, None)))
+    return channels
+
+
+def _seconds(duration: str, text: str) -> float:
+    match = VALUE.fullmatch(duration.strip())
+    if match is None:
+        raise TelemetryError(f"{text!r}: write the time as 0.2 s, such as Nz=..4.9 for 0.2 s")
+    return float(convert(np.array([float(match[1])]), match[2] or "s", "s")[0])
+
+
+def _number(end: str, shared: str, known: Channel, text: str) -> float | None:
+    """One end of a limit in the channel's unit; None if it is empty.
+
+    shared: unit of the other end, which holds for both.
+    """
+    if not end.strip():
+        return None
+    match = VALUE.fullmatch(end.strip())
+    if match is None:
+        raise TelemetryError(
+            f"{text!r}: write it as {known.key}=LOW..HIGH, such as {known.key}=-1..4"
+        )
+    number, unit = np.array([float(match[1])]), match[2] or shared
+    return float(convert(number, unit or known.unit, known.unit)[0])
+
+
+def _rest(dictionary: Dictionary, key: str, first: Array) -> float:
+    """Value in trimmed flight.   first: (n, n_channels) samples."""
+    c = dictionary.index(key)
+    if dictionary.channels[c].reference == "trim":
+        return 0.0
+    return float(np.nanmedian(first[:, c]))

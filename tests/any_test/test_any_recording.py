@@ -1,0 +1,192 @@
+"""Recordings of any channels over REST: proposed, corrected, confirmed and previewed."""
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+from starlette.testclient import TestClient
+
+from core.channels import LONGITUDINAL, Dictionary, channel
+from core.dataset import Dataset
+from core.monitor import Monitor, train
+from tests.support import short_period
+from tests.support.api import api, problem, store_of
+from tests.support.recorded import RECORDINGS, csv_of, uploaded
+from tests.support.short_period import DT
+
+RNG = np.random.default_rng
+TEN = Dictionary(
+    "ten",
+    (
+        channel("wing load", "L", "lbf", "left wing load"),
+        channel("γ̇", "γ̇", "rad/s", "flight-path rate"),
+        channel("pitch", "θ", "rad", "pitch", "output", "absolute"),
+        channel("mass", "m", "kg", "mass", "condition", "absolute"),
+        channel("load", "n", "N", "tail load"),
+        channel("q_bar", "q̄", "Pa", "dynamic pressure", "condition", "absolute"),
+        *short_period.DICTIONARY.channels,
+    ),
+)
+UNITS = ("lbf", "rad/s", "rad", "kg", "N", "Pa", "rad", "rad/s", "g", "rad")
+OTHER = Dictionary(
+    "other", (channel("load", "n", "lbf", "tail load"), *short_period.DICTIONARY.channels)
+)
+
+
+@cache
+def flights(n: int) -> Dataset:
+    dictionary = {4: short_period.DICTIONARY, 5: OTHER, 10: TEN}[n]
+    y = short_period.with_channels(short_period.fly(RNG(1), 300)[1], n, RNG(2))
+    exceeds = short_period.LIMITS.envelope.exceeds(y[..., -4:])
+    fail_index = np.where(exceeds.any(axis=1), exceeds.argmax(axis=1), -1)
+    return Dataset.from_rollouts(y, dt=DT, channels=dictionary, fail_index=fail_index)
+
+
+@cache
+def monitor(n: int) -> Monitor:
+    return train(flights(n))
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory: pytest.TempPathFactory):
+    with api(tmp_path_factory.mktemp("data")) as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def monitors(client: TestClient) -> dict[int, str]:
+    """Ids of stored monitors by the number of their channels."""
+    store = store_of(client)
+    return {n: store.monitors.add(monitor(n), f"{n} channels").id for n in (4, 5, 10)}
+
+
+def pitch_csv(head: str = "t_s,alpha_deg,q (deg/s),N_z,delta_e_rad") -> bytes:
+    y = short_period.fly(RNG(3), 1)[1][0] * [np.degrees(1), np.degrees(1), 1, 1]
+    return csv_of(y, DT, head=head)
+
+
+def ten_mat(folder: Path) -> bytes:
+    """As MATLAB writes ten variables, whose names are letters, digits and underscores."""
+    names = ["wing_load", "gamma", "Pitch", "mass", "load", "qBar", "ALPHA", "q", "Nz", "delta_e"]
+    y = RNG(4).uniform(-0.5, 0.5, (200, 10))
+    path = folder / "ten.mat"
+    savemat(path, {"t": DT * np.arange(200)} | {name: y[:, k] for k, name in enumerate(names)})
+    return path.read_bytes()
+
+
+def test_a_longitudinal_csv_is_mapped_without_a_monitor_and_confirmed(client: TestClient) -> None:
+    recording = uploaded(client, pitch_csv())
+    mapped = recording["mapping"]["channels"]
+    assert {key: source["unit"] for key, source in mapped.items()} == {
+        "alpha": "deg", "q": "deg/s", "Nz": "g", "delta_e": "rad"
+    }  # fmt: skip
+    assert recording["channels"] == list(LONGITUDINAL.keys)
+    assert recording["missing"] == ["theta", "V"]
+    path = f"{RECORDINGS}/{recording['id']}"
+    again = client.put(f"{path}/mapping", json={"mapping": recording["mapping"]}).json()
+    assert again["mapping_state"] == "confirmed"
+    assert again["problem"] is None
+    assert again == client.get(path).json()
+    shown = client.post(f"{path}/preview", json={"mapping": again["mapping"]}).json()
+    assert {key: bands["unit"] for key, bands in shown["channels"].items()} == {
+        "alpha": "rad", "q": "rad/s", "Nz": "g", "delta_e": "rad"
+    }  # fmt: skip
+    assert shown["warnings"] == {}
+
+
+def test_a_monitors_channels_come_first_and_all_are_listed(
+    client: TestClient, monitors: dict[int, str], tmp_path: Path
+) -> None:
+    sent = {"name": "ten.mat", "monitor": monitors[10]}
+    answer = client.post(RECORDINGS, content=ten_mat(tmp_path), params=sent).json()
+    assert answer["channels"] == list(TEN.keys)
+    assert [target["key"] for target in answer["targets"]][:10] == list(TEN.keys)
+    assert answer["missing"] == ["γ̇"]
+    assert "flight-path rate" in answer["rationales"]["γ̇"]["reasons"][0]
+    mapping = answer["mapping"]
+    assert mapping["channels"]["wing load"]["signal"] == "wing_load"
+    assert mapping["channels"]["theta"] == mapping["channels"]["pitch"]
+    mapping["channels"]["γ̇"] = {"signal": "gamma", "unit": "deg/s"}
+    path = f"{RECORDINGS}/{answer['id']}"
+    query = {"monitor": monitors[10]}
+    confirmed = client.put(f"{path}/mapping", json={"mapping": mapping}, params=query).json()
+    assert confirmed["missing"] == []
+    assert confirmed["confirmed_over"] == {}
+    assert client.get(path).json()["channels"] == list(TEN.keys)
+
+
+def test_units_are_offered_by_dimension_and_values_kept_in_si(
+    client: TestClient, monitors: dict[int, str]
+) -> None:
+    recording = uploaded(client, pitch_csv())
+    answer = client.get(f"{RECORDINGS}/{recording['id']}?monitor={monitors[10]}").json()
+    targets = {target["key"]: target for target in answer["targets"]}
+    load = targets["wing load"]
+    assert (load["unit"], load["units"], load["display_unit"]) == ("N", ["N", "lbf"], "lbf")
+    assert load["display_factor"] == pytest.approx(1 / 4.448222)
+    assert "deg/s" in targets["γ̇"]["units"]
+    assert "psf" in targets["q_bar"]["units"]
+
+
+HAS = ("load", "alpha", "q", "Nz", "delta_e")
+
+
+def test_one_recording_serves_two_dictionaries_with_one_key_in_two_units(
+    client: TestClient, monitors: dict[int, str]
+) -> None:
+    head = "t_s,load_lbf,alpha_rad,q_radps,Nz_g,delta_e_rad"
+    y = np.column_stack([np.linspace(0, 9, 81), short_period.fly(RNG(3), 1)[1][0]])
+    recording = uploaded(client, csv_of(y, DT, head=head))
+    path = f"{RECORDINGS}/{recording['id']}"
+    for n in (5, 10):
+        answer = client.get(f"{path}?monitor={monitors[n]}").json()
+        assert answer["mapping"] == recording["mapping"]
+        assert "load" in answer["channels"]
+        assert answer["missing"] == [key for key in answer["channels"] if key not in HAS]
+    shown = client.post(f"{path}/preview", json={"mapping": recording["mapping"]}).json()
+    load = shown["channels"]["load"]
+    assert (load["unit"], load["max"]) == ("N", pytest.approx(9 * 4.448222))
+
+
+def test_a_proposal_for_a_monitor_keeps_what_was_confirmed_and_stores_nothing(
+    client: TestClient, monitors: dict[int, str]
+) -> None:
+    recording = uploaded(client, pitch_csv("t_s,alpha_deg,q (deg/s),stick,load_N"))
+    path = f"{RECORDINGS}/{recording['id']}"
+    mapping = recording["mapping"]
+    mapping["channels"] = {"delta_e": {"signal": "stick", "unit": "deg", "sign": -1}}
+    confirmed = client.put(f"{path}/mapping", json={"mapping": mapping}).json()
+    answer = client.get(f"{path}?monitor={monitors[5]}").json()
+    assert answer["mapping"]["channels"].keys() == {"alpha", "q", "delta_e", "load"}
+    kept = confirmed["mapping"]["channels"]["delta_e"]
+    assert answer["mapping"]["channels"]["delta_e"] == kept
+    assert (answer["mapping_state"], answer["missing"]) == ("proposed", ["Nz"])
+    assert client.get(path).json() == confirmed
+
+
+@pytest.mark.parametrize("door", ["upload", "read", "confirm"])
+def test_an_unknown_monitor_is_not_found(client: TestClient, door: str) -> None:
+    recording: dict[str, Any] = uploaded(client, pitch_csv())
+    path, query = f"{RECORDINGS}/{recording['id']}", {"monitor": "none", "name": "a.csv"}
+    answer = {
+        "upload": lambda: client.post(RECORDINGS, content=pitch_csv(), params=query),
+        "read": lambda: client.get(path, params=query),
+        "confirm": lambda: client.put(
+            f"{path}/mapping", json={"mapping": recording["mapping"]}, params=query
+        ),
+    }[door]()
+    assert "none" in problem(answer, 404)
+    assert client.get(path).json() == recording
+
+
+def test_a_training_proposal_without_lateral_channels_says_what_is_missing(
+    client: TestClient,
+) -> None:
+    recording = uploaded(client, pitch_csv())
+    answer = client.get(f"{RECORDINGS}/{recording['id']}/training-proposal").json()
+    assert answer["can_train"] is False
+    assert answer["channels"] == []
+    assert any("manoeuvre" in reason for reason in answer["reasons"])
