@@ -18,7 +18,7 @@ from app import json_codec
 from core.channels import KEYS, MOST_CHANNELS, Dictionary, Reference, Role
 from core.flight_events import Alarm, FlightLimits, FlightMarker, FlightMarkerKind
 from core.limits.exceedance import ChannelExceedances, LatchedExceedance
-from core.limits.limits import Envelope, Specification, envelope_of
+from core.limits.limits import Envelope, SafeInterval, Specification, envelope_of
 from core.monitor import Assessment
 from core.monitor.assessment import Cause, State
 from core.monitor.calibration import Guarantee
@@ -27,6 +27,9 @@ from core.monitor.status import Level, Status
 
 Mode = Literal["live", "replay", "simulated"]
 Outputs = Annotated[list[float | None], Field(min_length=1, max_length=MOST_CHANNELS)]
+
+PlainLimits = dict[str, float | SafeInterval | None]
+"""By channel: a magnitude, the ends of an interval, or null for no limit."""
 
 
 class Message(BaseModel):
@@ -74,7 +77,7 @@ class LimitsFrom(Message):
     """Limits in force during part of a flight."""
 
     t: float | None = Field(description="time of the last sample before [s]; null for all")
-    limits: dict[str, float | None] | None = Field(description="by channel; null if unknown")
+    limits: PlainLimits | None = Field(description="by channel; null if unknown")
     seq: int | None = Field(default=None, description="first sample, in a record; else null")
 
 
@@ -123,7 +126,7 @@ class FlownMonitor(Message):
     epsilon: float = Field(description="accepted miss rate")
     alert_above: float = Field(description="risk above which it alerts")
     n_unsafe: int
-    limits: dict[str, float | None] | None = Field(description="of its training; null: unknown")
+    limits: PlainLimits | None = Field(description="of its training; null: unknown")
     validity: Literal["checked", "not calibrated"]
     warnings: list[str] = Field(description="reasons not to rely on it")
 
@@ -228,7 +231,7 @@ class LimitsStatus(FlightLimits):
 
     case: str
     """name of the flight condition; empty if none matches"""
-    limits: dict[str, float | None] | None
+    limits: PlainLimits | None
     """by channel; null if unknown"""
     reason: str
     """why they are unknown; empty if known"""

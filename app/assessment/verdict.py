@@ -110,9 +110,9 @@ def _lines(
     moved = ", ".join(
         f"{channel.key} {channel.read(value)}"
         for channel, value in zip(monitor.dictionary.channels, manoeuvre.trim, strict=True)
-        if value is not None
+        if value is not None and channel.reference == "trim"
     )
-    if any(manoeuvre.trim):
+    if moved and any(manoeuvre.trim):
         yield f"  trim               {moved}"
     for remark in manoeuvre.remarks:
         yield f"  {remark}"

@@ -13,6 +13,7 @@ import pytest
 from app.cli import main
 from app.jobs.training import train_on_flights
 from core.channels import Dictionary, channel
+from core.dataset import Dataset
 from core.limits.limits import IntervalLimits, SafeInterval
 from core.monitor import Monitor, MonitorRecipe
 from core.rollouts import LabelledFlights
@@ -27,7 +28,10 @@ REST = 60
 TEN = Dictionary(
     "ten channels",
     (
-        *(channel(f"x {k}", f"ξ_{k}", "m/s^2", f"noise {k}", "condition") for k in range(6)),
+        *(
+            channel(f"x {k}", f"ξ_{k}", "m/s^2", f"noise {k}", "condition", "absolute")
+            for k in range(6)
+        ),
         *DICTIONARY.channels,
     ),
 )
@@ -63,7 +67,9 @@ def flights(dictionary: Dictionary, n: int, seed: int) -> LabelledFlights:
 def own(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Own]:
     dictionary, root = request.param, tmp_path_factory.mktemp("own")
     labelled = flights(dictionary, 1600, 1)
-    monitor = train_on_flights(labelled, MonitorRecipe(), False, lambda *_: None).monitor
+    monitor = train_on_flights(
+        Dataset.from_flights(labelled), MonitorRecipe(), False, lambda *_: None
+    ).monitor
     file = root / "pitch.fwm"
     monitor.save(file)
     rng = np.random.default_rng(8)
