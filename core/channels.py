@@ -17,6 +17,8 @@ Role = Literal["output", "control", "condition"]
 Reference = Literal["trim", "absolute"]
 Side = Literal["above", "below"]
 MOST_CHANNELS = 32
+COMPUTED_AT_ONCE = 8192
+"""Samples whose columns a processor's cache holds."""
 
 
 @dataclass(frozen=True)
@@ -173,12 +175,15 @@ class Dictionary:
         if not self.formulas:
             return y
         places = [self.keys.index(key) for key in self.measured]
-        whole = np.full((*y.shape[:-1], len(self)), np.nan)
+        whole = np.empty((*y.shape[:-1], len(self)))
         whole[..., places] = y[..., places] if y.shape[-1] == len(self) else y
-        columns = [np.ascontiguousarray(whole[..., c]) for c in range(len(self))]
-        for c, formula in self.formulas:
-            columns[c][:] = formula.values(columns, smallest_of_flights(dt))
-            whole[..., c] = columns[c]
+        flights, smallest = whole.reshape(-1, *whole.shape[-2:]), smallest_of_flights(dt)
+        at_once = max(1, COMPUTED_AT_ONCE // max(1, flights.shape[1]))
+        for first in range(0, len(flights), at_once):
+            some = flights[first : first + at_once]
+            columns = np.ascontiguousarray(np.moveaxis(some, -1, 0))
+            for c, formula in self.formulas:
+                columns[c] = some[..., c] = formula.values(columns, smallest)
         return whole
 
     @property

@@ -14,6 +14,7 @@ from app.telemetry.mapping.mapping import Mapping
 from app.telemetry.mapping.proposal import Proposal, propose
 from app.telemetry.reading import columns_of
 from app.telemetry.recording import ATTITUDE, TelemetryError
+from app.telemetry.targets import TARGETS
 from app.telemetry.timing.repair import repair
 from app.telemetry.units import convert
 from core.channels import KEYS
@@ -41,8 +42,10 @@ def si_rows(file: Path, mapping: Path | None) -> RecordedRows:
         used, proposal = _mapping(columns, mapping)
         traces = repair(apply_mapping(columns, used)).traces
         notes = [*mapping_lines(used, proposal), *traces.notes]
-    channels = {k: x for k, x in traces.channels.items() if k in (*KEYS, *ATTITUDE) and len(x.t)}
-    measured = [trace for key, trace in channels.items() if key in KEYS]
+    channels = {key: trace for key, trace in traces.channels.items() if len(trace.t)}
+    if channels.keys() <= TARGETS.keys():  # of a lateral monitor, which reads nothing else
+        channels = {k: trace for k, trace in channels.items() if k in (*KEYS, *ATTITUDE)}
+    measured = [trace for key, trace in channels.items() if key not in ATTITUDE]
     if not measured:
         raise TelemetryError(f"{file}: none of {', '.join(KEYS)} is mapped: give a --mapping")
     fastest = max(measured, key=lambda trace: len(trace.t))

@@ -52,7 +52,7 @@ def overview(
     t = samples["t"]
     chart = StripChart(float(t[0]), float(t[-1]))
     intervals = [(manoeuvre["start"], manoeuvre["end"]) for manoeuvre in manoeuvres]
-    limited = np.isfinite([piece.limits for piece in limits]).any(axis=0)
+    limited = np.logical_or.reduce([piece.limits.limited for piece in limits])
     for c in np.flatnonzero(limited).tolist() or [3]:
         strip, y = chart.strip(TALL, _label(c)), _shown(samples["y"], c)
         strip.show(y, *_levels(c, limits))

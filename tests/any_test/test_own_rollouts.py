@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable
-from contextlib import closing
 from pathlib import Path
 
 import h5py
@@ -12,12 +11,10 @@ import pytest
 from scipy.io import savemat
 
 from app.cli import main
-from app.store.store import open_store
 from app.telemetry.recording import TelemetryError
 from app.telemetry.rollouts import read_dictionary, read_rollouts
 from core.channels import Dictionary
 from core.monitor import load
-from core.monitor.file.portable import MonitorFileError
 from core.types import Array
 from tests.support import short_period
 from tests.support.short_period import DICTIONARY, DT
@@ -277,7 +274,7 @@ def test_arrays_of_a_dictionary_need_each_of_its_channels(tmp_path: Path) -> Non
         read_rollouts(as_npz(tmp_path, flights()), more)
 
 
-def test_what_knows_only_lateral_channels_refuses_the_monitor_by_name(
+def test_the_certificate_names_the_limits_and_the_parts_of_the_flights(
     source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out, flight = tmp_path / "pitch.fwm", tmp_path / "flight.csv"
@@ -285,10 +282,7 @@ def test_what_knows_only_lateral_channels_refuses_the_monitor_by_name(
     assert main(["train", "--rollouts", str(source), *method, "--out", str(out)]) == 0
     flight.write_text("t,beta\n0,0\n0.05,0\n")
     assert main(["score", str(out), str(flight)]) != 0
-    assert "monitor of alpha, q, Nz, delta_e" in capsys.readouterr().err
-    store = open_store(tmp_path / "data")
-    with closing(store), pytest.raises(MonitorFileError, match="know only beta, p, r"):
-        store.monitors.add_file(out.read_bytes(), "pitch")
+    assert "the monitor needs alpha, q, Nz, delta_e" in capsys.readouterr().err
     page = tmp_path / "certificate.html"
     assert main(["certificate", str(out), "--out", str(page)]) == 0
     text = page.read_text()

@@ -11,11 +11,12 @@ from app.assessment.limits_history import pieces_of
 from app.report.figures import NoPngError, channel_strip, png, score_figure
 from app.report.strip_chart import StripChart
 from core.channels import CHANNELS
+from core.limits.limits import Envelope, Limits
 from tests.support.oscillator import DT
 from tests.support.samples import SAMPLE_LIKE
 
-TEN_DEGREES = pieces_of(np.full(6, np.radians(10.0)), None)
-LIMITS = np.array([np.inf, np.inf, np.inf, 0.5, np.inf, np.inf])
+TEN_DEGREES = pieces_of(Envelope.of_magnitudes(np.full(6, np.radians(10.0))), None)
+LIMITS = Limits(Ny=0.5).envelope
 LEAD = 0.25
 
 
