@@ -186,6 +186,16 @@ class Dictionary:
                 columns[c] = some[..., c] = formula.values(columns, smallest)
         return whole
 
+    @property
+    def stored(self) -> dict[str, Any] | None:
+        """As it is stored: None for the lateral channels, which older files do not name."""
+        return None if self == LATERAL else self.to_plain()
+
+    @classmethod
+    def from_stored(cls, stored: Mapping[str, Any] | None) -> "Dictionary":
+        """Reverse of `stored`.   ValueError."""
+        return LATERAL if stored is None else cls.from_plain(stored)
+
     def to_plain(self) -> dict[str, Any]:
         return {"name": self.name, "channels": [_plain(known) for known in self.channels]}
 
