@@ -73,7 +73,7 @@ class LabelledFlights:
         limits tell; with both, the label wins and `findings` count the disagreements.
         RolloutsError if the flights cannot train a monitor.
         """
-        y = np.array(y, np.float64, order="C")
+        y = np.asarray(y, np.float64, order="C")
         dictionary = channels if isinstance(channels, Dictionary) else dictionary_of(channels)
         widths = (len(dictionary), len(dictionary.measured))
         if y.ndim != 3 or y.shape[2] not in widths or min(y.shape[:2]) < 2:
