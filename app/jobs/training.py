@@ -42,6 +42,7 @@ from core.planned_test.collection import (
     fresh,
     stopping_flights,
 )
+from core.planned_test.near import near_failures, near_rollouts
 from core.seeds import Branch, stream
 from core.types import Array, Indices
 
@@ -192,10 +193,13 @@ def train_and_test(
         return train_on_flights(dataset, recipe, choose, progress)
     progress("training", 0, 3)
     card = card_of(simulated) if recipe.predictor.forecast == "card" else None
-    failures = None
+    failures = rollouts = None
+    near: list[Rollouts] = []
     if recipe.predictor.forecast == "ensemble":
         failures = _fresh_failures(replace(simulated, groups=recipe.groups), progress)
-    monitor = train(dataset, recipe, card=card, failures=failures)
+    if recipe.is_near:
+        rollouts, near = near_rollouts(simulated), _near_failures(simulated, progress)
+    monitor = train(dataset, recipe, card=card, rollouts=rollouts, failures=failures, near=near)
     monitor.check_epsilon()
     monitor, not_calibrated = _with_validity(monitor, dataset, simulated, progress)
     if n_test == 0:
@@ -213,6 +217,15 @@ def _fresh_failures(recipe: DatasetRecipe, progress: Progress) -> Rollouts:
         progress(f"training: {n_unsafe} fresh failures of {n_made} flights", 0, 3)
 
     return combination_failures(recipe, recipe.n_unsafe, report, Branch.ENSEMBLE)[0]
+
+
+def _near_failures(recipe: DatasetRecipe, progress: Progress) -> list[Rollouts]:
+    """As many failing flights of each population near the planned one."""
+
+    def report(n_done: int, total: int) -> None:
+        progress(f"training: {n_done} of {total} kinds of near aircraft and hands", 0, 3)
+
+    return near_failures(recipe, recipe.n_unsafe, report)
 
 
 def with_test(
@@ -292,6 +305,7 @@ def train_on_flights(
 
     choose: choose the method by the second part; else that of the recipe is used.
     """
+    recipe = recipe.as_planned()
     flights = whole.flights()
     learning, choosing, checking, testing = flights.split(SHARES, seed)
     dataset = replace(Dataset.from_flights(learning, seed=seed), recipe=whole.recipe)

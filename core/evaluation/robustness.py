@@ -9,7 +9,7 @@ import numpy as np
 
 from core.evaluation.rates import Evaluation, evaluate
 from core.monitor.monitor import Monitor
-from core.planned_test.amplitude import AmplitudeError, suggest_amplitude
+from core.planned_test.near import FLIGHTS_EACH, fly_each, near_aircraft, softer
 from core.planned_test.planned_test import (
     USUAL_TIMING_JITTER_S,
     DatasetRecipe,
@@ -21,7 +21,6 @@ from core.seeds import Branch, stream
 from core.simulation.imperfections import USUAL_IMPERFECTIONS
 from core.simulation.maneuver import Altered
 from core.simulation.turbulence import Turbulence
-from core.simulation.uncertain_plant import UncertainPlant
 from core.types import Array, Indices
 
 WORSE_AIR: dict[Turbulence, Turbulence] = {
@@ -34,12 +33,10 @@ WORSE_AIR: dict[Turbulence, Turbulence] = {
 DOUBLED = "gust_sigma_deg", "gain", "bias", "lag_s", "trim_deg", "unsteadiness_deg", "asymmetry"
 """Imperfections to double."""
 
-N_NEAR, FLIGHTS_EACH = 150, 20
-"""Aircraft near the planned one, and flights of each; those that never fail are not counted."""
+N_NEAR = 150
+"""Aircraft near the planned one; those that never fail are not counted."""
 MOST_FAILURES, MOST_SAFE = 5, 1
 """Failing and safe flights of such an aircraft that are counted, at most."""
-RETUNED_ON = 100
-"""Rollouts at each amplitude tried for a softer input; its share scatters by about .04."""
 LEAST_FAILURES = 4
 """Failures from which an aircraft may be the worst."""
 
@@ -65,22 +62,6 @@ def _mistimed(recipe: DatasetRecipe) -> DatasetRecipe:
 
 def _slower(recipe: DatasetRecipe) -> DatasetRecipe:
     return replace(recipe, maneuver=Altered.of(recipe.maneuver, slower=1.5))
-
-
-def softer(recipe: DatasetRecipe, lag_s: float) -> DatasetRecipe:
-    """The test flown by hands that all have this pedal lag [s], so that a quarter exceeds."""
-    hands = replace(recipe.imperfections, softness_s=0.0)
-    maneuver = replace(recipe.maneuver, pedal_lag_s=lag_s)
-    return retuned(replace(recipe, maneuver=maneuver, imperfections=hands))
-
-
-def retuned(recipe: DatasetRecipe) -> DatasetRecipe:
-    """The test at the amplitude at which a quarter exceeds; as it is if there is none."""
-    try:
-        amplitude_deg = suggest_amplitude(recipe, most=RETUNED_ON).amplitude_deg
-    except AmplitudeError:
-        return recipe
-    return replace(recipe, maneuver=recipe.maneuver.with_peak(amplitude_deg))
 
 
 def _stopped(recipe: DatasetRecipe) -> DatasetRecipe:
@@ -153,36 +134,20 @@ def robustness(
             flights = simulator.rollouts(round(difference.share * n), rng)
         else:
             theta = near_aircraft(simulator.plant, difference.factor, N_NEAR, rng)
-            flights, aircraft = fly_each(simulator, theta, rng)
+            flights, aircraft = fly_some(simulator, theta, rng)
         evaluations[name] = evaluate(monitor, flights.y, flights.fail_index, at, aircraft)
     return evaluations
 
 
-def near_aircraft(plant: UncertainPlant, factor: float, n: int, rng: np.random.Generator) -> Array:
-    """Theta (n, n_parameters): each nominal one multiplied by exp(U(-ln factor, ln factor))."""
-    widest = np.log(factor)
-    return plant.nominal * np.exp(rng.uniform(-widest, widest, (n, len(plant.nominal))))
-
-
-def fly_each(
-    simulator: Simulator,
-    theta: Array,
-    rng: np.random.Generator,
-    most: int = MOST_FAILURES,
+def fly_some(
+    simulator: Simulator, theta: Array, rng: np.random.Generator, most: int = MOST_FAILURES
 ) -> tuple[Rollouts, Indices]:
-    """Fly each of these aircraft, theta (n_aircraft, n_parameters), several times.
+    """A few flights of each of these aircraft, theta (n_aircraft, n_parameters).
 
-    most: failures of each that are counted.   An aircraft that diverges is left out.
-    Returns a few flights of each, failing and safe ones, and (n,) the number of their aircraft.
+    most: failures of each that are counted.   Returns as `fly_each`.
     """
-    shape = len(theta), FLIGHTS_EACH * most // MOST_FAILURES
-    flights, peaks = simulator.fly(np.repeat(theta, shape[1], axis=0), rng)
-    fails = flights.is_unsafe.reshape(shape)
-    failing, safe = fails.cumsum(axis=1), (~fails).cumsum(axis=1)
-    few = np.where(fails, failing <= most, safe <= most * MOST_SAFE // MOST_FAILURES)
-    few &= np.isfinite(peaks).reshape(shape).all(axis=1, keepdims=True)
-    chosen = np.flatnonzero(few)
-    return flights.some(chosen), chosen // shape[1]
+    n_flights = FLIGHTS_EACH * most // MOST_FAILURES
+    return fly_each(simulator, theta, rng, n_flights, most, most * MOST_SAFE // MOST_FAILURES)
 
 
 def by_aircraft(counts: Evaluation) -> dict[str, Any]:

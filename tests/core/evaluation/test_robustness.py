@@ -11,10 +11,8 @@ from core.evaluation.rates import Evaluation
 from core.evaluation.robustness import (
     DIFFERENCES,
     by_aircraft,
-    fly_each,
-    near_aircraft,
+    fly_some,
     robustness,
-    softer,
 )
 from core.limits.limits import Limits
 from core.monitor import MonitorRecipe, train
@@ -25,6 +23,7 @@ from core.planned_test.collection import (
     fresh,
     training_rollouts,
 )
+from core.planned_test.near import near_aircraft, near_failures, near_rollouts, softer
 from core.planned_test.planned_test import SensorNoise, Simulator
 from core.seeds import Branch
 from core.simulation.imperfections import USUAL_IMPERFECTIONS, Imperfections
@@ -106,7 +105,7 @@ def test_near_aircraft_have_each_derivative_within_the_factor() -> None:
     simulator = Simulator(RECIPE)
     rng = np.random.default_rng(2)
     theta = near_aircraft(simulator.plant, 1.25, 40, rng)
-    flights, aircraft = fly_each(simulator, theta, rng)
+    flights, aircraft = fly_some(simulator, theta, rng)
     factors = flights.theta / simulator.plant.nominal
     assert (np.abs(np.log(factors)) <= np.log(1.25)).all()
     assert np.log(factors).std() == pytest.approx(np.log(1.25) / np.sqrt(3), rel=0.1)
@@ -144,15 +143,22 @@ def test_an_opposite_input_is_invalid_and_not_silent() -> None:
 
 @pytest.mark.fuzz
 @pytest.mark.parametrize("plant", TESTS)
-def test_the_default_misses_at_most_two_epsilon_near_its_test(plant: str) -> None:
-    """Aircraft beside the planned one, and softer hands: what the promise does not cover."""
+def test_the_default_misses_at_most_epsilon_and_a_half_near_its_test(plant: str) -> None:
+    """Aircraft beside the planned one, and softer hands, every aircraft of the same weight."""
     recipe = replace(TESTS[plant].as_trained(), n_unsafe=500, seed=9)
     failures, _ = combination_failures(recipe, 500, branch=Branch.ENSEMBLE)
-    monitor = train(collect(recipe), USUAL_MONITOR, fresh(recipe), failures=failures)
+    monitor = train(
+        collect(recipe),
+        USUAL_MONITOR,
+        fresh(recipe),
+        rollouts=near_rollouts(recipe),
+        failures=failures,
+        near=near_failures(recipe, 500),
+    )
     for name, counts in robustness(monitor, recipe, 2000).items():
         if name.startswith(("lag_", "near_")):
             assert counts.n_unsafe > 50, name
-            assert counts.miss_rate[0] <= 2 * USUAL_MONITOR.epsilon, (name, counts)
+            assert counts.miss_rate[0] <= 1.5 * USUAL_MONITOR.epsilon, (name, counts)
 
 
 @pytest.mark.fuzz
