@@ -9,7 +9,7 @@ import numpy as np
 
 from core.evaluation.rates import Evaluation, evaluate
 from core.monitor.monitor import Monitor
-from core.planned_test.near import FLIGHTS_EACH, fly_each, near_aircraft, softer
+from core.planned_test.near import FLIGHTS_EACH, fly_each, near_aircraft, retuned, softer
 from core.planned_test.planned_test import (
     USUAL_TIMING_JITTER_S,
     DatasetRecipe,
@@ -18,8 +18,10 @@ from core.planned_test.planned_test import (
     Simulator,
 )
 from core.seeds import Branch, stream
+from core.simulation.aircraft import AIRCRAFT, IdentifiedAircraft, PublishedAircraft
 from core.simulation.imperfections import USUAL_IMPERFECTIONS
 from core.simulation.maneuver import Altered
+from core.simulation.published import MODELS
 from core.simulation.turbulence import Turbulence
 from core.types import Array, Indices
 
@@ -85,6 +87,7 @@ class Difference:
     recipe: changes the planned test.   spread: factor on the width of D_theta.
     share: of the flights asked for.
     factor: of `near_aircraft` on the derivatives of aircraft flown several times; None: D_theta.
+    others: whether published aircraft of other types fly the test.
     """
 
     words: str
@@ -93,6 +96,7 @@ class Difference:
     spread: float = 1.0
     share: float = 1.0
     factor: float | None = None
+    others: bool = False
 
 
 DIFFERENCES = {
@@ -114,6 +118,7 @@ DIFFERENCES = {
     ),
     "near_1.25": Difference("derivatives within a factor of 1.25", 10, factor=1.25),
     "near_1.5": Difference("derivatives within a factor of 1.5", 11, factor=1.5),
+    "other_type": Difference("another type of aircraft", 12, others=True),
 }
 
 
@@ -122,21 +127,58 @@ def robustness(
 ) -> dict[str, Evaluation]:
     """Fly n flights of each difference through the monitor, and count at one epsilon.
 
-    Of softer inputs fewer are flown; aircraft near the planned one have their own number.
+    Of softer inputs fewer are flown; aircraft near the planned one have their own number. Other
+    types are left out if none can fly the test.
 
     recipe: the monitor's planned test.   epsilon: default: the monitor's own.
     """
     at, evaluations = np.array([monitor.check_epsilon(epsilon)]), {}
     for name, difference in DIFFERENCES.items():
-        simulator = Simulator(difference.recipe(recipe), difference.spread)
-        rng, aircraft = stream(recipe.seed, Branch.ROBUSTNESS, difference.number), None
-        if difference.factor is None:
-            flights = simulator.rollouts(round(difference.share * n), rng)
-        else:
-            theta = near_aircraft(simulator.plant, difference.factor, N_NEAR, rng)
-            flights, aircraft = fly_some(simulator, theta, rng)
-        evaluations[name] = evaluate(monitor, flights.y, flights.fail_index, at, aircraft)
+        rng = stream(recipe.seed, Branch.ROBUSTNESS, difference.number)
+        if flown := _flown(recipe, difference, n, rng):
+            (outputs, fail_index, _), aircraft = flown
+            evaluations[name] = evaluate(monitor, outputs, fail_index, at, aircraft)
     return evaluations
+
+
+def _flown(
+    recipe: DatasetRecipe, difference: Difference, n: int, rng: np.random.Generator
+) -> tuple[Rollouts, Indices | None] | None:
+    """Flights of a difference, and the number of their aircraft if those flew several times."""
+    if difference.others:
+        return _other_types(recipe, n, rng)
+    simulator = Simulator(difference.recipe(recipe), difference.spread)
+    if difference.factor is None:
+        return simulator.rollouts(round(difference.share * n), rng), None
+    return fly_some(simulator, near_aircraft(simulator.plant, difference.factor, N_NEAR, rng), rng)
+
+
+def _other_types(
+    recipe: DatasetRecipe, n: int, rng: np.random.Generator
+) -> tuple[Rollouts, Indices] | None:
+    """About n flights of the published aircraft of other types, equally many of each.
+
+    Each at the amplitude at which a quarter exceeds.   None if none of them can fly the test.
+    """
+    own = recipe.aircraft
+    if isinstance(own, IdentifiedAircraft):
+        own = own.base
+    if isinstance(own, PublishedAircraft):
+        others = [replace(own, name=name) for name in MODELS if name != own.name]
+    else:
+        others = [aircraft for name, aircraft in AIRCRAFT.items() if name in MODELS]
+    flights = list[Rollouts]()
+    for aircraft in others:
+        try:
+            simulator = Simulator(retuned(replace(recipe, aircraft=aircraft)))
+        except ValueError:
+            continue  # such as one that this control law makes unstable
+        flights.append(simulator.rollouts(round(n / len(others)), rng))
+    if not flights:
+        return None
+    y, fail_index, theta = (np.concatenate(part) for part in zip(*flights, strict=True))
+    type_of = np.repeat(np.arange(len(flights)), [len(each.y) for each in flights])
+    return Rollouts(y, fail_index, theta), type_of
 
 
 def fly_some(

@@ -10,6 +10,7 @@ from core.evaluation.lead_sweep import METHODS, TESTS
 from core.evaluation.rates import Evaluation
 from core.evaluation.robustness import (
     DIFFERENCES,
+    _other_types,
     by_aircraft,
     fly_some,
     robustness,
@@ -26,7 +27,9 @@ from core.planned_test.collection import (
 from core.planned_test.near import near_aircraft, near_failures, near_rollouts, softer
 from core.planned_test.planned_test import SensorNoise, Simulator
 from core.seeds import Branch
+from core.simulation.aircraft import AIRCRAFT, IdentifiedAircraft
 from core.simulation.imperfections import USUAL_IMPERFECTIONS, Imperfections
+from core.simulation.published import MODELS
 
 RECIPE = DatasetRecipe(n_unsafe=30, noise=SensorNoise(beta=0.001, Ny=0.004), seed=4)
 
@@ -116,6 +119,40 @@ def test_near_aircraft_have_each_derivative_within_the_factor() -> None:
         assert np.count_nonzero(~own.is_unsafe) <= 1
 
 
+def test_every_other_published_type_flies_the_test() -> None:
+    flown = _other_types(RECIPE, 60, np.random.default_rng(0))
+    assert flown is not None
+    flights, type_of = flown
+    assert np.bincount(type_of).tolist() == [10] * 6
+    nominal = [replace(RECIPE.aircraft, name=name).uncertain_plant().nominal for name in MODELS]
+    nearest = [
+        int(np.argmin([np.linalg.norm(theta - each) for each in nominal]))
+        for theta in flights.theta
+    ]
+    others = [k for k, name in enumerate(MODELS) if name != "f16_sl_h0_v502"]
+    assert nearest == np.repeat(others, 10).tolist()
+
+
+def test_an_identified_aircraft_is_no_other_type_than_its_base() -> None:
+    identified = IdentifiedAircraft.undetermined(RECIPE.aircraft)
+    flown = _other_types(replace(RECIPE, aircraft=identified), 60, np.random.default_rng(0))
+    assert flown is not None
+    assert flown[1].max() == 5
+    own_model = _other_types(
+        replace(RECIPE, aircraft=AIRCRAFT["matrices"]), 70, np.random.default_rng(0)
+    )
+    assert own_model is not None
+    assert own_model[1].max() == 6
+
+
+def test_other_types_that_cannot_fly_the_test_leave_no_row(monkeypatch) -> None:
+    def refused(*_: object) -> None:
+        raise ValueError("unstable")
+
+    monkeypatch.setattr("core.evaluation.robustness.retuned", refused)
+    assert _other_types(RECIPE, 60, np.random.default_rng(0)) is None
+
+
 def test_the_worst_aircraft_has_enough_failures() -> None:
     counts = Evaluation(
         np.array([0.1]), 14, 0, 0, *[np.array([4])] * 4,
@@ -138,6 +175,7 @@ def test_an_opposite_input_is_invalid_and_not_silent() -> None:
     near = by_aircraft(evaluations["near_1.5"])
     assert 60 <= near["n_aircraft"] <= 150
     assert by_aircraft(opposite) == {}
+    assert 1 <= by_aircraft(evaluations["other_type"])["n_aircraft"] <= 6
     assert evaluations["doubled_noise"].withdrawn[0] < 0.2 * evaluations["doubled_noise"].n_unsafe
 
 
