@@ -28,7 +28,6 @@ from core.evaluation.rates import (
 from core.evaluation.robustness import DIFFERENCES, by_aircraft, robustness
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.calibration import failures_needed, smallest_epsilon
-from core.monitor.recipe import METHODS
 from core.monitor.training import with_validity
 from core.monitor.validity.support import SupportError
 from core.planned_test.collection import (
@@ -311,6 +310,7 @@ def train_on_flights(
     dataset = replace(Dataset.from_flights(learning, seed=seed), recipe=whole.recipe)
     progress("training", 0, 2)
     tried: list[MethodCounts] = []
+    chosen = ""
     if choose:
         methods = try_methods(dataset, choosing, recipe, checking)
         if not methods:
@@ -319,7 +319,8 @@ def train_on_flights(
                 f"{len(dataset.safe)} safe flights: give more, or raise epsilon"
             )
         tried = [counts for _, counts in methods.values()]
-        monitor = methods[best_of(tried, recipe.epsilon).name][0]
+        chosen = best_of(tried, recipe.epsilon).name
+        monitor = methods[chosen][0]
         if (plain := plain_threshold(dataset, choosing, recipe)) is not None:
             tried.append(plain)
     else:
@@ -337,10 +338,7 @@ def train_on_flights(
     parts = zip(PARTS, (learning, choosing, checking, testing), strict=True)
     own: dict[str, Any] = {"flights": {name: len(part.y) for name, part in parts}}
     if tried:
-        method = monitor.recipe.predictor, monitor.recipe.score
-        own["methods"] = [
-            asdict(counts) | {"chosen": METHODS.get(counts.name) == method} for counts in tried
-        ]
+        own["methods"] = [asdict(counts) | {"chosen": counts.name == chosen} for counts in tried]
     monitor = replace(monitor, evaluation=(monitor.evaluation or {}) | own)
     progress("done", 2, 2)
     return Training(dataset, monitor, test, not_calibrated)
