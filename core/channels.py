@@ -96,7 +96,7 @@ def lasting(known: Channel, seconds: float, side: Side = "above") -> Channel:
         known,
         key=f"{known.key}_{side}_{seconds:g}s",
         symbol=f"{known.symbol} ({seconds:g} s)",
-        label=f"{known.label} for {seconds:g} s",
+        label=f"lasting {known.label}",
         role="output",
         formula=held,
     )

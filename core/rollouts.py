@@ -144,7 +144,7 @@ def _completed(y: Array, dt: float, dictionary: Dictionary) -> Array:
     """Flights with computed channels. RolloutsError where a formula gives no number."""
     y = dictionary.complete(y, dt)
     for c, formula in dictionary.formulas:
-        unknown = np.isnan(y[..., [c, *formula.inputs]])
+        unknown = ~np.isfinite(y[..., [c, *formula.inputs]])
         n = int((unknown[..., 0] & ~unknown[..., 1:].any(axis=2)).any(axis=1).sum())
         if n:
             channel = dictionary.channels[c]
