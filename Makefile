@@ -26,7 +26,7 @@ test: $(READY) ## every test but the long campaign of damaged files; a file's te
 	$(TESTING) $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --ignore tests/benchmarks $(ALSO)
 
 fuzz: $(READY) ## what repeats facts at length: ten thousand damaged files, calls of every route, a hundred and ten kills of the server, laws at every case
-	FOREWARN_CAMPAIGN=1 $(TESTING) $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "fuzz or (hypothesis and not benchmark)" tests tests/fuzzing/calls.py tests/fuzzing/chains.py $(ALSO)
+	FOREWARN_CAMPAIGN=1 $(TESTING) $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "fuzz or (hypothesis and not benchmark)" $(ALSO)
 
 lint: $(READY) ## style, formatting and the direction of imports
 	$(BIN)/ruff check

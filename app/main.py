@@ -82,6 +82,14 @@ of day are UTC in ISO 8601. Errors are problem documents (RFC 9457). Long work i
 and the `Location` of a job."""
 
 
+UPLOADS = (
+    recordings.router.prefix,
+    datasets.router.prefix,
+    f"{datasets.router.prefix}/preview",
+)
+"""Where bodies may be files of any size."""
+
+
 class Application(FastAPI):
     """FastAPI with the guard as outermost layer, outside the error pages too."""
 
@@ -90,7 +98,7 @@ class Application(FastAPI):
         limited = BodyLimit(
             GZipMiddleware(Idempotent(super().build_middleware_stack()), **COMPRESSION),
             settings.max_body_bytes,
-            {("POST", recordings.router.prefix): settings.max_upload_bytes},
+            {("POST", path): settings.max_upload_bytes for path in UPLOADS},
         )
         measured = Measured(limited, state.metrics)
         return Guard(measured, settings, state.people, state.sessions, state.audit)

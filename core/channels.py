@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
-from math import degrees, pi
-from typing import Any, Literal, Self
+from math import degrees, isfinite, pi
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 
@@ -96,7 +96,7 @@ def lasting(known: Channel, seconds: float, side: Side = "above") -> Channel:
         known,
         key=f"{known.key}_{side}_{seconds:g}s",
         symbol=f"{known.symbol} ({seconds:g} s)",
-        label=f"{known.label} for {seconds:g} s",
+        label=f"lasting {known.label}",
         role="output",
         formula=held,
     )
@@ -254,7 +254,27 @@ def _channel_of(plain: Mapping[str, Any]) -> Channel:
     usual = asdict(channel(key, key, unit, key, reference=reference))
     if unknown := [name for name in plain if name not in usual]:
         raise ValueError(f"channel {key!r} has {unknown[0]!r}: {instead_of(unknown[0], usual)}")
-    return Channel(**usual | dict(plain))
+    given = Channel(**usual | dict(plain))
+    for name, choices in (("role", get_args(Role)), ("reference", get_args(Reference))):
+        if (word := str(getattr(given, name))) not in choices:
+            raise ValueError(f"channel {key!r} has the {name} {word}: {instead_of(word, choices)}")
+    for name in ("symbol", "label", "display_unit", "group"):
+        if not isinstance(getattr(given, name), str):
+            raise ValueError(f"the {name} of channel {key!r} is no text: give one")
+    for name in ("display_factor", "display_decimals", "largest"):
+        value = getattr(given, name)
+        if not _is_number(value) and (name, value) not in USUAL_NUMBERS:
+            raise ValueError(f"channel {key!r} has the {name} {value!r}: give a positive number")
+    return given
+
+
+USUAL_NUMBERS = (("largest", None), ("display_decimals", 0))
+"""Fields of a channel with values that are not positive numbers."""
+
+
+def _is_number(value: Any) -> bool:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return is_number and isfinite(value) and value > 0
 
 
 LATERAL = Dictionary(

@@ -73,7 +73,7 @@ class LabelledFlights:
         limits tell; with both, the label wins and `findings` count the disagreements.
         RolloutsError if the flights cannot train a monitor.
         """
-        y = np.array(y, np.float64, order="C")
+        y = np.asarray(y, np.float64, order="C")
         dictionary = channels if isinstance(channels, Dictionary) else dictionary_of(channels)
         widths = (len(dictionary), len(dictionary.measured))
         if y.ndim != 3 or y.shape[2] not in widths or min(y.shape[:2]) < 2:
@@ -144,7 +144,7 @@ def _completed(y: Array, dt: float, dictionary: Dictionary) -> Array:
     """Flights with computed channels. RolloutsError where a formula gives no number."""
     y = dictionary.complete(y, dt)
     for c, formula in dictionary.formulas:
-        unknown = np.isnan(y[..., [c, *formula.inputs]])
+        unknown = ~np.isfinite(y[..., [c, *formula.inputs]])
         n = int((unknown[..., 0] & ~unknown[..., 1:].any(axis=2)).any(axis=1).sum())
         if n:
             channel = dictionary.channels[c]

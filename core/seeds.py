@@ -35,6 +35,9 @@ class Branch(IntEnum):
     """Aircraft for calibrating a clearance; below it one stream for its predictions."""
     ENSEMBLE = 12
     """Failing flights for calibrating an ensemble; they train no part of it."""
+    NEAR = 13
+    """Flights of aircraft and hands near the planned ones: 0 to train a forecast, then one stream
+    for each population to calibrate a rule."""
 
 
 def stream(seed: int, branch: Branch, *below: int) -> np.random.Generator:

@@ -76,6 +76,7 @@ ALLOWED: dict[Role, tuple[str, ...]] = {
     "engineer": (
         f"POST {API}/datasets",
         f"POST {API}/datasets/amplitude",
+        f"POST {API}/datasets/preview",
         f"DELETE {API}/datasets/{{id}}",
         f"POST {API}/monitors",
         f"POST {API}/monitors/combinations",
@@ -115,6 +116,7 @@ ALLOWED: dict[Role, tuple[str, ...]] = {
 """By the least role needed. `{name}` matches one part of a path, `{name:path}` any number."""
 CHANGES_NOTHING = (
     f"POST {RECORDING}/preview",
+    f"POST {API}/datasets/preview",
     f"POST {API}/monitors/{{id}}/score",
     f"POST {FLIGHT}/score",
 )

@@ -19,10 +19,15 @@ from app.telemetry.mapping.mapping import Mapping as ChannelMapping
 from app.telemetry.mapping.mapping import TimeSource
 from app.telemetry.recording import TelemetryError
 from app.telemetry.units import convert
-from core.channels import KEYS
+from core.channels import KEYS, Dictionary
 from core.limits.exceedance import SAME_TIME
 from core.limits.limit_sets import CONDITION_KEYS, MISSING, STALE, Condition
-from core.limits.limits import Envelope, specification_to_plain
+from core.limits.limits import (
+    Envelope,
+    envelope_of,
+    specification_from_plain,
+    specification_to_plain,
+)
 from core.types import Array, Flags, Indices
 
 KNOWN = ""
@@ -151,32 +156,40 @@ class InForceTimeline:
 
 
 class LimitPiece(NamedTuple):
-    """Limits from start to end [s], infinite where there is no limit or it is unknown."""
+    """Limits from start to end [s]: infinite where there is no limit or it is unknown."""
 
     start: float
     end: float
     limits: Envelope
 
+    @property
+    def limited(self) -> Flags:
+        """(n_channels,) whether a channel has a limit."""
+        return self.limits.limited
 
-def pieces_of(limits: Envelope, in_force: Sequence[Mapping[str, Any]] | None) -> list[LimitPiece]:
-    """Which limits were in force when. limits: the monitor's.
+
+def pieces_of(
+    dictionary: Dictionary,
+    own: Envelope | None,
+    in_force: Sequence[Mapping[str, Any]] | None,
+) -> list[LimitPiece]:
+    """Which limits were in force when. own: the monitor's; None for none.
 
     in_force: plain, see InForceTimeline.intervals; None where the monitor's applied throughout.
     """
+    unlimited = Envelope.unlimited(len(dictionary))
     if in_force is None:
-        return [LimitPiece(-np.inf, np.inf, limits)]
+        return [LimitPiece(-np.inf, np.inf, own or unlimited)]
     pieces = [
         LimitPiece(
             each["start"],
             each["end"],
-            Envelope.of_magnitudes(
-                np.array([(each["limits"] or {}).get(key, np.inf) for key in KEYS])
-            ),
+            envelope_of(specification_from_plain(each["limits"] or None, dictionary)) or unlimited,
         )
         for each in in_force
     ]
     begin = pieces[0].start if pieces else np.inf
-    return [LimitPiece(-np.inf, begin, limits), *pieces]
+    return [LimitPiece(-np.inf, begin, own or unlimited), *pieces]
 
 
 def _plain(ruling: Ruling) -> dict[str, Any]:

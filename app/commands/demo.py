@@ -135,6 +135,6 @@ def train_on_noise() -> None:
     dataset = Dataset(
         unsafe.y, unsafe.fail_index, safe.y, times, unsafe.theta, safe.theta, DATASET.dt, ("x",)
     )
-    monitor = with_validity(train(dataset, MONITOR), dataset, repeat(flights, 100))
+    monitor = with_validity(train(dataset, MONITOR, near=[unsafe]), dataset, repeat(flights, 100))
     evaluate(monitor, flights.y, flights.fail_index)
     monitor.stream().update(0.0, y[0, 0])

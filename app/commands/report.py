@@ -103,7 +103,11 @@ def write_reports(
     for scoring, subject in file_subjects(request, scored_file, files.aircraft):
         notes = about(subject.recording, subject.scoring)
         page = report(subject).encode()
-        exports = [partial(export, subject.samples, notes, kind) for kind in files.exports]
+        dictionary = subject.monitor.dictionary
+        exports = [
+            partial(export, subject.samples, notes, kind, dictionary=dictionary)
+            for kind in files.exports
+        ]
         writers |= zip(files.paths(scoring.label), [just(page), *exports], strict=True)
     write_files(writers)
     return outcome_of(scored_file, list(writers))

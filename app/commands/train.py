@@ -21,7 +21,7 @@ from app.jobs.requests import N_TEST
 from app.jobs.training import FlownTest, Training, simulate, train_and_test, train_on_flights
 from app.recipes import labels
 from app.recipes.recipes import RecipeError, dataset_for, from_plain, monitor_as_ordered
-from app.telemetry.limit_texts import specified
+from app.telemetry.limit_texts import labelled
 from app.telemetry.rollouts import read_dictionary, read_rollouts
 from core.bounds import Bounds, check_bounds
 from core.dataset import Dataset
@@ -33,7 +33,6 @@ from core.monitor import Monitor, MonitorRecipe
 from core.monitor.calibration import check_epsilon
 from core.monitor.training import check_lead
 from core.planned_test.collection import DatasetRecipe
-from core.rollouts import LabelledFlights
 
 
 @dataclass(frozen=True)
@@ -97,16 +96,8 @@ def run_on_rollouts(options: argparse.Namespace) -> int:
     recipe = from_plain(MonitorRecipe(), monitor_as_ordered(plain))
     check_file(options.out)
     dictionary = None if options.dictionary is None else read_dictionary(options.dictionary)
-    read = read_rollouts(options.rollouts, dictionary)
-    dictionary, limits = specified(read, options.channel or (), options.limit or ())
-    flights = LabelledFlights.of(
-        read.y,
-        dt=read.dt,
-        channels=dictionary,
-        fail_index=read.fail_index,
-        limits=limits,
-        theta=read.theta,
-    )
+    read = read_rollouts(options.rollouts, dictionary, dt=getattr(options, "dataset.dt"))
+    flights = labelled(read, options.channel or (), options.limit or ())
     choose = not plain.keys() & {"predictor", "score"}
     training = train_on_flights(Dataset.from_flights(flights), recipe, choose, lambda *_: None)
     training.monitor.save(options.out)

@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from math import inf, nan
+from math import inf, isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -65,7 +65,6 @@ from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import Cause
 from core.monitor.peak_forecast import Ahead
 from core.monitor.status import Facts, Headline, Level, headline
-from core.simulation.attitude import Attitude
 from core.types import Array
 
 if TYPE_CHECKING:
@@ -595,9 +594,10 @@ class Flight(ABC):
             return
         (attitude, y), assessment = self._pose, self._assessment
         is_stale = self.state is State.STALE
+        phi, theta, psi = (angle if isfinite(angle) else None for angle in attitude)
         shown = Shown(
             self.t,
-            Attitude(*attitude),
+            (phi, theta, psi),
             self._value(y, "beta"),
             self._value(y, "delta_a"),
             self._value(y, "delta_r"),
@@ -611,10 +611,10 @@ class Flight(ABC):
         )
         self._use_scene(lambda scene: scene.show(shown))
 
-    def _value(self, y: Array, key: str) -> float:
-        """A channel of a sample; NaN if the monitor has no such channel."""
+    def _value(self, y: Array, key: str) -> float | None:
+        """A channel of a sample; None if the monitor has no such channel."""
         keys = self.plan.monitor.dictionary.keys
-        return y.item(keys.index(key)) if key in keys else nan
+        return y.item(keys.index(key)) if key in keys else None
 
     def _miss(self, seconds: float) -> None:
         reason, is_new = f"no sample came for {seconds:g} s", self.state is not State.STALE

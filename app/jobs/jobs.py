@@ -10,6 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from app.recordings.files import NoSpace
 from app.store.jobs import ENDED, JobInfo
 from app.store.store import NotFound, Store
 from core.kernels.compiled import announce_compilation
@@ -45,6 +46,8 @@ class Task:
     stop: threading.Event = field(default_factory=threading.Event)
     watchers: set[Callable[[], object]] = field(default_factory=set)
     ended: bool = False
+    release: Callable[[], object] = lambda: None
+    """Called when it has ended, whether it ran or not."""
     next_save: float = 0.0
 
     def progress(self, message: str, done: int, total: int) -> None:
@@ -89,15 +92,25 @@ class Jobs:
     def n_running(self) -> int:
         return len(self._live) - len(self._waiting)
 
-    def submit(self, kind: str, request: dict[str, Any], work: Work) -> str:
-        """Queue a job and return its id. QueueFull."""
+    def submit(
+        self,
+        kind: str,
+        request: dict[str, Any],
+        work: Work,
+        release: Callable[[], object] = lambda: None,
+    ) -> str:
+        """Queue a job and return its id. QueueFull.
+
+        release: called when the job has ended, whether it ran or not.
+        """
         with self._changed:
             if self._closing or len(self._waiting) >= self.limit:
                 raise QueueFull(
                     f"{len(self._waiting)} jobs are waiting, the maximum: wait until one ends, or "
                     "cancel one"
                 )
-            task = Task(self.store.jobs.add(kind, request), work, self._on_progress)
+            job_id = self.store.jobs.add(kind, request)
+            task = Task(job_id, work, self._on_progress, release=release)
             self._live[task.id] = task
             self._waiting.append(task)
             self._changed.notify()
@@ -195,8 +208,8 @@ class Jobs:
                 self._end(task, status="interrupted", error=STOPPED)
             else:
                 self._end(task, status="cancelled", message=f"cancelled while {task.message}")
-        except (ValueError, NotFound) as error:
-            # the messages of core and the store are for people
+        except (ValueError, NotFound, NoSpace) as error:
+            # the messages of core, the store and the disk are for people
             self._fail(task, str(error.args[0]) if error.args else type(error).__name__, error)
         except MemoryError as error:
             self._fail(task, "out of memory: ask for fewer rollouts", error)
@@ -212,6 +225,10 @@ class Jobs:
             self.store.jobs.update(task.id, **fields)
         except Exception:
             LOG.exception("the end of job %s could not be stored: %s", task.id, fields)
+        try:
+            task.release()
+        except Exception:
+            LOG.exception("job %s left something behind", task.id)
         task.ended = True
         self._live.pop(task.id, None)
         self._wake(task)

@@ -16,10 +16,14 @@ from app.jobs.training import (
     Progress,
     simulate,
     test_to_fly,
+    too_few,
     train_and_test,
     with_test,
 )
+from app.recipes.recipes import USUAL_MONITOR
+from app.recordings.rollouts import SentRollouts
 from app.store.store import Store
+from core.dataset import Dataset
 from core.evaluation.epsilon_choice import Choice, ChoiceRecipe, choose
 from core.evaluation.lead_sweep import SweepRecipe, sweep
 from core.evaluation.rates import clopper_pearson
@@ -41,6 +45,22 @@ def simulate_dataset(task: Task, name: str, recipe: DatasetRecipe, store: Store)
     dataset = simulate(recipe, task.progress)
     task.progress("storing", task.done, task.total)
     return {"dataset": store.datasets.add(dataset, name).id}
+
+
+def add_rollouts(task: Task, sent: SentRollouts, most_bytes: int, store: Store) -> Result:
+    """Read, check and store rollouts; the result has the dataset's id and what was found."""
+    task.progress("reading the rollouts", 0, 3)
+    read = sent.read(most_bytes)
+    task.progress(f"checking {len(read.y)} flights", 1, 3)
+    flights = sent.labelled(read)
+    del read  # as large as the flights
+    dataset, findings = Dataset.from_flights(flights), list(flights.findings)
+    del flights
+    findings += too_few(len(dataset.unsafe), USUAL_MONITOR)
+    task.progress("storing", 2, 3)
+    info = store.datasets.add(dataset, sent.name, findings)
+    counts = {"n_unsafe": info.n_unsafe, "n_safe": info.n_safe}
+    return {"dataset": info.id, "findings": findings} | counts
 
 
 def train_monitor(task: Task, request: MonitorRequest, store: Store) -> Result:

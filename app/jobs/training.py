@@ -28,7 +28,6 @@ from core.evaluation.rates import (
 from core.evaluation.robustness import DIFFERENCES, by_aircraft, robustness
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.calibration import failures_needed, smallest_epsilon
-from core.monitor.recipe import METHODS
 from core.monitor.training import with_validity
 from core.monitor.validity.support import SupportError
 from core.planned_test.collection import (
@@ -42,6 +41,7 @@ from core.planned_test.collection import (
     fresh,
     stopping_flights,
 )
+from core.planned_test.near import near_failures, near_rollouts
 from core.seeds import Branch, stream
 from core.types import Array, Indices
 
@@ -192,10 +192,13 @@ def train_and_test(
         return train_on_flights(dataset, recipe, choose, progress)
     progress("training", 0, 3)
     card = card_of(simulated) if recipe.predictor.forecast == "card" else None
-    failures = None
+    failures = rollouts = None
+    near: list[Rollouts] = []
     if recipe.predictor.forecast == "ensemble":
         failures = _fresh_failures(replace(simulated, groups=recipe.groups), progress)
-    monitor = train(dataset, recipe, card=card, failures=failures)
+    if recipe.is_near:
+        rollouts, near = near_rollouts(simulated), _near_failures(simulated, progress)
+    monitor = train(dataset, recipe, card=card, rollouts=rollouts, failures=failures, near=near)
     monitor.check_epsilon()
     monitor, not_calibrated = _with_validity(monitor, dataset, simulated, progress)
     if n_test == 0:
@@ -213,6 +216,15 @@ def _fresh_failures(recipe: DatasetRecipe, progress: Progress) -> Rollouts:
         progress(f"training: {n_unsafe} fresh failures of {n_made} flights", 0, 3)
 
     return combination_failures(recipe, recipe.n_unsafe, report, Branch.ENSEMBLE)[0]
+
+
+def _near_failures(recipe: DatasetRecipe, progress: Progress) -> list[Rollouts]:
+    """As many failing flights of each population near the planned one."""
+
+    def report(n_done: int, total: int) -> None:
+        progress(f"training: {n_done} of {total} kinds of near aircraft and hands", 0, 3)
+
+    return near_failures(recipe, recipe.n_unsafe, report)
 
 
 def with_test(
@@ -292,11 +304,13 @@ def train_on_flights(
 
     choose: choose the method by the second part; else that of the recipe is used.
     """
+    recipe = recipe.as_planned()
     flights = whole.flights()
     learning, choosing, checking, testing = flights.split(SHARES, seed)
     dataset = replace(Dataset.from_flights(learning, seed=seed), recipe=whole.recipe)
     progress("training", 0, 2)
     tried: list[MethodCounts] = []
+    chosen = ""
     if choose:
         methods = try_methods(dataset, choosing, recipe, checking)
         if not methods:
@@ -305,7 +319,8 @@ def train_on_flights(
                 f"{len(dataset.safe)} safe flights: give more, or raise epsilon"
             )
         tried = [counts for _, counts in methods.values()]
-        monitor = methods[best_of(tried, recipe.epsilon).name][0]
+        chosen = best_of(tried, recipe.epsilon).name
+        monitor = methods[chosen][0]
         if (plain := plain_threshold(dataset, choosing, recipe)) is not None:
             tried.append(plain)
     else:
@@ -323,10 +338,7 @@ def train_on_flights(
     parts = zip(PARTS, (learning, choosing, checking, testing), strict=True)
     own: dict[str, Any] = {"flights": {name: len(part.y) for name, part in parts}}
     if tried:
-        method = monitor.recipe.predictor, monitor.recipe.score
-        own["methods"] = [
-            asdict(counts) | {"chosen": METHODS.get(counts.name) == method} for counts in tried
-        ]
+        own["methods"] = [asdict(counts) | {"chosen": counts.name == chosen} for counts in tried]
     monitor = replace(monitor, evaluation=(monitor.evaluation or {}) | own)
     progress("done", 2, 2)
     return Training(dataset, monitor, test, not_calibrated)

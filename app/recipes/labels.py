@@ -67,6 +67,7 @@ CHOICES: dict[str, dict[Hashable, str]] = {
     "calibration": {"trajectory": "as flown", "pointwise": "one sample (paper)"},
     "guarantee": {"average": "on average over monitors", "95%": "of this monitor, 95 % confident"},
     "imperfections": {"none": "none", "usual": "as usual in flight"},
+    "scope": {"planned": "as planned", "near": "also near the planned ones"},
     "phase": {"input": "when its input moves a surface", "start": "first sample"},
     "p_value": {"simple": "simple", "exact": "exact"},
     "scaling": {"safe_std": "standard deviation", "raw": "none (paper)"},

@@ -17,7 +17,7 @@ from core import recipe
 from core.channels import BEYOND_FLIGHT, CHANNELS
 from core.limits.limits import Limits
 from core.monitor.group import Pooled
-from core.monitor.predictor import PREDICTORS
+from core.monitor.predictor import Ensemble, Scope
 from core.monitor.recipe import METHODS, MonitorRecipe
 from core.monitor.score import SCORES
 from core.planned_test.amplitude import Suggestion, suggest_amplitude
@@ -53,7 +53,7 @@ Imperfect = Literal["usual", "none"]
 USUAL_DATASET = DatasetRecipe(n_unsafe=500).as_trained()
 """The default dataset."""
 USUAL_MONITOR = MonitorRecipe(
-    predictor=PREDICTORS["ensemble"], score=SCORES["highest_risk"], guarantee="95%"
+    predictor=Ensemble(scope="near"), score=SCORES["highest_risk"], guarantee="95%"
 )
 """The default monitor."""
 AUTO = "auto"
@@ -188,7 +188,19 @@ def monitor_as_ordered(plain: Any) -> Any:
     """
     if not isinstance(plain, dict) or plain.keys() >= BEFORE_GUARANTEE:
         return plain
-    return {"guarantee": USUAL_MONITOR.guarantee} | _method(plain) | plain
+    ordered = {"guarantee": USUAL_MONITOR.guarantee} | _method(plain) | plain
+    predictor = ordered.get("predictor")
+    if isinstance(predictor, dict) and predictor.get("kind") == "ensemble":
+        given = plain.get("predictor", {})
+        ordered["predictor"] = predictor | {"scope": _usual_scope(plain)} | given
+    return ordered
+
+
+def _usual_scope(plain: dict[str, Any]) -> Scope:
+    """The scope of an ensemble if none is given; groups need the planned one."""
+    groups = plain.get("groups", {})
+    is_pooled = isinstance(groups, dict) and groups.get("kind", "pooled") == "pooled"
+    return "near" if is_pooled else "planned"
 
 
 def _method(plain: dict[str, Any]) -> dict[str, Any]:

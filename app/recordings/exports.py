@@ -1,11 +1,13 @@
 """Export a scored recording as CSV, Parquet or MAT, with units.
 
-Channels are as assessed: from trim, in SI units, N_y in g. In CSV the names contain both, so that
-the file can be scored again; the other formats store them beside each column.
+Channels are as assessed, in SI units, N_y in g: from trim where their reference is trim. In CSV the
+names contain both, so that the file can be scored again; the other formats store them beside each
+column.
 """
 
 import io
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -14,17 +16,17 @@ import numpy as np
 import numpy.typing as npt
 
 from app.assessment.limits_history import pieces_of
-from core.channels import CHANNELS
-from core.limits.limits import Envelope
+from core.channels import LATERAL, Dictionary
 from core.monitor.assessment import STATES
 from core.types import Array
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-SUFFIXES = {"rad": "rad", "rad/s": "radps", "g": "g", "s": "s"}
 ANGLES = ("phi", "theta", "psi")
 MAT_TITLE = b"MATLAB 5.0 MAT-file, written by Forewarn"
+MATLAB_LETTERS = 31
+"""Longest name of a variable."""
 MAT_TITLE_BYTES = 116
 """scipy writes the time of day there; we replace it, so that equal flights give equal files."""
 BLOCK = 65_536
@@ -49,7 +51,8 @@ class ExportColumn:
     def long_name(self) -> str:
         """Name with reference and unit, such as `beta_from_trim_rad`."""
         name = f"{self.name}_from_trim" if self.from_trim else self.name
-        return f"{name}_{SUFFIXES[self.unit]}" if self.unit else name
+        suffix = "" if self.unit == "1" else re.sub(r"[^\w%]", "", self.unit.replace("/", "p"))
+        return re.sub(r'[",\r\n]', " ", f"{name}_{suffix}" if suffix else name)
 
 
 @dataclass(frozen=True)
@@ -60,32 +63,46 @@ class ExportFormat:
     write: Callable[[list[ExportColumn], Mapping[str, Any], BinaryIO], object]
 
 
-def export(samples: npt.NDArray, about: Mapping[str, Any], form: str, file: BinaryIO) -> None:
+def export(
+    samples: npt.NDArray,
+    about: Mapping[str, Any],
+    form: str,
+    file: BinaryIO,
+    dictionary: Dictionary = LATERAL,
+) -> None:
     """Write stored samples (see app.assessment) in a format of EXPORTS.
 
     about: plain data stored with them if the format allows it: hashes, epsilon, monitor.
     """
-    EXPORTS[form].write(columns(samples, about.get("limits_in_force")), about, file)
+    exported = columns(samples, about.get("limits_in_force"), dictionary)
+    EXPORTS[form].write(exported, about, file)
 
 
 def columns(
-    samples: npt.NDArray, in_force: Sequence[Mapping[str, Any]] | None = None
+    samples: npt.NDArray,
+    in_force: Sequence[Mapping[str, Any]] | None = None,
+    dictionary: Dictionary = LATERAL,
 ) -> list[ExportColumn]:
-    """The columns of stored samples in order; attitude only if recorded.
+    """The columns of stored samples in order; attitude only if recorded, and no channel.
 
-    in_force: limits in force, see app.assessment.limits_history; one column per limited channel.
+    in_force: limits in force, see app.assessment.limits_history; columns per limited channel.
     """
     measured, predicted = (
         [
-            ExportColumn(f"{prefix}{channel.key}", channel.unit, samples[field][:, c], True)
-            for c, channel in enumerate(CHANNELS)
+            ExportColumn(
+                f"{prefix}{channel.key}",
+                channel.unit,
+                samples[field][:, c],
+                channel.reference == "trim",
+            )
+            for c, channel in enumerate(dictionary.channels)
         ]
         for prefix, field in (("", "y"), ("predicted_", "y_hat"))
     )
     attitude = [
         ExportColumn(angle, "rad", samples["attitude"][:, c])
         for c, angle in enumerate(ANGLES)
-        if np.isfinite(samples["attitude"][:, c]).any()
+        if angle not in dictionary.keys and np.isfinite(samples["attitude"][:, c]).any()
     ]
     return [
         ExportColumn("t", "s", samples["t"]),
@@ -98,23 +115,33 @@ def columns(
         ExportColumn("withdrawn_p_value", "", samples["withdrawn"]),
         *predicted,
         *attitude,
-        *_limits(samples["t"], in_force or ()),
+        *_limits(samples["t"], in_force or (), dictionary),
     ]
 
 
-def _limits(t: Array, in_force: Sequence[Mapping[str, Any]]) -> list[ExportColumn]:
-    """The limit in force of each channel that had one, over time; NaN if none applied."""
-    pieces = pieces_of(Envelope.unlimited(len(CHANNELS)), in_force)
-    limited = np.logical_or.reduce([piece.limits.limited for piece in pieces])
+def _limits(
+    t: Array, in_force: Sequence[Mapping[str, Any]], dictionary: Dictionary
+) -> list[ExportColumn]:
+    """The limits in force of each channel that had one, over time; NaN if none applied.
+
+    One column where the limit is the same for either sign throughout, else one for each end.
+    """
     limit_columns = []
-    for c in np.flatnonzero(limited):
-        channel, limits = CHANNELS[c], np.full(len(t), np.nan)
-        for piece in pieces:
-            limit = piece.limits.high[c] if piece.limits.limited[c] else np.nan
-            limits[(t >= piece.start) & (t <= piece.end)] = limit
-        if np.isfinite(limits).any():
-            name = f"limit_{channel.key}"
-            limit_columns.append(ExportColumn(name, channel.unit, limits, from_trim=True))
+    for c, channel in enumerate(dictionary.channels):
+        ends = np.full((2, len(t)), np.nan)
+        for piece in pieces_of(dictionary, None, in_force):
+            of_piece = np.array([piece.limits.low[c], piece.limits.high[c]])
+            of_piece[~np.isfinite(of_piece)] = np.nan
+            ends[:, (t >= piece.start) & (t <= piece.end)] = of_piece[:, None]
+        low, high = ends
+        both = {f"limit_low_{channel.key}": low, f"limit_high_{channel.key}": high}
+        if np.array_equal(-low, high, equal_nan=True):
+            both = {f"limit_{channel.key}": high}
+        limit_columns += [
+            ExportColumn(name, channel.unit, values, channel.reference == "trim")
+            for name, values in both.items()
+            if np.isfinite(values).any()
+        ]
     return limit_columns
 
 
@@ -159,24 +186,33 @@ def _parquet(export_columns: list[ExportColumn], about: Mapping[str, Any], file:
 def _mat(export_columns: list[ExportColumn], about: Mapping[str, Any], file: BinaryIO) -> None:
     from scipy.io import savemat
 
-    data = {column.name: np.ascontiguousarray(column.values) for column in export_columns}
+    named = dict(zip(_matlab_names(export_columns), export_columns, strict=True))
+    data = {name: np.ascontiguousarray(column.values) for name, column in named.items()}
     states = next(column for column in export_columns if column.words)
     names, data["state"] = np.unique(np.array(states.words)[states.values], return_inverse=True)
-    units = {column.name: column.unit for column in export_columns if column.unit}
+    units = {name: column.unit for name, column in named.items() if column.unit}
     data["state"] = data["state"].astype(np.uint8) + 1  # MATLAB counts from 1
     content = {
         **data,
         "state_names": names.astype(object),
         "units": units,
-        "from_trim": np.array(
-            [column.name for column in export_columns if column.from_trim], object
-        ),
+        "from_trim": np.array([name for name, column in named.items() if column.from_trim], object),
         "about": _text(about),
     }
     buffer = io.BytesIO()
     savemat(buffer, content, oned_as="column")
     file.write(MAT_TITLE.ljust(MAT_TITLE_BYTES))
     file.write(buffer.getbuffer()[MAT_TITLE_BYTES:])
+
+
+def _matlab_names(export_columns: list[ExportColumn]) -> list[str]:
+    """The columns' names as MATLAB allows them, each once."""
+    names: list[str] = []
+    for column in export_columns:
+        name = re.sub(r"\W", "_", column.name, flags=re.ASCII)
+        name = (name if name[:1].isalpha() else f"x{name}")[:MATLAB_LETTERS]
+        names.append(name if name not in names else f"{name[:28]}_{len(names)}")
+    return names
 
 
 def _text(about: Mapping[str, Any]) -> str:

@@ -16,7 +16,8 @@ from app.recordings.files import RecordingFiles, digest_of, reporting_full_disk
 from app.recordings.flown_journal import FlownJournal, link_or_copy
 from app.recordings.mapped_columns import propose_mapping, signature, with_mapping
 from app.recordings.mapped_recording import MappedRecording, RecentMappings
-from app.recordings.upload import Received, receive
+from app.recordings.rollouts import SentRollouts, receive_rollouts
+from app.recordings.upload import Received, SentField, receive
 from app.recordings.workers import Busy, Workers, run_to_end
 from app.store.recordings import MappedColumns, RememberedMapping
 from app.store.store import NotFound, Store, StoreError
@@ -95,30 +96,60 @@ class Recordings:
 
         Busy; NoSpace; Stalled; Abandoned; NotFound; TelemetryError if the file cannot be read.
         """
+        recording_id = new_id()
+        with self._uploading():
+            try:
+                dictionary = await run_to_end(self.dictionary_of, upload.monitor)
+                folder = await run_to_end(self._begin, recording_id, upload.length or 0)
+                received = await receive(upload.body, folder / "file", self.files.require)
+                if received.size == 0:
+                    raise TelemetryError("the file is empty: choose a file with telemetry")
+                stored, mapped = await self.readers.run(self._read, folder, upload, dictionary)
+                if await upload.is_abandoned():
+                    raise Abandoned
+                about = upload.name, upload.aircraft, received, stored
+                await run_to_end(self._admit, recording_id, *about)
+                self._recent.add(recording_id, mapped)
+            except BaseException:
+                await run_to_end(self._drop, recording_id)
+                raise
+        return recording_id
+
+    async def receive_rollouts(
+        self, fields: AsyncIterator[SentField], said: dict[str, str], length: int
+    ) -> SentRollouts:
+        """Receive files of rollouts into a folder, which the caller drops by `drop_rollouts`.
+
+        said: fields besides those sent.   length: declared by the client [bytes], or 0.
+        Busy; NoSpace; Stalled; TelemetryError.
+        """
+        upload_id = new_id()
+        with self._uploading():
+            try:
+                sent = SentRollouts(await run_to_end(self._begin, upload_id, length))
+                for name, text in said.items():
+                    sent.say(name, text)
+                await receive_rollouts(fields, sent, self.files.require)
+            except BaseException:
+                await run_to_end(self.files.reject, upload_id)
+                raise
+        return sent
+
+    def drop_rollouts(self, sent: SentRollouts) -> None:
+        self.files.reject(sent.folder.name)
+
+    @contextmanager
+    def _uploading(self) -> Iterator[None]:
+        """Count the caller among the uploads. Busy."""
         if len(self._uploads) >= MOST_UPLOADS:
             raise Busy(f"{MOST_UPLOADS} uploads are in progress, the maximum: try again soon")
         task = asyncio.current_task()
         assert task is not None
         self._uploads.add(task)
-        recording_id = new_id()
         try:
-            dictionary = await run_to_end(self.dictionary_of, upload.monitor)
-            folder = await run_to_end(self._begin, recording_id, upload.length or 0)
-            received = await receive(upload.body, folder / "file", self.files.require)
-            if received.size == 0:
-                raise TelemetryError("the file is empty: choose a file with telemetry")
-            stored, mapped = await self.readers.run(self._read, folder, upload, dictionary)
-            if await upload.is_abandoned():
-                raise Abandoned
-            about = upload.name, upload.aircraft, received, stored
-            await run_to_end(self._admit, recording_id, *about)
-            self._recent.add(recording_id, mapped)
-        except BaseException:
-            await run_to_end(self._drop, recording_id)
-            raise
+            yield
         finally:
             self._uploads.discard(task)
-        return recording_id
 
     def add_journal(self, flown: FlownJournal) -> str:
         """Store the journal of an ended flight with a confirmed mapping; runs in a thread.

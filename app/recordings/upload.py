@@ -6,7 +6,7 @@ import unicodedata
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 from app.recordings.files import reporting_full_disk
 from app.recordings.workers import run_to_end
@@ -19,6 +19,14 @@ STALL_AFTER_S = 60.0
 
 class Stalled(Exception):
     """The client stopped sending but keeps the connection open."""
+
+
+class SentField(NamedTuple):
+    """A field of a form, or a whole body.   file_name: "" for text, and if the sender gave none."""
+
+    name: str
+    file_name: str
+    content: AsyncIterator[bytes]
 
 
 @dataclass(frozen=True)

@@ -2,12 +2,19 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
+from math import inf
 from typing import Any
 
 from app.assessment.outcome import OUTCOMES, OutcomeLevel, wording_of
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.targets import as_mapped, in_order, target_of
-from core.channels import BY_KEY, Dictionary
+from core.channels import Channel, Dictionary
+from core.limits.limits import (
+    Envelope,
+    Specification,
+    envelope_of,
+    specification_from_plain,
+)
 from core.monitor.validity.flown_input import amplitude_in_words
 
 Plain = Mapping[str, Any]
@@ -139,18 +146,22 @@ def alerts(manoeuvres: Sequence[Plain]) -> list[dict[str, Any]]:
     ]
 
 
-def exceeded_own(manoeuvres: Sequence[Plain], key: str, limit: float) -> list[tuple[Plain, Plain]]:
-    """Manoeuvres that exceed a limit of the monitor's own, each with its exceedance."""
+def exceeded_own(
+    manoeuvres: Sequence[Plain], key: str, low: float, high: float
+) -> list[tuple[Plain, Plain]]:
+    """Manoeuvres that exceed limits of the monitor's own, each with its exceedance."""
     return [
         (manoeuvre, exceedance)
         for manoeuvre in manoeuvres
         if (exceedance := manoeuvre.get("own_exceedance") or manoeuvre["exceedance"])
         and exceedance["channel"] == key
-        and abs(exceedance["value"]) >= limit
+        and not low < exceedance["value"] < high
     ]
 
 
-def limits_in_force(in_force: Sequence[Plain], manoeuvres: Sequence[Plain]) -> list[dict[str, Any]]:
+def limits_in_force(
+    dictionary: Dictionary, in_force: Sequence[Plain], manoeuvres: Sequence[Plain]
+) -> list[dict[str, Any]]:
     """Limits of a set in force over time, and the manoeuvres that first exceeded them."""
     rows = []
     for interval in in_force:
@@ -162,12 +173,19 @@ def limits_in_force(in_force: Sequence[Plain], manoeuvres: Sequence[Plain]) -> l
             if (first := manoeuvre["exceedance"])
             and interval["start"] <= first["t"] < interval["end"]
         ]
-        limits = [
-            {"channel": BY_KEY[key], "limit": limit}
-            for key, limit in (interval["limits"] or {}).items()
-        ]
+        specification = specification_from_plain(interval["limits"] or None, dictionary)
+        limits = limited(dictionary, specification)
         rows.append(dict(interval) | {"limits": limits, "words": name, "exceeded": exceeded})
     return rows
+
+
+def limited(
+    dictionary: Dictionary, specification: Specification
+) -> list[tuple[Channel, float, float]]:
+    """The channels with limits, each with its least and greatest safe value."""
+    limits = envelope_of(specification) or Envelope.unlimited(len(dictionary))
+    ends = zip(dictionary.channels, limits.low.tolist(), limits.high.tolist(), strict=True)
+    return [each for each in ends if each[1:] != (-inf, inf)]
 
 
 def drawn(manoeuvres: Sequence[Plain]) -> set[int]:

@@ -17,7 +17,7 @@ from markupsafe import Markup
 from app.assessment.limits_history import LimitPiece
 from app.assessment.outcome import runs
 from app.report.strip_chart import Strip, StripChart
-from core.channels import CHANNELS
+from core.channels import Channel, Dictionary
 from core.monitor.assessment import STATES, State
 from core.types import Array
 
@@ -25,6 +25,8 @@ Plain = Mapping[str, Any]
 INVALID = STATES.index(State.INVALID)
 TALL, LOW, LOWEST = 64.0, 52.0, 9.0
 """Heights of strips in the overview, of a manoeuvre, and of the data's faults [px]."""
+MOST_STRIPS = 12
+"""Channels that are drawn of one manoeuvre."""
 FAULTS = {
     "gap": "gaps",
     "clock": "clock jumps",
@@ -43,6 +45,7 @@ LEAST = 1.5
 
 
 def overview(
+    dictionary: Dictionary,
     samples: npt.NDArray,
     manoeuvres: Sequence[Plain],
     limits: Sequence[LimitPiece],
@@ -52,30 +55,31 @@ def overview(
     t = samples["t"]
     chart = StripChart(float(t[0]), float(t[-1]))
     intervals = [(manoeuvre["start"], manoeuvre["end"]) for manoeuvre in manoeuvres]
-    limited = np.logical_or.reduce([piece.limits.limited for piece in limits])
-    for c in np.flatnonzero(limited).tolist() or [3]:
-        strip, y = chart.strip(TALL, _label(c)), _shown(samples["y"], c)
-        strip.show(y, *_levels(c, limits))
+    for c in _limited(limits) or list(dictionary.of_role("output")[-1:]):
+        channel = dictionary.channels[c]
+        strip, y = chart.strip(TALL, _label(channel)), _shown(samples["y"], channel, c)
+        strip.show(y, *_levels(channel, c, limits))
         strip.fill("manoeuvre", intervals)
         strip.line("measured", t, y)
-        _draw_limits(strip, c, limits)
+        _draw_limits(strip, channel, c, limits)
     risk_strip(chart, TALL, samples, alert_above, intervals)
     chart.name([(manoeuvre["start"], manoeuvre["name"]) for manoeuvre in manoeuvres])
     return chart.svg("The limited channels and the risk over the entire recording")
 
 
 def manoeuvre(
+    dictionary: Dictionary,
     samples: npt.NDArray,
     manoeuvre: Plain,
     limits: Sequence[LimitPiece],
     alert_above: float,
     lead: float,
 ) -> Markup:
-    """All channels of one manoeuvre with forecasts and limits, and the risk below."""
+    """Channels of one manoeuvre with forecasts and limits, and the risk below."""
     part = samples[manoeuvre["first"] : manoeuvre["last"] + 1]
     chart = StripChart(float(part["t"][0]), float(part["t"][-1]))
     exceedance = [manoeuvre["exceedance"]["t"]] if manoeuvre["exceedance"] else []
-    every_strip(chart, LOW, part, limits, alert_above, lead, exceedance)
+    every_strip(dictionary, chart, LOW, part, limits, alert_above, lead, exceedance)
     return chart.svg(f"Channels, forecasts, limits and risk of {manoeuvre['name']}")
 
 
@@ -101,6 +105,7 @@ def faults(quality: Plain | None) -> Markup | None:
 
 
 def every_strip(
+    dictionary: Dictionary,
     chart: StripChart,
     height: float,
     samples: npt.NDArray,
@@ -110,10 +115,13 @@ def every_strip(
     exceedances: Sequence[float],
     intervals: Sequence[tuple[float, float]] = (),
 ) -> None:
-    """A legend, every channel and the risk, with each exceedance [s] and its last timely alert."""
+    """A legend, the channels and the risk, with each exceedance [s] and its last timely alert.
+
+    Of many channels MOST_STRIPS: the limited ones, then controls, then the others.
+    """
     chart.explain(
         [
-            ("measured", "measured, from trim"),
+            ("measured", _reference(dictionary)),
             ("forecast", f"predicted {lead:g} s ahead"),
             ("limit", "limit"),
             *(
@@ -123,8 +131,8 @@ def every_strip(
         ]
     )
     strips = [
-        channel_strip(chart, height, c, samples, limits, lead, intervals)
-        for c in range(len(CHANNELS))
+        channel_strip(dictionary.channels[c], c, chart, height, samples, limits, lead, intervals)
+        for c in _drawn(dictionary, limits)
     ]
     for strip in (*strips, risk_strip(chart, height, samples, alert_above, intervals)):
         strip.moments("exceedance", exceedances)
@@ -132,22 +140,26 @@ def every_strip(
 
 
 def channel_strip(
+    channel: Channel,
+    c: int,
     chart: StripChart,
     height: float,
-    c: int,
     samples: npt.NDArray,
     limits: Sequence[LimitPiece],
     lead: float,
     intervals: Sequence[tuple[float, float]] = (),
 ) -> Strip:
-    """One channel: measured, forecast (at the time it is for) and limits; intervals are shaded."""
-    t, y, y_hat = samples["t"], _shown(samples["y"], c), _shown(samples["y_hat"], c)
-    strip = chart.strip(height, _label(c))
-    strip.show(y, y_hat[t + lead <= t[-1]], *_levels(c, limits, chart.start, chart.end))
+    """One channel, number c: measured, forecast (at the time it is for) and limits.
+
+    intervals: shaded.
+    """
+    t, y, y_hat = samples["t"], *(_shown(samples[of], channel, c) for of in ("y", "y_hat"))
+    strip = chart.strip(height, _label(channel))
+    strip.show(y, y_hat[t + lead <= t[-1]], *_levels(channel, c, limits, chart.start, chart.end))
     strip.fill("manoeuvre", intervals)
     strip.line("forecast", t + lead, y_hat)
     strip.line("measured", t, y)
-    _draw_limits(strip, c, limits)
+    _draw_limits(strip, channel, c, limits)
     return strip
 
 
@@ -175,26 +187,46 @@ def risk_strip(
     return strip
 
 
-def _shown(y: Array, c: int) -> Array:
-    return y[:, c] * CHANNELS[c].display_factor
+def _limited(limits: Sequence[LimitPiece]) -> list[int]:
+    """Channels with a limit at any time."""
+    return np.flatnonzero(np.any([piece.limited for piece in limits], axis=0)).tolist()
+
+
+def _drawn(dictionary: Dictionary, limits: Sequence[LimitPiece]) -> list[int]:
+    """Channels that are drawn, in order."""
+    order = (*_limited(limits), *dictionary.of_role("control"), *range(len(dictionary)))
+    return sorted(list(dict.fromkeys(order))[:MOST_STRIPS])
+
+
+def _reference(dictionary: Dictionary) -> str:
+    is_from_trim = all(channel.reference == "trim" for channel in dictionary.channels)
+    return "measured, from trim" if is_from_trim else "measured"
+
+
+def _shown(y: Array, channel: Channel, c: int) -> Array:
+    return y[:, c] * channel.display_factor
 
 
 def _levels(
-    c: int, limits: Sequence[LimitPiece], start: float = -np.inf, end: float = np.inf
+    channel: Channel,
+    c: int,
+    limits: Sequence[LimitPiece],
+    start: float = -np.inf,
+    end: float = np.inf,
 ) -> list[float]:
-    """Limits of a channel between two times [s], either sign, in its display unit."""
+    """Limits of a channel between two times [s], in its display unit, from the highest."""
     here = [piece.limits for piece in limits if piece.start <= end and piece.end >= start]
-    ends = np.array([each for known in here for each in (known.low[c], known.high[c])])
-    shown = np.unique(ends[np.isfinite(ends)])[::-1] * CHANNELS[c].display_factor
-    return shown.tolist()
+    ends = np.array([end for envelope in here for end in (envelope.low[c], envelope.high[c])])
+    return (np.unique(ends[np.isfinite(ends)])[::-1] * channel.display_factor).tolist()
 
 
-def _draw_limits(strip: Strip, c: int, limits: Sequence[LimitPiece]) -> None:
-    strip.steps("limit", [(p.start, p.end, level) for p in limits for level in _levels(c, [p])])
+def _draw_limits(strip: Strip, channel: Channel, c: int, limits: Sequence[LimitPiece]) -> None:
+    levels = [(p.start, p.end, level) for p in limits for level in _levels(channel, c, [p])]
+    strip.steps("limit", levels)
 
 
-def _label(c: int) -> str:
-    return f"{CHANNELS[c].symbol} [{CHANNELS[c].display_unit}]"
+def _label(channel: Channel) -> str:
+    return f"{channel.symbol} [{channel.display_unit}]"
 
 
 def _order(fault: Plain) -> tuple[int, str, float]:
@@ -207,6 +239,7 @@ class NoPngError(ValueError):
 
 
 def score_figure(
+    dictionary: Dictionary,
     samples: npt.NDArray,
     manoeuvres: Sequence[Plain],
     limits: Sequence[LimitPiece],
@@ -214,12 +247,12 @@ def score_figure(
     lead: float,
     title: str,
 ) -> bytes:
-    """Every channel, forecast and limit and the risk as an SVG file. lead [s]."""
+    """Channels, forecasts, limits and the risk as an SVG file. lead [s]."""
     t = samples["t"]
     chart = StripChart(float(t[0]), float(t[-1]), top=34.0)
     intervals = [(manoeuvre["start"], manoeuvre["end"]) for manoeuvre in manoeuvres]
     exceedances = [m["exceedance"]["t"] for m in manoeuvres if m["exceedance"]]
-    every_strip(chart, TALL, samples, limits, alert_above, lead, exceedances, intervals)
+    every_strip(dictionary, chart, TALL, samples, limits, alert_above, lead, exceedances, intervals)
     chart.name([(manoeuvre["start"], manoeuvre["name"]) for manoeuvre in manoeuvres])
     return chart.file(title)
 

@@ -1,6 +1,7 @@
 """The report of a scored flight: manoeuvres, alerts, guarantee and data quality."""
 
 from collections.abc import Mapping, Sequence
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,6 @@ from markupsafe import Markup, escape
 
 from app.assessment.limits_history import pieces_of
 from app.assessment.outcome import OUTCOMES, lead_words
-from app.assessment.planned_test import limits_of
 from app.assessment.verdict import amplitude_of
 from app.assessment.wording import PROMISED, alerts_above
 from app.recipes.labels import choice_label, kind_label
@@ -18,7 +18,7 @@ from app.report import facts, figures
 from app.report.subject import PROPOSED, ReportSubject
 from app.telemetry.mapping.mapping import TimeSource, counts_the_day, time_of_day
 from core import __version__
-from core.channels import CHANNELS, Channel, significant
+from core.channels import CHANNELS, Channel, Dictionary, significant
 from core.evaluation.certificate import certificate, warnings_of
 from core.limits.limits import Envelope
 
@@ -41,9 +41,12 @@ TEMPLATES = Environment(
 
 def report(subject: ReportSubject) -> str:
     monitor, scoring, recording = subject.monitor, subject.scoring, subject.recording
-    limits, in_force = limits_of(monitor), scoring.get("limits_in_force")
-    pieces = pieces_of(limits, in_force)
+    dictionary, in_force = monitor.dictionary, scoring.get("limits_in_force")
+    pieces = pieces_of(dictionary, monitor.envelope, in_force)
     manoeuvres, epsilon = scoring["manoeuvres"], scoring["epsilon"]
+    limits = facts.limited(dictionary, monitor.specification)
+    rows = facts.limits_in_force(dictionary, in_force or [], manoeuvres)
+    ends = [*limits, *(limit for row in rows for limit in row["limits"])]
     outside = scoring["outside_exceedances"]
     drawn, above = facts.drawn(manoeuvres), monitor.alert_above(epsilon)
     valid = [manoeuvre["validity"]["valid"] for manoeuvre in manoeuvres]
@@ -56,10 +59,11 @@ def report(subject: ReportSubject) -> str:
         certificate=certificate(monitor.evaluation, epsilon),
         warnings=warnings_of(monitor.evaluation, epsilon),
         limits=[
-            (channel, limit, facts.exceeded_own(manoeuvres, channel.key, limit))
-            for channel, limit in limited(limits)
+            (channel, low, high, facts.exceeded_own(manoeuvres, channel.key, low, high))
+            for channel, low, high in limits
         ],
-        in_force=facts.limits_in_force(in_force or [], manoeuvres),
+        either_sign=", either sign" if all(low == -high for _, low, high in ends) else "",
+        in_force=rows,
         look_ahead=max((s.get("look_ahead", 0.0) for s in manoeuvres), default=0.0),
         headline=facts.headline(manoeuvres, outside),
         of_day=_counts_the_day(scoring["mapping"]),
@@ -84,15 +88,16 @@ def report(subject: ReportSubject) -> str:
         faults=figures.faults(scoring["quality"]),
         sensors=quality.get("compatibility", []),
         tolerances=quality.get("compatibility_tolerances", ""),
-        overview=figures.overview(subject.samples, manoeuvres, pieces, above),
+        overview=figures.overview(dictionary, subject.samples, manoeuvres, pieces, above),
         figures={
             number: figures.manoeuvre(
-                subject.samples, manoeuvres[number], pieces, above, monitor.lead
+                dictionary, subject.samples, manoeuvres[number], pieces, above, monitor.lead
             )
             for number in drawn
         },
         version=__version__,
-        channels={channel.key: channel for channel in CHANNELS},
+        channels={channel.key: channel for channel in dictionary.channels},
+        dictionary=dictionary,
     )
 
 
@@ -124,6 +129,17 @@ def _with_si(value: float, channel: Channel) -> str:
     return _glued(text)
 
 
+def _limits(low: float, high: float, channel: Channel) -> str:
+    """`0.5 g` for either sign, `−1.4 g to 4.9 g`, `at most 4.9 g`."""
+    if low == -high:
+        return _with_si(high, channel)
+    if low == -inf:
+        return f"at most {_with_si(high, channel)}"
+    if high == inf:
+        return f"at least {_with_si(low, channel)}"
+    return f"{_with_si(low, channel)} to {_with_si(high, channel)}"
+
+
 def _glued(text: str) -> str:
     """A number with its unit on one line; only its bracket may move to the next."""
     return text.replace(" ", GLUE).replace(f"{GLUE}(", " (").replace("-", "−")
@@ -146,8 +162,9 @@ def _delay(estimate: Mapping[str, float] | None) -> str:
     return _glued(f"{value} ({low} to {high})")
 
 
-def _trimmed(trim: Sequence[float | None]) -> list[tuple[Channel, float]]:
-    return [(channel, value) for channel, value in zip(CHANNELS, trim, strict=True) if value]
+def _trimmed(trim: Sequence[float | None], dictionary: Dictionary) -> list[tuple[Channel, float]]:
+    channels = zip(dictionary.channels, trim, strict=True)
+    return [(channel, value) for channel, value in channels if value]
 
 
 def _counted(n: int, one: str, several: str = "") -> str:
@@ -165,6 +182,7 @@ TEMPLATES.filters |= {
     "percent": lambda share: f"{share:.1%}",
     "significant": significant,
     "quantity": _with_si,
+    "limits": _limits,
     "counted": _counted,
     "interval": _interval,
     "delay": _delay,

@@ -1,32 +1,45 @@
-"""Datasets: simulated trajectories with labels."""
+"""Datasets: simulated trajectories with labels, or rollouts of any simulator."""
 
 import asyncio
 import io
+from collections.abc import Mapping
 from dataclasses import asdict
+from functools import partial
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, Field
+from starlette.requests import ClientDisconnect
 
 from app.catalog import amplitude_request_schema, dataset_request_schema
 from app.http.problems import Problem, problem_responses
+from app.jobs.jobs import Jobs
+from app.jobs.kinds import add_rollouts
 from app.jobs.kinds import simulate_dataset as run
 from app.jobs.requests import amplitude_suggestion, dataset_request
 from app.recipes.recipes import to_plain
+from app.recordings.recordings import Recordings
+from app.recordings.rollouts import SentRollouts, preview_of
 from app.routes.dependencies import (
     JobsDep,
     PlainBody,
+    RecordingsDep,
     SettingsDep,
     StoreDep,
     body_of,
+    content_type,
     file_of,
     json_response,
+    parse_object,
 )
 from app.routes.jobs import accepted, queued
+from app.routes.sent_files import CONTENT, FORM, OCTETS, sent_fields
+from app.settings import Settings
 from app.store.datasets import DatasetInfo
+from app.store.jobs import JobInfo
 from app.store.store import Store
-from core.channels import CHANNELS, KEYS
+from core.channels import Dictionary
 
 router = APIRouter(prefix="/api/v1/datasets", tags=["datasets"])
 Outcome = Literal["unsafe", "safe"]
@@ -56,29 +69,164 @@ class SuggestedAmplitude(BaseModel):
     )
 
 
-@router.post(
-    "",
-    **queued(),
-    openapi_extra=body_of(
-        dataset_request_schema(),
-        {
-            "name": "F-16 rudder doublet",
-            "aircraft": {"kind": "f16_sl_h0_v502"},
-            "maneuver": {"kind": "rudder_doublet", "amplitude_deg": 9.5},
-            "limits": {"Ny": 0.5},
-            "dt": 0.05,
-            "n_unsafe": 50,
-            "seed": 1,
-        },
-    ),
-)
-async def simulate_dataset(plain: PlainBody, store: StoreDep, jobs: JobsDep, settings: SettingsDep):
-    """Simulate a planned test until `n_unsafe` rollouts are unsafe; starts a job.
+class ChannelRange(BaseModel):
+    """Values of a channel in all flights, in its unit."""
 
-    The defaults are those of `forewarn train`: the catalog's default with the noise, jitter and
-    imperfections of flight; `"imperfections": "none"` omits these. Angles are in radians, N_y is in
-    g, and names ending in `_deg` are in degrees.
+    low: float | None
+    high: float | None
+    rest: float | None = Field(description="in trimmed flight: the median first value")
+
+
+class RolloutPreview(BaseModel):
+    """Contents of files of rollouts."""
+
+    dictionary: dict[str, Any] = Field(description="name and channels, as `dictionary` takes them")
+    ranges: dict[str, ChannelRange] = Field(description="by channel")
+    n_flights: int
+    n_samples: int = Field(description="of the longest flight")
+    dt: float = Field(description="sample interval [s]")
+    n_failing: int | None = Field(description="flights labelled as failing; null without labels")
+    theta_names: list[str] = Field(description="parameters of each flight")
+
+
+_TEXT = {"type": "string"}
+_FILE: dict[str, Any] = {"type": "string", "format": "binary"}
+_ROLLOUTS: dict[str, Any] = {
+    "schema": {
+        "title": "Rollouts in a form",
+        "type": "object",
+        "properties": {
+            "file": {
+                "description": "arrays or a table of many flights; or, sent several times, one "
+                "file for each flight",
+                "anyOf": [_FILE, {"type": "array", "items": _FILE}],
+            },
+            "name": _TEXT | {"description": "of the dataset; that of the first file if absent"},
+            "dictionary": _TEXT
+            | {"description": "channels as JSON or CSV; made from the files if absent"},
+            "channel": _TEXT
+            | {"description": "computed: KEY [UNIT] = FORMULA, one a line, or sent several times"},
+            "limit": _TEXT | {"description": "KEY=LOW..HIGH, one a line, or sent several times"},
+            "dt": _TEXT | {"description": "sample interval [s], if the files do not give it"},
+        },
+        "required": ["file"],
+    },
+    "example": {"file": "doublets.npz", "limit": "Nz=-1.1..2.9g"},
+}
+_ROLLOUT_BODY = {FORM: _ROLLOUTS, OCTETS: CONTENT[OCTETS]}
+_BODY = body_of(
+    dataset_request_schema(),
+    {
+        "name": "F-16 rudder doublet",
+        "aircraft": {"kind": "f16_sl_h0_v502"},
+        "maneuver": {"kind": "rudder_doublet", "amplitude_deg": 9.5},
+        "limits": {"Ny": 0.5},
+        "dt": 0.05,
+        "n_unsafe": 50,
+        "seed": 1,
+    },
+)
+_BODY["requestBody"]["content"] |= _ROLLOUT_BODY
+
+Said = Annotated[str | None, Query(description="as in a form, beside a body that is one file")]
+Limits = Annotated[list[str] | None, Query(description="as in a form: KEY=LOW..HIGH")]
+Computed = Annotated[list[str] | None, Query(description="as in a form: KEY [UNIT] = FORMULA")]
+
+
+@router.post("", **queued(408, 507), openapi_extra=_BODY)
+async def add_dataset(
+    request: Request,
+    store: StoreDep,
+    jobs: JobsDep,
+    settings: SettingsDep,
+    recordings: RecordingsDep,
+    name: Said = None,
+    dictionary: Said = None,
+    channel: Computed = None,
+    limit: Limits = None,
+    dt: Said = None,
+) -> JobInfo:
+    """Simulate a planned test until `n_unsafe` rollouts are unsafe, or add rollouts; starts a job.
+
+    The defaults of a JSON body are those of `forewarn train`: the catalog's default with the noise,
+    jitter and imperfections of flight; `"imperfections": "none"` omits these. Angles are in
+    radians, N_y is in g, and names ending in `_deg` are in degrees.
+
+    A form, or a body of another type, is files of rollouts of any simulator:
+    `curl -F file=@doublets.npz -F limit=Nz=-1.1..2.9g URL`. They may be npz, MATLAB or HDF5 arrays,
+    a long table with a column `flight`, or one file for each flight. The result of the job has the
+    dataset's id and `findings`: what was left out, or looks implausible.
     """
+    if content_type(request) == "application/json":
+        plain = await _recipe_of(request, settings)
+        return await _simulate(plain, store, jobs, settings)
+    said = {"name": name, "dictionary": dictionary, "dt": dt}
+    said |= {"channel": "\n".join(channel or ()), "limit": "\n".join(limit or ())}
+    sent = await _received(request, recordings, said)
+    work = sent, settings.max_array_bytes, store
+    drop = partial(recordings.drop_rollouts, sent)
+    return await accepted(jobs, "dataset", sent.as_plain(), add_rollouts, *work, release=drop)
+
+
+@router.post(
+    "/preview",
+    responses=problem_responses(408, 429, 507),
+    openapi_extra={"requestBody": {"required": True, "content": _ROLLOUT_BODY}},
+)
+async def preview_rollouts(
+    request: Request,
+    settings: SettingsDep,
+    recordings: RecordingsDep,
+    name: Said = None,
+    dictionary: Said = None,
+    dt: Said = None,
+) -> RolloutPreview:
+    """Read files of rollouts without storing them: their channels, units and ranges.
+
+    Set roles and limits by these, then send the files with `dictionary` and `limit`.
+    """
+    said = {"name": name, "dictionary": dictionary, "dt": dt}
+    sent = await _received(request, recordings, said)
+    try:
+        read = await recordings.readers.run(sent.read, settings.max_array_bytes)
+        return json_response(await recordings.readers.run(preview_of, read))
+    finally:
+        await asyncio.to_thread(recordings.drop_rollouts, sent)
+
+
+async def _received(
+    request: Request, recordings: Recordings, said: Mapping[str, str | None]
+) -> SentRollouts:
+    length = request.headers.get("content-length", "")
+    size = int(length) if length.isdigit() else 0
+    given = {name: text for name, text in said.items() if text}
+    try:
+        sent = await recordings.receive_rollouts(sent_fields(request), given, size)
+    except ClientDisconnect:
+        text = "the upload was interrupted and nothing is stored: send the files again"
+        raise Problem(408, text) from None
+    if await asyncio.to_thread(sent.begins_with, b"{"):
+        await asyncio.to_thread(recordings.drop_rollouts, sent)
+        raise Problem(415, "the body looks like JSON: send it as application/json")
+    return sent
+
+
+async def _recipe_of(request: Request, settings: Settings) -> dict[str, Any]:
+    """A JSON body, which is smaller than files may be."""
+    body = bytearray()
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > settings.max_body_bytes:
+            raise Problem(
+                413,
+                f"the recipe is too large: send at most {settings.max_body_bytes} bytes",
+                "urn:forewarn:body",
+                max_bytes=settings.max_body_bytes,
+            )
+    return await asyncio.to_thread(parse_object, bytes(body))
+
+
+async def _simulate(plain: dict[str, Any], store: Store, jobs: Jobs, settings: Settings) -> Any:
     name, recipe = await asyncio.to_thread(dataset_request, plain, settings.max_array_bytes)
     details = {"name": name} | to_plain(recipe)
     return await accepted(jobs, "dataset", details, run, name, recipe, store)
@@ -150,8 +298,8 @@ def _arrays(store: Store, dataset_id: str) -> bytes:
         theta_safe=dataset.theta_safe,
         dt=np.float64(dataset.dt),
         theta_names=np.array(dataset.theta_names, dtype=np.str_),
-        channels=np.array(KEYS, dtype=np.str_),
-        units=np.array([channel.unit for channel in CHANNELS], dtype=np.str_),
+        channels=np.array(dataset.dictionary.keys, dtype=np.str_),
+        units=np.array([channel.unit for channel in dataset.dictionary.channels], dtype=np.str_),
     )
     return archive.getvalue()
 
@@ -192,11 +340,11 @@ def read_rollout(dataset_id: str, n: int, store: StoreDep) -> Rollout:
 def _rollout(store: Store, dataset_id: str, outcome: Outcome, index: int) -> dict[str, Any]:
     info = store.datasets.info(dataset_id)
     y, theta, fail_index = store.datasets.rollout(dataset_id, outcome, index)
-    t = np.arange(len(y)) * info.dt
+    t, keys = np.arange(len(y)) * info.dt, Dictionary.from_stored(info.dictionary).keys
     return {
         "n": index if outcome == "unsafe" else info.n_unsafe + index,
         "outcome": outcome,
         "fail_index": fail_index,
         "theta": theta,
-        "telemetry": {"t": t.tolist()} | dict(zip(KEYS, y.T.tolist(), strict=True)),
+        "telemetry": {"t": t.tolist()} | dict(zip(keys, y.T.tolist(), strict=True)),
     }

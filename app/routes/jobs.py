@@ -66,12 +66,19 @@ async def accepted(
     request: dict[str, Any],
     work: Callable[..., Result],
     *arguments: Any,
+    release: Callable[[], object] = lambda: None,
 ) -> Any:
-    """Queue `work(task, *arguments)`; 429 if the queue is full."""
+    """Queue `work(task, *arguments)`; 429 if the queue is full.
 
-    job_id = await asyncio.to_thread(
-        jobs.submit, kind, request, lambda task: work(task, *arguments)
-    )
+    release: called when the job has ended, or if it is not queued.
+    """
+    try:
+        job_id = await asyncio.to_thread(
+            jobs.submit, kind, request, lambda task: work(task, *arguments), release
+        )
+    except BaseException:
+        await asyncio.to_thread(release)
+        raise
     job = as_sent(await asyncio.to_thread(jobs.info, job_id))
     return json_response(job, 202, {"Location": f"/api/v1/jobs/{job_id}"})
 

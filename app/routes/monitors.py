@@ -148,7 +148,7 @@ async def train_monitor(
         body = b"".join([chunk async for chunk in sent.content])
         if body.lstrip()[:1] == b"{":
             raise Problem(415, "the body looks like JSON: send it as application/json")
-        title = name or PurePath(sent.name).stem or "uploaded monitor"
+        title = name or PurePath(sent.file_name).stem or "uploaded monitor"
         return await _add_file(body, title[:200], recordings)
     plain = await plain_body(request)
     training = await asyncio.to_thread(monitor_request, plain, store, settings.max_array_bytes)

@@ -268,7 +268,7 @@ async def upload_recording(
     before scoring.
     """
     sent = await sent_file(request)
-    sent_name = name or sent.name[-LONGEST_NAME:] or UNNAMED
+    sent_name = name or sent.file_name[-LONGEST_NAME:] or UNNAMED
     if not (file_name := plain_name(sent_name)):
         text = f"{sent_name!r} is not a file name: give a name with letters or digits"
         raise Problem(422, text, "urn:forewarn:request")

@@ -316,10 +316,11 @@ def export_samples(
     info = scored.store.scorings.info(recording_id, scoring_id)
     recording = scored.store.recordings.info(recording_id)
     samples, kind = scored.samples(info), EXPORTS[form]
+    dictionary = scored.recordings.dictionary_of(info.monitor_id)
     with ExitStack() as held:
         file = held.enter_context(scored.files.unnamed())
         with reporting_full_disk():
-            export(samples, about(asdict(recording), asdict(info)), form, file)
+            export(samples, about(asdict(recording), asdict(info)), form, file, dictionary)
             headers = {"Content-Length": str(file.tell())}
         headers |= _as_file(f"{PurePath(recording.name).stem} scored.{form}")
         held.pop_all()

@@ -2,16 +2,18 @@
 
 import re
 from collections.abc import AsyncIterator
-from typing import Any, NamedTuple
+from typing import Any
 
 from fastapi import Request
 
 from app.http.problems import Problem
+from app.recordings.upload import SentField
 from app.routes.dependencies import content_type
 
 FORM, OCTETS = "multipart/form-data", "application/octet-stream"
 BOUNDARY = re.compile(r'boundary=(?:"([^"]{1,70})"|([^\s;"]{1,70}))', re.IGNORECASE)
 FILE_NAME = re.compile(rb'filename="((?:[^"\\]|\\.)*)"', re.IGNORECASE)
+FIELD_NAME = re.compile(rb'[;\s]name="((?:[^"\\]|\\.)*)"', re.IGNORECASE)
 END = b"--"
 """Follows the last boundary."""
 LARGEST_HEAD = 16_384
@@ -35,23 +37,29 @@ CONTENT: dict[str, Any] = {
 """OpenAPI description of an uploaded file."""
 
 
-class SentFile(NamedTuple):
-    """An uploaded file. name: "" if the sender gave none."""
-
-    name: str
-    content: AsyncIterator[bytes]
-
-
-async def sent_file(request: Request) -> SentFile:
+async def sent_file(request: Request) -> SentField:
     """The body, or the first file of a form. Problem 415 if compressed, 422 without a file."""
+    async for field in sent_fields(request):
+        if field.file_name or content_type(request) != FORM:
+            return field
+    raise Problem(422, "the form has no file: send it as curl -F file=@FILE does")
+
+
+async def sent_fields(request: Request) -> AsyncIterator[SentField]:
+    """The fields of a form in order, each valid until the next; or the body as the only one.
+
+    Problem 415 if compressed, 422 for an invalid form.
+    """
     if packed := request.headers.get("content-encoding"):
         raise Problem(415, f"the body is compressed ({packed}): send the file uncompressed")
     if content_type(request) != FORM:
-        return SentFile("", request.stream())
+        yield SentField("file", "", request.stream())
+        return
     boundary = BOUNDARY.search(request.headers.get("content-type", ""))
     if boundary is None:
         raise Problem(422, f"{FORM} has no boundary: send it as curl -F file=@FILE does")
-    return await _Form(request.stream(), (boundary[1] or boundary[2]).encode()).file()
+    async for field in _Form(request.stream(), (boundary[1] or boundary[2]).encode()).fields():
+        yield field
 
 
 class _Form:
@@ -61,22 +69,23 @@ class _Form:
         self._stream, self._mark = stream, b"\r\n--" + boundary
         self._buffer = bytearray(b"\r\n")
 
-    async def file(self) -> SentFile:
-        """The first field with a file name."""
+    async def fields(self) -> AsyncIterator[SentField]:
+        content = self._until(self._mark)
         while True:
-            async for _ in self._until(self._mark):
-                pass  # skip the preamble and fields without a file
+            async for _ in content:
+                pass  # skip the preamble, and what is left of the last field
             head = await self._head()
-            if name := FILE_NAME.search(head):
-                text = re.sub(rb"\\(.)", rb"\1", name[1]).decode("utf-8", "replace")
-                return SentFile(text, self._until(self._mark))
+            if head is None:
+                return
+            content = self._until(self._mark)
+            yield SentField(_named(FIELD_NAME, head), _named(FILE_NAME, head), content)
 
-    async def _head(self) -> bytes:
-        """The headers of the next field; Problem 422 at the end of the form."""
+    async def _head(self) -> bytes | None:
+        """The headers of the next field; None at the end of the form."""
         while len(self._buffer) < len(END):
             await self._more()
         if self._buffer.startswith(END):
-            raise Problem(422, "the form has no file: send it as curl -F file=@FILE does")
+            return None
         head = bytearray()
         async for part in self._until(b"\r\n\r\n"):
             head += part
@@ -101,3 +110,9 @@ class _Form:
                 self._buffer += chunk
                 return
         raise Problem(422, "the form ends before the file: send it again")
+
+
+def _named(name: re.Pattern[bytes], head: bytes) -> str:
+    """A name in the headers of a field; "" if it has none."""
+    match = name.search(head)
+    return re.sub(rb"\\(.)", rb"\1", match[1]).decode("utf-8", "replace") if match else ""

@@ -2,6 +2,8 @@
 
 The world is north-east-down, in metres, seen by a camera behind the aircraft. The attitude is
 drawn true, surfaces and sideslip exaggerated. The aircraft stays in place and the ground moves.
+What is not known is left out and named: without the bank a line along the body shows the pitch,
+without the pitch a line between the wing tips shows the bank.
 """
 
 from itertools import pairwise
@@ -37,7 +39,7 @@ from app.scene.shown import (
 )
 from core.monitor.assessment import State
 from core.simulation.aircraft import AircraftClass
-from core.simulation.attitude import SurfaceSigns
+from core.simulation.attitude import Attitude, SurfaceSigns
 from core.types import Array
 
 Lines = npt.NDArray[np.float32]
@@ -52,6 +54,9 @@ COLUMN_AT, COLUMN_HEIGHT, COLUMN_RADIUS = (-4.3, -11.75, -1.2), 7.0, 0.5
 
 CAMERA_AT, LOOKS_AT, FIELD_OF_VIEW = (-28.0, 7.8, -16.1), (-0.8, -2.2, -2.6), 0.75
 """Compass and column fill a picture that is a quarter wider than high."""
+
+BODY, WINGS = ((-7.0, 0.0, 0.0), (8.0, 0.0, 0.0)), ((0.0, -5.2, 0.0), (0.0, 5.2, 0.0))
+"""Lines from tail to nose and from tip to tip, body axes [m]."""
 
 TICKS = {"none": 0.0, "quarter": 0.25, "half": 0.5, "whole": 1.0}
 NUMBERED = ("none", "quarter", "whole")
@@ -141,7 +146,7 @@ class Picture:
             position=(0.0, 0.0, GROUND_BELOW),
         )
         self._ring = self._add_lines("/chase/ring", circle(RING_RADIUS), CALM, 2.0)
-        self._add_lines("/chase/compass", compass(RING_RADIUS), INK, 1.5)
+        self._compass = self._add_lines("/chase/compass", compass(RING_RADIUS), INK, 1.5)
         trail = np.zeros((2 * TRAIL_POINTS, 2, 3), np.float32)
         self._trail = self._add_lines("/chase/trail", trail, GRID, 2.0)
 
@@ -159,7 +164,13 @@ class Picture:
                 **NO_SHADOW,
             )
             self._parts[part.name] = part, node
-        self._add_lines("/chase/aircraft/slip_scale", slip_scale(self._alpha0), INK, 1.5)
+        self._body, self._wings = (
+            self._add_lines(f"/chase/aircraft/{name}", np.array([line], np.float32), INK, 5.0)
+            for name, line in (("body_line", BODY), ("wing_line", WINGS))
+        )
+        self._scale = self._add_lines(
+            "/chase/aircraft/slip_scale", slip_scale(self._alpha0), INK, 1.5
+        )
         self._velocity = scene.add_arrows(
             "/chase/aircraft/velocity",
             np.array([[(8.2, 0.0, 0.0), (14.6, 0.0, 0.0)]]),
@@ -217,37 +228,62 @@ class Picture:
             font_screen_scale=1.0,
             anchor="bottom-left",
         )
+        self._unknown = scene.add_label(
+            "/column/unknown",
+            "",
+            position=(0.0, -2.0 * COLUMN_RADIUS, 1.2),
+            font_screen_scale=0.8,
+            anchor="top-left",
+        )
         self._readout = self._server.gui.add_html("")
 
     # --- moving ---------------------------------------------------------------------------------
 
     def _move(self, shown: Shown, colour: Colour) -> None:
-        track = self._track
-        track.advance(shown.t, shown.attitude, shown.beta, colour)
+        track, (bank, pitch, heading) = self._track, shown.attitude
+        track.advance(shown.t, _drawn_attitude(shown), shown.beta or 0.0, colour)
         north, east = -(track.place % SECTION)
         self._set(self._chase, wxyz=turned(DOWN, -track.heading))
         self._set(self._ground, position=(float(north), float(east), GROUND_BELOW))
+        self._set(self._compass, visible=heading is not None)
+        self._set(self._trail, visible=bank is not None and pitch is not None)
         self._trail.points, self._trail.colors = track.trail(GRID)
 
     def _pose(self, shown: Shown) -> None:
         """Attitude, surfaces and velocity; grey if the telemetry is stale or invalid."""
         lost = shown.state in (State.STALE, State.INVALID)
-        self._set(self._aircraft, wxyz=wxyz(body_to_earth(*shown.attitude)))
-        roll = self._signs.aileron * _drawn(shown.delta_a)
+        bank, pitch, _ = shown.attitude
+        self._set(self._aircraft, wxyz=wxyz(body_to_earth(*_drawn_attitude(shown))))
+        self._set(self._body, visible=bank is None and pitch is not None)
+        self._set(self._wings, visible=pitch is None and bank is not None)
+        roll, yaw = (
+            None if deflection is None else sign * _drawn(deflection)
+            for sign, deflection in zip(self._signs, (shown.delta_a, shown.delta_r), strict=True)
+        )
         turns = {
-            "right_aileron": -roll,  # trailing edge up rolls right
+            "right_aileron": None if roll is None else -roll,  # trailing edge up rolls right
             "left_aileron": roll,
-            "rudder": self._signs.rudder * _drawn(shown.delta_r),  # trailing edge right yaws right
+            "rudder": yaw,  # trailing edge right yaws right
         }
+        is_seen = bank is not None and pitch is not None
         for name, (part, node) in self._parts.items():
-            self._set(node, color=GHOST if lost else part.colour)
-            if name in turns:
-                self._set(node, wxyz=turned(part.axis, turns[name]))
-        wind = Rotation.from_euler("YZ", (-self._alpha0, _drawn(shown.beta)))
-        self._set(self._velocity, wxyz=wxyz(wind))
+            angle = turns.get(name, 0.0)
+            seen = is_seen and angle is not None
+            self._set(node, color=GHOST if lost else part.colour, visible=seen)
+            if name in turns and angle is not None:
+                self._set(node, wxyz=turned(part.axis, angle))
+        self._slide(shown.beta, lost)
+
+    def _slide(self, beta: float | None, lost: bool) -> None:
+        """Velocity and sideslip."""
+        for node in (self._velocity, self._scale):
+            self._set(node, visible=beta is not None)
+        if beta is not None:
+            wind = Rotation.from_euler("YZ", (-self._alpha0, _drawn(beta)))
+            self._set(self._velocity, wxyz=wxyz(wind))
         self._paint(self._velocity, GHOST if lost else VELOCITY)
-        beta = "" if lost else f"β {np.rad2deg(shown.beta):+.1f}°"
-        self._set(self._slip, text=beta, visible=not lost)
+        words = "" if lost or beta is None else f"β {np.rad2deg(beta):+.1f}°"
+        self._set(self._slip, text=words, visible=words != "")
 
     def _risk(self, shown: Shown, colour: Colour) -> None:
         known = colour != GREY
@@ -264,6 +300,7 @@ class Picture:
         self._set(self._ring, thickness=5.0 if urgent in (ALERT, CAUTION) else 2.0)
         words = caption(shown)
         self._set(self._headline, text=label(shown))
+        self._set(self._unknown, text=words.unknown, visible=words.unknown != "")
         self._set(self._readout, content=readout(words, urgent))
 
     def _paint(self, node: Any, colour: Colour) -> None:
@@ -282,6 +319,11 @@ def wxyz(rotation: Rotation) -> tuple[float, ...]:
 def turned(axis: tuple[float, float, float], angle: float) -> tuple[float, ...]:
     """The quaternion of a right-handed turn about a unit vector by an angle [rad]."""
     return wxyz(Rotation.from_rotvec(np.multiply(angle, axis)))
+
+
+def _drawn_attitude(shown: Shown) -> Attitude:
+    """The attitude of what is drawn: an unknown angle does not show in it."""
+    return Attitude(*(0.0 if angle is None else angle for angle in shown.attitude))
 
 
 def _drawn(angle: float) -> float:

@@ -17,7 +17,7 @@ from app.scene.shown import Shown
 from core.monitor.assessment import State
 from core.monitor.status import Facts
 from core.simulation.aircraft import AircraftClass
-from core.simulation.attitude import Attitude, SurfaceSigns
+from core.simulation.attitude import SurfaceSigns
 
 PERIOD_S = 0.05
 """Between two drawings [s]: 20 Hz."""
@@ -28,10 +28,10 @@ LOG = logging.getLogger("forewarn")
 Clock = Callable[[], float]
 NOTHING_YET = Shown(
     0.0,
-    Attitude(0.0, 0.0, 0.0),
-    0.0,
-    0.0,
-    0.0,
+    attitude=(None, None, None),
+    beta=None,
+    delta_a=None,
+    delta_r=None,
     p_value=None,
     alert_above=1.0,
     alert=False,
@@ -70,12 +70,13 @@ class Scene:
     def show(self, shown: Shown) -> None:
         """Show this state at the next drawing; it replaces one that was not drawn yet.
 
-        Non-finite angles keep the last pose. No effect after `close`. Costs a microsecond or two
-        and never waits.
+        Non-finite angles keep the last pose; None is an angle that the flight does not know. No
+        effect after `close`. Costs a microsecond or two and never waits.
         """
         with self._latest:
-            t, attitude, beta, delta_a, delta_r = shown[:5]
-            if not isfinite(t + sum(attitude) + beta + delta_a + delta_r):
+            t, attitude, *angles = shown[:5]
+            known = [number for number in (t, *attitude, *angles) if number is not None]
+            if not all(map(isfinite, known)):
                 shown = Shown(*self._shown[:5], *shown[5:])
             self._shown, self._shown_at = shown, self._clock()
 

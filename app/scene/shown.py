@@ -1,12 +1,14 @@
 """What a scene shows at one moment, in words and colours."""
 
+from collections.abc import Mapping
 from html import escape
 from typing import NamedTuple
 
 from core.monitor.assessment import Cause, State
 from core.monitor.status import Facts, Headline, Level, Status, headline, in_words
-from core.simulation.attitude import Attitude
 
+KnownAngles = tuple[float | None, float | None, float | None]
+"""Bank, pitch and heading [rad]; None for one that the flight does not know."""
 Colour = tuple[int, int, int]
 CALM: Colour = (24, 156, 144)
 ALERT: Colour = (255, 40, 32)
@@ -34,13 +36,16 @@ COLOURS = {
 
 
 class Shown(NamedTuple):
-    """All that a picture depends on; see Scene.show. Unknown angles and surfaces are NaN."""
+    """All that a picture depends on; see Scene.show.
+
+    beta, delta_a, delta_r: [rad]; None where the flight does not know it.
+    """
 
     t: float
-    attitude: Attitude
-    beta: float
-    delta_a: float
-    delta_r: float
+    attitude: KnownAngles
+    beta: float | None
+    delta_a: float | None
+    delta_r: float | None
     p_value: float | None
     alert_above: float
     alert: bool
@@ -56,11 +61,32 @@ class Shown(NamedTuple):
 
 
 class Caption(NamedTuple):
-    """Words of a scene: headline, risk if known, and detail."""
+    """Words of a scene: headline, risk if known, detail, and what is not known, if anything."""
 
     word: str
     risk: str
     detail: str
+    unknown: str = ""
+
+
+def unknown(shown: Shown) -> str:
+    """`bank, heading and surfaces not known`: what the picture leaves out; empty for nothing."""
+    bank, pitch, heading = shown.attitude
+    angles = {"bank": bank, "pitch": pitch, "heading": heading}
+    surfaces = {"aileron": shown.delta_a, "rudder": shown.delta_r}
+    names = [
+        *_unknown_of(angles, "attitude"),
+        *_unknown_of({"sideslip": shown.beta}),
+        *_unknown_of(surfaces, "surfaces"),
+    ]
+    *others, last = names or [""]
+    return f"{' and '.join(filter(None, [', '.join(others), last]))} not known" if last else ""
+
+
+def _unknown_of(values: Mapping[str, float | None], together: str = "") -> list[str]:
+    """Names of the unknown ones; a word for all `together`."""
+    names = [name for name, value in values.items() if value is None]
+    return [together] if together and len(names) == len(values) else names
 
 
 def caption(shown: Shown) -> Caption:
@@ -68,12 +94,13 @@ def caption(shown: Shown) -> Caption:
     now = shown.headline
     both = "" if now.status is Status.OK else in_words(now, shown.cause)
     if shown.state is not State.OK or shown.p_value is None:
-        return Caption(both, "", shown.reason or "no risk known")
+        return Caption(both, "", shown.reason or "no risk known", unknown(shown))
     word = f"{both}{' PAUSED' * shown.paused}".strip()
     return Caption(
         word,
         f"RISK {as_text(shown.p_value, shown.alert_above)}",
         f"alert above {shown.alert_above:.3g}",
+        unknown(shown),
     )
 
 
@@ -104,12 +131,14 @@ def readout(words: Caption, colour: Colour) -> str:
     small = '<span style="font-size:12px;font-weight:400;color:#cdd6e0">(higher is worse)</span>'
     large = f"white-space:nowrap;font-size:20px;font-weight:700;color:{tint}"
     risk = f'<div style="{large}">{words.risk} {small}</div>'
+    missing = f'<div style="font-size:13px;font-weight:700">{words.unknown}</div>'
     return (
         '<div style="font-family:system-ui,sans-serif;padding:0 12px 4px;line-height:1.3">'
         + word * bool(words.word)
         + risk * bool(words.risk)
         + f'<div style="font-size:13px">{escape(words.detail[:LONGEST_DETAIL])}</div>'
-        '<div style="font-size:11px;opacity:.7">surfaces and sideslip drawn '
+        + missing * bool(words.unknown)
+        + '<div style="font-size:11px;opacity:.7">surfaces and sideslip drawn '
         f"×{EXAGGERATION:g}</div></div>"
     )
 

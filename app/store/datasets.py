@@ -1,6 +1,6 @@
 """Stored datasets: arrays in blocks, so that one rollout is read without the others."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
@@ -14,11 +14,12 @@ from app.store.database import Damaged
 from app.store.repository import Entries, Entry, InUse, NotFound, Time
 from app.store.tables import dataset_blocks, datasets, monitors, new_id, now
 from core import __version__
-from core.channels import KEYS, Dictionary
+from core.channels import Dictionary
 from core.dataset import Dataset
 from core.limits.limits import (
+    Envelope,
     PlainSpecification,
-    magnitudes_of,
+    envelope_of,
     specification_from_plain,
     specification_to_plain,
 )
@@ -41,11 +42,12 @@ Outcome = Literal["unsafe", "safe"]
 
 @dataclass(frozen=True)
 class PeakHistogram(Entry):
-    """Rollouts counted by their peak |channel| / limit; a bin starts at 1, the limit."""
+    """Rollouts counted by their peak margin: |channel| / limit, or the share of the way from rest
+    to the limit; a bin starts at 1, the limit."""
 
     channel: str
-    limit: float
-    """in the channel's unit"""
+    limit: float | None
+    """in the channel's unit; null unless it is a magnitude"""
     edges: tuple[float, ...]
     """(n_bins + 1,) the last bin counts all higher peaks"""
     unsafe: tuple[int, ...]
@@ -94,12 +96,14 @@ class DatasetInfo(Entry):
     """channels of its samples; null for the six lateral ones"""
     peaks: tuple[PeakHistogram, ...]
     """one histogram per limited channel"""
+    findings: list[str] | None
+    """what was left out of rollouts, or looks implausible; null for simulated ones"""
 
 
 class StoredRollout(NamedTuple):
     """One rollout of a dataset.
 
-    y: (k, 6), up to and including the failure sample.   theta: parameters by name.
+    y: (k, n_channels), up to and including the failure sample.   theta: parameters by name.
     fail_index: failure sample, None for a safe rollout.
     """
 
@@ -113,7 +117,9 @@ class DatasetRepository(Entries[DatasetInfo]):
 
     table, parts, entry = datasets, dataset_blocks, DatasetInfo
 
-    def add(self, dataset: Dataset, name: str) -> DatasetInfo:
+    def add(
+        self, dataset: Dataset, name: str, findings: Sequence[str] | None = None
+    ) -> DatasetInfo:
         """Store a dataset; it becomes visible once complete."""
         n_unsafe, n_met = len(dataset.unsafe), dataset.n_safe_met
         info = DatasetInfo(
@@ -135,6 +141,7 @@ class DatasetRepository(Entries[DatasetInfo]):
             peaks=peak_histograms(dataset),
             specification=specification_to_plain(dataset.specification),
             dictionary=dataset.dictionary.stored,
+            findings=None if findings is None else list(findings),
         )
         row = vars(info) | {"peaks": [asdict(peaks) for peaks in info.peaks]}
         self._add_in_parts(datasets, row, dataset_blocks, _blocks(info.id, dataset))
@@ -162,7 +169,7 @@ class DatasetRepository(Entries[DatasetInfo]):
         if dataset.digest() != info.digest:
             raise Damaged(
                 f"dataset {info.name} ({dataset_id}) is damaged (its digest does not match): "
-                "simulate it again from its recipe and seed"
+                "simulate it again from its recipe and seed, or add its rollouts again"
             )
         return dataset
 
@@ -236,29 +243,25 @@ def _array_row(connection: Connection, dataset_id: str, name: str, index: int) -
 
 def peak_histograms(dataset: Dataset) -> tuple[PeakHistogram, ...]:
     """One histogram per limited channel; none unless the specification is one of limits."""
-    limits = magnitudes_of(dataset.specification)
-    if limits is None:
+    envelope = envelope_of(dataset.specification)
+    if envelope is None:
         return ()
-    return tuple(
-        _histogram(
-            key,
-            limit,
-            _peaks(dataset.unsafe[..., c], limit),
-            _peaks(dataset.safe[..., c], limit),
-        )
-        for c, (key, limit) in enumerate(zip(KEYS, limits.tolist(), strict=True))
-        if np.isfinite(limit)
-    )
+    limited = np.isfinite(envelope.low) | np.isfinite(envelope.high)
+    return tuple(_histogram(dataset, envelope, c) for c in np.flatnonzero(limited).tolist())
 
 
-def _peaks(y: Array, limit: float) -> Array:
-    """(n,) highest |y| / limit of each rollout (n, n_samples)."""
-    return np.fmax.reduce(np.abs(y), axis=1, initial=0.0) / limit
+def _peaks(y: Array, limits: Envelope) -> Array:
+    """(n,) highest margin of each rollout (n, n_samples, 1)."""
+    return np.fmax.reduce(limits.margin(y), axis=1, initial=0.0)
 
 
-def _histogram(key: str, limit: float, unsafe: Array, safe: Array) -> PeakHistogram:
-    bins = [np.minimum(p * BINS_TO_THE_LIMIT, MOST_BINS - 1).astype(int) for p in (unsafe, safe)]
+def _histogram(dataset: Dataset, envelope: Envelope, c: int) -> PeakHistogram:
+    own = Envelope(*(ends[[c]] for ends in envelope))
+    peaks = [_peaks(y[..., [c]], own) for y in (dataset.unsafe, dataset.safe)]
+    bins = [np.minimum(p * BINS_TO_THE_LIMIT, MOST_BINS - 1).astype(int) for p in peaks]
     n_bins = max(BINS_TO_THE_LIMIT, *(int(b.max(initial=0)) + 1 for b in bins))
     counts = [tuple(np.bincount(b, minlength=n_bins).tolist()) for b in bins]
     edges = np.arange(n_bins + 1) / BINS_TO_THE_LIMIT
-    return PeakHistogram(key, limit, tuple(edges.tolist()), *counts)
+    low, high, rest = (float(end[0]) for end in own)
+    limit = high if low == -high and rest == 0.0 else None
+    return PeakHistogram(dataset.dictionary.keys[c], limit, tuple(edges.tolist()), *counts)

@@ -126,6 +126,7 @@ datasets = Table(
     _plain("peaks"),
     _plain("specification", nullable=True),
     _plain("dictionary", nullable=True),
+    _plain("findings", nullable=True),
 )
 
 dataset_blocks = Table(

@@ -17,6 +17,7 @@ LIBRARIES = {"ulog": "pyulog", "mdf": "asammdf", "ch10": "chapter10"}
 HEAD_BYTES = 4096
 TEXT = "csv"
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+ZIP = b"PK\x03\x04"
 CONTROLS = bytes({*range(32), 127} - set(b"\t\n\v\f\r\x1a\x1b"))
 
 
@@ -47,13 +48,17 @@ def files_of(folder: Path) -> list[Path]:
     return sorted(path for path in folder.iterdir() if path.is_file() and path.name[0] != ".")
 
 
+def head_of(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(HEAD_BYTES)
+
+
 def format_of(path: Path, name: str) -> tuple[Format, tuple[str, ...]]:
     """The format of a file with the original name `name`, and notes on the choice.
 
     Raises TelemetryError for archives, empty files and unknown formats.
     """
-    with path.open("rb") as file:
-        head = file.read(HEAD_BYTES)
+    head = head_of(path)
     if not head:
         raise TelemetryError("the file is empty: export or copy it again")
     if remedy := next((PACKED[magic] for magic in PACKED if head.startswith(magic)), ""):
@@ -94,6 +99,10 @@ def _is_matlab5(head: bytes) -> bool:
     return head[124:128] in (b"\x00\x01IM", b"\x01\x00MI")
 
 
+def _has_arrays(head: bytes) -> bool:
+    return head.startswith(ZIP) or _is_hdf5(head) or _is_matlab5(head)
+
+
 def _is_ch10(head: bytes) -> bool:
     """Check the packet header: sync pattern, and the sum of its first 11 words at the end."""
     words = [int.from_bytes(head[at : at + 2], "little") for at in range(0, 24, 2)]
@@ -125,7 +134,7 @@ def _is_text(head: bytes) -> bool:
 
 
 PACKED = {
-    b"PK\x03\x04": "this is a ZIP archive or an Excel workbook: unpack the archive, or save the "
+    ZIP: "this is a ZIP archive or an Excel workbook: unpack the archive, or save the "
     "sheet as CSV, and give that file",
     b"\xd0\xcf\x11\xe0": "this is an old Office document: save the sheet as CSV and give that file",
 } | {
@@ -142,6 +151,8 @@ PACKED = {
 """Messages by the first bytes of a file."""
 FOLDER = Format("folder", "folder of flights", "", lambda _: False, ".folder")
 """A folder with one file for each flight, read as one long table."""
+ROLLOUTS = Format("rollouts", "arrays of rollouts", ".npz", _has_arrays, ".rollout_arrays")
+"""Arrays of many flights, read only where rollouts are expected."""
 FORMATS: dict[str, Format] = {
     known.key: known
     for known in (

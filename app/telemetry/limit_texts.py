@@ -14,6 +14,7 @@ from app.telemetry.rollouts import RolloutFile
 from app.telemetry.units import PLAIN, convert, si_unit
 from core.channels import KEYS, LATERAL, Channel, Dictionary, channel, lasting
 from core.limits.limits import IntervalLimits, Limits, SafeInterval
+from core.rollouts import LabelledFlights
 from core.types import Array
 
 VALUE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*((?:[A-Za-z°%]\S*)?)")
@@ -52,11 +53,25 @@ def specified(
             **(dict.fromkeys(KEYS) | {k: high for k, (_, high) in ends.items()})
         )
     first = dictionary.complete(flights.y[:, :1], flights.dt)[:, 0]
-    intervals = {
-        key: SafeInterval(low, high, _rest(dictionary, key, first))
-        for key, (low, high) in ends.items()
-    }
+    known = {each.key: rest_of(first[:, c], each) for c, each in enumerate(dictionary.channels)}
+    intervals = {key: SafeInterval(low, high, known[key]) for key, (low, high) in ends.items()}
     return dictionary, IntervalLimits(dictionary, intervals)
+
+
+def labelled(
+    flights: RolloutFile, channels: Sequence[str], limits: Sequence[str]
+) -> LabelledFlights:
+    """Flights checked and labelled by limits; arguments and errors as in `specified`."""
+    dictionary, given = specified(flights, channels, limits)
+    return LabelledFlights.of(
+        flights.y,
+        dt=flights.dt,
+        channels=dictionary,
+        fail_index=flights.fail_index,
+        limits=given,
+        theta=flights.theta,
+        theta_names=flights.theta_names,
+    )
 
 
 def computed_channel(text: str) -> Channel:
@@ -126,9 +141,7 @@ def _number(end: str, shared: str, known: Channel, text: str) -> float | None:
     return float(convert(number, unit or known.unit, known.unit)[0])
 
 
-def _rest(dictionary: Dictionary, key: str, first: Array) -> float:
-    """Value in trimmed flight.   first: (n, n_channels) samples."""
-    c = dictionary.index(key)
-    if dictionary.channels[c].reference == "trim":
-        return 0.0
-    return float(np.nanmedian(first[:, c]))
+def rest_of(first: Array, known: Channel) -> float:
+    """Value in trimmed flight.   first: (n,) the first one of each flight, NaN if missing."""
+    there = first[np.isfinite(first)]
+    return float(np.median(there)) if known.reference == "absolute" and len(there) else 0.0

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from app.telemetry.contents import Columns, Contents, open_columns, printable
-from app.telemetry.formats import FOLDER, Format, files_of, format_of
+from app.telemetry.formats import FOLDER, ROLLOUTS, Format, files_of, format_of, head_of
 from app.telemetry.readers import isolation
 from app.telemetry.recording import TelemetryError
 
@@ -43,9 +43,16 @@ class ReadLimits:
 
 
 def read_file(
-    path: Path, folder: Path, *, name: str | None = None, limits: ReadLimits = ReadLimits()
+    path: Path,
+    folder: Path,
+    *,
+    name: str | None = None,
+    limits: ReadLimits = ReadLimits(),
+    known: Format | None = None,
 ) -> Contents:
     """Read a file into the new directory `folder`. name: original name of the file.
+
+    known: its format; None to find it.
 
     The reader runs in a process of its own, within the limits. Safe in any thread.
     Raises TelemetryError with one sentence about the file, and OSError if there is no room for
@@ -54,7 +61,8 @@ def read_file(
     name = str(path) if name is None else name
     try:
         size = _size(path)
-        return _read(path, folder, *format_of(path, name), size, limits)
+        chosen = format_of(path, name) if known is None else (known, ())
+        return _read(path, folder, *chosen, size, limits)
     except TelemetryError as error:
         raise TelemetryError(printable(f"{name}: {error}", LONGEST_SENTENCE)) from None
 
@@ -88,18 +96,23 @@ def _read(
 
 
 @contextmanager
-def columns_of(path: Path) -> Iterator[Columns]:
+def columns_of(
+    path: Path, *, rollouts: bool = False, name: str | None = None, place: Path | None = None
+) -> Iterator[Columns]:
     """Open the columns of a file in a temporary folder; errors as in `read_file`.
 
     The files of a folder are read as one long table, see app.telemetry.readers.folder.
+    rollouts: arrays of rollouts are read as such, see app.telemetry.readers.rollout_arrays.
+    name: of the file, in messages.   place: where the temporary folder is made.
     """
-    with tempfile.TemporaryDirectory(prefix="forewarn-") as place:
-        folder = Path(place) / "columns"
+    with tempfile.TemporaryDirectory(prefix="forewarn-", dir=place) as temporary:
+        folder = Path(temporary) / "columns"
         if path.is_dir():
             size = sum(file.stat().st_size for file in files_of(path))
             _read(path, folder, FOLDER, (), size, ReadLimits())
         else:
-            read_file(path, folder)
+            arrays = rollouts and path.is_file() and ROLLOUTS.looks_like(head_of(path))
+            read_file(path, folder, name=name, known=ROLLOUTS if arrays else None)
         yield open_columns(folder)
 
 

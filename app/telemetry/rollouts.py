@@ -2,33 +2,39 @@
 
 A folder holds one file per flight, in any format of recordings. A long table has a column that
 names the flight of each row. Arrays are `y` (flights, samples, channels), `dt`, `channels`,
-`units`, and `fail_index` or `unsafe`; `theta` where known, in npz, MATLAB or HDF5 files.
+`units`, and `fail_index` or `unsafe`; `theta` where known, in npz, MATLAB or HDF5 files. All are
+read in a process of their own, see app.telemetry.reading.
 """
 
 import csv
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from app.telemetry.contents import Columns
+from app.telemetry.contents import Columns, release
+from app.telemetry.formats import ROLLOUTS
+from app.telemetry.readers.rollout_arrays import UNNAMED
 from app.telemetry.reading import columns_of
 from app.telemetry.recording import TelemetryError
 from app.telemetry.units import convert, si_unit, without_unit
 from core.channels import Channel, Dictionary, channel, known_channels
 from core.types import Array, Indices
 
-ARRAYS = (".npz", ".mat", ".h5", ".hdf5")
 TIMES = ("t", "time", "t_s", "time_s")
 FLIGHTS = ("flight", "run", "rollout", "flight_id", "run_id")
 LABELS = ("unsafe", "fail", "failed", "failure")
 MOST_JITTER = 0.01
 """Largest deviation of a sample interval, as a share of it."""
+MOST_BYTES = 4 * 2**30
+"""Largest array of flights, unless the caller allows another."""
+NUMBERS = {"display_factor": float, "display_decimals": int, "largest": float}
+"""Fields of a channel that are numbers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +44,7 @@ class RolloutFile:
     y: (n, n_samples, n_measured), NaN after the end of a flight; without computed channels.
     dt: [s].
     fail_index: (n,) first failing sample, -1 for none; None without labels.
-    theta: (n, n_parameters); None if unknown.
+    theta: (n, n_parameters), named by theta_names; None if unknown.
     """
 
     y: Array
@@ -46,118 +52,131 @@ class RolloutFile:
     dictionary: Dictionary
     fail_index: Indices | None = None
     theta: Array | None = None
+    theta_names: tuple[str, ...] = ()
 
 
-def read_rollouts(source: Path, dictionary: Dictionary | None = None) -> RolloutFile:
+@dataclass(frozen=True)
+class _Wanted:
+    """What the caller gives besides the files.   name: of the source, in messages."""
+
+    dictionary: Dictionary | None
+    dt: float | None
+    name: str
+    most_bytes: int
+
+    def empty(self, n: int, n_samples: int, n_channels: int) -> Array:
+        """An array of flights without values. TelemetryError if it would be too large."""
+        needed = 8 * n * n_samples * n_channels
+        if needed > self.most_bytes:
+            raise TelemetryError(
+                f"{self.name}: {n} flights of up to {n_samples} samples and {n_channels} "
+                f"channels need {needed / 2**30:.3g} GiB, and {self.most_bytes / 2**30:.3g} are "
+                "allowed: give fewer flights, or a longer sample interval"
+            )
+        return np.full((n, n_samples, n_channels), np.nan)
+
+
+def read_rollouts(
+    source: Path,
+    dictionary: Dictionary | None = None,
+    *,
+    dt: float | None = None,
+    name: str | None = None,
+    most_bytes: int = MOST_BYTES,
+    place: Path | None = None,
+) -> RolloutFile:
     """Read flights from a folder, a long table or a file of arrays. TelemetryError.
 
     dictionary: of the channels to use; without it all signals are, known ones by their keys.
+    dt: sample interval [s] of a source that does not give it.   name: of the source, in messages.
+    place: of temporary files.
     """
     if not source.exists():
         raise TelemetryError(f"{source}: no such file or folder: give the rollouts")
-    if source.suffix.lower() in ARRAYS and (arrays := _arrays(source)) is not None:
-        return _of_arrays(arrays, dictionary, f"{source}")
-    with columns_of(source) as columns:
-        return _of_flights(_long_table(columns, source), dictionary, f"{source}")
+    wanted = _Wanted(dictionary, dt, name or f"{source}", most_bytes)
+    with columns_of(source, rollouts=True, name=name, place=place) as columns:
+        if columns.contents.format == ROLLOUTS.key:
+            return _of_arrays(columns, wanted)
+        return _of_flights(_long_table(columns, wanted), wanted)
 
 
 def read_dictionary(path: Path) -> Dictionary:
-    """A dictionary from JSON, or from CSV with a row for each channel. TelemetryError."""
+    """A dictionary from a file, see `dictionary_of_text`. TelemetryError."""
     try:
         text = path.read_text(encoding="utf-8-sig")
-        if path.suffix.lower() == ".csv":
+    except (OSError, ValueError) as error:
+        raise TelemetryError(f"{path} cannot be read ({error}): give a dictionary") from error
+    return dictionary_of_text(text, path.stem)
+
+
+def dictionary_of_text(text: str, name: str) -> Dictionary:
+    """A dictionary from JSON, or from CSV with a row for each channel. TelemetryError.
+
+    A unit that is not SI becomes the display unit.
+    """
+    try:
+        if text.lstrip().startswith(("{", "[")):
+            plain = json.loads(text)
+        else:
             rows = csv.DictReader(text.splitlines(), skipinitialspace=True)
-            channels = [{key: value for key, value in row.items() if value} for row in rows]
-            return Dictionary.from_plain({"name": path.stem, "channels": channels})
-        plain = json.loads(text)
+            plain = [{key: value for key, value in row.items() if value} for row in rows]
+            for row, (field, kind) in product(plain, NUMBERS.items()):
+                if field in row:
+                    row[field] = kind(row[field])
         if isinstance(plain, list):
-            plain = {"name": path.stem, "channels": plain}
-        return Dictionary.from_plain(plain)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            plain = {"name": name, "channels": plain}
+        channels = [_in_si(channel) for channel in plain["channels"]]
+        return Dictionary.from_plain({"name": plain["name"], "channels": channels})
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise TelemetryError(
-            f"{path} is not a dictionary of channels ({error}): give key and unit of each"
+            f"{name} is not a dictionary of channels ({error}): give key and unit of each"
         ) from error
+
+
+def _in_si(plain: dict[str, Any]) -> dict[str, Any]:
+    """A channel with its unit in SI, displayed in the given one."""
+    given = plain.get("unit")
+    if not isinstance(given, str) or (unit := si_unit(given)) == given:
+        return plain
+    factor = float(convert(np.ones(1), unit, given)[0])
+    shown = {"display_unit": given, "display_factor": factor}
+    return shown | plain | {"unit": unit}
 
 
 # --- arrays ---------------------------------------------------------------------------------------
 
 
-def _arrays(path: Path) -> dict[str, Any] | None:
-    """The arrays of a file by name; None if it holds no array `y` of three dimensions."""
-    try:
-        with _opened(path) as arrays:
-            if "y" not in arrays or np.ndim(arrays["y"]) != 3:
-                return None
-            return {name: np.asarray(arrays[name]) for name in arrays}
-    except (OSError, ValueError, KeyError, TypeError, NotImplementedError) as error:
-        raise TelemetryError(f"{path} cannot be read ({error}): export the arrays again") from error
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[Mapping[str, Any]]:
-    if path.suffix.lower() == ".npz":
-        with np.load(path, allow_pickle=False) as arrays:
-            yield arrays
-        return
-    import h5py  # slow to import, as is scipy.io
-
-    if path.suffix.lower() == ".mat" and not h5py.is_hdf5(path):
-        from scipy.io import loadmat
-
-        yield {k: v for k, v in loadmat(path).items() if not k.startswith("__")}
-        return
-    with h5py.File(path) as file:
-        # MATLAB stores dimensions last first
-        turned = path.suffix.lower() == ".mat"
-        yield {k: file[k][()].T if turned else file[k][()] for k in file}  # pyright: ignore
-
-
-def _of_arrays(arrays: Mapping[str, Any], dictionary: Dictionary | None, name: str) -> RolloutFile:
-    for needed in ("dt", "channels"):
-        if needed not in arrays:
-            raise TelemetryError(f"{name} has no {needed}: give y, dt, channels and units")
-    y, keys = np.asarray(arrays["y"], np.float64), _texts(arrays["channels"])
-    units = _texts(arrays["units"]) if "units" in arrays else [""] * len(keys)
-    if len(keys) != y.shape[2] or len(units) != len(keys):
-        raise TelemetryError(
-            f"{name} names {len(keys)} channels and {len(units)} units, and y has {y.shape[2]}: "
-            "give one of each for each channel"
-        )
-    dictionary = dictionary or _own(keys, units)
-    columns = [_chosen(keys, key, name) for key in dictionary.measured]
-    y = y[..., columns]
+def _of_arrays(columns: Columns, wanted: _Wanted) -> RolloutFile:
+    samples, flights = columns.contents.groups
+    signals = [signal for signal in columns.contents.signals if signal.group == 0]
+    rows = [signal.name for signal in columns.contents.signals if signal.group == 1]
+    keys, dictionary, name = [signal.name for signal in signals], wanted.dictionary, wanted.name
+    if UNNAMED in columns.contents.ignored:
+        if dictionary is None or len(dictionary.measured) != len(keys):
+            raise TelemetryError(
+                f"{name} does not name its {len(keys)} channels: give the array channels, or a "
+                "dictionary of as many"
+            )
+        keys = list(dictionary.measured)
+    dictionary = dictionary or _own(keys, [signal.unit for signal in signals])
+    shape = flights.n_rows, samples.n_rows // flights.n_rows
+    y = wanted.empty(*shape, len(dictionary.measured))
     for c, known in enumerate(_measured(dictionary)):
-        y[..., c] = _converted(y[..., c], units[columns[c]], known)
-    theta = np.asarray(arrays["theta"], np.float64) if "theta" in arrays else None
-    dt = float(np.ravel(arrays["dt"])[0])
-    return RolloutFile(y, dt, dictionary, _labels(arrays, y.shape, name), theta)
-
-
-def _labels(arrays: Mapping[str, Any], shape: tuple[int, ...], name: str) -> Indices | None:
-    if "fail_index" in arrays:
-        return np.ravel(arrays["fail_index"]).astype(np.int64)
-    if "unsafe" not in arrays:
-        return None
-    unsafe = np.asarray(arrays["unsafe"]).astype(bool)
-    if unsafe.ndim == 2 and unsafe.shape == shape[:2]:
-        return np.where(unsafe.any(axis=1), unsafe.argmax(axis=1), -1)
-    flights = unsafe.ravel()
-    if len(flights) != shape[0]:
-        raise TelemetryError(f"{name}: unsafe has {len(flights)} entries for {shape[0]} flights")
-    # a label of the whole flight: it fails at its last sample
-    missing = np.any(np.isnan(np.asarray(arrays["y"], np.float64)), axis=2)
-    last = np.where(missing.any(axis=1), missing.argmax(axis=1), shape[1]) - 1
-    return np.where(flights, last, -1)
-
-
-def _texts(values: Any) -> list[str]:
-    items = np.asarray(values).ravel().tolist()
-    return [
-        (item.decode() if isinstance(item, bytes) else str(np.ravel(item)[0])).strip()
-        if not isinstance(item, str)
-        else item.strip()
-        for item in items
-    ]
+        signal = signals[_chosen(keys, known.key, name)]
+        values = columns.values(signal.name).reshape(shape)
+        y[..., c] = _converted(values, signal.unit, known)
+        release(values)
+    dt, labels, *theta = (np.array(columns.values(row)) for row in rows)
+    if not dt[0] > 0 and wanted.dt is None:
+        raise TelemetryError(f"{name} has no dt: give the sample interval in seconds")
+    return RolloutFile(
+        y,
+        float(dt[0]) if dt[0] > 0 else float(wanted.dt or 0),
+        dictionary,
+        None if np.isnan(labels[0]) else labels.astype(np.int64),
+        np.column_stack(theta) if theta else None,
+        tuple(rows[2:]),
+    )
 
 
 # --- flights as tables ----------------------------------------------------------------------------
@@ -173,42 +192,44 @@ class _Flight:
     unsafe: Array | None
 
 
-def _long_table(columns: Columns, path: Path) -> Iterator[_Flight]:
-    table = _table(columns, path)
+def _long_table(columns: Columns, wanted: _Wanted) -> Iterator[_Flight]:
+    table = _table(columns, wanted.name)
     flight = _named(table, FLIGHTS)
     if flight is None:
         raise TelemetryError(
-            f"{path} has no column that names the flight of a row: call it {FLIGHTS[0]}, or give a "
-            "folder with one file for each flight"
+            f"{wanted.name} has no column that names the flight of a row: call it {FLIGHTS[0]}, "
+            "or give one file for each flight"
         )
     numbers = np.array(columns.values(table.pop(flight)))
     order = np.argsort(numbers, kind="stable")
     ends = np.flatnonzero(np.diff(numbers[order])) + 1
     for rows in np.split(order, ends):
-        yield _flight(table, columns, rows, path)
+        yield _flight(table, columns, rows, wanted)
 
 
-def _table(columns: Columns, path: Path) -> dict[str, str]:
+def _table(columns: Columns, name: str) -> dict[str, str]:
     """Signals of the only group of a file, by their names without units."""
     signals = columns.contents.signals
     if len({signal.group for signal in signals}) != 1:
-        raise TelemetryError(f"{path} has several tables: give one for each flight")
+        raise TelemetryError(f"{name} has several tables: give one for each flight")
     return {without_unit(signal.name): signal.name for signal in signals}
 
 
-def _flight(
-    table: Mapping[str, str], columns: Columns, rows: slice | Indices, path: Path
-) -> _Flight:
+def _flight(table: Mapping[str, str], columns: Columns, rows: Indices, wanted: _Wanted) -> _Flight:
     time, label = _named(table, TIMES), _named(table, LABELS)
-    if time is None:
-        raise TelemetryError(f"{path} has no column of times: call it t [s]")
+    if time is None and wanted.dt is None:
+        raise TelemetryError(
+            f"{wanted.name} has no column of times: call it t [s], or give the sample interval dt"
+        )
 
     def values(name: str) -> Array:
         return np.array(columns.values(table[name])[rows])
 
     rest = [name for name in table if name not in (time, label)]
     return _Flight(
-        convert(values(time), columns.signal(table[time]).unit or "s", "s"),
+        np.arange(float(len(rows))) * (wanted.dt or 0.0)
+        if time is None
+        else convert(values(time), columns.signal(table[time]).unit or "s", "s"),
         {name: values(name) for name in rest},
         {name: columns.signal(table[name]).unit for name in rest},
         None if label is None else values(label),
@@ -219,12 +240,10 @@ def _named(names: Iterable[str], among: Sequence[str]) -> str | None:
     return next((name for name in names if name.lower() in among), None)
 
 
-def _of_flights(
-    flights: Iterator[_Flight], dictionary: Dictionary | None, name: str
-) -> RolloutFile:
-    read = list(flights)
+def _of_flights(flights: Iterator[_Flight], wanted: _Wanted) -> RolloutFile:
+    read, name = list(flights), wanted.name
     first = read[0]
-    dictionary = dictionary or _own(list(first.columns), list(first.units.values()))
+    dictionary = wanted.dictionary or _own(list(first.columns), list(first.units.values()))
     steps = np.array([np.median(np.diff(flight.t)) if len(flight.t) > 1 else 0 for flight in read])
     dt = float(np.median(steps))
     off = np.flatnonzero(np.abs(steps - dt) > MOST_JITTER * dt)
@@ -234,7 +253,7 @@ def _of_flights(
             "them to one interval"
         )
     measured = _measured(dictionary)
-    y = np.full((len(read), max(len(flight.t) for flight in read), len(measured)), np.nan)
+    y = wanted.empty(len(read), max(len(flight.t) for flight in read), len(measured))
     for k, flight in enumerate(read):
         steps = np.diff(flight.t)
         if (np.abs(steps - dt) > 0.5 * dt).any():

@@ -28,7 +28,7 @@ from core.monitor.monitor import Monitor
 from core.monitor.observation import lead_steps
 from core.monitor.peak_forecast import lowest_within
 from core.monitor.peak_ridge import LearnedFlights, fit_windows
-from core.monitor.predictor import PREDICTORS, PeakRidge, Predictor
+from core.monitor.predictor import PREDICTORS, Ensemble, PeakRidge, Predictor
 from core.monitor.recipe import MISS_RATE, MonitorRecipe
 from core.monitor.response_filter import fit_card
 from core.monitor.score import SCORES, RestOfCard, Score
@@ -40,6 +40,7 @@ from core.planned_test.collection import (
     evaluation_flights,
     stopping_flights,
 )
+from core.planned_test.near import near_failures, near_rollouts
 from core.planned_test.planned_test import DatasetRecipe, Rollouts, SensorNoise, Simulator
 from core.seeds import Branch, monitor_seeds, stream
 from core.simulation.aircraft import AIRCRAFT
@@ -53,7 +54,7 @@ METHODS: dict[str, tuple[Predictor, Score]] = {
     "peaks ahead: rest": (PREDICTORS["peak_ridge"], SCORES["rest_of_card"]),
     "test card: window": (PREDICTORS["response_filter"], SCORES["card_window"]),
     "test card: rest": (PREDICTORS["response_filter"], SCORES["rest_of_card"]),
-    "neighbors + peaks": (PREDICTORS["ensemble"], SCORES["highest_risk"]),
+    "neighbors + peaks": (Ensemble(scope="near"), SCORES["highest_risk"]),
 }
 """Compared methods, as pairs of predictor and score."""
 CEILING = "ceiling"
@@ -316,8 +317,10 @@ class _Part:
         """Methods that use neighbours of the latest samples."""
         recipe, failures = self._recipe, None
         names = [name for name in recipe.methods if METHODS[name][0].forecast in ("", "ensemble")]
+        rollouts, near = None, list[Rollouts]()
         if any(METHODS[name][0].forecast for name in names):
             failures, _ = combination_failures(self._test, recipe.n_unsafe, branch=Branch.ENSEMBLE)
+            rollouts, near = near_rollouts(self._test), near_failures(self._test, recipe.n_unsafe)
         for lead in recipe.leads_s if names else ():
             settings = MonitorRecipe(
                 t_early=lead, epsilon=recipe.epsilon, guarantee=recipe.guarantee
@@ -326,7 +329,14 @@ class _Part:
             for name in names:
                 predictor, score = METHODS[name]
                 monitor_recipe = replace(settings, predictor=predictor, score=score)
-                monitor = train(self._dataset, monitor_recipe, failures=failures, safe=safe)
+                monitor = train(
+                    self._dataset,
+                    monitor_recipe,
+                    rollouts=rollouts,
+                    failures=failures,
+                    near=near,
+                    safe=safe,
+                )
                 yield (name, lead), self._monitor_scores(monitor)
 
     def _monitor_scores(self, monitor: Monitor) -> _Scores:

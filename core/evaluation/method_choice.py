@@ -54,7 +54,7 @@ def try_methods(
     for name, (predictor, score) in METHODS.items():
         if name == OF_THE_CARD:
             continue
-        of_method = replace(recipe, predictor=predictor, score=score)
+        of_method = replace(recipe, predictor=predictor, score=score).as_planned()
         more = learning.y, learning.fail_index
         try:
             monitor = train(dataset, of_method, rollouts=more)

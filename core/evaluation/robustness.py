@@ -9,7 +9,7 @@ import numpy as np
 
 from core.evaluation.rates import Evaluation, evaluate
 from core.monitor.monitor import Monitor
-from core.planned_test.amplitude import AmplitudeError, suggest_amplitude
+from core.planned_test.near import FLIGHTS_EACH, fly_each, near_aircraft, retuned, softer
 from core.planned_test.planned_test import (
     USUAL_TIMING_JITTER_S,
     DatasetRecipe,
@@ -18,10 +18,11 @@ from core.planned_test.planned_test import (
     Simulator,
 )
 from core.seeds import Branch, stream
+from core.simulation.aircraft import AIRCRAFT, IdentifiedAircraft, PublishedAircraft
 from core.simulation.imperfections import USUAL_IMPERFECTIONS
 from core.simulation.maneuver import Altered
+from core.simulation.published import MODELS
 from core.simulation.turbulence import Turbulence
-from core.simulation.uncertain_plant import UncertainPlant
 from core.types import Array, Indices
 
 WORSE_AIR: dict[Turbulence, Turbulence] = {
@@ -34,12 +35,10 @@ WORSE_AIR: dict[Turbulence, Turbulence] = {
 DOUBLED = "gust_sigma_deg", "gain", "bias", "lag_s", "trim_deg", "unsteadiness_deg", "asymmetry"
 """Imperfections to double."""
 
-N_NEAR, FLIGHTS_EACH = 150, 20
-"""Aircraft near the planned one, and flights of each; those that never fail are not counted."""
+N_NEAR = 150
+"""Aircraft near the planned one; those that never fail are not counted."""
 MOST_FAILURES, MOST_SAFE = 5, 1
 """Failing and safe flights of such an aircraft that are counted, at most."""
-RETUNED_ON = 100
-"""Rollouts at each amplitude tried for a softer input; its share scatters by about .04."""
 LEAST_FAILURES = 4
 """Failures from which an aircraft may be the worst."""
 
@@ -67,22 +66,6 @@ def _slower(recipe: DatasetRecipe) -> DatasetRecipe:
     return replace(recipe, maneuver=Altered.of(recipe.maneuver, slower=1.5))
 
 
-def softer(recipe: DatasetRecipe, lag_s: float) -> DatasetRecipe:
-    """The test flown by hands that all have this pedal lag [s], so that a quarter exceeds."""
-    hands = replace(recipe.imperfections, softness_s=0.0)
-    maneuver = replace(recipe.maneuver, pedal_lag_s=lag_s)
-    return retuned(replace(recipe, maneuver=maneuver, imperfections=hands))
-
-
-def retuned(recipe: DatasetRecipe) -> DatasetRecipe:
-    """The test at the amplitude at which a quarter exceeds; as it is if there is none."""
-    try:
-        amplitude_deg = suggest_amplitude(recipe, most=RETUNED_ON).amplitude_deg
-    except AmplitudeError:
-        return recipe
-    return replace(recipe, maneuver=recipe.maneuver.with_peak(amplitude_deg))
-
-
 def _stopped(recipe: DatasetRecipe) -> DatasetRecipe:
     return replace(recipe, maneuver=Altered.of(recipe.maneuver, flown_share=0.5))
 
@@ -104,6 +87,7 @@ class Difference:
     recipe: changes the planned test.   spread: factor on the width of D_theta.
     share: of the flights asked for.
     factor: of `near_aircraft` on the derivatives of aircraft flown several times; None: D_theta.
+    others: whether published aircraft of other types fly the test.
     """
 
     words: str
@@ -112,6 +96,7 @@ class Difference:
     spread: float = 1.0
     share: float = 1.0
     factor: float | None = None
+    others: bool = False
 
 
 DIFFERENCES = {
@@ -133,6 +118,7 @@ DIFFERENCES = {
     ),
     "near_1.25": Difference("derivatives within a factor of 1.25", 10, factor=1.25),
     "near_1.5": Difference("derivatives within a factor of 1.5", 11, factor=1.5),
+    "other_type": Difference("another type of aircraft", 12, others=True),
 }
 
 
@@ -141,48 +127,69 @@ def robustness(
 ) -> dict[str, Evaluation]:
     """Fly n flights of each difference through the monitor, and count at one epsilon.
 
-    Of softer inputs fewer are flown; aircraft near the planned one have their own number.
+    Of softer inputs fewer are flown; aircraft near the planned one have their own number. Other
+    types are left out if none can fly the test.
 
     recipe: the monitor's planned test.   epsilon: default: the monitor's own.
     """
     at, evaluations = np.array([monitor.check_epsilon(epsilon)]), {}
     for name, difference in DIFFERENCES.items():
-        simulator = Simulator(difference.recipe(recipe), difference.spread)
-        rng, aircraft = stream(recipe.seed, Branch.ROBUSTNESS, difference.number), None
-        if difference.factor is None:
-            flights = simulator.rollouts(round(difference.share * n), rng)
-        else:
-            theta = near_aircraft(simulator.plant, difference.factor, N_NEAR, rng)
-            flights, aircraft = fly_each(simulator, theta, rng)
-        evaluations[name] = evaluate(monitor, flights.y, flights.fail_index, at, aircraft)
+        rng = stream(recipe.seed, Branch.ROBUSTNESS, difference.number)
+        if flown := _flown(recipe, difference, n, rng):
+            (outputs, fail_index, _), aircraft = flown
+            evaluations[name] = evaluate(monitor, outputs, fail_index, at, aircraft)
     return evaluations
 
 
-def near_aircraft(plant: UncertainPlant, factor: float, n: int, rng: np.random.Generator) -> Array:
-    """Theta (n, n_parameters): each nominal one multiplied by exp(U(-ln factor, ln factor))."""
-    widest = np.log(factor)
-    return plant.nominal * np.exp(rng.uniform(-widest, widest, (n, len(plant.nominal))))
+def _flown(
+    recipe: DatasetRecipe, difference: Difference, n: int, rng: np.random.Generator
+) -> tuple[Rollouts, Indices | None] | None:
+    """Flights of a difference, and the number of their aircraft if those flew several times."""
+    if difference.others:
+        return _other_types(recipe, n, rng)
+    simulator = Simulator(difference.recipe(recipe), difference.spread)
+    if difference.factor is None:
+        return simulator.rollouts(round(difference.share * n), rng), None
+    return fly_some(simulator, near_aircraft(simulator.plant, difference.factor, N_NEAR, rng), rng)
 
 
-def fly_each(
-    simulator: Simulator,
-    theta: Array,
-    rng: np.random.Generator,
-    most: int = MOST_FAILURES,
-) -> tuple[Rollouts, Indices]:
-    """Fly each of these aircraft, theta (n_aircraft, n_parameters), several times.
+def _other_types(
+    recipe: DatasetRecipe, n: int, rng: np.random.Generator
+) -> tuple[Rollouts, Indices] | None:
+    """About n flights of the published aircraft of other types, equally many of each.
 
-    most: failures of each that are counted.   An aircraft that diverges is left out.
-    Returns a few flights of each, failing and safe ones, and (n,) the number of their aircraft.
+    Each at the amplitude at which a quarter exceeds.   None if none of them can fly the test.
     """
-    shape = len(theta), FLIGHTS_EACH * most // MOST_FAILURES
-    flights, peaks = simulator.fly(np.repeat(theta, shape[1], axis=0), rng)
-    fails = flights.is_unsafe.reshape(shape)
-    failing, safe = fails.cumsum(axis=1), (~fails).cumsum(axis=1)
-    few = np.where(fails, failing <= most, safe <= most * MOST_SAFE // MOST_FAILURES)
-    few &= np.isfinite(peaks).reshape(shape).all(axis=1, keepdims=True)
-    chosen = np.flatnonzero(few)
-    return flights.some(chosen), chosen // shape[1]
+    own = recipe.aircraft
+    if isinstance(own, IdentifiedAircraft):
+        own = own.base
+    if isinstance(own, PublishedAircraft):
+        others = [replace(own, name=name) for name in MODELS if name != own.name]
+    else:
+        others = [aircraft for name, aircraft in AIRCRAFT.items() if name in MODELS]
+    flights = list[Rollouts]()
+    for aircraft in others:
+        try:
+            simulator = Simulator(retuned(replace(recipe, aircraft=aircraft)))
+        except ValueError:
+            continue  # such as one that this control law makes unstable
+        flights.append(simulator.rollouts(round(n / len(others)), rng))
+    if not flights:
+        return None
+    y, fail_index, theta = (np.concatenate(part) for part in zip(*flights, strict=True))
+    type_of = np.repeat(np.arange(len(flights)), [len(each.y) for each in flights])
+    return Rollouts(y, fail_index, theta), type_of
+
+
+def fly_some(
+    simulator: Simulator, theta: Array, rng: np.random.Generator, most: int = MOST_FAILURES
+) -> tuple[Rollouts, Indices]:
+    """A few flights of each of these aircraft, theta (n_aircraft, n_parameters).
+
+    most: failures of each that are counted.   Returns as `fly_each`.
+    """
+    n_flights = FLIGHTS_EACH * most // MOST_FAILURES
+    return fly_each(simulator, theta, rng, n_flights, most, most * MOST_SAFE // MOST_FAILURES)
 
 
 def by_aircraft(counts: Evaluation) -> dict[str, Any]:

@@ -1,12 +1,16 @@
 """The usual rule: nearest neighbours and a forecast of the peak to come, calibrated as one.
 
 Neighbours fail on aircraft beside the planned ones, peaks where the input is softer than in
-training; together they hold in both. Each part has a p-value of its own. The risk is the higher of
-both, calibrated as flown on failures that trained and calibrated neither part.
+training; together they hold in both. Each part has a p-value of its own. The risk is the highest of
+them, calibrated as flown on failures that trained and calibrated no part.
+
+For aircraft and hands near the planned ones there is a third part, the peak of the next samples
+(`window`), and the rule is calibrated on several populations, see `worst_of`.
 """
 
 from bisect import bisect_left
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -25,6 +29,8 @@ from core.types import Array, Indices
 HALVING_SEED = 32
 """Seed of the random halves of failures, if no fresh ones are given."""
 ALPHAS = "neighbor_alphas", "peak_alphas"
+WINDOW = "window_"
+"""Prefix of the arrays of the peak of the next samples, which only newer files have."""
 
 
 def halves(n: int) -> tuple[Indices, Indices]:
@@ -33,27 +39,34 @@ def halves(n: int) -> tuple[Indices, Indices]:
     return np.sort(order[: n // 2]), np.sort(order[n // 2 :])
 
 
+def worst_of(populations: Sequence[Array]) -> Array:
+    """Calibration scores (n,), sorted, that keep the promise in each population.
+
+    populations: calibration scores of each, of equal length n.   The k-th score is the largest k-th
+    one, so that the p-value of any score is the largest over the populations.
+    """
+    return np.max([np.sort(alphas) for alphas in populations], axis=0)
+
+
 class RunningNeighborsAndPeak(RunningForecast):
-    """Both parts on one flight; lost once the forecast of the peak is."""
+    """All parts on one flight; lost once the forecast of the peak is."""
 
     def __init__(self, rule: "NeighborsAndPeak", dt: float) -> None:
-        self._peak = rule.peak.start(dt)
+        self._peaks = [(peak.start(dt), list(alphas.tolist())) for peak, alphas in rule.peaks]
         self._neighbor_alphas: list[float] = rule.neighbors.alphas.tolist()
-        self._peak_alphas: list[float] = rule.peak_alphas.tolist()
 
     def update(self, t: float, y: Array, code: int, neighbor_score: float) -> tuple[float, int]:
-        """Score of the next sample: minus the higher risk of the parts that have one."""
-        peak_score, _ = self._peak.update(t, y, code, np.nan)
-        self.lost = self._peak.lost
-        if code != OK:
-            return np.nan, code
-        risk = _p_value(self._neighbor_alphas, neighbor_score)
-        if peak_score == peak_score:  # not NaN
-            risk = max(risk, _p_value(self._peak_alphas, peak_score))
+        """Score of the next sample: minus the highest risk of the parts that have one."""
+        risk = _p_value(self._neighbor_alphas, neighbor_score) if code == OK else np.nan
+        for peak, alphas in self._peaks:
+            score, _ = peak.update(t, y, code, np.nan)
+            if score == score:  # not NaN
+                risk = max(risk, _p_value(alphas, score))
+        self.lost = self._peaks[0][0].lost
         return -risk, code
 
     def ahead(self) -> Ahead | None:
-        return self._peak.ahead()
+        return self._peaks[0][0].ahead()
 
 
 def _p_value(alphas: list[float], score: float) -> float:
@@ -64,10 +77,11 @@ def _p_value(alphas: list[float], score: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class NeighborsAndPeak(PeakForecast):
-    """Both parts with their own calibration scores, in the role of a forecast.
+    """All parts with their own calibration scores, in the role of a forecast.
 
     neighbors: arrays of the kernels, with the neighbours' own alphas.   n_delay: of the monitor.
     peak: of the rest of the manoeuvre.   peak_alphas: (n,) sorted, its own.
+    window: peak of the next samples, if it is a part.   window_alphas: (n,) sorted, its own.
     """
 
     section: ClassVar[str] = "ensemble"
@@ -75,6 +89,14 @@ class NeighborsAndPeak(PeakForecast):
     n_delay: int
     peak: RidgeForecast
     peak_alphas: Array
+    window: RidgeForecast | None = None
+    window_alphas: Array = field(default_factory=lambda: np.empty(0))
+
+    @property
+    def peaks(self) -> list[tuple[RidgeForecast, Array]]:
+        """The parts that forecast a peak, with their alphas; that of the rest comes first."""
+        rest = self.peak, self.peak_alphas
+        return [rest] if self.window is None else [rest, (self.window, self.window_alphas)]
 
     @property
     def no_forecast_reason(self) -> str:
@@ -86,11 +108,11 @@ class NeighborsAndPeak(PeakForecast):
     def follow(
         self, t: Array, y: Array, state: Indices, dt: float, neighbor_scores: Array
     ) -> ForecastScores:
-        peak = self.peak.follow(t, y, state, dt, neighbor_scores)
-        risk = np.fmax(
-            p_values(neighbor_scores, self.neighbors.alphas), p_values(peak.score, self.peak_alphas)
-        )
-        return peak._replace(score=np.where(state == OK, -risk, np.nan), state=state)
+        risk, scores = p_values(neighbor_scores, self.neighbors.alphas), []
+        for peak, alphas in self.peaks:
+            scores.append(peak.follow(t, y, state, dt, neighbor_scores))
+            risk = np.fmax(risk, p_values(scores[-1].score, alphas))
+        return scores[0]._replace(score=np.where(state == OK, -risk, np.nan), state=state)
 
     def lowest_scores(self, y: Array, first: Indices, last: Indices) -> Array:
         """Minus the highest risk of each trajectory; +inf too if it is lost from its begin."""
@@ -98,15 +120,21 @@ class NeighborsAndPeak(PeakForecast):
         near = peak_risk.lowest_scores(
             self.neighbors, y, self.n_delay, first, last, no_own_point, alphas
         )
-        ahead = self.peak.lowest_scores(y, first, last)
-        risk = np.maximum(p_values(near, alphas), p_values(ahead, self.peak_alphas))
+        risk = p_values(near, alphas)
+        for peak, alphas in self.peaks:
+            risk = np.maximum(risk, p_values(peak.lowest_scores(y, first, last), alphas))
         unwarned = (last < first) | self.peak.begun_before(y[:, 0])
         return np.where(unwarned, np.inf, -risk)
 
     def to_section(self) -> Section:
+        """Section of a monitor's file; version 2 has a window."""
         part, alphas = self.peak.to_section(), (self.neighbors.alphas, self.peak_alphas)
         arrays = {**part.arrays, **dict(zip(ALPHAS, alphas, strict=True))}
-        return Section(self.section, 1, True, part.header, arrays)
+        if self.window is None:
+            return Section(self.section, 1, True, part.header, arrays)
+        window = {**self.window.to_section().arrays, "alphas": self.window_alphas}
+        arrays |= {f"{WINDOW}{name}": array for name, array in window.items()}
+        return Section(self.section, 2, True, part.header, arrays)
 
 
 def from_section(
@@ -116,8 +144,18 @@ def from_section(
 
     fitted, n_delay, dictionary: of the monitor, which has the neighbours.
     """
-    near, ahead = (np.ascontiguousarray(section.arrays[name]) for name in ALPHAS)
-    for name, alphas in zip(ALPHAS, (near, ahead), strict=True):
-        check_alphas(f"ensemble {name}", alphas, (len(alphas),))
+    near, ahead = (_alphas_of(section, name) for name in ALPHAS)
     peak = peak_from_section(section, dictionary)
-    return NeighborsAndPeak(fitted._replace(alphas=near), n_delay, peak, ahead)
+    rule = NeighborsAndPeak(fitted._replace(alphas=near), n_delay, peak, ahead)
+    if section.version == 1:
+        return rule
+    arrays = {name: section.arrays[f"{WINDOW}{name}"] for name in ("weights", "offset")}
+    window = peak_from_section(section._replace(arrays=arrays), dictionary)
+    return replace(rule, window=window, window_alphas=_alphas_of(section, f"{WINDOW}alphas"))
+
+
+def _alphas_of(section: Section, name: str) -> Array:
+    """Calibration scores of a part. ValueError unless sorted."""
+    alphas = np.ascontiguousarray(section.arrays[name])
+    check_alphas(f"ensemble {name}", alphas, (len(alphas),))
+    return alphas

@@ -353,6 +353,7 @@ class Monitor:
                 f"epsilon={epsilon:g} with 95 % confidence would alert on every flight: "
                 f"{self._most_early} of {self.n_unsafe} failures came too early for a warning: "
                 "shorten t_early or raise epsilon"
+                + (", or choose the scope planned" if self.recipe.is_near else "")
             )
         return above
 

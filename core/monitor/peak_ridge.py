@@ -100,18 +100,6 @@ class LearnedFlights:
         return cls(*flights, dictionary)
 
 
-def fit_peaks(
-    predictor: PeakRidge, flights: LearnedFlights, limits: Envelope | None, window: int, dt: float
-) -> "RidgeForecast":
-    """Fit the weights of each phase.
-
-    limits: None if failures are known only by fail_index.
-    window: samples to look ahead, 0 for the rest of the manoeuvre.   dt: [s].
-    ValueError if flights do not show when their input begins, or if too few failed.
-    """
-    return fit_windows(predictor, flights, limits, [window], dt)[0]
-
-
 def fit_windows(
     predictor: PeakRidge,
     flights: LearnedFlights,
@@ -119,7 +107,12 @@ def fit_windows(
     windows: list[int],
     dt: float,
 ) -> list["RidgeForecast"]:
-    """As `fit_peaks` for several windows, which share the regressors."""
+    """Fit the weights of each phase, for each window; they share the regressors.
+
+    limits: None if failures are known only by fail_index.
+    windows: samples to look ahead, 0 for the rest of the manoeuvre.   dt: [s].
+    ValueError if flights do not show when their input begins, or if too few failed.
+    """
     y, (_, n_samples, n_channels) = flights.y, flights.y.shape
     begin = Begin(-1, 0.0)
     if predictor.phase == "input":

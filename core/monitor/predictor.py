@@ -19,6 +19,7 @@ ROWS_A_TASK = 8192
 RANK_TOLERANCE = 1e-10
 Phase = Literal["input", "start"]
 Forecast = Literal["", "card", "peaks", "ensemble", "members"]
+Scope = Literal["planned", "near"]
 
 
 @dataclass(frozen=True)
@@ -107,6 +108,10 @@ class Ensemble(PeakRidge):
     """
 
     forecast: ClassVar[Forecast] = "ensemble"
+    scope: Scope = "planned"
+    """scope of the promise: aircraft and hands as `planned`, or also those `near` them, with other
+    derivatives and softer inputs. A near one adds the peak of the next samples as a third part,
+    and needs simulated flights."""
 
 
 def _centred_triangle(*columns: RowSource) -> tuple[Array, Array]:

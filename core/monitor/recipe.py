@@ -1,12 +1,12 @@
 """The recipe of a monitor: every choice for training, as shown in the form."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 from core.bounds import Bounds, check_bounds
 from core.monitor.calibration import Guarantee
 from core.monitor.group import GROUPINGS, Grouping, Pooled
-from core.monitor.predictor import PREDICTORS, Predictor
+from core.monitor.predictor import PREDICTORS, Ensemble, Predictor
 from core.monitor.score import SCORES, Score
 
 Calibration = Literal["trajectory", "pointwise"]
@@ -50,6 +50,19 @@ class MonitorRecipe:
             raise ValueError("groups need p_value simple: choose it, or groups pooled")
         if wrong := mismatch(self.predictor, self.score):
             raise ValueError(wrong)
+        if not isinstance(self.groups, Pooled) and self.is_near:
+            raise ValueError("groups need the scope planned: choose it, or groups pooled")
+
+    @property
+    def is_near(self) -> bool:
+        """Whether the promise is also for aircraft and hands near the planned ones."""
+        return isinstance(self.predictor, Ensemble) and self.predictor.scope == "near"
+
+    def as_planned(self) -> "MonitorRecipe":
+        """The same for the planned aircraft and hands alone, where no others can be simulated."""
+        if not (isinstance(self.predictor, Ensemble) and self.is_near):
+            return self
+        return replace(self, predictor=replace(self.predictor, scope="planned"))
 
     @property
     def is_exact(self) -> bool:
@@ -58,7 +71,7 @@ class MonitorRecipe:
 
 
 METHODS: dict[str, tuple[Predictor, Score]] = {
-    "ensemble": (PREDICTORS["ensemble"], SCORES["highest_risk"]),
+    "ensemble": (Ensemble(scope="near"), SCORES["highest_risk"]),
     "peak_ahead": (PREDICTORS["peak_ridge"], SCORES["rest_of_card"]),
     "test_card": (PREDICTORS["response_filter"], SCORES["card_window"]),
     "outputs_ahead": (PREDICTORS["linear"], SCORES["nearest_neighbor"]),

@@ -1,6 +1,6 @@
 """Training: from labelled trajectories to a calibrated monitor."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,7 +15,7 @@ from core.kernels.mapping import map_samples
 from core.kernels.p_value import SIMPLE, Transduction
 from core.kernels.peak_risk import lowest_scores
 from core.limits.limits import envelope_of
-from core.monitor.ensemble import NeighborsAndPeak, halves
+from core.monitor.ensemble import NeighborsAndPeak, halves, worst_of
 from core.monitor.group import Groups, Pooled
 from core.monitor.monitor import Monitor, assemble
 from core.monitor.observation import (
@@ -26,10 +26,11 @@ from core.monitor.observation import (
     lead_steps,
 )
 from core.monitor.peak_forecast import PeakForecast
-from core.monitor.peak_ridge import LearnedFlights, RidgeForecast, fit_peaks
+from core.monitor.peak_ridge import LearnedFlights, RidgeForecast, fit_windows
 from core.monitor.predictor import NOT_TRAINED, Affine, PeakRidge, Predictor
 from core.monitor.recipe import MonitorRecipe
 from core.monitor.response_filter import NO_CARD, fit_card
+from core.monitor.score import CardWindow
 from core.monitor.validity.flown_input import FreshInputs
 from core.monitor.validity.innovation import fit_innovation
 from core.monitor.validity.support import calibrate
@@ -38,6 +39,10 @@ from core.types import Array, Indices
 Flights = tuple[Array, Indices, *tuple[Any, ...]]
 """Outputs y (n, n_samples, n_channels), fail_index (n,), further items ignored."""
 FreshFlights = Iterable[Flights]
+NO_NEAR = (
+    "scope near was given without flights near the planned ones: train(dataset, recipe, "
+    "near=near_failures(...)), or choose scope planned"
+)
 
 
 class SafeObservations:
@@ -69,6 +74,7 @@ def train(
     card: Card | None = None,
     rollouts: Flights | None = None,
     failures: Flights | None = None,
+    near: Sequence[Flights] = (),
     safe: SafeObservations | None = None,
 ) -> Monitor:
     """Fit the predictor on safe observations, then calibrate the score on the failures.
@@ -84,12 +90,15 @@ def train(
     failures: y and fail_index of fresh failing flights, on which the predictor ensemble is
     calibrated as a whole, see core.planned_test.collection.combination_failures; safe flights among
     them are ignored. Without them half of the dataset's failures trains it and half calibrates it.
+    near: failing flights of each further population in which an ensemble of scope near keeps its
+    promise, as many of each as of those that calibrate it, see core.planned_test.near.
     safe: shared safe observations of this dataset, for recipes that differ only in predictor and
     score.
     ValueError if the dataset has no unsafe or no safe rollout, if fresh flights are too few, or if
     the card is missing.
     """
-    monitor = _calibrated(dataset, recipe or MonitorRecipe(), safe, card, rollouts, failures)
+    recipe = recipe or MonitorRecipe()
+    monitor = _calibrated(dataset, recipe, safe, card, rollouts, failures, near)
     return monitor if fresh is None else with_validity(monitor, dataset, fresh)
 
 
@@ -120,8 +129,11 @@ def _calibrated(
     card: Card | None,
     rollouts: Flights | None,
     failures: Flights | None,
+    near: Sequence[Flights],
 ) -> Monitor:
     _check(dataset, recipe)
+    if recipe.is_near and not near:
+        raise ValueError(NO_NEAR)
     h, n_delay = lead_steps(recipe.t_early, dataset.dt), recipe.n_delay
     numbers, unsafe, fail_index = np.arange(len(dataset.unsafe)), dataset.unsafe, dataset.fail_index
     calibrating = unsafe, fail_index
@@ -130,7 +142,8 @@ def _calibrated(
         unsafe, fail_index = unsafe[numbers], fail_index[numbers]
         if rollouts is None and envelope_of(dataset.specification) is None:
             rollouts = unsafe, fail_index  # labels are learned from failures too
-    forecast = _fit_forecast(dataset, recipe, h, card, rollouts)
+    forecasts = _fit_forecasts(dataset, recipe, h, card, rollouts)
+    forecast = forecasts[0] if forecasts else None
     safe = safe or SafeObservations(dataset, recipe)
     affine = safe.fit(recipe.predictor)
 
@@ -145,15 +158,18 @@ def _calibrated(
     fitted = assemble(recipe, affine, unsafe_points, safe_points, np.empty(0))
     own_point = np.full(len(last), -1)
     own_point[timely] = np.arange(len(timely))
-    if forecast is not None:
-        alphas = forecast.lowest_scores(unsafe, first, last)
-    else:
+    of_forecasts = [each.lowest_scores(unsafe, first, last) for each in forecasts]
+    if forecast is None or recipe.predictor.forecast == "ensemble":
         alphas = lowest_scores(fitted, unsafe, n_delay, first, last, own_point, np.empty(0))
-    if isinstance(forecast, RidgeForecast) and recipe.predictor.forecast == "ensemble":
-        near = lowest_scores(fitted, unsafe, n_delay, first, last, own_point, np.empty(0))
-        neighbors = fitted._replace(alphas=np.sort(near))
-        forecast = NeighborsAndPeak(neighbors, n_delay, forecast, np.sort(alphas))
-        alphas = forecast.lowest_scores(calibrating[0], *_counted(calibrating[1], h, recipe))
+    else:
+        alphas = of_forecasts[0]
+    if recipe.predictor.forecast == "ensemble":
+        neighbors = fitted._replace(alphas=np.sort(alphas))
+        forecast = rule = _rule(neighbors, n_delay, forecasts, of_forecasts)
+        alphas = rule.lowest_scores(calibrating[0], *_counted(calibrating[1], h, recipe))
+        if recipe.is_near:
+            others = [_scores_near(rule, each, len(alphas), h, recipe) for each in near]
+            alphas = worst_of([alphas, *others])
     groups = None
     if not isinstance(recipe.groups, Pooled):
         assigned = recipe.groups.fit(*calibrating, dataset.specification)
@@ -214,25 +230,50 @@ def _counted(fail_index: Indices, h: int, recipe: MonitorRecipe) -> tuple[Indice
     return np.maximum(last, 0) if recipe.calibration == "pointwise" else np.zeros_like(last), last
 
 
-def _fit_forecast(
+def _fit_forecasts(
     dataset: Dataset,
     recipe: MonitorRecipe,
     h: int,
     card: Card | None,
     rollouts: Flights | None,
-) -> PeakForecast | None:
-    """Forecast of the rest of the manoeuvre, of an ensemble its peak; None without one."""
+) -> Sequence[PeakForecast]:
+    """Forecast of the rest of the manoeuvre, of an ensemble those of its peaks; none without."""
     predictor, specification = recipe.predictor, dataset.specification
     if isinstance(predictor, PeakRidge):
         limits = envelope_of(specification)
         learned = dataset.safe, rollouts, limits is not None, dataset.dictionary
-        flights = LearnedFlights.of(*learned)
-        return fit_peaks(predictor, flights, limits, recipe.score.window(h), dataset.dt)
+        flights, windows = LearnedFlights.of(*learned), [recipe.score.window(h)]
+        if recipe.is_near:
+            windows.append(CardWindow().window(h))
+        return fit_windows(predictor, flights, limits, windows, dataset.dt)
     if predictor.forecast != "card":
-        return None
+        return ()
     if card is None:
         raise ValueError(NO_CARD)
-    return fit_card(card, dataset.safe, specification, recipe.score, h)
+    return (fit_card(card, dataset.safe, specification, recipe.score, h),)
+
+
+def _rule(
+    neighbors: Fitted, n_delay: int, peaks: Sequence[PeakForecast], alphas: Sequence[Array]
+) -> NeighborsAndPeak:
+    """The parts of an ensemble as one rule. alphas: of each peak, in any order."""
+    rest, *window = (peak for peak in peaks if isinstance(peak, RidgeForecast))
+    of_rest, *of_window = (np.sort(each) for each in alphas)
+    rule = NeighborsAndPeak(neighbors, n_delay, rest, of_rest)
+    return replace(rule, window=window[0], window_alphas=of_window[0]) if window else rule
+
+
+def _scores_near(
+    rule: NeighborsAndPeak, flights: Flights, n: int, h: int, recipe: MonitorRecipe
+) -> Array:
+    """Calibration scores (n,) of the failing flights of a population near the planned one."""
+    y, fail_index = flights[:2]
+    if len(y) != n or (fail_index >= y.shape[1]).any():
+        raise ValueError(
+            f"near has a population of {np.count_nonzero(fail_index < y.shape[1])} failing flights "
+            f"among {len(y)}: give {n} failing ones, as many as calibrate the rule"
+        )
+    return rule.lowest_scores(y, *_counted(fail_index, h, recipe))
 
 
 def _transduction(

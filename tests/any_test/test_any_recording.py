@@ -1,53 +1,20 @@
 """Recordings of any channels over REST: proposed, corrected, confirmed and previewed."""
 
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy.io import savemat
 from starlette.testclient import TestClient
 
-from core.channels import LONGITUDINAL, Dictionary, channel
-from core.dataset import Dataset
-from core.monitor import Monitor, train
+from core.channels import LONGITUDINAL
 from tests.support import short_period
 from tests.support.api import api, problem, store_of
+from tests.support.own_channels import TEN, monitor, ten_mat
 from tests.support.recorded import RECORDINGS, csv_of, uploaded
 from tests.support.short_period import DT
 
 RNG = np.random.default_rng
-TEN = Dictionary(
-    "ten",
-    (
-        channel("wing load", "L", "lbf", "left wing load"),
-        channel("γ̇", "γ̇", "rad/s", "flight-path rate"),
-        channel("pitch", "θ", "rad", "pitch", "output", "absolute"),
-        channel("mass", "m", "kg", "mass", "condition", "absolute"),
-        channel("load", "n", "N", "tail load"),
-        channel("q_bar", "q̄", "Pa", "dynamic pressure", "condition", "absolute"),
-        *short_period.DICTIONARY.channels,
-    ),
-)
-UNITS = ("lbf", "rad/s", "rad", "kg", "N", "Pa", "rad", "rad/s", "g", "rad")
-OTHER = Dictionary(
-    "other", (channel("load", "n", "lbf", "tail load"), *short_period.DICTIONARY.channels)
-)
-
-
-@cache
-def flights(n: int) -> Dataset:
-    dictionary = {4: short_period.DICTIONARY, 5: OTHER, 10: TEN}[n]
-    y = short_period.with_channels(short_period.fly(RNG(1), 300)[1], n, RNG(2))
-    exceeds = short_period.LIMITS.envelope.exceeds(y[..., -4:])
-    fail_index = np.where(exceeds.any(axis=1), exceeds.argmax(axis=1), -1)
-    return Dataset.from_rollouts(y, dt=DT, channels=dictionary, fail_index=fail_index)
-
-
-@cache
-def monitor(n: int) -> Monitor:
-    return train(flights(n))
 
 
 @pytest.fixture(scope="module")
@@ -66,15 +33,6 @@ def monitors(client: TestClient) -> dict[int, str]:
 def pitch_csv(head: str = "t_s,alpha_deg,q (deg/s),N_z,delta_e_rad") -> bytes:
     y = short_period.fly(RNG(3), 1)[1][0] * [np.degrees(1), np.degrees(1), 1, 1]
     return csv_of(y, DT, head=head)
-
-
-def ten_mat(folder: Path) -> bytes:
-    """As MATLAB writes ten variables, whose names are letters, digits and underscores."""
-    names = ["wing_load", "gamma", "Pitch", "mass", "load", "qBar", "ALPHA", "q", "Nz", "delta_e"]
-    y = RNG(4).uniform(-0.5, 0.5, (200, 10))
-    path = folder / "ten.mat"
-    savemat(path, {"t": DT * np.arange(200)} | {name: y[:, k] for k, name in enumerate(names)})
-    return path.read_bytes()
 
 
 def test_a_longitudinal_csv_is_mapped_without_a_monitor_and_confirmed(client: TestClient) -> None:

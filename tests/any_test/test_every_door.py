@@ -7,8 +7,10 @@ from typing import Any, NamedTuple
 
 import httpx2
 import numpy as np
+import pandas as pd
 import pytest
 
+from app.cli import main
 from app.jobs.training import train_on_flights
 from core.channels import Dictionary, channel
 from core.dataset import Dataset
@@ -169,6 +171,8 @@ def test_the_recording_of_a_flight_is_scored_as_it_was_shown(own: Own) -> None:
         frame["p_value"] for frame in of_manoeuvre
     ]
     assert scoring["manoeuvres"][0]["exceedance"]["channel"] == "Nz"
+    report = httpx2.get(f"{address}/scorings/{scoring['id']}/report").raise_for_status()
+    assert "normal acceleration" in report.text or "Nz" in report.text
 
 
 def test_a_flight_is_replayed_from_its_journal(own: Own) -> None:
@@ -182,3 +186,25 @@ def test_a_flight_is_replayed_from_its_journal(own: Own) -> None:
     while get(replay)["head"] in (None, -1) and time.monotonic() < until:
         time.sleep(0.05)
     httpx2.post(f"{replay}/end").raise_for_status()
+
+
+def test_a_file_is_scored_by_the_command_line(
+    own: Own, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    y = own.flight(fails=True)
+    units = {"rad": ("deg", np.degrees(1.0)), "rad/s": ("deg/s", np.degrees(1.0))}
+    columns = {"t [s]": times(len(y))}
+    for known, values in zip(own.monitor.dictionary.channels, y.T, strict=True):
+        unit, factor = units.get(known.unit, (known.unit, 1.0))
+        columns[f"{known.key} [{unit}]"] = (values * factor).tolist()
+    file = tmp_path / "flight.csv"
+    pd.DataFrame(columns).to_csv(file, index=False)
+    out = tmp_path / "out"
+    assert main(["score", str(own.file), str(file), "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert "LIMIT EXCEEDED" in printed
+    assert "(Nz " in printed
+    strips = len(own.monitor.dictionary) + 1
+    assert (out / "scored.svg").read_text().count('class="frame"') == strips
+    table = pd.read_csv(out / "assessments.csv", comment="#")
+    assert len(table) == len(y)

@@ -25,6 +25,7 @@ from core.planned_test.collection import (
     evaluation_flights,
     fresh,
 )
+from core.planned_test.near import near_failures
 from tests.benchmarks.pairs import in_turns
 from tests.benchmarks.peers import CKDTreeMonitor
 
@@ -103,10 +104,11 @@ def test_a_call_by_its_table_of_addresses() -> None:
 
 
 def test_a_sample_of_the_usual_rule_against_neighbours_alone() -> None:
-    """The neighbours are searched once; the forecast of the peak comes on top."""
+    """The neighbours are searched once; the two forecasts of a peak come on top."""
     recipe = DatasetRecipe(n_unsafe=500).as_trained()
     dataset, fresh_failures = collect(recipe), combination_failures(recipe, 500)[0]
-    usual = train(dataset, USUAL_MONITOR, failures=fresh_failures)
+    near = near_failures(recipe, 500)
+    usual = train(dataset, USUAL_MONITOR, failures=fresh_failures, near=near)
     alone = train(dataset, MonitorRecipe(guarantee="95%"))
     flights = list(evaluation_flights(recipe, 50).y)
 

@@ -12,7 +12,6 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 
 from app.assessment.limits_history import pieces_of
-from app.assessment.planned_test import planned_test
 from app.assessment.verdict import sensors, verdict
 from app.recipes.recipes import read_plain
 from app.recordings.exports import export
@@ -127,15 +126,16 @@ def _files(file: str, scoring: Scored, with_png: bool) -> dict[str, Write]:
 
     scored, monitor = scoring.recording, scoring.monitor
     figure = score_figure(
+        monitor.dictionary,
         scored.samples,
         [asdict(manoeuvre) for manoeuvre in scored.manoeuvres],
-        pieces_of(planned_test(monitor).limits, scored.limits_in_force),
+        pieces_of(monitor.dictionary, monitor.envelope, scored.limits_in_force),
         scored.alert_above,
         monitor.lead,
         " ".join(["scored:", file, scoring.label]).strip(),
     )
     notes = {"limits_in_force": scored.limits_in_force}
-    table = partial(export, scored.samples, notes, "csv")
+    table = partial(export, scored.samples, notes, "csv", dictionary=monitor.dictionary)
     files: dict[str, Write] = {"assessments.csv": table, "scored.svg": just(figure)}
     if with_png:
         files["scored.png"] = just(png(figure))

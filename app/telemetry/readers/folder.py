@@ -25,7 +25,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
             try:
                 columns = _columns(file, Path(place), writer)
             except TelemetryError as error:
-                raise TelemetryError(f"{file}: {error}") from None
+                raise TelemetryError(f"{file.name}: {error}") from None
             signals = columns.contents.signals
             if not names:
                 group = writer.add_group()
@@ -34,8 +34,8 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
                     names[signal.name] = writer.add_signal(group, signal.name, signal.unit)
             if missing := names.keys() - {FLIGHT, *(signal.name for signal in signals)}:
                 raise TelemetryError(
-                    f"{file} has no {', '.join(sorted(missing))}, as {files[0].name} has: write "
-                    "the same signals for each flight"
+                    f"{file.name} has no {', '.join(sorted(missing))}, as {files[0].name} has: "
+                    "write the same signals for each flight"
                 )
             rows = columns.contents.groups[0].n_rows
             writer.append(names[FLIGHT], np.full(rows, float(number)))

@@ -33,7 +33,7 @@ VERSIONS = {
     "input": 1,
     "card": 1,
     "peaks": 1,
-    "ensemble": 1,
+    "ensemble": 2,
     "groups": 1,
     "members": 1,
     "evaluation": 1,

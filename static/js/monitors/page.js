@@ -137,7 +137,7 @@ function robustness(evaluation) {
     `Flights that differ from the planned test, at ε = ${figure(evaluation.epsilon)}`,
     columns,
     kinds,
-    "The guarantee does not cover these flights. Missed: no alert in time and not INVALID in time; of several aircraft the mean of their shares. No method keeps epsilon for each single aircraft.",
+    "Measured, not guaranteed. Missed: no alert in time and not INVALID in time; of several aircraft the mean of their shares. No method keeps epsilon for each single aircraft.",
   );
 }
 

@@ -42,6 +42,7 @@ export function showRecording(element, { id, query, api, navigate }) {
         catalog,
         recording,
         known: aircraftOf(all),
+        monitors,
         bins: isReady ? CHART_BINS : ROW_BINS,
         previewed,
         confirmed,

@@ -11,8 +11,9 @@ import pytest
 
 from app.cli import main
 from app.jobs.requests import dataset_request, monitor_request, study_request
-from app.recipes.recipes import from_plain, limits_named
+from app.recipes.recipes import USUAL_MONITOR, from_plain, limits_named, monitor_as_ordered
 from core.monitor import Monitor, MonitorRecipe, load
+from core.monitor.predictor import Ensemble, Scope
 from core.planned_test.planned_test import USUAL_NOISE, DatasetRecipe, SensorNoise
 from core.recipe import to_plain
 from core.simulation.aircraft import AIRCRAFT
@@ -238,6 +239,25 @@ def test_a_predictor_alone_has_the_score_that_goes_with_it(capsys, options, meth
     assert main(["train", *options, "--print-recipe"]) == 0
     monitor = json.loads(capsys.readouterr().out)["monitor"]
     assert (monitor["predictor"]["kind"], monitor["score"]["kind"]) == method
+
+
+@pytest.mark.parametrize(
+    ("monitor", "scope"),
+    [
+        ({}, "near"),
+        ({"predictor": {"kind": "ensemble"}}, "near"),
+        ({"predictor": {"kind": "ensemble", "scope": "planned"}}, "planned"),
+        ({"groups": {"kind": "largest_deflection"}}, "planned"),
+        ({"groups": {"kind": "pooled"}}, "near"),
+    ],
+)
+def test_the_default_promises_for_near_aircraft_but_not_in_groups(monitor, scope: Scope) -> None:
+    recipe = from_plain(MonitorRecipe(), monitor_as_ordered(monitor))
+    assert recipe.predictor == Ensemble(scope=scope)
+    stored = to_plain(USUAL_MONITOR)
+    del stored["predictor"]["scope"]
+    assert monitor_as_ordered(stored) == stored
+    assert from_plain(MonitorRecipe(), stored) == USUAL_MONITOR.as_planned()
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from core.planned_test.collection import (
     evaluation_flights,
     fresh,
 )
+from core.planned_test.near import near_failures, near_rollouts
 from core.seeds import Branch
 
 RECIPE = DatasetRecipe(n_unsafe=30, seed=4)
@@ -61,10 +62,18 @@ def test_its_flights_neither_train_nor_test(simulated: Dataset) -> None:
 def test_the_usual_rule_is_calibrated_on_as_many_fresh_failures(simulated: Dataset) -> None:
     result = train_and_test(simulated, replace(USUAL_MONITOR, epsilon=0.2), 0, nothing)
     failures, _ = combination_failures(RECIPE, RECIPE.n_unsafe, branch=Branch.ENSEMBLE)
-    expected = train(simulated, result.monitor.recipe, failures=failures)
+    near = near_failures(RECIPE, RECIPE.n_unsafe)
+    expected = train(
+        simulated,
+        result.monitor.recipe,
+        rollouts=near_rollouts(RECIPE),
+        failures=failures,
+        near=near,
+    )
     np.testing.assert_array_equal(result.monitor.alphas, expected.alphas)
     assert len(expected.alphas) == RECIPE.n_unsafe
-    assert not (failures.y[:, None, 40:50] == simulated.unsafe[None, :, 40:50]).all((2, 3)).any()
+    for y in (failures.y, *(flights.y for flights in near)):
+        assert not (y[:, None, 40:50] == simulated.unsafe[None, :, 40:50]).all((2, 3)).any()
 
 
 def test_flights_that_never_fail_leave_the_reason(

@@ -1,6 +1,7 @@
 """Other programs read back every exported number, unit and missing value."""
 
 import io
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -10,7 +11,7 @@ import pytest
 from scipy.io import loadmat
 
 from app.recordings.exports import EXPORTS, export
-from core.channels import CHANNELS, KEYS
+from core.channels import CHANNELS, KEYS, LATERAL, LONGITUDINAL, Dictionary, channel
 from core.monitor.assessment import STATES
 
 ABOUT = {"monitor": "ab12", "epsilon": 0.1, "note": "β in rad"}
@@ -40,9 +41,11 @@ def samples() -> npt.NDArray:
     return samples
 
 
-def exported(samples: npt.NDArray, form: str) -> bytes:
+def exported(
+    samples: npt.NDArray, form: str, dictionary: Dictionary = LATERAL, **about: Any
+) -> bytes:
     file = io.BytesIO()
-    export(samples, ABOUT, form, file)
+    export(samples, ABOUT | about, form, file, dictionary)
     return file.getvalue()
 
 
@@ -72,10 +75,10 @@ def test_a_table_is_the_same_however_many_rows_are_written_at_once(
 def test_parquet_keeps_units_beside_the_columns(samples: npt.NDArray) -> None:
     table = pq.read_table(io.BytesIO(exported(samples, "parquet")))
     units = {field.name: (field.metadata or {}).get(b"unit") for field in table.schema}
-    for channel in CHANNELS:
-        assert units[channel.key] == channel.unit.encode()
-        assert units[f"predicted_{channel.key}"] == channel.unit.encode()
-        assert (table.schema.field(channel.key).metadata or {})[b"reference"] == b"trim"
+    for known in CHANNELS:
+        assert units[known.key] == known.unit.encode()
+        assert units[f"predicted_{known.key}"] == known.unit.encode()
+        assert (table.schema.field(known.key).metadata or {})[b"reference"] == b"trim"
     assert b'"monitor": "ab12"' in (table.schema.metadata or {})[b"forewarn"]
     assert table["p_value"].null_count == np.isnan(samples["p_value"]).sum()
     np.testing.assert_array_equal(table["beta"].to_numpy(zero_copy_only=False), samples["y"][:, 0])
@@ -97,3 +100,52 @@ def test_mat_opens_in_scipy_with_units(samples: npt.NDArray) -> None:
 @pytest.mark.parametrize("form", EXPORTS)
 def test_the_same_flight_makes_the_same_file(samples: npt.NDArray, form: str) -> None:
     assert exported(samples, form) == exported(samples.copy(), form)
+
+
+def test_names_units_and_references_are_the_dictionary_s(samples: npt.NDArray) -> None:
+    table = pd.read_csv(io.BytesIO(exported(samples, "csv", LONGITUDINAL)))
+    assert list(table)[:7] == [
+        "t_s", "alpha_rad", "q_from_trim_radps", "theta_rad", "Nz_g", "V_mps", "delta_e_rad",
+    ]  # fmt: skip
+    assert list(table).count("theta_rad") == 1
+    np.testing.assert_array_equal(table["theta_rad"], samples["y"][:, 2])
+    fields = pq.read_table(io.BytesIO(exported(samples, "parquet", LONGITUDINAL))).schema
+    assert (fields.field("q").metadata or {})[b"reference"] == b"trim"
+    assert (fields.field("V").metadata or {}) == {b"unit": b"m/s", b"reference": b""}
+
+
+def test_limits_in_force_are_one_column_for_either_sign_and_else_one_for_each_end(
+    samples: npt.NDArray,
+) -> None:
+    limits = {
+        "Nz": {"low": -1.4, "high": 4.9, "rest": 1.0},
+        "alpha": {"low": None, "high": 0.2, "rest": 0.0},
+        "q": {"low": -0.5, "high": 0.5, "rest": 0.0},
+    }
+    piece = {"start": 3359.0, "end": 3360.0, "limits": limits}
+    content = exported(samples, "csv", LONGITUDINAL, limits_in_force=[piece])
+    table = pd.read_csv(io.BytesIO(content))
+    names = [name for name in table if name.startswith("limit")]
+    assert names == [
+        "limit_high_alpha_rad", "limit_q_from_trim_radps", "limit_low_Nz_g", "limit_high_Nz_g",
+    ]  # fmt: skip
+    held = (samples["t"] >= 3359.0) & (samples["t"] <= 3360.0)
+    assert table["limit_low_Nz_g"].tolist() == pytest.approx(
+        np.where(held, -1.4, np.nan).tolist(), nan_ok=True
+    )
+
+
+@pytest.mark.parametrize("form", EXPORTS)
+def test_any_name_of_a_channel_can_be_written(samples: npt.NDArray, form: str) -> None:
+    keys = ["α, left", "wing bending", 'the "q"', "1st", "a/b", "a_b"]
+    dictionary = Dictionary("own", tuple(channel(key, key, "N*m", key) for key in keys))
+    content = io.BytesIO(exported(samples, form, dictionary))
+    if form == "csv":
+        names = ["α  left", "wing bending", "the  q ", "1st", "a/b", "a_b"]
+        assert list(pd.read_csv(content))[1:7] == [f"{name}_from_trim_Nm" for name in names]
+    elif form == "parquet":
+        assert pq.read_table(content).column_names[1:7] == keys
+    else:
+        read = loadmat(content, simplify_cells=True)
+        columns = [read[name] for name, unit in read["units"].items() if unit == "N*m"]
+        np.testing.assert_array_equal(np.stack(columns[:6], axis=1), samples["y"])

@@ -72,6 +72,21 @@ def test_near_aircraft_are_counted_one_by_one(monitor: Monitor) -> None:
     assert "no method keeps ε for each single aircraft" in page
 
 
+def test_another_type_has_a_row_or_the_reason_why_not(monitor: Monitor) -> None:
+    reason = "Another type of aircraft: not flown"
+    assert reason in certificate_page(monitor, "it", "ab12")
+    row = EVALUATION["robustness"]["near"] | {"words": "another type of aircraft"}
+    flown = EVALUATION | {"robustness": {"other_type": row}}
+    page = certificate_page(replace(monitor, evaluation=flown), "it", "ab12")
+    assert "another type of aircraft (30 aircraft" in page
+    assert reason not in page
+    of_own_flights = {key: value for key, value in EVALUATION.items() if key != "robustness"}
+    of_own_flights["flights"] = {"certify": 300}
+    page = certificate_page(replace(monitor, evaluation=of_own_flights), "it", "ab12")
+    assert "no others can be simulated" in page
+    assert reason not in page
+
+
 def test_an_untested_monitor_has_no_certificate(monitor: Monitor) -> None:
     with pytest.raises(ValueError, match="nothing to certify: train it with test flights"):
         certificate_page(replace(monitor, evaluation=None), "it", "")

@@ -11,7 +11,9 @@ from app.assessment.outcome import OUTCOMES
 from app.report.facts import MOST_NOTES, alerts, drawn, headline, notes, outcome_of
 from app.report.page import report
 from app.report.subject import ReportSubject
+from core.channels import LONGITUDINAL
 from core.dataset import Dataset
+from core.limits.limits import IntervalLimits, SafeInterval
 from core.monitor import Monitor, MonitorRecipe, train
 from tests.support.reported import exceedance, manoeuvre, subject_of
 
@@ -307,3 +309,23 @@ def test_withdrawn_and_unconfirmed_results_are_marked(subject: ReportSubject) ->
     assert "Mapping not confirmed" in html
     assert "Mapping not confirmed" not in report(replace(subject, mapped="confirmed by the user"))
     assert "has no test on fresh flights" in html
+
+
+def test_a_report_has_the_channels_and_limits_of_its_monitor(monitor: Monitor) -> None:
+    limits = {"Nz": SafeInterval(-1.4, 4.9, 1.0), "alpha": SafeInterval(None, 0.2)}
+    pitching = replace(
+        monitor, dictionary=LONGITUDINAL, specification=IntervalLimits(LONGITUDINAL, limits)
+    )
+    pushed = exceedance(1, value=-1.6) | {"channel": "Nz"}
+    subject = subject_of(pitching, [QUIET, MISSED | {"exceedance": pushed}])
+    quality = {"sentences": [], "clocks": [], "faults": []}
+    html = report(replace(subject, scoring={**subject.scoring, "quality": quality}))
+    for words in (
+        "−1.4\N{NO-BREAK SPACE}g to 4.9\N{NO-BREAK SPACE}g",
+        "at most 11.5\N{NO-BREAK SPACE}deg (0.2\N{NO-BREAK SPACE}rad)",
+        "−1.6\N{NO-BREAK SPACE}g",
+        "true airspeed",
+        "elevator",
+    ):
+        assert words in html
+    assert "either sign" not in html

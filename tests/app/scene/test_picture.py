@@ -160,7 +160,7 @@ class TestShow:
 
 class TestWhatIsSaid:
     def test_the_risk_says_which_way_is_worse(self):
-        assert caption(OK) == ("", "RISK 0.12", "alert above 0.2")
+        assert caption(OK)[:3] == ("", "RISK 0.12", "alert above 0.2")
         said = readout(caption(OK), CALM)
         assert "RISK 0.12" in said
         assert "(higher is worse)" in said
@@ -175,7 +175,7 @@ class TestWhatIsSaid:
     def test_a_state_without_a_risk_is_a_word_in_grey_and_never_a_number(self, state):
         facts = Facts(**{state.value: True})
         shown = OK._replace(state=state, reason="a gap", facts=facts)
-        assert caption(shown) == (state.replace("_", " ").upper(), "", "a gap")
+        assert caption(shown)[:3] == (state.replace("_", " ").upper(), "", "a gap")
         assert tone(shown) == GREY
         assert "RISK" not in readout(caption(shown), GREY)
 
@@ -240,6 +240,73 @@ class TestWhatIsSaid:
         with scene.watching(lambda: None):
             assert nodes(scene)._headline.text == "STALE"
         assert not scene.is_watched
+
+
+UNKNOWN = (None, None, None)
+NOTHING: dict[str, Any] = {"attitude": UNKNOWN} | dict.fromkeys(("beta", "delta_a", "delta_r"))
+BANK_ONLY: dict[str, Any] = NOTHING | {"attitude": (0.4, None, None)}
+PITCH_ONLY: dict[str, Any] = NOTHING | {"attitude": (None, 0.3, None)}
+
+
+class TestWhatIsNotKnown:
+    @pytest.mark.parametrize(
+        ("changes", "words"),
+        [
+            ({}, ""),
+            ({"attitude": (0.1, 0.2, None)}, "heading not known"),
+            ({"attitude": (None, None, None)}, "attitude not known"),
+            ({"delta_a": None}, "aileron not known"),
+            ({"delta_a": None, "delta_r": None}, "surfaces not known"),
+            (PITCH_ONLY, "bank, heading, sideslip and surfaces not known"),
+        ],
+    )
+    def test_it_is_named_in_the_picture_and_beside_it(self, scene, changes, words):
+        show(scene, **changes)
+        scene.draw()
+        assert nodes(scene)._unknown.text == words
+        assert nodes(scene)._unknown.visible == (words != "")
+        assert words in nodes(scene)._readout.content
+
+    def visible(self, scene: Scene) -> set[str]:
+        picture = nodes(scene)
+        others = ["_body", "_wings", "_compass", "_velocity", "_slip", "_scale", "_trail"]
+        all_nodes = {name: node for name, (_, node) in picture._parts.items()}
+        all_nodes |= {name: getattr(picture, name) for name in others}
+        return {name for name, node in all_nodes.items() if node.visible}
+
+    def test_without_a_bank_a_line_along_the_body_shows_the_pitch(self, scene):
+        show(scene, **PITCH_ONLY)
+        scene.draw()
+        assert self.visible(scene) == {"_body"}
+        nose = Rotation.from_quat(np.roll(nodes(scene)._aircraft.wxyz, -1)).apply((1, 0, 0))
+        assert -nose[2] == pytest.approx(np.sin(0.3))
+
+    def test_without_a_pitch_a_line_between_the_tips_shows_the_bank(self, scene):
+        show(scene, **BANK_ONLY)
+        scene.draw()
+        assert self.visible(scene) == {"_wings"}
+        tip = Rotation.from_quat(np.roll(nodes(scene)._aircraft.wxyz, -1)).apply((0, 1, 0))
+        assert tip[2] == pytest.approx(np.sin(0.4))
+
+    def test_nothing_is_drawn_of_an_unknown_attitude(self, scene):
+        show(scene, **NOTHING)
+        scene.draw()
+        assert self.visible(scene) == set()
+
+    def test_a_surface_that_is_not_known_is_left_out(self, scene):
+        show(scene, delta_r=None)
+        scene.draw()
+        parts = {name for name, _ in nodes(scene)._parts.items()}
+        assert parts - self.visible(scene) == {"rudder"}
+
+    def test_all_of_it_returns_once_it_is_known(self, scene):
+        show(scene, **PITCH_ONLY)
+        scene.draw()
+        show(scene)
+        scene.draw()
+        seen = self.visible(scene)
+        assert {"rudder", "_compass", "_velocity", "_slip", "_scale", "_trail"} <= seen
+        assert seen.isdisjoint({"_body", "_wings"})
 
 
 class TestThePicture:

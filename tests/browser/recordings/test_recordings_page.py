@@ -357,8 +357,8 @@ def test_a_mapping_file_is_chosen_or_pasted(
     page.get_by_text("use a mapping file").click()
     text, use = page.get_by_label("mapping as text"), page.get_by_text("Use this mapping")
     error = page.locator(".map-file .error")
-    unknown = {"channels": {"q": {"signal": "t"}}}
-    for given, told in (("p: RollRate", "This is not a mapping"), (json.dumps(unknown), "'q'")):
+    unknown = {"channels": {"qq": {"signal": "t"}}}
+    for given, told in (("p: RollRate", "This is not a mapping"), (json.dumps(unknown), "'qq'")):
         text.fill(given)
         use.click()
         expect(error).to_contain_text(told)

@@ -24,6 +24,7 @@ from core.planned_test.collection import (
     evaluation_flights,
     stopping_flights,
 )
+from core.planned_test.near import near_failures, near_rollouts
 from core.seeds import Branch, monitor_seeds, stream
 from core.simulation.maneuver import FrequencySweep
 
@@ -73,7 +74,15 @@ def test_sharing_work_between_methods_changes_no_count() -> None:
     for (name, lead), cell in cells.items():
         predictor, score = METHODS[name]
         own = MonitorRecipe(t_early=lead, epsilon=0.1, predictor=predictor, score=score)
-        monitor = train(dataset, own, card=card_of(test), failures=failures)
+        near = near_failures(test, 30) if own.is_near else ()
+        monitor = train(
+            dataset,
+            own,
+            card=card_of(test),
+            rollouts=near_rollouts(test) if near else None,
+            failures=failures,
+            near=near,
+        )
         alone = evaluate(monitor, y, fails, np.array([0.1]))
         assert (cell.misses[0], cell.false_alerts[0]) == (alone.misses[0], alone.false_alerts[0])
         first = first_alerts(monitor, y, fails)

@@ -10,11 +10,10 @@ from core.evaluation.lead_sweep import METHODS, TESTS
 from core.evaluation.rates import Evaluation
 from core.evaluation.robustness import (
     DIFFERENCES,
+    _other_types,
     by_aircraft,
-    fly_each,
-    near_aircraft,
+    fly_some,
     robustness,
-    softer,
 )
 from core.limits.limits import Limits
 from core.monitor import MonitorRecipe, train
@@ -25,9 +24,12 @@ from core.planned_test.collection import (
     fresh,
     training_rollouts,
 )
+from core.planned_test.near import near_aircraft, near_failures, near_rollouts, softer
 from core.planned_test.planned_test import SensorNoise, Simulator
 from core.seeds import Branch
+from core.simulation.aircraft import AIRCRAFT, IdentifiedAircraft
 from core.simulation.imperfections import USUAL_IMPERFECTIONS, Imperfections
+from core.simulation.published import MODELS
 
 RECIPE = DatasetRecipe(n_unsafe=30, noise=SensorNoise(beta=0.001, Ny=0.004), seed=4)
 
@@ -106,7 +108,7 @@ def test_near_aircraft_have_each_derivative_within_the_factor() -> None:
     simulator = Simulator(RECIPE)
     rng = np.random.default_rng(2)
     theta = near_aircraft(simulator.plant, 1.25, 40, rng)
-    flights, aircraft = fly_each(simulator, theta, rng)
+    flights, aircraft = fly_some(simulator, theta, rng)
     factors = flights.theta / simulator.plant.nominal
     assert (np.abs(np.log(factors)) <= np.log(1.25)).all()
     assert np.log(factors).std() == pytest.approx(np.log(1.25) / np.sqrt(3), rel=0.1)
@@ -115,6 +117,40 @@ def test_near_aircraft_have_each_derivative_within_the_factor() -> None:
         assert (own.theta == own.theta[0]).all()
         assert np.count_nonzero(own.is_unsafe) <= 5
         assert np.count_nonzero(~own.is_unsafe) <= 1
+
+
+def test_every_other_published_type_flies_the_test() -> None:
+    flown = _other_types(RECIPE, 60, np.random.default_rng(0))
+    assert flown is not None
+    flights, type_of = flown
+    assert np.bincount(type_of).tolist() == [10] * 6
+    nominal = [replace(RECIPE.aircraft, name=name).uncertain_plant().nominal for name in MODELS]
+    nearest = [
+        int(np.argmin([np.linalg.norm(theta - each) for each in nominal]))
+        for theta in flights.theta
+    ]
+    others = [k for k, name in enumerate(MODELS) if name != "f16_sl_h0_v502"]
+    assert nearest == np.repeat(others, 10).tolist()
+
+
+def test_an_identified_aircraft_is_no_other_type_than_its_base() -> None:
+    identified = IdentifiedAircraft.undetermined(RECIPE.aircraft)
+    flown = _other_types(replace(RECIPE, aircraft=identified), 60, np.random.default_rng(0))
+    assert flown is not None
+    assert flown[1].max() == 5
+    own_model = _other_types(
+        replace(RECIPE, aircraft=AIRCRAFT["matrices"]), 70, np.random.default_rng(0)
+    )
+    assert own_model is not None
+    assert own_model[1].max() == 6
+
+
+def test_other_types_that_cannot_fly_the_test_leave_no_row(monkeypatch) -> None:
+    def refused(*_: object) -> None:
+        raise ValueError("unstable")
+
+    monkeypatch.setattr("core.evaluation.robustness.retuned", refused)
+    assert _other_types(RECIPE, 60, np.random.default_rng(0)) is None
 
 
 def test_the_worst_aircraft_has_enough_failures() -> None:
@@ -139,20 +175,28 @@ def test_an_opposite_input_is_invalid_and_not_silent() -> None:
     near = by_aircraft(evaluations["near_1.5"])
     assert 60 <= near["n_aircraft"] <= 150
     assert by_aircraft(opposite) == {}
+    assert 1 <= by_aircraft(evaluations["other_type"])["n_aircraft"] <= 6
     assert evaluations["doubled_noise"].withdrawn[0] < 0.2 * evaluations["doubled_noise"].n_unsafe
 
 
 @pytest.mark.fuzz
 @pytest.mark.parametrize("plant", TESTS)
-def test_the_default_misses_at_most_two_epsilon_near_its_test(plant: str) -> None:
-    """Aircraft beside the planned one, and softer hands: what the promise does not cover."""
+def test_the_default_misses_at_most_epsilon_and_a_half_near_its_test(plant: str) -> None:
+    """Aircraft beside the planned one, and softer hands, every aircraft of the same weight."""
     recipe = replace(TESTS[plant].as_trained(), n_unsafe=500, seed=9)
     failures, _ = combination_failures(recipe, 500, branch=Branch.ENSEMBLE)
-    monitor = train(collect(recipe), USUAL_MONITOR, fresh(recipe), failures=failures)
+    monitor = train(
+        collect(recipe),
+        USUAL_MONITOR,
+        fresh(recipe),
+        rollouts=near_rollouts(recipe),
+        failures=failures,
+        near=near_failures(recipe, 500),
+    )
     for name, counts in robustness(monitor, recipe, 2000).items():
         if name.startswith(("lag_", "near_")):
             assert counts.n_unsafe > 50, name
-            assert counts.miss_rate[0] <= 2 * USUAL_MONITOR.epsilon, (name, counts)
+            assert counts.miss_rate[0] <= 1.5 * USUAL_MONITOR.epsilon, (name, counts)
 
 
 @pytest.mark.fuzz

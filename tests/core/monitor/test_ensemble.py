@@ -10,18 +10,20 @@ import pytest
 from core.dataset import Dataset
 from core.evaluation.rates import evaluate, first_alerts
 from core.monitor import Monitor, MonitorRecipe, train
-from core.monitor.ensemble import NeighborsAndPeak, halves
+from core.monitor.calibration import p_values
+from core.monitor.ensemble import NeighborsAndPeak, halves, worst_of
 from core.monitor.file import portable
 from core.monitor.file.loading import from_bytes
 from core.monitor.file.portable import MonitorFileError
 from core.monitor.group import GROUPINGS
 from core.monitor.peak_forecast import PeakAhead
 from core.monitor.peak_ridge import RidgeForecast
-from core.monitor.predictor import PREDICTORS
+from core.monitor.predictor import PREDICTORS, Ensemble
 from core.monitor.recipe import METHODS
 from core.monitor.score import SCORES
 from core.planned_test.collection import combination_failures
 from core.planned_test.planned_test import DatasetRecipe
+from core.recipe import from_plain, to_plain
 from core.seeds import Branch
 from tests.support import oscillator
 from tests.support.highest_risk import check_highest_risk, forty_flights
@@ -32,7 +34,8 @@ EPSILON = 0.3
 
 def recipe_of(method: str, **choices) -> MonitorRecipe:
     predictor, score = METHODS[method]
-    return MonitorRecipe(epsilon=EPSILON, predictor=predictor, score=score, **choices)
+    recipe = MonitorRecipe(epsilon=EPSILON, predictor=predictor, score=score, **choices)
+    return recipe.as_planned()
 
 
 RECIPE = recipe_of("ensemble")
@@ -83,9 +86,11 @@ def test_it_forecasts_the_outputs_of_the_linear_map_and_the_peak_of_its_part(
 
 
 @pytest.mark.parametrize("defect", ["none", "missing", "late", "repeated", "lost", "moving"])
+@pytest.mark.parametrize("which", ["monitor", "near_monitor"])
 def test_a_stream_gives_what_a_batch_gives_also_over_gaps(
-    monitor: Monitor, flights: Array, defect: str
+    which: str, flights: Array, defect: str, request: pytest.FixtureRequest
 ) -> None:
+    monitor: Monitor = request.getfixturevalue(which)
     for y in flights[:3]:
         t, sent = TIMES.copy(), y.copy()
         if defect == "missing":
@@ -127,12 +132,95 @@ def test_a_flight_that_begins_in_the_manoeuvre_gets_no_risk(
     assert lowest.tolist() == [math.inf]
 
 
-def test_whole_flights_are_judged_as_their_samples_are(monitor: Monitor, flights: Array) -> None:
+@pytest.mark.parametrize("which", ["monitor", "near_monitor"])
+def test_whole_flights_are_judged_as_their_samples_are(
+    which: str, flights: Array, request: pytest.FixtureRequest
+) -> None:
+    monitor: Monitor = request.getfixturevalue(which)
     fails = oscillator.fail_indices(flights)
     first = first_alerts(monitor, flights, fails)
     for y, fail, alert in zip(flights, fails, first, strict=True):
         alerts = monitor.assess(TIMES, y).alert[: fail + 1]
         assert alert == (alerts.argmax() if alerts.any() else N_SAMPLES)
+
+
+# --- aircraft and hands near the planned ones -----------------------------------------------------
+
+
+NEAR = replace(RECIPE, predictor=Ensemble(scope="near"))
+
+
+def failing(seed: int, n: int, gain: float = 1.0) -> tuple[Array, np.ndarray]:
+    """The first n failing flights, of outputs that are larger by a factor."""
+    y = gain * oscillator.fly(np.random.default_rng(seed), 60 * n)[1]
+    fails = oscillator.fail_indices(y)
+    chosen = np.flatnonzero(fails < N_SAMPLES)[:n]
+    assert len(chosen) == n
+    return y[chosen], fails[chosen]
+
+
+@pytest.fixture(scope="module")
+def populations() -> list[tuple[Array, np.ndarray]]:
+    """Failing flights that calibrate, and those of another population."""
+    return [failing(47, 30), failing(48, 30, 1.3)]
+
+
+@pytest.fixture(scope="module")
+def near_monitor(dataset: Dataset, populations: list[tuple[Array, np.ndarray]]) -> Monitor:
+    return train(dataset, NEAR, failures=populations[0], near=populations[1:])
+
+
+def test_the_worst_of_populations_gives_the_largest_p_value_of_each_score() -> None:
+    rng = np.random.default_rng(49)
+    populations = [rng.integers(-5, 5, 20).astype(float) for _ in range(3)]
+    populations[1][:3] = np.inf
+    scores = np.linspace(-6, 6, 25)
+    largest = np.max([p_values(scores, np.sort(each)) for each in populations], axis=0)
+    np.testing.assert_array_equal(p_values(scores, worst_of(populations)), largest)
+
+
+def test_the_peak_of_the_next_samples_is_a_third_part(
+    near_monitor: Monitor, parts: tuple[Monitor, Monitor], dataset: Dataset, flights: Array
+) -> None:
+    score = SCORES["card_window"]
+    window = train(dataset, replace(RECIPE, predictor=PREDICTORS["peak_ridge"], score=score))
+    for y in flights[:4]:
+        each = [monitor.assess(TIMES, y).p_value for monitor in (*parts, window)]
+        np.testing.assert_array_equal(near_monitor.assess(TIMES, y).score, -np.fmax.reduce(each))
+
+
+def test_the_promise_of_a_near_scope_is_that_of_the_worst_population(
+    near_monitor: Monitor, populations: list[tuple[Array, np.ndarray]], dataset: Dataset
+) -> None:
+    alphas = [
+        np.sort(near_monitor.lowest_scores(y, fails - near_monitor.h)) for y, fails in populations
+    ]
+    np.testing.assert_array_equal(near_monitor.alphas, np.maximum(*alphas))
+    assert not (alphas[0] == alphas[1]).all()
+
+
+def test_a_near_scope_needs_as_many_failing_flights_of_each_population(
+    dataset: Dataset, populations: list[tuple[Array, np.ndarray]]
+) -> None:
+    own, (y, fails) = populations
+    with pytest.raises(ValueError, match="choose scope planned"):
+        train(dataset, NEAR, failures=own)
+    with pytest.raises(ValueError, match="29 failing flights among 29: give 30"):
+        train(dataset, NEAR, failures=own, near=[(y[1:], fails[1:])])
+    late = np.where(np.arange(30) == 0, N_SAMPLES, fails)
+    with pytest.raises(ValueError, match="29 failing flights among 30: give 30"):
+        train(dataset, NEAR, failures=own, near=[(y, late)])
+    with pytest.raises(ValueError, match="groups need the scope planned"):
+        replace(NEAR, groups=GROUPINGS["largest_deflection"])
+    assert NEAR.as_planned() == RECIPE
+
+
+def test_a_recipe_of_before_scopes_is_of_the_planned_aircraft(monitor: Monitor) -> None:
+    plain = to_plain(RECIPE)
+    del plain["predictor"]["scope"]
+    assert from_plain(MonitorRecipe(), plain) == RECIPE
+    assert monitor.forecast is not None
+    assert monitor.forecast.to_section().version == 1
 
 
 # --- failures ------------------------------------------------------------------------------------
@@ -223,7 +311,11 @@ def test_the_promise_is_kept_over_many_monitors() -> None:
 # --- the file ------------------------------------------------------------------------------------
 
 
-def test_its_file_gives_the_same_monitor_back(monitor: Monitor, flights: Array) -> None:
+@pytest.mark.parametrize("which", ["monitor", "near_monitor"])
+def test_its_file_gives_the_same_monitor_back(
+    which: str, flights: Array, request: pytest.FixtureRequest
+) -> None:
+    monitor: Monitor = request.getfixturevalue(which)
     twin = from_bytes(monitor.to_bytes())
     assert twin.recipe == monitor.recipe
     assert twin.to_bytes() == monitor.to_bytes()
@@ -238,10 +330,11 @@ def test_its_file_gives_the_same_monitor_back(monitor: Monitor, flights: Array) 
     )
 
 
-@pytest.mark.parametrize("name", ["neighbor_alphas", "peak_alphas"])
+@pytest.mark.parametrize("name", ["neighbor_alphas", "peak_alphas", "window_alphas"])
 def test_calibration_scores_of_a_part_that_are_not_sorted_are_refused(
-    monitor: Monitor, name: str
+    near_monitor: Monitor, name: str
 ) -> None:
+    monitor = near_monitor
     assert monitor.forecast is not None
     whole = monitor.forecast.to_section()
     others = [section for section in monitor._sections() if section.name != "ensemble"]

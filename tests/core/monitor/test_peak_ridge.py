@@ -21,7 +21,7 @@ from core.monitor.peak_ridge import (
     PENALTIES,
     LearnedFlights,
     RidgeForecast,
-    fit_peaks,
+    fit_windows,
     log_odds,
     ridge,
 )
@@ -139,7 +139,7 @@ def linear_flights(n: int = 200) -> LearnedFlights:
 def test_a_peak_that_what_was_flown_decides_is_forecast_and_the_margin_scored():
     limits = Limits(Ny=0.5).envelope
     flown = linear_flights()
-    forecast = fit_peaks(PeakRidge(past_s=1.0), flown, limits, 0, 0.05)
+    (forecast,) = fit_windows(PeakRidge(past_s=1.0), flown, limits, [0], 0.05)
     assert (forecast.peaks.surface, forecast.peaks.threshold) == (5, pytest.approx(0.01))
     y = flown.y[0]
     score = forecast.follow(T[:10], y, np.zeros(10, np.int64), 0.05, NO_SCORES).score
@@ -147,7 +147,7 @@ def test_a_peak_that_what_was_flown_decides_is_forecast_and_the_margin_scored():
     assert score[4] == pytest.approx(-(flown.y[:, 8, 3].mean() / 0.5 - 1) / 0.105, rel=0.05)
     assert score[5:8] == pytest.approx(-(y[8, 3] / 0.5 - 1) / FINEST, rel=0.02)
     assert score[8] == pytest.approx(1 / FINEST)
-    near = fit_peaks(PeakRidge(past_s=1.0), flown, limits, 2, 0.05)
+    (near,) = fit_windows(PeakRidge(past_s=1.0), flown, limits, [2], 0.05)
     score = near.follow(T[:10], y, np.zeros(10, np.int64), 0.05, NO_SCORES).score
     assert score[5] == pytest.approx(1 / FINEST)
 
@@ -293,9 +293,11 @@ def test_what_cannot_be_learned_is_refused_with_what_to_do():
         train(dataset(), asked(), rollouts=(np.zeros((3, 5, 6)), np.zeros(3, np.int64)))
     still = linear_flights()
     with pytest.raises(ValueError, match=r"no surface moves.*choose phase start"):
-        fit_peaks(PeakRidge(), LearnedFlights(0 * still.y, still.fail_index), ONES, 0, 0.05)
+        fit_windows(PeakRidge(), LearnedFlights(0 * still.y, still.fail_index), ONES, [0], 0.05)
     with pytest.raises(ValueError, match="choose phase start"):
-        fit_peaks(PeakRidge(), LearnedFlights(still.y[:, 4:], still.fail_index - 4), ONES, 0, 0.05)
+        fit_windows(
+            PeakRidge(), LearnedFlights(still.y[:, 4:], still.fail_index - 4), ONES, [0], 0.05
+        )
     with pytest.raises(ValueError, match="choose input or start"):
         PeakRidge(phase="end")  # pyright: ignore[reportArgumentType]
 

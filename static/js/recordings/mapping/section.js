@@ -1,26 +1,29 @@
 /**
  * The mapping of a recording: the table, its problems, and the button that confirms it.
  *
- * known: names of aircraft.   bins: of the preview.   confirmed(recording)   the server has stored it
+ * known: names of aircraft.   monitors: to map for one of them.   bins: of the preview
+ * confirmed(recording)   the server has stored it
  * previewed({channels, quality, problem}, edited)   at first, and after each correction
  */
 
-import { checkbox, parsedJson, pasteBox, textInput } from "../../forms/controls.js";
+import { checkbox, parsedJson, pasteBox, select, textInput } from "../../forms/controls.js";
 import { ApiError, needs, reason } from "../../lib/api.js";
 import { button, chip, errorLine, guideLink, h } from "../../lib/dom.js";
 import { knownNames } from "../drop_zone.js";
 import { mappingState } from "../words.js";
+import { changedChannels } from "./changes.js";
 import { createMappingTable } from "./table.js";
 
 const REST = 250; // [ms] from the last correction to its preview
 const NO_MAPPING = "This is not a mapping: give the mapping.json that the command line writes.";
 
-export function createMappingSection({ api, catalog, recording, known, bins, previewed, confirmed }) {
+export function createMappingSection({ api, catalog, recording, known, monitors, bins, previewed, confirmed }) {
   const path = `/recordings/${recording.id}`;
   let timer = 0;
   let turn = 0;
   let closed = false;
   let edited = false;
+  let given = recording;
   let table = createMappingTable({ catalog, recording, changed: previewLater });
   const shown = h("div", table.element);
   const problem = errorLine();
@@ -38,13 +41,15 @@ export function createMappingSection({ api, catalog, recording, known, bins, pre
     hint: "Choose a mapping.json, or paste its content.",
     example: '{"channels": {"beta": {"signal": …',
     word: "Use this mapping",
-    use: (given) => use(readMapping(given)),
+    use: (text) => use(readMapping(text)),
   });
-  const summary = [h("h2.panel-title", "Mapping"), chip(word, level), h("span.dim", summaryOf(recording, text, catalog))];
+  const summary = [h("h2.panel-title", "Mapping"), chip(word, level), h("span.dim", summaryOf(recording, text))];
+  const target = select([["", "this file"], ...monitors.map(({ id, name }) => [id, name])], { id: "map-monitor", onchange: mapFor });
   const element = h(
     "details.panel.stack.mapping",
     { open: !isAgain, "data-keeps-input": true },
     h("summary.step-title", summary),
+    monitors.length ? h("div.row", h("label", { for: "map-monitor" }, "Channels of"), h("div.field", target)) : null,
     shown,
     h("details.fold.map-file", { "data-keeps-input": true }, h("summary", "use a mapping file"), file),
     problem.element,
@@ -77,11 +82,31 @@ export function createMappingSection({ api, catalog, recording, known, bins, pre
   async function use(mapping) {
     await api.post(`${path}/preview`, { mapping, bins });
     if (closed) return;
-    const given = { ...recording, mapping, rates: {}, mapping_state: "given", rationales: {}, mapping_notes: [] };
-    table = createMappingTable({ catalog, recording: given, changed: previewLater });
-    shown.replaceChildren(table.element);
+    showTable({ ...given, mapping, rates: {}, mapping_state: "given", rationales: {}, mapping_notes: [] });
     edited = true;
     await preview(mapping);
+  }
+
+  /** Shows the channels of the chosen monitor, with a proposal for those that have no signal yet. */
+  async function mapFor() {
+    const id = target.value;
+    try {
+      const proposed = id ? await api.get(`${path}?monitor=${id}`) : recording;
+      if (closed || id !== target.value) return;
+      const mapping = edited ? merged(proposed.mapping, table.read()) : proposed.mapping;
+      showTable({ ...proposed, mapping });
+      edited ||= changedChannels(recording.mapping, mapping).length > 0;
+      await preview(mapping);
+    } catch (error) {
+      if (!closed) showProblem(reason(error));
+    }
+  }
+
+  function showTable(next) {
+    clearTimeout(timer);
+    given = next;
+    table = createMappingTable({ catalog, recording: given, changed: previewLater });
+    shown.replaceChildren(table.element);
   }
 
   function previewLater(mapping) {
@@ -124,12 +149,16 @@ export function createMappingSection({ api, catalog, recording, known, bins, pre
   }
 }
 
-function summaryOf({ mapping, missing }, text, catalog) {
+function merged(proposed, now) {
+  return { channels: { ...proposed.channels, ...now.channels }, times: { ...proposed.times, ...now.times } };
+}
+
+function summaryOf({ mapping, missing, targets }, text) {
   const sources = Object.values(mapping.channels);
   const derived = sources.filter(({ derivation }) => derivation).length;
   const parts = [text, `${sources.length} channels`];
   if (derived) parts.push(`${derived} derived`);
-  const labels = catalog.channels.filter(({ key }) => missing.includes(key)).map(({ label }) => label);
+  const labels = targets.filter(({ key }) => missing.includes(key)).map(({ label }) => label);
   if (labels.length) parts.push(`without ${labels.join(", ")}`);
   return parts.filter(Boolean).join(", ");
 }

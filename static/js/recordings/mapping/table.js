@@ -1,6 +1,7 @@
 /**
  * Which signal of a file is which channel, with a preview of the mapped data.
  *
+ * recording.channels come first; the other targets are behind "more channels".
  * changed(mapping)   after each correction.   show({key: tiles of a preview}, {key: [warning]})
  */
 
@@ -20,31 +21,18 @@ const HEADS = [
 ];
 
 export function createMappingTable({ catalog, recording, changed }) {
-  const { mapping, contents, rationales, alternatives, derivable, mapping_state: state } = recording;
-  const { targets, time_units: units } = catalog.telemetry;
+  const { mapping, contents, targets, rationales, alternatives, derivable, mapping_state: state } = recording;
+  const units = catalog.telemetry.time_units;
   const time = createTimeRows({ times: mapping.times, rates: recording.rates, contents, rationales, units, changed: report });
-  const rows = targets.map((target) =>
-    createMappingRow({
-      target,
-      source: mapping.channels[target.key] ?? null,
-      contents,
-      rationale: rationales[target.key],
-      likely: alternatives[target.key] ?? [],
-      derivable: derivable[target.key] ?? [],
-      state,
-      over: recording.confirmed_over?.[target.key] ?? [],
-      needed: recording.missing.includes(target.key),
-      changed: report,
-    }),
-  );
-  const measured = new Set(catalog.channels.map(({ key }) => key));
-  const others = rows.filter(({ key }) => !measured.has(key));
-  const mapped = others.filter((row) => row.read() !== null);
+  const isMeasured = ({ key }) => recording.channels.includes(key);
+  const isMapped = ({ key }) => key in mapping.channels;
   const listOf = (some) => h("ul.map-rows", some.map((row) => row.element));
+  const measured = targets.filter(isMeasured).map(rowOf);
+  const mapped = targets.filter((target) => !isMeasured(target) && isMapped(target)).map(rowOf);
+  const rows = [...measured, ...mapped];
   const more = listOf(mapped);
-  const unmapped = others.filter((row) => !mapped.includes(row));
-  const labels = new Map(targets.map(({ key, label }) => [key, label]));
-  const another = select([["", "Map another quantity"], ...unmapped.map(({ key }) => [key, labels.get(key)])], {
+  const unmapped = targets.filter((target) => !isMeasured(target) && !isMapped(target));
+  const another = select([["", "Map another quantity"], ...unmapped.map(({ key, label }) => [key, label])], {
     class: "map-another",
     "aria-label": "map another quantity",
     onchange: addAnother,
@@ -55,14 +43,14 @@ export function createMappingTable({ catalog, recording, changed }) {
     recording.mapping_notes.map((note) => h("p.hint", `${note}.`)),
     h("div.map-head", { "aria-hidden": true }, head),
     time.element,
-    listOf(rows.filter((row) => !others.includes(row))),
+    listOf(measured),
     h(
       "details.fold.map-more",
       { open: state !== "confirmed" },
-      h("summary", `attitude, airspeed, altitude and others: ${mapped.length} mapped`),
+      h("summary", `more channels, such as attitude, airspeed and altitude: ${mapped.length} mapped`),
       h(
         "p.hint",
-        "Attitude turns the aircraft in the scene. Airspeed is checked against the monitor's flight condition. Missing channels can be derived from these quantities.",
+        "Attitude turns the aircraft in the scene. Airspeed is checked against the monitor's flight condition. Missing lateral channels can be derived from some of these quantities.",
       ),
       more,
       h("div.row.map-add", another),
@@ -70,9 +58,28 @@ export function createMappingTable({ catalog, recording, changed }) {
   );
   show({});
 
+  function rowOf(target) {
+    const { key } = target;
+    return createMappingRow({
+      target,
+      source: mapping.channels[key] ?? null,
+      contents,
+      rationale: rationales[key],
+      likely: alternatives[key] ?? [],
+      derivable: derivable[key] ?? [],
+      state,
+      over: recording.confirmed_over?.[key] ?? [],
+      needed: recording.missing.includes(key),
+      changed: report,
+    });
+  }
+
   function addAnother() {
-    const row = others.find(({ key }) => key === another.value);
-    if (!row) return;
+    const target = unmapped.find(({ key }) => key === another.value);
+    if (!target) return;
+    const row = rowOf(target);
+    row.show();
+    rows.push(row);
     another.selectedOptions[0].remove();
     another.value = "";
     more.append(row.element);

@@ -18,7 +18,7 @@ export function createScoreForm({ api, catalog, recording, monitors, used, score
   const offer = h("div");
   const refresh = () => picker.refresh();
   const choice = createMonitorChoice({ api, recording, monitors, used, catalog, changed: refresh, none: offerTraining });
-  const picker = createManoeuvrePicker({ api, catalog, recording, monitor: () => choice.first() });
+  const picker = createManoeuvrePicker({ api, recording, monitor: () => choice.first() });
   const trim = trimChoice();
   const progress = h("p", { role: "status", class: "dim" });
   const noEditors = (part) => ({ check: part.check, editors: new Map() });

@@ -19,7 +19,7 @@ const WAYS = [
   ["marked", "Marked by hand"],
 ];
 
-export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
+export function createManoeuvrePicker({ api, recording, monitor }) {
   let way = "detected";
   let detected = [];
   let turn = 0;
@@ -28,8 +28,9 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
   let tiles = null;
   const place = h("div.picker-chart");
   const hint = h("p.hint", { role: "status" });
+  const measured = recording.targets.filter(({ key }) => recording.channels.includes(key));
+  const controls = measured.filter(isControl).map(({ label }) => label).join(" and ");
   const marked = createManoeuvreTable({ changed: () => showManoeuvres() });
-  const controls = catalog.channels.filter(isControl).map(({ label }) => label).join(" and ");
   const isMarking = () => mark.getAttribute("aria-pressed") === "true";
   const mark = button("Mark by dragging", () => press(!isMarking()), { "aria-pressed": "false" });
   const add = button("Add the manoeuvre from A to B", addMarked);
@@ -58,7 +59,7 @@ export function createManoeuvrePicker({ api, catalog, recording, monitor }) {
     chart?.destroy();
     chart = null;
     place.replaceChildren();
-    const known = tiles ? catalog.channels.filter(({ key }) => key in tiles.channels) : [];
+    const known = tiles ? measured.filter(({ key }) => key in tiles.channels) : [];
     if (known.length) chart = createChart(known);
     chart?.setMarking(isMarking());
     showManoeuvres();

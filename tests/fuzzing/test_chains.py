@@ -1,7 +1,4 @@
-"""Chains of calls, from create to delete; every response must match the document.
-
-The file is not named test_*, since collecting it takes seconds; `make fuzz` runs it by name.
-"""
+"""Chains of calls, from create to delete; every response must match the document."""
 
 from typing import Any
 

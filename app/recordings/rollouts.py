@@ -1,0 +1,170 @@
+"""Rollouts as they are sent: files of flights, and what the sender says of them."""
+
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass, field
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.recordings.files import reporting_full_disk
+from app.recordings.upload import SentField, plain_name, receive
+from app.telemetry.limit_texts import labelled, rest_of
+from app.telemetry.recording import TelemetryError
+from app.telemetry.rollouts import RolloutFile, dictionary_of_text, read_rollouts
+from core.channels import Dictionary
+from core.recipe import instead_of
+from core.rollouts import LabelledFlights
+
+MOST_FILES = 20_000
+MOST_TEXT = 2**18
+"""Most bytes of a field that is no file."""
+LONGEST_NAME = 200
+FILES = "files"
+"""Folder of the sent files, within that of the upload."""
+TEXTS = ("name", "dictionary", "channel", "limit", "dt")
+"""Fields that are no files."""
+
+
+@dataclass
+class SentRollouts:
+    """Files of rollouts, received into a folder.
+
+    name: of the dataset.   files: their names.   dictionary: None to make it from the files.
+    channels, limits: as the command line writes them.   dt: [s], None if the files give it.
+    """
+
+    folder: Path
+    name: str = ""
+    files: list[str] = field(default_factory=list)
+    dictionary: Dictionary | None = None
+    channels: list[str] = field(default_factory=list)
+    limits: list[str] = field(default_factory=list)
+    dt: float | None = None
+
+    def say(self, name: str, text: str, file_name: str = "") -> None:
+        """Take a field that is no file. TelemetryError."""
+        lines = [part for line in text.splitlines() if (part := line.strip())]
+        if name == "limit":
+            self.limits += lines
+        elif name == "channel":
+            self.channels += lines
+        elif name == "dictionary":
+            title = Path(file_name).stem or "the dictionary"
+            self.dictionary = dictionary_of_text(text, title) if text.strip() else None
+        elif name == "dt":
+            self.dt = _interval(text) if text.strip() else None
+        else:
+            self.name = text.strip()[:LONGEST_NAME]
+
+    def begins_with(self, start: bytes) -> bool:
+        """Whether the first file does."""
+        with (self.folder / FILES / self.files[0]).open("rb") as file:
+            return file.read(len(start)) == start
+
+    def read(self, most_bytes: int) -> RolloutFile:
+        """Read the flights, in a process of its own. TelemetryError; NoSpace."""
+        source, name = self.folder / FILES, "the files"
+        if len(self.files) == 1:
+            source, name = source / self.files[0], self.files[0]
+        with reporting_full_disk():
+            return read_rollouts(
+                source,
+                self.dictionary,
+                dt=self.dt,
+                name=name,
+                most_bytes=most_bytes,
+                place=self.folder,
+            )
+
+    def labelled(self, read: RolloutFile) -> LabelledFlights:
+        """The flights as read, checked and labelled. ValueError."""
+        return labelled(read, self.channels, self.limits)
+
+    def as_plain(self) -> dict[str, Any]:
+        """What is kept of it with a job."""
+        most = 10
+        more = [f"and {len(self.files) - most} more"] if len(self.files) > most else []
+        return {
+            "name": self.name,
+            "files": [*self.files[:most], *more],
+            "channels": self.channels,
+            "limits": self.limits,
+            "dictionary": self.dictionary and self.dictionary.name,
+        }
+
+
+def preview_of(read: RolloutFile) -> dict[str, Any]:
+    """What flights hold, before limits are set: channels with their least and greatest values."""
+    ranges = {}
+    y = read.dictionary.complete(read.y, read.dt)
+    for c, channel in enumerate(read.dictionary.channels):
+        values = y[..., c].ravel()
+        ranges[channel.key] = {
+            "low": float(np.fmin.reduce(values)),
+            "high": float(np.fmax.reduce(values)),
+            "rest": rest_of(y[:, 0, c], channel),
+        }
+    labels = read.fail_index
+    return {
+        "dictionary": read.dictionary.to_plain(),
+        "ranges": ranges,
+        "n_flights": len(read.y),
+        "n_samples": read.y.shape[1],
+        "dt": read.dt,
+        "n_failing": None if labels is None else int((labels >= 0).sum()),
+        "theta_names": read.theta_names,
+    }
+
+
+async def receive_rollouts(
+    fields: AsyncIterator[SentField], sent: SentRollouts, require: Callable[[int], None]
+) -> None:
+    """Write the files among the fields, and take the others.
+
+    TelemetryError for fields that cannot be used, and without a file; else as `upload.receive`.
+    """
+    (sent.folder / FILES).mkdir()
+    async for each in fields:
+        if each.name in TEXTS:
+            sent.say(each.name, await _text(each), each.file_name)
+            continue
+        if not each.file_name and each.name != "file":
+            known = instead_of(each.name, ("file", *TEXTS))
+            raise TelemetryError(f"the form has the field {each.name}: {known}")
+        name = plain_name(each.file_name) or f"{sent.name or 'rollouts'}"
+        if name.startswith("."):
+            continue  # of the sender's file manager
+        if name in sent.files:
+            raise TelemetryError(f"two files have the name {name}: give each its own")
+        if len(sent.files) == MOST_FILES:
+            raise TelemetryError(
+                f"there are more than {MOST_FILES} files: give one table with the column flight"
+            )
+        sent.files.append(name)
+        received = await receive(each.content, sent.folder / FILES / name, require)
+        if received.size == 0:
+            raise TelemetryError(f"{name} is empty: choose files of rollouts")
+    if not sent.files:
+        raise TelemetryError("there is no file: send one or several files of rollouts")
+    sent.name = sent.name or Path(sent.files[0]).stem
+
+
+async def _text(sent: SentField) -> str:
+    content = bytearray()
+    async for chunk in sent.content:
+        content += chunk
+        if len(content) > MOST_TEXT:
+            raise TelemetryError(f"{sent.name} has more than {MOST_TEXT} bytes: send less")
+    return content.decode("utf-8-sig", "replace")
+
+
+def _interval(text: str) -> float:
+    try:
+        dt = float(text)
+    except ValueError:
+        dt = -1.0
+    if not 0 < dt < inf:
+        raise TelemetryError(f"dt is {text.strip()!r}: give the sample interval in seconds")
+    return dt

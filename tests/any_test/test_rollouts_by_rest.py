@@ -1,0 +1,293 @@
+"""Flights of somebody's own simulator through REST: previewed, added, looked at and trained on."""
+
+import io
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from starlette.testclient import TestClient
+
+from core.channels import Dictionary
+from core.types import Array
+from tests.any_test.test_own_rollouts import (
+    KEYS,
+    TO_FILE,
+    N,
+    arrays,
+    as_folder,
+    as_hdf5,
+    as_long_csv,
+    as_long_parquet,
+    as_matlab,
+    as_npz,
+    flights,
+)
+from tests.support.api import api, finished, problem, store_of
+from tests.support.short_period import DICTIONARY, DT, LIMITS
+
+PATH = "/api/v1/datasets"
+LIMIT = {"limit": "Nz=-1.1..2.9g"}
+NAMED = [channel.key for channel in DICTIONARY.channels]
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
+    with api(tmp_path_factory.mktemp("data")) as client:
+        yield client
+
+
+def files(*paths: Path) -> list[tuple[str, tuple[str, bytes]]]:
+    return [("file", (path.name, path.read_bytes())) for path in paths]
+
+
+def npz(flown: Array, **more: Any) -> bytes:
+    file = io.BytesIO()
+    np.savez(file, **(arrays(flown) | more))  # pyright: ignore[reportArgumentType]
+    return file.getvalue()
+
+
+def add(client: TestClient, *sent: tuple[str, bytes], **said: str) -> dict[str, Any]:
+    """The ended job that adds these files."""
+    form = [("file", each) for each in sent]
+    return finished(client, client.post(PATH, files=form, data=said))
+
+
+def incoming(client: TestClient) -> list[Path]:
+    return list(client.app.state.recordings.files.incoming.glob("*"))  # pyright: ignore
+
+
+@pytest.fixture(scope="module")
+def pitch(client: TestClient) -> dict[str, Any]:
+    """600 pitch doublets, as they are stored."""
+    job = add(client, ("pitch.npz", npz(flights(600))), **LIMIT, name="pitch doublets")
+    assert job["status"] == "done", job["error"]
+    return client.get(f"{PATH}/{job['result']['dataset']}").json() | {"job": job}
+
+
+def test_rollouts_are_stored_with_their_channels_and_limits(
+    client: TestClient, pitch: dict[str, Any]
+) -> None:
+    y = flights(600)
+    fails = LIMITS.envelope.exceeds(y).any(axis=1)
+    assert pitch["name"] == "pitch doublets"
+    assert pitch["recipe"] == {}
+    assert (pitch["n_unsafe"], pitch["n_safe"]) == (fails.sum(), (~fails).sum())
+    assert pitch["dt"] == DT
+    assert Dictionary.from_stored(pitch["dictionary"]).keys == KEYS
+    assert (pitch["limits"]["Nz"]["low"], pitch["limits"]["Nz"]["high"]) == (-1.1, 2.9)
+    assert pitch["limits"]["Nz"]["rest"] == pytest.approx(1.0, abs=0.01)
+    (peaks,) = pitch["peaks"]
+    assert (peaks["channel"], peaks["limit"]) == ("Nz", None)
+    beyond = sum(n for n, edge in zip(peaks["unsafe"], peaks["edges"], strict=False) if edge >= 1)
+    assert beyond == sum(peaks["unsafe"]) == fails.sum()
+    assert sum(peaks["safe"][: peaks["edges"].index(1.0)]) == (~fails).sum()
+    assert pitch["findings"] == pitch["job"]["result"]["findings"] == []
+    assert incoming(client) == []
+
+
+def test_its_arrays_and_rollouts_have_its_own_channels(
+    client: TestClient, pitch: dict[str, Any]
+) -> None:
+    path = f"{PATH}/{pitch['id']}"
+    with np.load(io.BytesIO(client.get(f"{path}/arrays").content)) as stored:
+        assert tuple(stored["channels"]) == KEYS
+        assert tuple(stored["units"]) == ("rad", "rad/s", "g", "rad")
+        safe = stored["safe"]
+    y = flights(600)
+    expected = y[~LIMITS.envelope.exceeds(y).any(axis=1)]
+    np.testing.assert_allclose(safe, expected, rtol=1e-9, atol=1e-12)
+    rollout = client.get(f"{path}/rollouts/{pitch['n_unsafe']}").json()
+    assert list(rollout["telemetry"]) == ["t", *KEYS]
+    np.testing.assert_array_equal(rollout["telemetry"]["Nz"], safe[0, :, 2])
+
+
+@pytest.mark.parametrize(
+    "write", [as_npz, as_matlab, as_hdf5, as_folder, as_long_csv, as_long_parquet]
+)
+def test_every_kind_of_file_gives_the_same_flights(
+    write: Any, client: TestClient, tmp_path: Path
+) -> None:
+    source = write(tmp_path, flights())
+    paths = sorted(source.iterdir()) if source.is_dir() else [source]
+    job = finished(client, client.post(PATH, files=files(*paths)))
+    assert job["status"] == "done", job["error"]
+    stored = store_of(client).datasets.get(job["result"]["dataset"])
+    assert stored.fail_index.tolist() == [40, 50]
+    np.testing.assert_allclose(stored.safe, flights()[[0, 2, 3, 5]], rtol=1e-9, atol=1e-9)
+    assert stored.specification == "labels of the rollouts"
+
+
+def test_a_whole_body_is_one_file(client: TestClient) -> None:
+    query = {"name": "pitch.npz", "limit": ["Nz=-1.1..", "alpha=-40deg..40deg"]}
+    answer = client.post(PATH, params=query, content=npz(flights(200)))
+    job = finished(client, answer)
+    assert job["status"] == "done", job["error"]
+    info = client.get(f"{PATH}/{job['result']['dataset']}").json()
+    assert info["limits"]["Nz"]["high"] is None
+    assert info["limits"]["alpha"]["high"] == pytest.approx(np.radians(40))
+    assert [peaks["channel"] for peaks in info["peaks"]] == ["alpha", "Nz"]
+
+
+def test_a_preview_shows_channels_and_ranges_and_stores_nothing(client: TestClient) -> None:
+    before = client.get(PATH).json()
+    form = [("file", ("labelled.npz", npz(flights(), unsafe=[0, 1, 0, 0, 0, 0])))]
+    seen = client.post(f"{PATH}/preview", files=form).json()
+    assert [channel["key"] for channel in seen["dictionary"]["channels"]] == list(KEYS)
+    assert (seen["n_flights"], seen["n_samples"], seen["n_failing"]) == (N, 81, 1)
+    assert seen["dt"] == DT
+    y = flights()
+    for c, key in enumerate(KEYS):
+        assert seen["ranges"][key]["low"] == pytest.approx(y[..., c].min())
+        assert seen["ranges"][key]["high"] == pytest.approx(y[..., c].max())
+    assert seen["ranges"]["Nz"]["rest"] == pytest.approx(np.median(y[:, 0, 2]))
+    assert client.get(PATH).json() == before
+    assert incoming(client) == []
+
+
+def test_a_dictionary_chooses_channels_units_and_roles(client: TestClient) -> None:
+    text = "key,unit,label,role,reference\nNz,g,load factor,output,absolute\n"
+    text += "alpha,deg,vane,condition,absolute\n"
+    job = add(client, ("a.npz", npz(flights(200))), dictionary=text, **LIMIT)
+    info = client.get(f"{PATH}/{job['result']['dataset']}").json()
+    first, second = info["dictionary"]["channels"]
+    assert (first["label"], second["role"]) == ("load factor", "condition")
+    # the unit of people: values are in SI
+    assert (second["unit"], second["display_unit"]) == ("rad", "deg")
+    y = store_of(client).datasets.get(info["id"]).safe
+    assert np.abs(y[..., 1]).max() < 1.0
+
+
+def test_unnamed_channels_and_a_missing_interval_are_given_with_the_files(
+    client: TestClient,
+) -> None:
+    file = io.BytesIO()
+    np.savez(file, y=flights(200))
+    sent = ("y.npz", file.getvalue())
+    assert "does not name its 4 channels" in add(client, sent, limit="Nz=..2.9")["error"]
+    text = json.dumps(DICTIONARY.to_plain())
+    assert "has no dt" in add(client, sent, dictionary=text, limit="Nz=..2.9")["error"]
+    job = add(client, sent, dictionary=text, dt="0.05", **LIMIT)
+    assert job["status"] == "done", job["error"]
+    assert client.get(f"{PATH}/{job['result']['dataset']}").json()["dt"] == 0.05
+
+
+def test_findings_are_kept_with_the_dataset(client: TestClient) -> None:
+    y = flights(100)
+    fail = np.where(LIMITS.envelope.exceeds(y).any(axis=1), 80, -1)
+    y[fail < 0] = np.concatenate([y[fail < 0][:1], y[fail < 0][:-1]])
+    job = add(client, ("a.npz", npz(y, fail_index=fail)), **LIMIT)
+    findings = client.get(f"{PATH}/{job['result']['dataset']}").json()["findings"]
+    assert findings == job["result"]["findings"]
+    assert any("1 flights repeat" in text for text in findings)
+    assert any("before their label" in text for text in findings)
+    assert any("which needs 58" in text for text in findings)
+
+
+@pytest.mark.parametrize(
+    ("sent", "said", "words"),
+    [
+        ({"y": np.zeros((3, 5, 4))}, {}, "neither fail_index nor limits"),
+        ({}, {"limit": "Nzz=..2"}, "did you mean Nz"),
+        ({}, {"limit": "Nz=..2deg"}, "not a unit of this quantity"),
+        ({}, {"limit": "Nz=-90..90"}, "0 of 6 flights fail"),
+        (
+            {"channels": ("vane", "q", "Nz", "e"), "units": ("degg", "x", "g", "x")},
+            LIMIT,
+            "did you mean deg",
+        ),
+        ({"channels": ("a", "b")}, LIMIT, "names 2 channels, and y has 4"),
+        ({"channels": ("a", "b", "a", "c")}, LIMIT, "two channels have the name 'a'"),
+        ({"theta": np.zeros(3)}, LIMIT, "one row for each of 6"),
+        ({"fail_index": np.zeros(3)}, {}, "3 labels were given for 6 flights"),
+        ({"y": np.zeros((3, 5))}, LIMIT, "no array y of flights, samples and channels"),
+    ],
+)
+def test_files_that_cannot_be_used_fail_with_one_sentence(
+    sent: dict[str, Any], said: dict[str, str], words: str, client: TestClient
+) -> None:
+    before = client.get(PATH).json()
+    job = add(client, ("own.npz", npz(flights(), **sent)), **said)
+    assert job["status"] == "failed"
+    assert words in job["error"]
+    assert str(store_of(client)) not in job["error"]
+    assert "/incoming/" not in job["error"]
+    assert client.get(PATH).json() == before
+    assert incoming(client) == []
+
+
+@pytest.mark.parametrize(
+    ("form", "said", "words"),
+    [
+        ([], {}, "there is no file"),
+        ([("a.csv", b"t\n0\n")], {"limits": "Nz=..2"}, "did you mean limit"),
+        ([("a.csv", b"")], {}, "a.csv is empty"),
+        ([("a.csv", b"t\n0\n"), ("a.csv", b"t\n0\n")], {}, "two files have the name a.csv"),
+        ([("a.csv", b"t\n0\n")], {"dt": "-1"}, "dt is '-1'"),
+        ([("a.csv", b"t\n0\n")], {"dictionary": "key\nalpha\n"}, "give key and unit"),
+        ([("a.csv", b"t\n0\n")], {"dictionary": "[{]"}, "not a dictionary"),
+        (
+            [("a.csv", b"t\n0\n")],
+            {"dictionary": '[{"key": "a", "unit": "rad", "role": "outputs"}]'},
+            "did you mean output",
+        ),
+    ],
+)
+def test_a_request_that_cannot_be_used_is_refused_at_once(
+    form: list[tuple[str, bytes]], said: dict[str, str], words: str, client: TestClient
+) -> None:
+    sent = [("file", each) for each in form] or [("name", (None, b"1"))]
+    answer = client.post(PATH, files=sent, data=said)  # pyright: ignore[reportArgumentType]
+    assert words in problem(answer, 422)
+    assert incoming(client) == []
+
+
+def test_files_of_a_cancelled_job_are_removed(tmp_path: Path) -> None:
+    with api(tmp_path, max_jobs=0) as client:
+        answer = client.post(PATH, files=[("file", ("a.npz", npz(flights())))], data=LIMIT)
+        assert answer.status_code == 202
+        assert len(incoming(client)) == 1
+        assert client.post(f"/api/v1/jobs/{answer.json()['id']}/cancel").status_code == 202
+        assert incoming(client) == []
+
+
+def test_flights_larger_than_the_server_allows_are_refused(tmp_path: Path) -> None:
+    with api(tmp_path, max_array_bytes=10_000) as client:
+        form = [("file", ("a.npz", npz(flights())))]
+        answer = client.post(f"{PATH}/preview", files=form)
+        assert "6 flights of up to 81 samples and 4 channels need" in problem(answer, 422)
+
+
+def test_a_monitor_of_own_rollouts_tries_the_methods(client: TestClient) -> None:
+    job = add(client, ("pitch.npz", npz(flights(1600))), **LIMIT)
+    order = {"dataset": job["result"]["dataset"], "t_early": 0.5, "guarantee": "average"}
+    trained = finished(client, client.post("/api/v1/monitors", json=order))
+    assert trained["status"] == "done", trained
+    methods = trained["result"]["methods"]
+    assert [tried["name"] for tried in methods][-1] == "threshold on today's value"
+    assert sum(tried["chosen"] for tried in methods) == 1
+    path = f"/api/v1/monitors/{trained['result']['monitor']}"
+    evaluation = client.get(f"{path}/evaluation").json()
+    assert evaluation["methods"] == methods
+    assert sum(evaluation["flights"].values()) == 1600
+    assert client.get(path).json()["dataset_id"] == order["dataset"]
+    assert "Methods tried" in client.get(f"{path}/certificate").text
+    named = order | {"predictor": {"kind": "linear"}, "score": {"kind": "nearest_neighbor"}}
+    trained = finished(client, client.post("/api/v1/monitors", json=named))
+    assert "methods" not in trained["result"]
+
+
+def test_other_work_on_own_rollouts_says_that_it_needs_a_recipe(
+    client: TestClient, pitch: dict[str, Any]
+) -> None:
+    for path in ("studies", "sweeps"):
+        answer = client.post(f"/api/v1/{path}", json={"dataset": pitch["id"]})
+        assert "was not simulated here" in problem(answer, 422)
+
+
+def test_units_of_the_file_are_converted(client: TestClient, pitch: dict[str, Any]) -> None:
+    stored = store_of(client).datasets.get(pitch["id"])
+    in_file = stored.safe[0] * TO_FILE
+    assert np.abs(in_file[:, 0]).max() > 2.0 > np.abs(stored.safe[0, :, 0]).max()
