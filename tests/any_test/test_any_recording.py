@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from starlette.testclient import TestClient
 
-from core.channels import LONGITUDINAL
+from core.channels import LATERAL, LONGITUDINAL
 from tests.support import short_period
 from tests.support.api import api, problem, store_of
 from tests.support.own_channels import TEN, monitor, ten_mat
@@ -147,4 +147,5 @@ def test_a_training_proposal_without_lateral_channels_says_what_is_missing(
     answer = client.get(f"{RECORDINGS}/{recording['id']}/training-proposal").json()
     assert answer["can_train"] is False
     assert answer["channels"] == []
-    assert any("manoeuvre" in reason for reason in answer["reasons"])
+    assert answer["missing_channels"] == list(LATERAL.keys)
+    assert any("simulator" in reason for reason in answer["reasons"])
