@@ -5,7 +5,7 @@ the times of their arrival, an uploaded file in the order of time.
 """
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf
 from typing import NamedTuple, Self
@@ -234,7 +234,7 @@ def _by_flight_time(traces: Traces, flight_t: Array) -> Traces:
     order = np.argsort(flight_t, kind="stable")
     t = flight_t[order]
     channels = {
-        key: Trace(t, trace.values[order], trace.group, trace.source, trace.derived, trace.bias)
+        key: replace(trace, t=t, values=trace.values[order])
         for key, trace in traces.channels.items()
     }
     return Traces(channels, traces.notes)

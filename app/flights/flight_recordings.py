@@ -70,7 +70,8 @@ class FlightRecordings:
         mapping, aircraft = mapping_of(self._store, info.source.get("recording"), header)
         name = self._name(info, header, aircraft)
         markers = self._markers(flight_id, str(header.get("began", now())))
-        flown = FlownJournal(flight_id, path, name, aircraft, mapping, markers)
+        dictionary = self._recordings.dictionary_of(info.monitor_id)
+        flown = FlownJournal(flight_id, path, name, aircraft, mapping, markers, dictionary)
         return self._recordings.add_journal(flown)
 
     def waiting(self) -> list[str]:

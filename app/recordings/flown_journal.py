@@ -14,14 +14,15 @@ from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.recording import ATTITUDE
 from app.telemetry.targets import TARGETS
-from core.channels import KEYS
+from core.channels import LATERAL, Dictionary
 
 
 @dataclass(frozen=True)
 class FlownJournal:
     """Data of an ended flight.
 
-    mapping: None for our own names in SI units.   markers: set during the flight.
+    mapping: None for the keys of our channels, in their units.   markers: set during the flight.
+    dictionary: of the monitor.
     """
 
     flight_id: str
@@ -30,14 +31,17 @@ class FlownJournal:
     aircraft: str | None = None
     mapping: Mapping | None = None
     markers: Sequence[Marker] = ()
+    dictionary: Dictionary = LATERAL
 
     def mapping_for(self, columns: Columns) -> Mapping:
         """The mapping of the flight, reduced to the signals that were sent."""
         names = {signal.name for signal in columns.contents.signals}
         (group,) = columns.contents.groups
         if self.mapping is None:
-            keys = [key for key in (*KEYS, *ATTITUDE) if key in names]
-            channels = {key: ChannelSource(key, TARGETS[key].unit) for key in keys}
+            units = {known.key: known.unit for known in self.dictionary.channels}
+            units |= {key: TARGETS[key].unit for key in ATTITUDE if key not in units}
+            sent = [key for key in (*self.dictionary.measured, *ATTITUDE) if key in names]
+            channels = {key: ChannelSource(key, units[key]) for key in sent}
             return Mapping(channels, {group.name: TimeSource(group.time)})
         times = [time for time in self.mapping.times.values() if time.signal]
         channels = {
