@@ -8,7 +8,7 @@ from typing import Any, Literal, Self, get_args
 
 import numpy as np
 
-from core.formulas import Formula, FormulaError, LastingWindow, parse, smallest_of_flights, spelled
+from core.formulas import Formula, FormulaError, LastingWindow, parse, smallest_of_times, spelled
 from core.kernels import N_CHANNELS
 from core.recipe import instead_of
 from core.types import Array
@@ -177,7 +177,8 @@ class Dictionary:
         places = [self.keys.index(key) for key in self.measured]
         whole = np.empty((*y.shape[:-1], len(self)))
         whole[..., places] = y[..., places] if y.shape[-1] == len(self) else y
-        flights, smallest = whole.reshape(-1, *whole.shape[-2:]), smallest_of_flights(dt)
+        flights = whole.reshape(-1, *whole.shape[-2:])
+        smallest = smallest_of_times(np.arange(flights.shape[1], dtype=np.float64) * dt)
         at_once = max(1, COMPUTED_AT_ONCE // max(1, flights.shape[1]))
         for first in range(0, len(flights), at_once):
             some = flights[first : first + at_once]

@@ -1,4 +1,4 @@
-"""Formulas of computed channels, such as a load that is not measured or a limit that may be short.
+"""Formulas of computed channels, such as a load that is not measured or a value that lasts.
 
     0.7*Nz*mass + abs([pitch rate])    table(alpha, 0, 1.2, 0.3, 0.4)    lasting(Nz, 0.2)
 
@@ -108,17 +108,21 @@ class Formula:
         return np.where(known, values, nan)
 
 
-def smallest_of_flights(dt: float) -> Smallest:
-    """Of the samples along the last axis, dt [s] apart; missing samples do not count."""
+def smallest_of_times(t: Array) -> Smallest:
+    """Of samples along the last axis at ascending times (n,) [s]; missing ones do not count."""
 
     def smallest(_: int, x: Array, seconds: float) -> Array:
-        n, width, low = int((seconds + NEAR_S) / dt) + 1, 1, x
-        while width < n:
-            step = min(width, n - width)
-            later = np.fmin(low[..., step:], low[..., :-step])
-            low = np.concatenate([low[..., :step], later], axis=-1)
-            width += step
-        return np.where(np.isnan(x), nan, low)
+        first = np.searchsorted(t, t - seconds - NEAR_S)
+        width = np.arange(len(t)) - first + 1
+        out, low, span = np.empty_like(x), x, 1
+        while span <= width.max(initial=0):
+            # low: the smallest of the last `span` samples; two of them cover up to twice as many
+            k = np.flatnonzero((span <= width) & (width < 2 * span))
+            out[..., k] = np.fmin(low[..., k], low[..., first[k] + span - 1])
+            longer = np.fmin(low[..., span:], low[..., :-span])
+            low = np.concatenate([low[..., :span], longer], axis=-1)
+            span *= 2
+        return np.where(np.isnan(x), nan, out)
 
     return smallest
 

@@ -271,7 +271,7 @@ def _by_flight_time(traces: Traces, flight_t: Array) -> Traces:
     order = np.argsort(flight_t, kind="stable")
     t = flight_t[order]
     channels = {
-        key: Trace(t, trace.values[order], trace.group, trace.source, trace.derived, trace.bias)
+        key: replace(trace, t=t, values=trace.values[order])
         for key, trace in traces.channels.items()
     }
     return Traces(channels, traces.notes)

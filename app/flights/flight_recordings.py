@@ -21,7 +21,6 @@ from app.store.store import NotFound
 from app.store.tables import new_id, now, time_text
 from app.telemetry.journal import Journals, lines_of
 from app.telemetry.recording import TelemetryError
-from core.channels import Dictionary
 from core.flight_events import FLIGHT_MARKERS
 
 LOG = logging.getLogger("forewarn")
@@ -71,9 +70,8 @@ class FlightRecordings:
         mapping, aircraft = mapping_of(self._store, info.source.get("recording"), header)
         name = self._name(info, header, aircraft)
         markers = self._markers(flight_id, str(header.get("began", now())))
-        stored = self._store.monitors.info(info.monitor_id).dictionary
-        about = name, aircraft, mapping, markers, Dictionary.from_stored(stored)
-        flown = FlownJournal(flight_id, path, *about)
+        dictionary = self._recordings.dictionary_of(info.monitor_id)
+        flown = FlownJournal(flight_id, path, name, aircraft, mapping, markers, dictionary)
         return self._recordings.add_journal(flown)
 
     def waiting(self) -> list[str]:

@@ -21,8 +21,8 @@ from core.channels import LATERAL, Dictionary
 class FlownJournal:
     """Data of an ended flight.
 
-    mapping: None for the names of the channels in their units.   markers: set during the flight.
-    dictionary: of the flight's monitor.
+    mapping: None for the keys of our channels, in their units.   markers: set during the flight.
+    dictionary: of the monitor.
     """
 
     flight_id: str
@@ -38,10 +38,10 @@ class FlownJournal:
         names = {signal.name for signal in columns.contents.signals}
         (group,) = columns.contents.groups
         if self.mapping is None:
-            units = {key: TARGETS[key].unit for key in ATTITUDE}
-            units |= {known.key: known.unit for known in self.dictionary.channels}
-            keys = dict.fromkeys((*self.dictionary.keys, *ATTITUDE))
-            channels = {key: ChannelSource(key, units[key]) for key in keys if key in names}
+            units = {known.key: known.unit for known in self.dictionary.channels}
+            units |= {key: TARGETS[key].unit for key in ATTITUDE if key not in units}
+            sent = [key for key in (*self.dictionary.measured, *ATTITUDE) if key in names]
+            channels = {key: ChannelSource(key, units[key]) for key in sent}
             return Mapping(channels, {group.name: TimeSource(group.time)})
         times = [time for time in self.mapping.times.values() if time.signal]
         channels = {

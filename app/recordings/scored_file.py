@@ -19,6 +19,7 @@ from app.telemetry.mapping.signs import CONVENTION
 from app.telemetry.reading import columns_of
 from app.telemetry.recording import TelemetryError
 from app.telemetry.timing.repair import RepairedTraces
+from core.channels import Channel
 from core.evaluation.certificate import UselessMonitor, check_use
 from core.monitor import Monitor, load
 from core.simulation.attitude import surface_signs
@@ -121,7 +122,7 @@ def score_file(request: ScoreRequest, memory: MappingMemory | None = None) -> Sc
                 _check_use(request.monitors[0], monitor, checked)
     with columns_of(request.file) as columns:
         contents = columns.contents
-        proposal = None if request.mapping else _proposed(columns, request, monitors[0], memory)
+        proposal = None if request.mapping else _proposed(columns, request, monitors, memory)
         mapping = proposal.mapping if proposal else _as_given(contents, request)
         if request.rate and request.rate not in mapping.times.values():
             raise TelemetryError(
@@ -139,8 +140,7 @@ def score_file(request: ScoreRequest, memory: MappingMemory | None = None) -> Sc
             message = f"{request.file}: {error}{_why(error, proposal)}"
             if proposal and (not applied or isinstance(error, MissingChannels)):
                 missing = error.keys if isinstance(error, MissingChannels) else proposal.missing
-                dictionary = monitors[0].dictionary
-                template = mapping_template(mapping, contents, missing, dictionary)
+                template = mapping_template(mapping, contents, missing, _channels(monitors))
                 raise UnmappedFile(message, contents, template) from None
             raise TelemetryError(message) from None
     if memory and request.mapping:
@@ -163,11 +163,15 @@ def _as_given(contents: Contents, request: ScoreRequest) -> Mapping:
     return replace(mapping, times=rates | mapping.times)
 
 
+def _channels(monitors: list[Monitor]) -> list[Channel]:
+    return [channel for monitor in monitors for channel in monitor.dictionary.channels]
+
+
 def _proposed(
-    columns: Columns, request: ScoreRequest, monitor: Monitor, memory: MappingMemory | None
+    columns: Columns, request: ScoreRequest, monitors: list[Monitor], memory: MappingMemory | None
 ) -> Proposal:
-    """The proposed mapping; surfaces get the signs of the monitor's aircraft."""
-    aircraft = planned_test(monitor).aircraft
+    """The mapping proposed for the first monitor, whose aircraft gives the signs of surfaces."""
+    aircraft = planned_test(monitors[0]).aircraft
     return propose(
         columns,
         memory.recall(columns.contents) if memory else None,
@@ -175,7 +179,8 @@ def _proposed(
         expected=surface_signs(aircraft.uncertain_plant()) if aircraft else CONVENTION,
         rate=request.rate,
         group=request.group,
-        dictionary=monitor.dictionary,
+        dictionary=monitors[0].dictionary,
+        others=_channels(monitors),
     )
 
 

@@ -107,13 +107,13 @@ def training_proposal(
     repaired = mapped.scorable()
     recorded = [c.key for c in repaired.quality.channels if c.missing < 1.0 and c.key in KEYS]
     missing = [key for key in KEYS if key not in recorded]
+    if not recorded:
+        return _without_lateral_channels()
     reasons = ["A recording does not name its aircraft: choose it."]
     dataset: dict[str, Any] = {}
     recipe: dict[str, Any] = {"dataset": dataset}
-    largest, dt = None, DatasetRecipe().dt
-    if recorded:
-        dt = _sample_interval(repaired, recorded)
-        largest = _largest_input(on_grid(repaired, dt, recorded).recording, dt)
+    dt = _sample_interval(repaired, recorded)
+    largest = _largest_input(on_grid(repaired, dt, recorded).recording, dt)
     if dt != DatasetRecipe().dt:
         dataset["dt"] = dt
     if largest is None:
@@ -124,6 +124,8 @@ def training_proposal(
         if maneuver is not None:
             dataset["maneuver"] = maneuver
     monitor = None if monitor_id is None else recordings.store.monitors.get(monitor_id)
+    if monitor is not None and monitor.dictionary != LATERAL:
+        monitor = None  # its limits and lead are of another test
     limits, words = _limits(recordings, recording_id, mapped.mapping, monitor, largest)
     if limits is not None:
         dataset["limits"] = limits
@@ -141,6 +143,21 @@ def training_proposal(
         "missing_channels": missing,
         "can_train": bool(method) or not missing,
         "manoeuvre": None if largest is None else {"start": largest.start, "end": largest.end},
+    }
+
+
+def _without_lateral_channels() -> dict[str, Any]:
+    return {
+        "recipe": {"dataset": {}},
+        "aircraft": None,
+        "reasons": [
+            "No lateral channel is mapped, and only lateral manoeuvres are simulated here: train a "
+            "monitor on rollouts of your own simulator."
+        ],
+        "channels": [],
+        "missing_channels": list(KEYS),
+        "can_train": False,
+        "manoeuvre": None,
     }
 
 

@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 from starlette.testclient import TestClient
 
-from core.channels import LONGITUDINAL
+from app.recordings.flown_journal import FlownJournal
+from app.telemetry.mapping.mapping import ChannelSource
+from core.channels import LATERAL, LONGITUDINAL
 from tests.support import short_period
 from tests.support.api import api, problem, store_of
 from tests.support.own_channels import TEN, monitor, ten_mat
 from tests.support.recorded import RECORDINGS, csv_of, uploaded
 from tests.support.short_period import DT
+from tests.support.tables import columns_of
 
 RNG = np.random.default_rng
 
@@ -125,6 +128,16 @@ def test_a_proposal_for_a_monitor_keeps_what_was_confirmed_and_stores_nothing(
     assert client.get(path).json() == confirmed
 
 
+def test_a_flight_of_any_channels_is_mapped_by_the_keys_that_were_sent(tmp_path: Path) -> None:
+    sent = ("t", "wing load", "alpha", "theta", "phi", "beta", "gone")
+    columns = columns_of(tmp_path, dict.fromkeys(sent, DT * np.arange(9)), times={"": "t"})
+    journal = FlownJournal("f", tmp_path / "journal", "flight", dictionary=TEN)
+    units = {"wing load": "lbf", "alpha": "rad", "phi": "rad", "theta": "rad"}
+    assert journal.mapping_for(columns).channels == {
+        key: ChannelSource(key, unit) for key, unit in units.items()
+    }
+
+
 @pytest.mark.parametrize("door", ["upload", "read", "confirm"])
 def test_an_unknown_monitor_is_not_found(client: TestClient, door: str) -> None:
     recording: dict[str, Any] = uploaded(client, pitch_csv())
@@ -147,4 +160,5 @@ def test_a_training_proposal_without_lateral_channels_says_what_is_missing(
     answer = client.get(f"{RECORDINGS}/{recording['id']}/training-proposal").json()
     assert answer["can_train"] is False
     assert answer["channels"] == []
-    assert any("manoeuvre" in reason for reason in answer["reasons"])
+    assert answer["missing_channels"] == list(LATERAL.keys)
+    assert any("simulator" in reason for reason in answer["reasons"])

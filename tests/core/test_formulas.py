@@ -8,7 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from core.channels import LATERAL, Channel, Computed, Dictionary, channel
-from core.formulas import MOST_CHARACTERS, Formula, FormulaError, parse, smallest_of_flights
+from core.formulas import MOST_CHARACTERS, Formula, FormulaError, parse, smallest_of_times
 from core.types import Array
 
 DT = 0.05
@@ -26,7 +26,9 @@ def dictionary(**formulas: str) -> Dictionary:
 
 
 def values(text: str, *columns: Array) -> Array:
-    return parse(text, NAMES).values(columns, smallest_of_flights(DT))
+    """Of a formula over samples DT apart."""
+    t = np.arange(columns[0].shape[-1] if columns else 1, dtype=np.float64) * DT
+    return parse(text, NAMES).values(columns, smallest_of_times(t))
 
 
 def flights(n: int = 3, n_samples: int = 30, seed: int = 0) -> Array:
@@ -165,6 +167,21 @@ def test_a_stream_computes_the_same_bits_as_whole_flights(
         np.testing.assert_array_equal(given_, sample)
 
 
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.01, 0.07, 0.3, 2.0]))
+def test_a_stream_computes_the_same_bits_as_samples_at_uneven_times(
+    seed: int, seconds: float
+) -> None:
+    own = dictionary(held=f"lasting(Nz, {seconds}) - 2*lasting(-α, 0.1)")
+    t = np.cumsum(RNG(seed).exponential(DT, 60))
+    y = np.append(flights(1, 60, seed)[0], np.full((60, 1), np.nan), axis=1)
+    y[RNG(seed).random(y.shape) < 0.05] = np.nan
+    whole = own.formulas[0][1].values(y.T, smallest_of_times(t))
+    running = Computed(own)
+    for at, sample in zip(t, y, strict=True):
+        running.fill(at, sample)
+    np.testing.assert_array_equal(y[:, 4], whole)
+
+
 def test_late_samples_count_at_their_time_and_a_clock_set_back_begins_anew() -> None:
     own = dictionary(held="lasting(Nz, 0.2)")
     running = Computed(own)
@@ -294,4 +311,4 @@ def test_any_text_is_a_formula_or_refused(text: str) -> None:
         return
     assert isinstance(formula, Formula)
     columns = np.moveaxis(flights(1, 4), 2, 0)
-    assert formula.values(columns, smallest_of_flights(DT)).shape in ((), (1, 4))
+    assert values(text, *columns).shape in ((), (1, 4))

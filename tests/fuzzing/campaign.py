@@ -26,7 +26,7 @@ SECONDS = 10.0
 class Outcome:
     """What a damaged file came to. end: "read", "refused", "wrong", "crashed", "slow", "large".
 
-    seconds: it took.   memory: the most that its process had used up to then [MiB].
+    seconds: of processor time.   memory: the most that its process had used up to then [MiB].
     """
 
     kind: str

@@ -239,7 +239,7 @@ class FlownBuildUp:
             score=score,
             epsilon=min(recipe.monitor_epsilons),
             guarantee=recipe.guarantee,
-        )
+        ).as_planned()
         if settings.epsilon == WITHOUT:
             return None
         planned = replace(

@@ -12,11 +12,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from core.evaluation.lead_sweep import METHODS, TESTS
+from core.evaluation import lead_sweep
+from core.evaluation.lead_sweep import TESTS
 from core.evaluation.rates import clustered_interval, evaluate
 from core.evaluation.robustness import fly_some
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.calibration import Guarantee
+from core.monitor.predictor import PREDICTORS
+from core.monitor.score import SCORES
 from core.planned_test.collection import card_of, collect, combination_failures, fresh
 from core.planned_test.near import near_aircraft, near_failures, near_rollouts, retuned, softer
 from core.planned_test.planned_test import DatasetRecipe, Simulator
@@ -24,6 +27,9 @@ from core.seeds import Branch, stream
 from core.types import Array
 from tests.studies.study_command import Progress, run_study
 
+PLANNED = "neighbors + peaks, planned"
+METHODS = lead_sweep.METHODS | {PLANNED: (PREDICTORS["ensemble"], SCORES["highest_risk"])}
+"""Compared methods; the default, also with the scope planned."""
 SHOWN = "linear + nearest neighbor", "peaks ahead: rest", "neighbors + peaks"
 """Methods in the guide's table; the last one is the default of training."""
 

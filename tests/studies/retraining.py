@@ -47,7 +47,8 @@ def retrained(
             continue
         share[i] = dataset.unsafe_rate
         predictor, score = METHODS[METHOD]
-        monitor = train(dataset, MonitorRecipe(t_early=lead_s, predictor=predictor, score=score))
+        method = MonitorRecipe(t_early=lead_s, predictor=predictor, score=score).as_planned()
+        monitor = train(dataset, method)
         for epsilon in EPSILONS[:-1]:
             one = slice(i, i + 1)
             first = first_alerts(monitor, flown.y[one], flown.fail_index[one], epsilon)

@@ -149,7 +149,7 @@ def test_the_ceiling_is_above_every_calibrated_rule_on_the_same_flights() -> Non
 
 
 def test_a_small_study_has_a_row_for_each_rule_and_goal() -> None:
-    recipe = CeilingRecipe(tests=("ATTAS",), rules=("known", "identified"), n_flown=40)
+    recipe = CeilingRecipe(tests=("ATTAS",), rules=("known", "identified"), n_flown=20)
     rows = ceiling_study(recipe)
     assert [(row.rule, row.goal) for row in rows] == list(product((CEILING, *recipe.rules), GOALS))
     for row in rows:

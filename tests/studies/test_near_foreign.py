@@ -6,7 +6,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from core.evaluation.lead_sweep import TESTS
-from tests.studies.near_foreign import SHOWN, NearRecipe, Row, in_words, study
+from tests.studies.near_foreign import PLANNED, SHOWN, NearRecipe, Row, in_words, study
 from tests.support.places import DATA, ROOT
 
 KINDS = ["own", "nominal", "factor 1.25", "factor 1.5", "factor 2"]
@@ -41,6 +41,26 @@ def test_the_guide_gives_the_figures_of_the_table() -> None:
                 " / ".join(" ".join(f"{x:.2f}"[1:] for x in part) for part in (missed, quiet))
             )
         assert f"| {' | '.join(cells)} |" in text, kind
+
+
+def test_the_guide_gives_the_worst_aircraft_by_scope() -> None:
+    text = (ROOT / "static" / "guide" / "method.md").read_text(encoding="utf-8")
+    rows = {(row.test, row.method, row.kind): row for row in kept()}
+    for kind in (kind for kind in KINDS if kind not in ("nominal", "other type")):
+        cells = []
+        for method in (PLANNED, SHOWN[-1]):
+            found = [rows[test, method, kind] for test in TESTS]
+            shares = [row.missed for row in found]
+            worst = [row.worst_misses / row.worst_failures for row in found]
+            cells += [" ".join(f"{x:.2f}"[1:] for x in part) for part in (shares, worst)]
+        assert f"| {' | '.join(cells)} |" in text, kind
+
+
+def test_the_default_keeps_its_promise_near_the_planned_aircraft() -> None:
+    for row in kept():
+        if row.method == SHOWN[-1]:
+            assert row.missed <= NearRecipe().epsilon, row
+            assert row.worst_misses <= 0.4 * row.worst_failures, row
 
 
 def test_a_small_study_has_a_row_for_each_kind() -> None:

@@ -45,31 +45,27 @@ def assign_by_name(
     channels: of several dictionaries, so that a key may come with several units.
     Returns the other signals of each channel's name. A reason explains each that does not fit.
     """
-    wanted = [channel for channel in channels if channel.key not in builder.channels]
-    named = _in_order(builder, wanted, groups)
+    wanted = [c for c in dict.fromkeys(channels) if c.key not in builder.channels]
     refused: dict[str, list[str]] = {}
-    for match in named:
-        key = match.channel.key
-        if key in builder.channels:
-            continue
-        source = _source(builder, match)
+    fitting: dict[str, list[str]] = {}
+    for match in _in_order(builder, wanted, groups):
+        key, source = match.channel.key, _source(builder, match)
         if isinstance(source, str):
             refused.setdefault(key, []).append(source)
-        elif _is_free(builder, key, source):
+            continue
+        fitting.setdefault(key, []).append(source.signal)
+        if key not in builder.channels and _is_free(builder, key, source):
             _enter(builder, match, source)
     for key, reasons in refused.items():
         if key not in builder.channels:
             builder.rationales[key] = Rationale(0.0, tuple(dict.fromkeys(reasons)))
     others: dict[str, tuple[str, ...]] = {}
-    for channel in wanted:
-        source = builder.channels.get(channel.key, ChannelSource())
-        same = [match for match in named if match.channel.key == channel.key]
-        names = dict.fromkeys(match.signal.name for match in same)
-        if rivals := tuple(name for name in names if name != source.signal):
-            others[channel.key] = rivals
+    for key, names in fitting.items():
+        source = builder.channels.get(key, ChannelSource())
+        if rivals := tuple(name for name in dict.fromkeys(names) if name != source.signal):
+            others[key] = rivals
             if source.signal:
-                also = f"{', '.join(rivals)} would also fit"
-                builder.comment(channel.key, also, RIVALLED)
+                builder.comment(key, f"{', '.join(rivals)} would also fit", RIVALLED)
     return others
 
 

@@ -19,7 +19,7 @@ from pydantic import (
 from app.telemetry.contents import Contents
 from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import in_order
-from core.channels import LATERAL, Dictionary
+from core.channels import LATERAL, Channel
 
 OF_REQUEST = ConfigDict(extra="forbid", use_attribute_docstrings=True)
 """Pydantic reads requests into the classes below with these settings."""
@@ -122,13 +122,18 @@ def mapping_template(
     mapping: Mapping,
     contents: Contents,
     missing: Collection[str] = LATERAL.keys,
-    dictionary: Dictionary = LATERAL,
+    channels: Iterable[Channel] = LATERAL.channels,
 ) -> dict[str, Any]:
-    """The mapping as plain data, with an empty entry for each missing channel of a dictionary; if
-    no group has a time, also one for each group.
+    """The mapping as plain data, with an empty entry for each missing channel; if no group has a
+    time, also one for each group.
+
+    channels: of the monitors, the missing ones among them.
     """
-    units = {known.key: known.unit for known in dictionary.channels}
-    empty = {key: ChannelSource(unit=units[key]) for key in missing}
+    empty = {
+        channel.key: ChannelSource(unit=channel.unit)
+        for channel in channels
+        if channel.key in missing
+    }
     groups = [group.name for group in contents.groups if group.n_rows > 1]
     times = mapping.times or {name: TimeSource() for name in groups}
     return {

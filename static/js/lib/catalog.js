@@ -51,6 +51,12 @@ export function limitWords({ channels }, limits) {
   return words.join(", ") || "not recorded";
 }
 
+/** Its limits in words, or that it has none. */
+export function limitsOfMonitor(catalog, monitor) {
+  if (typeof monitor.limits === "string") return `none: failures are known by label only (${monitor.limits})`;
+  return limitWords({ channels: channelsOf(catalog, monitor) }, ownLimits(monitor));
+}
+
 export function plainWords(description) {
   return description.replaceAll("`", "").replaceAll("+-", "±");
 }

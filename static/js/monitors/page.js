@@ -3,7 +3,7 @@
 import { rolloutFigure, sampleRollouts } from "../datasets/figures.js";
 import { isSimulated } from "../forms/planned_test.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
-import { aircraftName, channelsOf, kindName, limitWords, loadCatalog, methodWords, ownLimits } from "../lib/catalog.js";
+import { aircraftName, channelsOf, kindName, limitsOfMonitor, loadCatalog, methodWords, ownLimits } from "../lib/catalog.js";
 import {
   button,
   deleteButton,
@@ -96,13 +96,12 @@ function evaluationOf(api, id) {
 
 function facts({ monitor, calibration, dataset, evaluation, catalog }) {
   const { aircraft, maneuver } = monitor.dataset_recipe;
-  const limits = limitWords({ channels: channelsOf(catalog, monitor) }, ownLimits(monitor));
   const nGroups = calibration.groups.length;
   const entries = [
     ["Aircraft", aircraftName(catalog, aircraft)],
     ...(aircraft?.sources ? [["Identified from", aircraft.sources.join(", ")]] : []),
     ["Manoeuvre", kindName(catalog, "maneuver", maneuver)],
-    ["Limits", typeof monitor.limits === "string" ? `none: failures are known by label only (${monitor.limits})` : formatted(limits)],
+    ["Limits", formatted(limitsOfMonitor(catalog, monitor))],
     ["Warning lead time", `${figure(monitor.lead)} s`],
     ["Calibrated on", `${monitor.n_unsafe} failures${nGroups ? ` of each of ${nGroups} groups` : ""}`],
     ["Smallest epsilon", figure(monitor.smallest_epsilon)],

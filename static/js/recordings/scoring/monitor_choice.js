@@ -6,7 +6,7 @@
 
 import { checkbox, textInput } from "../../forms/controls.js";
 import { reason } from "../../lib/api.js";
-import { aircraftName, kindName, limitWords } from "../../lib/catalog.js";
+import { aircraftName, kindName, limitsOfMonitor } from "../../lib/catalog.js";
 import { errorLine, formatted, h } from "../../lib/dom.js";
 import { warningMark, warningsAt } from "../../lib/monitors.js";
 import { decimals, figure, followUnits } from "../../lib/numbers.js";
@@ -52,7 +52,7 @@ export function createMonitorChoice({ api, recording, monitors, used, catalog, c
   }
 
   function rowOf(monitor, isChecked) {
-    const { aircraft, maneuver, limits } = monitor.dataset_recipe;
+    const { aircraft, maneuver } = monitor.dataset_recipe;
     const box = checkbox({ id: `choose-${monitor.id}`, checked: isChecked, onchange: choose });
     const epsilons = textInput({
       inputmode: "decimal",
@@ -65,8 +65,9 @@ export function createMonitorChoice({ api, recording, monitors, used, catalog, c
     const marks = h("span", warningMark(monitor));
     const refused = h("span.monitor-refused");
     const limitCell = h("span");
-    followUnits(limitCell, () => limitCell.replaceChildren(formatted(limitWords(catalog, limits))));
-    const test = `${aircraftName(catalog, aircraft)}, ${kindName(catalog, "maneuver", maneuver)}, `;
+    followUnits(limitCell, () => limitCell.replaceChildren(formatted(limitsOfMonitor(catalog, monitor))));
+    const simulated = () => `${aircraftName(catalog, aircraft)}, ${kindName(catalog, "maneuver", maneuver)}, `;
+    const test = aircraft ? simulated() : "flights from files, limits: ";
     const times = `; ${figure(monitor.lead)} s ahead, every ${figure(monitor.dt)} s`;
     const item = h(
       "li",

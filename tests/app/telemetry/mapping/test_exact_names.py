@@ -202,13 +202,13 @@ def test_an_own_name_shares_a_signal_with_the_same_quantity_only(tmp_path: Path)
 
 
 def test_the_nearest_name_wins_and_others_are_alternatives(tmp_path: Path) -> None:
-    table = {"t": T, "Q": 1.0 + T, "q": T, "bus/Q": 2.0 + T}
-    units = {name: "rad/s" for name in table if name != "t"}
+    table = {"t": T, "Q": 1.0 + T, "q": T, "bus/Q": 2.0 + T, "air/q": 3.0 + T}
+    units = dict.fromkeys(("Q", "q", "bus/Q"), "rad/s") | {"air/q": "m"}
     columns = columns_of(tmp_path, table, units=units)
-    proposal = propose(columns, others=[KNOWN["q"]])
+    proposal = propose(columns, others=[KNOWN["q"], own("q", "Pa")])
     assert proposal.mapping.channels == {"q": ChannelSource("q", "rad/s")}
     assert set(proposal.alternatives["q"]) == {"Q", "bus/Q"}
-    assert proposal.rationales["q"].confidence < 0.9
+    assert proposal.rationales["q"].confidence == pytest.approx(0.95 * 0.85)
 
 
 def test_a_missing_channel_has_its_names_as_the_reason_and_a_place_in_the_template(
@@ -218,7 +218,9 @@ def test_a_missing_channel_has_its_names_as_the_reason_and_a_place_in_the_templa
     proposal = propose(columns, dictionary=LONGITUDINAL)
     assert proposal.missing == ("q", "theta", "Nz", "V", "delta_e")
     assert "pitch rate" in proposal.rationales["q"].reasons[0]
-    template = mapping_template(proposal.mapping, columns.contents, proposal.missing, LONGITUDINAL)
+    template = mapping_template(
+        proposal.mapping, columns.contents, proposal.missing, LONGITUDINAL.channels
+    )
     assert set(template["channels"]) == set(LONGITUDINAL.keys)
     assert template["channels"]["delta_e"]["unit"] == "rad"
 
