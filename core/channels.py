@@ -50,7 +50,7 @@ class Channel:
 
     def read(self, value: float, digits: int = 3) -> str:
         """`4.98 deg`: a value in its display unit, to this many significant digits."""
-        return f"{significant(value * self.display_factor, digits)} {self.display_unit}"
+        return f"{significant(value * self.display_factor, digits)} {self.display_unit}".rstrip()
 
 
 READABLE = 1e9
@@ -67,6 +67,7 @@ DISPLAY: dict[str, tuple[str, float, int]] = {
     "rad": ("deg", degrees(1.0), 2),
     "rad/s": ("deg/s", degrees(1.0), 1),
     "g": ("g", 1.0, 3),
+    "1": ("", 1.0, 3),
 }
 """Display unit, factor and decimals of a unit; other units are displayed unchanged."""
 

@@ -9,7 +9,7 @@ read in a process of their own, see app.telemetry.reading.
 import csv
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -291,7 +291,11 @@ def _own(keys: Sequence[str], units: Sequence[str]) -> Dictionary:
             continue
         control = any(word in key.lower() for word in ("delta", "stick", "pedal", "throttle"))
         role = "control" if control else "output"
-        channels.append(channel(key, key, si_unit(unit), key, role, "absolute"))
+        own = channel(key, key, si_unit(unit), key, role, "absolute")
+        if own.display_unit == own.unit != unit:  # people read it in the unit of the file
+            factor = float(convert(np.ones(1), own.unit, unit)[0])
+            own = replace(own, display_unit=unit, display_factor=factor)
+        channels.append(own)
     try:
         return Dictionary("own", tuple(channels))
     except ValueError as error:

@@ -27,6 +27,7 @@ VIEWS = [
     "monitors/{monitor}",
     "datasets",
     "datasets/new",
+    "datasets/rollouts",
     "campaigns",
     "campaigns/new",
     "limits",

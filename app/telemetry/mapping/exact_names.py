@@ -4,7 +4,7 @@ Case, spaces, punctuation, the path of the name and a unit at its end do not mat
 """
 
 import unicodedata
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 from app.telemetry.contents import Signal
@@ -73,14 +73,16 @@ def _in_order(
     builder: ProposalBuilder, channels: list[Channel], groups: set[int]
 ) -> list[NamedSignal]:
     """The matches, the closest first; among equals those of the group with most channels."""
-    contents = builder.columns.contents
+    names: dict[str, list[tuple[int, str, Channel]]] = {}
+    for channel in channels:
+        for rank, name in enumerate((channel.key, channel.symbol, channel.label)):
+            names.setdefault(_plain(name), []).append((rank, name, channel))
     times = {source.signal for source in builder.times.values()}
     named = [
         match
-        for signal in contents.signals
+        for signal in builder.columns.contents.signals
         if signal.group in groups and signal.name not in times
-        for channel in channels
-        if (match := _match(signal, channel))
+        for match in _matches(signal, names)
     ]
     offers: dict[int, set[str]] = {}
     for match in named:
@@ -88,15 +90,17 @@ def _in_order(
     return sorted(named, key=lambda match: (match.grade, -len(offers[match.signal.group])))
 
 
-def _match(signal: Signal, channel: Channel) -> NamedSignal | None:
-    names = (channel.key, channel.symbol, channel.label)
-    matches = [
-        NamedSignal((n, rank, text != name), channel, signal, unit)
-        for n, text, unit in _readings(signal.name)
-        for rank, name in enumerate(names)
-        if text == name or (_plain(name) and _plain(text) == _plain(name))
-    ]
-    return min(matches, key=lambda match: match.grade, default=None)
+def _matches(
+    signal: Signal, names: Mapping[str, list[tuple[int, str, Channel]]]
+) -> Iterable[NamedSignal]:
+    """The closest match of a signal with each channel of its name.   names: by `_plain`."""
+    closest: dict[Channel, NamedSignal] = {}
+    for n, text, unit in _readings(signal.name):
+        for rank, name, channel in names.get(_plain(text), ()):
+            match = NamedSignal((n, rank, text != name), channel, signal, unit)
+            if channel not in closest or match.grade < closest[channel].grade:
+                closest[channel] = match
+    return closest.values()
 
 
 def _readings(name: str) -> Iterator[tuple[int, str, str]]:
@@ -109,8 +113,9 @@ def _readings(name: str) -> Iterator[tuple[int, str, str]]:
 
 
 def _plain(name: str) -> str:
-    """Letters and digits, without case."""
-    return "".join(filter(str.isalnum, unicodedata.normalize("NFKC", name).casefold()))
+    """Letters and digits, without case; all signs of a name without any."""
+    plain = unicodedata.normalize("NFKC", name).casefold()
+    return "".join(filter(str.isalnum, plain)) or plain
 
 
 def _source(builder: ProposalBuilder, match: NamedSignal) -> ChannelSource | str:

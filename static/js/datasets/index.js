@@ -1,16 +1,22 @@
-/** The Datasets page: #/datasets lists; #/datasets/new simulates one; #/datasets/{id} is one dataset. */
+/**
+ * The Datasets page: #/datasets lists; #/datasets/new simulates one, #/datasets/rollouts adds rollouts of any simulator;
+ * #/datasets/{id} is one dataset.
+ */
 
 import { createForm, fieldset, group, optionalName } from "../forms/controls.js";
-import { createTestFields } from "../forms/planned_test.js";
-import { aircraftName, kindName, limitWords, loadCatalog } from "../lib/catalog.js";
+import { createTestFields, isSimulated } from "../forms/planned_test.js";
+import { aircraftName, kindName, limitsOfMonitor, loadCatalog } from "../lib/catalog.js";
 import { empty, formatted, h, link, loadingView, pageOf, table } from "../lib/dom.js";
 import { jobList } from "../lib/job_progress.js";
 import { count, moment, percent } from "../lib/numbers.js";
+import { showRollouts } from "./add_rollouts.js";
 import { showDataset } from "./page.js";
 
+const VIEWS = { new: showSimulation, rollouts: showRollouts };
+
 export function show(element, context) {
-  if (context.id === "new") return showSimulation(element, context);
-  return context.id ? showDataset(element, context) : showDatasets(element, context);
+  const view = context.id ? (VIEWS[context.id] ?? showDataset) : showDatasets;
+  return view(element, context);
 }
 
 function showDatasets(element, { api }) {
@@ -19,24 +25,26 @@ function showDatasets(element, { api }) {
   async function build({ keep, again }, catalog, datasets) {
     const jobs = keep(await jobList({ api, kind: "dataset", done: again }));
     const simulating = () => link("Simulate a dataset", "#/datasets/new", true);
+    const adding = () => link("Add rollouts", "#/datasets/rollouts");
     const content = datasets.length
       ? listOf(datasets, catalog)
       : empty(
           "No dataset yet",
-          "Training a monitor simulates its dataset. You can also simulate one first, to look at the rollouts.",
+          "Training a monitor simulates its dataset. You can also simulate one first, to look at the rollouts, or add those of your own simulator.",
           simulating(),
+          adding(),
           link("Train a monitor", "#/monitors/new"),
         );
-    return pageOf("Datasets", [simulating()], jobs.element, content);
+    return pageOf("Datasets", [simulating(), adding()], jobs.element, content);
   }
 }
 
 function listOf(datasets, catalog) {
   const columns = [
     ["Name", ({ id, name }) => h("a", { href: `#/datasets/${id}` }, name), "name"],
-    ["Aircraft", ({ recipe }) => aircraftName(catalog, recipe.aircraft)],
-    ["Manoeuvre", ({ recipe }) => kindName(catalog, "maneuver", recipe.maneuver)],
-    ["Limits", ({ recipe }) => formatted(limitWords(catalog, recipe.limits)), "nowrap"],
+    ["Aircraft", (dataset) => (isSimulated(dataset) ? aircraftName(catalog, dataset.recipe.aircraft) : "own rollouts")],
+    ["Manoeuvre", (dataset) => (isSimulated(dataset) ? kindName(catalog, "maneuver", dataset.recipe.maneuver) : h("span.dim", "not recorded"))],
+    ["Limits", (dataset) => formatted(limitsOfMonitor(catalog, dataset))],
     ["Unsafe", ({ n_unsafe: n }) => count(n), "number"],
     ["Safe", ({ n_safe_met: n }) => count(n), "number"],
     ["Unsafe rate", ({ unsafe_rate: rate }) => percent(rate), "number"],

@@ -2,9 +2,10 @@
 
 import { isSimulated } from "../forms/planned_test.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
-import { aircraftName, kindName, limitWords, loadCatalog } from "../lib/catalog.js";
-import { deleteButton, factList, formatted, h, link, loadingView, pageOf, panel, recipeList } from "../lib/dom.js";
-import { count, figure, moment, percent } from "../lib/numbers.js";
+import { aircraftName, channelsOf, kindName, limitsOfMonitor, loadCatalog, ownLimits } from "../lib/catalog.js";
+import { deleteButton, factList, formatted, h, link, loadingView, pageOf, panel, recipeList, sentences, table } from "../lib/dom.js";
+import { limitsOf, limitText, withLimits } from "../lib/limits.js";
+import { capital, count, figure, moment, percent, shownIn } from "../lib/numbers.js";
 import { peakFigure, rolloutFigure, sampleRollouts } from "./figures.js";
 import { createRolloutViewer } from "./rollout_viewer.js";
 
@@ -17,29 +18,33 @@ export function showDataset(element, { id, api, navigate }) {
     const users = monitors.filter((monitor) => monitor.dataset_id === id);
     const fitting = monitors.filter(({ dt }) => Math.abs(dt - dataset.dt) < 1e-9 * dataset.dt);
     const able = [...new Set([...users, ...fitting])];
-    const viewer = keep(createRolloutViewer({ api, catalog, dataset, monitors: able, navigate }));
-    const channelOf = (peaks) => catalog.channels.find(({ key }) => key === peaks.channel);
+    const channels = withLimits(channelsOf(catalog, dataset), ownLimits(dataset));
+    const viewer = keep(createRolloutViewer({ api, channels, dataset, monitors: able, navigate }));
+    const channelOf = (peaks) => channels.find(({ key }) => key === peaks.channel);
+    const isKnown = isSimulated(dataset);
     const figures = [
-      rolloutFigure({ catalog, limits: dataset.recipe.limits, rollouts, ...dataset }),
+      rolloutFigure({ ...dataset, channels, rollouts }),
       ...dataset.peaks.map((peaks) => peakFigure(peaks, channelOf(peaks))),
     ];
     return pageOf(
       dataset.name,
       [
         link("Train a monitor", `#/monitors/new?dataset=${id}`, true),
-        link("Compare five methods", `#/monitors/compare?dataset=${id}`),
+        isKnown && link("Compare five methods", `#/monitors/compare?dataset=${id}`),
         h("a.button", { href: `/api/v1/datasets/${id}/arrays`, download: `dataset-${id}.npz` }, "Download arrays"),
         deleteButton({
           api,
           path: `/datasets/${id}`,
           what: `dataset “${dataset.name}”`,
-          consequence: "Deletes the dataset and its rollouts permanently. The same recipe and seed simulate it again.",
+          consequence: `Deletes the dataset and its rollouts permanently. ${isKnown ? "The same recipe and seed simulate it again." : "Keep your files to add it again."}`,
           done: () => navigate("#/datasets"),
         }),
       ],
+      findings(dataset),
       facts(dataset, users, catalog),
       h("div.figures", figures.map((block) => h("section.panel", block))),
       viewer.element,
+      isKnown ? null : channelTable(channels),
       details(dataset, catalog),
     );
   }
@@ -47,12 +52,14 @@ export function showDataset(element, { id, api, navigate }) {
 
 function facts(dataset, users, catalog) {
   const { n_unsafe: unsafe, n_safe: stored, n_safe_met: met, n_samples: samples, dt } = dataset;
-  const { aircraft, maneuver, limits } = dataset.recipe;
+  const { aircraft, maneuver } = dataset.recipe;
+  const test = isSimulated(dataset)
+    ? [["Aircraft", aircraftName(catalog, aircraft)], ["Manoeuvre", kindName(catalog, "maneuver", maneuver)]]
+    : [["Source", "own rollouts"]];
   const used = users.flatMap(({ id, name }, k) => [k ? ", " : "", h("a", { href: `#/monitors/${id}` }, name)]);
   const entries = [
-    ["Aircraft", aircraftName(catalog, aircraft)],
-    ["Manoeuvre", kindName(catalog, "maneuver", maneuver)],
-    ["Limits", formatted(limitWords(catalog, limits))],
+    ...test,
+    ["Limits", formatted(limitsOfMonitor(catalog, dataset))],
     ["Unsafe rate", percent(dataset.unsafe_rate)],
     ["Unsafe rollouts", count(unsafe)],
     ["Safe rollouts", stored === met ? count(stored) : `${count(met)} met, ${count(stored)} stored`],
@@ -60,6 +67,26 @@ function facts(dataset, users, catalog) {
     ["Used by", used.length ? used : "no monitor yet"],
   ];
   return factList(entries, "facts panel");
+}
+
+/** What was left out of the rollouts, or looks implausible. */
+function findings({ findings: texts }) {
+  if (texts === null) return null;
+  if (!texts.length) return panel("Checked", h("p", "No duplicates, no flights cut short, no channel that tells the outcome at once."), { class: "panel stack-tight findings" });
+  return panel("Findings", sentences(texts.map((text) => `${capital(text)}.`)), { class: "panel stack-tight findings", "data-level": "caution" });
+}
+
+function channelTable(channels) {
+  const limits = (channel) => (limitsOf(channel) === null ? h("span.dim", "none") : limitText(channel, limitsOf(channel)));
+  const columns = [
+    ["Channel", ({ symbol, label, formula }) => [formatted(symbol), label === symbol ? null : ` ${label}`, formula ? h("span.dim", ` = ${formula}`) : null], "name"],
+    ["Key", ({ key }) => h("code", key)],
+    ["Unit", (channel) => shownIn(channel).unit || "none", "nowrap"],
+    ["Role", ({ role }) => role, "nowrap"],
+    ["Values", ({ reference }) => (reference === "trim" ? "from trim" : "absolute"), "nowrap"],
+    ["Limits", limits],
+  ];
+  return panel("Channels", table({ columns, items: channels, panel: false }));
 }
 
 function details(dataset, catalog) {
@@ -75,7 +102,7 @@ function details(dataset, catalog) {
   return panel("Recipe", [
     h(
       "div.columns.recipe-columns",
-      isKnown ? recipeTable(schema, recipe, catalog) : h("p", "Not simulated here: the recipe is not recorded."),
+      isKnown ? recipeTable(schema, recipe, catalog) : h("p", "Own rollouts: there is no recipe."),
       recipeList(origin),
     ),
     isKnown && rawRecipe(recipe),

@@ -6,7 +6,7 @@ import { fold, select } from "../forms/controls.js";
 import { button, errorLine, factList, formatted, h, link, panel } from "../lib/dom.js";
 import { figure } from "../lib/numbers.js";
 
-export function createRolloutViewer({ api, catalog, dataset, monitors, navigate }) {
+export function createRolloutViewer({ api, channels, dataset, monitors, navigate }) {
   const counts = { unsafe: dataset.n_unsafe, safe: dataset.n_safe };
   const outcome = select(
     Object.entries(counts).map(([key, n]) => n && [key, `${key} (${n})`]),
@@ -72,8 +72,6 @@ export function createRolloutViewer({ api, catalog, dataset, monitors, navigate 
     chart?.destroy();
     const host = h("div");
     strips.replaceChildren(host);
-    const { limits } = dataset.recipe;
-    const channels = catalog.channels.map((channel) => ({ ...channel, limit: limits?.[channel.key] ?? null }));
     const { limited, others } = limitedFirst(channels);
     chart = createFlightChart(host, {
       channels,
@@ -89,7 +87,7 @@ export function createRolloutViewer({ api, catalog, dataset, monitors, navigate 
     chart.setWindow(0, t.at(-1) + dataset.dt);
     if (failed !== null) chart.setCursor(t[failed]);
     const values = Object.entries(parameters).map(([name, value]) => [formatted(name), figure(value, 4)]);
-    theta.replaceChildren(fold("Uncertain parameters of this rollout", factList(values, "facts theta")));
+    theta.replaceChildren(...(values.length ? [fold("Uncertain parameters of this rollout", factList(values, "facts theta"))] : []));
   }
 
   function fly() {

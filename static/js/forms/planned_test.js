@@ -4,11 +4,12 @@
  * initial: a recipe to begin with; else the default with noise, jitter, imperfections of a real flight and the usual
  *     number of failures, unless asFlown is false
  * datasetChoice(...) -> {element, size (editor of n_unsafe), read() -> id | recipe, check(), editors,
- *     failures() -> number of unsafe rollouts | null}     chosen: id of the stored dataset to begin with
+ *     failures() -> number of unsafe rollouts that calibrate | null, isOwn() -> whether it is one of own rollouts, isSimulated()}
+ *     chosen: id of the stored dataset to begin with
  */
 
 import { needs, reason } from "../lib/api.js";
-import { aircraftName, kindName, limitWords } from "../lib/catalog.js";
+import { aircraftName, kindName, limitsOfMonitor } from "../lib/catalog.js";
 import { button, errorLine, formatted, h } from "../lib/dom.js";
 import { figure, followUnits, moment, percent } from "../lib/numbers.js";
 import { fieldset, fold, inWords, radioGroup, select } from "./controls.js";
@@ -128,16 +129,29 @@ export function datasetChoice({ api, catalog, datasets, chosen, initial, asFlown
     get editors() {
       return fromStore() ? new Map() : fields.editors;
     },
-    failures: () => (fromStore() ? dataset().n_unsafe : fields.read()[SIZE]),
+    failures,
+    isOwn,
+    isSimulated: () => !fromStore(),
   };
+
+  function isOwn() {
+    return fromStore() && !isSimulated(dataset());
+  }
+
+  function failures() {
+    if (!fromStore()) return fields.read()[SIZE];
+    return isOwn() ? Math.floor(dataset().n_unsafe / 2) : dataset().n_unsafe;
+  }
 
   function turn() {
     stored.hidden = !fromStore();
     simulated.hidden = size.hidden = fromStore();
     if (!dataset()) return;
     const { recipe, n_unsafe: unsafe, n_safe_met: safe, dt } = dataset();
-    const test = `${aircraftName(catalog, recipe.aircraft)}, ${kindName(catalog, "maneuver", recipe.maneuver)}`;
+    const test = isSimulated(dataset())
+      ? `${aircraftName(catalog, recipe.aircraft)}, ${kindName(catalog, "maneuver", recipe.maneuver)}`
+      : "Own rollouts, split by flight";
     const counts = `${unsafe} unsafe and ${safe} safe rollouts, one sample every ${figure(dt)} s`;
-    words.replaceChildren(formatted(`${test}, limit ${limitWords(catalog, recipe.limits)}; ${counts}.`));
+    words.replaceChildren(formatted(`${test}, limits: ${limitsOfMonitor(catalog, dataset())}; ${counts}.`));
   }
 }

@@ -1,7 +1,7 @@
 /**
  * The server's REST interface: paths below /api/v1, JSON both ways, errors as one sentence; and who may use it.
  *
- * api.upload(path, file, progress(sent, total)) -> {ended: Promise<answer | null where cancelled>, cancel()}
+ * api.upload(path, file or FormData, progress(sent, total)) -> {ended: Promise<answer | null where cancelled>, cancel()}
  * api.watchJob(id, changed) -> {ended: Promise<job>, close()}     by server-sent events; changed(job) now and at each
  *     change; `ended` resolves with the ended job (done, failed, cancelled, interrupted), or rejects with an ApiError
  * may("POST /flights/{}/end")    by the server's own table; true until it has answered. It checks every request itself
@@ -43,7 +43,7 @@ async function call(method, path, body) {
   throw refusal(response, await response.json().catch(() => ({})));
 }
 
-/** A file, with its progress, which fetch cannot report. */
+/** A file, or a form of files, with its progress, which fetch cannot report. */
 function upload(path, file, progress = () => {}) {
   const request = new XMLHttpRequest();
   const ended = new Promise((resolve, reject) => {
@@ -58,7 +58,7 @@ function upload(path, file, progress = () => {}) {
   request.open("POST", address(path));
   request.responseType = "json";
   request.setRequestHeader("Accept", ACCEPTED);
-  request.setRequestHeader("Content-Type", "application/octet-stream");
+  if (!(file instanceof FormData)) request.setRequestHeader("Content-Type", "application/octet-stream");
   request.send(file);
   return { ended, cancel: () => request.abort() };
 }

@@ -39,7 +39,7 @@ export function channelsOf(catalog, { dictionary }) {
 }
 
 /** By channel; of a monitor or a dataset that was not simulated, too. */
-export function ownLimits({ limits, dataset_recipe: recipe }) {
+export function ownLimits({ limits, dataset_recipe, recipe = dataset_recipe }) {
   return limits !== null && typeof limits === "object" ? limits : (recipe?.limits ?? null);
 }
 
@@ -51,7 +51,7 @@ export function limitWords({ channels }, limits) {
   return words.join(", ") || "not recorded";
 }
 
-/** Its limits in words, or that it has none. */
+/** The limits of a monitor or a dataset in words, or that it has none. */
 export function limitsOfMonitor(catalog, monitor) {
   if (typeof monitor.limits === "string") return `none: failures are known by label only (${monitor.limits})`;
   return limitWords({ channels: channelsOf(catalog, monitor) }, ownLimits(monitor));

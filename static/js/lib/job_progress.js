@@ -97,6 +97,6 @@ function unfinished(jobs) {
 }
 
 function titleOf({ kind, request }) {
-  const what = { monitor: "Training", dataset: "Simulating" }[kind];
+  const what = { monitor: "Training", dataset: request.files ? "Adding" : "Simulating" }[kind];
   return request.name ? `${what} “${request.name}”` : what;
 }

@@ -139,7 +139,7 @@ export function tellUnits(page) {
 
 export function shownIn({ unit = "", display_unit, display_factor, display_decimals }) {
   return si || display_factor === undefined
-    ? { unit, factor: 1, decimals: SI_DECIMALS }
+    ? { unit: unit === "1" ? "" : unit, factor: 1, decimals: SI_DECIMALS }
     : { unit: display_unit, factor: display_factor, decimals: display_decimals };
 }
 

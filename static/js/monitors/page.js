@@ -6,6 +6,7 @@ import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
 import { aircraftName, channelsOf, kindName, limitsOfMonitor, loadCatalog, methodWords, ownLimits } from "../lib/catalog.js";
 import {
   button,
+  chip,
   deleteButton,
   empty,
   factList,
@@ -19,6 +20,7 @@ import {
   recipeList,
   table,
 } from "../lib/dom.js";
+import { withLimits } from "../lib/limits.js";
 import { warningLines } from "../lib/monitors.js";
 import { count, figure, interval, moment, percent } from "../lib/numbers.js";
 import { createEpsilonChoice } from "./choose_epsilon.js";
@@ -43,11 +45,11 @@ export function showMonitor(element, { id, api, navigate }) {
     const changed = (rule) => [...calibrationCurves, curves].forEach((drawn) => drawn?.mark(rule));
     const cost = createEpsilonCost({ monitor, calibration, evaluation, changed });
     const isKnown = isSimulated({ recipe: monitor.dataset_recipe });
-    const again = (isPrimary) => link("Train one like it", `#/monitors/new?like=${id}`, isPrimary);
+    const again = (isPrimary) => link("Train one like it", `#/monitors/new?like=${id}${from && !isKnown ? `&dataset=${from}` : ""}`, isPrimary);
     const { predictor } = monitor.recipe;
     const figures = [
       rollouts
-        ? rolloutFigure({ catalog: { ...catalog, channels: channelsOf(catalog, monitor) }, limits: ownLimits(monitor), rollouts, ...dataset })
+        ? rolloutFigure({ ...dataset, channels: withLimits(channelsOf(catalog, monitor), ownLimits(monitor)), rollouts })
         : empty("No rollouts", "The training dataset is not stored on this server. The monitor works without it."),
       curves ??
         empty(
@@ -78,10 +80,11 @@ export function showMonitor(element, { id, api, navigate }) {
       ],
       ...warningLines(monitor),
       facts({ monitor, calibration, dataset, evaluation, catalog }),
+      methods(evaluation, catalog),
       cost.element,
       isKnown ? createEpsilonChoice({ api, id, catalog, navigate, keep }) : null,
       h("div.figures", figures.filter(Boolean).map((block) => h("section.panel", block))),
-      guarantee(monitor, calibration),
+      guarantee(monitor, calibration, isKnown),
       details(monitor, calibration, catalog),
     );
   }
@@ -97,10 +100,11 @@ function evaluationOf(api, id) {
 function facts({ monitor, calibration, dataset, evaluation, catalog }) {
   const { aircraft, maneuver } = monitor.dataset_recipe;
   const nGroups = calibration.groups.length;
+  const own = evaluation?.flights ? [["Trained on", "own rollouts, split by flight"]] : null;
   const entries = [
-    ["Aircraft", aircraftName(catalog, aircraft)],
+    ...(own ?? [["Aircraft", aircraftName(catalog, aircraft)]]),
     ...(aircraft?.sources ? [["Identified from", aircraft.sources.join(", ")]] : []),
-    ["Manoeuvre", kindName(catalog, "maneuver", maneuver)],
+    ...(own ? [] : [["Manoeuvre", kindName(catalog, "maneuver", maneuver)]]),
     ["Limits", formatted(limitsOfMonitor(catalog, monitor))],
     ["Warning lead time", `${figure(monitor.lead)} s`],
     ["Calibrated on", `${monitor.n_unsafe} failures${nGroups ? ` of each of ${nGroups} groups` : ""}`],
@@ -109,6 +113,20 @@ function facts({ monitor, calibration, dataset, evaluation, catalog }) {
     ["Test flights", evaluation ? count(evaluation.n_test) : "none"],
   ];
   return factList(entries, "facts panel");
+}
+
+/** The methods tried on own rollouts, and a plain threshold; null for other monitors. */
+function methods(evaluation, catalog) {
+  const tried = evaluation?.methods ?? [];
+  if (!tried.length) return null;
+  const labelOf = ({ name }) => catalog.methods.find(({ kind }) => kind === name)?.label ?? name;
+  const columns = [
+    ["Method", (method) => [labelOf(method), method.chosen ? [" ", chip("chosen", "ok")] : null], "name"],
+    ["Failing flights missed", ({ missed: n, n_unsafe: of }) => `${n} of ${count(of)} (${share(n, of)})`, "number"],
+    ["Safe flights, valid and without an alert", ({ quiet: n, n_safe: of }) => `${n} of ${count(of)} (${share(n, of)})`, "number"],
+  ];
+  const hint = `At ε = ${figure(evaluation.epsilon)} and this warning lead time, on flights that chose nothing else. The threshold on today's value is calibrated like the methods.`;
+  return panel("Methods tried", [table({ columns, items: tried, panel: false }), h("p.hint", hint)]);
 }
 
 function counted(title, columns, items, hint) {
@@ -162,12 +180,14 @@ function groups(evaluation, calibration, catalog) {
   );
 }
 
-function guarantee(monitor, { groups: promised, alphas }) {
+function guarantee(monitor, { groups: promised, alphas }, isKnown) {
   const lead = figure(monitor.lead);
   const isSure = monitor.recipe.guarantee === "95%";
   const holds = isSure ? "with 95 % confidence in this monitor" : "on average over calibration sets";
   const points = [
-    `The promise holds ${holds}, for flights like the simulated ones: this aircraft with its uncertainty, this manoeuvre, this simulated pilot.`,
+    isKnown
+      ? `The promise holds ${holds}, for flights like the simulated ones: this aircraft with its uncertainty, this manoeuvre, this simulated pilot.`
+      : `The promise holds ${holds}, for flights like those it was trained on: their aircraft, manoeuvre and pilot.`,
     `Timely: at least ${lead} s before the first exceedance. Later alerts do not count.`,
     "The risk (p-value) is not the probability of failure. High risk: the flight resembles failing flights.",
     validity(monitor),

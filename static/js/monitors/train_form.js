@@ -9,13 +9,14 @@ import { createFields } from "../forms/form.js";
 import { datasetChoice, scatterOf } from "../forms/planned_test.js";
 import { reason } from "../lib/api.js";
 import { aircraftCondition, loadCatalog, methodOf } from "../lib/catalog.js";
-import { errorLine, formatted, h, link, loadingView, pageOf, panel, sentences } from "../lib/dom.js";
+import { errorLine, formatted, h, link, loadingView, pageOf, panel, put, sentences } from "../lib/dom.js";
 import { figure } from "../lib/numbers.js";
 import { proposalOf } from "../recordings/training_offer.js";
 
 const TITLE = "Train a monitor";
 const DOUBT = 0.05; // of a promise with 95 % confidence
 const MAIN = ["t_early", "epsilon"];
+const BEST = "best";
 const TEST = {
   title: "test flights",
   type: "integer",
@@ -52,6 +53,7 @@ function trainForm({ api, catalog, datasets, like, chosen, keep, trained }) {
   const withTest = { ...schema, properties: { ...schema.properties, n_test: TEST } };
   const fields = createFields(withTest, { ...usual, ...like?.recipe }, { catalog, path: "monitor" });
   const source = datasetChoice({ api, catalog, datasets, chosen, initial: like?.dataset_recipe });
+  const best = h("option", { value: BEST }, "the best on held-out flights (recommended)");
   const method = select(
     [
       ...catalog.methods.map(({ kind, label }, k) => [kind, k === 0 ? `${label} (recommended)` : label]),
@@ -59,6 +61,8 @@ function trainForm({ api, catalog, datasets, like, chosen, keep, trained }) {
     ],
     { id: "method", name: "method", oninput: choose },
   );
+  const steps = h("span.hint");
+  let wasOwn = like !== null; // its method is kept
   const named = optionalName("name of the monitor", "monitor-name");
   const served = h("p.hint.served");
   const advanced = fields.keys.filter((key) => !MAIN.includes(key));
@@ -83,14 +87,21 @@ function trainForm({ api, catalog, datasets, like, chosen, keep, trained }) {
     ],
     beside: [
       link("Cancel", "#/monitors"),
-      h("span.hint", "Simulates, trains and tests. You can leave the page meanwhile."),
+      steps,
     ],
-    send: () => api.post("/monitors", { ...fields.read(), dataset: source.read(), ...named.read() }),
+    send: () => api.post("/monitors", { ...recipe(), dataset: source.read(), ...named.read() }),
     follow: { api, keep, title: ({ request }) => `Training “${request.name}”`, done: trained },
   });
   for (const event of ["input", "change"]) form.addEventListener(event, follow);
   follow();
   return element;
+
+  /** Own flights choose the method where the recipe names none. */
+  function recipe() {
+    const { predictor, score, n_test: tests, ...rest } = fields.read();
+    if (method.value === BEST) return rest;
+    return { predictor, score, ...(source.isOwn() ? {} : { n_test: tests }), ...rest };
+  }
 
   function choose() {
     const { predictor, score } = catalog.methods.find(({ kind }) => kind === method.value) ?? {};
@@ -98,10 +109,16 @@ function trainForm({ api, catalog, datasets, like, chosen, keep, trained }) {
     if (score) fields.put("score", score);
   }
 
-  function follow() {
-    const recipe = fields.read();
-    method.value = methodOf(catalog, recipe)?.kind ?? "";
-    const { words, isEnough } = servedWords(source.failures(), recipe);
+  function follow({ target } = {}) {
+    const isOwn = source.isOwn();
+    const isBest = isOwn && (wasOwn ? method.value === BEST && !/[.](predictor|score)/.test(target?.name ?? "") : true);
+    if (isOwn) method.prepend(best);
+    else best.remove();
+    wasOwn = isOwn;
+    fields.element("n_test").hidden = isOwn;
+    put(steps, `${source.isSimulated() ? "Simulates, trains" : "Trains"} and tests. You can leave the page meanwhile.`);
+    method.value = isBest ? BEST : (methodOf(catalog, fields.read())?.kind ?? "");
+    const { words, isEnough } = servedWords(source.failures(), fields.read(), isOwn);
     served.textContent = words;
     served.classList.toggle("error", !isEnough);
   }
@@ -113,13 +130,13 @@ export function neededFor(epsilon, guarantee = "average") {
   return Math.ceil(n - 1e-9);
 }
 
-function servedWords(n, { epsilon, guarantee }) {
+function servedWords(n, { epsilon, guarantee }, isOwn) {
   if (!(epsilon > 0 && epsilon < 1) || n === null) return { words: "", isEnough: true };
   const needed = neededFor(epsilon, guarantee);
   const words =
     n >= needed
-      ? `${n} failures: enough for ε ≥ ${figure(guarantee === "average" ? 1 / (n + 1) : 1 - DOUBT ** (1 / n))}.`
-      : `ε = ${figure(epsilon)} needs at least ${needed} unsafe rollouts, and ${n} are set: raise ε or the number of rollouts.`;
+      ? `${isOwn ? "Up to " : ""}${n} failures${isOwn ? " calibrate, half of the dataset's" : ""}: enough for ε ≥ ${figure(guarantee === "average" ? 1 / (n + 1) : 1 - DOUBT ** (1 / n))}.`
+      : `ε = ${figure(epsilon)} needs at least ${needed} unsafe rollouts, and ${isOwn ? `${n}, half of the dataset's, calibrate` : `${n} are set`}: raise ε or the number of rollouts.`;
   return { words, isEnough: n >= needed };
 }
 

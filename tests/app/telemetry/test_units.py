@@ -107,6 +107,7 @@ def test_a_unit_has_its_published_size(text, target, expected):
         ("psi", "rad"),
         ("kg", "g"),
         ("degC", "rad"),
+        ("degC", "K"),
         ("ft/min", "m"),
         ("V", "m/s"),
         ("m/s", "g"),

@@ -1,0 +1,214 @@
+/** Add rollouts of any simulator: choose files, see their channels, set roles and limits, store them. */
+
+import { createForm, fieldset, fold, group, labelled, numberInput, optionalName, select, textInput } from "../forms/controls.js";
+import { createDropTarget } from "../forms/drop_target.js";
+import { needs, reason } from "../lib/api.js";
+import { loadCatalog } from "../lib/catalog.js";
+import { errorLine, formatted, guideLink, h, link, loadingView, pageOf, table } from "../lib/dom.js";
+import { bytesText, count, decimal, figure, magnitude, magnitudeIn, shownIn } from "../lib/numbers.js";
+
+const TITLE = "Add rollouts";
+const ROLES = [
+  ["output", "output"],
+  ["control", "control"],
+  ["condition", "condition"],
+];
+const FORMATS = "npz, MATLAB or HDF5 arrays; one CSV or Parquet table with a column flight; or one file for each flight";
+
+export function showRollouts(element, { api, navigate }) {
+  return loadingView(element, { title: TITLE, text: "Loading the catalog", loads: [loadCatalog], build });
+
+  function build({ keep }) {
+    const stage = h("div.stack");
+    const status = h("p", { role: "status" });
+    const failure = errorLine();
+    const more = createMore({ again: () => files.length && read() });
+    const zone = keep(
+      createDropTarget({
+        words: "Drop the flights of your simulator anywhere on this page",
+        label: "files of rollouts",
+        hint: `Formats: ${FORMATS}`,
+        take: (chosen) => {
+          files = chosen;
+          read();
+        },
+        ...needs("POST /datasets"),
+      }),
+    );
+    let files = [];
+    let turn = 0;
+    let sending = null;
+    keep({ close: () => sending?.cancel() });
+    const source = h("section.panel.stack", { "aria-label": "Files" }, zone.element, status, failure.element, more.element);
+    return pageOf([TITLE, " ", guideLink("own-simulator", "rollouts of your own simulator")], [link("Cancel", "#/datasets")], source, stage);
+
+    async function read() {
+      const mine = ++turn;
+      stage.replaceChildren();
+      failure.show("");
+      const what = files.length === 1 ? files[0].name : `${files.length} files`;
+      try {
+        const preview = await send("/datasets/preview", more.fields(), `Reading ${what}`);
+        if (mine !== turn || preview === null) return;
+        status.textContent = wordsOf(what, preview);
+        stage.replaceChildren(createChannels(preview));
+      } catch (error) {
+        if (mine !== turn) return;
+        status.textContent = "";
+        failure.show(withName(reason(error), files[0].name));
+        more.open();
+      }
+    }
+
+    function send(path, fields, words) {
+      const form = new FormData();
+      for (const [name, value] of fields) form.append(name, value);
+      for (const file of files) form.append("file", file, file.name);
+      sending?.cancel();
+      sending = api.upload(path, form, (sent, total) => {
+        status.textContent = sent < total ? `Sending: ${bytesText(sent)} of ${bytesText(total)}` : words;
+      });
+      status.textContent = words;
+      return sending.ended;
+    }
+
+    function createChannels(preview) {
+      const rows = preview.dictionary.channels.map((channel) => createRow(channel, preview.ranges[channel.key]));
+      const named = optionalName("name of the dataset", "dataset-name");
+      const { element: form } = createForm({
+        title: TITLE,
+        word: "Add",
+        route: "POST /datasets",
+        fields: [group({ name: named }), { check: () => rows.every((row) => row.check()), editors: new Map() }],
+        content: [
+          fieldset(
+            "Channels and limits",
+            h("p.hint", hintOf(preview)),
+            table({ columns: COLUMNS, items: rows, classes: "channel-table", panel: false }),
+            h("div.field-grid", named.element),
+          ),
+        ],
+        send: add,
+        follow: {
+          api,
+          keep,
+          title: ({ request }) => `Adding “${request.name}”`,
+          done: ({ dataset }) => navigate(`#/datasets/${dataset}`),
+        },
+      });
+      return form;
+
+      async function add() {
+        const channels = preview.dictionary.channels.map((channel, k) => ({ ...channel, role: rows[k].role.value }));
+        const fields = [
+          ...more.fields().filter(([name]) => name !== "dictionary"),
+          ["dictionary", JSON.stringify({ ...preview.dictionary, channels })],
+          ...rows.flatMap((row) => row.limit().map((text) => ["limit", text])),
+          ...more.limits(),
+          ...Object.entries(named.read()),
+        ];
+        const before = status.textContent;
+        try {
+          return await send("/datasets", fields, "Sent");
+        } finally {
+          status.textContent = before;
+        }
+      }
+    }
+  }
+}
+
+const COLUMNS = [
+  ["Channel", ({ channel }) => [formatted(channel.symbol), channel.label === channel.symbol ? null : h("span.dim", ` ${channel.label}`)], "name"],
+  ["Unit", ({ unit }) => unit || "none", "nowrap"],
+  ["Least to greatest", ({ range }) => range, "number"],
+  ["Role", ({ role }) => h("div.field", role)],
+  ["Limit: low", ({ low }) => h("div.field", low.control)],
+  ["Limit: high", ({ high, failure }) => h("div.field", high.control, failure.element)],
+];
+
+function createRow(channel, { low, high, rest }) {
+  const { unit, factor } = shownIn(channel);
+  const spoken = (end) => `${end} limit of ${channel.label}`;
+  const ends = ["low", "high"].map((end) => {
+    const control = textInput({ inputmode: "decimal", "aria-label": spoken(end), placeholder: "none", size: 8, oninput: () => failure.show("") });
+    const read = () => (control.value.trim() ? decimal(control.value.trim()) / factor : null);
+    return { control, read };
+  });
+  const failure = errorLine();
+  return {
+    channel,
+    unit,
+    range: low === null ? "no value" : `${magnitude(channel, low)} to ${magnitude(channel, high)}`,
+    role: select(ROLES, { "aria-label": `role of ${channel.label}`, value: channel.role, disabled: Boolean(channel.formula) }),
+    low: ends[0],
+    high: ends[1],
+    failure,
+    check,
+    limit: () => {
+      const [least, most] = ends.map(({ read }) => read());
+      return least === null && most === null ? [] : [`${channel.key}=${least ?? ""}..${most ?? ""}`];
+    },
+  };
+
+  function check() {
+    const values = ends.map(({ read }) => read());
+    const trim = rest ?? 0;
+    const words = values.some(Number.isNaN)
+      ? "Give a number, or leave it empty."
+      : values.every((value) => value === null) || ((values[0] ?? -Infinity) < trim && trim < (values[1] ?? Infinity))
+        ? ""
+        : `Trimmed flight, at ${magnitudeIn(channel, trim)}, must be between the limits.`;
+    failure.show(words);
+    if (words) ends[0].control.focus();
+    return !words;
+  }
+}
+
+/** What only some files need: a dictionary, a sample interval, computed channels, limits in words. */
+function createMore({ again }) {
+  let dictionary = null;
+  const file = h("input", {
+    type: "file",
+    accept: ".csv,.json",
+    onchange: () => {
+      [dictionary] = file.files;
+      again();
+    },
+  });
+  const dt = numberInput({ id: "rollouts-dt", min: 0, placeholder: "as in the files", onchange: again });
+  const lines = (placeholder) => h("textarea", { rows: 2, spellcheck: "false", placeholder });
+  const computed = lines("load [kN] = 0.7*Nz*mass");
+  const limits = lines("Nz=..4.9 for 0.2 s");
+  const element = fold(
+    "Dictionary, sample interval, computed channels",
+    h(
+      "div.field-grid",
+      labelled("dictionary", file, { hint: "CSV or JSON with key and unit of each channel, where the files do not name them." }).element,
+      labelled("sample interval", dt, { unit: "s", hint: "Only where the files give neither times nor dt." }).element,
+      labelled("computed channels", computed, { hint: "One a line: key [unit] = formula." }).element,
+      labelled("limits in words", limits, { hint: "One a line: limits of computed channels, or of what lasts." }).element,
+    ),
+  );
+  const given = (name, text) => (text.trim() ? [[name, text.trim()]] : []);
+  return {
+    element,
+    fields: () => [...(dictionary ? [["dictionary", dictionary]] : []), ...given("dt", dt.value)],
+    limits: () => [...given("channel", computed.value), ...given("limit", limits.value)],
+    open: () => (element.open = true),
+  };
+}
+
+/** The server's sentence, which begins with a capital, with a file's name as it is. */
+function withName(words, name) {
+  return words.toLowerCase().startsWith(name.toLowerCase()) ? name + words.slice(name.length) : words;
+}
+
+function wordsOf(what, { n_flights: n, n_samples: samples, dt }) {
+  return `${what}: ${count(n)} flights of up to ${figure((samples - 1) * dt)} s, one sample every ${figure(dt)} s.`;
+}
+
+function hintOf({ n_failing: failing, n_flights: n }) {
+  if (failing === null) return "The files label no failures: a flight fails where it leaves a limit. Set at least one end; the unit is that of the row.";
+  return `By their labels, ${count(failing)} of ${count(n)} flights fail. Limits are optional; where they disagree, the label counts.`;
+}

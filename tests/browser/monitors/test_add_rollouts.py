@@ -1,0 +1,121 @@
+"""Rollouts of somebody's own simulator, added and trained on in a real Chromium."""
+
+import io
+from collections.abc import Iterator
+from typing import Any
+
+import httpx2
+import numpy as np
+import pytest
+from playwright.sync_api import FilePayload, Page, expect
+
+from tests.browser.site import open_site
+from tests.support import short_period
+
+SLOW = 60_000
+"""[ms] A first training compiles kernels."""
+LONG = "Pitch doublets at Mach 0.6, 20 000 ft, nonlinear simulator, release candidate 7"
+DEGREE = np.degrees(1.0)
+
+
+def payload(name: str, content: bytes) -> FilePayload:
+    return {"name": name, "mimeType": "application/octet-stream", "buffer": content}
+
+
+def npz(n: int, **more: Any) -> bytes:
+    y = short_period.fly(np.random.default_rng(1), n)[1]
+    file = io.BytesIO()
+    np.savez(file, **{
+        "y": y * [DEGREE, DEGREE, 1.0, DEGREE],
+        "dt": short_period.DT,
+        "channels": ["alpha", "q", "Nz", "delta_e"],
+        "units": ["deg", "deg/s", "g", "deg"],
+    } | more)  # fmt: skip
+    return file.getvalue()
+
+
+@pytest.fixture(scope="module")
+def origin(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with open_site(tmp_path_factory.mktemp("own")) as site:
+        yield site.http
+
+
+def choose(page: Page, origin: str, *files: FilePayload) -> None:
+    page.goto(f"{origin}/#/datasets/rollouts")
+    page.get_by_label("files of rollouts").set_input_files(files)
+
+
+def test_own_rollouts_are_added_looked_at_and_trained_on(page: Page, origin: str) -> None:
+    page.goto(f"{origin}/#/datasets")
+    page.get_by_role("link", name="Add rollouts").first.click()
+    page.get_by_label("files of rollouts").set_input_files(payload("pitch.npz", npz(1500)))
+    expect(page.get_by_text("pitch.npz: 1,500 flights of up to 4 s")).to_be_visible(timeout=SLOW)
+    expect(page.get_by_label("role of elevator")).to_have_value("control")
+    page.get_by_label("role of pitch rate").select_option("condition")
+    page.get_by_label("low limit of normal acceleration").fill("1,5")
+    page.get_by_role("button", name="Add", exact=True).click()
+    expect(page.get_by_text("must be between the limits")).to_be_visible()
+    page.get_by_label("low limit of normal acceleration").fill("−1.1")
+    page.get_by_label("high limit of angle of attack").fill("25")
+    page.get_by_label("high limit of normal acceleration").fill("2.9")
+    page.get_by_label("name of the dataset").fill(LONG)
+    page.get_by_role("button", name="Add", exact=True).click()
+
+    expect(page.get_by_role("heading", name=LONG)).to_be_visible(timeout=SLOW)
+    (stored,) = httpx2.get(f"{origin}/api/v1/datasets").json()
+    assert stored["name"] == LONG
+    assert (stored["limits"]["Nz"]["low"], stored["limits"]["Nz"]["high"]) == (-1.1, 2.9)
+    assert stored["limits"]["alpha"]["high"] == pytest.approx(np.radians(25))
+    assert stored["dictionary"]["channels"][1]["role"] == "condition"
+    expect(page.locator(".findings")).to_contain_text("No duplicates")
+    row = page.get_by_role("row").filter(has=page.get_by_role("rowheader", name="angle of attack"))
+    expect(row).to_contain_text("at most 25 deg")
+    expect(page.locator(".rollout-strips [data-key=Nz]")).to_be_visible()
+
+    page.get_by_role("link", name="Train a monitor").first.click()
+    expect(page.locator("#method")).to_have_value("best")
+    expect(page.locator(".served")).to_contain_text("half of the dataset's")
+    page.get_by_role("button", name="Train", exact=True).click()
+    methods = page.locator("section", has=page.get_by_role("heading", name="Methods tried"))
+    expect(methods).to_be_visible(timeout=SLOW)
+    (monitor,) = httpx2.get(f"{origin}/api/v1/monitors").json()
+    assert monitor["dataset_id"] == stored["id"]
+    tried = httpx2.get(f"{origin}/api/v1/monitors/{monitor['id']}/evaluation").json()["methods"]
+    expect(methods.locator("tbody tr")).to_have_count(len(tried))
+    expect(methods.locator("tr", has_text="chosen")).to_have_count(1)
+    expect(methods.locator("tbody tr").last).to_contain_text(
+        f"{tried[-1]['quiet']} of {tried[-1]['n_safe']}"
+    )
+
+
+def test_what_was_found_is_shown_with_the_dataset(page: Page, origin: str) -> None:
+    y = short_period.fly(np.random.default_rng(2), 80)[1]
+    y[1] = y[0]
+    choose(page, origin, payload("twice.npz", npz(80, y=y, units=["rad", "rad/s", "g", "rad"])))
+    page.get_by_label("high limit of normal acceleration").fill("2.5")
+    page.get_by_role("button", name="Add", exact=True).click()
+    findings = page.locator(".findings")
+    expect(findings).to_contain_text("1 flights repeat another one", timeout=SLOW)
+    expect(findings).to_contain_text("which needs 58")
+
+
+def test_files_that_cannot_be_read_say_what_to_do(
+    page: Page, origin: str, allowed_errors: list[str]
+) -> None:
+    allowed_errors.append("422")
+    choose(page, origin, payload("one.csv", b"t,a\n0,1\n1,2\n"))
+    expect(page.get_by_role("alert").filter(has_text="one.csv has no column")).to_be_visible()
+    y = np.zeros((3, 5, 2))
+    file = io.BytesIO()
+    np.savez(file, y=y)
+    page.get_by_label("files of rollouts").set_input_files(payload("plain.npz", file.getvalue()))
+    expect(
+        page.get_by_role("alert").filter(has_text="does not name its 2 channels")
+    ).to_be_visible()
+    table = b"key,unit,role\nstick,deg,control\nvane,deg,output\n"
+    page.get_by_label("dictionary").set_input_files(payload("mine.csv", table))
+    expect(page.get_by_role("alert").filter(has_text="has no dt")).to_be_visible()
+    page.get_by_label("sample interval").fill("0.1")
+    page.get_by_label("sample interval").blur()
+    expect(page.get_by_text("plain.npz: 3 flights of up to 0.4 s")).to_be_visible()
+    expect(page.get_by_label("role of stick")).to_have_value("control")
