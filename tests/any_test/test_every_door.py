@@ -208,3 +208,50 @@ def test_a_file_is_scored_by_the_command_line(
     assert (out / "scored.svg").read_text().count('class="frame"') == strips
     table = pd.read_csv(out / "assessments.csv", comment="#")
     assert len(table) == len(y)
+
+
+@pytest.mark.parametrize("n", [1, 3, 32])
+def test_failures_known_by_label_alone_have_a_risk_and_no_limit(own: Own, n: int) -> None:
+    names = [f"größe {k} α" for k in range(n - 1)]
+    dictionary = Dictionary(
+        "labelled",
+        (
+            *(channel(key, "α", "m", f"output {key}", "output", "absolute") for key in names),
+            channel("δ", "δ", "rad", "stick", "control", "absolute"),
+        ),
+    )
+    rng = np.random.default_rng(3)
+    y = short_period.with_channels(short_period.fly(rng, 800)[1], n, rng)
+    fail = short_period.LIMITS.envelope.first_exceedance(short_period.fly(
+        np.random.default_rng(3), 800)[1])  # fmt: skip
+    labelled = LabelledFlights.of(y, dt=DT, channels=dictionary, fail_index=fail)
+    recipe = MonitorRecipe(epsilon=0.5)
+    monitor = train_on_flights(Dataset.from_flights(labelled), recipe, False, print).monitor
+    answer = httpx2.post(f"{own.url}/api/v1/monitors?name=label", content=monitor.to_bytes(),
+                         headers={"Content-Type": "application/octet-stream"})  # fmt: skip
+    labelled_own = own._replace(id=answer.raise_for_status().json()["id"], monitor=monitor)
+    flight = flown(labelled_own, y[0], "none")
+    assert get(flight)["exceedances"] == []
+    frames = get(f"{flight}/assessments")["frames"]
+    assert len(frames) == len(y[0])
+    expected = monitor.assess(np.array(times(len(y[0]))), y[0]).p_value
+    said = np.array([frame["p_value"] for frame in frames], float)
+    np.testing.assert_array_equal(said, expected)
+
+
+def test_a_missing_channel_is_named_and_not_calm(own: Own) -> None:
+    body = {"source": {"kind": "live", "trim": "none"}, "monitor": own.id}
+    answer = httpx2.post(f"{own.url}/api/v1/flights", json=body).raise_for_status().json()
+    flight = f"{own.url}/api/v1/flights/{answer['id']}"
+    telemetry = as_telemetry(own, own.flight(fails=False))
+    first = {key: values[:20] for key, values in telemetry.items() if key != "q"}
+    refused = httpx2.post(f"{flight}/samples", json=first)
+    assert refused.status_code == 422
+    assert "missing channels: q" in refused.text
+    httpx2.post(f"{flight}/samples", json={k: v[:20] for k, v in telemetry.items()})
+    second = {key: values[20:40] for key, values in telemetry.items() if key != "q"}
+    httpx2.post(f"{flight}/samples", json=second).raise_for_status()
+    httpx2.post(f"{flight}/end").raise_for_status()
+    frames = get(f"{flight}/assessments")["frames"]
+    assert {frame["state"] for frame in frames[20:]} == {"invalid"}
+    assert "q is missing" in frames[-1]["reason"]
