@@ -1,6 +1,6 @@
 """Telemetry dictionaries: the channels of a sample y, their order, units and roles."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from math import degrees, isfinite, pi
@@ -206,6 +206,30 @@ class Dictionary:
     @cached_property
     def by_key(self) -> dict[str, Channel]:
         return {known.key: known for known in self.channels}
+
+    def fill(self, t: Array, y: Array) -> None:
+        """Compute the channels of a stream's samples in place, as `Computed` does one by one.
+
+        t: (n,) [s] in order of arrival.   y: (n, n_channels or more).
+        """
+        if not self.formulas:
+            return
+        if (np.diff(t) < 0.0).any():
+            computed = Computed(self)
+            for at, sample in zip(t.tolist(), y[:, : len(self)], strict=True):
+                computed.fill(at, sample)
+            return
+        columns, smallest = np.ascontiguousarray(y[:, : len(self)].T), smallest_of_times(t)
+        for c, formula in self.formulas:
+            columns[c] = y[:, c] = formula.values(columns, smallest)
+
+    def sources(self, keys: Collection[str]) -> tuple[str, ...]:
+        """Keys of the measured channels among these, and of those that the computed ones read."""
+        needed = {self.index(key) for key in keys}
+        for c, formula in reversed(self.formulas):
+            if c in needed:
+                needed |= formula.inputs
+        return tuple(key for key in self.measured if self.index(key) in needed)
 
     def to_plain(self) -> dict[str, Any]:
         return {"name": self.name, "channels": [_plain(known) for known in self.channels]}

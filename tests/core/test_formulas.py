@@ -175,11 +175,13 @@ def test_a_stream_computes_the_same_bits_as_samples_at_uneven_times(
     t = np.cumsum(RNG(seed).exponential(DT, 60))
     y = np.append(flights(1, 60, seed)[0], np.full((60, 1), np.nan), axis=1)
     y[RNG(seed).random(y.shape) < 0.05] = np.nan
-    whole = own.formulas[0][1].values(y.T, smallest_of_times(t))
-    running = Computed(own)
-    for at, sample in zip(t, y, strict=True):
-        running.fill(at, sample)
-    np.testing.assert_array_equal(y[:, 4], whole)
+    for arrived in (np.arange(60), np.argsort(t + RNG(seed).exponential(0.1, 60))):
+        whole = np.append(y[arrived], np.full((60, 2), 7.0), axis=1)
+        own.fill(t[arrived], whole)
+        running = Computed(own)
+        for at, sample, expected in zip(t[arrived], y[arrived], whole, strict=True):
+            running.fill(at, sample)
+            np.testing.assert_array_equal(expected, [*sample, 7.0, 7.0])
 
 
 def test_late_samples_count_at_their_time_and_a_clock_set_back_begins_anew() -> None:
@@ -223,6 +225,14 @@ def test_measured_channels_are_completed_wherever_the_computed_ones_are() -> Non
     np.testing.assert_array_equal(whole[..., 2], 0.7 * y[..., 0] * y[..., 1])
     np.testing.assert_array_equal(whole[..., 5], whole[..., 2] + y[..., 2])
     np.testing.assert_array_equal(own.complete(whole, DT), whole)
+
+
+def test_the_sources_of_a_computed_channel_are_measured() -> None:
+    own = dictionary(load="Nz*mass", held="lasting(load, 0.2)", other="α")
+    assert own.sources(["held"]) == ("Nz", "mass")
+    assert own.sources(["other", "Nz"]) == ("Nz", "α")
+    assert own.sources(own.keys[4:]) == ("Nz", "mass", "α")
+    assert LATERAL.sources(["r", "beta"]) == ("beta", "r")
 
 
 def test_a_formula_is_stored_and_an_empty_one_is_not() -> None:

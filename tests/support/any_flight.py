@@ -16,8 +16,8 @@ from core.limits.limits import Envelope, IntervalLimits, SafeInterval, envelope_
 from core.types import Array
 from tests.support.demonstration_recording import FILE
 
-DT, N, LEAD = 0.05, 121, 10
-"""[s], samples, and samples."""
+DT, N, LEAD, NEVER = 0.05, 121, 10, 10_000
+"""[s], samples, samples, and a sample after the end: the page tells of two alarms."""
 SPEED = 0.1
 """Slow: a test holds the flight soon after its start."""
 ALERT_ABOVE = 0.1
@@ -135,11 +135,13 @@ def _events(
     begun = plain["messages"][:1]
     ok = plain["headlines"][0]
     messages, headlines, latched = [*begun], [ok], []
-    alert = int((risk > ALERT_ABOVE).argmax())
-    if risk[alert] > ALERT_ABOVE:
-        raised = alarms[0] | {"seq": alert, "t": alert * DT, "p_value": float(risk[alert])}
-        messages.append({"seq": alert, "message": {"type": "alarm", "alarm": raised}})
+    over = np.flatnonzero(risk > ALERT_ABOVE)
+    alert = int(over[0]) if len(over) else NEVER
+    if alert < NEVER:
         headlines.append(plain["headlines"][1] | {"seq": alert})
+    value = float(risk[over[0]]) if len(over) else 0.0
+    raised = alarms[0] | {"seq": alert, "t": alert * DT, "p_value": value}
+    messages.append({"seq": alert, "message": {"type": "alarm", "alarm": raised}})
     first = True
     for number, (k, exceedance) in enumerate(_exceedances(dictionary, intervals, y), 2):
         raised = alarms[1] | {
@@ -172,7 +174,7 @@ def _exceedances(
 ) -> list[tuple[int, dict[str, Any]]]:
     """First sample beyond each end, in order of time: its number and the exceedance.
 
-    After the flight's end where there is none, since the page tells of one.
+    NEVER where there is none.
     """
     found = []
     for key, interval in intervals.items():
@@ -183,5 +185,5 @@ def _exceedances(
                 k = int(over.argmax())
                 about = {"channel": key, "value": float(values[k]), "limit": limit}
                 found.append((k, about | {"judged": "both"}))
-    never = (len(y) * 10, {"channel": dictionary.keys[0], "value": 0.0, "limit": 0.0})
+    never = (NEVER, {"channel": dictionary.keys[0], "value": 0.0, "limit": 0.0})
     return sorted(found, key=lambda each: each[0]) or [never]

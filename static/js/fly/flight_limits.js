@@ -15,7 +15,7 @@ import { askToConfirm, formatted, h } from "../lib/dom.js";
 import { limitsInWords } from "../lib/limits.js";
 
 const CHANGE = "PUT /flights/{}/limits";
-const NONE = "No limit is known: the monitor learned from labelled flights. Its risk is shown; no exceedance can be.";
+const NONE = "No limit is known: the monitor learned from labelled flights. It shows risk only; exceedances cannot be detected.";
 
 export function createFlightLimits(element, { api, path }) {
   element.classList.add("flight-limits");
