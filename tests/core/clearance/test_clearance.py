@@ -1,7 +1,6 @@
 """Clearance of the next point: its two guarantees, its checks, and refused input."""
 
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 import pytest
@@ -220,13 +219,13 @@ N_RECORDS = 300
 @pytest.mark.fuzz
 @pytest.mark.parametrize("name", TESTS)
 def test_both_guarantees_hold_and_few_verdicts_depend_on_the_draws(name: str) -> None:
-    """Three clearances that differ only in their random draws, of the same records as flown."""
+    """Two clearances that differ only in their random draws, of the same records as flown."""
     points, rng = BuildUp.fractions(TESTS[name].as_flown(), (0.6,)), np.random.default_rng(20_262)
     step, following = Simulator(points.flown[0]), Simulator(points.following)
     theta = following.plant.sample(N_RECORDS, rng)
     records, exceeds = step.fly(theta, rng)[0].y, following.fly(theta, rng)[0].is_unsafe
     verdicts, over, p_values, errors = [], [], [], []
-    for seed in range(3):
+    for seed in range(2):
         recipe = ClearanceRecipe(seed=seed)
         rule, predictor = calibrate(points, recipe), PointPredictor(points, recipe)
         predictions = [predictor.predict([records[k : k + 100]]) for k in range(0, N_RECORDS, 100)]
@@ -242,11 +241,10 @@ def test_both_guarantees_hold_and_few_verdicts_depend_on_the_draws(name: str) ->
         over.append((following.fly(theta, rng, factors)[1] >= 1.0).mean())
     cleared = np.array(verdicts)
     wrong = cleared[:, exceeds].mean()
-    changed = [(first != second).mean() for first, second in combinations(cleared, 2)]
     assert wrong <= 0.05 + 3.0 * np.sqrt(0.05 * 0.95 / exceeds.sum())
     assert np.mean(over) <= 0.05 + 3.0 * np.sqrt(0.05 * 0.95 / N_RECORDS)
     assert cleared[:, ~exceeds].mean() >= {"F-16": 0.3, "F-104A": 0.34, "ATTAS": 0.25}[name]
-    assert np.mean(changed) < 0.05
+    assert (cleared[0] != cleared[1]).mean() < 0.05
     near = np.abs(np.mean(p_values, axis=0) - 0.05) < 0.03
     scatter = np.sqrt(np.var(p_values, axis=0, ddof=1)[near].mean())
     assert scatter <= 2.0 * np.sqrt(np.square(errors).mean(axis=0)[near].mean())
