@@ -13,7 +13,7 @@ import numpy as np
 
 from app.telemetry.contents import release
 from app.telemetry.recording import TelemetryError, Trace
-from app.telemetry.units import factor, fits, si_unit
+from app.telemetry.units import PLAIN, factor, fits, si_unit
 from core.channels import CHANNELS, Channel, channel, known_channels
 from core.types import Array, Indices
 
@@ -69,7 +69,7 @@ def as_mapped(own: Channel) -> Channel:
     It is unchanged if its unit is not one of its key's quantity, or unknown.
     """
     try:
-        unit = target_of(own.key, own.unit).unit
+        unit = target_of(own.key, own.unit or PLAIN).unit
         per_unit = factor(unit, own.unit)
     except TelemetryError:
         return own

@@ -163,7 +163,7 @@ def convert(values: Array, unit: str, target: str) -> Array:
 
 @cache
 def _factor(unit: str, target: str) -> float:
-    if target == PLAIN and (unit.lower() in NOT_GIVEN or unit == PLAIN):
+    if target.lower() in NOT_GIVEN and unit.lower() in NOT_GIVEN:
         return 1.0
     text = "m/s" if target == "m/s" and unit.lower() in ("ms", "m_s") else unit
     parts = _parsed(text)

@@ -127,13 +127,13 @@ def _source(builder: ProposalBuilder, match: NamedSignal) -> ChannelSource | str
         return f"{named}, but all its {extent.n} rows are empty"
     in_file = signal.unit.strip().lower() not in NOT_GIVEN
     text, where = (signal.unit, "in the file") if in_file else (of_name, "in its name")
-    unit = channel.unit
+    unit = channel.unit or PLAIN
     if text:
         if not spelled(text):
             return f"{named}, but its unit {text!r} {where} is not a known unit"
         if not fits(text, channel.unit):
             return f"{named}, but its unit {spelled(text)} {where} is not one of {channel.unit}"
-        unit = channel.unit if factor(text, channel.unit) == 1.0 else spelled(text)
+        unit = unit if factor(text, channel.unit) == 1.0 else spelled(text)
     elif channel.largest is not None and extent.peak > channel.largest:
         return (
             f"{named}, but no unit is given and values up to {extent.peak:.4g} {unit} are "
@@ -162,7 +162,7 @@ def _enter(builder: ProposalBuilder, match: NamedSignal, source: ChannelSource) 
     in_file = signal.unit.strip().lower() not in NOT_GIVEN
     if in_file or of_name:
         reasons.append(f"its unit {'in the file' if in_file else 'in its name'} is {source.unit}")
-    elif channel.unit != PLAIN:
+    elif source.unit != PLAIN:
         confidence *= WITHOUT_UNIT
         reasons.append(f"no unit is given: taken as {source.unit}, check it")
     builder.assign(channel.key, source, round(confidence, 4), *reasons)

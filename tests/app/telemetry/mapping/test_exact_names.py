@@ -4,6 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from scipy.io import savemat
 
 from app.telemetry.contents import Columns
@@ -17,6 +19,7 @@ from app.telemetry.targets import KNOWN, TARGETS, as_mapped
 from app.telemetry.timing.repair import repair
 from app.telemetry.units import convert
 from core.channels import LATERAL, LONGITUDINAL, SIX_DOF, Channel, Dictionary, channel
+from tests.support.repetition import examples
 from tests.support.tables import columns_of, flight
 
 N = 200
@@ -188,6 +191,16 @@ def test_one_key_of_two_quantities_takes_the_one_whose_unit_fits(tmp_path: Path)
         assert repair(traces).quality.channels[0].implausible == 0
 
 
+def test_a_surface_may_be_recorded_as_a_share_of_its_travel(tmp_path: Path) -> None:
+    columns = columns_of(tmp_path, {"t": T, "delta_e": np.sin(T)})
+    for unit in ("", "1"):
+        proposal = proposed(columns, own("delta_e", unit))
+        assert proposal.mapping.channels == {"delta_e": ChannelSource("delta_e", "1")}
+        trace = apply_mapping(columns, proposal.mapping).channels["delta_e"]
+        np.testing.assert_array_equal(convert(trace.values, trace.unit, unit), np.sin(T))
+        assert as_mapped(own("delta_e", unit)).unit == "1"
+
+
 def test_an_own_name_shares_a_signal_with_the_same_quantity_only(tmp_path: Path) -> None:
     columns = columns_of(
         tmp_path, {"t": T, "pitch": 0.1 * np.sin(T), "bank": np.sin(T)}, units={"pitch": "deg"}
@@ -259,3 +272,35 @@ def test_an_own_channel_in_another_unit_is_displayed_the_same_when_mapped() -> N
         assert value * mapped.display_factor == pytest.approx(3.0 * known.display_factor)
     assert as_mapped(ALPHA) == ALPHA
     assert as_mapped(own("load", "widgets")).unit == "widgets"
+
+
+NAMES = st.text(st.sampled_from("aQq_θΔ .-/[()]°1"), min_size=1, max_size=8)
+SPELLINGS = st.sampled_from(["", "rad", "deg/s", "lbf", "psf", "widgets", "%", "1", "degC", "mV"])
+
+
+@settings(max_examples=examples(60), suppress_health_check=[HealthCheck.too_slow])
+@given(
+    st.dictionaries(NAMES, SPELLINGS, min_size=1, max_size=5),
+    st.dictionaries(NAMES, SPELLINGS, min_size=1, max_size=5),
+)
+def test_any_proposal_can_be_applied_and_takes_only_units_that_fit(
+    tmp_path_factory: pytest.TempPathFactory, signals: dict[str, str], keys: dict[str, str]
+) -> None:
+    table = {"time": T} | {name: np.sin(k * T) for k, name in enumerate(signals, 1)}
+    columns = columns_of(tmp_path_factory.mktemp("any"), table, units=signals)
+    dictionary = Dictionary("own", tuple(own(key, unit) for key, unit in keys.items()))
+    proposal = propose(columns, dictionary=dictionary, others=KNOWN.values())
+    mapping = Mapping.from_plain(proposal.mapping.to_plain())
+    assert mapping == proposal.mapping
+    if mapping.channels:
+        traces = apply_mapping(columns, mapping)
+        repaired = repair(traces)
+        assert traces.channels.keys() == mapping.channels.keys()
+        assert find_warnings(columns, mapping, traces).keys() <= mapping.channels.keys()
+        for known in dictionary.channels:
+            if known.key in traces.channels and known.key not in TARGETS:
+                trace = repaired.traces.channels[known.key]
+                assert convert(trace.values, trace.unit, known.unit) is not None
+    for key in dictionary.keys:
+        assert (key in mapping.channels) != bool(key in proposal.missing)
+        assert proposal.rationales[key].reasons
