@@ -129,6 +129,18 @@ def test_the_script_of_the_first_live_flight_pushes_batches(server: LiveServer):
     assert ended["progress"] == "ended"
 
 
+def test_the_script_of_own_rollouts_adds_them(
+    server: LiveServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    exec(blocks("own-simulator", "python")[0], {})
+    preview, job = answers_of(server, "own-simulator")
+    assert preview["n_flights"] == 1500
+    path = f"{server.url}/api/v1/jobs/{job['id']}"
+    until(lambda: httpx2.get(path).json()["status"] not in ("queued", "running"))
+    assert httpx2.get(path).json()["result"]["findings"] == []
+
+
 def test_the_script_of_the_limit_sets_changes_limits(server: LiveServer):
     accepted, limits, _ = answers_of(server, "limit-sets")
     assert (accepted["accepted"], limits["case"]) == (1, "from M 0.8 on")

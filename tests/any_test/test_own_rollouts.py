@@ -86,8 +86,25 @@ def as_long_parquet(folder: Path, y: Array) -> Path:
     return path
 
 
+def as_matlab_7_3(folder: Path, y: Array) -> Path:
+    """As `save -v7.3` writes it: dimensions last first, cells of text as references."""
+    path = folder / "rollouts.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, value in arrays(y, fail_index=LABELS[:, np.newaxis]).items():
+            if not isinstance(value, tuple):
+                file[name] = np.atleast_2d(np.asarray(value)).T
+                continue
+            cells = file.create_dataset(name, (len(value), 1), h5py.ref_dtype)
+            for k, text in enumerate(value):
+                codes = np.array([[ord(letter)] for letter in text], np.uint16)
+                cells[k, 0] = file.create_dataset(f"#refs#/{name}{k}", data=codes).ref
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file")
+    return path
+
+
 @pytest.mark.parametrize(
-    "write", [as_npz, as_matlab, as_hdf5, as_folder, as_long_csv, as_long_parquet]
+    "write", [as_npz, as_matlab, as_matlab_7_3, as_hdf5, as_folder, as_long_csv, as_long_parquet]
 )
 def test_every_kind_of_source_gives_the_same_flights(
     write: Callable[[Path, Array], Path], tmp_path: Path
@@ -166,9 +183,23 @@ def no_interval(folder: Path, y: Array) -> Path:
     return path
 
 
+def truncated(folder: Path, y: Array) -> Path:
+    path = as_npz(folder, y)
+    path.write_bytes(path.read_bytes()[:-3000])
+    return path
+
+
+def pickled(folder: Path, y: Array) -> Path:
+    path = folder / "objects.npz"
+    np.savez(path, y=np.full((2, 3, 4), {}, object))
+    return path
+
+
 @pytest.mark.parametrize(
     ("write", "words"),
     [
+        (truncated, "rollouts.npz: the arrays of rollouts file is damaged or cut short"),
+        (pickled, "damaged or cut short"),
         (lambda folder, y: folder / "absent", "no such file or folder"),
         (lambda folder, y: folder, "is empty"),
         (no_time, "has no t .s., as flight_000"),

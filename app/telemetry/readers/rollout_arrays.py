@@ -41,7 +41,7 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
 @contextmanager
 def _opened(path: Path) -> Iterator[Mapping[str, Any]]:
     if head_of(path).startswith(ZIP):
-        with np.load(path, allow_pickle=False) as arrays:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
             yield {name: arrays[name] for name in NAMES if name in arrays}
     elif not h5py.is_hdf5(path):
         from scipy.io import loadmat, whosmat
