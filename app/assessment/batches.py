@@ -15,7 +15,7 @@ from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.mapping.mapping import ChannelSource, Mapping
 from app.telemetry.readers.journal import TIMES
 from app.telemetry.recording import ATTITUDE, TelemetryError
-from app.telemetry.targets import TARGETS, largest_plausible
+from app.telemetry.targets import TARGETS, largest_plausible, target_of
 from app.telemetry.units import convert
 from core.channels import LATERAL, Dictionary
 from core.limits.limit_sets import CONDITION_KEYS, ConditionKey
@@ -158,6 +158,7 @@ class ChannelReader:
                     f"{key} is derived by slopes, which need future samples: in a live flight the "
                     "source must send it"
                 )
+            _check_units(key, source, dictionary)
         self._read = {self._time.name, *self._names}
 
     @property
@@ -281,10 +282,30 @@ class ChannelReader:
 
 
 def _direct(key: str, source: ChannelSource, dictionary: Dictionary) -> _Direct:
-    target = dictionary.by_key.get(key) or TARGETS[key]
-    scale, shift = _factor(source.unit, target.unit, f"{key} ({source.signal})")
-    sign = source.sign
-    return _Direct(source.signal, sign * scale, sign * shift - source.bias)
+    what = f"{key} ({source.signal})"
+    try:
+        mapped = target_of(key, source.unit).unit
+    except TelemetryError as error:
+        raise TelemetryError(f"unit of {what}: {error}") from None
+    scale, shift = _factor(source.unit, mapped, what)
+    scale, shift = source.sign * scale, source.sign * shift - source.bias
+    channel = dictionary.by_key.get(key)
+    if channel is not None and channel.unit != mapped:
+        factor, zero = _factor(mapped, channel.unit, what)
+        scale, shift = factor * scale, factor * shift + zero
+    return _Direct(source.signal, scale, shift)
+
+
+def _check_units(key: str, source: ChannelSource, dictionary: Dictionary) -> None:
+    """TelemetryError for a derived channel if it or an input is not in the usual unit."""
+    way = DERIVATIONS[source.derivation]
+    for part in (key, *way.needs, *way.helps):
+        channel = dictionary.by_key.get(part)
+        if channel is not None and channel.unit != TARGETS[part].unit:
+            raise TelemetryError(
+                f"{key} cannot be derived in a live flight, because the monitor has {part} in "
+                f"{channel.unit}, not in {TARGETS[part].unit}: the source must send {key}"
+            )
 
 
 def _time_of(mapping: Mapping) -> _Direct:

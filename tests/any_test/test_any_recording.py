@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from starlette.testclient import TestClient
 
+from app.assessment.batches import Batch, ChannelReader
 from app.recordings.flown_journal import FlownJournal
-from app.telemetry.mapping.mapping import ChannelSource
-from core.channels import LATERAL, LONGITUDINAL
+from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
+from app.telemetry.recording import TelemetryError
+from core.channels import LATERAL, LONGITUDINAL, Dictionary, channel
 from tests.support import short_period
 from tests.support.api import api, problem, store_of
 from tests.support.own_channels import TEN, monitor, ten_mat
@@ -136,6 +138,41 @@ def test_a_flight_of_any_channels_is_mapped_by_the_keys_that_were_sent(tmp_path:
     assert journal.mapping_for(columns).channels == {
         key: ChannelSource(key, unit) for key, unit in units.items()
     }
+
+
+def test_a_live_flight_reads_the_channels_of_its_monitor_by_any_mapping() -> None:
+    mapping = Mapping(
+        {
+            "wing load": ChannelSource("a", "lbf", -1, 4.448222),
+            "alpha": ChannelSource("b", "deg"),
+            "beta": ChannelSource("c", "deg"),
+            "Mach": ChannelSource("d", "1"),
+        },
+        {"": TimeSource("t")},
+    )
+    batch = Batch(None, {"t": [0.0], "a": [3.0], "b": [45.0], "c": [18.0], "d": [0.5]})
+    for dictionary, expected in (
+        (TEN, {"wing load": -4.0, "alpha": np.pi / 4}),
+        (LATERAL, {"beta": np.pi / 10}),
+    ):
+        (sample,) = ChannelReader(mapping, None, dictionary).samples(batch)
+        read = dict(zip(dictionary.keys, sample.y, strict=True))
+        assert {key: v for key, v in read.items() if np.isfinite(v)} == pytest.approx(expected)
+
+
+def test_nothing_is_derived_live_from_a_channel_in_another_unit() -> None:
+    speed = Dictionary("knots", (channel("V", "V", "kt", "airspeed"), *LATERAL.channels))
+    mapping = Mapping(
+        {
+            "V": ChannelSource("a", "kt"),
+            "v": ChannelSource("b", "m/s"),
+            "beta": ChannelSource(derivation="beta_from_velocity"),
+        },
+        {"": TimeSource("t")},
+    )
+    ChannelReader(mapping)
+    with pytest.raises(TelemetryError, match="has V in kt"):
+        ChannelReader(mapping, None, speed)
 
 
 @pytest.mark.parametrize("door", ["upload", "read", "confirm"])
