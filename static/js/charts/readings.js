@@ -21,6 +21,7 @@ import { formatted, h, put } from "../lib/dom.js";
 import { isBeyond, limitText } from "../lib/limits.js";
 import { figure, formatTime, formatValue, reading, shownIn } from "../lib/numbers.js";
 
+const LONG = 6; // letters of a symbol
 export const NOTHING = { low: NaN, high: NaN };
 
 export function createReadings(strips, { rowOf, bar }, source) {
@@ -73,7 +74,7 @@ function createReadout(element, strip, large) {
   const badge = h("span.readout-badge", { hidden: true });
   const latch = h("div.readout-latch", { hidden: true });
   const detail = h("div.readout-detail");
-  const symbol = h("span.readout-symbol", formatted(strip.symbol));
+  const symbol = h("span.readout-symbol", { title: strip.label, "data-long": strip.symbol.length > LONG }, formatted(strip.symbol));
   let said = "";
   element.classList.toggle("tile-readout", !large);
   element.append(

@@ -96,7 +96,7 @@ function channelTable(channels, { names, needed }, { recording }) {
 }
 
 function ownRows(channels, needed) {
-  const rows = channels.map(({ key, symbol, label, unit }) => [key, formatted(`${symbol}, ${label}`), unit, needed.includes(key) ? "✓ needed" : "optional"]);
+  const rows = channels.map(({ key, symbol, label, unit, formula }) => [key, formatted(`${symbol}, ${label}`), unit, formula ? "computed, not sent" : needed.includes(key) ? "✓ needed" : "optional"]);
   const others = ATTITUDE.filter((angle) => !channels.some(({ key }) => key === angle));
   return others.length === 0 ? rows : [...rows, [others.join(", "), "attitude, for the scene", "rad", "optional"]];
 }
