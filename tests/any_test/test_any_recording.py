@@ -1,5 +1,6 @@
 """Recordings of any channels over REST: proposed, corrected, confirmed and previewed."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from app.assessment.batches import Batch, ChannelReader
+from app.cli import main
 from app.recordings.flown_journal import FlownJournal
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.recording import TelemetryError
@@ -199,3 +201,27 @@ def test_a_training_proposal_without_lateral_channels_says_what_is_missing(
     assert answer["channels"] == []
     assert answer["missing_channels"] == list(LATERAL.keys)
     assert any("simulator" in reason for reason in answer["reasons"])
+
+
+def test_the_command_line_asks_for_the_channels_of_the_monitor(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = tmp_path / "pitch.fwm", tmp_path / "out"
+    monitor(4).save(file)
+    flight = tmp_path / "flight.csv"
+    flight.write_bytes(pitch_csv("t_s,alpha_deg,q (deg/s),N_z,stick"))
+    command = ["score", str(file), str(flight), "--out", str(out), "--accept-useless"]
+    assert main(command) == 1
+    printed = capsys.readouterr().err
+    assert "no signal has the name delta_e, δ_e, elevator" in printed
+    (template,) = out.glob("*.json")
+    mapping = json.loads(template.read_text())
+    assert list(mapping["channels"]) == ["alpha", "q", "Nz", "delta_e"]
+    assert mapping["channels"]["delta_e"] == ASKED
+    mapping["channels"]["delta_e"]["signal"] = "stick"
+    template.write_text(json.dumps(mapping))
+    assert main([*command, "--mapping", str(template)]) == 0
+    assert "alpha    alpha_deg [deg]" in capsys.readouterr().out
+
+
+ASKED = {"signal": "", "unit": "rad", "sign": 1, "bias": 0.0, "derivation": ""}
