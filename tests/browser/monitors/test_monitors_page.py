@@ -533,7 +533,9 @@ def test_an_epsilon_is_chosen_by_fresh_flights(page: Page, site: Site) -> None:
 
 def test_two_monitors_are_combined(page: Page, site: Site) -> None:
     stored = site.store.monitors.get(site.monitor)
-    again = train(site.store.datasets.get(site.dataset), replace(stored.recipe, t_early=0.5))
+    again = train(
+        site.store.datasets.get(site.dataset), replace(stored.recipe.as_planned(), t_early=0.5)
+    )
     later = site.store.monitors.add(again, "later", site.dataset).id
     page.goto(f"{site.http}/#/monitors")
     page.get_by_role("link", name="Combine monitors").click()
