@@ -58,10 +58,10 @@ class SentRollouts:
         else:
             self.name = text.strip()[:LONGEST_NAME]
 
-    def begins_with(self, start: bytes) -> bool:
-        """Whether the first file does."""
+    def is_json(self) -> bool:
+        """Whether the first file looks like JSON."""
         with (self.folder / FILES / self.files[0]).open("rb") as file:
-            return file.read(len(start)) == start
+            return file.read(1) in (b"{", b"[")
 
     def read(self, most_bytes: int) -> RolloutFile:
         """Read the flights, in a process of its own. TelemetryError; NoSpace."""

@@ -205,7 +205,7 @@ async def _received(
     except ClientDisconnect:
         text = "the upload was interrupted and nothing is stored: send the files again"
         raise Problem(408, text) from None
-    if await asyncio.to_thread(sent.begins_with, b"{"):
+    if content_type(request) != FORM and await asyncio.to_thread(sent.is_json):
         await asyncio.to_thread(recordings.drop_rollouts, sent)
         raise Problem(415, "the body looks like JSON: send it as application/json")
     return sent
