@@ -15,7 +15,7 @@ from app.recordings.scored import ScoredRecordings
 from app.recordings.tiles import Window
 from app.store.monitors import MonitorInfo
 from app.store.scorings import ScoringInfo
-from core.channels import KEYS, Dictionary
+from core.channels import Dictionary
 from core.limits.limits import specification_from_plain
 from core.monitor import Assessment, State
 from core.monitor.assessment import REASONS, STATES
@@ -122,7 +122,9 @@ def frames(info: ScoringInfo, samples: Samples, first: int) -> list[dict[str, An
     return answer
 
 
-def tiled(info: ScoringInfo, samples: Samples, window: Window) -> dict[str, Any]:
+def tiled(
+    info: ScoringInfo, dictionary: Dictionary, samples: Samples, window: Window
+) -> dict[str, Any]:
     bins, n = window.bins, len(window.bins)
     t = samples["t"]
     end = min(window.first + n * window.width, len(t)) - 1
@@ -137,7 +139,7 @@ def tiled(info: ScoringInfo, samples: Samples, window: Window) -> dict[str, Any]
                 "low": np.ascontiguousarray(bins["low"][:, channel]),
                 "high": np.ascontiguousarray(bins["high"][:, channel]),
             }
-            for channel, key in enumerate(KEYS)
+            for channel, key in enumerate(dictionary.keys)
         },
         "risk": {
             "low": np.ascontiguousarray(bins["risk_low"]),

@@ -271,7 +271,8 @@ def read_tiles(
     """An interval of a scoring in bins, computed from stored tiles."""
     info: ScoringInfo = scored.store.scorings.info(recording_id, scoring_id)
     window = (info.start if start is None else start, info.end if end is None else end)
-    return json_response(tiled(info, *scored.window(info, *window, bins)))
+    dictionary = scored.recordings.dictionary_of(info.monitor_id)
+    return json_response(tiled(info, dictionary, *scored.window(info, *window, bins)))
 
 
 SENT_BYTES = 2**20

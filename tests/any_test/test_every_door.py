@@ -171,6 +171,11 @@ def test_the_recording_of_a_flight_is_scored_as_it_was_shown(own: Own) -> None:
         frame["p_value"] for frame in of_manoeuvre
     ]
     assert scoring["manoeuvres"][0]["exceedance"]["channel"] == "Nz"
+    tiles = get(f"{address}/scorings/{scoring['id']}/tiles")
+    assert list(tiles["channels"]) == [*own.monitor.dictionary.keys]
+    for form in ("csv", "parquet", "mat"):
+        export = f"{address}/scorings/{scoring['id']}/export?format={form}"
+        assert b"Nz" in httpx2.get(export).raise_for_status().content
     report = httpx2.get(f"{address}/scorings/{scoring['id']}/report").raise_for_status()
     assert "normal acceleration" in report.text or "Nz" in report.text
 
