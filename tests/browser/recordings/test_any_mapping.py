@@ -64,6 +64,7 @@ def test_a_channel_is_mapped_by_hand_in_a_unit_of_its_kind(
     summary.click()
     expect(opened.get_by_label("sign of tail load n: reversed")).to_be_visible()
     expect(row(opened, "γ̇").locator(".map-verdict")).to_contain_text("confirmed")
+    expect(opened.get_by_text("No monitor here fits this recording.")).to_be_visible()
 
 
 def test_what_was_corrected_before_stays_when_a_monitor_is_chosen(
