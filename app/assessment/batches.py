@@ -17,7 +17,7 @@ from app.telemetry.readers.journal import TIMES
 from app.telemetry.recording import ATTITUDE, TelemetryError
 from app.telemetry.targets import TARGETS, largest_plausible, target_of
 from app.telemetry.units import convert
-from core.channels import LATERAL, Dictionary
+from core.channels import LATERAL, Computed, Dictionary
 from core.limits.limit_sets import CONDITION_KEYS, ConditionKey
 
 MOST_SAMPLES = 1_000
@@ -129,16 +129,16 @@ class ChannelReader:
         dictionary: Dictionary = LATERAL,
     ) -> None:
         self.mapping, self.conditions = mapping, conditions or {}
-        self._channels = dictionary.channels
+        self._channels, self._computed = dictionary.channels, Computed(dictionary)
         self._bounds = tuple(map(largest_plausible, dictionary.channels))
         keys = *dictionary.keys, *ATTITUDE
         self._conditions = [_Direct(self.conditions.get(key, key)) for key in CONDITION_KEYS]
         self._condition_names = frozenset(read.name for read in self._conditions)
         if mapping is None:
             self._time: _Direct | None = None
-            self._direct = {key: _Direct(key) for key in keys}
+            self._direct = {key: _Direct(key) for key in (*dictionary.measured, *ATTITUDE)}
             self._derived: dict[str, ChannelSource] = {}
-            self._columns: list[_Direct | None] = [self._direct[key] for key in keys]
+            self._columns: list[_Direct | None] = [self._direct.get(key) for key in keys]
             self._read = {*TIMES, *self._names}
             self._plain_names = [*keys]
             return
@@ -242,6 +242,7 @@ class ChannelReader:
                 channel = self._channels[c]
                 text = f"{channel.key} of {row[c]:.4g} {channel.unit} is implausible"
                 reason, y[c] = reason or text, NAN
+        self._computed.fill(t, y)
         phi, theta, psi = row[n:]
         known = isfinite(phi) or isfinite(theta) or isfinite(psi)
         return Sample(t, y, (phi, theta, psi) if known else None, reason)

@@ -136,13 +136,13 @@ class RecordedFlight:
         """Raises MissingChannels, or TelemetryError for a channel that is too slow."""
         repaired = in_units(repaired, monitor.dictionary)
         quality, planned = repaired.quality, planned_test(monitor)
-        needed, keys = needed_channels(monitor), monitor.dictionary.keys
+        needed, dictionary = needed_channels(monitor), monitor.dictionary
         recorded = [c.key for c in quality.channels if c.missing < 1.0 or c.implausible]
-        absent = [key for key in keys if key not in recorded]
-        if lacking := [key for key in absent if needed[keys.index(key)]]:
+        absent = [key for key in dictionary.measured if key not in recorded]
+        read = dictionary.sources([dictionary.keys[c] for c in np.flatnonzero(needed)])
+        if lacking := [key for key in absent if key in read]:
             raise MissingChannels(lacking, recorded)
-        read = [key for key, is_needed in zip(keys, needed, strict=True) if is_needed]
-        grid = on_grid(repaired, monitor.dt, read, monitor.dictionary)
+        grid = on_grid(repaired, monitor.dt, read, dictionary)
         notes = list(grid.recording.notes)
         if absent:
             notes.append(f"Not recorded and not read by the monitor: {', '.join(absent)}.")
@@ -206,10 +206,11 @@ def on_grid(
     flown, read = repaired.flown, (*dictionary.keys, *ATTITUDE)
     if flown is None:
         received, notes = _by_time(repaired.traces, dt, needed, read)
-        received_traces, begun, delay = repaired.traces, (), None
+        begun, delay = (), None
     else:
         received, notes = _by_arrival(flown, read), ()
-        received_traces, begun, delay = flown.traces, flown.begun, flown.delay
+        begun, delay = flown.begun, flown.delay
+    computed = _computed(received, dictionary)
     delay = DELAY_INTERVALS * dt if delay is None else delay
     grid = CausalGrid(dt, delay, len(dictionary))
     parts, times, rows_begun = [], [], list[int]()
@@ -230,11 +231,13 @@ def on_grid(
             "the recording has fewer than two samples of the monitor's interval: give one that is "
             "longer"
         )
-    judged = repaired.traces
+    traces = replace(repaired.traces, channels=repaired.traces.channels | computed)
+    judged = traces
     if flown is not None:
+        received_traces = replace(flown.traces, channels=flown.traces.channels | computed)
         judged = _by_flight_time(received_traces, np.concatenate(times))
     ahead = float((rows.shown - rows.t).max()) if flown is None else 0.0
-    recording = _recording(rows, repaired.traces, (*repaired.traces.notes, *notes), ahead)
+    recording = _recording(rows, traces, (*traces.notes, *notes), ahead)
     return OnGrid(recording, judged, tuple(rows_begun))
 
 
@@ -265,6 +268,21 @@ def _by_arrival(flown: FlownOrder, read: Sequence[str]) -> Arrivals:
         if key in flown.traces.channels:
             values[:, column] = flown.traces.channels[key].values
     return Arrivals(np.ascontiguousarray(flown.arrived), np.ascontiguousarray(t), values)
+
+
+def _computed(received: Arrivals, dictionary: Dictionary) -> dict[str, Trace]:
+    """The computed channels of received samples, which it fills in."""
+    dictionary.fill(received.t, received.values)
+    channels = [(c, dictionary.channels[c]) for c, _ in dictionary.formulas]
+    return {
+        channel.key: Trace(
+            received.t,
+            received.values[:, c].copy(),
+            source=f"computed: {channel.formula}",
+            unit=channel.unit,
+        )
+        for c, channel in channels
+    }
 
 
 def _by_flight_time(traces: Traces, flight_t: Array) -> Traces:

@@ -184,7 +184,8 @@ class CausalScorer:
         """Channels that at least one of the monitors needs."""
         needed = np.logical_or.reduce([m.needed for m in (self._authority, *self._display)])
         keys = self.monitor.dictionary.keys
-        return [key for key, is_needed in zip(keys, needed, strict=True) if is_needed]
+        read = [key for key, is_needed in zip(keys, needed, strict=True) if is_needed]
+        return [*self.monitor.dictionary.sources(read)]
 
     @property
     def counts(self) -> Counts:

@@ -168,7 +168,7 @@ def rate(assessed: AssessedSegment) -> Check:
     t, dt = assessed.assessments.t, assessed.monitor.dt
     repeats = {channel.key: channel.held for channel in assessed.flight.quality.channels}
     steps = {}
-    for key in _keys(assessed, assessed.needed):
+    for key in assessed.dictionary.sources(_keys(assessed, assessed.needed)):
         trace = assessed.flight.traces.channels[key]
         part = slice(*np.searchsorted(trace.t, (t[0] - dt, t[-1] + dt)).tolist())
         n_known = np.count_nonzero(np.isfinite(trace.values[part]))

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from app.routes.dependencies import PlainBody, StoreDep, body_of, json_response, refused
 from app.telemetry.recording import ATTITUDE, Recording, TelemetryError
-from core.channels import CHANNELS, KEYS
+from core.channels import CHANNELS, KEYS, Dictionary
 from core.monitor import Monitor
 from core.monitor.assessment import Exemplar
 
@@ -62,9 +62,10 @@ class AssessedTelemetry(BaseModel):
     assessments: list[AssessedSample]
 
 
-def parse_telemetry(plain: dict[str, Any], keys: Sequence[str] = KEYS) -> Recording:
-    """Read telemetry from parsed JSON. keys: of the monitor's channels. TelemetryError."""
-    known = tuple(dict.fromkeys(("t", *keys, *ATTITUDE)))
+def parse_telemetry(plain: dict[str, Any], dictionary: Dictionary) -> Recording:
+    """Read telemetry of the monitor's channels from parsed JSON. TelemetryError."""
+    keys = dictionary.measured
+    known = tuple(dict.fromkeys(("t", *dictionary.keys, *ATTITUDE)))
     if unknown := [key for key in plain if key not in known]:
         raise TelemetryError(f"telemetry has no channel {unknown[0]!r}: choose {', '.join(known)}")
     if missing := [key for key in ("t", *keys) if plain.get(key) is None]:
@@ -82,7 +83,9 @@ def parse_telemetry(plain: dict[str, Any], keys: Sequence[str] = KEYS) -> Record
             raise TelemetryError(
                 f"{key} has {len(values)} samples, t has {len(t)}: give equally many"
             )
-    y = np.column_stack([channels[key] for key in keys])
+    unknown = np.full(len(t), np.nan)
+    y = np.column_stack([channels.get(key, unknown) for key in dictionary.keys])
+    dictionary.fill(t, y)
     return Recording(t, y, {key: channels[key] for key in ATTITUDE if key in channels})
 
 
@@ -145,7 +148,7 @@ def score_telemetry(
     at any other interval after the last one is `invalid`.
     """
     monitor = store.monitors.get(monitor_id)
-    recording = parse_telemetry(plain, monitor.dictionary.keys)
+    recording = parse_telemetry(plain, monitor.dictionary)
     with refused(422, "epsilon", ValueError):
         served = monitor.check_epsilon(epsilon)
     assessments = assessed(monitor, recording, served, why=why)

@@ -12,12 +12,13 @@ import pytest
 
 from app.cli import main
 from app.jobs.training import train_on_flights
+from app.telemetry.limit_texts import computed_channel
 from core.channels import Dictionary, channel
 from core.dataset import Dataset
 from core.limits.limits import IntervalLimits, SafeInterval
 from core.monitor import Monitor, MonitorRecipe
 from core.rollouts import LabelledFlights
-from core.types import Array
+from core.types import Array, Indices
 from tests.support import short_period
 from tests.support.api import served
 from tests.support.patience import PATIENCE
@@ -35,6 +36,8 @@ TEN = Dictionary(
         *DICTIONARY.channels,
     ),
 )
+COMPUTED = DICTIONARY.plus(*map(computed_channel, ("load = Nz", "held = lasting(load, 0.1)")))
+"""No source sends the load, which is limited, nor what lasts of it."""
 
 
 class Own(NamedTuple):
@@ -45,7 +48,12 @@ class Own(NamedTuple):
     monitor: Monitor
     file: Path
     y: Array
-    fail_index: Array
+    fail_index: Indices
+
+    @property
+    def limited(self) -> str:
+        """Key of the channel with a limit."""
+        return limited_of(self.monitor.dictionary)
 
     def flight(self, fails: bool) -> Array:
         """At rest first; without NaN."""
@@ -53,17 +61,24 @@ class Own(NamedTuple):
         y = self.y[k]
         noise = y[:8] - y[:8].mean(axis=0)
         rest = y[:8].mean(axis=0) + np.resize(noise, (REST, y.shape[1]))
-        return np.concatenate([rest, y])
+        return self.monitor.dictionary.complete(np.concatenate([rest, y]), DT)
+
+
+def limited_of(dictionary: Dictionary) -> str:
+    return "load" if dictionary == COMPUTED else "Nz"
 
 
 def flights(dictionary: Dictionary, n: int, seed: int) -> LabelledFlights:
     rng = np.random.default_rng(seed)
-    y = short_period.with_channels(short_period.fly(rng, n)[1], len(dictionary), rng)
-    limits = IntervalLimits(dictionary, {"Nz": SafeInterval(low=-1.1, high=2.9, rest=1.0)})
+    y = short_period.with_channels(short_period.fly(rng, n)[1], len(dictionary.measured), rng)
+    interval = SafeInterval(low=-1.1, high=2.9, rest=1.0)
+    limits = IntervalLimits(dictionary, {limited_of(dictionary): interval})
     return LabelledFlights.of(y, dt=DT, channels=dictionary, limits=limits)
 
 
-@pytest.fixture(scope="module", params=[DICTIONARY, TEN], ids=["pitch", "ten channels"])
+@pytest.fixture(
+    scope="module", params=[DICTIONARY, TEN, COMPUTED], ids=["pitch", "ten channels", "computed"]
+)
 def own(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Own]:
     dictionary, root = request.param, tmp_path_factory.mktemp("own")
     labelled = flights(dictionary, 1600, 1)
@@ -73,7 +88,8 @@ def own(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     file = root / "pitch.fwm"
     monitor.save(file)
     rng = np.random.default_rng(8)
-    y = short_period.with_channels(short_period.fly(rng, 40)[1], len(dictionary), rng)
+    y = short_period.with_channels(short_period.fly(rng, 40)[1], len(dictionary.measured), rng)
+    y = dictionary.complete(y, DT)
     limits = labelled.specification
     assert isinstance(limits, IntervalLimits)
     fail_index = limits.envelope.first_exceedance(y)
@@ -90,7 +106,9 @@ def times(n: int) -> list[float]:
 
 
 def as_telemetry(own: Own, y: Array) -> dict[str, list[float]]:
-    channels = dict(zip(own.monitor.dictionary.keys, y.T.tolist(), strict=True))
+    """What a source sends: without computed channels."""
+    dictionary = own.monitor.dictionary
+    channels = {key: y[:, dictionary.index(key)].tolist() for key in dictionary.measured}
     return {"t": times(len(y)), **channels}
 
 
@@ -133,7 +151,7 @@ def test_a_failing_flight_is_an_alarm_with_its_channel_and_limit(own: Own, trim:
     flight = flown(own, y, trim)
     ended = get(flight)
     (exceeded,) = ended["exceedances"]
-    assert exceeded["channel"] == "Nz"
+    assert exceeded["channel"] == own.limited
     nz = own.monitor.dictionary.index("Nz")
     beyond = np.flatnonzero((y[:, nz] <= -1.1) | (y[:, nz] >= 2.9))
     assert exceeded["first_t"] == pytest.approx(beyond[0] * DT)
@@ -170,14 +188,14 @@ def test_the_recording_of_a_flight_is_scored_as_it_was_shown(own: Own) -> None:
     assert [scored[round(frame["t"], 6)] for frame in of_manoeuvre] == [
         frame["p_value"] for frame in of_manoeuvre
     ]
-    assert scoring["manoeuvres"][0]["exceedance"]["channel"] == "Nz"
+    assert scoring["manoeuvres"][0]["exceedance"]["channel"] == own.limited
     tiles = get(f"{address}/scorings/{scoring['id']}/tiles")
     assert list(tiles["channels"]) == [*own.monitor.dictionary.keys]
     for form in ("csv", "parquet", "mat"):
         export = f"{address}/scorings/{scoring['id']}/export?format={form}"
-        assert b"Nz" in httpx2.get(export).raise_for_status().content
+        assert own.limited.encode() in httpx2.get(export).raise_for_status().content
     report = httpx2.get(f"{address}/scorings/{scoring['id']}/report").raise_for_status()
-    assert "normal acceleration" in report.text or "Nz" in report.text
+    assert "normal acceleration" in report.text or own.limited in report.text
 
 
 def test_a_flight_is_replayed_from_its_journal(own: Own) -> None:
@@ -200,6 +218,8 @@ def test_a_file_is_scored_by_the_command_line(
     units = {"rad": ("deg", np.degrees(1.0)), "rad/s": ("deg/s", np.degrees(1.0))}
     columns = {"t [s]": times(len(y))}
     for known, values in zip(own.monitor.dictionary.channels, y.T, strict=True):
+        if known.formula:
+            continue
         unit, factor = units.get(known.unit, (known.unit, 1.0))
         columns[f"{known.key} [{unit}]"] = (values * factor).tolist()
     file = tmp_path / "flight.csv"
@@ -208,7 +228,7 @@ def test_a_file_is_scored_by_the_command_line(
     assert main(["score", str(own.file), str(file), "--out", str(out)]) == 0
     printed = capsys.readouterr().out
     assert "LIMIT EXCEEDED" in printed
-    assert "(Nz " in printed
+    assert f"({own.limited} " in printed
     strips = len(own.monitor.dictionary) + 1
     assert (out / "scored.svg").read_text().count('class="frame"') == strips
     table = pd.read_csv(out / "assessments.csv", comment="#")
