@@ -98,6 +98,7 @@ def report(subject: ReportSubject) -> str:
         version=__version__,
         channels={channel.key: channel for channel in dictionary.channels},
         dictionary=dictionary,
+        is_from_trim=all(channel.reference == "trim" for channel in dictionary.channels),
     )
 
 

@@ -25,6 +25,7 @@ const MOST_TALL = 4;
 const MOST_OPEN = 8; // strips of channels
 const RISK = { key: "risk", symbol: "risk", unit: "", label: "higher is worse" };
 const OF_LIMITS = { key: MARGIN, symbol: "margin", unit: "", label: "1 at the nearest limit", low: null, high: 1, ...shownAs("", 2) };
+const ROLES = ["control", "output", "condition"]; // in the order in which their groups are shown
 const GROUPS = { control: "controls", output: "responses", condition: "flight condition" };
 
 function shownAs(unit, decimals) {
@@ -90,10 +91,9 @@ export function arranged(strips) {
   return [...first, ...summaries].map((strip) => shaped(strip)).concat(folded);
 }
 
-/** [[name, strips]], those with a control first. */
+/** [[name, strips]]: those with a control first, then those with an output. */
 function grouped(strips) {
   const groups = Map.groupBy(strips, ({ group, role }) => group || (GROUPS[role] ?? "channels"));
-  const hasControl = ([, members]) => members.some(({ role }) => role === "control");
-  const all = [...groups];
-  return [...all.filter(hasControl), ...all.filter((entry) => !hasControl(entry))];
+  const rank = ([, members]) => Math.min(...members.map(({ role }) => ROLES.indexOf(role)));
+  return [...groups].sort((a, b) => rank(a) - rank(b));
 }

@@ -4,6 +4,7 @@ import { chip, formatted, h } from "../lib/dom.js";
 import { figure, leadSeconds, quantity, riskText, secondsText } from "../lib/numbers.js";
 import { TRIM_SEGMENT } from "./scoring/source.js";
 
+const MOST_NAMED = 6;
 export const AS_RECORDED = "LIMIT AS RECORDED"; // an exceedance as recorded that is none relative to trim
 
 const MAPPING_STATES = {
@@ -75,8 +76,13 @@ export function requestWords({ trim, manoeuvres }) {
   return `${way}, ${trim === null ? "no trim subtracted" : `trim of ${trim} s`}`;
 }
 
-export function trimText({ trim }) {
-  return trim === null ? "as recorded, no trim subtracted" : "deviations from trim";
+export function trimText({ request: { trim }, channels }) {
+  if (trim === null) return "as recorded, no trim subtracted";
+  const absolute = channels.filter(({ reference }) => reference === "absolute").map(({ symbol }) => symbol);
+  if (absolute.length === 0) return "deviations from trim";
+  if (absolute.length === channels.length) return "as recorded";
+  const named = absolute.length > MOST_NAMED ? "those that are absolute" : absolute.join(", ");
+  return `deviations from trim, ${named} as recorded`;
 }
 
 export function firstAlertText(manoeuvre) {

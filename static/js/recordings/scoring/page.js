@@ -88,7 +88,7 @@ export function showScoring(element, { id, query, api, navigate }) {
       panel(
         ["Outcome of each manoeuvre ", guideLink("what-the-numbers-mean#after-the-flight", "outcomes after the flight")],
         manoeuvres.length ? verdicts.element : none,
-        { beside: h("span.dim", `values are ${trimText(scoring.request)}`), "aria-label": "Verdicts" },
+        { beside: h("span.dim", formatted(`values are ${trimText(scoring)}`)), "aria-label": "Verdicts" },
       ),
       isInvalid &&
         createTrainingOffer({
@@ -169,7 +169,7 @@ function actions({ api, navigate }, scoring, display) {
 }
 
 function summary(scoring) {
-  const { monitor_name: name, monitor, lead, manoeuvres, request } = scoring;
+  const { monitor_name: name, monitor, lead, manoeuvres } = scoring;
   const counts = Map.groupBy(manoeuvres, ({ verdict }) => verdict.word);
   const fact = (words, ...content) => h("span", h("span.dim", words), content);
   return h(
@@ -180,7 +180,7 @@ function summary(scoring) {
     fact("Monitor ", h("a", { href: `#/monitors/${monitor}` }, name), warningMark(scoring)),
     h("span", formatted(alertRule(scoring))),
     fact("warning lead time ", `${figure(lead)} s`),
-    fact("channels are ", trimText(request)),
+    fact("channels are ", formatted(trimText(scoring))),
   );
 }
 
