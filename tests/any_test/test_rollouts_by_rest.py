@@ -287,6 +287,27 @@ def test_other_work_on_own_rollouts_says_that_it_needs_a_recipe(
         assert "was not simulated here" in problem(answer, 422)
 
 
+def test_parameters_and_labels_of_the_files_are_kept(client: TestClient) -> None:
+    theta = np.arange(2.0 * N).reshape(N, 2)
+    more = {"theta": theta, "theta_names": ("mass", "inertia"), "unsafe": [0, 1, 0, 0, 1, 0]}
+    job = add(client, ("a.npz", npz(flights(), **more)))
+    stored = store_of(client).datasets.get(job["result"]["dataset"])
+    assert stored.theta_names == ("mass", "inertia")
+    np.testing.assert_array_equal(stored.theta_unsafe, theta[[1, 4]])
+    path = f"{PATH}/{job['result']['dataset']}/rollouts/1"
+    assert client.get(path).json()["theta"] == {"mass": 8.0, "inertia": 9.0}
+
+
+def test_a_computed_channel_is_limited(client: TestClient) -> None:
+    said = {"channel": "load [kN] = 12*Nz", "limit": "load=..34"}
+    job = add(client, ("a.npz", npz(flights(200))), **said)
+    info = client.get(f"{PATH}/{job['result']['dataset']}").json()
+    assert info["dictionary"]["channels"][-1]["formula"] == "12*Nz"
+    assert [peaks["channel"] for peaks in info["peaks"]] == ["load"]
+    rollout = client.get(f"{PATH}/{info['id']}/rollouts/0").json()["telemetry"]
+    np.testing.assert_allclose(rollout["load"], 12 * np.array(rollout["Nz"]), rtol=1e-12)
+
+
 def test_units_of_the_file_are_converted(client: TestClient, pitch: dict[str, Any]) -> None:
     stored = store_of(client).datasets.get(pitch["id"])
     in_file = stored.safe[0] * TO_FILE

@@ -27,6 +27,7 @@ export function showRollouts(element, { api, navigate }) {
       createDropTarget({
         words: "Drop the flights of your simulator anywhere on this page",
         label: "files of rollouts",
+        word: "Choose files",
         hint: `Formats: ${FORMATS}`,
         take: (chosen) => {
           files = chosen;

@@ -42,7 +42,7 @@ export function rolloutFigure({ channels, rollouts, n_unsafe, n_safe }) {
         ...lines,
         { look: "plot-unsafe", line: [], mark: "cross", marks: failures, words: `unsafe: ${unsafe.length} of ${n_unsafe}, each to its failure` },
         { look: "plot-safe", words: `safe: ${safe.length} of ${n_safe}` },
-        { look: "plot-limit", words: "limit" },
+        ...(ends.length ? [{ look: "plot-limit", words: "limit" }] : []),
       ],
       rules: rulesOf(ends, unit),
     });

@@ -1,13 +1,13 @@
 /**
  * A place for files: drop them anywhere on the page, or choose them.
  *
- * createDropTarget({words, label, hint, take([file]), ...attributes}) -> {element, choose(), close()}
+ * createDropTarget({words, label, hint, take([file]), word, ...attributes}) -> {element, choose(), close()}
  *     label: of the file input.   hint: below the button, or ""
  */
 
 import { button, h } from "../lib/dom.js";
 
-export function createDropTarget({ words, label, hint, take, ...attributes }) {
+export function createDropTarget({ words, label, hint, take, word = "Choose a file", ...attributes }) {
   const input = h("input", {
     type: "file",
     multiple: true,
@@ -24,7 +24,7 @@ export function createDropTarget({ words, label, hint, take, ...attributes }) {
     "div.drop-zone",
     attributes,
     h("p.drop-words", words),
-    h("div.row", button("Choose a file", choose, { class: "button button-primary" }), input),
+    h("div.row", button(word, choose, { class: "button button-primary" }), input),
     hint ? h("p.hint", hint) : null,
   );
   const leaving = new AbortController();

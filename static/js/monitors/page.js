@@ -125,8 +125,10 @@ function methods(evaluation, catalog) {
     ["Failing flights missed", ({ missed: n, n_unsafe: of }) => `${n} of ${count(of)} (${share(n, of)})`, "number"],
     ["Safe flights, valid and without an alert", ({ quiet: n, n_safe: of }) => `${n} of ${count(of)} (${share(n, of)})`, "number"],
   ];
-  const hint = `At ε = ${figure(evaluation.epsilon)} and this warning lead time, on flights that chose nothing else. The threshold on today's value is calibrated like the methods.`;
-  return panel("Methods tried", [table({ columns, items: tried, panel: false }), h("p.hint", hint)]);
+  const isThreshold = ({ name }) => !catalog.methods.some(({ kind }) => kind === name);
+  const hint = `At ε = ${figure(evaluation.epsilon)} and this warning lead time, on flights that chose nothing else.`;
+  const beside = tried.some(isThreshold) ? " The threshold is calibrated like the methods." : "";
+  return panel("Methods tried", [table({ columns, items: tried, panel: false }), h("p.hint", hint + beside)]);
 }
 
 function counted(title, columns, items, hint) {

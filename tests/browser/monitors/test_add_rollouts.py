@@ -61,7 +61,7 @@ def test_own_rollouts_are_added_looked_at_and_trained_on(page: Page, origin: str
     page.get_by_label("name of the dataset").fill(LONG)
     page.get_by_role("button", name="Add", exact=True).click()
 
-    expect(page.get_by_role("heading", name=LONG)).to_be_visible(timeout=SLOW)
+    expect(page.get_by_role("heading", name=LONG, exact=True)).to_be_visible(timeout=SLOW)
     (stored,) = httpx2.get(f"{origin}/api/v1/datasets").json()
     assert stored["name"] == LONG
     assert (stored["limits"]["Nz"]["low"], stored["limits"]["Nz"]["high"]) == (-1.1, 2.9)
