@@ -161,7 +161,9 @@ def values_at(at, t, x, step, usual):
                     first += 1
                 while stop < t.shape[0] and t[stop] < at[k] + step:
                     stop += 1
-                values[k] = _local_line(t, x, first, stop, at[k], step)
+                tau = t[first:stop] - at[k]
+                weights = 1.0 + np.cos(np.pi * tau / step)
+                values[k] = _local_line(tau, x[first:stop], weights)
             else:
                 before, after = t[following - 1], t[following]
                 share = (at[k] - before) / (after - before)
