@@ -4,12 +4,16 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
+from app.assessment.batches import Batch, ChannelReader
+from app.assessment.recorded import on_grid
 from app.cli import main
 from app.telemetry.limit_texts import computed_channel, specified
-from app.telemetry.recording import TelemetryError
+from app.telemetry.recording import TelemetryError, Trace, Traces
 from app.telemetry.rollouts import RolloutFile, read_dictionary, read_rollouts
+from app.telemetry.timing.repair import repair
 from core.channels import LATERAL, Computed, Dictionary, channel, lasting
 from core.dataset import Dataset
 from core.evaluation.rates import evaluate
@@ -74,6 +78,57 @@ def test_a_stream_of_measured_channels_assesses_as_the_whole_flight(by_load: Mon
         streamed.append(np.nan if p_value is None else p_value)
     np.testing.assert_array_equal(streamed, by_load.p_values(whole))
     assert np.isfinite(streamed).sum() > 40
+
+
+def resting_first(y: Array) -> Array:
+    """(n, 6) a flight with 3 s of rest before it."""
+    rest = y[:8].mean(axis=0)
+    noise = np.resize(y[:8] - rest, (60, y.shape[1]))
+    return np.concatenate([rest + noise, y])
+
+
+def test_a_file_without_the_load_is_scored_by_the_command_line(
+    by_load: Monitor, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, flights, fail_index = rolling_pull_out.fly(RNG(6), 40)
+    y = resting_first(flights[int(np.flatnonzero(fail_index >= 0)[0])])
+    monitor, flight = tmp_path / "load.fwm", tmp_path / "flight.csv"
+    by_load.save(monitor)
+    table = pd.DataFrame(y, columns=[f"{c.key} [{c.unit}]" for c in DICTIONARY.channels])
+    table.insert(0, "t [s]", DT * np.arange(len(y)))
+    table.to_csv(flight, index=False)
+    assert main(["score", str(monitor), str(flight), "--out", str(tmp_path / "out")]) == 0
+    printed = capsys.readouterr().out
+    assert "LIMIT EXCEEDED" in printed
+    assert "(load " in printed
+    table.drop(columns="p [rad/s]").to_csv(flight, index=False)
+    assert main(["score", str(monitor), str(flight), "--out", str(tmp_path / "out")]) != 0
+    assert "needs p, which" in capsys.readouterr().err
+
+
+def test_inputs_on_two_clocks_are_computed_on_the_slower_one() -> None:
+    fast, slow = np.arange(400) * np.float64(0.02), np.arange(160) * np.float64(0.05)
+    clocks = {"Nz": fast, "alpha": slow, "q": slow, "p": slow, "delta_e": slow, "delta_a": slow}
+    traces = Traces({key: Trace(t, 1.0 + 0.1 * t, key) for key, t in clocks.items()})
+    grid = on_grid(repair(traces), DT, WITH_LOAD.measured, WITH_LOAD)
+    load = grid.judged.channels["load"]
+    np.testing.assert_array_equal(load.t, slow)
+    np.testing.assert_allclose(load.values, 70.0 * (1.0 + 0.1 * slow), atol=0.05)
+    y = grid.recording.y
+    np.testing.assert_allclose(y[:, 6], 40.0 * y[:, 2] + 30.0 * np.abs(y[:, 3]), atol=1e-9)
+
+
+def test_a_live_source_is_asked_for_the_inputs_and_not_for_the_load() -> None:
+    reader = ChannelReader(dictionary=WITH_LOAD)
+    assert "load" not in reader.names
+    needed = WITH_LOAD.sources(["load"])
+    reader.check(Batch(0, {"t": [0.0], "Nz": [1.0], "p": [0.2]}), needed)
+    (sample,) = reader.samples(Batch(1, {"t": [0.05], "Nz": [2.0], "p": [-0.1]}))
+    assert sample.y[6] == 83.0
+    with pytest.raises(TelemetryError, match="missing channels: p;"):
+        reader.check(Batch(0, {"t": [0.0], "Nz": [1.0]}), needed)
+    (sample,) = reader.samples(Batch(2, {"t": [0.1], "Nz": [2.0], "load": [3.0]}))
+    assert np.isnan(sample.y[6])
 
 
 def test_the_certificate_names_the_computed_load(by_load: Monitor, tmp_path: Path) -> None:
