@@ -312,7 +312,7 @@ def test_the_certificate_names_the_limits_and_the_parts_of_the_flights(
     method = ["--limit", "Nz=-1.1..2.9", "--predictor", "linear"]
     assert main(["train", "--rollouts", str(source), *method, "--out", str(out)]) == 0
     flight.write_text("t,beta\n0,0\n0.05,0\n")
-    assert main(["score", str(out), str(flight)]) != 0
+    assert main(["score", str(out), str(flight), "--out", str(tmp_path / "scored")]) != 0
     assert "the monitor needs alpha, q, Nz, delta_e" in capsys.readouterr().err
     page = tmp_path / "certificate.html"
     assert main(["certificate", str(out), "--out", str(page)]) == 0
