@@ -103,6 +103,11 @@ class LiveClient:
         self._samples.begin_after(self.status()["last_sequence"])
         return flight
 
+    def dictionary(self, monitor: str | None = None, *, flight: str | None = None) -> Any:
+        """Telemetry dictionary of a monitor, or of a flight's alarm authority; None: lateral."""
+        monitor = monitor or self._ask("GET", f"/flights/{flight}")["monitor"]
+        return self._ask("GET", f"/monitors/{monitor}")["dictionary"]
+
     def status(self) -> dict[str, Any]:
         """State of the source on the server: last_sequence, names, counts by kind, ..."""
         return self._ask("GET", f"/flights/{self.flight}/samples")

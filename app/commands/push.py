@@ -58,6 +58,7 @@ def run(options: argparse.Namespace) -> int:
     """Push the file. Returns 0 only if every sample is durable."""
     from app.client import LiveClient, PushFailed  # slow to import, not needed for help
     from app.commands.recorded_rows import raw_rows, si_rows
+    from core.channels import Dictionary
 
     rate = _rate(options.rate)
     if options.monitor and options.as_is and not options.recording:
@@ -67,7 +68,10 @@ def run(options: argparse.Namespace) -> int:
     token = options.token or os.environ.get(TOKEN)
     udp_key = os.environ.get(UDP_KEY)
     client = LiveClient(options.server, token, way=options.way, udp_key=udp_key)
-    rows = None if options.as_is else si_rows(options.file, options.mapping)
+    rows = None
+    if not options.as_is:
+        dictionary = client.dictionary(options.monitor, flight=options.flight)
+        rows = si_rows(options.file, options.mapping, Dictionary.from_stored(dictionary))
     if options.flight:
         client.join(options.flight)
     else:

@@ -17,7 +17,7 @@ from app.telemetry.recording import ATTITUDE, TelemetryError
 from app.telemetry.targets import TARGETS
 from app.telemetry.timing.repair import repair
 from app.telemetry.units import convert
-from core.channels import KEYS
+from core.channels import LATERAL, Dictionary
 from core.types import Array
 
 
@@ -33,21 +33,22 @@ class RecordedRows(NamedTuple):
     notes: list[str]
 
 
-def si_rows(file: Path, mapping: Path | None) -> RecordedRows:
+def si_rows(file: Path, mapping: Path | None, dictionary: Dictionary = LATERAL) -> RecordedRows:
     """The mapped channels in SI units at the times of the fastest channel. TelemetryError.
 
-    mapping: a JSON file; the program's proposal if None.
+    mapping: a JSON file; the program's proposal if None.   dictionary: of the monitor.
     """
     with columns_of(file) as columns:
-        used, proposal = _mapping(columns, mapping)
+        used, proposal = _mapping(columns, mapping, dictionary)
         traces = repair(apply_mapping(columns, used)).traces
         notes = [*mapping_lines(used, proposal), *traces.notes]
     channels = {key: trace for key, trace in traces.channels.items() if len(trace.t)}
-    if channels.keys() <= TARGETS.keys():  # of a lateral monitor, which reads nothing else
-        channels = {k: trace for k, trace in channels.items() if k in (*KEYS, *ATTITUDE)}
-    measured = [trace for key, trace in channels.items() if key not in ATTITUDE]
+    needed = dictionary.measured
+    if channels.keys() <= TARGETS.keys():  # no condition of limits that only the flight knows
+        channels = {k: trace for k, trace in channels.items() if k in (*needed, *ATTITUDE)}
+    measured = [trace for key, trace in channels.items() if key in needed or key not in ATTITUDE]
     if not measured:
-        raise TelemetryError(f"{file}: none of {', '.join(KEYS)} is mapped: give a --mapping")
+        raise TelemetryError(f"{file}: none of {', '.join(needed)} is mapped: give a --mapping")
     fastest = max(measured, key=lambda trace: len(trace.t))
     t = fastest.t
     interpolated = [key for key, trace in channels.items() if trace.t is not t]
@@ -60,7 +61,7 @@ def si_rows(file: Path, mapping: Path | None) -> RecordedRows:
 def raw_rows(file: Path, mapping: Path | None, names: Sequence[str]) -> RecordedRows:
     """The named signals with the file's own values, time first. TelemetryError."""
     with columns_of(file) as columns:
-        used, _ = _mapping(columns, mapping)
+        used, _ = _mapping(columns, mapping, LATERAL)
         groups = {signal.name: signal.group for signal in columns.contents.signals}
         if missing := [name for name in names if name not in groups]:
             raise TelemetryError(
@@ -78,9 +79,11 @@ def raw_rows(file: Path, mapping: Path | None, names: Sequence[str]) -> Recorded
     return RecordedRows(t[timed], [*names], values[timed], [])
 
 
-def _mapping(columns: Columns, path: Path | None) -> tuple[Mapping, Proposal | None]:
+def _mapping(
+    columns: Columns, path: Path | None, dictionary: Dictionary
+) -> tuple[Mapping, Proposal | None]:
     """The mapping of a JSON file; without one, the program's with its proposal."""
     if path is not None:
         return read_mapping(path), None
-    proposal = propose(columns)
+    proposal = propose(columns, dictionary=dictionary)
     return proposal.mapping, proposal

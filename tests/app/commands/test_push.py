@@ -18,7 +18,9 @@ from app.commands.sample_flight import TRIM_S, table
 from core.channels import KEYS
 from core.planned_test.collection import DatasetRecipe, evaluation_flights
 from core.types import Array
+from tests.support import own_channels, short_period
 from tests.support.live_server import LiveServer, journal_samples, live_server
+from tests.support.recorded import csv_of
 
 pytestmark = pytest.mark.usefixtures("read_here")
 DT = DatasetRecipe().dt
@@ -186,6 +188,32 @@ def test_what_is_refused_is_counted_and_is_no_success(server: LiveServer, tmp_pa
     assert "missing channels" in result["refusal"]
     assert main(["push", str(path), *options, "--rate", "0x"]) == 1
     assert "write 1x, 4x" in capsys.readouterr().err
+
+
+def test_a_file_is_read_by_the_channels_of_the_monitor_or_of_the_flight(
+    server: LiveServer, tmp_path: Path, capsys
+):
+    trained = tmp_path / "pitch.fwm"
+    own_channels.monitor(4).save(trained)
+    sent = httpx2.post(
+        f"{server.url}/api/v1/monitors", files={"file": ("pitch.fwm", trained.read_bytes())}
+    )
+    y = short_period.fly(np.random.default_rng(3), 1)[1][0]
+    degrees = y * [np.degrees(1), np.degrees(1), 1, np.degrees(1)]
+    file = tmp_path / "pitch.csv"
+    head = "t_s,alpha_deg,q_degps,N_z,elevator (deg)"
+    file.write_bytes(csv_of(degrees, short_period.DT, head=head))
+    monitor = ["--monitor", sent.json()["id"]]
+    options = ["--server", server.url, "--rate", "max"]
+    code, result = pushed(capsys, file, *monitor, *options)
+    assert (code, result["refused"]) == (0, 0)
+    for i, key in enumerate(("alpha", "q", "Nz", "delta_e")):
+        arrived = journal_samples(server.root, result["flight"], key)
+        assert arrived == pytest.approx(y[:, i].tolist(), abs=1e-6)
+    body = {"monitor": sent.json()["id"], "source": {"kind": "live"}}
+    flight = httpx2.post(f"{server.url}/api/v1/flights", json=body, timeout=180).json()["id"]
+    code, result = pushed(capsys, file, "--flight", flight, *options, "--rest")
+    assert (code, result["durable"]) == (0, len(y))
 
 
 def test_channels_of_other_clocks_come_on_lines_between_their_samples(tmp_path: Path):
