@@ -28,10 +28,11 @@ from app.assessment.trim import CausalTrim, FollowedManoeuvre
 from app.telemetry.contents import release
 from app.telemetry.mapping.derivations import DERIVATIONS
 from app.telemetry.recording import ATTITUDE, Recording, TelemetryError, Trace, Traces
+from app.telemetry.targets import largest_plausible, without
 from app.telemetry.timing.quality import Quality
 from app.telemetry.timing.repair import FlownOrder, RepairedTraces
 from app.telemetry.units import convert
-from core.channels import LATERAL, Dictionary
+from core.channels import LATERAL, Channel, Dictionary
 from core.kernels.causal_grid import FASTER, ON_GRID, RATE_RATIO, values_at
 from core.monitor import Monitor, State
 from core.monitor.assessment import STATES
@@ -161,10 +162,13 @@ class RecordedFlight:
 
 
 def in_units(repaired: RepairedTraces, dictionary: Dictionary) -> RepairedTraces:
-    """The channels of a dictionary in its units; the same object if they are.
+    """The channels of a dictionary in its units, as a live flight reads them.
 
-    TelemetryError for a channel that was recorded in a unit of another kind.
+    Values beyond the largest plausible one of a channel are missing. The same object if nothing
+    changes.   TelemetryError for a channel that was recorded in a unit of another kind.
     """
+    if dictionary == LATERAL:
+        return repaired
     traces = _in_units(repaired.traces, dictionary)
     if traces is repaired.traces:
         return repaired
@@ -177,18 +181,26 @@ def in_units(repaired: RepairedTraces, dictionary: Dictionary) -> RepairedTraces
 def _in_units(traces: Traces, dictionary: Dictionary) -> Traces:
     changed = {}
     for channel in dictionary.channels:
-        trace = traces.channels.get(channel.key)
-        if trace is None or trace.unit in ("", channel.unit):
+        if (trace := traces.channels.get(channel.key)) is None:
             continue
-        try:
-            values = convert(trace.values, trace.unit, channel.unit)
-            shift, bias = convert(np.array([0.0, trace.bias]), trace.unit, channel.unit).tolist()
-        except TelemetryError as error:
-            raise TelemetryError(
-                f"channel {channel.key} of the recording: {error}: map it to another signal"
-            ) from None
-        changed[channel.key] = replace(trace, values=values, bias=bias - shift, unit=channel.unit)
+        read = trace if trace.unit in ("", channel.unit) else _converted(trace, channel)
+        beyond = np.flatnonzero(np.abs(read.values) > largest_plausible(channel))
+        if len(beyond):
+            read = replace(read, values=without(read.values, beyond))
+        if read is not trace:
+            changed[channel.key] = read
     return replace(traces, channels=traces.channels | changed) if changed else traces
+
+
+def _converted(trace: Trace, channel: Channel) -> Trace:
+    try:
+        values = convert(trace.values, trace.unit, channel.unit)
+        shift, bias = convert(np.array([0.0, trace.bias]), trace.unit, channel.unit).tolist()
+    except TelemetryError as error:
+        raise TelemetryError(
+            f"channel {channel.key} of the recording: {error}: map it to another signal"
+        ) from None
+    return replace(trace, values=values, bias=bias - shift, unit=channel.unit)
 
 
 def on_grid(

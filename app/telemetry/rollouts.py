@@ -291,7 +291,7 @@ def _own(keys: Sequence[str], units: Sequence[str]) -> Dictionary:
             continue
         control = any(word in key.lower() for word in ("delta", "stick", "pedal", "throttle"))
         role = "control" if control else "output"
-        own = channel(key, key, si_unit(unit), key, role, "absolute")
+        own = replace(channel(key, key, si_unit(unit), key, role, "absolute"), largest=None)
         if own.display_unit == own.unit != unit:  # people read it in the unit of the file
             factor = float(convert(np.ones(1), own.unit, unit)[0])
             own = replace(own, display_unit=unit, display_factor=factor)

@@ -102,10 +102,10 @@ BOUNDS: dict[str, float] = {
 
 def largest_plausible(channel: Channel) -> float:
     """Largest plausible magnitude of a channel, in its unit; infinite if unknown."""
-    known = KNOWN.get(channel.key)
-    if known is not None and known.unit == channel.unit:
-        return BOUNDS[channel.key]
-    return np.inf if channel.largest is None else channel.largest
+    known, given = KNOWN.get(channel.key), channel.largest or np.inf
+    if known is None or known.unit != channel.unit:
+        return given
+    return BOUNDS[channel.key] if channel == known else min(BOUNDS[channel.key], given)
 
 
 def implausible(key: str, values: Array, unit: str = "") -> Indices:

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,9 +11,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from app.assessment.batches import Batch, ChannelReader
+from app.assessment.recorded import in_units
 from app.cli import main
 from app.jobs.training import train_on_flights
 from app.telemetry.limit_texts import computed_channel
+from app.telemetry.recording import Trace, Traces
+from app.telemetry.timing.repair import repair
 from core.channels import Dictionary, channel
 from core.dataset import Dataset
 from core.limits.limits import IntervalLimits, SafeInterval
@@ -280,3 +285,21 @@ def test_a_missing_channel_is_named_and_not_calm(own: Own) -> None:
     frames = get(f"{flight}/assessments")["frames"]
     assert {frame["state"] for frame in frames[20:]} == {"invalid"}
     assert "q is missing" in frames[-1]["reason"]
+
+
+def test_a_value_beyond_the_largest_plausible_one_is_missing_live_and_recorded() -> None:
+    bounded = replace(channel("q", "q", "rad/s", "pitch rate"), largest=2.0)
+    dictionary = Dictionary("bounded", (bounded, channel("heading", "ψ", "rad", "heading")))
+    reader = ChannelReader(dictionary=replace(dictionary, channels=(
+        bounded, replace(dictionary.channels[1], largest=None))))  # fmt: skip
+    (live,) = reader.samples(Batch(None, {"t": [0.0], "q": [2.5], "heading": [6.0]}))
+    assert np.isnan(live.y[0])
+    assert live.y[1] == 6.0
+    trace = Trace(np.arange(3.0), np.array([0.1, 2.5, 0.2]), unit="rad/s")
+    recorded = in_units(repair(Traces({"q": trace})), dictionary)
+    np.testing.assert_array_equal(recorded.traces.channels["q"].values, [0.1, np.nan, 0.2])
+
+
+def test_an_own_angle_has_no_bound_unless_it_is_given() -> None:
+    plain = {"name": "own", "channels": [{"key": "heading", "unit": "rad"}]}
+    assert Dictionary.from_plain(plain).channels[0].largest is None
