@@ -93,7 +93,8 @@ class LabelledFlights:
         flights = cls(y, fail, theta, float(dt), dictionary, specification, names)
         flights, cut = _of_one_length(flights)
         flights, repeated = _without_duplicates(flights)
-        found = (*findings, *cut, *repeated, *_leaks(flights), *_one_setting(flights))
+        doubts = (*_leaks(flights), *_one_setting(flights), *_no_control(dictionary))
+        found = (*findings, *cut, *repeated, *doubts)
         n_failed = int(flights.fails.sum())
         if n_failed < 2 or n_failed > len(flights.y) - 2:
             raise RolloutsError(
@@ -153,6 +154,15 @@ def _completed(y: Array, dt: float, dictionary: Dictionary) -> Array:
                 "flights: keep divisors from 0 and roots of what is positive, for example by max"
             )
     return y
+
+
+def _no_control(dictionary: Dictionary) -> list[str]:
+    if dictionary.of_role("control"):
+        return []
+    return [
+        "no channel has the role control, so fewer methods apply and the response "
+        "of the aircraft is not checked: give a dictionary in which a channel has it"
+    ]
 
 
 def _labels(
@@ -259,6 +269,6 @@ def _one_setting(flights: LabelledFlights) -> list[str]:
     if not flights.theta.shape[1]:
         return []
     failing = np.unique(flights.theta[flights.fails], axis=0)
-    if len(failing) > 1 or len(np.unique(flights.theta, axis=0)) == 1:
+    if len(failing) != 1 or len(np.unique(flights.theta, axis=0)) == 1:
         return []
     return ["all failing flights have the same parameters: the promise holds for these only"]

@@ -8,6 +8,7 @@ read in a process of their own, see app.telemetry.reading.
 
 import csv
 import json
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -17,18 +18,25 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from app.telemetry.contents import Columns, release
+from app.telemetry.contents import Columns, Signal, release
 from app.telemetry.formats import ROLLOUTS
+from app.telemetry.mapping.spelling import unit_suffixes
 from app.telemetry.readers.rollout_arrays import UNNAMED
 from app.telemetry.reading import columns_of
 from app.telemetry.recording import TelemetryError
-from app.telemetry.units import convert, si_unit, without_unit
+from app.telemetry.units import convert, fits, si_unit, without_unit
 from core.channels import Channel, Dictionary, channel, known_channels
 from core.types import Array, Indices
 
 TIMES = ("t", "time", "t_s", "time_s")
 FLIGHTS = ("flight", "run", "rollout", "flight_id", "run_id")
 LABELS = ("unsafe", "fail", "failed", "failure")
+INDEX = re.compile(r"__index_level_\d+__|Unnamed: 0|column_1")
+"""A column in which pandas writes the number of a row; in CSV the first one, without a name."""
+SUFFIXES = ("deg", "degps", "dps", "rad", "radps", "kt", "kts", "mps", "mps2", "ft", "fps")
+"""Ends of unknown names that can only be units."""
+CONTROL = re.compile("d[aer]$|.*(delta|stick|pedal|throttle|elevator|aileron|rudder)", re.I)
+"""Names of controls."""
 MOST_JITTER = 0.01
 """Largest deviation of a sample interval, as a share of it."""
 MOST_BYTES = 4 * 2**30
@@ -158,13 +166,16 @@ def _of_arrays(columns: Columns, wanted: _Wanted) -> RolloutFile:
                 "dictionary of as many"
             )
         keys = list(dictionary.measured)
-    dictionary = dictionary or _own(keys, [signal.unit for signal in signals])
+    units = [signal.unit for signal in signals]
+    if dictionary is None:
+        keys, units = zip(*_without_suffixes(keys, units), strict=True)
+        dictionary = _own(keys, units)
     shape = flights.n_rows, samples.n_rows // flights.n_rows
     y = wanted.empty(*shape, len(dictionary.measured))
     for c, known in enumerate(_measured(dictionary)):
-        signal = signals[_chosen(keys, known.key, name)]
-        values = columns.values(signal.name).reshape(shape)
-        y[..., c] = _converted(values, signal.unit, known)
+        place = _chosen(keys, known.key, name)
+        values = columns.values(signals[place].name).reshape(shape)
+        y[..., c] = _converted(values, units[place], known)
         release(values)
     dt, labels, *theta = (np.array(columns.values(row)) for row in rows)
     if not dt[0] > 0 and wanted.dt is None:
@@ -193,29 +204,37 @@ class _Flight:
 
 
 def _long_table(columns: Columns, wanted: _Wanted) -> Iterator[_Flight]:
-    table = _table(columns, wanted.name)
+    table = _table(columns, wanted)
     flight = _named(table, FLIGHTS)
     if flight is None:
         raise TelemetryError(
             f"{wanted.name} has no column that names the flight of a row: call it {FLIGHTS[0]}, "
             "or give one file for each flight"
         )
-    numbers = np.array(columns.values(table.pop(flight)))
+    numbers = np.array(columns.values(table.pop(flight).name))
     order = np.argsort(numbers, kind="stable")
     ends = np.flatnonzero(np.diff(numbers[order])) + 1
     for rows in np.split(order, ends):
         yield _flight(table, columns, rows, wanted)
 
 
-def _table(columns: Columns, name: str) -> dict[str, str]:
+def _table(columns: Columns, wanted: _Wanted) -> dict[str, Signal]:
     """Signals of the only group of a file, by their names without units."""
-    signals = columns.contents.signals
+    signals = [each for each in columns.contents.signals if not INDEX.fullmatch(each.name)]
     if len({signal.group for signal in signals}) != 1:
-        raise TelemetryError(f"{name} has several tables: give one for each flight")
-    return {without_unit(signal.name): signal.name for signal in signals}
+        raise TelemetryError(f"{wanted.name} has several tables: give one for each flight")
+    keys = [without_unit(signal.name) for signal in signals]
+    if wanted.dictionary is not None:
+        return dict(zip(keys, signals, strict=True))
+    named = _without_suffixes(keys, [signal.unit for signal in signals])
+    return {
+        key: replace(signal, unit=unit) for (key, unit), signal in zip(named, signals, strict=True)
+    }
 
 
-def _flight(table: Mapping[str, str], columns: Columns, rows: Indices, wanted: _Wanted) -> _Flight:
+def _flight(
+    table: Mapping[str, Signal], columns: Columns, rows: Indices, wanted: _Wanted
+) -> _Flight:
     time, label = _named(table, TIMES), _named(table, LABELS)
     if time is None and wanted.dt is None:
         raise TelemetryError(
@@ -223,15 +242,15 @@ def _flight(table: Mapping[str, str], columns: Columns, rows: Indices, wanted: _
         )
 
     def values(name: str) -> Array:
-        return np.array(columns.values(table[name])[rows])
+        return np.array(columns.values(table[name].name)[rows])
 
     rest = [name for name in table if name not in (time, label)]
     return _Flight(
         np.arange(float(len(rows))) * (wanted.dt or 0.0)
         if time is None
-        else convert(values(time), columns.signal(table[time]).unit or "s", "s"),
+        else convert(values(time), table[time].unit or "s", "s"),
         {name: values(name) for name in rest},
-        {name: columns.signal(table[name]).unit for name in rest},
+        {name: table[name].unit for name in rest},
         None if label is None else values(label),
     )
 
@@ -281,6 +300,26 @@ def _table_labels(flights: Sequence[_Flight]) -> Indices | None:
 # --- channels -------------------------------------------------------------------------------------
 
 
+def _without_suffixes(keys: Sequence[str], units: Sequence[str]) -> list[tuple[str, str]]:
+    """(key, unit) of each signal: alpha_deg without a unit is alpha in deg, unless alpha exists."""
+    named = list(map(_without_suffix, keys, units))
+    stems = [key for key, _ in named]
+    return [
+        new if new[0] == key or (stems.count(new[0]) == 1 and new[0] not in keys) else (key, unit)
+        for new, key, unit in zip(named, keys, units, strict=True)
+    ]
+
+
+def _without_suffix(key: str, unit: str) -> tuple[str, str]:
+    known = known_channels()
+    if unit or key in known:
+        return key, unit
+    for stem, suffix in unit_suffixes(key):
+        if fits(suffix, known[stem].unit) if stem in known else suffix.lower() in SUFFIXES:
+            return stem, suffix
+    return key, unit
+
+
 def _own(keys: Sequence[str], units: Sequence[str]) -> Dictionary:
     """A dictionary of a file's own names and units, known channels with their roles."""
     known = known_channels()
@@ -289,8 +328,7 @@ def _own(keys: Sequence[str], units: Sequence[str]) -> Dictionary:
         if key in known:
             channels.append(known[key])
             continue
-        control = any(word in key.lower() for word in ("delta", "stick", "pedal", "throttle"))
-        role = "control" if control else "output"
+        role = "control" if CONTROL.match(key) else "output"
         own = replace(channel(key, key, si_unit(unit), key, role, "absolute"), largest=None)
         if own.display_unit == own.unit != unit:  # people read it in the unit of the file
             factor = float(convert(np.ones(1), own.unit, unit)[0])

@@ -15,6 +15,7 @@ from app.telemetry.recording import TelemetryError
 from app.telemetry.rollouts import read_dictionary, read_rollouts
 from core.channels import Dictionary
 from core.monitor import load
+from core.rollouts import LabelledFlights
 from core.types import Array
 from tests.support import short_period
 from tests.support.short_period import DICTIONARY, DT
@@ -118,6 +119,48 @@ def test_every_kind_of_source_gives_the_same_flights(
     assert read.dictionary.of_role("control") == (3,)
     assert read.fail_index is not None
     assert read.fail_index.tolist() == LABELS.tolist()
+
+
+def as_pandas_csv(folder: Path, frame: pd.DataFrame) -> Path:
+    frame.to_csv(folder / "pandas.csv")
+    return folder / "pandas.csv"
+
+
+def as_pandas_parquet(folder: Path, frame: pd.DataFrame) -> Path:
+    frame.to_parquet(folder / "pandas.parquet")
+    return folder / "pandas.parquet"
+
+
+@pytest.mark.parametrize("write", [as_pandas_csv, as_pandas_parquet])
+def test_names_that_end_in_units_are_read_and_a_pandas_index_is_not(
+    write: Callable[[Path, pd.DataFrame], Path], tmp_path: Path
+) -> None:
+    y = flights()
+    names = ["alpha_deg", "q_degps", "Nz", "delta_e_rad"]
+    parts = [
+        pd.DataFrame(y[k] * TO_FILE, columns=names).assign(t=DT * np.arange(y.shape[1]), flight=k)
+        for k in range(len(y))
+    ]
+    frame = pd.concat(parts)
+    frame["delta_e_rad"] = y[..., 3].reshape(-1)
+    frame = frame.assign(de_deg=1.5, V_kt=100.0, load_deg=2.0, load=3.0, stick_a=1.0)
+    read = read_rollouts(write(tmp_path, frame))
+    assert read.dictionary.keys == (*KEYS, "de", "V", "load_deg", "load", "stick_a")
+    np.testing.assert_allclose(read.y[..., :4], y, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(read.y[0, 0, 4:], [np.radians(1.5), 51.444444, 2, 3, 1], rtol=1e-6)
+    assert read.dictionary.of_role("control") == (3, 4, 8)
+    file = tmp_path / "mine.csv"
+    file.write_text("key,unit\nNz,g\nV_kt,kt\n")
+    chosen = read_rollouts(write(tmp_path, frame), read_dictionary(file))
+    assert chosen.dictionary.keys == ("Nz", "V_kt")
+
+
+def test_flights_without_a_control_say_so() -> None:
+    y = flights()
+    found = LabelledFlights.of(y[..., :3], dt=DT, channels=KEYS[:3], fail_index=LABELS).findings
+    assert any("role control" in text for text in found)
+    found = LabelledFlights.of(y, dt=DT, channels=KEYS, fail_index=LABELS).findings
+    assert not any("role control" in text for text in found)
 
 
 def test_a_label_of_the_whole_flight_fails_at_its_last_sample(tmp_path: Path) -> None:
