@@ -12,8 +12,12 @@ from app.recordings.files import reporting_full_disk
 from app.recordings.upload import SentField, plain_name, receive
 from app.telemetry.limit_texts import labelled, rest_of
 from app.telemetry.recording import TelemetryError
-from app.telemetry.rollouts import RolloutFile, dictionary_of_text, read_rollouts
-from core.channels import Dictionary
+from app.telemetry.rollouts import (
+    GivenDictionary,
+    RolloutFile,
+    dictionary_of_text,
+    read_rollouts,
+)
 from core.recipe import instead_of
 from core.rollouts import LabelledFlights
 
@@ -38,7 +42,7 @@ class SentRollouts:
     folder: Path
     name: str = ""
     files: list[str] = field(default_factory=list)
-    dictionary: Dictionary | None = None
+    dictionary: GivenDictionary | None = None
     channels: list[str] = field(default_factory=list)
     limits: list[str] = field(default_factory=list)
     dt: float | None = None
@@ -91,7 +95,7 @@ class SentRollouts:
             "files": [*self.files[:most], *more],
             "channels": self.channels,
             "limits": self.limits,
-            "dictionary": self.dictionary and self.dictionary.name,
+            "dictionary": self.dictionary and self.dictionary.dictionary.name,
         }
 
 

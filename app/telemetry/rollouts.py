@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -63,14 +63,29 @@ class RolloutFile:
     theta_names: tuple[str, ...] = ()
 
 
+class GivenDictionary(NamedTuple):
+    """A dictionary as written.   units: by key, of signals without a unit in the files."""
+
+    dictionary: Dictionary
+    units: Mapping[str, str]
+
+
 @dataclass(frozen=True)
 class _Wanted:
     """What the caller gives besides the files.   name: of the source, in messages."""
 
     dictionary: Dictionary | None
+    units: Mapping[str, str]
     dt: float | None
     name: str
     most_bytes: int
+
+    def in_si(self, values: npt.NDArray[Any], unit: str, known: Channel) -> Array:
+        """Values of a channel, recorded in `unit`, "" if the files do not tell. TelemetryError."""
+        try:
+            return convert(values, unit or self.units.get(known.key, known.unit), known.unit)
+        except TelemetryError as error:
+            raise TelemetryError(f"channel {known.key}: {error}") from error
 
     def empty(self, n: int, n_samples: int, n_channels: int) -> Array:
         """An array of flights without values. TelemetryError if it would be too large."""
@@ -86,7 +101,7 @@ class _Wanted:
 
 def read_rollouts(
     source: Path,
-    dictionary: Dictionary | None = None,
+    given: GivenDictionary | None = None,
     *,
     dt: float | None = None,
     name: str | None = None,
@@ -95,20 +110,21 @@ def read_rollouts(
 ) -> RolloutFile:
     """Read flights from a folder, a long table or a file of arrays. TelemetryError.
 
-    dictionary: of the channels to use; without it all signals are, known ones by their keys.
+    given: the channels to use; without it all signals are, known ones by their keys.
     dt: sample interval [s] of a source that does not give it.   name: of the source, in messages.
     place: of temporary files.
     """
     if not source.exists():
         raise TelemetryError(f"{source}: no such file or folder: give the rollouts")
-    wanted = _Wanted(dictionary, dt, name or f"{source}", most_bytes)
+    dictionary, units = given or (None, {})
+    wanted = _Wanted(dictionary, units, dt, name or f"{source}", most_bytes)
     with columns_of(source, rollouts=True, name=name, place=place) as columns:
         if columns.contents.format == ROLLOUTS.key:
             return _of_arrays(columns, wanted)
         return _of_flights(_long_table(columns, wanted), wanted)
 
 
-def read_dictionary(path: Path) -> Dictionary:
+def read_dictionary(path: Path) -> GivenDictionary:
     """A dictionary from a file, see `dictionary_of_text`. TelemetryError."""
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -117,7 +133,7 @@ def read_dictionary(path: Path) -> Dictionary:
     return dictionary_of_text(text, path.stem)
 
 
-def dictionary_of_text(text: str, name: str) -> Dictionary:
+def dictionary_of_text(text: str, name: str) -> GivenDictionary:
     """A dictionary from JSON, or from CSV with a row for each channel. TelemetryError.
 
     A unit that is not SI becomes the display unit.
@@ -134,7 +150,9 @@ def dictionary_of_text(text: str, name: str) -> Dictionary:
         if isinstance(plain, list):
             plain = {"name": name, "channels": plain}
         channels = [_in_si(channel) for channel in plain["channels"]]
-        return Dictionary.from_plain({"name": plain["name"], "channels": channels})
+        dictionary = Dictionary.from_plain({"name": plain["name"], "channels": channels})
+        units = {each["key"]: each["unit"] for each in plain["channels"]}
+        return GivenDictionary(dictionary, units)
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise TelemetryError(
             f"{name} is not a dictionary of channels ({error}): give key and unit of each"
@@ -175,7 +193,7 @@ def _of_arrays(columns: Columns, wanted: _Wanted) -> RolloutFile:
     for c, known in enumerate(_measured(dictionary)):
         place = _chosen(keys, known.key, name)
         values = columns.values(signals[place].name).reshape(shape)
-        y[..., c] = _converted(values, units[place], known)
+        y[..., c] = wanted.in_si(values, units[place], known)
         release(values)
     dt, labels, *theta = (np.array(columns.values(row)) for row in rows)
     if not dt[0] > 0 and wanted.dt is None:
@@ -282,7 +300,7 @@ def _of_flights(flights: Iterator[_Flight], wanted: _Wanted) -> RolloutFile:
         for c, known in enumerate(measured):
             _chosen(list(flight.columns), known.key, f"{name}, flight {k + 1}")
             values, unit = flight.columns[known.key], flight.units[known.key]
-            y[k, : len(flight.t), c] = _converted(values, unit, known)
+            y[k, : len(flight.t), c] = wanted.in_si(values, unit, known)
     return RolloutFile(y, dt, dictionary, _table_labels(read))
 
 
@@ -348,10 +366,3 @@ def _chosen(keys: Sequence[str], key: str, name: str) -> int:
     if key not in keys:
         raise TelemetryError(f"{name} has no channel {key}: it has {', '.join(keys)}")
     return list(keys).index(key)
-
-
-def _converted(values: npt.NDArray[Any], unit: str, known: Channel) -> Array:
-    try:
-        return convert(values, unit or known.unit, known.unit)
-    except TelemetryError as error:
-        raise TelemetryError(f"channel {known.key}: {error}") from error

@@ -227,10 +227,11 @@ def test_a_dictionary_file_holds_formulas_and_the_source_does_not(
         "key,unit,role,formula\nNz,g,output,\np,rad/s,output,\n"
         'load,kN*m,,"max(40*Nz, 3) + 30*abs(p)"\ndelta_a,rad,control,\n'
     )
-    dictionary = read_dictionary(file)
+    given = read_dictionary(file)
+    dictionary = given.dictionary
     assert dictionary.measured == ("Nz", "p", "delta_a")
     assert dictionary.channels[2].reference == "absolute"
-    read = read_rollouts(source, dictionary)
+    read = read_rollouts(source, given)
     flights = LabelledFlights.of(
         read.y, dt=read.dt, channels=dictionary, fail_index=read.fail_index
     )

@@ -12,7 +12,7 @@ from scipy.io import savemat
 
 from app.cli import main
 from app.telemetry.recording import TelemetryError
-from app.telemetry.rollouts import read_dictionary, read_rollouts
+from app.telemetry.rollouts import GivenDictionary, read_dictionary, read_rollouts
 from core.channels import Dictionary
 from core.monitor import load
 from core.rollouts import LabelledFlights
@@ -176,13 +176,27 @@ def test_a_label_of_the_whole_flight_fails_at_its_last_sample(tmp_path: Path) ->
 def test_a_dictionary_chooses_channels_and_their_roles(tmp_path: Path) -> None:
     file = tmp_path / "mine.csv"
     file.write_text("key,unit,role,label\nNz,g,output,load factor\nalpha,rad,control,vane\n")
-    dictionary = read_dictionary(file)
-    assert dictionary.channels[0].label == "load factor"
-    read = read_rollouts(as_npz(tmp_path, flights()), dictionary)
+    given = read_dictionary(file)
+    assert given.dictionary.channels[0].label == "load factor"
+    read = read_rollouts(as_npz(tmp_path, flights()), given)
     np.testing.assert_allclose(read.y, flights()[..., [2, 0]], rtol=1e-9)
     as_json = tmp_path / "mine.json"
-    as_json.write_text(json.dumps(dictionary.to_plain()))
-    assert read_dictionary(as_json) == dictionary
+    as_json.write_text(json.dumps(given.dictionary.to_plain()))
+    assert read_dictionary(as_json).dictionary == given.dictionary
+
+
+def test_values_without_a_unit_in_the_file_are_in_that_of_the_dictionary(tmp_path: Path) -> None:
+    y, file, source = flights(), tmp_path / "mine.csv", tmp_path / "plain.npz"
+    file.write_text("key,unit\nNz,g\nalpha,deg\nq,deg/s\n")
+    bare = arrays(y, unsafe=LABELS >= 0)
+    del bare["units"]
+    np.savez(source, **bare)  # pyright: ignore[reportArgumentType]
+    read = read_rollouts(source, read_dictionary(file))
+    np.testing.assert_allclose(read.y, y[..., [2, 0, 1]], rtol=1e-9)
+    np.savez(source, **arrays(y, unsafe=LABELS >= 0))  # pyright: ignore[reportArgumentType]
+    file.write_text("key,unit\nNz,g\nalpha,rad\nq,rad/s\n")
+    read = read_rollouts(source, read_dictionary(file))
+    np.testing.assert_allclose(read.y, y[..., [2, 0, 1]], rtol=1e-9)
 
 
 def test_names_in_greek_and_with_spaces_are_channels(tmp_path: Path) -> None:
@@ -345,7 +359,7 @@ def test_arrays_of_a_dictionary_need_each_of_its_channels(tmp_path: Path) -> Non
     more = Dictionary("more", (*DICTIONARY.channels, DICTIONARY.channels[0].__class__(
         "V", "V", "m/s", "airspeed", "kt", 1.94, 1)))  # fmt: skip
     with pytest.raises(TelemetryError, match="no channel V"):
-        read_rollouts(as_npz(tmp_path, flights()), more)
+        read_rollouts(as_npz(tmp_path, flights()), GivenDictionary(more, {}))
 
 
 def test_the_certificate_names_the_limits_and_the_parts_of_the_flights(
