@@ -170,7 +170,7 @@ def test_to_fly(monitor: Monitor) -> DatasetRecipe:
     if recipe is None:
         raise ValueError(
             "the monitor has no recipe of its planned test, so no fresh flights can be flown: "
-            "train it again"
+            "choose a monitor of simulated flights"
         )
     return recipe
 

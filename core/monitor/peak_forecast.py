@@ -15,8 +15,8 @@ BAND = 0.9
 BAND_DEVIATIONS = NormalDist().inv_cdf(0.5 + BAND / 2)
 
 LOST = (
-    "too many samples were missing while an input of the test card was due, so the rest of the "
-    "card cannot be forecast: wait for the next manoeuvre"
+    "an input had begun before the first assessed sample, or samples of it are missing, so the "
+    "rest of the manoeuvre cannot be forecast: hold the controls at rest before the next one"
 )
 
 

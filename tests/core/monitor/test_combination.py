@@ -90,6 +90,7 @@ def test_a_member_that_is_lost_withdraws_the_combination(
     alone = pair[1].assess(TIMES[: len(moving)], moving)
     told = rule.assess(TIMES[: len(moving)], moving)
     assert alone.withdrawal is not None
+    assert "had begun before" in alone.withdrawal.reason  # no sample is missing
     assert told.withdrawal == alone.withdrawal
     assert_batch_is_streamed(rule, TIMES[: len(moving)], moving)
     lowest = rule.lowest_scores(moving[None], np.array([len(moving) - 1]))
