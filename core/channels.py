@@ -2,23 +2,19 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from math import degrees, isfinite, pi
-from typing import Any, Literal, Self, get_args
+from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
-import numpy as np
-
-from core.formulas import Formula, FormulaError, LastingWindow, parse, smallest_of_times, spelled
 from core.kernels import N_CHANNELS
 from core.recipe import instead_of
-from core.types import Array
+
+if TYPE_CHECKING:
+    from core.formulas import Formula
 
 Role = Literal["output", "control", "condition"]
 Reference = Literal["trim", "absolute"]
-Side = Literal["above", "below"]
 MOST_CHANNELS = 32
-COMPUTED_AT_ONCE = 8192
-"""Samples whose columns a processor's cache holds."""
 
 
 @dataclass(frozen=True)
@@ -89,20 +85,6 @@ def channel(
     return Channel(key, symbol, unit, label, *display, role, reference, largest, group)
 
 
-def lasting(known: Channel, seconds: float, side: Side = "above") -> Channel:
-    """The value above or below which a channel was for this time [s]: to limit lasting values."""
-    name = spelled(known.key)
-    held = f"lasting({name}, {seconds:g})" if side == "above" else f"-lasting(-{name}, {seconds:g})"
-    return replace(
-        known,
-        key=f"{known.key}_{side}_{seconds:g}s",
-        symbol=f"{known.symbol} ({seconds:g} s)",
-        label=f"lasting {known.label}",
-        role="output",
-        formula=held,
-    )
-
-
 @dataclass(frozen=True)
 class Dictionary:
     """The channels of a dataset and of its monitor, in order: 1 to MOST_CHANNELS."""
@@ -158,35 +140,17 @@ class Dictionary:
         return tuple(known.key for known in self.channels if not known.formula)
 
     @cached_property
-    def formulas(self) -> tuple[tuple[int, Formula], ...]:
+    def formulas(self) -> "tuple[tuple[int, Formula], ...]":
         """Positions and formulas of the computed channels."""
         return tuple((c, self._parsed(c)) for c, known in enumerate(self.channels) if known.formula)
 
-    def _parsed(self, c: int) -> Formula:
+    def _parsed(self, c: int) -> "Formula":
+        from core.formulas import FormulaError, parse  # slow to import, as numpy is
+
         try:
             return parse(self.channels[c].formula, self.keys[:c])
         except FormulaError as error:
             raise ValueError(f"channel {self.keys[c]}: {error}") from None
-
-    def complete(self, y: Array, dt: float) -> Array:
-        """Flights with their computed channels; y itself if there are none.
-
-        y: (..., n_samples, n_channels), or n_measured: measured channels alone.   dt: [s].
-        """
-        if not self.formulas:
-            return y
-        places = [self.keys.index(key) for key in self.measured]
-        whole = np.empty((*y.shape[:-1], len(self)))
-        whole[..., places] = y[..., places] if y.shape[-1] == len(self) else y
-        flights = whole.reshape(-1, *whole.shape[-2:])
-        smallest = smallest_of_times(np.arange(flights.shape[1], dtype=np.float64) * dt)
-        at_once = max(1, COMPUTED_AT_ONCE // max(1, flights.shape[1]))
-        for first in range(0, len(flights), at_once):
-            some = flights[first : first + at_once]
-            columns = np.ascontiguousarray(np.moveaxis(some, -1, 0))
-            for c, formula in self.formulas:
-                columns[c] = some[..., c] = formula.values(columns, smallest)
-        return whole
 
     @property
     def stored(self) -> dict[str, Any] | None:
@@ -207,22 +171,6 @@ class Dictionary:
     def by_key(self) -> dict[str, Channel]:
         return {known.key: known for known in self.channels}
 
-    def fill(self, t: Array, y: Array) -> None:
-        """Compute the channels of a stream's samples in place, as `Computed` does one by one.
-
-        t: (n,) [s] in order of arrival.   y: (n, n_channels or more).
-        """
-        if not self.formulas:
-            return
-        if (np.diff(t) < 0.0).any():
-            computed = Computed(self)
-            for at, sample in zip(t.tolist(), y[:, : len(self)], strict=True):
-                computed.fill(at, sample)
-            return
-        columns, smallest = np.ascontiguousarray(y[:, : len(self)].T), smallest_of_times(t)
-        for c, formula in self.formulas:
-            columns[c] = y[:, c] = formula.values(columns, smallest)
-
     def sources(self, keys: Collection[str]) -> tuple[str, ...]:
         """Keys of the measured channels among these, and of those that the computed ones read."""
         needed = {self.index(key) for key in keys}
@@ -238,28 +186,6 @@ class Dictionary:
     def from_plain(cls, plain: Mapping[str, Any]) -> Self:
         """Rebuild it. ValueError if a channel lacks its key or unit, or has an unknown field."""
         return cls(str(plain["name"]), tuple(map(_channel_of, plain["channels"])))
-
-
-class Computed:
-    """Fills the computed channels of a stream, one sample after another."""
-
-    def __init__(self, dictionary: Dictionary) -> None:
-        self._formulas = dictionary.formulas
-        self._windows: dict[tuple[int, int], LastingWindow] = {}
-
-    def fill(self, t: float, y: Array) -> None:
-        """Compute in place.   t: [s] of the sample.   y: (n_channels,)."""
-        if not self._formulas:
-            return
-        # numpy computes powers of one value in another way than those of several
-        columns = np.repeat(y[:, np.newaxis], 2, axis=1)
-        for c, formula in self._formulas:
-            columns[c] = formula.values(columns, partial(self._smallest, c, t))
-            y[c] = columns[c, 0]
-
-    def _smallest(self, c: int, t: float, place: int, x: Array, seconds: float) -> Array:
-        window = self._windows.setdefault((c, place), LastingWindow())
-        return np.full_like(x, window.smallest(t, float(x[0]), seconds))
 
 
 def _plain(known: Channel) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from core.channels import DICTIONARIES, Dictionary, known_channels
+from core.computed import complete
 from core.limits.limits import IntervalLimits, Limits, Specification, envelope_of
 from core.recipe import instead_of
 from core.types import Array, Flags, Indices
@@ -143,7 +144,7 @@ def dictionary_of(keys: Sequence[str]) -> Dictionary:
 
 def _completed(y: Array, dt: float, dictionary: Dictionary) -> Array:
     """Flights with computed channels. RolloutsError where a formula gives no number."""
-    y = dictionary.complete(y, dt)
+    y = complete(dictionary, y, dt)
     for c, formula in dictionary.formulas:
         unknown = ~np.isfinite(y[..., [c, *formula.inputs]])
         n = int((unknown[..., 0] & ~unknown[..., 1:].any(axis=2)).any(axis=1).sum())

@@ -17,7 +17,8 @@ from app.telemetry.readers.journal import TIMES
 from app.telemetry.recording import ATTITUDE, TelemetryError
 from app.telemetry.targets import TARGETS, largest_plausible, target_of
 from app.telemetry.units import convert
-from core.channels import LATERAL, Computed, Dictionary
+from core.channels import LATERAL, Dictionary
+from core.computed import Computed
 from core.limits.limit_sets import CONDITION_KEYS, ConditionKey
 
 MOST_SAMPLES = 1_000

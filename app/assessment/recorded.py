@@ -33,6 +33,7 @@ from app.telemetry.timing.quality import Quality
 from app.telemetry.timing.repair import FlownOrder, RepairedTraces
 from app.telemetry.units import convert
 from core.channels import LATERAL, Channel, Dictionary
+from core.computed import fill
 from core.kernels.causal_grid import FASTER, ON_GRID, RATE_RATIO, values_at
 from core.monitor import Monitor, State
 from core.monitor.assessment import STATES
@@ -284,7 +285,7 @@ def _by_arrival(flown: FlownOrder, read: Sequence[str]) -> Arrivals:
 
 def _computed(received: Arrivals, dictionary: Dictionary) -> dict[str, Trace]:
     """The computed channels of received samples, which it fills in."""
-    dictionary.fill(received.t, received.values)
+    fill(dictionary, received.t, received.values)
     channels = [(c, dictionary.channels[c]) for c, _ in dictionary.formulas]
     return {
         channel.key: Trace(

@@ -135,6 +135,8 @@ def train_on_noise() -> None:
     dataset = Dataset(
         unsafe.y, unsafe.fail_index, safe.y, times, unsafe.theta, safe.theta, DATASET.dt, ("x",)
     )
-    monitor = with_validity(train(dataset, MONITOR, near=[unsafe]), dataset, repeat(flights, 100))
+    failures = unsafe.y, unsafe.fail_index
+    trained = train(dataset, MONITOR, failures=failures, near=[failures])
+    monitor = with_validity(trained, dataset, repeat(flights, 100))
     evaluate(monitor, flights.y, flights.fail_index)
     monitor.stream().update(0.0, y[0, 0])

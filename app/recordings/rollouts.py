@@ -18,6 +18,7 @@ from app.telemetry.rollouts import (
     dictionary_of_text,
     read_rollouts,
 )
+from core.computed import complete
 from core.recipe import instead_of
 from core.rollouts import LabelledFlights
 
@@ -102,7 +103,7 @@ class SentRollouts:
 def preview_of(read: RolloutFile) -> dict[str, Any]:
     """What flights hold, before limits are set: channels with their least and greatest values."""
     ranges = {}
-    y = read.dictionary.complete(read.y, read.dt)
+    y = complete(read.dictionary, read.y, read.dt)
     for c, channel in enumerate(read.dictionary.channels):
         values = y[..., c].ravel()
         ranges[channel.key] = {

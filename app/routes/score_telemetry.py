@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, create_model
 from app.routes.dependencies import PlainBody, StoreDep, body_of, json_response, refused
 from app.telemetry.recording import ATTITUDE, Recording, TelemetryError
 from core.channels import CHANNELS, KEYS, Dictionary
+from core.computed import fill
 from core.monitor import Monitor
 from core.monitor.assessment import Exemplar
 
@@ -85,7 +86,7 @@ def parse_telemetry(plain: dict[str, Any], dictionary: Dictionary) -> Recording:
             )
     unknown = np.full(len(t), np.nan)
     y = np.column_stack([channels.get(key, unknown) for key in dictionary.keys])
-    dictionary.fill(t, y)
+    fill(dictionary, t, y)
     return Recording(t, y, {key: channels[key] for key in ATTITUDE if key in channels})
 
 

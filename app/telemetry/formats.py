@@ -151,6 +151,8 @@ PACKED = {
 """Messages by the first bytes of a file."""
 FOLDER = Format("folder", "folder of flights", "", lambda _: False, ".folder")
 """A folder with one file for each flight, read as one long table."""
+UNNAMED = "channels"
+"""Ignored part of a file of rollouts that does not name its channels."""
 ROLLOUTS = Format("rollouts", "arrays of rollouts", ".npz", _has_arrays, ".rollout_arrays")
 """Arrays of many flights, read only where rollouts are expected."""
 FORMATS: dict[str, Format] = {

@@ -12,7 +12,8 @@ import numpy as np
 from app.telemetry.recording import TelemetryError
 from app.telemetry.rollouts import RolloutFile
 from app.telemetry.units import PLAIN, convert, si_unit
-from core.channels import KEYS, LATERAL, Channel, Dictionary, channel, lasting
+from core.channels import KEYS, LATERAL, Channel, Dictionary, channel
+from core.computed import complete, lasting
 from core.limits.limits import IntervalLimits, Limits, SafeInterval
 from core.rollouts import LabelledFlights
 from core.types import Array
@@ -52,7 +53,7 @@ def specified(
         return dictionary, Limits(
             **(dict.fromkeys(KEYS) | {k: high for k, (_, high) in ends.items()})
         )
-    first = dictionary.complete(flights.y[:, :1], flights.dt)[:, 0]
+    first = complete(dictionary, flights.y[:, :1], flights.dt)[:, 0]
     known = {each.key: rest_of(first[:, c], each) for c, each in enumerate(dictionary.channels)}
     intervals = {key: SafeInterval(low, high, known[key]) for key, (low, high) in ends.items()}
     return dictionary, IntervalLimits(dictionary, intervals)

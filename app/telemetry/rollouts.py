@@ -19,9 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from app.telemetry.contents import Columns, Signal, release
-from app.telemetry.formats import ROLLOUTS
+from app.telemetry.formats import ROLLOUTS, UNNAMED
 from app.telemetry.mapping.spelling import unit_suffixes
-from app.telemetry.readers.rollout_arrays import UNNAMED
 from app.telemetry.reading import columns_of
 from app.telemetry.recording import TelemetryError
 from app.telemetry.units import convert, fits, si_unit, without_unit

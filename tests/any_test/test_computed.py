@@ -14,7 +14,8 @@ from app.telemetry.limit_texts import computed_channel, specified
 from app.telemetry.recording import TelemetryError, Trace, Traces
 from app.telemetry.rollouts import RolloutFile, read_dictionary, read_rollouts
 from app.telemetry.timing.repair import repair
-from core.channels import LATERAL, Computed, Dictionary, channel, lasting
+from core.channels import LATERAL, Dictionary, channel
+from core.computed import Computed, complete, lasting
 from core.dataset import Dataset
 from core.evaluation.rates import evaluate
 from core.limits.limits import IntervalLimits, Limits, SafeInterval
@@ -68,7 +69,7 @@ def test_a_limit_on_a_load_that_is_not_measured_keeps_the_promise(by_load: Monit
 
 def test_a_stream_of_measured_channels_assesses_as_the_whole_flight(by_load: Monitor) -> None:
     _, y, _ = rolling_pull_out.fly(RNG(3), 1)
-    whole = by_load.dictionary.complete(y, DT)[0]
+    whole = complete(by_load.dictionary, y, DT)[0]
     np.testing.assert_array_equal(whole[:, 6], 40.0 * y[0, :, 2] + 30.0 * np.abs(y[0, :, 3]))
     stream, computed, streamed = by_load.stream(), Computed(by_load.dictionary), []
     for k, sample in enumerate(y[0]):
@@ -144,9 +145,9 @@ def test_another_aircraft_is_invalid_where_a_channel_is_computed(by_load: Monito
     foreign = y.copy()
     foreign[..., 1] *= -1.0
     n = np.full(len(y), y.shape[1])
-    own = by_load.first_withdrawn(WITH_LOAD.complete(y, DT), n) < n
+    own = by_load.first_withdrawn(complete(WITH_LOAD, y, DT), n) < n
     assert own.mean() <= 0.15
-    assert (by_load.first_withdrawn(WITH_LOAD.complete(foreign, DT), n) < n).all()
+    assert (by_load.first_withdrawn(complete(WITH_LOAD, foreign, DT), n) < n).all()
 
 
 # --- what lasts -----------------------------------------------------------------------------------
@@ -206,7 +207,7 @@ def test_what_lasts_of_a_channel_with_a_space_is_computed() -> None:
     own = Dictionary("own", (channel("pitch rate", "q", "rad/s", "pitch rate"),))
     own = own.plus(lasting(own.channels[0], 0.1, "below"))
     y = np.array([[1.0, 3.0, 2.0, 0.0, 1.0]])[..., np.newaxis]
-    assert own.complete(y, DT)[0, :, 1].tolist() == [1.0, 3.0, 3.0, 3.0, 2.0]
+    assert complete(own, y, DT)[0, :, 1].tolist() == [1.0, 3.0, 3.0, 3.0, 2.0]
 
 
 def test_lateral_magnitudes_stay_magnitudes_and_lasting_ones_extend_the_dictionary() -> None:
@@ -242,7 +243,7 @@ def test_a_dictionary_file_holds_formulas_and_the_source_does_not(
 def test_python_takes_measured_channels_or_all() -> None:
     _, y, _ = rolling_pull_out.fly(RNG(5), 400)
     limits = IntervalLimits(WITH_LOAD, {"load": SafeInterval(high=LIMIT, rest=40.0)})
-    whole = WITH_LOAD.complete(y, DT)
+    whole = complete(WITH_LOAD, y, DT)
     one, other = (
         Dataset.from_rollouts(given, dt=DT, channels=WITH_LOAD, limits=limits)
         for given in (y, whole)

@@ -19,6 +19,7 @@ from app.telemetry.limit_texts import computed_channel
 from app.telemetry.recording import Trace, Traces
 from app.telemetry.timing.repair import repair
 from core.channels import Dictionary, channel
+from core.computed import complete
 from core.dataset import Dataset
 from core.limits.limits import IntervalLimits, SafeInterval
 from core.monitor import Monitor, MonitorRecipe
@@ -66,7 +67,7 @@ class Own(NamedTuple):
         y = self.y[k]
         noise = y[:8] - y[:8].mean(axis=0)
         rest = y[:8].mean(axis=0) + np.resize(noise, (REST, y.shape[1]))
-        return self.monitor.dictionary.complete(np.concatenate([rest, y]), DT)
+        return complete(self.monitor.dictionary, np.concatenate([rest, y]), DT)
 
 
 def limited_of(dictionary: Dictionary) -> str:
@@ -94,7 +95,7 @@ def own(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     monitor.save(file)
     rng = np.random.default_rng(8)
     y = short_period.with_channels(short_period.fly(rng, 40)[1], len(dictionary.measured), rng)
-    y = dictionary.complete(y, DT)
+    y = complete(dictionary, y, DT)
     limits = labelled.specification
     assert isinstance(limits, IntervalLimits)
     fail_index = limits.envelope.first_exceedance(y)

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from core.channels import LATERAL, Channel, Computed, Dictionary, channel
+from core.channels import LATERAL, Channel, Dictionary, channel
+from core.computed import Computed, complete, fill
 from core.formulas import MOST_CHARACTERS, Formula, FormulaError, parse, smallest_of_times
 from core.types import Array
 
@@ -158,7 +159,7 @@ def test_a_stream_computes_the_same_bits_as_whole_flights(
     own = dictionary(load=text, held=f"lasting(load, {seconds}) + lasting(Nz*α, 0.1)")
     y = flights(1, 40)
     y[RNG(1).random(y.shape) < 0.03] = np.nan
-    (whole,) = own.complete(y, DT)
+    (whole,) = complete(own, y, DT)
     running = Computed(own)
     for k, sample in enumerate(whole):
         given_ = sample.copy()
@@ -177,7 +178,7 @@ def test_a_stream_computes_the_same_bits_as_samples_at_uneven_times(
     y[RNG(seed).random(y.shape) < 0.05] = np.nan
     for arrived in (np.arange(60), np.argsort(t + RNG(seed).exponential(0.1, 60))):
         whole = np.append(y[arrived], np.full((60, 2), 7.0), axis=1)
-        own.fill(t[arrived], whole)
+        fill(own, t[arrived], whole)
         running = Computed(own)
         for at, sample, expected in zip(t[arrived], y[arrived], whole, strict=True):
             running.fill(at, sample)
@@ -205,7 +206,7 @@ def test_late_samples_count_at_their_time_and_a_clock_set_back_begins_anew() -> 
 
 def test_a_dictionary_without_formulas_is_left_as_it_is() -> None:
     y = RNG(0).normal(size=(2, 5, 6))
-    assert LATERAL.complete(y, DT) is y
+    assert complete(LATERAL, y, DT) is y
     assert LATERAL.measured == LATERAL.keys
     sample = y[0, 0].copy()
     Computed(LATERAL).fill(0.0, sample)
@@ -220,11 +221,11 @@ def test_measured_channels_are_completed_wherever_the_computed_ones_are() -> Non
     own = Dictionary("own", (*MEASURED[:2], load, *MEASURED[2:], computed("more", "load + α")))
     y = flights()
     assert own.measured == NAMES
-    whole = own.complete(y, DT)
+    whole = complete(own, y, DT)
     np.testing.assert_array_equal(whole[..., [0, 1, 3, 4]], y)
     np.testing.assert_array_equal(whole[..., 2], 0.7 * y[..., 0] * y[..., 1])
     np.testing.assert_array_equal(whole[..., 5], whole[..., 2] + y[..., 2])
-    np.testing.assert_array_equal(own.complete(whole, DT), whole)
+    np.testing.assert_array_equal(complete(own, whole, DT), whole)
 
 
 def test_the_sources_of_a_computed_channel_are_measured() -> None:

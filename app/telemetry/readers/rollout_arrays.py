@@ -15,14 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from app.telemetry.contents import ColumnWriter, Contents
-from app.telemetry.formats import READERS, ROLLOUTS, ZIP, format_of, head_of
+from app.telemetry.formats import READERS, ROLLOUTS, UNNAMED, ZIP, format_of, head_of
 from app.telemetry.readers import matlab
 from app.telemetry.readers.signal_tables import library_errors
 from app.telemetry.recording import TelemetryError
 
 NAMES = ("y", "dt", "channels", "units", "fail_index", "unsafe", "theta", "theta_names")
-UNNAMED = "channels"
-"""Ignored part of a file that does not name its channels."""
 
 
 def read(path: Path, writer: ColumnWriter) -> Contents:
