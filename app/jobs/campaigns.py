@@ -99,13 +99,18 @@ def next_monitor_request(
 ) -> MonitorRequest:
     """A monitor for the next point, for the aircraft identified from the complete points.
 
+    It is not calibrated for aircraft near the identified one, unless the request says so: what is
+    left of the uncertainty is planned.
     plain: the monitor's request without its dataset.   CampaignError, RecipeError.
     """
     check_next(campaign, point)
     following = campaign.next.point
     planned = campaign.test_of(following) if campaign.is_first else updated(campaign, following)
     request = {"name": f"{campaign.name}, {following.name}"} | plain
-    return monitor_request(request | {"dataset": to_plain(planned)}, store, max_bytes)
+    read = monitor_request(request | {"dataset": to_plain(planned)}, store, max_bytes)
+    if campaign.is_first or "scope" in request.get("predictor", {}):
+        return read
+    return read._replace(recipe=read.recipe.as_planned())
 
 
 def train_next(
