@@ -203,7 +203,8 @@ def _channel_of(plain: Mapping[str, Any]) -> Channel:
         raise ValueError(f"channel {plain['key']!r} has a formula that is no text: write one")
     key, unit = plain["key"], plain["unit"]
     reference = "absolute" if plain.get("formula") else "trim"
-    usual = asdict(channel(key, key, unit, key, reference=reference)) | {"largest": None}
+    usual: dict[str, Any] = asdict(channel(key, key, unit, key, reference=reference))
+    usual["largest"] = None
     if unknown := [name for name in plain if name not in usual]:
         raise ValueError(f"channel {key!r} has {unknown[0]!r}: {instead_of(unknown[0], usual)}")
     given = Channel(**usual | dict(plain))

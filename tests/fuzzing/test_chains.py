@@ -1,7 +1,9 @@
 """Chains of calls, from create to delete; every response must match the document."""
 
+import io
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import Phase, seed, settings
 from schemathesis import checks
@@ -61,7 +63,15 @@ def files(session, known, flights) -> dict[str, bytes]:
     """A file that each upload takes."""
     portable = session.get(f"/api/v1/monitors/{known[1]['monitor_id']}/file").content
     recording = csv_of(flights[0])
-    return {"/api/v1/recordings": recording, "/api/v1/monitors": portable}
+    rollouts = io.BytesIO()
+    y = np.random.default_rng(0).normal(size=(8, 20, 1))
+    np.savez(rollouts, y=y, dt=0.05, channels=["q"], units=["rad/s"], unsafe=np.arange(8) % 2)
+    return {
+        "/api/v1/recordings": recording,
+        "/api/v1/monitors": portable,
+        "/api/v1/datasets": rollouts.getvalue(),
+        "/api/v1/datasets/preview": rollouts.getvalue(),
+    }
 
 
 @pytest.mark.fuzz
