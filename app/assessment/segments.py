@@ -176,7 +176,7 @@ def detected_segments(
         elif isinstance(recipe.trim, str):
             trim = flown_trim
         else:
-            n_wanted = round(recipe.trim / planned.dt)
+            n_wanted = round(min(recipe.trim / planned.dt, onset + 1))
             rest = slice(max(before, end - n_wanted), max(end, 1))
             requested = recipe.trim if rest.stop - rest.start < n_wanted else None
         first = max(before, onset - n_trim)
