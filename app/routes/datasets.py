@@ -18,7 +18,7 @@ from app.jobs.jobs import Jobs
 from app.jobs.kinds import add_rollouts
 from app.jobs.kinds import simulate_dataset as run
 from app.jobs.requests import amplitude_suggestion, dataset_request
-from app.recipes.recipes import to_plain
+from app.recipes.recipes import RecipeError, to_plain
 from app.recordings.recordings import Recordings
 from app.recordings.rollouts import SentRollouts, preview_of
 from app.routes.dependencies import (
@@ -158,6 +158,8 @@ async def add_dataset(
     dataset's id and `findings`: what was left out, or looks implausible.
     """
     if content_type(request) == "application/json":
+        for key in request.query_params:
+            raise RecipeError(f"{key} was given beside a recipe: it is for files, leave it out")
         plain = await _recipe_of(request, settings)
         return await _simulate(plain, store, jobs, settings)
     said = {"name": name, "dictionary": dictionary, "dt": dt}

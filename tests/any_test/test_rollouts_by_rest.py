@@ -312,3 +312,9 @@ def test_units_of_the_file_are_converted(client: TestClient, pitch: dict[str, An
     stored = store_of(client).datasets.get(pitch["id"])
     in_file = stored.safe[0] * TO_FILE
     assert np.abs(in_file[:, 0]).max() > 2.0 > np.abs(stored.safe[0, :, 0]).max()
+
+
+def test_what_is_said_of_files_is_refused_beside_a_recipe(client: TestClient) -> None:
+    answer = client.post(f"{PATH}?limit=Nz=..3", json={"n_unsafe": 20})
+    assert answer.status_code == 422
+    assert "limit was given beside a recipe" in answer.text

@@ -589,3 +589,9 @@ def test_a_monitor_of_fewer_channels_scores_it_and_detects_another_aircraft(of_n
     part = scored.samples[manoeuvre.first : manoeuvre.last + 1]
     begun = np.flatnonzero(np.isfinite(part["withdrawn"]))[0]
     assert np.isfinite(part["withdrawn"][begun:]).all()
+
+
+def test_a_trim_segment_of_any_length_takes_what_is_recorded(attas: Monitor, calm: np.ndarray):
+    (longest,) = score(attas, recorded(calm), ScoringRecipe(trim=1e308)).manoeuvres
+    (long,) = score(attas, recorded(calm), ScoringRecipe(trim=1e4)).manoeuvres
+    assert longest.trim == long.trim
