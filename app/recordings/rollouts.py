@@ -26,6 +26,8 @@ MOST_FILES = 20_000
 MOST_TEXT = 2**18
 """Most bytes of a field that is no file."""
 LONGEST_NAME = 200
+MOST_NAME_BYTES = 255
+"""Of a file name, on the usual file systems."""
 FILES = "files"
 """Folder of the sent files, within that of the upload."""
 TEXTS = ("name", "dictionary", "channel", "limit", "dt")
@@ -138,9 +140,14 @@ async def receive_rollouts(
         if not each.file_name and each.name != "file":
             known = instead_of(each.name, ("file", *TEXTS))
             raise TelemetryError(f"the form has the field {each.name}: {known}")
-        name = plain_name(each.file_name) or f"{sent.name or 'rollouts'}"
+        name = plain_name(each.file_name)
         if name.startswith("."):
             continue  # of the sender's file manager
+        name = name or plain_name(sent.name).lstrip(".") or "rollouts"
+        if len(name.encode()) > MOST_NAME_BYTES:
+            raise TelemetryError(
+                f"the file name {name[:40]} ... has more than {MOST_NAME_BYTES} bytes: shorten it"
+            )
         if name in sent.files:
             raise TelemetryError(f"two files have the name {name}: give each its own")
         if len(sent.files) == MOST_FILES:

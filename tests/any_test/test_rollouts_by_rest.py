@@ -131,6 +131,22 @@ def test_a_whole_body_is_one_file(client: TestClient) -> None:
     assert [peaks["channel"] for peaks in info["peaks"]] == ["alpha", "Nz"]
 
 
+@pytest.mark.parametrize("name", ["{away}/rollouts", "a/../../b", "F-16 1.2/3", "..", ".hidden"])
+def test_a_body_is_stored_among_the_uploads_whatever_its_name(
+    name: str, client: TestClient, tmp_path: Path
+) -> None:
+    answer = client.post(
+        PATH, params={"name": name.format(away=tmp_path), **LIMIT}, content=npz(flights(200))
+    )
+    job = finished(client, answer)
+    assert job["status"] == "done", job["error"]
+    assert client.get(f"{PATH}/{job['result']['dataset']}").json()["name"] == name.format(
+        away=tmp_path
+    )
+    assert list(tmp_path.iterdir()) == []
+    assert incoming(client) == []
+
+
 def test_a_preview_shows_channels_and_ranges_and_stores_nothing(client: TestClient) -> None:
     before = client.get(PATH).json()
     form = [("file", ("labelled.npz", npz(flights(), unsafe=[0, 1, 0, 0, 0, 0])))]
@@ -228,6 +244,7 @@ def test_files_that_cannot_be_used_fail_with_one_sentence(
         ([("a.csv", b"t\n0\n")], {"dt": "-1"}, "dt is '-1'"),
         ([("a.csv", b"t\n0\n")], {"dictionary": "key\nalpha\n"}, "give key and unit"),
         ([("a.csv", b"t\n0\n")], {"dictionary": "[{]"}, "not a dictionary"),
+        ([("é" * 140 + ".npz", b"t\n0\n")], {}, "more than 255 bytes: shorten it"),
         (
             [("a.csv", b"t\n0\n")],
             {"dictionary": '[{"key": "a", "unit": "rad", "role": "outputs"}]'},
