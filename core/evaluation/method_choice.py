@@ -11,7 +11,7 @@ from core.limits.limits import Envelope, envelope_of
 from core.monitor.calibration import alert_above, p_values
 from core.monitor.monitor import Monitor
 from core.monitor.observation import lead_steps
-from core.monitor.recipe import METHODS, MonitorRecipe
+from core.monitor.recipe import METHODS, MonitorRecipe, planned
 from core.monitor.training import train
 from core.rollouts import LabelledFlights
 from core.types import Array, Indices
@@ -54,7 +54,7 @@ def try_methods(
     for name, (predictor, score) in METHODS.items():
         if name == OF_THE_CARD:
             continue
-        of_method = replace(recipe, predictor=predictor, score=score).as_planned()
+        of_method = replace(recipe, predictor=planned(predictor), score=score)
         more = learning.y, learning.fail_index
         try:
             monitor = train(dataset, of_method, rollouts=more)

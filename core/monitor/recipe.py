@@ -60,14 +60,18 @@ class MonitorRecipe:
 
     def as_planned(self) -> "MonitorRecipe":
         """The same for the planned aircraft and hands alone, where no others can be simulated."""
-        if not (isinstance(self.predictor, Ensemble) and self.is_near):
-            return self
-        return replace(self, predictor=replace(self.predictor, scope="planned"))
+        return replace(self, predictor=planned(self.predictor))
 
     @property
     def is_exact(self) -> bool:
         """Whether p-values are transductive, which needs a score with neighbours."""
         return self.p_value == "exact" and self.score.looks_up_neighbors
+
+
+def planned(predictor: Predictor) -> Predictor:
+    """The same predictor with the promise for the planned aircraft and hands alone."""
+    is_ensemble = isinstance(predictor, Ensemble)
+    return replace(predictor, scope="planned") if is_ensemble else predictor
 
 
 METHODS: dict[str, tuple[Predictor, Score]] = {
