@@ -78,6 +78,10 @@ class Envelope(NamedTuple):
         """The limit of channel c that a value exceeds, see `exceeded_end`."""
         return exceeded_end(float(self.low[c]), float(self.high[c]), value)
 
+    def is_beyond(self, c: int, value: float) -> bool:
+        """Whether a value of channel c exceeds its limits; NaN does not."""
+        return bool(value <= self.low[c] or value >= self.high[c])
+
     def row(self, k: int) -> "Envelope":
         """The limits of sample k, where they are of each sample."""
         return Envelope(self.low[k], self.high[k], self.rest[k])

@@ -105,19 +105,17 @@ class RecordedScript(StoredScript):
         of_sample = super().exceedance(k, limits)
         if of_sample is not None or limits is None:
             return of_sample
-        if (between := self._exceedances.get(k)) is not None:
-            c = self.keys.index(between["channel"])
-            as_recorded = between["value"] + float((self.recorded(k) - self.y(k))[c])
-            is_both = not limits.low[c] < as_recorded < limits.high[c]
-            judged: Judged = "both" if is_both else "from_trim"
-        elif (between := self._recorded_exceedances.get(k)) is not None:
-            judged = "recorded"
-        else:
+        between = self._exceedances.get(k) or self._recorded_exceedances.get(k)
+        if between is None:
             return None
         channel, value = between["channel"], between["value"]
         c = self.keys.index(channel)
-        if limits.low[c] < value < limits.high[c]:
+        if not limits.is_beyond(c, value):
             return None
+        judged: Judged = "recorded"
+        if k in self._exceedances:
+            as_recorded = value + float((self.recorded(k) - self.y(k))[c])
+            judged = "both" if limits.is_beyond(c, as_recorded) else "from_trim"
         return MeasuredExceedance(channel, value, limits.exceeded(c, value), judged)
 
     def exceeding(self, limits: Envelope | None) -> Indices:

@@ -144,6 +144,10 @@ def test_a_recorded_exceedance_between_two_samples_is_that_of_the_sample_after_i
     }
     assert samples["t"][40] < 3360.02 <= samples["t"][41]
     assert {(over.limit, over.judged) for over in found.values()} == {(0.5, "both")}
+    samples["y"][41] = np.nan  # nothing tells that it is both
+    unknown = RecordedScript(samples, MANOEUVRES, DT, forecasts=True).exceedance(41, limits)
+    assert unknown is not None
+    assert (unknown.value, unknown.judged) == (0.6, "from_trim")
 
 
 def test_a_replay_raises_the_alarm_of_an_exceedance_between_two_samples(
