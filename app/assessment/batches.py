@@ -132,27 +132,24 @@ class ChannelReader:
         self.mapping, self.conditions = mapping, conditions or {}
         self._channels, self._computed = dictionary.channels, Computed(dictionary)
         self._bounds = tuple(map(largest_plausible, dictionary.channels))
-        keys = *dictionary.keys, *ATTITUDE
+        self._keys = (*dictionary.keys, *ATTITUDE)
         self._conditions = [_Direct(self.conditions.get(key, key)) for key in CONDITION_KEYS]
         self._condition_names = frozenset(read.name for read in self._conditions)
-        if mapping is None:
-            self._time: _Direct | None = None
-            self._direct = {key: _Direct(key) for key in (*dictionary.measured, *ATTITUDE)}
-            self._derived: dict[str, ChannelSource] = {}
-            self._columns: list[_Direct | None] = [self._direct.get(key) for key in keys]
-            self._read = {*TIMES, *self._names}
-            self._plain_names = [*keys]
-            return
-        self._time = _time_of(mapping)
-        self._direct = {
-            key: _direct(key, source, dictionary)
-            for key, source in mapping.channels.items()
-            if source.signal
-        }
-        self._columns = [self._direct.get(key) for key in keys]
+        self._time: _Direct | None = None
+        self._direct = {key: _Direct(key) for key in (*dictionary.measured, *ATTITUDE)}
+        self._derived: dict[str, ChannelSource] = {}
+        if mapping is not None:
+            self._time = _time_of(mapping)
+            self._direct = {
+                key: _direct(key, source, dictionary)
+                for key, source in mapping.channels.items()
+                if source.signal
+            }
+            self._derived = {key: mapping.channels[key] for key in derivation_order(mapping)}
+        self._read = {*([self._time.name] if self._time else TIMES), *self._names}
+        self._columns = [self._direct.get(key) for key in self._keys]
         plain = [read.name for read in self._columns if read and read.is_plain]
         self._plain_names = plain if len(plain) == len(self._columns) else []
-        self._derived = {key: mapping.channels[key] for key in derivation_order(mapping)}
         for key, source in self._derived.items():
             if source.derivation in WITH_MEMORY:
                 raise TelemetryError(
@@ -160,7 +157,6 @@ class ChannelReader:
                     "source must send it"
                 )
             _check_units(key, source, dictionary)
-        self._read = {self._time.name, *self._names}
 
     @property
     def _names(self) -> list[str]:
@@ -229,8 +225,7 @@ class ChannelReader:
         if self._derived:
             self._derive(channels, times)
         unknown = [NAN] * n
-        keys = (*(channel.key for channel in self._channels), *ATTITUDE)
-        columns = [channels.get(key, unknown) for key in keys]
+        columns = [channels.get(key, unknown) for key in self._keys]
         rows = zip(times, zip(*columns, strict=True), strict=True)
         return [self._sample(t, row) for t, row in rows]
 
@@ -245,8 +240,7 @@ class ChannelReader:
                 reason, y[c] = reason or text, NAN
         self._computed.fill(t, y)
         phi, theta, psi = row[n:]
-        known = isfinite(phi) or isfinite(theta) or isfinite(psi)
-        return Sample(t, y, (phi, theta, psi) if known else None, reason)
+        return Sample(t, y, (phi, theta, psi), reason)
 
     def _row(self, values: Values) -> tuple[float, ...]:
         """The only sample of a batch: the channels, then ATTITUDE."""

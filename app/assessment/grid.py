@@ -6,7 +6,7 @@ bits later: from a flight's journal, or from a recording, all at once.
 
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from math import isfinite, isnan, nan
+from math import isnan, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +20,7 @@ from core.types import Array, Indices
 
 Angles = tuple[float, float, float]
 """Bank, pitch and heading [rad]; NaN where unknown."""
+UNKNOWN: Angles = nan, nan, nan
 DELAY_INTERVALS = 1.5
 """Longest wait for a sample by default, in intervals of the monitor."""
 WAITING, ROOM = 512, 64
@@ -28,7 +29,8 @@ MOST_REASONS = 1024
 
 
 class Sample(NamedTuple):
-    """One sample. t: [s].   y: (n_channels,), NaN where unknown.   attitude: phi, theta, psi [rad].
+    """One sample. t: [s].   y: (n_channels,), NaN where unknown.   attitude: phi, theta, psi [rad],
+    NaN where unknown.
 
     reason: why it is unknown; empty if known.   condition: values of CONDITION_KEYS sent with it,
     NaN if unknown, None if not sent; None for no condition.   shown: arrival time at which it was
@@ -37,7 +39,7 @@ class Sample(NamedTuple):
 
     t: float
     y: Array
-    attitude: Angles | None = None
+    attitude: Angles = UNKNOWN
     reason: str = ""
     condition: tuple[float | None, ...] | None = None
     shown: float = nan
@@ -161,7 +163,7 @@ class CausalGrid:
         one = self._one
         one.arrived[0], one.t[0] = arrived, sample.t
         one.values[0, : self._n_channels] = sample.y
-        one.values[0, self._n_channels :] = sample.attitude or nan
+        one.values[0, self._n_channels :] = sample.attitude
         added = self._add(self._receive_one, one, self._flight_t)
         return [sample for n in added for sample in self._samples(n)]
 
@@ -250,9 +252,9 @@ class CausalGrid:
             del self._reasons[next(iter(self._reasons))]
 
 
-def _angles(row: list[float]) -> Angles | None:
+def _angles(row: list[float]) -> Angles:
     phi, theta, psi = row[-len(ATTITUDE) :]
-    return (phi, theta, psi) if any(map(isfinite, (phi, theta, psi))) else None
+    return phi, theta, psi
 
 
 def joined(parts: list[GridRows]) -> GridRows:

@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from math import isfinite, nan
+from math import isfinite
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -31,7 +31,6 @@ from core.types import Array
 
 TrimRule = Literal["detected", "none"]
 P, R = LATERAL.index("p"), LATERAL.index("r")
-UNKNOWN: Angles = nan, nan, nan
 NOT_FINITE = REASONS[assessing.INVALID]
 
 
@@ -46,7 +45,7 @@ class LiveAssessed(NamedTuple):
     y: Array
     recorded: Array
     assessment: Assessment
-    attitude: Angles | None
+    attitude: Angles
     manoeuvre: int
     shown: float
     display: tuple[Assessment, ...] = ()
@@ -54,7 +53,7 @@ class LiveAssessed(NamedTuple):
 
     def shown_attitude(self, display: DisplayAttitude | None) -> Angles:
         """As received; missing angles are integrated from the rates, or unknown without display."""
-        phi, theta, psi = self.attitude or UNKNOWN
+        phi, theta, psi = self.attitude
         if display is None:
             return phi, theta, psi
         if isfinite(phi) and isfinite(theta):

@@ -1,5 +1,6 @@
 """Batches of one sample and of many: the same samples, bit for bit, or the same refusal."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from app.assessment.batches import ChannelReader, decode_batch
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.recording import TelemetryError
-from core.channels import KEYS
+from core.channels import KEYS, LATERAL, channel
 
 MAPPED = Mapping(
     {"beta": ChannelSource("aos", "deg", -1, 0.1), "p": ChannelSource("p", "rad/s")},
@@ -36,6 +37,19 @@ def test_samples_sent_alone_are_those_sent_together(mapping: Mapping | None) -> 
         assert alone.y.tobytes() == expected.y.tobytes()
         assert repr((alone.t, *alone[2:])) == repr((expected.t, *expected[2:]))
         assert (alone.condition or ())[1:] == (None, None)
+
+
+def test_a_computed_channel_that_is_sent_is_not_read_of_one_sample_nor_of_many() -> None:
+    load = replace(channel("load", "load", "N", "load"), largest=10.0, formula="2*beta")
+    reader = ChannelReader(dictionary=LATERAL.plus(load))
+    batches = [
+        decode_batch('{"t": 0.0, "beta": 0.25, "load": 99.0}'),
+        decode_batch('{"t": [0.0, 0.1], "beta": [0.25, 0.25], "load": [99, 99]}'),
+    ]
+    for batch in batches:
+        sample = reader.samples(batch)[0]
+        assert (sample.y[0], sample.y[-1], sample.reason) == (0.25, 0.5, "")
+        assert reader.unread(batch) == ["load"]
 
 
 @pytest.mark.parametrize("value", ['"x"', "true", "[]", "[1, 2]", "1" + 400 * "0"])
