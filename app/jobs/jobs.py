@@ -101,19 +101,27 @@ class Jobs:
     ) -> str:
         """Queue a job and return its id. QueueFull.
 
-        release: called when the job has ended, whether it ran or not.
+        release: called when the job has ended, whether it ran or not, and if it is not queued.
         """
-        with self._changed:
-            if self._closing or len(self._waiting) >= self.limit:
-                raise QueueFull(
-                    f"{len(self._waiting)} jobs are waiting, the maximum: wait until one ends, or "
-                    "cancel one"
-                )
-            job_id = self.store.jobs.add(kind, request)
-            task = Task(job_id, work, self._on_progress, release=release)
-            self._live[task.id] = task
-            self._waiting.append(task)
-            self._changed.notify()
+        try:
+            with self._changed:
+                return self._queue(kind, request, work, release)
+        except BaseException:
+            release()
+            raise
+
+    def _queue(
+        self, kind: str, request: dict[str, Any], work: Work, release: Callable[[], object]
+    ) -> str:
+        if self._closing or len(self._waiting) >= self.limit:
+            raise QueueFull(
+                f"{len(self._waiting)} jobs are waiting, the maximum: wait until one ends, or "
+                "cancel one"
+            )
+        task = Task(self.store.jobs.add(kind, request), work, self._on_progress, release=release)
+        self._live[task.id] = task
+        self._waiting.append(task)
+        self._changed.notify()
         return task.id
 
     def info(self, job_id: str) -> JobInfo:
@@ -228,7 +236,7 @@ class Jobs:
         try:
             task.release()
         except Exception:
-            LOG.exception("job %s left something behind", task.id)
+            LOG.exception("the files of job %s could not be removed", task.id)
         task.ended = True
         self._live.pop(task.id, None)
         self._wake(task)

@@ -18,6 +18,7 @@ from app.jobs.kinds import sweep_leads as run_sweep
 from app.jobs.kinds import without_figures
 from app.jobs.requests import study_request, sweep_request
 from app.recipes.recipes import limits_named, to_plain
+from app.recordings.workers import run_to_end
 from app.routes.dependencies import (
     JobsDep,
     PlainBody,
@@ -68,17 +69,10 @@ async def accepted(
     *arguments: Any,
     release: Callable[[], object] = lambda: None,
 ) -> Any:
-    """Queue `work(task, *arguments)`; 429 if the queue is full.
-
-    release: called when the job has ended, or if it is not queued.
-    """
-    try:
-        job_id = await asyncio.to_thread(
-            jobs.submit, kind, request, lambda task: work(task, *arguments), release
-        )
-    except BaseException:
-        await asyncio.to_thread(release)
-        raise
+    """Queue `work(task, *arguments)`; 429 if the queue is full. release: see `Jobs.submit`."""
+    job_id = await run_to_end(
+        jobs.submit, kind, request, lambda task: work(task, *arguments), release
+    )
     job = as_sent(await asyncio.to_thread(jobs.info, job_id))
     return json_response(job, 202, {"Location": f"/api/v1/jobs/{job_id}"})
 

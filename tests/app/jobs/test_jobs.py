@@ -5,6 +5,7 @@ import numba
 import pytest
 
 from app.jobs.jobs import Jobs, NotRunning, QueueFull
+from app.routes.jobs import accepted
 from app.store.store import NotFound, open_store
 from tests.support.patience import PATIENCE
 
@@ -185,6 +186,49 @@ def test_a_full_queue_refuses(jobs):
     gate.go_on.set()
     assert {watched(jobs, job)[-1].status for job in waiting} == {"done"}
     assert (jobs.n_running, jobs.n_waiting) == (0, 0)
+
+
+def test_files_are_released_once_whether_a_job_is_queued_or_not(store):
+    released = []
+    jobs = Jobs(store, workers=1, queue=1)
+    job = jobs.submit("test", {}, lambda task: {}, lambda: released.append("ran"))
+    watched(jobs, job)
+    jobs.close()
+    with pytest.raises(QueueFull):
+        jobs.submit("test", {}, lambda task: {}, lambda: released.append("refused"))
+    assert released == ["ran", "refused"]
+
+
+def test_a_request_that_is_cancelled_leaves_its_job_the_files(store):
+    released, queuing, go_on = [], threading.Event(), threading.Event()
+    jobs = Jobs(store, workers=1, queue=1)
+    submit = jobs.submit
+
+    def slowly(*arguments):
+        queuing.set()
+        assert go_on.wait(PATIENCE)
+        return submit(*arguments)
+
+    jobs.submit = slowly
+
+    def work(task):
+        return {"released": [*released]}
+
+    async def cancelled():
+        request = asyncio.create_task(
+            accepted(jobs, "test", {}, work, release=lambda: released.append("files"))
+        )
+        assert await asyncio.to_thread(queuing.wait, PATIENCE)
+        request.cancel()
+        go_on.set()
+        with pytest.raises(asyncio.CancelledError):
+            await request
+
+    asyncio.run(cancelled())
+    (job,) = store.jobs.all()
+    assert watched(jobs, job.id)[-1].result == {"released": []}
+    assert released == ["files"]
+    jobs.close()
 
 
 def test_as_many_run_at_once_as_there_are_workers_and_no_more(store):
