@@ -16,10 +16,10 @@ from app.main import STATIC
 from app.routes.guide import SLUGS
 from core.monitor import MonitorRecipe, train
 from core.planned_test.collection import DatasetRecipe, collect
-from tests.faults.test_full_disk import until
 from tests.support.api import served
 from tests.support.command_line_page import PAGE, page
 from tests.support.live_server import LiveServer, live_server
+from tests.support.patience import until
 
 GUIDE = STATIC / "guide"
 SMALL = {

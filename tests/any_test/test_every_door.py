@@ -1,6 +1,5 @@
 """A pitch manoeuvre through every door: file, REST, live push, journal, recording, report."""
 
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +26,7 @@ from core.rollouts import LabelledFlights
 from core.types import Array, Indices
 from tests.support import short_period
 from tests.support.api import served
-from tests.support.patience import PATIENCE
+from tests.support.patience import until
 from tests.support.short_period import DICTIONARY, DT
 
 REST = 60
@@ -181,9 +180,7 @@ def test_a_safe_flight_is_quiet_and_valid(own: Own) -> None:
 def test_the_recording_of_a_flight_is_scored_as_it_was_shown(own: Own) -> None:
     flight = flown(own, own.flight(fails=True), "detected")
     shown = get(f"{flight}/assessments")["frames"]
-    until = time.monotonic() + PATIENCE
-    while get(flight)["recording"] is None and time.monotonic() < until:
-        time.sleep(0.05)
+    until(lambda: get(flight)["recording"] is not None)
     address = f"{own.url}/api/v1/recordings/{get(flight)['recording']}"
     body = {"monitor": own.id}
     scoring = httpx2.post(f"{address}/scorings", json=body).raise_for_status().json()
@@ -211,9 +208,7 @@ def test_a_flight_is_replayed_from_its_journal(own: Own) -> None:
     answer = httpx2.post(f"{own.url}/api/v1/flights", json=body).raise_for_status().json()
     replay = f"{own.url}/api/v1/flights/{answer['id']}"
     httpx2.post(f"{replay}/transport", json={"action": "speed", "value": 10}).raise_for_status()
-    until = time.monotonic() + PATIENCE
-    while get(replay)["head"] in (None, -1) and time.monotonic() < until:
-        time.sleep(0.05)
+    until(lambda: get(replay)["head"] not in (None, -1))
     httpx2.post(f"{replay}/end").raise_for_status()
 
 

@@ -4,7 +4,6 @@ import importlib
 import json
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,6 +12,7 @@ from typing import Any
 import pytest
 
 from tests.support.api import document, served
+from tests.support.patience import until
 from tests.support.recorded import csv_of
 
 NOT_GENERATED = "image/svg+xml"
@@ -84,9 +84,8 @@ def test_a_generated_client_trains_uploads_scores_and_marks(
             }
         )
         job = api.train_monitor.sync(client=client, body=body)
-        while job.status.value not in ("done", "failed"):
-            time.sleep(0.05)
-            job = api.read_job.sync(job.id, client=client)
+        until(lambda: api.read_job.sync(job.id, client=client).status.value in ("done", "failed"))
+        job = api.read_job.sync(job.id, client=client)
         assert job.status.value == "done", job.error
         monitor = api.read_monitor.sync(job.result["monitor"], client=client)
         assert monitor.limits["Ny"] == 0.5

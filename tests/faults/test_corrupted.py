@@ -7,8 +7,9 @@ from core.monitor import Monitor
 from tests.app.upkeep.test_integrity import corrupt_pages
 from tests.faults.conftest import keep_monitor
 from tests.faults.server import running
-from tests.faults.test_full_disk import FLIGHTS, fly, until
+from tests.faults.test_full_disk import FLIGHTS, fly
 from tests.support.api import problem
+from tests.support.patience import until
 
 
 def test_a_server_of_a_corrupted_database_starts_and_says_what_is_damaged(

@@ -1,6 +1,5 @@
 """A full disk: confirmed data is stored, refusals are reported, deleting makes space."""
 
-import time
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +7,7 @@ from core.monitor import Monitor
 from tests.faults.conftest import MIB, keep_monitor
 from tests.faults.server import running
 from tests.support.api import problem
-from tests.support.patience import PATIENCE
+from tests.support.patience import until
 
 FLIGHTS = "/api/v1/flights"
 
@@ -34,14 +33,6 @@ def fly(client: Any, monitor: str) -> str:
     client.post(f"{path}/transport", json={"action": "loop", "value": True})
     client.post(f"{path}/transport", json={"action": "speed", "value": 10})
     return path
-
-
-def until(found: Any) -> None:
-    """Wait for what the server does by itself."""
-    end = time.monotonic() + PATIENCE
-    while not found():
-        assert time.monotonic() < end
-        time.sleep(0.05)  # between two questions to another process
 
 
 def test_only_stored_data_is_confirmed_and_the_flight_continues(

@@ -21,10 +21,10 @@ from core.channels import KEYS
 from core.monitor import Monitor
 from tests.faults.conftest import keep_monitor
 from tests.faults.server import running
-from tests.faults.test_full_disk import fill, until
+from tests.faults.test_full_disk import fill
 from tests.support.api import problem
 from tests.support.live_server import assessed_again
-from tests.support.patience import PATIENCE
+from tests.support.patience import PATIENCE, until
 
 N_KILLS, N_LONG, KILLS_A_FLIGHT = 1, 100, 10
 FLIGHTS = "/api/v1/flights"
