@@ -175,8 +175,8 @@ function layOutMore(host, { rows, axis, bar }) {
 /** Tiles as a source of strip_chart.js. */
 function createSource(sources, { strips, timeWindow, dt, end, alertAbove = NaN, flags = [], fail }) {
   const isMargined = strips.some(({ key }) => key === MARGIN);
-  const derive = isMargined ? (answer, offset) => withMargin(answer, strips, offset) : undefined;
-  const caches = sources.map((source) => createTileCache({ ...source, derive, arrived: changed, failed }));
+  const loading = ({ load, offset = 0 }) => (isMargined ? async (...asked) => withMargin(await load(...asked), strips, offset) : load);
+  const caches = sources.map((source) => createTileCache({ ...source, load: loading(source), arrived: changed, failed }));
   const all = sources.some(({ manoeuvres }) => !manoeuvres)
     ? null
     : sources.flatMap(({ manoeuvres }) => manoeuvres);

@@ -1,9 +1,8 @@
 /**
  * Least and greatest values of a recording, bin by bin, fetched for the window as it moves.
  *
- * createTileCache({load, start, end, dt, offset, derive, arrived, failed}) -> TileCache
+ * createTileCache({load, start, end, dt, offset, arrived, failed}) -> TileCache
  *     load(start, end, bins) -> Promise<answer>, in the recording's own time; offset [s] is taken from its times
- *     derive(answer, offset) -> answer with more channels, if any
  *   want(view, pixels)    fetches what is missing for this window, once it rests; not after failed(error) until retry()
  *   best(view, pixels) -> TileSet | null    the coarsest that is fine enough, else the finest
  *   entire() -> TileSet | null, close()
@@ -78,7 +77,7 @@ function binOf(x0, step, t) {
   return low > 0 && t < x0[low - 1] + 1.5 * step ? low - 1 : -1;
 }
 
-export function createTileCache({ load, start, end, dt, offset = 0, derive = (answer) => answer, arrived, failed }) {
+export function createTileCache({ load, start, end, dt, offset = 0, arrived, failed }) {
   let sets = [];
   let asked = null; // the window last requested
   let timer = 0;
@@ -119,7 +118,7 @@ export function createTileCache({ load, start, end, dt, offset = 0, derive = (an
     if (asked === name) return;
     asked = name;
     try {
-      const answer = derive(await load(from + offset, to + offset, bins), offset);
+      const answer = await load(from + offset, to + offset, bins);
       if (closed) return;
       const set = { ...tileSet(answer, { offset, dt }), start: from, end: to, fine };
       sets = [...sets.slice(0, 1), ...sets.slice(1).slice(-KEPT), set];
