@@ -19,7 +19,7 @@ from app.telemetry.mapping.mapping import Mapping as ChannelMapping
 from app.telemetry.mapping.mapping import TimeSource
 from app.telemetry.recording import TelemetryError
 from app.telemetry.units import convert
-from core.channels import KEYS, Dictionary
+from core.channels import KEYS, LATERAL, Dictionary
 from core.limits.exceedance import SAME_TIME
 from core.limits.limit_sets import CONDITION_KEYS, MISSING, STALE, Condition
 from core.limits.limits import (
@@ -28,6 +28,7 @@ from core.limits.limits import (
     specification_from_plain,
     specification_to_plain,
 )
+from core.monitor import Monitor
 from core.types import Array, Flags, Indices
 
 KNOWN = ""
@@ -155,17 +156,24 @@ class InForceTimeline:
         ]
 
 
+def limits_over_time(
+    history: LimitsHistory | None, monitors: Sequence[Monitor]
+) -> InForceTimeline | None:
+    """Limits in force for monitors, the alarm authority first; None if its own always apply.
+
+    They do without a limit set, and for channels that limit sets do not know.
+    """
+    if history is None or monitors[0].dictionary != LATERAL:
+        return None
+    return history.timeline([monitor.envelope for monitor in monitors])
+
+
 class LimitPiece(NamedTuple):
     """Limits from start to end [s]: infinite where there is no limit or it is unknown."""
 
     start: float
     end: float
     limits: Envelope
-
-    @property
-    def limited(self) -> Flags:
-        """(n_channels,) whether a channel has a limit."""
-        return self.limits.limited
 
 
 def pieces_of(

@@ -21,7 +21,7 @@ from app.assessment.grid import (
     joined,
     missing_after,
 )
-from app.assessment.limits_history import InForceTimeline, LimitsHistory
+from app.assessment.limits_history import InForceTimeline, LimitsHistory, limits_over_time
 from app.assessment.planned_test import PlannedTest, needed_channels, planned_test
 from app.assessment.scored import BETWEEN
 from app.assessment.trim import CausalTrim, FollowedManoeuvre
@@ -146,6 +146,12 @@ class RecordedFlight:
             raise MissingChannels(lacking, recorded)
         grid = on_grid(repaired, monitor.dt, read, dictionary)
         notes = list(grid.recording.notes)
+        timeline = limits_over_time(history, [monitor])
+        if history is not None and timeline is None:
+            notes.append(
+                f"A limit set was in force in the flight. Limit sets know only "
+                f"{', '.join(LATERAL.keys)}, so the monitor's own limits apply."
+            )
         if absent:
             notes.append(f"Not recorded and not read by the monitor: {', '.join(absent)}.")
         return cls(
@@ -158,7 +164,7 @@ class RecordedFlight:
             grid.begun,
             needed,
             tuple(notes),
-            None if history is None else history.timeline([monitor.envelope]),
+            timeline,
         )
 
 

@@ -12,7 +12,7 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from app.assessment import ScoredRecording, ScoringRecipe, score
-from app.assessment.limits_history import InForceTimeline, LimitsHistory
+from app.assessment.limits_history import InForceTimeline, LimitsHistory, limits_over_time
 from app.recordings.mapped_columns import plain, quality_of
 from app.recordings.recordings import Recordings
 from app.recordings.samples import (
@@ -30,7 +30,6 @@ from app.store.tables import new_id, now
 from app.telemetry.mapping.mapping import Mapping
 from core import __version__
 from core.kernels.compiled import threads
-from core.limits.limits import Envelope
 from core.monitor import Monitor
 
 
@@ -125,11 +124,11 @@ class ScoredRecordings:
         return stored, stored.id == scoring_id
 
     def limits_timeline(
-        self, info: ScoringInfo, own: Sequence[Envelope | None]
+        self, info: ScoringInfo, monitors: Sequence[Monitor]
     ) -> InForceTimeline | None:
-        """Which limits were in force when, for monitors of `own` limits; None for no limit set."""
+        """Limits in force over time for monitors, see `limits_over_time`."""
         history = self._history(info.recording_id, Mapping.from_plain(info.mapping))
-        return None if history is None else history.timeline(own)
+        return limits_over_time(history, monitors)
 
     def _history(self, recording_id: str, mapping: Mapping) -> LimitsHistory | None:
         with self.recordings.present(recording_id):

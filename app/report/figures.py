@@ -189,7 +189,7 @@ def risk_strip(
 
 def _limited(limits: Sequence[LimitPiece]) -> list[int]:
     """Channels with a limit at any time."""
-    return np.flatnonzero(np.any([piece.limited for piece in limits], axis=0)).tolist()
+    return np.flatnonzero(np.any([piece.limits.limited for piece in limits], axis=0)).tolist()
 
 
 def _drawn(dictionary: Dictionary, limits: Sequence[LimitPiece]) -> list[int]:
@@ -199,8 +199,7 @@ def _drawn(dictionary: Dictionary, limits: Sequence[LimitPiece]) -> list[int]:
 
 
 def _reference(dictionary: Dictionary) -> str:
-    is_from_trim = all(channel.reference == "trim" for channel in dictionary.channels)
-    return "measured, from trim" if is_from_trim else "measured"
+    return "measured" if dictionary.absolute else "measured, from trim"
 
 
 def _shown(y: Array, channel: Channel, c: int) -> Array:

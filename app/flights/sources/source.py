@@ -187,7 +187,6 @@ class Recorded(Source):
                 f"this recording was scored by monitor {info.monitor_name} ({info.monitor_id}) at "
                 f"epsilon {info.epsilon:g}: use these, or score it again"
             )
-        limits = [monitor.envelope, *(shown.monitor.envelope for shown in opening.display)]
         script = RecordedScript(
             opening.scored.samples(info),
             info.manoeuvres,
@@ -200,7 +199,9 @@ class Recorded(Source):
             ],
             theta0=trim_angles(monitor.dataset_recipe)[1],
             display=[self._displayed(shown, info, opening) for shown in opening.display],
-            held=opening.scored.limits_timeline(info, limits),
+            held=opening.scored.limits_timeline(
+                info, [monitor, *(shown.monitor for shown in opening.display)]
+            ),
             monitor=monitor,
         )
         return script, store.recordings.info(self.recording).name
