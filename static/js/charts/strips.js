@@ -7,8 +7,9 @@
  *     limits [low, high] | null  in force now, or always;   risk, axis
  *     held [{from, to, limits}] | null  limits of samples with from < t <= to [s], where they changed
  *     forecast  key of the forecast's series, or null
+ * isSummary(strip)     whether it is the risk or the margin, not a channel
  * holdsOf(strip) -> held, of one entry where the limits never changed
- * hasMargin(channels)     whether MARGIN says more than the limited channel does
+ * hasMargin(channels)     whether MARGIN adds to the limited channel's strip
  * marginAt(strips, t, read) -> {low, high, nearest}     of samples at t [s] whose values lie in read(strip) -> {low, high};
  *     nearest: the strip whose limit is nearest.   NaN where a limited channel has no value, or no limit is known
  * limitedFirst(channels) -> {limited, others}     keys
@@ -42,6 +43,8 @@ export function stripOf(key, channels, { narrowAfter } = {}) {
   return { ...channel, limits, held: null, forecast: null, risk, axis };
 }
 
+export const isSummary = ({ key, risk }) => risk || key === MARGIN;
+
 export function holdsOf({ held, limits }) {
   return held ?? [{ from: -Infinity, to: Infinity, limits }];
 }
@@ -54,8 +57,8 @@ export function hasMargin(channels) {
 export function marginAt(strips, t, read) {
   const margin = { low: NaN, high: NaN, nearest: null };
   for (const strip of strips) {
-    const limits = holdsOf(strip).find(({ from, to }) => t > from && t <= to)?.limits ?? null;
-    if (strip.risk || strip.key === MARGIN || limits === null) continue;
+    const limits = isSummary(strip) ? null : limitsAt(strip, t);
+    if (limits === null) continue;
     const { low, high } = read(strip);
     const [least, greatest] = marginOf(limits, strip.rest ?? 0, low, high);
     if (!Number.isFinite(greatest)) return { low: NaN, high: NaN, nearest: null };
@@ -63,6 +66,10 @@ export function marginAt(strips, t, read) {
     if (!(least <= margin.low)) margin.low = least;
   }
   return margin;
+}
+
+function limitsAt({ held, limits }, t) {
+  return held === null ? limits : (held.find(({ from, to }) => t > from && t <= to)?.limits ?? null);
 }
 
 export function limitedFirst(channels) {
@@ -74,13 +81,13 @@ export function limitedFirst(channels) {
 }
 
 export function arranged(strips) {
-  const isSummary = ({ key, risk }) => risk || key === MARGIN;
   const summaries = strips.filter(isSummary);
   const channels = strips.filter((strip) => !isSummary(strip));
-  const tall = channels.filter(({ limits }) => limits !== null).slice(0, MOST_TALL);
+  const limited = channels.filter(({ limits }) => limits !== null);
+  const tall = limited.slice(0, MOST_TALL);
   const shaped = (strip, fold = null) => Object.assign(strip, { isTall: strip.risk || tall.includes(strip), fold });
   if (channels.length <= MOST_OPEN) return strips.map((strip) => shaped(strip));
-  const first = channels.filter(({ limits }) => limits !== null).slice(0, MOST_OPEN);
+  const first = limited.slice(0, MOST_OPEN);
   const groups = grouped(channels.filter((strip) => !first.includes(strip)));
   let open = first.length;
   const folded = groups.flatMap(([group, members]) => {

@@ -38,7 +38,7 @@ import { leadSeconds, quantity, reading } from "../../lib/numbers.js";
 import { STATE_WORDS, stripState, WITHDRAWN } from "../../lib/states.js";
 import { layOut } from "../layout.js";
 import { createStripChart } from "../strip_chart.js";
-import { arranged, hasMargin, limitedFirst, MARGIN, marginAt, stripOf } from "../strips.js";
+import { arranged, hasMargin, isSummary, limitedFirst, MARGIN, marginAt, stripOf } from "../strips.js";
 import { bandsOf, createCells } from "./cells.js";
 import { createIntake } from "./intake.js";
 import { createRingBuffer } from "./ring_buffer.js";
@@ -86,7 +86,7 @@ export function createFlightChart(host, options) {
   }
 
   function setLimits(given, held = []) {
-    for (const strip of strips.filter(({ risk, key }) => !risk && key !== MARGIN)) {
+    for (const strip of strips.filter((each) => !isSummary(each))) {
       const channel = given.find(({ key }) => key === strip.key);
       strip.limits = channel === undefined ? null : limitsOf(channel);
       strip.rest = channel?.rest;

@@ -32,7 +32,7 @@ import { durationText, formatTime, formatValue, shownIn } from "../../lib/number
 import { layOut } from "../layout.js";
 import { NOTHING, rangeText } from "../readings.js";
 import { createStripChart } from "../strip_chart.js";
-import { arranged, hasMargin, limitedFirst, MARGIN, marginAt, stripOf } from "../strips.js";
+import { arranged, hasMargin, isSummary, limitedFirst, MARGIN, marginAt, stripOf } from "../strips.js";
 import { createTimeWindow } from "../time_window.js";
 import { bandsOf, between, cellsOf } from "./cells.js";
 import { createOverviewBar } from "./overview_bar.js";
@@ -138,7 +138,7 @@ function usualOrder(channels) {
 
 /** A strip with its limits by time, where these were not always the channel's own. */
 function withHeld(strip, given) {
-  if (strip.risk || strip.key === MARGIN || !given) return strip;
+  if (isSummary(strip) || !given) return strip;
   const held = given.map(({ start, end, limits }) => ({
     from: start - 1e-9, // a sample at the start is judged by them, one at the end is not
     to: end - 1e-9,
