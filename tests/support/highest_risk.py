@@ -22,9 +22,12 @@ def forty_flights(seed: int, h: int) -> Failures:
 
 
 def check_highest_risk(
-    rule: Monitor, parts: Sequence[Monitor], failures: Failures, flights: Array
+    rule: Monitor, parts: Sequence[Monitor], failures: Failures, h: int, flights: Array
 ) -> None:
-    """Assert its calibration scores on failures, and its p-values on flights, to the bit."""
+    """Assert its calibration scores on failures, and its p-values on flights, to the bit.
+
+    h: samples of its lead.
+    """
 
     def risks(y: Array) -> list[float]:
         """Highest risk of the parts, sample by sample."""
@@ -38,7 +41,7 @@ def check_highest_risk(
         -max(risks(y)[: last + 1], default=-math.inf)
         for y, fail in zip(*failures, strict=True)
         if fail < N_SAMPLES
-        for last in [fail - rule.h]
+        for last in [fail - h]
     )
     assert rule.alphas.tolist() == alphas
     assert (rule.n_early, alphas[-1]) == (1, math.inf)

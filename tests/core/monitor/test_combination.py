@@ -53,7 +53,7 @@ def test_scores_and_risks_are_those_of_a_plain_loop(
     combination: Monitor,
     flights: Array,
 ) -> None:
-    check_highest_risk(combination, members, failures, flights[:4])
+    check_highest_risk(combination, members, failures, H, flights[:4])
 
 
 def test_a_stream_says_what_a_batch_says_also_over_gaps(

@@ -64,7 +64,7 @@ def test_the_risk_is_the_higher_one_of_both_parts_calibrated_on_fresh_failures(
     failures: tuple[Array, np.ndarray],
     flights: Array,
 ) -> None:
-    check_highest_risk(monitor, parts, failures, flights[:4])
+    check_highest_risk(monitor, parts, failures, H, flights[:4])
 
 
 def test_it_forecasts_the_outputs_of_the_linear_map_and_the_peak_of_its_part(
