@@ -199,7 +199,7 @@ def test_files_are_released_once_whether_a_job_is_queued_or_not(store):
     assert released == ["ran", "refused"]
 
 
-def test_a_request_that_is_cancelled_leaves_its_job_the_files(store):
+def test_a_request_that_is_cancelled_leaves_its_job_the_files(store, monkeypatch):
     released, queuing, go_on = [], threading.Event(), threading.Event()
     jobs = Jobs(store, workers=1, queue=1)
     submit = jobs.submit
@@ -209,7 +209,7 @@ def test_a_request_that_is_cancelled_leaves_its_job_the_files(store):
         assert go_on.wait(PATIENCE)
         return submit(*arguments)
 
-    jobs.submit = slowly
+    monkeypatch.setattr(jobs, "submit", slowly)
 
     def work(task):
         return {"released": [*released]}
