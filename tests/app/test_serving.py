@@ -3,7 +3,6 @@ import signal
 import socket
 import sys
 import threading
-import time
 from base64 import b64encode
 from multiprocessing import active_children
 from typing import Any
@@ -22,7 +21,7 @@ from app.settings import Settings, SettingsError
 from app.store.store import open_store
 from core.evaluation.rates import evaluate
 from tests.support.api import command, served
-from tests.support.patience import PATIENCE
+from tests.support.patience import PATIENCE, until
 
 
 def test_a_server_serves_its_page_and_stops_when_told(tmp_path):
@@ -120,9 +119,7 @@ def test_a_watcher_has_a_small_buffer_and_a_download_a_large_one(tmp_path):
         watched = buffer_after(f"/api/v1/flights/none/stream HTTP/1.1\r\n{upgrade}")
         # the kernel counts its own bookkeeping too, and says twice what was asked for
         assert watched <= 2 * 32_768
-        until = time.monotonic() + PATIENCE
-        while server.server_state.connections:
-            assert time.monotonic() < until
+        until(lambda: not server.server_state.connections)
         assert buffer_after("/healthz HTTP/1.1") > 2 * watched
 
 

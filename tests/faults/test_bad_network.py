@@ -15,7 +15,7 @@ from tests.faults.conftest import keep_monitor
 from tests.faults.server import reserved_port, running
 from tests.support.bad_network import BadLine, badly_delivered
 from tests.support.live_server import assert_shown_again, journal_samples, live_server
-from tests.support.patience import PATIENCE
+from tests.support.patience import until
 
 DT = 0.05
 REST = dict.fromkeys(KEYS, 0.0)
@@ -52,9 +52,7 @@ def test_datagrams_that_are_lost_doubled_and_late_show_again_as_they_came(
             for k, datagram in enumerate(come):
                 sender.sendto(datagram, (host, int(port)))
                 time.sleep(0.001 * (k % 3))  # the arrivals are of the real clock
-        end = time.monotonic() + PATIENCE
-        while client.status()["batches"] < len({*come}) and time.monotonic() < end:
-            time.sleep(0.01)  # between two questions to another thread
+        until(lambda: client.status()["batches"] >= len({*come}))
         counts = client.status()["counts"]
         client.end()
     numbers = [json.loads(each)["sequence"] for each in dict.fromkeys(come)]

@@ -3,8 +3,9 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import httpx2
 import numpy as np
 
 from app.assessment.batches import ChannelReader
@@ -16,6 +17,7 @@ from app.telemetry.journal import Journals, lines_of
 from core.monitor.assessment import STATES
 from tests.app.flights.test_flights import monitor
 from tests.support.api import served
+from tests.support.patience import until
 
 
 class LiveServer(NamedTuple):
@@ -33,6 +35,16 @@ def live_server(root: Path) -> Iterator[LiveServer]:
     store.close()
     with served(root) as (url, _):
         yield LiveServer(url, monitor_id, root)
+
+
+def alarms_of(flight: str, *kinds: str) -> list[dict[str, Any]]:
+    """The alarms of some kinds of the flight at this address, as soon as there is one."""
+
+    def find() -> list[dict[str, Any]]:
+        alarms = httpx2.get(f"{flight}/alarms").raise_for_status().json()
+        return [alarm for alarm in alarms if alarm["kind"] in kinds]
+
+    return until(find)
 
 
 def journal_samples(root: Path, flight: str, name: str = "t") -> list[float]:

@@ -2,14 +2,17 @@
 
 import time
 from collections.abc import Callable
+from typing import TypeVar
 
+Found = TypeVar("Found")
 PATIENCE = 120
 """[s] Who takes longer hangs; the first call of a machine compiles kernels."""
 
 
-def until(found: Callable[[], object]) -> None:
-    """Wait for what the server does by itself."""
+def until(find: Callable[[], Found]) -> Found:
+    """What a server does by itself, as soon as it is found."""
     end = time.monotonic() + PATIENCE
-    while not found():
+    while not (found := find()):
         assert time.monotonic() < end
-        time.sleep(0.05)  # between two questions to another process
+        time.sleep(0.01)  # between two questions to another thread or process
+    return found

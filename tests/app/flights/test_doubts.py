@@ -1,6 +1,5 @@
 """Cautions about samples that are no picture of the aircraft, pushed through a real server."""
 
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -16,8 +15,7 @@ from core.channels import KEYS
 from core.planned_test.collection import Simulator
 from core.types import Array
 from tests.app.flights.test_flights import RECIPE
-from tests.support.live_server import LiveServer, live_server
-from tests.support.patience import PATIENCE
+from tests.support.live_server import LiveServer, alarms_of, live_server
 
 DT = RECIPE.dt
 RUDDER, NY = KEYS.index("delta_r"), KEYS.index("Ny")
@@ -56,13 +54,7 @@ class Pushed:
 
     def cautions(self, flight: str | None = None) -> list[dict[str, Any]]:
         """Alarms about samples in doubt, as soon as there is one."""
-        until = time.monotonic() + PATIENCE
-        while time.monotonic() < until:
-            alarms = httpx2.get(f"{flight or self.flight}/alarms").raise_for_status().json()
-            if found := [alarm for alarm in alarms if alarm["kind"] in DOUBT_KINDS]:
-                return found
-            time.sleep(0.02)
-        return []
+        return alarms_of(flight or self.flight, *DOUBT_KINDS)
 
     @property
     def is_calm(self) -> bool:

@@ -1,14 +1,12 @@
 """Every sample is judged as it is received, whatever the resampler then does with it."""
 
-import time
 from collections.abc import Iterator
-from typing import Any
 
 import httpx2
 import pytest
 
 from core.channels import KEYS
-from tests.support.live_server import LiveServer, live_server
+from tests.support.live_server import LiveServer, alarms_of, live_server
 from tests.support.patience import PATIENCE
 
 DT = 0.05
@@ -31,17 +29,6 @@ def push(flight: str, times: list[float], ny: float) -> None:
     httpx2.post(f"{flight}/samples", json={"t": times, **channels}).raise_for_status()
 
 
-def limit_alarms(flight: str) -> list[dict[str, Any]]:
-    """The limit alarms, as soon as there is one."""
-    until = time.monotonic() + PATIENCE
-    while time.monotonic() < until:
-        alarms = httpx2.get(f"{flight}/alarms").raise_for_status().json()
-        if found := [alarm for alarm in alarms if alarm["kind"] == "limit"]:
-            return found
-        time.sleep(0.02)
-    return []
-
-
 GOOD = [k * DT for k in range(40)]
 ODD = {
     "one late sample": ([1.52], 1.52),
@@ -62,7 +49,7 @@ def test_a_sample_beyond_a_limit_is_an_alarm_even_if_no_other_follows(
     flight = start(server, trim)
     push(flight, GOOD, 0.0)
     push(flight, times, 1.5)
-    (alarm,) = limit_alarms(flight)
+    (alarm,) = alarms_of(flight, "limit")
     assert alarm["exceedance"]["value"] == pytest.approx(1.5)
     if alarm_t is None:
         assert "time unknown" in alarm["reason"]
@@ -81,7 +68,7 @@ def test_a_sample_that_reaches_the_grid_too_is_one_exceedance(server: LiveServer
     push(flight, GOOD, 0.0)
     push(flight, [GOOD[-1] + k * 0.02 for k in range(1, 20)], 1.5)
     push(flight, [GOOD[-1] + 0.4 + k * 0.02 for k in range(20)], 0.0)
-    assert len(limit_alarms(flight)) == 1
+    assert len(alarms_of(flight, "limit")) == 1
     httpx2.post(f"{flight}/end").raise_for_status()
     (of_channel,) = httpx2.get(flight).raise_for_status().json()["exceedances"]
     assert of_channel["n"] == 1

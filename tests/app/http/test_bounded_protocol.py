@@ -18,7 +18,7 @@ from websockets.sync.client import connect
 from app.http.bounded_protocol import SLOWEST_BODY
 from app.recordings import upload as upload_module
 from tests.support.api import served
-from tests.support.patience import PATIENCE
+from tests.support.patience import PATIENCE, until
 from tests.support.recorded import OCTETS, RECORDINGS, csv_of
 
 SOON = 0.2
@@ -153,10 +153,10 @@ def test_an_idle_connection_is_closed_whatever_trickles_between_requests(tmp_pat
 def trickled(connection, start, drop):
     """Send drops until the server closes; True where it did."""
     connection.settimeout(SOON / 10)
-    until = time.monotonic() + PATIENCE
+    end = time.monotonic() + PATIENCE
     try:
         connection.sendall(start)
-        while time.monotonic() < until:
+        while time.monotonic() < end:
             connection.sendall(drop)
             try:
                 if not connection.recv(65536):
@@ -182,9 +182,7 @@ def test_a_body_that_stalls_or_trickles_is_refused(tmp_path, caplog, post, drop)
     with served(tmp_path, body_seconds=SOON) as (address, server):
         with connected(address) as connection:
             assert trickled(connection, start, drop)
-        until = time.monotonic() + PATIENCE
-        while server.app.state.recordings.under_way:
-            assert time.monotonic() < until
+        until(lambda: not server.app.state.recordings.under_way)
     assert not [record for record in caplog.records if record.levelname == "ERROR"]
 
 

@@ -5,7 +5,6 @@ import json
 import shutil
 import socket
 import threading
-import time
 
 import httpx2
 import pytest
@@ -18,7 +17,7 @@ from app.store.store import open_store
 from core.monitor import MonitorRecipe, train
 from tests.faults.server import running
 from tests.support.api import api, problem, served, store_of
-from tests.support.patience import PATIENCE
+from tests.support.patience import PATIENCE, until
 from tests.support.recorded import OCTETS, RECORDINGS, csv_of, kept_files, upload, uploaded
 
 HEAD = "POST {path}?name=half.csv HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: {length}\r\n"
@@ -41,15 +40,6 @@ def half_sent(address, length=LENGTH, share=0.5):
     return connection
 
 
-def until(fact, address):
-    """Ask the server for its pulse until something is so: its loop goes round each time."""
-    deadline = time.monotonic() + PATIENCE
-    with httpx2.Client(base_url=address) as client:
-        while not fact():
-            assert time.monotonic() < deadline
-            client.get("/healthz")
-
-
 def coming_in(data_dir):
     return list((data_dir / "recordings" / "incoming").glob("*/file"))
 
@@ -62,11 +52,11 @@ def test_a_client_that_disconnects_half_way_leaves_nothing(tmp_path):
     with served(tmp_path) as (address, _):
         for close in ("shut", "reset"):
             connection = half_sent(address)
-            until(lambda: some_came(tmp_path), address)
+            until(lambda: some_came(tmp_path))
             if close == "reset":
                 connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
             connection.close()
-            until(lambda: not kept_files(tmp_path), address)
+            until(lambda: not kept_files(tmp_path))
         assert httpx2.get(f"{address}{RECORDINGS}").json() == []
 
 
@@ -97,7 +87,7 @@ def test_a_client_that_disconnects_during_reading_leaves_nothing(tmp_path, file,
         connection.close()
         httpx2.get(f"{address}/healthz")  # its loop has come round since
         left.set()
-        until(lambda: not server.app.state.recordings.under_way, address)
+        until(lambda: not server.app.state.recordings.under_way)
         assert kept_files(tmp_path) == set()
         assert httpx2.get(f"{address}{RECORDINGS}").json() == []
 
@@ -106,7 +96,7 @@ def test_a_server_that_stops_leaves_nothing_of_uploads_in_progress(tmp_path, mon
     monkeypatch.setattr(serving_module, "PATIENCE", 0)
     with served(tmp_path) as (address, _):
         connection = half_sent(address)
-        until(lambda: coming_in(tmp_path), address)
+        until(lambda: coming_in(tmp_path))
     connection.close()
     assert kept_files(tmp_path) == set()
 
@@ -131,9 +121,9 @@ def test_a_server_that_is_killed_leaves_nothing_half_done_after_its_next_start(
         )
         assert flown.status_code == 201, flown.text
         job = httpx2.post(f"{address}/api/v1/datasets", json=ENDLESS).headers["location"]
-        until(lambda: httpx2.get(f"{address}{job}").json()["status"] == "running", address)
+        until(lambda: httpx2.get(f"{address}{job}").json()["status"] == "running")
         with half_sent(address):
-            until(lambda: some_came(tmp_path), address)
+            until(lambda: some_came(tmp_path))
             process.kill()
             process.join(PATIENCE)
     assert coming_in(tmp_path)
