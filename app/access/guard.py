@@ -237,7 +237,7 @@ class BodyLimit:
         most = self.uploads.get((scope["method"], scope["path"]), self.max_bytes)
         declared = Headers(scope=scope).get("content-length", "")
         if declared.isdigit() and int(declared) > most:
-            return await problem_response(_too_large(most))(scope, receive, send)
+            return await problem_response(too_large(most))(scope, receive, send)
         read = 0
 
         async def receive_counted() -> Message:
@@ -245,13 +245,14 @@ class BodyLimit:
             message = await receive()
             read += len(message.get("body", b""))
             if read > most:
-                raise _too_large(most)
+                raise too_large(most)
             return message
 
         return await self.app(scope, receive_counted, send)
 
 
-def _too_large(most: int) -> Problem:
+def too_large(most: int) -> Problem:
+    """most: bytes of a body."""
     text = f"the body is too large: send at most {most} bytes"
     return Problem(413, text, "urn:forewarn:body", max_bytes=most)
 

@@ -47,14 +47,14 @@ class Abandoned(Exception):
 class Upload:
     """A file to receive.
 
-    name: original file name.   length: declared by the client [bytes], None if unknown.
+    name: original file name.   length: declared by the client [bytes], or 0.
     body: content in chunks.   is_abandoned: whether the client has disconnected.
     monitor: id of the one that the mapping is proposed for, if any.
     """
 
     name: str
     aircraft: str | None
-    length: int | None
+    length: int
     body: AsyncIterator[bytes]
     is_abandoned: Callable[[], Awaitable[bool]]
     monitor: str | None = None
@@ -100,7 +100,7 @@ class Recordings:
         with self._uploading():
             try:
                 dictionary = await run_to_end(self.dictionary_of, upload.monitor)
-                folder = await run_to_end(self._begin, recording_id, upload.length or 0)
+                folder = await run_to_end(self._begin, recording_id, upload.length)
                 received = await receive(upload.body, folder / "file", self.files.require)
                 if received.size == 0:
                     raise TelemetryError("the file is empty: choose a file with telemetry")
@@ -116,19 +116,19 @@ class Recordings:
         return recording_id
 
     async def receive_rollouts(
-        self, fields: AsyncIterator[SentField], said: dict[str, str], length: int
+        self, fields: AsyncIterator[SentField], given: dict[str, str], length: int
     ) -> SentRollouts:
         """Receive files of rollouts into a folder, which the caller drops by `drop_rollouts`.
 
-        said: fields besides those sent.   length: declared by the client [bytes], or 0.
+        given: text fields besides those sent.   length: declared by the client [bytes], or 0.
         Busy; NoSpace; Stalled; TelemetryError.
         """
         upload_id = new_id()
         with self._uploading():
             try:
                 sent = SentRollouts(await run_to_end(self._begin, upload_id, length))
-                for name, text in said.items():
-                    sent.say(name, text)
+                for name, text in given.items():
+                    sent.set_field(name, text)
                 await receive_rollouts(fields, sent, self.files.require)
             except BaseException:
                 await run_to_end(self.files.reject, upload_id)

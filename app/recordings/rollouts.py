@@ -50,8 +50,8 @@ class SentRollouts:
     limits: list[str] = field(default_factory=list)
     dt: float | None = None
 
-    def say(self, name: str, text: str, file_name: str = "") -> None:
-        """Take a field that is no file. TelemetryError."""
+    def set_field(self, name: str, text: str, file_name: str = "") -> None:
+        """Set a text field. TelemetryError."""
         lines = [part for line in text.splitlines() if (part := line.strip())]
         if name == "limit":
             self.limits += lines
@@ -135,7 +135,7 @@ async def receive_rollouts(
     (sent.folder / FILES).mkdir()
     async for each in fields:
         if each.name in TEXTS:
-            sent.say(each.name, await _text(each), each.file_name)
+            sent.set_field(each.name, await _text(each), each.file_name)
             continue
         if not each.file_name and each.name != "file":
             known = instead_of(each.name, ("file", *TEXTS))

@@ -12,6 +12,7 @@ from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, Field
 from starlette.requests import ClientDisconnect
 
+from app.access.guard import too_large
 from app.catalog import amplitude_request_schema, dataset_request_schema
 from app.http.problems import Problem, problem_responses
 from app.jobs.jobs import Jobs
@@ -29,12 +30,13 @@ from app.routes.dependencies import (
     StoreDep,
     body_of,
     content_type,
+    declared_length,
     file_of,
     json_response,
     parse_object,
 )
 from app.routes.jobs import accepted, queued
-from app.routes.sent_files import CONTENT, FORM, OCTETS, sent_fields
+from app.routes.sent_files import BINARY, CONTENT, FORM, OCTETS, sent_fields
 from app.settings import Settings
 from app.store.datasets import DatasetInfo
 from app.store.jobs import JobInfo
@@ -90,7 +92,6 @@ class RolloutPreview(BaseModel):
 
 
 _TEXT = {"type": "string"}
-_FILE: dict[str, Any] = {"type": "string", "format": "binary"}
 _ROLLOUTS: dict[str, Any] = {
     "schema": {
         "title": "Rollouts in a form",
@@ -99,7 +100,7 @@ _ROLLOUTS: dict[str, Any] = {
             "file": {
                 "description": "arrays or a table of many flights; or, sent several times, one "
                 "file for each flight",
-                "anyOf": [_FILE, {"type": "array", "items": _FILE}],
+                "anyOf": [BINARY, {"type": "array", "items": BINARY}],
             },
             "name": _TEXT | {"description": "of the dataset; that of the first file if absent"},
             "dictionary": _TEXT
@@ -128,7 +129,7 @@ _BODY = body_of(
 )
 _BODY["requestBody"]["content"] |= _ROLLOUT_BODY
 
-Said = Annotated[str | None, Query(description="as in a form, beside a body that is one file")]
+FormText = Annotated[str | None, Query(description="as in a form, beside a body that is one file")]
 Limits = Annotated[list[str] | None, Query(description="as in a form: KEY=LOW..HIGH")]
 Computed = Annotated[list[str] | None, Query(description="as in a form: KEY [UNIT] = FORMULA")]
 
@@ -140,11 +141,11 @@ async def add_dataset(
     jobs: JobsDep,
     settings: SettingsDep,
     recordings: RecordingsDep,
-    name: Said = None,
-    dictionary: Said = None,
+    name: FormText = None,
+    dictionary: FormText = None,
     channel: Computed = None,
     limit: Limits = None,
-    dt: Said = None,
+    dt: FormText = None,
 ) -> JobInfo:
     """Simulate a planned test until `n_unsafe` rollouts are unsafe, or add rollouts; starts a job.
 
@@ -162,9 +163,9 @@ async def add_dataset(
             raise RecipeError(f"{key} was given beside a recipe: it is for files, leave it out")
         plain = await _recipe_of(request, settings)
         return await _simulate(plain, store, jobs, settings)
-    said = {"name": name, "dictionary": dictionary, "dt": dt}
-    said |= {"channel": "\n".join(channel or ()), "limit": "\n".join(limit or ())}
-    sent = await _received(request, recordings, said)
+    fields = {"name": name, "dictionary": dictionary, "dt": dt}
+    fields |= {"channel": "\n".join(channel or ()), "limit": "\n".join(limit or ())}
+    sent = await _received(request, recordings, fields)
     work = sent, settings.max_array_bytes, store
     drop = partial(recordings.drop_rollouts, sent)
     return await accepted(jobs, "dataset", sent.as_plain(), add_rollouts, *work, release=drop)
@@ -179,16 +180,16 @@ async def preview_rollouts(
     request: Request,
     settings: SettingsDep,
     recordings: RecordingsDep,
-    name: Said = None,
-    dictionary: Said = None,
-    dt: Said = None,
+    name: FormText = None,
+    dictionary: FormText = None,
+    dt: FormText = None,
 ) -> RolloutPreview:
     """Read files of rollouts without storing them: their channels, units and ranges.
 
     Set roles and limits by these, then send the files with `dictionary` and `limit`.
     """
-    said = {"name": name, "dictionary": dictionary, "dt": dt}
-    sent = await _received(request, recordings, said)
+    fields = {"name": name, "dictionary": dictionary, "dt": dt}
+    sent = await _received(request, recordings, fields)
     try:
         read = await recordings.readers.run(sent.read, settings.max_array_bytes)
         return json_response(await recordings.readers.run(preview_of, read))
@@ -197,13 +198,13 @@ async def preview_rollouts(
 
 
 async def _received(
-    request: Request, recordings: Recordings, said: Mapping[str, str | None]
+    request: Request, recordings: Recordings, fields: Mapping[str, str | None]
 ) -> SentRollouts:
-    length = request.headers.get("content-length", "")
-    size = int(length) if length.isdigit() else 0
-    given = {name: text for name, text in said.items() if text}
+    given = {name: text for name, text in fields.items() if text}
     try:
-        sent = await recordings.receive_rollouts(sent_fields(request), given, size)
+        sent = await recordings.receive_rollouts(
+            sent_fields(request), given, declared_length(request)
+        )
     except ClientDisconnect:
         text = "the upload was interrupted and nothing is stored: send the files again"
         raise Problem(408, text) from None
@@ -219,12 +220,7 @@ async def _recipe_of(request: Request, settings: Settings) -> dict[str, Any]:
     async for chunk in request.stream():
         body += chunk
         if len(body) > settings.max_body_bytes:
-            raise Problem(
-                413,
-                f"the recipe is too large: send at most {settings.max_body_bytes} bytes",
-                "urn:forewarn:body",
-                max_bytes=settings.max_body_bytes,
-            )
+            raise too_large(settings.max_body_bytes)
     return await asyncio.to_thread(parse_object, bytes(body))
 
 

@@ -45,6 +45,12 @@ async def _person(request: Request) -> Person:
     return request.scope["person"]
 
 
+def declared_length(request: Request) -> int:
+    """Bytes of the body that the client announces; 0 if it does not."""
+    length = request.headers.get("content-length", "")
+    return int(length) if length.isdigit() else 0
+
+
 StoreDep = Annotated[Store, part("store")]
 JobsDep = Annotated[Jobs, part("jobs")]
 SettingsDep = Annotated[Settings, part("settings")]

@@ -21,6 +21,7 @@ from app.routes.dependencies import (
     RecordingsDep,
     StoreDep,
     TimeInterval,
+    declared_length,
     json_response,
     strictly,
 )
@@ -272,9 +273,8 @@ async def upload_recording(
     if not (file_name := plain_name(sent_name)):
         text = f"{sent_name!r} is not a file name: give a name with letters or digits"
         raise Problem(422, text, "urn:forewarn:request")
-    length = request.headers.get("content-length", "")
-    size = int(length) if length.isdigit() else None
-    upload = Upload(file_name, aircraft, size, sent.content, request.is_disconnected, monitor)
+    length = declared_length(request)
+    upload = Upload(file_name, aircraft, length, sent.content, request.is_disconnected, monitor)
     try:
         recording_id = await recordings.receive(upload)
     except (ClientDisconnect, Abandoned):

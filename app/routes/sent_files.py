@@ -18,19 +18,19 @@ END = b"--"
 """Follows the last boundary."""
 LARGEST_HEAD = 16_384
 """Longest headers of one field of a form [bytes]."""
-_BINARY = {"type": "string", "format": "binary"}
+BINARY: dict[str, Any] = {"type": "string", "format": "binary"}
 CONTENT: dict[str, Any] = {
     FORM: {
         "schema": {
             "title": "File in a form",
             "type": "object",
-            "properties": {"file": _BINARY},
+            "properties": {"file": BINARY},
             "required": ["file"],
         },
         "example": {"file": "t_s,beta_rad\n0.0,0.01\n"},
     },
     OCTETS: {
-        "schema": _BINARY | {"description": "the file; any other content type is accepted too"},
+        "schema": BINARY | {"description": "the file; any other content type is accepted too"},
         "example": "t_s,beta_rad\n0.0,0.01\n",
     },
 }
