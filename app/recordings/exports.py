@@ -127,9 +127,10 @@ def _limits(
     One column where the limit is the same for either sign throughout, else one for each end.
     """
     limit_columns = []
+    pieces = list(pieces_of(dictionary, None, in_force))
     for c, channel in enumerate(dictionary.channels):
         ends = np.full((2, len(t)), np.nan)
-        for piece in pieces_of(dictionary, None, in_force):
+        for piece in pieces:
             of_piece = np.array([piece.limits.low[c], piece.limits.high[c]])
             of_piece[~np.isfinite(of_piece)] = np.nan
             ends[:, (t >= piece.start) & (t <= piece.end)] = of_piece[:, None]
@@ -211,7 +212,8 @@ def _matlab_names(export_columns: list[ExportColumn]) -> list[str]:
     for column in export_columns:
         name = re.sub(r"\W", "_", column.name, flags=re.ASCII)
         name = (name if name[:1].isalpha() else f"x{name}")[:MATLAB_LETTERS]
-        names.append(name if name not in names else f"{name[:28]}_{len(names)}")
+        suffix = f"_{len(names)}" if name in names else ""
+        names.append(name[: MATLAB_LETTERS - len(suffix)] + suffix)
     return names
 
 

@@ -149,3 +149,16 @@ def test_any_name_of_a_channel_can_be_written(samples: npt.NDArray, form: str) -
         read = loadmat(content, simplify_cells=True)
         columns = [read[name] for name, unit in read["units"].items() if unit == "N*m"]
         np.testing.assert_array_equal(np.stack(columns[:6], axis=1), samples["y"])
+
+
+def test_a_hundred_columns_with_one_long_beginning_are_written_for_matlab(
+    samples: npt.NDArray,
+) -> None:
+    keys = [f"bending_moment_of_the_wing_at_rib_{n}" for n in range(32)]
+    dictionary = Dictionary("own", tuple(channel(key, key, "N*m", key) for key in keys))
+    type_of = {name: samples.dtype[name] for name in samples.dtype.names or ()}
+    many = np.zeros(N, [*(type_of | dict.fromkeys(("y", "y_hat"), ("f8", 32))).items()])
+    limits = {key: {"low": -1.0, "high": 2.0, "rest": 0.0} for key in keys}
+    in_force = [{"start": 0.0, "end": 1.0, "limits": limits}]
+    content = exported(many, "mat", dictionary, limits_in_force=in_force)
+    assert len(loadmat(io.BytesIO(content), simplify_cells=True)["units"]) > 4 * 32
