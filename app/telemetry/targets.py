@@ -1,6 +1,6 @@
 """The quantities that a signal of a file can be mapped to, and the values that they can reach.
 
-A key means its quantity in TARGETS, else in the built-in dictionaries, else that of somebody's own
+A key means its quantity in TARGETS, else in the built-in dictionaries, else that of a user's own
 dictionary. The bounds allow for every aircraft and convention, also for a heading that is never
 wrapped. Values beyond them are failed sensors or no measurements, and are not scored.
 """
@@ -54,13 +54,22 @@ def target_of(key: str, unit: str) -> Channel:
     """What a signal recorded in `unit` is mapped to by a key; its values are stored in its unit.
 
     A key that is not known, or one outside TARGETS whose unit is of another kind (q in Pa), is a
-    channel of somebody's own dictionary: its values are stored in SI units, and whoever reads them
+    channel of a user's own dictionary: its values are stored in SI units, and whoever reads them
     converts. TelemetryError if `unit` is unknown.
     """
     known = KNOWN.get(key)
     if known and (key in TARGETS or not unit.strip() or fits(unit, known.unit)):
         return known
     return channel(key, key, si_unit(unit), key)
+
+
+def label_of(key: str) -> str:
+    return KNOWN[key].label if key in KNOWN else key
+
+
+def may_be_one_quantity(key: str, other: str) -> bool:
+    """Whether one of two keys may be a user's own name for the other, which is known."""
+    return (key in KNOWN) != (other in KNOWN)
 
 
 def as_mapped(own: Channel) -> Channel:

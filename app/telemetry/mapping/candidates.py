@@ -4,10 +4,16 @@ from dataclasses import dataclass, field, replace
 
 from app.telemetry.contents import Columns, Contents, Signal
 from app.telemetry.mapping.magnitudes import Extent, extent_of, plausible_units, unit_is_plausible
-from app.telemetry.mapping.names import NameMatch, rates_by_letter, signal_matches
+from app.telemetry.mapping.names import (
+    IN_FILE,
+    NameMatch,
+    given_unit,
+    rates_by_letter,
+    signal_matches,
+)
 from app.telemetry.mapping.spelling import spellings
 from app.telemetry.targets import TARGETS
-from app.telemetry.units import NOT_GIVEN, PLAIN, factor, fits, spelled
+from app.telemetry.units import PLAIN, factor, fits, spelled
 from core.channels import KEYS
 
 MUST_MOVE = ("beta", "p", "r", "Ny", "v", "Ay")
@@ -158,8 +164,7 @@ def _with_unit(candidate: Candidate, match: NameMatch) -> Candidate | str:
     signal, target = candidate.signal, TARGETS[candidate.key]
     if target.unit == PLAIN:
         return replace(candidate, unit=PLAIN)
-    in_file = signal.unit.strip().lower() not in NOT_GIVEN
-    text, where = (signal.unit, "in the file") if in_file else (match.unit, "in its name")
+    text, where = given_unit(signal, match.unit)
     if not text:
         return candidate
     unit = spelled(text)
@@ -175,7 +180,7 @@ def _with_unit(candidate: Candidate, match: NameMatch) -> Candidate | str:
             unit = target.unit
         if certainty >= PROPOSED:  # else the name suggests another quantity with the same unit
             certainty = 1.0 - 0.35 * (1.0 - certainty)
-        if in_file and match.unit and spelled(match.unit) not in ("", unit):
+        if where == IN_FILE and match.unit and spelled(match.unit) not in ("", unit):
             certainty *= 0.7
             why += f", although its name gives {match.unit}"
     candidate = replace(candidate, certainty=certainty)

@@ -25,7 +25,14 @@ from app.telemetry.mapping.signs import (
     quiet_bias,
 )
 from app.telemetry.recording import TelemetryError, Trace, Traces
-from app.telemetry.targets import KNOWN, TARGETS, in_order, plausible, target_of
+from app.telemetry.targets import (
+    TARGETS,
+    in_order,
+    label_of,
+    may_be_one_quantity,
+    plausible,
+    target_of,
+)
 from app.telemetry.units import factor, fits, spelled, unit_in
 from core.channels import KEYS
 from core.simulation.attitude import SurfaceSigns
@@ -238,7 +245,7 @@ def _other_flights(columns: Columns, mapping: Mapping) -> Iterator[tuple[str, st
 def _used_twice(mapping: Mapping, key: str) -> list[str]:
     name = mapping.channels[key].signal
     others = [
-        _label(other)
+        label_of(other)
         for other, source in mapping.channels.items()
         if other != key and source.signal == name and not _same_quantity(mapping, key, other)
     ]
@@ -248,13 +255,7 @@ def _used_twice(mapping: Mapping, key: str) -> list[str]:
 
 
 def _same_quantity(mapping: Mapping, key: str, other: str) -> bool:
-    """Whether one of two channels is a name of somebody's own for the other."""
-    is_known = key in KNOWN, other in KNOWN
-    return is_known[0] != is_known[1] and mapping.channels[key] == mapping.channels[other]
-
-
-def _label(key: str) -> str:
-    return KNOWN[key].label if key in KNOWN else key
+    return may_be_one_quantity(key, other) and mapping.channels[key] == mapping.channels[other]
 
 
 def _other_unit(columns: Columns, key: str, source: ChannelSource) -> list[str]:

@@ -8,13 +8,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 from app.telemetry.contents import Signal
-from app.telemetry.mapping.magnitudes import extent_of
 from app.telemetry.mapping.mapping import ChannelSource
+from app.telemetry.mapping.names import given_unit
 from app.telemetry.mapping.proposal_builder import ProposalBuilder, Rationale
 from app.telemetry.mapping.spelling import place, unit_suffixes
 from app.telemetry.recording import TelemetryError
-from app.telemetry.targets import KNOWN, target_of
-from app.telemetry.units import NOT_GIVEN, PLAIN, factor, fits, spelled, unit_in, without_unit
+from app.telemetry.targets import may_be_one_quantity, target_of
+from app.telemetry.units import PLAIN, factor, fits, spelled, unit_in, without_unit
 from core.channels import Channel
 
 SURE, LESS_SURE = 0.95, 0.9
@@ -122,11 +122,10 @@ def _source(builder: ProposalBuilder, match: NamedSignal) -> ChannelSource | str
     """The source of the channel, or why the signal cannot be it."""
     _, channel, signal, of_name = match
     named = f"the name {signal.name} is that of {channel.label}"
-    extent = extent_of(builder.columns.values(signal.name))
+    extent = builder.extent(signal.name)
     if extent.empty:
         return f"{named}, but all its {extent.n} rows are empty"
-    in_file = signal.unit.strip().lower() not in NOT_GIVEN
-    text, where = (signal.unit, "in the file") if in_file else (of_name, "in its name")
+    text, where = given_unit(signal, of_name)
     unit = channel.unit or PLAIN
     if text:
         if not spelled(text):
@@ -149,7 +148,7 @@ def _source(builder: ProposalBuilder, match: NamedSignal) -> ChannelSource | str
 def _is_free(builder: ProposalBuilder, key: str, source: ChannelSource) -> bool:
     """Whether no other channel uses the signal, except the same quantity by another name."""
     return all(
-        (other in KNOWN) != (key in KNOWN) and used == source
+        may_be_one_quantity(key, other) and used == source
         for other, used in builder.channels.items()
         if used.signal == source.signal
     )
@@ -159,9 +158,9 @@ def _enter(builder: ProposalBuilder, match: NamedSignal, source: ChannelSource) 
     _, channel, signal, of_name = match
     confidence = SURE if match.grade[:2] == (0, 0) else LESS_SURE
     reasons = [f"the name {signal.name} is that of {channel.label}"]
-    in_file = signal.unit.strip().lower() not in NOT_GIVEN
-    if in_file or of_name:
-        reasons.append(f"its unit {'in the file' if in_file else 'in its name'} is {source.unit}")
+    text, where = given_unit(signal, of_name)
+    if text:
+        reasons.append(f"its unit {where} is {source.unit}")
     elif source.unit != PLAIN:
         confidence *= WITHOUT_UNIT
         reasons.append(f"no unit is given: taken as {source.unit}, check it")

@@ -31,6 +31,8 @@ LONGEST_STEM = 5
 """Most words of one stem: angle, of, side, slip."""
 LEAST = 0.1
 SIDED = ("delta_a", "delta_r")
+IN_FILE = "in the file"
+"""Where a unit is given."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,13 @@ def name_matches(name: str, group: str = "") -> tuple[NameMatch, ...]:
             if before is None or match.certainty > before.certainty:
                 best[match.key] = match
     return tuple(sorted(best.values(), key=lambda match: -match.certainty))
+
+
+def given_unit(signal: Signal, of_name: str) -> tuple[str, str]:
+    """(unit, where): of a signal that has one in the file, else in its name; "" for none."""
+    if signal.unit.strip().lower() not in NOT_GIVEN:
+        return signal.unit, IN_FILE
+    return of_name, "in its name"
 
 
 def is_derived(name: str) -> bool:

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 
 from app.telemetry.contents import Columns
 from app.telemetry.mapping.derivations import DERIVATIONS
-from app.telemetry.mapping.magnitudes import extent_of
+from app.telemetry.mapping.magnitudes import Extent, extent_of
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.recording import TelemetryError
-from app.telemetry.targets import KNOWN, target_of
+from app.telemetry.targets import label_of, target_of
 from app.telemetry.units import fits, spelled
 
 MOST_CONFIDENT = 0.99
@@ -40,10 +40,17 @@ class ProposalBuilder:
     confirmed: set[str] = field(default_factory=set)
     most_confident: dict[str, float] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    _extents: dict[str, Extent] = field(default_factory=dict, init=False)
 
     @property
     def mapping(self) -> Mapping:
         return Mapping(dict(self.channels), dict(self.times))
+
+    def extent(self, name: str) -> Extent:
+        """Range of a signal, read once."""
+        if name not in self._extents:
+            self._extents[name] = extent_of(self.columns.values(name))
+        return self._extents[name]
 
     def assign(self, key: str, source: ChannelSource, confidence: float, *reasons: str) -> None:
         self.channels[key] = source
@@ -110,10 +117,10 @@ def _obstacle(builder: ProposalBuilder, key: str, name: str, unit: str) -> str:
     except KeyError:
         return f"the file has no signal {name}"
     if not _has_unit(key, unit):
-        return f"{unit!r} is not a unit of {KNOWN[key].label if key in KNOWN else key}"
+        return f"{unit!r} is not a unit of {label_of(key)}"
     if contents.groups[signal.group].name not in builder.times:
         return f"{name} has no time"
-    extent = extent_of(builder.columns.values(name))
+    extent = builder.extent(name)
     return f"all {extent.n} rows of {name} are empty" if extent.empty else ""
 
 
