@@ -36,7 +36,7 @@ def complete(dictionary: Dictionary, y: Array, dt: float) -> Array:
     """
     if not dictionary.formulas:
         return y
-    places = [dictionary.keys.index(key) for key in dictionary.measured]
+    places = [dictionary.index(key) for key in dictionary.measured]
     whole = np.empty((*y.shape[:-1], len(dictionary)))
     whole[..., places] = y[..., places] if y.shape[-1] == len(dictionary) else y
     flights = whole.reshape(-1, *whole.shape[-2:])

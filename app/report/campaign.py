@@ -12,7 +12,8 @@ from app.campaigns.clearing import bound_in_words, checklist, history
 from app.campaigns.point import Condition, percent_at_most
 from app.recipes.labels import kind_label
 from app.recipes.recipes import to_plain
-from app.report.page import TEMPLATES, limited
+from app.report.facts import limited
+from app.report.page import TEMPLATES
 from app.report.strip_chart import CROSS, DOT, STROKE, StripChart
 from core import __version__
 from core.channels import LATERAL
@@ -64,7 +65,7 @@ def _condition(campaign: Campaign, condition: Condition) -> dict[str, Any]:
         "name": condition.name,
         "points": [point for point in campaign.points if point.condition == condition.name],
         "maneuver": kind_label(to_plain(test.maneuver)["kind"]),
-        "limits": limited(test.specification.envelope),
+        "limits": limited(LATERAL, test.specification),
         "aircraft": condition.aircraft,
         "plot": build_up_plot(campaign, condition.name),
         "identified": identifications[-1] if identifications else None,

@@ -6,11 +6,13 @@ from datetime import UTC, datetime
 from app.assessment.wording import PROMISED, alerts_above
 from app.recipes import labels
 from app.recipes.recipes import to_plain
-from app.report.page import TEMPLATES, limited
+from app.report.facts import limited
+from app.report.page import TEMPLATES
 from core import __version__
+from core.channels import LATERAL
 from core.evaluation.certificate import Share, certificate, miss_rate_of, warnings_of
 from core.evaluation.rates import clopper_pearson
-from core.limits.limits import IntervalLimits, Limits, envelope_of
+from core.limits.limits import IntervalLimits, Limits
 from core.monitor import Monitor
 from core.monitor.calibration import threshold
 from core.monitor.combination import members_of
@@ -46,7 +48,7 @@ def certificate_page(monitor: Monitor, name: str, digest: str, created: str = ""
         written=datetime.now(UTC).isoformat(),
         alerts_above=alerts_above(epsilon, monitor.alert_above(), monitor.recipe.guarantee),
         promised=PROMISED[monitor.recipe.guarantee],
-        limits=limited(envelope_of(magnitudes)),
+        limits=limited(LATERAL, magnitudes),
         intervals=_intervals(monitor),
         summary=summary,
         evaluation=evaluation,
@@ -79,7 +81,7 @@ def _intervals(monitor: Monitor) -> list[str]:
         return [f"known only by the {specification}"]
     if not isinstance(specification, IntervalLimits):
         return []
-    by_key = {channel.key: channel for channel in monitor.dictionary.channels}
+    by_key = monitor.dictionary.by_key
     return [
         f"{by_key[key].label} {by_key[key].symbol} "
         + " and ".join(

@@ -26,7 +26,7 @@ INVALID = STATES.index(State.INVALID)
 TALL, LOW, LOWEST = 64.0, 52.0, 9.0
 """Heights of strips in the overview, of a manoeuvre, and of the data's faults [px]."""
 MOST_STRIPS = 12
-"""Channels that are drawn of one manoeuvre."""
+"""Most channels drawn for one manoeuvre."""
 FAULTS = {
     "gap": "gaps",
     "clock": "clock jumps",
@@ -117,7 +117,7 @@ def every_strip(
 ) -> None:
     """A legend, the channels and the risk, with each exceedance [s] and its last timely alert.
 
-    Of many channels MOST_STRIPS: the limited ones, then controls, then the others.
+    At most MOST_STRIPS channels: the limited ones, then controls, then the others.
     """
     chart.explain(
         [

@@ -18,9 +18,8 @@ from app.report import facts, figures
 from app.report.subject import PROPOSED, ReportSubject
 from app.telemetry.mapping.mapping import TimeSource, counts_the_day, time_of_day
 from core import __version__
-from core.channels import CHANNELS, Channel, Dictionary, significant
+from core.channels import Channel, Dictionary, significant
 from core.evaluation.certificate import certificate, warnings_of
-from core.limits.limits import Envelope
 
 CONFIDENT = 0.9
 """From this confidence on, a proposal is listed without its reasons."""
@@ -96,16 +95,9 @@ def report(subject: ReportSubject) -> str:
             for number in drawn
         },
         version=__version__,
-        channels={channel.key: channel for channel in dictionary.channels},
+        channels=dictionary.by_key,
         dictionary=dictionary,
-        is_from_trim=all(channel.reference == "trim" for channel in dictionary.channels),
     )
-
-
-def limited(limits: Envelope | None) -> list[tuple[Channel, float]]:
-    """The channels with a limit, and its magnitude."""
-    magnitudes = [] if limits is None else zip(CHANNELS, limits.high.tolist(), strict=True)
-    return [(channel, limit) for channel, limit in magnitudes if limit < float("inf")]
 
 
 def _counts_the_day(mapping: Mapping[str, Any]) -> bool:

@@ -246,8 +246,8 @@ def peak_histograms(dataset: Dataset) -> tuple[PeakHistogram, ...]:
     envelope = envelope_of(dataset.specification)
     if envelope is None:
         return ()
-    limited = np.isfinite(envelope.low) | np.isfinite(envelope.high)
-    return tuple(_histogram(dataset, envelope, c) for c in np.flatnonzero(limited).tolist())
+    limited = np.flatnonzero(envelope.limited).tolist()
+    return tuple(_histogram(dataset, envelope, c) for c in limited)
 
 
 def _peaks(y: Array, limits: Envelope) -> Array:

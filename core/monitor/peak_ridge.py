@@ -199,7 +199,7 @@ def _begin_of_input(y: Array, dictionary: Dictionary, limits: Envelope | None) -
             f"the dictionary {dictionary.name} has no control, so the begin of the input is not "
             "visible: choose phase start"
         )
-    mirrored = all(channel.reference == "trim" for channel in dictionary.channels)
+    mirrored = not dictionary.absolute
     mirrored &= limits is None or bool((limits.low == -limits.high).all())
     rest = np.array([0.0 if mirrored else float(np.median(y[:, 0, c])) for c in controls])
     deflection = np.abs(y[:, :, list(controls)] - rest)
