@@ -200,7 +200,7 @@ def _channel_of(plain: Mapping[str, Any]) -> Channel:
     if missing := [name for name in ("key", "unit") if not isinstance(plain.get(name), str)]:
         raise ValueError(f"channel {dict(plain)!r} has no {missing[0]}: give key and unit")
     if not isinstance(plain.get("formula", ""), str):
-        raise ValueError(f"channel {plain['key']!r} has a formula that is no text: write one")
+        raise ValueError(f"channel {plain['key']!r} has a formula that is not text: give text")
     key, unit = plain["key"], plain["unit"]
     reference = "absolute" if plain.get("formula") else "trim"
     usual: dict[str, Any] = asdict(channel(key, key, unit, key, reference=reference))
@@ -213,7 +213,7 @@ def _channel_of(plain: Mapping[str, Any]) -> Channel:
             raise ValueError(f"channel {key!r} has the {name} {word}: {instead_of(word, choices)}")
     for name in ("symbol", "label", "display_unit", "group"):
         if not isinstance(getattr(given, name), str):
-            raise ValueError(f"the {name} of channel {key!r} is no text: give one")
+            raise ValueError(f"the {name} of channel {key!r} is not text: give text")
     for name in ("display_factor", "display_decimals", "largest"):
         value = getattr(given, name)
         if not _is_number(value) and (name, value) not in USUAL_NUMBERS:

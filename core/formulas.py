@@ -172,7 +172,7 @@ _END = "the end"
 def parse(text: str, keys: Sequence[str]) -> Formula:
     """Read a formula over channels.   keys: of the channels it may read.
 
-    FormulaError says what is wrong where, and what is needed.
+    Raises FormulaError with the place and what is needed.
     """
     if len(text) > MOST_CHARACTERS:
         raise FormulaError(

@@ -177,7 +177,7 @@ def _not_exceeded(dictionary: Dictionary, peaks: Sequence[Peak]) -> list[str]:
 
 
 def _peak_in_words(channel: Channel, peak: Peak, value: float) -> str:
-    """`|Ny| 0.45 g of 0.5 g from trim`; `Nz 4.2 g, limits -1 to 4.9 g`."""
+    """`|Ny| 0.45 g of 0.5 g from trim`; `Nz 4.2 g, limits -1 g and 4.9 g`."""
     trim = " from trim" if channel.reference == "trim" else ""
     if -peak.low == peak.high:
         limit = channel.read(peak.high)

@@ -104,7 +104,7 @@ class LiveClient:
         return flight
 
     def dictionary(self, monitor: str | None = None, *, flight: str | None = None) -> Any:
-        """Telemetry dictionary of a monitor, or of a flight's alarm authority; None: lateral."""
+        """Dictionary of a monitor, or of a flight's alarm authority; None for the lateral one."""
         monitor = monitor or self._ask("GET", f"/flights/{flight}")["monitor"]
         return self._ask("GET", f"/monitors/{monitor}")["dictionary"]
 

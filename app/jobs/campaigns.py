@@ -99,8 +99,7 @@ def next_monitor_request(
 ) -> MonitorRequest:
     """A monitor for the next point, for the aircraft identified from the complete points.
 
-    It is not calibrated for aircraft near the identified one, unless the request says so: what is
-    left of the uncertainty is planned.
+    It is calibrated for aircraft near the identified one only if the request asks for it.
     plain: the monitor's request without its dataset.   CampaignError, RecipeError.
     """
     check_next(campaign, point)

@@ -1,4 +1,4 @@
-"""Read the flights of somebody's own simulator: a folder, one long table, or arrays.
+"""Read the flights of a user's own simulator: a folder, one long table, or arrays.
 
 A folder holds one file per flight, in any format of recordings. A long table has a column that
 names the flight of each row. Arrays are `y` (flights, samples, channels), `dt`, `channels`,

@@ -249,7 +249,7 @@ def test_a_formula_is_stored_and_an_empty_one_is_not() -> None:
         ({"load": "0.7*Nzz"}, "channel load: formula .*'Nzz' at character 5.*did you mean Nz"),
         ({"a": "b", "b": "a"}, "channel a: .*'b' at character 1: not a channel before"),
         ({"a": "a"}, "not a channel before this one"),
-        ({"load": 3}, "no text"),
+        ({"load": 3}, "not text"),
     ],
 )
 def test_a_dictionary_refuses_a_formula_that_it_cannot_compute(
