@@ -3,23 +3,26 @@
 Unpacking the nested tuples of a monitor in each call would take longer than the computation.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
 from numba.np.numpy_support import carray
 
-from core.kernels.assessing import Fitted, update
+from core.kernels import peak_ridge
+from core.kernels.assessing import OK, Fitted, update
 from core.kernels.compiled import brief, inlined
 from core.kernels.deviation import Deviation, Innovation, Reference, update_deviation
 from core.kernels.lanes import pointer_to
 from core.kernels.nearest import Tree
-from core.kernels.p_value import CalibrationTree, Transduction
+from core.kernels.p_value import CalibrationTree, Transduction, simple_p
+from core.kernels.peak_ridge import LOST, PeakHistory, PeakWeights
 from core.types import Array, Indices
 
 
 class LiveCall(NamedTuple):
-    """Arguments of `update_at` except the sample.
+    """Arguments of a kernel except the sample; for `update_at`:
 
     table: (29, 2) address and length of each array.
     counts: (5,) columns of the calibration's points, entries of a point, channel, failures too
@@ -76,6 +79,25 @@ def deviation_call(reference: Reference, deviation: Deviation, history: Array) -
     return LiveCall(_table_of(arrays), np.array(counts), np.array([reference.dt]))
 
 
+def peaks_call(
+    parts: Sequence[tuple[PeakWeights, PeakHistory, Array]], near_alphas: Array, dt: float
+) -> LiveCall:
+    """Lay out the arguments of `peaks_at`: table (1 + 7 n_parts, 2), counts (5 n_parts,).
+
+    parts: weights, memory of the flight and sorted calibration scores of each part.
+    near_alphas: (n,) sorted calibration scores of the neighbours.
+    numbers: (1 + 2 n_parts,) sample interval [s]; threshold and rest of each part.
+    The arrays must outlive it.   ValueError for an array that is not C-contiguous.
+    """
+    arrays, counts, numbers = [near_alphas], [], [dt]
+    for peaks, history, alphas in parts:
+        arrays += [peaks.weights, peaks.offset, *history, alphas]
+        counts += [peaks.weights.shape[1], peaks.every, peaks.stride, peaks.surface]
+        counts += [int(peaks.mirrored)]
+        numbers += [peaks.threshold, peaks.rest]
+    return LiveCall(_table_of(tuple(arrays)), np.array(counts), np.array(numbers))
+
+
 def _table_of(arrays: tuple[Any, ...]) -> Indices:
     if not all(array.flags.c_contiguous for array in arrays):
         raise ValueError("an array of the monitor is not C-contiguous: use np.ascontiguousarray")
@@ -116,6 +138,42 @@ def deviation_at(table, counts, numbers, y, t, code, distance):
     )
     history = carray(_floats(table[17, 0]), (table[17, 1], n_channels))
     return update_deviation(reference, deviation, history, y, t, code, distance)
+
+
+@brief
+def peaks_at(table, counts, numbers, t, y, code, near):
+    """Scores of the peaks to come, see `peak_ridge.update`, with the arrays in the table.
+
+    code: state before.   near: score by the neighbours.
+    Returns the first part's score and state, whether it is lost, and the highest p-value of the
+    neighbours and of the parts that have a score; NaN unless the state before is OK.
+    """
+    risk = simple_p(_numbers(table, 0), near) if code == OK else np.nan
+    first, first_code, lost = np.nan, code, False
+    for k in range(counts.shape[0] // 5):
+        row, n_past = 1 + 7 * k, counts[5 * k]
+        peaks = PeakWeights(
+            carray(_floats(table[row, 0]), (table[row, 1], n_past, y.shape[0])),
+            _numbers(table, row + 1),
+            counts[5 * k + 1],
+            counts[5 * k + 2],
+            counts[5 * k + 3],
+            numbers[1 + 2 * k],
+            numbers[2 + 2 * k],
+            counts[5 * k + 4] != 0,
+        )
+        history = PeakHistory(
+            carray(_floats(table[row + 2, 0]), (table[row + 2, 1], y.shape[0])),
+            _whole(table, row + 3),
+            _whole(table, row + 4),
+            _numbers(table, row + 5),
+        )
+        s, state = peak_ridge.update(peaks, history, numbers[0], t, y, code)
+        if not np.isnan(s):
+            risk = max(risk, simple_p(_numbers(table, row + 6), s))
+        if k == 0:
+            first, first_code, lost = s, state, history.counts[LOST] != 0
+    return first, first_code, lost, risk
 
 
 @brief

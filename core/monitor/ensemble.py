@@ -8,7 +8,6 @@ For aircraft and hands near the planned ones there is a third part, the peak of 
 (`window`), and the rule is calibrated on several populations, see `worst_of`.
 """
 
-from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
@@ -22,7 +21,7 @@ from core.monitor.calibration import p_values
 from core.monitor.file.portable import Section
 from core.monitor.file.values import check_alphas
 from core.monitor.peak_forecast import Ahead, ForecastScores, PeakForecast, RunningForecast
-from core.monitor.peak_ridge import RidgeForecast
+from core.monitor.peak_ridge import RidgeForecast, RunningPeaks
 from core.monitor.peak_ridge import from_section as peak_from_section
 from core.types import Array, Indices
 
@@ -52,27 +51,16 @@ class RunningNeighborsAndPeak(RunningForecast):
     """All parts on one flight; lost once the forecast of the peak is."""
 
     def __init__(self, rule: "NeighborsAndPeak", dt: float) -> None:
-        self._peaks = [(peak.start(dt), list(alphas.tolist())) for peak, alphas in rule.peaks]
-        self._neighbor_alphas: list[float] = rule.neighbors.alphas.tolist()
+        self._peaks = RunningPeaks(rule.peaks, rule.neighbors.alphas, dt)
 
     def update(self, t: float, y: Array, code: int, neighbor_score: float) -> tuple[float, int]:
         """Score of the next sample: minus the highest risk of the parts that have one."""
-        risk = _p_value(self._neighbor_alphas, neighbor_score) if code == OK else np.nan
-        for peak, alphas in self._peaks:
-            score, _ = peak.update(t, y, code, np.nan)
-            if score == score:  # not NaN
-                risk = max(risk, _p_value(alphas, score))
-        self.lost = self._peaks[0][0].lost
-        return -risk, code
+        self._peaks.update(t, y, code, neighbor_score)
+        self.lost = self._peaks.lost
+        return -self._peaks.risk, code
 
     def ahead(self) -> Ahead | None:
-        return self._peaks[0][0].ahead()
-
-
-def _p_value(alphas: list[float], score: float) -> float:
-    """As `p_values`, for one score; faster than numpy."""
-    n = len(alphas)
-    return (n - bisect_left(alphas, score) + 1) / (n + 1)
+        return self._peaks.ahead()
 
 
 @dataclass(frozen=True, eq=False)

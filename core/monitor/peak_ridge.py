@@ -5,7 +5,7 @@ For each phase, the largest |y| / limit still to come is regressed on the sample
 began. For a specification known only by its label, the target is the log odds of a later failure.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from typing import ClassVar, NamedTuple
@@ -15,7 +15,8 @@ import numpy as np
 from core.channels import LATERAL, Dictionary
 from core.kernels import peak_ridge as kernels
 from core.kernels.compiled import entry
-from core.kernels.peak_ridge import LOST, PHASE, PeakWeights, begin, update
+from core.kernels.live_call import peaks_at, peaks_call
+from core.kernels.peak_ridge import PHASE, PeakWeights, begin
 from core.limits.limits import Envelope
 from core.monitor.file.portable import Section
 from core.monitor.file.values import MOST_SAMPLES, check_array, check_count
@@ -321,20 +322,33 @@ class Regressors:
 
 
 class RunningPeaks(RunningForecast):
-    """Forecast of one flight; lost if the begin of the input was missed."""
+    """Forecasts of one flight; lost if the begin of the input was missed.
 
-    def __init__(self, peaks: PeakWeights, dt: float, deviation: Array | None) -> None:
-        self._deviation, self._score = deviation, np.nan
-        self._history = begin(peaks)
-        self._state = peaks, self._history, float(dt)
-        arguments = *self._state, 0.0, self._history.samples[0], 0
-        self._update: Callable[..., tuple[float, int]] = entry(update, *arguments)
+    risk: highest p-value of the neighbours and of the parts at the last sample; NaN for none, 1
+    without calibration scores.
+    """
+
+    def __init__(
+        self, parts: Sequence[tuple["RidgeForecast", Array]], near_alphas: Array, dt: float
+    ) -> None:
+        """parts: with their sorted calibration scores; the first one is shown.
+
+        near_alphas: (n,) sorted, of the neighbours.
+        """
+        self.risk = self._score = np.nan
+        shown, _ = parts[0]
+        self._deviation, self._every = shown.deviation, shown.peaks.every
+        self._parts = [(part.peaks, begin(part.peaks), alphas) for part, alphas in parts]
+        self._near_alphas, self._history = near_alphas, self._parts[0][1]
+        self._call = peaks_call(self._parts, near_alphas, dt)
+        arguments = *self._call, 0.0, self._history.samples[0], 0, 0.0
+        self._update: Callable[..., tuple[float, int, bool, float]] = entry(peaks_at, *arguments)
 
     def update(self, t: float, y: Array, code: int, neighbor_score: float) -> tuple[float, int]:
-        result = self._update(*self._state, t, y, code)
-        self.lost = bool(self._history.counts[LOST])
-        self._score = result[0]
-        return result
+        self._score, code, self.lost, self.risk = self._update(
+            *self._call, t, y, code, neighbor_score
+        )
+        return self._score, code
 
     def ahead(self) -> Ahead | None:
         """Peak over the rest of the manoeuvre, once its input has begun.
@@ -344,7 +358,7 @@ class RunningPeaks(RunningForecast):
         if self._deviation is None:
             return None
         made_t, phase = self._history.clock.item(), self._history.counts.item(PHASE)
-        every = self._state[0].every
+        every = self._every
         if phase < 0:
             return NothingAhead(made_t, NOT_BEGUN)
         if phase > (len(self._deviation) - 1) * every:
@@ -372,7 +386,8 @@ class RidgeForecast(PeakForecast):
         return "" if self.deviation is not None else NO_PEAK
 
     def start(self, dt: float) -> RunningPeaks:
-        return RunningPeaks(self.peaks, dt, self.deviation)
+        nothing = np.empty(0)
+        return RunningPeaks([(self, nothing)], nothing, dt)
 
     def begun_before(self, y: Array) -> Flags:
         """(n,) whether flights have begun their input by their first sample, y (n, n_channels).
