@@ -16,8 +16,7 @@ SAID = """async ({ noRest, frames, stale }) => {
   for (const frame of frames) known = aheadOf(known, [frame], frame);
   const newest = frames.at(-1);
   const shown = newest && isCurrent(known, newest.t) ? known : null;
-  rest.show(shown, { t: newest?.t ?? 0, channels, state: newest?.state ?? null });
-  rest.draw(stale ?? false);
+  rest.draw(stale ?? false, shown, newest?.t ?? 0, newest?.state ?? null, channels);
   return [element.hidden, element.dataset.level, element.querySelector("p").textContent];
 }"""
 PEAK = {"t": [], "channels": {}, "peak": {"mean": 0.8, "low": 0.6, "high": 1.1}}
@@ -68,6 +67,30 @@ def test_the_rest_of_the_card_is_forecast_or_the_reason_given(
 def test_a_method_without_a_forecast_shows_no_rest_of_the_card(strips: Open) -> None:
     hidden, _, _ = strips().evaluate(SAID, {"noRest": "gives none", "frames": [frame(1, PEAK)]})
     assert hidden
+
+
+DRAWN_AGAIN = """async (band) => {
+  const { createRestOfCard } = await import("/static/js/fly/assessment/rest_of_card.js");
+  const element = document.createElement("section");
+  const rest = createRestOfCard(element, "");
+  let reads = 0;
+  const ahead = { made: 1, t: band.t, get channels() { reads += 1; return band.channels; } };
+  const channels = (limit) => [{ key: "Ny", symbol: "N_y", unit: "g", label: "", limit }];
+  const said = [];
+  for (const [times, shown] of [[3, channels(0.5)], [2, channels(0.6)]]) {
+    for (let n = 0; n < times; n++) rest.draw(false, ahead, 1 + n / 10, "ok", shown);
+    said.push([reads, element.querySelector("p").textContent]);
+  }
+  return said;
+}"""
+
+
+def test_the_exceedance_of_a_forecast_is_looked_for_once_for_each_limit(strips: Open) -> None:
+    words = "▲ Ny predicted to exceed {} g in {} s"
+    assert strips().evaluate(DRAWN_AGAIN, BAND) == [
+        [1, words.format(0.5, 0.7)],
+        [2, words.format(0.6, 0.8)],
+    ]
 
 
 PLACED = """async () => {

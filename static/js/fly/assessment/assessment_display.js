@@ -188,8 +188,7 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
       gauge.draw(wall, headline);
       const stale = isStale(headline);
       ahead.draw(stale);
-      rest.show(linked && late === null ? chart.ahead : null, { t: newest?.t ?? 0, channels: hello.channels, state: sampled ? shownState(assessment) : null });
-      rest.draw(stale);
+      rest.draw(stale, linked && late === null ? chart.ahead : null, newest?.t ?? 0, sampled ? shownState(assessment) : null, hello.channels);
       return headline;
     },
     close: () => {

@@ -3,7 +3,7 @@
  *
  * Where nothing is forecast, it gives the reason; a method that never forecasts is hidden.
  *
- * createRestOfCard(element, noRest) -> {show(ahead, {t, channels, state}), draw(stale)}
+ * createRestOfCard(element, noRest) -> {draw(stale, ahead, t, state, channels)}     each frame
  *     noRest: why the monitor never forecasts it; empty where it does
  *     ahead: see charts/live/flight_chart.js; t, state: of the newest sample [s], as shown; null for none
  */
@@ -26,39 +26,38 @@ export function createRestOfCard(element, noRest) {
   element.setAttribute("aria-label", "Rest of the test card");
   const line = h("p", {});
   element.append(h("h2", { class: "risk-ahead-heading" }, "rest of the test card"), line);
-  let now = { ahead: null, t: 0, channels: [], state: null };
+  const now = {};
+  let worst = null; // of the forecast
   let shown = "";
   element.hidden = Boolean(noRest);
 
   /** Level and words. */
-  function reading(stale) {
+  function reading({ stale, ahead, t, state }) {
     if (stale) return ["unknown", "not known: the display is stale"];
-    const { ahead, t, state } = now;
     if (ahead === null) return ["unknown", UNKNOWN[state] ?? "not known"];
     if (ahead.why) return ["unknown", ahead.why];
     if (ahead.peak) return [levelOf(ahead.peak), peakWords(ahead.peak)];
-    const worst = worstOf(now);
     return [worst.level, wordsOf(worst, t)];
   }
 
-  function draw(stale) {
-    const [level, text] = reading(stale);
+  function draw(stale, ahead, t, state, channels) {
+    const isSame = ahead === now.ahead && channels === now.channels;
+    if (isSame && stale === now.stale && t === now.t && state === now.state) return;
+    if (!isSame) worst = worstOf(ahead, channels);
+    Object.assign(now, { stale, ahead, t, state, channels });
+    const [level, text] = reading(now);
     if (`${level} ${text}` === shown) return;
     shown = `${level} ${text}`;
     element.dataset.level = level;
     line.replaceChildren(formatted(text));
   }
 
-  return {
-    draw,
-    show: (ahead, about) => {
-      now = { ahead, ...about };
-    },
-  };
+  return { draw };
 }
 
-/** The channel that is most likely to exceed its limit; the earliest of equals. */
-function worstOf({ ahead, channels }) {
+/** The channel that is most likely to exceed its limit; the earliest of equals. Null without a forecast of channels. */
+function worstOf(ahead, channels) {
+  if (ahead === null) return null;
   const each = Object.entries(ahead.channels).map(([key, band]) => {
     const { predicted, possible } = band;
     const channel = channels.find((one) => one.key === key);
@@ -66,7 +65,7 @@ function worstOf({ ahead, channels }) {
     const at = predicted ?? possible ?? Infinity;
     return { channel, level, at, limit: limitAt(channel, ahead.t, band, at) };
   });
-  return each.sort((a, b) => WORST.indexOf(a.level) - WORST.indexOf(b.level) || a.at - b.at)[0];
+  return each.sort((a, b) => WORST.indexOf(a.level) - WORST.indexOf(b.level) || a.at - b.at)[0] ?? null;
 }
 
 /** The limit that the band exceeds at this time or, being thinned, nearest to it. */
