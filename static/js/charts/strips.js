@@ -12,6 +12,7 @@
  * hasMargin(channels)     whether MARGIN adds to the limited channel's strip
  * marginAt(strips, t, read) -> {low, high, nearest}     of samples at t [s] whose values lie in read(strip) -> {low, high};
  *     nearest: the strip whose limit is nearest.   NaN where a limited channel has no value, or no limit is known
+ * single(value) -> {low, high}     of one sample
  * limitedFirst(channels) -> {limited, others}     keys
  * arranged(strips) -> strips from top to bottom, each with
  *     isTall, fold: {group, isOpen} | null     among many channels those without a limit are folded by group
@@ -67,6 +68,8 @@ export function marginAt(strips, t, read) {
   }
   return margin;
 }
+
+export const single = (value) => ({ low: value, high: value });
 
 function limitsAt({ held, limits }, t) {
   return held === null ? limits : (held.find(({ from, to }) => t > from && t <= to)?.limits ?? null);

@@ -38,7 +38,7 @@ import { leadSeconds, quantity, reading } from "../../lib/numbers.js";
 import { STATE_WORDS, stripState, WITHDRAWN } from "../../lib/states.js";
 import { layOut } from "../layout.js";
 import { createStripChart } from "../strip_chart.js";
-import { arranged, hasMargin, isSummary, limitedFirst, MARGIN, marginAt, stripOf } from "../strips.js";
+import { arranged, hasMargin, isSummary, limitedFirst, MARGIN, marginAt, single, stripOf } from "../strips.js";
 import { bandsOf, createCells } from "./cells.js";
 import { createIntake } from "./intake.js";
 import { createRingBuffer } from "./ring_buffer.js";
@@ -336,10 +336,6 @@ function createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, le
   }
 
   return source;
-}
-
-function single(value) {
-  return { low: value, high: value };
 }
 
 function intervalText(seconds) {

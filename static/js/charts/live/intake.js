@@ -7,7 +7,7 @@
  */
 
 import { stripState } from "../../lib/states.js";
-import { MARGIN, marginAt } from "../strips.js";
+import { MARGIN, marginAt, single } from "../strips.js";
 import { BROKEN, FLAG } from "./ring_buffer.js";
 
 const NO_DATA = { state: "none", alert: false };
@@ -33,15 +33,15 @@ export function createIntake({ ring, channels, strips, dt }) {
     row[channels.length] = frame.state === "ok" ? number(frame.p_value) : NaN;
     row[channels.length + 1] = isMargined ? marginOf(frame.y, frame.t) : NaN;
     forecasting.forEach(({ key }, k) => {
-      row[first + k] = key === MARGIN ? marginOf(frame.y_hat, frame.t) : forecastOf(frame, key);
+      row[first + k] = key === MARGIN ? marginOf(frame.y_hat, frame.t) : valueOf(frame.y_hat, key);
     });
     return row;
   }
 
-  const forecastOf = ({ y_hat: ahead }, key) => number(ahead?.[placeOf.get(key)] ?? ahead?.[key]);
+  const valueOf = (values, key) => number(values?.[placeOf.get(key)]);
 
   function marginOf(values, t) {
-    return marginAt(strips, t, ({ key }) => single(number(values?.[placeOf.get(key)]))).high;
+    return marginAt(strips, t, ({ key }) => single(valueOf(values, key))).high;
   }
 
   function store(frame) {
@@ -95,10 +95,6 @@ export function createIntake({ ring, channels, strips, dt }) {
       seq = null;
     },
   };
-}
-
-function single(value) {
-  return { low: value, high: value };
 }
 
 function number(value) {
