@@ -4,8 +4,8 @@
  */
 
 import { createForm, fieldset, group, optionalName } from "../forms/controls.js";
-import { createTestFields, isSimulated } from "../forms/planned_test.js";
-import { aircraftName, kindName, limitsOfMonitor, loadCatalog } from "../lib/catalog.js";
+import { createTestFields } from "../forms/planned_test.js";
+import { limitsOfMonitor, loadCatalog, testNames } from "../lib/catalog.js";
 import { empty, formatted, h, link, loadingView, pageOf, table } from "../lib/dom.js";
 import { jobList } from "../lib/job_progress.js";
 import { count, moment, percent } from "../lib/numbers.js";
@@ -42,8 +42,8 @@ function showDatasets(element, { api }) {
 function listOf(datasets, catalog) {
   const columns = [
     ["Name", ({ id, name }) => h("a", { href: `#/datasets/${id}` }, name), "name"],
-    ["Aircraft", (dataset) => (isSimulated(dataset) ? aircraftName(catalog, dataset.recipe.aircraft) : "own rollouts")],
-    ["Manoeuvre", (dataset) => (isSimulated(dataset) ? kindName(catalog, "maneuver", dataset.recipe.maneuver) : h("span.dim", "not recorded"))],
+    ["Aircraft", (dataset) => testNames(catalog, dataset)[0]],
+    ["Manoeuvre", (dataset) => testNames(catalog, dataset)[1]],
     ["Limits", (dataset) => formatted(limitsOfMonitor(catalog, dataset))],
     ["Unsafe", ({ n_unsafe: n }) => count(n), "number"],
     ["Safe", ({ n_safe_met: n }) => count(n), "number"],

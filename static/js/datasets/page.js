@@ -1,8 +1,7 @@
 /** One dataset: its recipe, its unsafe rate, and its rollouts to inspect and replay. */
 
-import { isSimulated } from "../forms/planned_test.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
-import { aircraftName, channelsOf, kindName, limitsOfMonitor, loadCatalog, ownLimits } from "../lib/catalog.js";
+import { channelsOf, isSimulated, limitsOfMonitor, loadCatalog, ownLimits, testNames } from "../lib/catalog.js";
 import { deleteButton, factList, formatted, h, link, loadingView, pageOf, panel, recipeList, sentences, table } from "../lib/dom.js";
 import { limitsOf, limitText, withLimits } from "../lib/limits.js";
 import { capital, count, figure, moment, percent, shownIn } from "../lib/numbers.js";
@@ -52,10 +51,8 @@ export function showDataset(element, { id, api, navigate }) {
 
 function facts(dataset, users, catalog) {
   const { n_unsafe: unsafe, n_safe: stored, n_safe_met: met, n_samples: samples, dt } = dataset;
-  const { aircraft, maneuver } = dataset.recipe;
-  const test = isSimulated(dataset)
-    ? [["Aircraft", aircraftName(catalog, aircraft)], ["Manoeuvre", kindName(catalog, "maneuver", maneuver)]]
-    : [["Source", "own rollouts"]];
+  const [aircraft, maneuver] = testNames(catalog, dataset);
+  const test = isSimulated(dataset) ? [["Aircraft", aircraft], ["Manoeuvre", maneuver]] : [["Source", aircraft]];
   const used = users.flatMap(({ id, name }, k) => [k ? ", " : "", h("a", { href: `#/monitors/${id}` }, name)]);
   const entries = [
     ...test,

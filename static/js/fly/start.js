@@ -7,10 +7,11 @@
 
 import { createForm, fold, labelled, numberInput, radioGroup, select } from "../forms/controls.js";
 import { asksForToken, may, needs } from "../lib/api.js";
+import { isSimulated } from "../lib/catalog.js";
 import { demonstration } from "../lib/demonstration.js";
 import { button, chip, errorLine, h, link, loadingView, put, state } from "../lib/dom.js";
 import { jobList } from "../lib/job_progress.js";
-import { canFly, createDisplayChoice, fittingMonitor, startFlight, warningLines, warningMark, warningsAt, warningWords } from "../lib/monitors.js";
+import { createDisplayChoice, fittingMonitor, startFlight, warningLines, warningMark, warningsAt, warningWords } from "../lib/monitors.js";
 import { leadSeconds, moment } from "../lib/numbers.js";
 import { watching } from "../lib/watching.js";
 import { guarantee } from "./alarm_panel.js";
@@ -137,7 +138,7 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
   let warned = ""; // the monitor and the epsilon of the warnings
   let kindOf = ""; // the kind that the preselected monitor fits
   let byHand = query.has("monitor");
-  const fits = { simulated: canFly, replay: ({ dt }) => datasets.some((data) => sameInterval(data.dt, dt)), live: () => true };
+  const fits = { simulated: isSimulated, replay: ({ dt }) => datasets.some((data) => sameInterval(data.dt, dt)), live: () => true };
   const recordingsLink = h("a", { href: "#/recordings" }, "Recordings page");
   const { element, form, go } = createForm({
     title: "Start a flight",

@@ -9,7 +9,7 @@
  */
 
 import { needs, reason } from "../lib/api.js";
-import { aircraftName, kindName, limitsOfMonitor } from "../lib/catalog.js";
+import { isSimulated, limitsOfMonitor, testWords } from "../lib/catalog.js";
 import { button, errorLine, formatted, h } from "../lib/dom.js";
 import { figure, followUnits, moment, percent } from "../lib/numbers.js";
 import { fieldset, fold, inWords, radioGroup, select } from "./controls.js";
@@ -18,8 +18,6 @@ import { createFields } from "./form.js";
 const SIZE = "n_unsafe";
 /** Set by the monitor where the test is simulated for one; a field only on the Datasets page. */
 const GROUPS = "groups";
-
-export const isSimulated = ({ recipe }) => Object.keys(recipe).length > 0;
 
 export function createTestFields({ api, catalog, initial, asFlown = true }) {
   const { schema, default: clean, usual } = catalog.recipes.dataset;
@@ -147,10 +145,8 @@ export function datasetChoice({ api, catalog, datasets, chosen, initial, asFlown
     stored.hidden = !fromStore();
     simulated.hidden = size.hidden = fromStore();
     if (!dataset()) return;
-    const { recipe, n_unsafe: unsafe, n_safe_met: safe, dt } = dataset();
-    const test = isSimulated(dataset())
-      ? `${aircraftName(catalog, recipe.aircraft)}, ${kindName(catalog, "maneuver", recipe.maneuver)}`
-      : "Own rollouts, split by flight";
+    const { n_unsafe: unsafe, n_safe_met: safe, dt } = dataset();
+    const test = isSimulated(dataset()) ? testWords(catalog, dataset()) : "Own rollouts, split by flight";
     const counts = `${unsafe} unsafe and ${safe} safe rollouts, one sample every ${figure(dt)} s`;
     words.replaceChildren(formatted(`${test}, limits: ${limitsOfMonitor(catalog, dataset())}; ${counts}.`));
   }

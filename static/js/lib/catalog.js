@@ -33,6 +33,23 @@ export function kindName(catalog, family, part) {
   return catalog.families[family].entries[part?.kind]?.label ?? part?.kind ?? "not recorded";
 }
 
+/** Whether a monitor or a dataset has the recipe of a simulated test; else it is of own rollouts. */
+export function isSimulated({ dataset_recipe, recipe: test = {} }) {
+  return Object.keys(dataset_recipe ?? test).length > 0;
+}
+
+/** Aircraft and manoeuvre of a monitor or a dataset. */
+export function testNames(catalog, entry) {
+  if (!isSimulated(entry)) return ["own rollouts", "not recorded"];
+  const { aircraft, maneuver } = entry.dataset_recipe ?? entry.recipe;
+  return [aircraftName(catalog, aircraft), kindName(catalog, "maneuver", maneuver)];
+}
+
+export function testWords(catalog, entry) {
+  const names = testNames(catalog, entry);
+  return isSimulated(entry) ? names.join(", ") : names[0];
+}
+
 /** The channels of a monitor or a dataset. */
 export function channelsOf(catalog, { dictionary }) {
   return dictionary?.channels ?? catalog.channels;

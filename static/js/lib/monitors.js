@@ -9,6 +9,7 @@
  *     now: the monitor that raises the alarms.   more: further words about the choice
  */
 
+import { isSimulated } from "./catalog.js";
 import { askToConfirm, h } from "./dom.js";
 import { capital, leadSeconds } from "./numbers.js";
 
@@ -37,11 +38,7 @@ export function warningLines({ warnings }) {
   return warnings.map((text) => h("p.monitor-warning", { role: "note" }, sentence(text)));
 }
 
-export function canFly({ dataset_recipe: test }) {
-  return Boolean(test?.aircraft);
-}
-
-export function fittingMonitor(monitors, fits = canFly) {
+export function fittingMonitor(monitors, fits = isSimulated) {
   const fitting = monitors.filter(fits);
   return fitting.find(({ warnings }) => warnings.length === 0) ?? fitting[0] ?? monitors[0];
 }

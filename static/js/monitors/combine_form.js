@@ -2,9 +2,8 @@
 
 import { checkbox, createForm, fieldset, group, labelled, optionalName, select } from "../forms/controls.js";
 import { createFields } from "../forms/form.js";
-import { isSimulated } from "../forms/planned_test.js";
 import { ApiError } from "../lib/api.js";
-import { aircraftName, kindName, loadCatalog, methodWords } from "../lib/catalog.js";
+import { isSimulated, loadCatalog, methodWords, testNames } from "../lib/catalog.js";
 import { empty, guideLink, h, link, loadingView, pageOf, table } from "../lib/dom.js";
 import { warningMark } from "../lib/monitors.js";
 import { figure } from "../lib/numbers.js";
@@ -28,9 +27,10 @@ export function showCombining(element, { api, navigate }) {
   }
 }
 
-function isMember({ recipe, dataset_recipe: test }) {
-  const isPooled = (recipe.groups?.kind ?? "pooled") === "pooled";
-  return isPooled && recipe.predictor?.kind !== "combination" && isSimulated({ recipe: test });
+function isMember(monitor) {
+  const { groups, predictor } = monitor.recipe;
+  const isPooled = (groups?.kind ?? "pooled") === "pooled";
+  return isPooled && predictor?.kind !== "combination" && isSimulated(monitor);
 }
 
 function formOf({ catalog, members, api, navigate, keep }) {
@@ -93,8 +93,8 @@ function memberTable(members, boxes, catalog) {
   const ticked = (monitor, k) => h("label.row", { for: boxes[k].id }, boxes[k], monitor.name, warningMark(monitor));
   const columns = [
     ["Member", ticked],
-    ["Aircraft", ({ dataset_recipe: test }) => aircraftName(catalog, test.aircraft)],
-    ["Manoeuvre", ({ dataset_recipe: test }) => kindName(catalog, "maneuver", test.maneuver), "nowrap"],
+    ["Aircraft", (monitor) => testNames(catalog, monitor)[0]],
+    ["Manoeuvre", (monitor) => testNames(catalog, monitor)[1], "nowrap"],
     ["Method", ({ recipe }) => methodWords(catalog, recipe)],
     ["Warning lead time [s]", (member) => figure(member.lead), "number"],
   ];

@@ -5,7 +5,7 @@
 
 import { fileInput } from "../forms/controls.js";
 import { needs } from "../lib/api.js";
-import { aircraftName, kindName, loadCatalog } from "../lib/catalog.js";
+import { loadCatalog, testNames } from "../lib/catalog.js";
 import { button, empty, errorLine, guideLink, h, hiddenHead, link, loadingView, pageOf, table } from "../lib/dom.js";
 import { jobList } from "../lib/job_progress.js";
 import { warningMark } from "../lib/monitors.js";
@@ -73,8 +73,8 @@ function listOf(monitors, rates, catalog) {
     h("a.button.button-small", { href: `#/fly?monitor=${id}`, "aria-label": `Fly ${name}` }, "Fly");
   const columns = [
     ["Name", (monitor) => [h("a", { href: `#/monitors/${monitor.id}` }, monitor.name), warningMark(monitor)], "name"],
-    ["Aircraft", ({ dataset_recipe: test }) => aircraftName(catalog, test.aircraft)],
-    ["Manoeuvre", ({ dataset_recipe: test }) => kindName(catalog, "maneuver", test.maneuver), "nowrap"],
+    ["Aircraft", (monitor) => testNames(catalog, monitor)[0]],
+    ["Manoeuvre", (monitor) => testNames(catalog, monitor)[1], "nowrap"],
     ["Failures N", ({ n_unsafe }) => n_unsafe, "number"],
     ["ε", ({ epsilon }) => figure(epsilon), "number"],
     ["Warning lead time [s]", ({ lead }) => figure(lead), "number"],

@@ -1,9 +1,8 @@
 /** One monitor: its promise, its results on fresh flights, figures, recipe and file. */
 
 import { rolloutFigure, sampleRollouts } from "../datasets/figures.js";
-import { isSimulated } from "../forms/planned_test.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
-import { aircraftName, channelsOf, kindName, limitsOfMonitor, loadCatalog, methodWords, ownLimits } from "../lib/catalog.js";
+import { channelsOf, isSimulated, kindName, limitsOfMonitor, loadCatalog, methodWords, ownLimits, testNames } from "../lib/catalog.js";
 import {
   button,
   chip,
@@ -44,7 +43,7 @@ export function showMonitor(element, { id, api, navigate }) {
     const curves = evaluation && curvesFigure(evaluation);
     const changed = (rule) => [...calibrationCurves, curves].forEach((drawn) => drawn?.mark(rule));
     const cost = createEpsilonCost({ monitor, calibration, evaluation, changed });
-    const isKnown = isSimulated({ recipe: monitor.dataset_recipe });
+    const isKnown = isSimulated(monitor);
     const again = (isPrimary) => link("Train one like it", `#/monitors/new?like=${id}${from && !isKnown ? `&dataset=${from}` : ""}`, isPrimary);
     const { predictor } = monitor.recipe;
     const figures = [
@@ -98,13 +97,14 @@ function evaluationOf(api, id) {
 }
 
 function facts({ monitor, calibration, dataset, evaluation, catalog }) {
-  const { aircraft, maneuver } = monitor.dataset_recipe;
+  const { sources } = monitor.dataset_recipe.aircraft ?? {};
   const nGroups = calibration.groups.length;
-  const own = evaluation?.flights ? [["Trained on", "own rollouts, split by flight"]] : null;
+  const [aircraft, maneuver] = testNames(catalog, monitor);
+  const test = isSimulated(monitor)
+    ? [["Aircraft", aircraft], ...(sources ? [["Identified from", sources.join(", ")]] : []), ["Manoeuvre", maneuver]]
+    : [["Trained on", `${aircraft}, split by flight`]];
   const entries = [
-    ...(own ?? [["Aircraft", aircraftName(catalog, aircraft)]]),
-    ...(aircraft?.sources ? [["Identified from", aircraft.sources.join(", ")]] : []),
-    ...(own ? [] : [["Manoeuvre", kindName(catalog, "maneuver", maneuver)]]),
+    ...test,
     ["Limits", formatted(limitsOfMonitor(catalog, monitor))],
     ["Warning lead time", `${figure(monitor.lead)} s`],
     ["Calibrated on", `${monitor.n_unsafe} failures${nGroups ? ` of each of ${nGroups} groups` : ""}`],
@@ -192,7 +192,7 @@ function guarantee(monitor, { groups: promised, alphas }, isKnown) {
       : `The promise holds ${holds}, for flights like those it was trained on: their aircraft, manoeuvre and pilot.`,
     `Timely: at least ${lead} s before the first exceedance. Later alerts do not count.`,
     "The risk (p-value) is not the probability of failure. High risk: the flight resembles failing flights.",
-    validity(monitor),
+    validity(monitor, isKnown),
     promised.length && `It holds in each group of failing flights: ${promised.map(({ name }) => name).join("; ")}.`,
     monitor.n_early &&
       `${monitor.n_early} of the ${alphas.length} failures came within the first ${lead} s: no timely alert was possible, and each counts as a miss.`,
@@ -202,11 +202,11 @@ function guarantee(monitor, { groups: promised, alphas }, isKnown) {
   return panel(title, [h("p.promise", "P(no timely alert | the flight fails) ≤ epsilon"), list]);
 }
 
-function validity({ support }) {
+function validity({ support }, isKnown) {
   if (!support)
     return "Validity is not calibrated: Forewarn cannot tell whether a flight is like the training flights. Train the monitor again to calibrate it.";
   const { n_safe, n_unsafe, level } = support;
-  return `Validity: INVALID withdraws the guarantee of a manoeuvre. At most ${percent(level)} of flights like the simulated ones, safe or failing, are called INVALID. Calibrated on ${count(n_safe)} safe and ${count(n_unsafe)} failing fresh flights.`;
+  return `Validity: INVALID withdraws the guarantee of a manoeuvre. At most ${percent(level)} of flights like ${isKnown ? "the simulated ones" : "those it was trained on"}, safe or failing, are called INVALID. Calibrated on ${count(n_safe)} safe and ${count(n_unsafe)} failing ${isKnown ? "fresh" : "held-out"} flights.`;
 }
 
 function details(monitor, { members }, catalog) {

@@ -8,8 +8,7 @@
  */
 
 import { createForm } from "../forms/controls.js";
-import { isSimulated } from "../forms/planned_test.js";
-import { loadCatalog } from "../lib/catalog.js";
+import { isSimulated, loadCatalog } from "../lib/catalog.js";
 import { empty, guideLink, h, link, loadingView, pageOf, panel } from "../lib/dom.js";
 import { createJobProgress } from "../lib/job_progress.js";
 import { moment } from "../lib/numbers.js";

@@ -1,9 +1,10 @@
 /** The start page: five jobs, each with a button that works at once. */
 
 import { may, needs } from "../lib/api.js";
+import { isSimulated } from "../lib/catalog.js";
 import { demonstration } from "../lib/demonstration.js";
 import { button, errorLine, h, link } from "../lib/dom.js";
-import { canFly, fittingMonitor, startFlight } from "../lib/monitors.js";
+import { fittingMonitor, startFlight } from "../lib/monitors.js";
 
 const EXAMPLE = "example-flight.csv";
 const CAPTION = "Warned 0.80 s before the limit: lateral acceleration of a simulated F-16 in a rudder doublet.";
@@ -57,7 +58,7 @@ export function show(element, { api, navigate }) {
 
   async function watch() {
     const monitor = fittingMonitor(await api.get("/monitors"));
-    if (monitor === undefined || !canFly(monitor) || !may("POST /flights")) return go("#/demonstration");
+    if (monitor === undefined || !isSimulated(monitor) || !may("POST /flights")) return go("#/demonstration");
     const source = { kind: "simulated", seed: 2, outcome: "unsafe" };
     return startFlight({ api, navigate: go }, { source, monitor: monitor.id });
   }

@@ -87,6 +87,10 @@ def test_own_rollouts_are_added_looked_at_and_trained_on(page: Page, origin: str
         f"{tried[-1]['quiet']} of {tried[-1]['n_safe']}"
     )
 
+    expect(page.locator("main")).to_contain_text("flights like those it was trained on, safe or")
+    page.goto(f"{origin}/#/monitors")
+    expect(page.get_by_role("cell", name="own rollouts")).to_be_visible()
+
 
 def test_what_was_found_is_shown_with_the_dataset(page: Page, origin: str) -> None:
     y = short_period.fly(np.random.default_rng(2), 80)[1]

@@ -26,6 +26,19 @@ def test_a_comma_is_a_decimal_mark(strips: Open, text: str, numbers: list[str]) 
     assert page.evaluate("() => String(harness.decimal('1,5 s'))") == "NaN"
 
 
+def test_a_test_of_own_rollouts_has_one_name(strips: Open) -> None:
+    words = """async (monitor) => {
+        const { testWords } = await import("/static/js/lib/catalog.js");
+        return testWords({ families: { aircraft: { entries: {} }, maneuver: { entries: {} } } }, monitor);
+    }"""
+    page = strips()
+    simulated = {"aircraft": {"kind": "f16"}, "maneuver": {"kind": "doublet"}}
+    assert (
+        page.evaluate(words, {"recipe": {"epsilon": 0.1}, "dataset_recipe": {}}) == "own rollouts"
+    )
+    assert page.evaluate(words, {"recipe": simulated}) == "f16, doublet"
+
+
 def test_a_mapping_that_was_changed_names_what_differs(strips: Open) -> None:
     changed = run(
         strips(),

@@ -1,7 +1,7 @@
 /** Several scorings side by side, and two of them overlaid.   query: compare=sid,rid:sid,...   of recording `id`, or of others */
 
 import { select } from "../../forms/controls.js";
-import { aircraftName, kindName, loadCatalog } from "../../lib/catalog.js";
+import { loadCatalog, testWords } from "../../lib/catalog.js";
 import { button, errorLine, h, link, loadingView, pageOf } from "../../lib/dom.js";
 import { warningWords } from "../../lib/monitors.js";
 import { figure, followUnits } from "../../lib/numbers.js";
@@ -15,9 +15,7 @@ export function showComparedScorings(element, { id, query, api, navigate }) {
   return loadingView(element, { title: "Compare", text: "Loading scorings", loads: [loadCatalog, "/recordings", "/monitors"], build });
 
   async function build({ keep }, catalog, recordings, monitors) {
-    const plannedFor = ({ aircraft, maneuver }) =>
-      `${aircraftName(catalog, aircraft)}, ${kindName(catalog, "maneuver", maneuver)}`;
-    const planned = new Map(monitors.map((monitor) => [monitor.id, plannedFor(monitor.dataset_recipe)]));
+    const planned = new Map(monitors.map((monitor) => [monitor.id, testWords(catalog, monitor)]));
     const names = new Map(recordings.map(({ id: recording, name }) => [recording, name]));
     const compared = await Promise.all(references.map(read));
     const overlay = keep(createOverlay({ api, compared }));

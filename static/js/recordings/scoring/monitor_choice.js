@@ -6,7 +6,7 @@
 
 import { checkbox, textInput } from "../../forms/controls.js";
 import { reason } from "../../lib/api.js";
-import { aircraftName, kindName, limitsOfMonitor } from "../../lib/catalog.js";
+import { limitsOfMonitor, testWords } from "../../lib/catalog.js";
 import { errorLine, formatted, h } from "../../lib/dom.js";
 import { warningMark, warningsAt } from "../../lib/monitors.js";
 import { decimals, figure, followUnits } from "../../lib/numbers.js";
@@ -52,7 +52,6 @@ export function createMonitorChoice({ api, recording, monitors, used, catalog, c
   }
 
   function rowOf(monitor, isChecked) {
-    const { aircraft, maneuver } = monitor.dataset_recipe;
     const box = checkbox({ id: `choose-${monitor.id}`, checked: isChecked, onchange: choose });
     const epsilons = textInput({
       inputmode: "decimal",
@@ -66,8 +65,7 @@ export function createMonitorChoice({ api, recording, monitors, used, catalog, c
     const refused = h("span.monitor-refused");
     const limitCell = h("span");
     followUnits(limitCell, () => limitCell.replaceChildren(formatted(limitsOfMonitor(catalog, monitor))));
-    const simulated = () => `${aircraftName(catalog, aircraft)}, ${kindName(catalog, "maneuver", maneuver)}, `;
-    const test = aircraft ? simulated() : "flights from files, limits: ";
+    const test = `${testWords(catalog, monitor)}, limits: `;
     const times = `; ${figure(monitor.lead)} s ahead, every ${figure(monitor.dt)} s`;
     const item = h(
       "li",
