@@ -20,6 +20,7 @@ from app.jobs.requests import (
     N_TEST,
     CombinationRecipe,
 )
+from app.jobs.training import SHARES
 from app.recipes import labels
 from app.recipes.labels import choice_label, descriptions, kind_label, title_of, unit_of
 from app.recipes.recipes import (
@@ -102,6 +103,7 @@ def catalog() -> dict[str, Any]:
             for kind, (predictor, score) in METHODS.items()
         ],
         "sweep_methods": {name: _method_words(*pair) for name, pair in SWEPT.items()},
+        "calibrating_share": SHARES[0],
         "flight_markers": [asdict(kind) for kind in FLIGHT_MARKERS.values()],
         "telemetry": _telemetry(),
     }

@@ -99,6 +99,9 @@ class Catalog(BaseModel):
     )
     families: dict[str, ListedFamily]
     recipes: dict[str, RecipeForm]
+    calibrating_share: float = Field(
+        description="share of the failing flights of own rollouts that calibrate a monitor"
+    )
     flight_markers: list[FlightMarkerKind] = Field(
         description="markers that can be set during a flight"
     )

@@ -138,7 +138,7 @@ export function datasetChoice({ api, catalog, datasets, chosen, initial, asFlown
 
   function failures() {
     if (!fromStore()) return fields.read()[SIZE];
-    return isOwn() ? Math.floor(dataset().n_unsafe / 2) : dataset().n_unsafe;
+    return isOwn() ? Math.floor(dataset().n_unsafe * catalog.calibrating_share) : dataset().n_unsafe;
   }
 
   function turn() {

@@ -10,7 +10,7 @@ import { datasetChoice, scatterOf } from "../forms/planned_test.js";
 import { reason } from "../lib/api.js";
 import { aircraftCondition, loadCatalog, methodOf } from "../lib/catalog.js";
 import { errorLine, formatted, h, link, loadingView, pageOf, panel, put, sentences } from "../lib/dom.js";
-import { figure } from "../lib/numbers.js";
+import { figure, percent } from "../lib/numbers.js";
 import { proposalOf } from "../recordings/training_offer.js";
 
 const TITLE = "Train a monitor";
@@ -118,7 +118,7 @@ function trainForm({ api, catalog, datasets, like, chosen, keep, trained }) {
     fields.element("n_test").hidden = isOwn;
     put(steps, `${source.isSimulated() ? "Simulates, trains" : "Trains"} and tests. You can leave the page meanwhile.`);
     method.value = isBest ? BEST : (methodOf(catalog, fields.read())?.kind ?? "");
-    const { words, isEnough } = servedWords(source.failures(), fields.read(), isOwn);
+    const { words, isEnough } = servedWords(source.failures(), fields.read(), isOwn && catalog.calibrating_share);
     served.textContent = words;
     served.classList.toggle("error", !isEnough);
   }
@@ -130,13 +130,14 @@ export function neededFor(epsilon, guarantee = "average") {
   return Math.ceil(n - 1e-9);
 }
 
-function servedWords(n, { epsilon, guarantee }, isOwn) {
+/** share: of the dataset's failures that calibrate; false where all do. */
+function servedWords(n, { epsilon, guarantee }, share) {
   if (!(epsilon > 0 && epsilon < 1) || n === null) return { words: "", isEnough: true };
   const needed = neededFor(epsilon, guarantee);
   const words =
     n >= needed
-      ? `${isOwn ? "Up to " : ""}${n} failures${isOwn ? " calibrate, half of the dataset's" : ""}: enough for ε ≥ ${figure(guarantee === "average" ? 1 / (n + 1) : 1 - DOUBT ** (1 / n))}.`
-      : `ε = ${figure(epsilon)} needs at least ${needed} unsafe rollouts, and ${isOwn ? `${n}, half of the dataset's, calibrate` : `${n} are set`}: raise ε or the number of rollouts.`;
+      ? `${share ? "Up to " : ""}${n} failures${share ? ` calibrate, ${percent(share, 0)} of the dataset's` : ""}: enough for ε ≥ ${figure(guarantee === "average" ? 1 / (n + 1) : 1 - DOUBT ** (1 / n))}.`
+      : `ε = ${figure(epsilon)} needs at least ${needed} unsafe rollouts, and ${share ? `${n}, ${percent(share, 0)} of the dataset's, calibrate` : `${n} are set`}: raise ε or the number of rollouts.`;
   return { words, isEnough: n >= needed };
 }
 

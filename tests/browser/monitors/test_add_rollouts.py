@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import FilePayload, Page, expect
 
+from app.jobs.training import calibrating
 from tests.browser.site import open_site
 from tests.support import short_period
 
@@ -74,7 +75,14 @@ def test_own_rollouts_are_added_looked_at_and_trained_on(page: Page, origin: str
 
     page.get_by_role("link", name="Train a monitor").first.click()
     expect(page.locator("#method")).to_have_value("best")
-    expect(page.locator(".served")).to_contain_text("half of the dataset's")
+    served = page.locator(".served")
+    expect(served).to_contain_text(f"{calibrating(stored['n_unsafe'])} failures")
+    quarter = {"calibrating_share": 0.25}
+    page.route("**/catalog", lambda route: route.fulfill(json=route.fetch().json() | quarter))
+    page.reload()
+    expect(served).to_contain_text(f"{stored['n_unsafe'] // 4} failures calibrate, 25 %")
+    page.unroute_all()
+    page.reload()
     page.get_by_role("button", name="Train", exact=True).click()
     methods = page.locator("section", has=page.get_by_role("heading", name="Methods tried"))
     expect(methods).to_be_visible(timeout=SLOW)

@@ -29,7 +29,8 @@ def test_a_comma_is_a_decimal_mark(strips: Open, text: str, numbers: list[str]) 
 def test_a_test_of_own_rollouts_has_one_name(strips: Open) -> None:
     words = """async (monitor) => {
         const { testWords } = await import("/static/js/lib/catalog.js");
-        return testWords({ families: { aircraft: { entries: {} }, maneuver: { entries: {} } } }, monitor);
+        const families = { aircraft: { entries: {} }, maneuver: { entries: {} } };
+        return testWords({ families }, monitor);
     }"""
     page = strips()
     simulated = {"aircraft": {"kind": "f16"}, "maneuver": {"kind": "doublet"}}
