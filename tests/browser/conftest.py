@@ -9,6 +9,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from tests.browser.chromium import file_server, open_chromium, wait_until
+from tests.browser.site import Site, open_site
 from tests.browser.strips import Open
 from tests.browser.window import Window
 
@@ -63,6 +64,13 @@ def browser() -> Browser:
 def allowed_errors() -> list[str]:
     """Parts of console messages that a test expects; it appends to the list."""
     return []
+
+
+@pytest.fixture(scope="module")
+def fresh(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    """A server that has nothing."""
+    with open_site(tmp_path_factory.mktemp("fresh")) as site:
+        yield site
 
 
 @pytest.fixture(scope="module")

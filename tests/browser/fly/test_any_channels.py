@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from core.channels import LONGITUDINAL, Dictionary
 from core.limits.limits import IntervalLimits, SafeInterval
 from core.types import Array
 from tests.browser.chromium import wait_until
-from tests.browser.site import Site, open_site
+from tests.browser.site import Site
 from tests.browser.strips import Open, run
 from tests.support import any_flight
 
@@ -26,13 +26,6 @@ FIVE = {
     "x8": SafeInterval(-0.5, 0.5),
 }
 MARGIN = "limit margin"
-
-
-@pytest.fixture(scope="module")
-def fresh(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
-    """A server that has nothing."""
-    with open_site(tmp_path_factory.mktemp("fresh")) as site:
-        yield site
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from app.messages import Frame, Hello, StatusChange
 from core.monitor import Monitor
 from tests.browser.chromium import wait_until
 from tests.browser.recorded_site import RecordedSite, open_recorded_site
-from tests.browser.site import Site, open_site
+from tests.browser.site import Site
 from tests.support.demonstration_recording import (
     EXAMPLE,
     FILE,
@@ -31,13 +31,6 @@ COMPILING = {"phase": "compiling", "step": "compiling", "share": 0.25, "elapsed"
 def stored() -> dict[str, str]:
     """The scene is hidden: it is slow to draw here."""
     return {"forewarn.scene": "hidden"}
-
-
-@pytest.fixture(scope="module")
-def fresh(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
-    """A server that has nothing."""
-    with open_site(tmp_path_factory.mktemp("fresh")) as site:
-        yield site
 
 
 @pytest.fixture(scope="module")

@@ -39,13 +39,6 @@ class Site:
 
 
 @pytest.fixture(scope="module")
-def fresh(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Origin of a server that nothing was asked of yet."""
-    with open_site(tmp_path_factory.mktemp("fresh")) as server:
-        yield server.http
-
-
-@pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     with open_site(tmp_path_factory.mktemp("trained")) as server:
         origin = server.http
@@ -76,8 +69,8 @@ def field(page: Page, path: str):
         ("campaigns", "No campaign yet", "#/campaigns/new"),
     ],
 )
-def test_an_empty_list_says_what_to_do_next(page: Page, fresh: str, view, says, leads_to) -> None:
-    page.goto(f"{fresh}/#/{view}")
+def test_an_empty_list_says_what_to_do_next(page: Page, fresh: Site, view, says, leads_to) -> None:
+    page.goto(f"{fresh.http}/#/{view}")
     state = page.locator(".state-empty")
     expect(state).to_contain_text(says)
     expect(state.locator(".button-primary")).to_have_attribute("href", leads_to)
@@ -86,8 +79,8 @@ def test_an_empty_list_says_what_to_do_next(page: Page, fresh: str, view, says, 
 # Training through the form
 
 
-def test_a_monitor_is_trained_through_the_form_and_shown(page: Page, fresh: str) -> None:
-    page.goto(f"{fresh}/#/monitors/new")
+def test_a_monitor_is_trained_through_the_form_and_shown(page: Page, fresh: Site) -> None:
+    page.goto(f"{fresh.http}/#/monitors/new")
     field(page, "dataset.n_unsafe").fill("30")
     field(page, "monitor.epsilon").fill("0.2")
     page.get_by_label("name of the monitor").fill("first card")
@@ -106,7 +99,7 @@ def test_a_monitor_is_trained_through_the_form_and_shown(page: Page, fresh: str)
     expect(page.get_by_role("row", name=re.compile("^input in the opposite"))).to_be_visible()
     expect(page.get_by_role("link", name="Certificate")).to_be_visible()
     expect(page.locator(".epsilon-reading")).to_have_text("ε = 0.2")
-    page.goto(f"{fresh}/#/monitors")
+    page.goto(f"{fresh.http}/#/monitors")
     expect(page.locator("tbody tr")).to_contain_text(["first card"])
 
 
