@@ -1,12 +1,13 @@
 """Fixtures of the browser tests: Chromium, the page's files, a page that must not complain."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Protocol
 
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Page, WebSocketRoute, expect
 
 from tests.browser.chromium import file_server, open_chromium, wait_until
 from tests.browser.site import Site, open_site
@@ -116,6 +117,8 @@ def own_page(browser: Browser, stored: dict[str, str], allowed_errors: list[str]
 ENDED = re.compile(r"status of 404 .*/flights/\w+/source\?")
 """A flight's source is gone with its end, also for a page that is just reading what lies before."""
 
+CUT = 1011
+"""Close code of a server that has failed."""
 RELAYED_LATE = "error: WebSocket is already in CLOSING or CLOSED state"
 """The server closed its socket while a test passed a message of the page on to it.
 
@@ -130,6 +133,54 @@ def unexpected(errors: list[str], allowed: list[str]) -> list[str]:
         for error in errors
         if not ENDED.search(error) and not any(part in error for part in allowed)
     ]
+
+
+Text = str | bytes
+
+
+class Relay(Protocol):
+    """Pass the messages of the page's streams on, None for none; returns the streams passed on.
+
+    to_page: of a message and the number of its stream.   is_cut: whether a new stream is refused.
+    """
+
+    def __call__(
+        self,
+        to_page: Callable[[Text, int], Text | None] = ...,
+        to_server: Callable[[Text], Text | None] = ...,
+        is_cut: Callable[[], bool] = ...,
+    ) -> list[WebSocketRoute]: ...
+
+
+@pytest.fixture
+def relay(own_page: Page, allowed_errors: list[str]) -> Relay:
+    """Start before the page opens a stream."""
+
+    def started(
+        to_page: Callable[[Text, int], Text | None] = lambda text, _: text,
+        to_server: Callable[[Text], Text | None] = lambda text: text,
+        is_cut: Callable[[], bool] = lambda: False,
+    ) -> list[WebSocketRoute]:
+        routes: list[WebSocketRoute] = []
+
+        def pass_on(route: WebSocketRoute) -> None:
+            if is_cut():
+                route.close(code=CUT)
+                return
+            server, number = route.connect_to_server(), len(routes)
+            route.on_message(lambda text: send(server, to_server(text)))
+            server.on_message(lambda text: send(route, to_page(text, number)))
+            routes.append(route)
+
+        def send(to: WebSocketRoute, text: Text | None) -> None:
+            if text is not None:
+                to.send(text)
+
+        allowed_errors.append(RELAYED_LATE)
+        own_page.route_web_socket(re.compile("/stream$"), pass_on)
+        return routes
+
+    return started
 
 
 @pytest.fixture

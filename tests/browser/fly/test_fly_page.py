@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from playwright.sync_api import Page, Route, WebSocketRoute, expect
+from playwright.sync_api import Page, Route, expect
 
 from app.access.guard import SESSION_OVER
 from app.assessment.compiling import make_ready
@@ -16,7 +16,7 @@ from app.flights.watcher import RecentFrames
 from core.monitor import MonitorRecipe, train
 from core.planned_test.collection import DatasetRecipe, collect
 from tests.browser.chromium import wait_until
-from tests.browser.conftest import RELAYED_LATE
+from tests.browser.conftest import CUT, Relay, Text
 from tests.browser.recordings.scored_chart import pixels
 from tests.browser.site import Site, open_site
 
@@ -80,9 +80,8 @@ def fly(page: Page, site: Site) -> "Iterator[Fly]":
 
 
 @pytest.fixture
-def own_fly(own_page: Page, site: Site, allowed_errors: list[str]) -> "Iterator[Fly]":
+def own_fly(own_page: Page, site: Site) -> "Iterator[Fly]":
     """A page of its own, for a test that reroutes its WebSockets."""
-    allowed_errors.append(RELAYED_LATE)
     fly = Fly(own_page, site)
     yield fly
     fly.end()
@@ -430,34 +429,27 @@ def test_an_event_takes_the_flight_back_to_it(fly: Fly) -> None:
 
 
 @pytest.mark.parametrize("paused", [False, True])
-def test_a_cut_connection_is_stale_at_once_and_resumes(own_fly: Fly, paused: bool) -> None:
+def test_a_cut_connection_is_stale_at_once_and_resumes(
+    own_fly: Fly, relay: Relay, paused: bool
+) -> None:
     fly = own_fly
     page = fly.page
-    routes: list[WebSocketRoute] = []
     asked: list[int] = []
     first: dict[int, int] = {}
     resets: list[int] = []
     cut = False
 
-    def pass_on(route: WebSocketRoute) -> None:
-        if cut:
-            route.close(code=1011)
-            return
-        server = route.connect_to_server()
-        route.on_message(lambda text: (note(json.loads(text)), server.send(text)))
-        turn = len(routes)  # a server's side may go on for a while after the page's is cut
-        server.on_message(lambda text: (note(json.loads(text), turn), route.send(text)))
-        routes.append(route)
-
-    def note(message: dict[str, Any], turn: int = -1) -> None:
+    def note(text: Text, turn: int = -1) -> Text:
+        message = json.loads(text)
         if message["type"] == "resume":
             asked.append(message["seq"])
         if message["type"] == "reset":
             resets.append(turn)  # the loop came round: what was before is gone
         if message["type"] == "frames":
             first.setdefault(turn, message["frames"][0]["seq"])
+        return text
 
-    page.route_web_socket(re.compile("/stream$"), pass_on)
+    routes = relay(to_page=note, to_server=note, is_cut=lambda: cut)
     fly.watch(SAFE, ("loop", True), ("speed", 0.2))
     fly.gauge_says(CALM)
     fly.number_is_shown()
@@ -465,7 +457,7 @@ def test_a_cut_connection_is_stale_at_once_and_resumes(own_fly: Fly, paused: boo
         fly.page.keyboard.press(" ")
         expect(fly.page.locator(".strip-toolbar .chip")).to_have_text("PAUSED")
     cut = True
-    routes[-1].close(code=1011)
+    routes[-1].close(code=CUT)
     fly.gauge_says("STALE")
     fly.assert_no_number()
     expect(fly.status("link")).to_contain_text("LOST")
@@ -486,16 +478,12 @@ def test_a_cut_connection_is_stale_at_once_and_resumes(own_fly: Fly, paused: boo
     assert paused or 1 in resets or first[1] == asked[1] + 1
 
 
-def test_a_server_that_falls_silent_is_no_open_link_and_the_last_samples_stay(own_fly: Fly) -> None:
+def test_a_server_that_falls_silent_is_no_open_link_and_the_last_samples_stay(
+    own_fly: Fly, relay: Relay
+) -> None:
     fly = own_fly
     silent = False
-
-    def pass_on(route: WebSocketRoute) -> None:
-        server = route.connect_to_server()
-        route.on_message(server.send)
-        server.on_message(lambda text: None if silent else route.send(text))
-
-    fly.page.route_web_socket(re.compile("/stream$"), pass_on)
+    relay(to_page=lambda text, _: None if silent else text)
     fly.watch(SAFE, ("loop", True), ("speed", 0.5))
     fly.gauge_says(CALM)
     expect(fly.status("link")).to_contain_text("open")
@@ -513,14 +501,9 @@ def test_a_server_that_falls_silent_is_no_open_link_and_the_last_samples_stay(ow
 
 @pytest.mark.parametrize(("source", "said"), [(SAFE, "NO DATA"), (UNSAFE, "▲ ALARM")])
 def test_before_a_sample_is_shown_nothing_calm_is_said(
-    own_fly: Fly, source: dict[str, Any], said: str
+    own_fly: Fly, relay: Relay, source: dict[str, Any], said: str
 ) -> None:
-    def pass_on(route: WebSocketRoute) -> None:
-        server = route.connect_to_server()
-        route.on_message(server.send)
-        server.on_message(lambda text: "frames" in json.loads(text) or route.send(text))
-
-    own_fly.page.route_web_socket(re.compile("/stream$"), pass_on)
+    relay(to_page=lambda text, _: None if "frames" in json.loads(text) else text)
     place = ("next_alert", None) if source is UNSAFE else ("seek", 1.0)
     own_fly.watch(source, ("pause", None), place)
     expect(own_fly.status("state")).to_have_text(said)
@@ -528,20 +511,18 @@ def test_before_a_sample_is_shown_nothing_calm_is_said(
     own_fly.gauge_says("NO DATA")
 
 
-def test_the_transport_s_clock_is_not_ahead_of_the_samples_that_came(own_fly: Fly) -> None:
-    fly, waiting, is_held = own_fly, list[str | bytes](), False
-    routes: list[WebSocketRoute] = []
+def test_the_transport_s_clock_is_not_ahead_of_the_samples_that_came(
+    own_fly: Fly, relay: Relay
+) -> None:
+    fly, waiting, is_held = own_fly, list[Text](), False
 
-    def pass_on(route: WebSocketRoute) -> None:
-        server = route.connect_to_server()
-        route.on_message(server.send)
-        routes.append(route)
-        server.on_message(lambda text: waiting.append(text) if is_late(text) else route.send(text))
+    def unless_held(text: Text, _: int) -> Text | None:
+        if not (is_held and "frames" in json.loads(text)):
+            return text
+        waiting.append(text)
+        return None
 
-    def is_late(text: str | bytes) -> bool:
-        return is_held and "frames" in json.loads(text)
-
-    fly.page.route_web_socket(re.compile("/stream$"), pass_on)
+    routes = relay(to_page=unless_held)
     fly.watch(SAFE, ("pause", None), ("seek", 1.0))
     clock = fly.page.locator(".transport-time")
     expect(clock).to_have_text(re.compile(r"^1\.00 / "))
@@ -558,21 +539,16 @@ def test_the_transport_s_clock_is_not_ahead_of_the_samples_that_came(own_fly: Fl
 
 
 def test_a_page_that_joins_a_paused_flight_shows_the_rest_by_its_newest_sample(
-    own_fly: Fly,
+    own_fly: Fly, relay: Relay
 ) -> None:
     peak = {"mean": 0.8, "low": 0.6, "high": 0.9}
     told = {"no_rest": "", "ahead": {"t": [], "channels": {}, "peak": peak, "why": ""}}
 
-    def forecast(text: str | bytes) -> str:
+    def forecast(text: Text, _: int) -> str:
         message = json.loads(text)
         return json.dumps(message | told if message["type"] == "hello" else message)
 
-    def pass_on(route: WebSocketRoute) -> None:
-        server = route.connect_to_server()
-        route.on_message(server.send)
-        server.on_message(lambda text: route.send(forecast(text)))
-
-    own_fly.page.route_web_socket(re.compile("/stream$"), pass_on)
+    relay(to_page=forecast)
     own_fly.watch(SAFE, ("pause", None), ("seek", 1.0))
     rest = own_fly.page.locator(".rest-of-card")
     expect(rest).to_contain_text("80 % of its limit (90 %: 60 % to 90 %)")
@@ -583,15 +559,9 @@ def test_a_page_that_joins_a_paused_flight_shows_the_rest_by_its_newest_sample(
     expect(rest).to_contain_text("not known")  # it was of another sample
 
 
-def test_a_login_that_ended_is_said_and_not_tried_again(own_fly: Fly) -> None:
+def test_a_login_that_ended_is_said_and_not_tried_again(own_fly: Fly, relay: Relay) -> None:
     fly = own_fly
-    routes: list[WebSocketRoute] = []
-
-    def pass_on(route: WebSocketRoute) -> None:
-        route.connect_to_server()
-        routes.append(route)
-
-    fly.page.route_web_socket(re.compile("/stream$"), pass_on)
+    routes = relay()
     fly.watch(SAFE, ("pause", None))
     routes[0].close(code=SESSION_OVER)
     expect(fly.page.locator(".link-lost")).to_contain_text("reload the page to log in again")

@@ -9,14 +9,14 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from playwright.sync_api import Page, WebSocketRoute, expect
+from playwright.sync_api import Page, expect
 
 from app.store.flights import INTERRUPTED
 from app.store.tables import flights
 from app.telemetry import journal
 from core.channels import KEYS
 from tests.browser.chromium import wait_until
-from tests.browser.conftest import RELAYED_LATE
+from tests.browser.conftest import CUT, Relay, Text
 from tests.browser.fly.test_fly_page import EPSILON, SCROLL_SIZE, Fly, site, stored
 from tests.browser.site import Site
 
@@ -56,8 +56,7 @@ def live(page: Page, site: Site) -> Iterator[Live]:
 
 
 @pytest.fixture
-def own_live(own_page: Page, site: Site, allowed_errors: list[str]) -> Iterator[Live]:
-    allowed_errors.append(RELAYED_LATE)
+def own_live(own_page: Page, site: Site) -> Iterator[Live]:
     live = Live(own_page, site)
     yield live
     live.end()
@@ -105,27 +104,16 @@ def test_a_live_flight_takes_two_clicks_and_says_where_to_send_until_the_first_s
 
 @pytest.mark.parametrize("silent", [False, True])
 def test_a_link_that_is_cut_before_the_first_sample_is_stale_everywhere(
-    own_live: Live, silent: bool
+    own_live: Live, relay: Relay, silent: bool
 ) -> None:
     live, page = own_live, own_live.page
-    routes: list[WebSocketRoute] = []
     is_cut = False
-
-    def pass_on(route: WebSocketRoute) -> None:
-        if is_cut:
-            route.close(code=1011)
-            return
-        server = route.connect_to_server()
-        route.on_message(server.send)
-        server.on_message(lambda text: None if is_cut else route.send(text))
-        routes.append(route)
-
-    page.route_web_socket(re.compile("/stream$"), pass_on)
+    routes = relay(to_page=lambda text, _: None if is_cut else text, is_cut=lambda: is_cut)
     live.begin()
     live.gauge_says("NO DATA")
     is_cut = True
     if not silent:
-        routes[0].close(code=1011)
+        routes[0].close(code=CUT)
     live.gauge_says("STALE")
     live.assert_no_number()
     expect(live.status("state")).to_have_text("◆ STALE")
@@ -244,17 +232,13 @@ def test_an_interrupted_flight_is_ended_on_its_page_which_says_by_whom_and_when(
     expect(notice).to_contain_text("was ended by local")
 
 
-def test_late_samples_and_a_server_that_was_started_again_are_told(own_live: Live) -> None:
+def test_late_samples_and_a_server_that_was_started_again_are_told(
+    own_live: Live, relay: Relay
+) -> None:
     live = own_live
-    routes: list[WebSocketRoute] = []
 
-    def pass_on(route: WebSocketRoute) -> None:
-        server = route.connect_to_server()
-        route.on_message(server.send)
-        server.on_message(lambda text: route.send(altered(json.loads(str(text)))))
-        routes.append(route)
-
-    def altered(message: dict[str, Any]) -> str:
+    def altered(text: Text, _: int) -> str:
+        message = json.loads(text)
         if message["type"] == "state":
             message |= {"state": "stale", "reason": LATE}
         if message["type"] in ("hello", "live"):
@@ -263,13 +247,13 @@ def test_late_samples_and_a_server_that_was_started_again_are_told(own_live: Liv
             message["head"] -= 3 * (len(routes) - 1)
         return json.dumps(message)
 
-    live.page.route_web_socket(re.compile("/stream$"), pass_on)
+    routes = relay(to_page=altered)
     live.begin(trim="none")
     live.send(0, 0, 40)
     expect(live.page.locator(".transport-time")).to_have_text("1.95 s")
     expect(live.page.locator(".gauge-reason")).to_contain_text(LATE)
     live.assert_no_number()
-    routes[-1].close(code=1011)
+    routes[-1].close(code=CUT)
     live.event("server restarted").wait_for()
     live.event("3 samples shown were not stored").wait_for()
     expect(live.figure("resumed")).to_have_text("1")
