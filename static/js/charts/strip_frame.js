@@ -158,41 +158,37 @@ export function createStripFrame(canvas, strip) {
   }
 
   function labels(alertAbove) {
-    pen.font = `12px ${own.palette.font}`;
     pen.textAlign = "right";
     pen.textBaseline = "middle";
     const taken = [];
-    const label = (value, text, colour, weight = "") => {
+    const label = (value, texts, colour, weight = "") => {
       const at = Math.min(own.height - 7, Math.max(7, y(value)));
       if (taken.some((other) => Math.abs(other - at) < 15)) return;
       taken.push(at);
       pen.font = `${weight} 12px ${own.palette.font}`.trim();
       pen.fillStyle = colour;
-      pen.fillText(text, -6, at);
+      pen.fillText(fitting(texts, value * axis.factor), -6, at);
     };
     if (strip.risk) {
       if (Number.isFinite(alertAbove))
-        label(alertAbove, figure(alertAbove, 2), own.palette.epsilon, "700");
-      for (const value of [0, 1, 0.5, 0.1]) label(value, String(value), own.palette.dim);
+        label(alertAbove, [figure(alertAbove, 2)], own.palette.epsilon, "700");
+      for (const value of [0, 1, 0.5, 0.1]) label(value, [String(value)], own.palette.dim);
       return;
     }
     const levels = [...(strip.limits ?? [])].reverse().filter(Number.isFinite);
-    for (const level of levels) {
-      const value = level * axis.factor;
-      label(level, fitting([4, 3, 2].map((digits) => signed(value, digits)), value, "700"), own.palette.limit, "700");
-    }
+    for (const level of levels)
+      label(level, [4, 3, 2].map((digits) => signed(level * axis.factor, digits)), own.palette.limit, "700");
     const isZero = (value) => Math.abs(value) < axis.step / 2;
     const ticks = axisTicks(axis);
-    if (ticks.some(isZero)) label(0, "0", own.palette.dim);
+    if (ticks.some(isZero)) label(0, ["0"], own.palette.dim);
     for (const value of ticks
       .filter((value) => !isZero(value))
       .sort((a, b) => Math.abs(b) - Math.abs(a)))
-      label(value, fitting([round(value * axis.factor, axis.step * axis.factor)], value * axis.factor, ""), own.palette.dim);
+      label(value, [round(value * axis.factor, axis.step * axis.factor)], own.palette.dim);
   }
 
   /** The first text that fits the gutter: fewer digits, then thousands and millions. */
-  function fitting(texts, value, weight) {
-    pen.font = `${weight} 12px ${own.palette.font}`.trim();
+  function fitting(texts, value) {
     const scaled = [[1e3, "k"], [1e6, "M"]].filter(([factor]) => Math.abs(value) >= factor);
     const all = [...texts, ...scaled.map(([factor, prefix]) => signed(value / factor, 3) + prefix)];
     return all.find((text) => pen.measureText(text).width <= GUTTER - 6) ?? all.at(-1);
