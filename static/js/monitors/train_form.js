@@ -111,7 +111,9 @@ function trainForm({ api, catalog, datasets, like, chosen, keep, trained }) {
 
   function follow({ target } = {}) {
     const isOwn = source.isOwn();
-    const isBest = isOwn && (wasOwn ? method.value === BEST && !/[.](predictor|score)/.test(target?.name ?? "") : true);
+    const isNew = isOwn && !wasOwn;
+    const isByHand = /[.](predictor|score)/.test(target?.name ?? "");
+    const isBest = isNew || (isOwn && method.value === BEST && !isByHand);
     if (isOwn) method.prepend(best);
     else best.remove();
     wasOwn = isOwn;
