@@ -10,7 +10,6 @@ import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
 import { radioGroup, textInput } from "../../forms/controls.js";
 import { reason } from "../../lib/api.js";
 import { button, errorLine, h, hiddenHead, table } from "../../lib/dom.js";
-import { withLimits } from "../../lib/limits.js";
 import { decimal, followUnits } from "../../lib/numbers.js";
 
 const WAYS = [
@@ -68,7 +67,8 @@ export function createManoeuvrePicker({ api, recording, monitor }) {
   function createChart(known) {
     const { start, end, step: dt } = tiles;
     return createRecordingChart(place, {
-      channels: withLimits(known, null), // controls come first: they show where a manoeuvre begins
+      channels: known,
+      // controls come first: they show where a manoeuvre begins
       order: [...known.filter(isControl).reverse(), ...known.filter((channel) => !isControl(channel))].map(({ key }) => key),
       sources: [{ load: async () => tiles, start, end, dt, manoeuvres: null }],
       label: "Recording with its manoeuvres",
