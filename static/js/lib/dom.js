@@ -173,7 +173,7 @@ export function errorLine(classes = "") {
   return { element, show, attempt };
 
   function show(words) {
-    element.textContent = words;
+    element.textContent = trueMinus(words);
     element.hidden = words === "";
   }
 

@@ -11,11 +11,11 @@
 
 import { isSimulated } from "./catalog.js";
 import { askToConfirm, h } from "./dom.js";
-import { capital, leadSeconds } from "./numbers.js";
+import { capital, leadSeconds, trueMinus } from "./numbers.js";
 
 const brief = (text) => text.split(":")[0].replace(/^the monitor (is|was) /, "");
 
-export const sentence = (text) => `${capital(text)}.`;
+export const sentence = (text) => `${capital(trueMinus(text))}.`;
 
 export function warningWords({ warnings }) {
   return warnings.length ? `◆ ${warnings.map(brief).join(", ")}` : "";
