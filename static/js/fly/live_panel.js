@@ -36,7 +36,7 @@ const ITEMS = [
   ["lag", "lag", "Age of the newest sample less the best of the flight"],
   ["drift", "clock drift", "Drift of the source's clock, at most 100 parts in a million: subtracted from the lag"],
   ["delay", "delay", "Longest time that a sample waits for others"],
-  ["lead", "lead", "Lead time of an alert: the monitor's lead less the delay"],
+  ["lead", "warning lead time", "Warning lead time of the monitor less the delay"],
   ["batches", "batches", "Batches received, without repeated ones"],
   ...KINDS,
   ["malformed", "malformed", "Messages that are not a valid batch"],
