@@ -3,7 +3,7 @@
 import { createForm, fieldset, fold, group, labelled, numberInput, optionalName, select, textInput } from "../forms/controls.js";
 import { createDropTarget } from "../forms/drop_target.js";
 import { needs, reason } from "../lib/api.js";
-import { loadCatalog } from "../lib/catalog.js";
+import { channelName, loadCatalog } from "../lib/catalog.js";
 import { errorLine, formatted, guideLink, h, link, loadingView, pageOf, table } from "../lib/dom.js";
 import { bytesText, count, decimal, figure, magnitude, magnitudeIn, shownIn } from "../lib/numbers.js";
 
@@ -80,7 +80,7 @@ export function showRollouts(element, { api, navigate }) {
         title: TITLE,
         word: "Add",
         route: "POST /datasets",
-        fields: [group({ name: named }), { check: () => rows.every((row) => row.check()), editors: new Map() }],
+        fields: [group({ name: named }, () => rows.map((row) => [row, row.wrong()]))],
         content: [
           fieldset(
             "Channels and limits",
@@ -120,7 +120,7 @@ export function showRollouts(element, { api, navigate }) {
 }
 
 const COLUMNS = [
-  ["Channel", ({ channel }) => [formatted(channel.symbol), channel.label === channel.symbol ? null : h("span.dim", ` ${channel.label}`)], "name"],
+  ["Channel", ({ channel }) => formatted(channelName(channel)), "name"],
   ["Unit", ({ unit }) => unit || "none", "nowrap"],
   ["Least to greatest", ({ range }) => range, "number"],
   ["Role", ({ role }) => h("div.field", role)],
@@ -145,24 +145,21 @@ function createRow(channel, { low, high, rest }) {
     low: ends[0],
     high: ends[1],
     failure,
-    check,
+    wrong,
+    say: failure.show,
+    focus: () => ends[0].control.focus(),
     limit: () => {
       const [least, most] = ends.map(({ read }) => read());
       return least === null && most === null ? [] : [`${channel.key}=${least ?? ""}..${most ?? ""}`];
     },
   };
 
-  function check() {
-    const values = ends.map(({ read }) => read());
+  function wrong() {
+    const [least, most] = ends.map(({ read }) => read());
     const trim = rest ?? 0;
-    const words = values.some(Number.isNaN)
-      ? "Give a number, or leave it empty."
-      : values.every((value) => value === null) || ((values[0] ?? -Infinity) < trim && trim < (values[1] ?? Infinity))
-        ? ""
-        : `Trimmed flight, at ${magnitudeIn(channel, trim)}, must be between the limits.`;
-    failure.show(words);
-    if (words) ends[0].control.focus();
-    return !words;
+    if (Number.isNaN(least) || Number.isNaN(most)) return "Give a number, or leave it empty.";
+    const isBetween = (least ?? -Infinity) < trim && trim < (most ?? Infinity);
+    return isBetween ? "" : `Trimmed flight, at ${magnitudeIn(channel, trim)}, must be between the limits.`;
   }
 }
 

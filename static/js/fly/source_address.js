@@ -6,6 +6,7 @@
  */
 
 import { asksForToken } from "../lib/api.js";
+import { channelName } from "../lib/catalog.js";
 import { formatted, h, put } from "../lib/dom.js";
 
 const ANY = /^(0\.0\.0\.0|\[::\]):/; // every address of the server
@@ -96,7 +97,8 @@ function channelTable(channels, { names, needed }, { recording }) {
 }
 
 function ownRows(channels, needed) {
-  const rows = channels.map(({ key, symbol, label, unit, formula }) => [key, formatted(`${symbol}, ${label}`), unit, formula ? "computed, not sent" : needed.includes(key) ? "✓ needed" : "optional"]);
+  const wordOf = ({ key, formula }) => (formula ? "computed, not sent" : needed.includes(key) ? "✓ needed" : "optional");
+  const rows = channels.map((channel) => [channel.key, formatted(channelName(channel)), channel.unit, wordOf(channel)]);
   const others = ATTITUDE.filter((angle) => !channels.some(({ key }) => key === angle));
   return others.length === 0 ? rows : [...rows, [others.join(", "), "attitude, for the scene", "rad", "optional"]];
 }

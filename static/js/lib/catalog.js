@@ -55,6 +55,8 @@ export function channelsOf(catalog, { dictionary }) {
   return dictionary?.channels ?? catalog.channels;
 }
 
+export const channelName = ({ symbol, label }) => (label === symbol ? symbol : `${symbol} ${label}`);
+
 /** By channel; of a monitor or a dataset that was not simulated, too. */
 export function ownLimits({ limits, dataset_recipe, recipe = dataset_recipe }) {
   return limits !== null && typeof limits === "object" ? limits : (recipe?.limits ?? null);

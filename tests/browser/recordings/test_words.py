@@ -40,6 +40,24 @@ def test_a_test_of_own_rollouts_has_one_name(strips: Open) -> None:
     assert page.evaluate(words, {"recipe": simulated}) == "f16, doublet"
 
 
+def test_a_channel_is_named_once_and_its_unit_too(strips: Open) -> None:
+    words = """async () => {
+        const { channelName } = await import("/static/js/lib/catalog.js");
+        const { isWithUnit } = await import("/static/js/recordings/mapping/signal_select.js");
+        return [
+            channelName({ symbol: "load", label: "load" }),
+            channelName({ symbol: "N_y", label: "lateral acceleration" }),
+            ["load [kN]", "p (deg/s)", "load", "load [kN]"].map(
+                (name, k) => isWithUnit(name, ["kN", "deg/s", "kN", "lbf"][k])),
+        ];
+    }"""
+    assert strips().evaluate(words) == [
+        "load",
+        "N_y lateral acceleration",
+        [True, True, False, False],
+    ]
+
+
 def test_a_mapping_that_was_changed_names_what_differs(strips: Open) -> None:
     changed = run(
         strips(),

@@ -41,8 +41,12 @@ export function createSignalSelect({ id, label, signals, groups, likely, derivab
   function optionOf(name) {
     const { unit, group } = named.get(name) ?? { unit: "", group: 0 };
     const [words, groupName] = nameParts(name, groups.length > 1 ? groups[group].name : "");
-    return h("option", { value: `signal:${name}` }, `${words}${unit && ` [${unit}]`}${groupName && `, ${groupName}`}`);
+    return h("option", { value: `signal:${name}` }, `${words}${unit && !isWithUnit(name, unit) ? ` [${unit}]` : ""}${groupName && `, ${groupName}`}`);
   }
+}
+
+export function isWithUnit(name, unit) {
+  return ["[]", "()", "{}", "<>"].some(([left, right]) => name.endsWith(`${left}${unit}${right}`));
 }
 
 /** Many formats write the group in front of the name. */

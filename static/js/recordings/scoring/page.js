@@ -22,6 +22,7 @@ import {
 import { createEventList } from "../../lib/event_list.js";
 import { createDisplayChoice, startFlight, warningMark } from "../../lib/monitors.js";
 import { count, figure, followUnits, formatValue, magnitude, magnitudeIn, moment, shownIn } from "../../lib/numbers.js";
+import { isWithUnit } from "../mapping/signal_select.js";
 import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
 import { createTrainingOffer } from "../training_offer.js";
 import { alertRule, outcomeChip, outsideChip, trimText } from "../words.js";
@@ -209,7 +210,8 @@ function sourceText(source, channel) {
   if (source.derivation) return `derived (${source.derivation.replaceAll("_", " ")})`;
   const sign = source.sign === -1 ? "−" : "";
   const bias = source.bias ? `, bias of ${magnitudeIn(channel, source.bias)} removed` : "";
-  return `${sign}${source.signal} in ${source.unit}${bias}`;
+  const unit = isWithUnit(source.signal, source.unit) ? "" : ` in ${source.unit}`;
+  return `${sign}${source.signal}${unit}${bias}`;
 }
 
 const checksOf = (quality) => quality?.compatibility ?? [];
