@@ -2,12 +2,13 @@
 
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
 import { channelsOf, isSimulated, limitsOfMonitor, loadCatalog, ownLimits, testNames } from "../lib/catalog.js";
-import { deleteButton, factList, formatted, h, link, loadingView, pageOf, panel, recipeList, sentences, table } from "../lib/dom.js";
-import { limitsOf, limitText, withLimits } from "../lib/limits.js";
-import { capital, count, figure, moment, percent, shownIn } from "../lib/numbers.js";
+import { deleteButton, factList, formatted, h, link, loadingView, pageOf, panel, recipeList } from "../lib/dom.js";
+import { withLimits } from "../lib/limits.js";
+import { warningLines } from "../lib/monitors.js";
+import { count, figure, moment, percent } from "../lib/numbers.js";
+import { channelTable } from "./channel_table.js";
 import { peakFigure, rolloutFigure, sampleRollouts } from "./figures.js";
 import { createRolloutViewer } from "./rollout_viewer.js";
-
 
 export function showDataset(element, { id, api, navigate }) {
   const loads = [loadCatalog, `/datasets/${id}`, "/monitors", () => sampleRollouts(api, id)];
@@ -70,20 +71,7 @@ function facts(dataset, users, catalog) {
 function findings({ findings: texts }) {
   if (texts === null) return null;
   if (!texts.length) return panel("Checked", h("p", "No duplicates, no flights cut short, no channel that tells the outcome at once."), { class: "panel stack-tight findings" });
-  return panel("Findings", sentences(texts.map((text) => `${capital(text)}.`)), { class: "panel stack-tight findings", "data-level": "caution" });
-}
-
-function channelTable(channels) {
-  const limits = (channel) => (limitsOf(channel) === null ? h("span.dim", "none") : limitText(channel, limitsOf(channel)));
-  const columns = [
-    ["Channel", ({ symbol, label, formula }) => [formatted(symbol), label === symbol ? null : ` ${label}`, formula ? h("span.dim", ` = ${formula}`) : null], "name"],
-    ["Key", ({ key }) => h("code", key)],
-    ["Unit", (channel) => shownIn(channel).unit || "none", "nowrap"],
-    ["Role", ({ role }) => role, "nowrap"],
-    ["Values", ({ reference }) => (reference === "trim" ? "from trim" : "absolute"), "nowrap"],
-    ["Limits", limits],
-  ];
-  return panel("Channels", table({ columns, items: channels, panel: false }));
+  return panel("Findings", warningLines({ warnings: texts }), { class: "panel stack-tight findings" });
 }
 
 function details(dataset, catalog) {

@@ -1,5 +1,6 @@
 /** One monitor: its promise, its results on fresh flights, figures, recipe and file. */
 
+import { channelTable } from "../datasets/channel_table.js";
 import { rolloutFigure, sampleRollouts } from "../datasets/figures.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
 import { channelsOf, isSimulated, kindName, limitsOfMonitor, loadCatalog, methodWords, ownLimits, testNames } from "../lib/catalog.js";
@@ -46,9 +47,10 @@ export function showMonitor(element, { id, api, navigate }) {
     const isKnown = isSimulated(monitor);
     const again = (isPrimary) => link("Train one like it", `#/monitors/new?like=${id}${from && !isKnown ? `&dataset=${from}` : ""}`, isPrimary);
     const { predictor } = monitor.recipe;
+    const channels = withLimits(channelsOf(catalog, monitor), ownLimits(monitor));
     const figures = [
       rollouts
-        ? rolloutFigure({ ...dataset, channels: withLimits(channelsOf(catalog, monitor), ownLimits(monitor)), rollouts })
+        ? rolloutFigure({ ...dataset, channels, rollouts })
         : empty("No rollouts", "The training dataset is not stored on this server. The monitor works without it."),
       curves ??
         empty(
@@ -84,6 +86,7 @@ export function showMonitor(element, { id, api, navigate }) {
       isKnown ? createEpsilonChoice({ api, id, catalog, navigate, keep }) : null,
       h("div.figures", figures.filter(Boolean).map((block) => h("section.panel", block))),
       guarantee(monitor, calibration, isKnown),
+      isKnown ? null : channelTable(channels),
       details(monitor, calibration, catalog),
     );
   }

@@ -1,6 +1,7 @@
 """Rollouts of somebody's own simulator, added and trained on in a real Chromium."""
 
 import io
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -60,6 +61,8 @@ def test_own_rollouts_are_added_looked_at_and_trained_on(page: Page, origin: str
     page.get_by_label("high limit of angle of attack").fill("25")
     page.get_by_label("high limit of normal acceleration").fill("2.9")
     page.get_by_label("name of the dataset").fill(LONG)
+    page.get_by_text("Dictionary, sample interval, computed channels").click()
+    page.get_by_label("computed channels").fill("load [kN] = 3*Nz")
     page.get_by_role("button", name="Add", exact=True).click()
 
     expect(page.get_by_role("heading", name=LONG, exact=True)).to_be_visible(timeout=SLOW)
@@ -71,6 +74,8 @@ def test_own_rollouts_are_added_looked_at_and_trained_on(page: Page, origin: str
     expect(page.locator(".findings")).to_contain_text("No duplicates")
     row = page.get_by_role("row").filter(has=page.get_by_role("rowheader", name="angle of attack"))
     expect(row).to_contain_text("at most 25 deg")
+    computed = page.get_by_role("rowheader", name="= 3*Nz")
+    expect(computed).to_have_text(re.compile("^load"))
     expect(page.locator(".rollout-strips [data-key=Nz]")).to_be_visible()
 
     page.get_by_role("link", name="Train a monitor").first.click()
@@ -95,6 +100,7 @@ def test_own_rollouts_are_added_looked_at_and_trained_on(page: Page, origin: str
         f"{tried[-1]['quiet']} of {tried[-1]['n_safe']}"
     )
 
+    expect(computed).to_have_text(re.compile("^load"))
     expect(page.locator("main")).to_contain_text("flights like those it was trained on, safe or")
     page.goto(f"{origin}/#/monitors")
     expect(page.get_by_role("cell", name="own rollouts")).to_be_visible()
@@ -109,6 +115,7 @@ def test_what_was_found_is_shown_with_the_dataset(page: Page, origin: str) -> No
     findings = page.locator(".findings")
     expect(findings).to_contain_text("1 flights repeat another one", timeout=SLOW)
     expect(findings).to_contain_text("which needs 58")
+    expect(findings.get_by_role("note")).to_have_count(2)
 
 
 def test_files_that_cannot_be_read_say_what_to_do(
