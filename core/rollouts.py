@@ -244,7 +244,7 @@ def _without_duplicates(flights: LabelledFlights) -> tuple[LabelledFlights, list
     n = int((~keep).sum())
     if not n:
         return flights, []
-    return flights.some(keep), [f"{n} flights repeat another one: left out"]
+    return flights.some(keep), [f"duplicate flights left out: {n}"]
 
 
 def _leaks(flights: LabelledFlights) -> list[str]:

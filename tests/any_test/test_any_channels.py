@@ -207,7 +207,7 @@ def test_implausible_flights_are_left_out_and_reported() -> None:
     checked = labelled(y)
     assert len(checked.y) == 398
     assert any("1 safe flights end before" in text for text in checked.findings)
-    assert any("1 flights repeat" in text for text in checked.findings)
+    assert any("duplicate flights left out: 1" in text for text in checked.findings)
 
 
 def test_a_channel_that_leaks_the_label_is_named() -> None:

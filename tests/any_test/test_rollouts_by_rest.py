@@ -197,7 +197,7 @@ def test_findings_are_kept_with_the_dataset(client: TestClient) -> None:
     job = add(client, ("a.npz", npz(y, fail_index=fail)), **LIMIT)
     findings = client.get(f"{PATH}/{job['result']['dataset']}").json()["findings"]
     assert findings == job["result"]["findings"]
-    assert any("1 flights repeat" in text for text in findings)
+    assert any("duplicate flights left out: 1" in text for text in findings)
     assert any("before their label" in text for text in findings)
     assert any("which needs 58" in text for text in findings)
 

@@ -182,10 +182,10 @@ function createMore({ again }) {
     "Dictionary, sample interval, computed channels",
     h(
       "div.field-grid",
-      labelled("dictionary", file, { hint: "CSV or JSON with key and unit of each channel, where the files do not name them." }).element,
-      labelled("sample interval", dt, { unit: "s", hint: "Only where the files give neither times nor dt." }).element,
-      labelled("computed channels", computed, { hint: "One a line: key [unit] = formula." }).element,
-      labelled("limits in words", limits, { hint: "One a line: limits of computed channels, or of what lasts." }).element,
+      labelled("dictionary", file, { hint: "CSV or JSON with key and unit of each channel, if the files do not name them." }).element,
+      labelled("sample interval", dt, { unit: "s", hint: "Only if the files have neither times nor dt." }).element,
+      labelled("computed channels", computed, { hint: "One per line: key [unit] = formula." }).element,
+      labelled("limits in words", limits, { hint: "One per line: limits on computed channels, or with a duration." }).element,
     ),
   );
   const given = (name, text) => (text.trim() ? [[name, text.trim()]] : []);
@@ -207,6 +207,6 @@ function wordsOf(what, { n_flights: n, n_samples: samples, dt }) {
 }
 
 function hintOf({ n_failing: failing, n_flights: n }) {
-  if (failing === null) return "The files label no failures: a flight fails where it leaves a limit. Set at least one end; the unit is that of the row.";
+  if (failing === null) return "The files label no failures: a flight fails if it exceeds a limit. Set at least one limit, in the unit of its row.";
   return `By their labels, ${count(failing)} of ${count(n)} flights fail. Limits are optional; where they disagree, the label counts.`;
 }

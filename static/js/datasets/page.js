@@ -60,8 +60,8 @@ function facts(dataset, users, catalog) {
     ["Limits", formatted(limitsOfMonitor(catalog, dataset))],
     ["Unsafe rate", percent(dataset.unsafe_rate)],
     ["Unsafe rollouts", count(unsafe)],
-    ["Safe rollouts", stored === met ? count(stored) : `${count(met)} met, ${count(stored)} stored`],
-    ["Length", `${figure((samples - 1) * dt)} s, a sample each ${figure(dt)} s`],
+    ["Safe rollouts", stored === met ? count(stored) : `${count(met)} simulated, ${count(stored)} stored`],
+    ["Length", `${figure((samples - 1) * dt)} s, one sample every ${figure(dt)} s`],
     ["Used by", used.length ? used : "no monitor yet"],
   ];
   return factList(entries, "facts panel");
@@ -70,7 +70,7 @@ function facts(dataset, users, catalog) {
 /** What was left out of the rollouts, or looks implausible. */
 function findings({ findings: texts }) {
   if (texts === null) return null;
-  if (!texts.length) return panel("Checked", h("p", "No duplicates, no flights cut short, no channel that tells the outcome at once."), { class: "panel stack-tight findings" });
+  if (!texts.length) return panel("Checked", h("p", "No duplicates, no flights that end early, no channel whose first sample tells the outcome."), { class: "panel stack-tight findings" });
   return panel("Findings", warningLines({ warnings: texts }), { class: "panel stack-tight findings" });
 }
 
@@ -87,7 +87,7 @@ function details(dataset, catalog) {
   return panel("Recipe", [
     h(
       "div.columns.recipe-columns",
-      isKnown ? recipeTable(schema, recipe, catalog) : h("p", "Own rollouts: there is no recipe."),
+      isKnown ? recipeTable(schema, recipe, catalog) : h("p", "Own rollouts have no recipe."),
       recipeList(origin),
     ),
     isKnown && rawRecipe(recipe),

@@ -36,7 +36,7 @@ export function createFlightLimits(element, { api, path }) {
     const choice = createLimitChoice(api, null);
     const dialog = askToConfirm(
       "Change the limits of this flight?",
-      "From the next sample on. A monitor trained for other limits is not applicable from then on, and names one that is.",
+      "From the next sample on. A monitor trained for other limits is not applicable from then on; the page names one that is.",
       "Put in force",
       () => {
         const { limit_set: set, condition } = choice.chosen();
@@ -91,7 +91,7 @@ function declared(fixed) {
 export function createLimitChoice(api, own) {
   const sets = select([own !== null && ["", own]], { onchange: adapt });
   let inputs = [];
-  const fields = h("div.stack", h("p.hint", "Declare the flight condition, or leave it empty where a live source sends it."));
+  const fields = h("div.stack", h("p.hint", "Declare the flight condition, or leave it empty if a live source sends it."));
   const stored = ["Limits by flight condition are stored as ", h("a", { href: "#/limits" }, "limit sets"), ", with author and date of each version."];
   const element = h("div.stack.form", labelled("Limits", sets, { hint: own !== null && stored }).element, fields);
   const ready = load();

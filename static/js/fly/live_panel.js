@@ -32,8 +32,8 @@ const HARMLESS = ["out_of_order", "repeated"];
 const ITEMS = [
   ["phase", "phase", "Manoeuvre in progress, or what the trim is waiting for"],
   ["rate", "source", "Sample rate of the source"],
-  ["doubts", "samples", "Why the newest samples are no picture of the aircraft"],
-  ["lag", "lag", "Age of the newest sample less the best of the flight"],
+  ["doubts", "samples", "Why the newest samples do not represent the aircraft"],
+  ["lag", "lag", "Age of the newest sample, minus the smallest age of the flight"],
   ["drift", "clock drift", "Drift of the source's clock, at most 100 parts in a million: subtracted from the lag"],
   ["delay", "delay", "Longest time that a sample waits for others"],
   ["lead", "warning lead time", "Warning lead time of the monitor less the delay"],
@@ -51,11 +51,11 @@ export function createLivePanel({ line, problem }, { begin, accept, address, eve
   const known = new Set(); // manoeuvres
   const strange = new Set(); // names that no channel reads, already listed
   const failure = errorLine("transport-error");
-  const beginButton = h("button", { type: "button", class: "button button-small begin-button", title: "Mark that a manoeuvre begins now, where the surfaces do not show it (key G)", onclick: press, ...needs(BEGIN) }, "Manoeuvre begins ", h("span", { class: "marker-key" }, "[G]"));
+  const beginButton = h("button", { type: "button", class: "button button-small begin-button", title: "Mark that a manoeuvre begins now, if the surfaces do not show it (key G)", onclick: press, ...needs(BEGIN) }, "Manoeuvre begins ", h("span", { class: "marker-key" }, "[G]"));
   const open = h("button", { type: "button", class: "button button-small", "aria-expanded": "false", title: "Addresses for samples", onclick: () => open.setAttribute("aria-expanded", String(address())) }, "Address");
   const figures = h("div", { class: "live-items" });
   const { items, show } = createItems(figures, ITEMS, "live");
-  const acceptButton = h("button", { type: "button", class: "button button-small", hidden: true, title: "Take the samples of this sender of datagrams instead of the present one", onclick: () => failure.attempt(() => accept(live.other_sender)), ...needs(ACCEPT) });
+  const acceptButton = h("button", { type: "button", class: "button button-small", hidden: true, title: "Accept datagrams from this sender instead of the current one", onclick: () => failure.attempt(() => accept(live.other_sender)), ...needs(ACCEPT) });
   line.append(h("strong", { class: "live-word" }, "LIVE"), beginButton, open, acceptButton, failure.element);
   line.after(figures);
   let steps = 0; // of the source's clock, already listed

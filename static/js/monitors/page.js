@@ -129,7 +129,7 @@ function methods(evaluation, catalog) {
     ["Safe flights, valid and without an alert", ({ quiet: n, n_safe: of }) => `${n} of ${count(of)} (${share(n, of)})`, "number"],
   ];
   const isThreshold = ({ name }) => !catalog.methods.some(({ kind }) => kind === name);
-  const hint = `At ε = ${figure(evaluation.epsilon)} and this warning lead time, on flights that chose nothing else.`;
+  const hint = `At ε = ${figure(evaluation.epsilon)} and this warning lead time, on flights used for nothing else.`;
   const beside = tried.some(isThreshold) ? " The threshold is calibrated like the methods." : "";
   return panel("Methods tried", [table({ columns, items: tried, panel: false }), h("p.hint", hint + beside)]);
 }
@@ -159,7 +159,7 @@ function robustness(evaluation) {
     `Flights that differ from the planned test, at ε = ${figure(evaluation.epsilon)}`,
     columns,
     kinds,
-    "Measured, not guaranteed. Missed: no alert in time and not INVALID in time; of several aircraft the mean of their shares. No method keeps epsilon for each single aircraft.",
+    "Measured, not guaranteed. Missed: neither an alert nor INVALID in time; for several aircraft, the mean of their shares. No method keeps epsilon for each single aircraft.",
   );
 }
 

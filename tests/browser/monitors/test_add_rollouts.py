@@ -113,7 +113,7 @@ def test_what_was_found_is_shown_with_the_dataset(page: Page, origin: str) -> No
     page.get_by_label("high limit of normal acceleration").fill("2.5")
     page.get_by_role("button", name="Add", exact=True).click()
     findings = page.locator(".findings")
-    expect(findings).to_contain_text("1 flights repeat another one", timeout=SLOW)
+    expect(findings).to_contain_text("Duplicate flights left out: 1", timeout=SLOW)
     expect(findings).to_contain_text("which needs 58")
     expect(findings.get_by_role("note")).to_have_count(2)
 
