@@ -81,16 +81,29 @@ def flights(dictionary: Dictionary, n: int, seed: int) -> LabelledFlights:
     return LabelledFlights.of(y, dt=DT, channels=dictionary, limits=limits)
 
 
+@pytest.fixture(scope="module")
+def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with served(tmp_path_factory.mktemp("data")) as (url, _):
+        yield url
+
+
+def stored(url: str, monitor: Monitor) -> str:
+    """Id of a monitor that the server was given."""
+    answer = httpx2.post(f"{url}/api/v1/monitors?name=own", content=monitor.to_bytes(), headers={
+        "Content-Type": "application/octet-stream"})  # fmt: skip
+    return answer.raise_for_status().json()["id"]
+
+
 @pytest.fixture(
     scope="module", params=[DICTIONARY, TEN, COMPUTED], ids=["pitch", "ten channels", "computed"]
 )
-def own(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Own]:
-    dictionary, root = request.param, tmp_path_factory.mktemp("own")
+def own(url: str, request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Own:
+    dictionary = request.param
     labelled = flights(dictionary, 1600, 1)
     monitor = train_on_flights(
         Dataset.from_flights(labelled), MonitorRecipe(), False, lambda *_: None
     ).monitor
-    file = root / "pitch.fwm"
+    file = tmp_path_factory.mktemp("own") / "pitch.fwm"
     monitor.save(file)
     rng = np.random.default_rng(8)
     y = short_period.with_channels(short_period.fly(rng, 40)[1], len(dictionary.measured), rng)
@@ -98,12 +111,7 @@ def own(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     limits = labelled.specification
     assert isinstance(limits, IntervalLimits)
     fail_index = limits.envelope.first_exceedance(y)
-    with served(root / "data") as (url, _):
-        content = file.read_bytes()
-        answer = httpx2.post(f"{url}/api/v1/monitors?name=pitch", content=content, headers={
-            "Content-Type": "application/octet-stream"})  # fmt: skip
-        answer.raise_for_status()
-        yield Own(url, answer.json()["id"], monitor, file, y, fail_index)
+    return Own(url, stored(url, monitor), monitor, file, y, fail_index)
 
 
 def times(n: int) -> list[float]:
@@ -239,7 +247,7 @@ def test_a_file_is_scored_by_the_command_line(
 
 
 @pytest.mark.parametrize("n", [1, 3, 32])
-def test_failures_known_by_label_alone_have_a_risk_and_no_limit(own: Own, n: int) -> None:
+def test_failures_known_by_label_alone_have_a_risk_and_no_limit(url: str, n: int) -> None:
     names = [f"größe {k} α" for k in range(n - 1)]
     dictionary = Dictionary(
         "labelled",
@@ -249,16 +257,13 @@ def test_failures_known_by_label_alone_have_a_risk_and_no_limit(own: Own, n: int
         ),
     )
     rng = np.random.default_rng(3)
-    y = short_period.with_channels(short_period.fly(rng, 800)[1], n, rng)
-    fail = short_period.LIMITS.envelope.first_exceedance(short_period.fly(
-        np.random.default_rng(3), 800)[1])  # fmt: skip
+    whole = short_period.fly(rng, 800)[1]
+    y = short_period.with_channels(whole, n, rng)
+    fail = short_period.LIMITS.envelope.first_exceedance(whole)
     labelled = LabelledFlights.of(y, dt=DT, channels=dictionary, fail_index=fail)
     recipe = MonitorRecipe(epsilon=0.5)
     monitor = train_on_flights(Dataset.from_flights(labelled), recipe, False, print).monitor
-    answer = httpx2.post(f"{own.url}/api/v1/monitors?name=label", content=monitor.to_bytes(),
-                         headers={"Content-Type": "application/octet-stream"})  # fmt: skip
-    labelled_own = own._replace(id=answer.raise_for_status().json()["id"], monitor=monitor)
-    flight = flown(labelled_own, y[0], "none")
+    flight = flown(Own(url, stored(url, monitor), monitor, Path(), y, fail), y[0], "none")
     assert get(flight)["exceedances"] == []
     frames = get(f"{flight}/assessments")["frames"]
     assert len(frames) == len(y[0])

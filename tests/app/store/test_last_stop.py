@@ -3,7 +3,6 @@
 import os
 import shutil
 from collections.abc import Callable
-from multiprocessing import get_context
 from pathlib import Path
 
 import pytest
@@ -15,6 +14,7 @@ from app.store.store import open_store
 from app.upkeep.backup import back_up
 from app.upkeep.restore import restore
 from tests.support.api import api, store_of
+from tests.support.forked_processes import PROCESSES
 
 
 def serve_and_die(path: Path) -> None:
@@ -26,7 +26,7 @@ def serve_and_die(path: Path) -> None:
 
 
 def crash(path: Path) -> None:
-    process = get_context("spawn").Process(target=serve_and_die, args=(path,))
+    process = PROCESSES.Process(target=serve_and_die, args=(path,))
     process.start()
     process.join()
     assert process.exitcode == 1
