@@ -1,6 +1,7 @@
 """Suggest an amplitude at which enough flights of a planned test exceed a limit."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from math import copysign
 
 from core.planned_test.planned_test import DatasetRecipe, Simulator
@@ -17,6 +18,11 @@ CLOSE_ENOUGH = 1.003
 PILOT_ROLLOUTS, PILOT_STEPS = 400, 1_000_000
 """Rollouts at each amplitude, and the largest number of their steps; at least FEWEST rollouts."""
 FEWEST = 50
+NOT_FLOWN = {
+    field: getattr(DatasetRecipe(), field)
+    for field in ("n_unsafe", "groups", "n_obs", "max_rollouts", "max_safe")
+}
+"""What of a recipe changes no flight."""
 
 
 class AmplitudeError(ValueError):
@@ -52,6 +58,22 @@ def suggest_amplitude(
     """
     if not 0 < share < 1:
         raise AmplitudeError(f"share={share} was given: give a number between 0 and 1")
+    found = _found(replace(recipe, **NOT_FLOWN), share, most)
+    if isinstance(found, AmplitudeError):
+        raise AmplitudeError(*found.args)
+    return found
+
+
+@lru_cache(maxsize=256)
+def _found(recipe: DatasetRecipe, share: float, most: int) -> Suggestion | AmplitudeError:
+    """The same for monitors of one test with other leads or sizes."""
+    try:
+        return _bisected(recipe, share, most)
+    except AmplitudeError as error:
+        return error
+
+
+def _bisected(recipe: DatasetRecipe, share: float, most: int) -> Suggestion:
     n = max(FEWEST, min(most, PILOT_STEPS // recipe.n_steps))
     low, high = LOWEST_DEG, HIGHEST_DEG
     _check_range(share, low, _share(recipe, low, n), high, _share(recipe, high, n))

@@ -22,6 +22,7 @@ def attas_monitor(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("monitor") / "attas.fwm"
     arguments = ["--aircraft", "attas_id_16kft", "--states", "4", "--control-law", "none"]
     arguments += ["--amplitude", "-3.7", "--n-unsafe", "200", "--guarantee", "average"]
+    arguments += ["--n-test", "200"]
     assert main(["train", *arguments, "-o", str(path)]) == 0
     return path
 

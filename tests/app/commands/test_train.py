@@ -66,7 +66,7 @@ def test_users_own_matrices_and_manoeuvre_table_train_a_monitor(tmp_path: Path):
     (tmp_path / "kick.csv").write_text("t_s,delta_r_deg\n0,6\n1,-6\n2,0\n")
     arguments = ["--aircraft", str(tmp_path / "model.json"), "--control-law", "none"]
     arguments += ["--maneuver", str(tmp_path / "kick.csv"), "--limit", "Ny=0.45"]
-    arguments += ["--set", "dataset.maneuver.interpolation=hold", "--n-test", "100"]
+    arguments += ["--set", "dataset.maneuver.interpolation=hold", "--n-test", "0"]
     arguments += ["--n-unsafe", "50"]
     assert main(["train", *arguments, "-o", str(tmp_path / "m.fwm")]) == 0
     recipe = load(tmp_path / "m.fwm").dataset_recipe
@@ -85,7 +85,7 @@ def test_every_aircraft_brings_its_usual_test(kind: str, tmp_path: Path, capsys)
     usual = replace(DatasetRecipe.usual(AIRCRAFT[kind]), n_unsafe=500)
     assert recipe == limits_named(to_plain(usual.as_trained()))
     assert recipe["control_law"]["kind"] == AIRCRAFT[kind].condition.usual_test.control_law
-    arguments = ["--aircraft", kind, "--n-unsafe", "30", "--n-test", "20"]
+    arguments = ["--aircraft", kind, "--n-unsafe", "30", "--n-test", "0"]
     assert main(["train", *arguments, "-o", str(tmp_path / "m.fwm")]) == 0
 
 
@@ -205,7 +205,7 @@ def test_the_model_of_the_guide_trains(tmp_path: Path, capsys):
     page = (ROOT / "static" / "guide" / "first-monitor.md").read_text(encoding="utf-8")
     (model,) = re.findall(r"```json\n(.*?)```", page, re.DOTALL)
     (tmp_path / "model.json").write_text(model)
-    arguments = ["--aircraft", str(tmp_path / "model.json"), "--n-test", "50", "--n-unsafe", "50"]
+    arguments = ["--aircraft", str(tmp_path / "model.json"), "--n-test", "0", "--n-unsafe", "50"]
     assert main(["train", *arguments, "-o", str(tmp_path / "m.fwm")]) == 0
     assert "% of 400 pilot rollouts exceed a limit" in capsys.readouterr().err
 

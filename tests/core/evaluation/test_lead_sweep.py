@@ -68,20 +68,20 @@ def test_sharing_work_between_methods_changes_no_count() -> None:
     test = replace(TESTS["F-16"].as_flown(), seed=monitor_seeds(0, 1)[0][0], n_unsafe=30)
     dataset, flights = collect(test), evaluation_flights(test, recipe.n_test)
     failures, _ = combination_failures(test, 30, branch=Branch.ENSEMBLE)
+    near, rollouts = near_failures(test, 30), near_rollouts(test)
     y, fails, n_samples = flights.y, flights.fail_index, flights.y.shape[1]
     cells = sweep(recipe, {"flown": test})["flown"].cells
     assert list(cells) == [(name, lead) for lead in recipe.leads_s for name in names]
     for (name, lead), cell in cells.items():
         predictor, score = METHODS[name]
         own = MonitorRecipe(t_early=lead, epsilon=0.1, predictor=predictor, score=score)
-        near = near_failures(test, 30) if own.is_near else ()
         monitor = train(
             dataset,
             own,
             card=card_of(test),
-            rollouts=near_rollouts(test) if near else None,
+            rollouts=rollouts if own.is_near else None,
             failures=failures,
-            near=near,
+            near=near if own.is_near else (),
         )
         alone = evaluate(monitor, y, fails, np.array([0.1]))
         assert (cell.misses[0], cell.false_alerts[0]) == (alone.misses[0], alone.false_alerts[0])

@@ -6,6 +6,7 @@ import pytest
 
 from core.limits.limits import Limits
 from core.monitor import MonitorRecipe, train
+from core.planned_test import amplitude
 from core.planned_test.amplitude import AmplitudeError, suggest_amplitude
 from core.planned_test.collection import CollectionError, collect, fresh
 from core.planned_test.planned_test import DatasetRecipe, Simulator
@@ -46,8 +47,15 @@ def test_the_amplitude_is_proportional_to_the_limit_of_a_linear_aircraft():
 def test_the_same_seed_suggests_the_same_amplitude_and_the_sign_stays():
     mirrored = replace(RECIPE, maneuver=RECIPE.maneuver.with_peak(-3.0))
     suggested = suggest_amplitude(RECIPE)
+    amplitude._found.cache_clear()
     assert suggest_amplitude(RECIPE) == suggested
     assert suggest_amplitude(mirrored) == replace(suggested, amplitude_deg=-suggested.amplitude_deg)
+
+
+def test_an_amplitude_is_found_once_for_monitors_of_one_test(monkeypatch: pytest.MonkeyPatch):
+    found = suggest_amplitude(RECIPE)
+    monkeypatch.setattr(amplitude, "_share", lambda *_: pytest.fail("flown again"))
+    assert suggest_amplitude(replace(RECIPE, n_unsafe=7, n_obs=3, max_safe=9)) == found
 
 
 @pytest.mark.parametrize(
