@@ -40,12 +40,12 @@ from core import __version__
 from core.bounds import bounds_of
 from core.channels import CHANNELS
 from core.clearance.clearance import ClearanceRecipe
+from core.conditions import CONDITIONS
 from core.evaluation.epsilon_choice import ChoiceRecipe
 from core.evaluation.lead_sweep import METHODS as SWEPT
 from core.evaluation.lead_sweep import SweepRecipe
 from core.evaluation.study import StudyRecipe
 from core.flight_events import FLIGHT_MARKERS
-from core.limits.limit_sets import CONDITIONS
 from core.limits.limits import SPECIFICATIONS, Limits
 from core.monitor import MonitorRecipe
 from core.monitor.recipe import METHODS

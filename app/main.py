@@ -39,6 +39,7 @@ from app.routes import (
     jobs,
     limit_sets,
     live,
+    monitor_sets,
     monitors,
     people,
     recordings,
@@ -149,7 +150,7 @@ def _routes() -> Iterator[BaseRoute]:
     FastAPI would build the routes of an included router again at the first request, while other
     threads run. During this it hides pydantic's warnings, in all threads.
     """
-    stored = (datasets, monitors, score_telemetry, limit_sets, recordings, scorings)
+    stored = (datasets, monitors, score_telemetry, limit_sets, monitor_sets, recordings, scorings)
     flown = (flights, flight_sockets, live)
     for module in (catalog, *stored, jobs, campaigns, *flown, people, server):
         yield from module.router.routes

@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from app import json_codec
 from core.channels import KEYS, MOST_CHANNELS, Dictionary, Reference, Role
+from core.conditions import ConditionKey, Range
 from core.flight_events import Alarm, FlightLimits, FlightMarker, FlightMarkerKind
 from core.limits.exceedance import ChannelExceedances, LatchedExceedance
 from core.limits.limits import Envelope, SafeInterval, Specification, envelope_of
@@ -79,6 +80,9 @@ class LimitsFrom(Message):
     t: float | None = Field(description="time of the last sample before [s]; null for all")
     limits: PlainLimits | None = Field(description="by channel; null if unknown")
     seq: int | None = Field(default=None, description="first sample, in a record; else null")
+    monitor: str = Field(
+        default="", description="id of the monitor in use, of a monitor set; else empty"
+    )
 
 
 class TransportState(Message):
@@ -239,6 +243,29 @@ class LimitsStatus(FlightLimits):
     """time of the sample before they applied [s]; null: all"""
 
 
+class SetCondition(Message):
+    """A flight condition of a monitor set, and its monitor."""
+
+    name: str
+    ranges: dict[ConditionKey, Range] = Field(
+        description="from the first number to below the second, in SI units; null for no bound"
+    )
+    monitor: str = Field(description="id")
+    monitor_name: str
+    alert_above: float = Field(description="risk above which it alerts")
+
+
+class MonitorSetStatus(Message):
+    """The monitor set of a flight, and which of its monitors is in use."""
+
+    id: str
+    name: str
+    fixed: dict[ConditionKey, float] = Field(description="declared flight condition")
+    conditions: list[SetCondition]
+    case: str = Field(default="", description="the condition that holds now; empty for none")
+    reason: str = Field(default="", description="why no monitor is in use; empty if one is")
+
+
 class Decided(Message):
     """The headline of a flight: the worst that is true of it."""
 
@@ -265,22 +292,13 @@ class CurrentStatus(Decided):
     latched: list[LatchedExceedance] = Field(description="exceedances that the strips show")
 
 
-class Hello(SampleState, CurrentStatus):
-    """First message: all that a display needs to draw the flight."""
+class AuthorityFacts(Message):
+    """The alarm authority: of a monitor set, the monitor in use, or the last one if none is."""
 
-    type: Literal["hello"] = "hello"
-    flight: str
-    name: str
-    server_time: str
     channels: list[ChannelLimit]
     epsilon: float = Field(description="accepted miss rate")
     guarantee: Guarantee = Field(description="the miss rate holds on average, or for this monitor")
     n_unsafe: int
-    lead: float = Field(description="lead time [s], less the longest wait of samples")
-    dt: float
-    stale_after: float = Field(
-        description="[s] without a sample at speed 1; slower, at least three intervals as played"
-    )
     validity: Literal["checked", "not calibrated"] = Field(
         description="`checked`: the flight becomes `invalid` when it is unlike those of training"
     )
@@ -290,6 +308,23 @@ class Hello(SampleState, CurrentStatus):
         description="reasons not to rely on the monitor: problem, colon, figures and remedy"
     )
     no_rest: str = Field(description="why it never forecasts the rest of a test card; else empty")
+    monitor_set: MonitorSetStatus | None = Field(
+        default=None, description="null for a flight with one alarm authority throughout"
+    )
+
+
+class Hello(SampleState, CurrentStatus, AuthorityFacts):
+    """First message: all that a display needs to draw the flight."""
+
+    type: Literal["hello"] = "hello"
+    flight: str
+    name: str
+    server_time: str
+    lead: float = Field(description="lead time [s], less the longest wait of samples")
+    dt: float
+    stale_after: float = Field(
+        description="[s] without a sample at speed 1; slower, at least three intervals as played"
+    )
     ahead: CardAhead | None = Field(description="forecast at sample `head`, as in a frame")
     source: dict[str, Any]
     mode: Mode = Field(description="live, replayed or simulated")
@@ -335,6 +370,13 @@ class LimitsChange(Message):
     type: Literal["limits"] = "limits"
     limits: LimitsStatus | None = Field(description="as in hello")
     channels: list[ChannelLimit] = Field(description="as in hello, with the limits in force")
+
+
+class MonitorChange(AuthorityFacts):
+    """Another monitor of the flight's set is in use from the next sample on, or none."""
+
+    type: Literal["monitor"] = "monitor"
+    held: LimitsFrom = Field(description="the limits that come with it")
 
 
 class StateChange(SampleState):
@@ -486,7 +528,7 @@ class SentBatch(BaseModel):
 
 DOWN: tuple[type[Message], ...] = (
     Hello, Frames, StateChange, StatusChange, AlarmRaised, MarkerSet, TransportChange, LiveChange,
-    LimitsChange, Reset, Heartbeat, Waiting, End,
+    LimitsChange, MonitorChange, Reset, Heartbeat, Waiting, End,
 )  # fmt: skip
 """Messages of the server on a flight's stream."""
 UP: tuple[type[Message], ...] = (Credit, Resume)

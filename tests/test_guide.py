@@ -114,7 +114,7 @@ def flown(server: LiveServer, **source: Any) -> str:
 
 def answers_of(server: LiveServer, slug: str) -> list[Any]:
     """What the server answered to the script of a page."""
-    (script,) = (block for block in blocks(slug, "sh") if block.startswith("api="))
+    script = "".join(block for block in blocks(slug, "sh") if block.startswith(("api=", "set=")))
     script = script.replace("http://127.0.0.1:8000", server.url)
     run = subprocess.run(["bash", "-ec", script], stdout=subprocess.PIPE, text=True, check=True)
     return json.loads(f"[{run.stdout.replace('}{', '},{')}]")
@@ -142,9 +142,10 @@ def test_the_script_of_own_rollouts_adds_them(
 
 
 def test_the_script_of_the_limit_sets_changes_limits(server: LiveServer):
-    accepted, limits, _ = answers_of(server, "limit-sets")
+    accepted, limits, _, sent, flight, _ = answers_of(server, "limit-sets")
     assert (accepted["accepted"], limits["case"]) == (1, "from M 0.8 on")
     assert limits["limits"]["Ny"] == 0.4
+    assert (sent["accepted"], flight["monitor_set"]["case"]) == (4, "high")
 
 
 def test_the_udp_sender_and_the_client_reach_a_flight(server: LiveServer):

@@ -19,7 +19,7 @@ from app.telemetry.targets import TARGETS, largest_plausible, target_of
 from app.telemetry.units import convert
 from core.channels import LATERAL, Dictionary
 from core.computed import Computed
-from core.limits.limit_sets import CONDITION_KEYS, ConditionKey
+from core.conditions import CONDITION_KEYS, CONDITIONS, ConditionKey
 
 MOST_SAMPLES = 1_000
 """Most samples per batch: more would delay other flights."""
@@ -118,8 +118,9 @@ class _Direct:
 class ChannelReader:
     """Turns batches into samples by a mapping; without one, names are our keys in SI units.
 
-    conditions: names of the channels of the flight condition in a batch, in SI units; by default
-    their own.   dictionary: of the samples.
+    conditions: names of the channels of the flight condition in a batch; by default their own.
+    They are in SI units, or in those of the channel that is read from the same name.
+    dictionary: of the samples.
     TelemetryError for a mapping that cannot read live samples.
     """
 
@@ -133,8 +134,6 @@ class ChannelReader:
         self._channels, self._computed = dictionary.channels, Computed(dictionary)
         self._bounds = tuple(map(largest_plausible, dictionary.channels))
         self._keys = (*dictionary.keys, *ATTITUDE)
-        self._conditions = [_Direct(self.conditions.get(key, key)) for key in CONDITION_KEYS]
-        self._condition_names = frozenset(read.name for read in self._conditions)
         self._time: _Direct | None = None
         self._direct = {key: _Direct(key) for key in (*dictionary.measured, *ATTITUDE)}
         self._derived: dict[str, ChannelSource] = {}
@@ -146,6 +145,13 @@ class ChannelReader:
                 if source.signal
             }
             self._derived = {key: mapping.channels[key] for key in derivation_order(mapping)}
+        units = {channel.key: channel.unit for channel in dictionary.channels}
+        if mapping is not None:
+            units = {source.signal: source.unit for source in mapping.channels.values()}
+        self._conditions = [
+            _condition(key, self.conditions.get(key, key), units) for key in CONDITION_KEYS
+        ]
+        self._condition_names = frozenset(read.name for read in self._conditions)
         self._read = {*([self._time.name] if self._time else TIMES), *self._names}
         self._columns = [self._direct.get(key) for key in self._keys]
         plain = [read.name for read in self._columns if read and read.is_plain]
@@ -290,6 +296,14 @@ def _direct(key: str, source: ChannelSource, dictionary: Dictionary) -> _Direct:
         factor, zero = _factor(mapped, channel.unit, what)
         scale, shift = factor * scale, factor * shift + zero
     return _Direct(source.signal, scale, shift)
+
+
+def _condition(key: ConditionKey, name: str, units: abc.Mapping[str, str]) -> _Direct:
+    """A channel of the flight condition. units: of the names that channels are read from."""
+    unit, own = units.get(name, ""), CONDITIONS[key].unit
+    if not unit or not own:
+        return _Direct(name)
+    return _Direct(name, *_factor(unit, own, f"{key} ({name})"))
 
 
 def _check_units(key: str, source: ChannelSource, dictionary: Dictionary) -> None:

@@ -7,21 +7,16 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from app.assessment.limits_in_force import (
-    CONDITION_VALID_S,
-    ROUNDING,
-    LimitsInForce,
-    LimitsRule,
-    Ruling,
-)
+from app.assessment.limits_in_force import LimitsInForce, LimitsRule, LimitsRuling
+from app.assessment.rulings import CONDITION_VALID_S, ROUNDING
 from app.telemetry.contents import Columns
 from app.telemetry.mapping.mapping import Mapping as ChannelMapping
 from app.telemetry.mapping.mapping import TimeSource
 from app.telemetry.recording import TelemetryError
 from app.telemetry.units import convert
 from core.channels import KEYS, LATERAL, Dictionary
+from core.conditions import CONDITION_KEYS, MISSING, STALE, Condition
 from core.limits.exceedance import SAME_TIME
-from core.limits.limit_sets import CONDITION_KEYS, MISSING, STALE, Condition
 from core.limits.limits import (
     Envelope,
     envelope_of,
@@ -76,7 +71,7 @@ class LimitsHistory:
 
     def timeline(self, own: Sequence[Envelope | None]) -> "InForceTimeline":
         """Limits in force over time. own: limits of each monitor, alarm authority first."""
-        starts, rulings = [-np.inf], list[Ruling | None]([None])
+        starts, rulings = [-np.inf], list[LimitsRuling | None]([None])
         begins = [-np.inf if v.seq == 0 else v.t + SAME_TIME for v in self.versions]
         for version, (begin, end) in zip(self.versions, pairwise([*begins, np.inf]), strict=True):
             rule = LimitsRule(version, own)
@@ -112,7 +107,9 @@ class InForceTimeline:
     the alarm authority's own limits.   own: those; None where unknown.
     """
 
-    def __init__(self, starts: Array, rulings: tuple[Ruling | None, ...], own: Envelope | None):
+    def __init__(
+        self, starts: Array, rulings: tuple[LimitsRuling | None, ...], own: Envelope | None
+    ):
         self.starts, self.rulings = starts, rulings
         limits = [own if ruling is None else ruling.limits for ruling in rulings]
         each = [limit or Envelope.unlimited(len(KEYS)) for limit in limits]
@@ -123,7 +120,7 @@ class InForceTimeline:
     def index(self, t: Array | float) -> Indices:
         return np.searchsorted(self.starts, t, "right") - 1
 
-    def ruling(self, t: float) -> Ruling | None:
+    def ruling(self, t: float) -> LimitsRuling | None:
         """The ruling at a time [s]; None for the alarm authority's own limits."""
         return self.rulings[int(self.index(t))]
 
@@ -200,7 +197,7 @@ def pieces_of(
     return [LimitPiece(-np.inf, begin, own or unlimited), *pieces]
 
 
-def _plain(ruling: Ruling) -> dict[str, Any]:
+def _plain(ruling: LimitsRuling) -> dict[str, Any]:
     in_force = ruling.in_force
     limits = specification_to_plain(ruling.specification)
     return {

@@ -106,7 +106,7 @@ class RecordedFlight:
     @cached_property
     def manoeuvres(self) -> list[FollowedManoeuvre]:
         """As followed in flight."""
-        return CausalTrim.of(self.monitor, self.planned).follow(self.recording.y, self.begun)
+        return CausalTrim.of(self.monitor).follow(self.recording.y, self.begun)
 
     @cached_property
     def place(self) -> Indices:

@@ -10,7 +10,8 @@ import numpy as np
 from app.assessment.batches import Batch, ChannelReader
 from app.assessment.grid import DELAY_INTERVALS, Angles, CausalGrid, Counts, Sample
 from app.assessment.input_checks import Doubt, InputChecks
-from app.assessment.limits_in_force import ConditionHold, LimitsInForce, LimitsRule, Ruling
+from app.assessment.limits_in_force import LimitsInForce, LimitsRule
+from app.assessment.monitors_in_use import MonitorRuling, MonitorsInUse, MonitorsRule
 from app.assessment.planned_test import (
     PlannedTest,
     input_of,
@@ -18,6 +19,7 @@ from app.assessment.planned_test import (
     needed_channels,
     planned_test,
 )
+from app.assessment.rulings import ConditionHold, Ruling
 from app.assessment.trim import CausalTrim
 from core.channels import LATERAL
 from core.kernels import assessing
@@ -39,7 +41,7 @@ class LiveAssessed(NamedTuple):
 
     y: (n_channels,) from trim.   recorded: the same including trim.   manoeuvre: 1, 2 ...; 0: none.
     shown: arrival time at which it was settled [s].   display: assessments by the monitors for
-    display.   ruling: limits in force; None for the monitor's own.
+    display.   ruling: limits in force or monitor in use; None for the monitor's own limits.
     """
 
     y: Array
@@ -84,9 +86,19 @@ class GridMonitor:
         self._needs_all = bool(self.needed.all())
         self._stream = self._new_stream()
         self._history: deque[Sample] = deque(maxlen=monitor.recipe.n_delay + 1)
+        self._filling = ""
+
+    def join(self, t: float, case: str) -> None:
+        """Come into use in the middle of a manoeuvre: no sample before t [s] counts.
+
+        As after a missing sample, the history fills first, and a forecast of the rest is lost.
+        """
+        unknown = np.full(len(self.monitor.dictionary), np.nan)
+        self._stream.update(t - self.monitor.dt, unknown)
+        self._filling = f"filling the history: its condition, {case}, holds since {t:.2f} s"
 
     def restart(self, trim: Array) -> None:
-        self._stream = self._new_stream()
+        self._stream, self._filling = self._new_stream(), ""
         for sample in self._history:
             self._stream.update(sample.t, self._read(sample.y - trim))
 
@@ -115,6 +127,8 @@ class GridMonitor:
 
     def _explained(self, assessment: Assessment, sample: Sample, y: Array) -> Assessment:
         """Add to the reason which channels are missing or have no trim, or why all are."""
+        if self._filling and assessment.state is State.WARMING_UP:
+            return assessment._replace(reason=self._filling)
         if assessment.reason != NOT_FINITE:
             return assessment
         missing = sample.reason or self._missing(sample.y)
@@ -139,6 +153,7 @@ class CausalScorer:
     trim: `detected`: each manoeuvre is assessed by itself, from the trim before it; rest is not
     assessed. `none`: samples are already from trim, and all are assessed.
     display: further monitors with their epsilons, for the same samples and trim.
+    monitors: a set, of which the one whose condition holds is used; `monitor` is its first one.
     ValueError unless 0 <= delay < lead of every monitor.
     """
 
@@ -149,6 +164,7 @@ class CausalScorer:
         delay: float | None = None,
         trim: TrimRule = "detected",
         display: Sequence[tuple[Monitor, float]] = (),
+        monitors: MonitorsInUse | None = None,
     ) -> None:
         self.monitor, self.epsilon = monitor, epsilon
         self.delay = DELAY_INTERVALS * monitor.dt if delay is None else delay
@@ -160,28 +176,35 @@ class CausalScorer:
             )
         self._grid = CausalGrid(monitor.dt, self.delay, len(monitor.dictionary))
         detected = trim == "detected"
-        self._trim = CausalTrim.of(monitor, planned_test(monitor)) if detected else None
+        members = [monitor] if monitors is None else monitors.members
+        self._trim = CausalTrim.of(*members) if detected else None
         planned = self._trim.planned if self._trim else _known_test(monitor)
         about = monitor.training_max_abs, monitor.envelope, self._trim is not None
         self._checks = InputChecks(planned, *about)
         self._limits = monitor.envelope
-        self._rule: LimitsRule | None = None
+        self._rule: LimitsRule | MonitorsRule | None = None
         self.ruling: Ruling | None = None
         """of the newest sample; None for the monitor's own limits"""
         self._conditions = ConditionHold()
         self._exceedances: list[ReceivedExceedance] = []
         self._authority = GridMonitor(monitor, epsilon)
         self._display = [GridMonitor(*shown) for shown in display]
+        self.needed = self._needed([*members, *(shown for shown, _ in display)])
+        """channels that at least one of the monitors needs"""
+        self._used: int | None = None
+        self._has_begun = False
+        if monitors is not None:
+            self._rule = MonitorsRule(monitors)
+            self.ruling = self._rule.at()
+            self._limits = self.ruling.limits
 
     @property
     def lead(self) -> float:
         """Lead time of alerts [s]: the monitor's less the delay."""
         return self.monitor.lead - self.delay
 
-    @property
-    def needed(self) -> list[str]:
-        """Channels that at least one of the monitors needs."""
-        needed = np.logical_or.reduce([m.needed for m in (self._authority, *self._display)])
+    def _needed(self, monitors: Sequence[Monitor]) -> list[str]:
+        needed = np.logical_or.reduce([needed_channels(monitor) for monitor in monitors])
         keys = self.monitor.dictionary.keys
         read = [key for key, is_needed in zip(keys, needed, strict=True) if is_needed]
         return [*self.monitor.dictionary.sources(read)]
@@ -255,8 +278,14 @@ class CausalScorer:
 
     def _assess(self, sample: Sample) -> LiveAssessed:
         y = known = sample.y
+        ruling = None
+        if self._rule is not None:
+            ruling = self.ruling = self._rule.at(self._conditions.at(sample.t))
+            self._limits = ruling.limits
+        begins = self._trim is not None and self._trim.update(sample.y)
+        if isinstance(ruling, MonitorRuling):
+            self._use(ruling, sample.t, begins)
         if self._trim is not None:
-            begins = self._trim.update(sample.y)
             trim = self._trim.level
             if begins:
                 self._restart(trim)
@@ -269,13 +298,20 @@ class CausalScorer:
         else:
             assessment = self._authority.assess(sample, known)
             display = tuple([shown.assess(sample, known) for shown in self._display])
-        ruling = None
-        if self._rule is not None:
-            ruling = self.ruling = self._rule.at(self._conditions.at(sample.t))
-            self._limits = ruling.limits
+        if ruling is not None:
             assessment, display = ruling.apply(assessment, display)
         about = assessment, sample.attitude, self.manoeuvre, sample.shown, display, ruling
         return LiveAssessed(y, sample.y, *about)
+
+    def _use(self, ruling: MonitorRuling, t: float, begins: bool) -> None:
+        """Use the monitor of a ruling from the sample at t [s] on, with an empty history."""
+        if ruling.used is not None and ruling.used != self._used:
+            monitor = ruling.in_use.monitor(ruling.used)
+            self._authority = GridMonitor(monitor, monitor.recipe.epsilon)
+            is_at_rest = self._trim is not None and not self._trim.manoeuvre
+            if self._has_begun and not begins and not is_at_rest:
+                self._authority.join(t, ruling.case)
+        self._used, self._has_begun = ruling.used, True
 
     def _restart(self, trim: Array) -> None:
         for monitor in (self._authority, *self._display):

@@ -1,11 +1,12 @@
 """The manoeuvres of a flight and their trim, from the samples so far."""
 
 from collections.abc import Sequence
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
 
-from app.assessment.planned_test import PlannedTest, needed_channels
+from app.assessment.planned_test import PlannedTest, needed_channels, planned_test
 from core.kernels import causal_trim as kernel
 from core.kernels.causal_trim import TrimRule, TrimState
 from core.kernels.compiled import entry
@@ -66,10 +67,7 @@ class CausalTrim:
         self.planned, dt = planned, planned.dt
         n_trim = max(2, round(planned.trim_segment_s / dt))
         n_rest = n_trim + round(GUARD_S / dt)
-        if sizes is None:
-            amplitudes = planned.amplitudes
-            largest = amplitudes.max(initial=0.0)
-            sizes = np.where(amplitudes > 0.0, amplitudes, OTHER * largest)
+        sizes = _sizes(planned) if sizes is None else sizes
         threshold = np.maximum(BEGINNING * SHARE * sizes, SMALLEST)
         length, n_channels = planned.duration, len(planned.dictionary)
         self._absolute = list(planned.dictionary.absolute)
@@ -98,16 +96,12 @@ class CausalTrim:
         self._begin = entry(kernel.begin, *compiled)
 
     @classmethod
-    def of(cls, monitor: Monitor, planned: PlannedTest) -> "CausalTrim":
-        """With what counts as motion of the monitor's responses.
-
-        The next larger power of two, so that other monitors of the same test measure the same trim.
-        """
-        moving = largest_at_rest(monitor.training_max_abs)
-        moving = 2.0 ** np.ceil(np.log2(moving))
-        moving[[*planned.controls, *monitor.dictionary.absolute]] = np.inf
-        moving[~needed_channels(monitor)] = np.inf
-        return cls(planned, moving)
+    def of(cls, *monitors: Monitor) -> "CausalTrim":
+        """For monitors of one test: the least motion and input that counts for any of them."""
+        tests = [planned_test(monitor) for monitor in monitors]
+        longest = max(tests, key=lambda test: inf if test.duration is None else test.duration)
+        moving = [_moving(*each) for each in zip(monitors, tests, strict=True)]
+        return cls(longest, np.min(moving, axis=0), np.min([*map(_sizes, tests)], axis=0))
 
     @property
     def manoeuvre(self) -> int:
@@ -174,6 +168,23 @@ class CausalTrim:
     def begin(self) -> bool:
         """Begin a manoeuvre with the current trim. Returns False during a manoeuvre."""
         return bool(self._begin(self._rule, self._state))
+
+
+def _sizes(planned: PlannedTest) -> Array:
+    """(n_controls,) inputs of the controls of a planned test."""
+    amplitudes = planned.amplitudes
+    return np.where(amplitudes > 0.0, amplitudes, OTHER * amplitudes.max(initial=0.0))
+
+
+def _moving(monitor: Monitor, planned: PlannedTest) -> Array:
+    """(n_channels,) what counts as motion of the monitor's responses.
+
+    The next larger power of two, so that other monitors of the same test measure the same trim.
+    """
+    moving = 2.0 ** np.ceil(np.log2(largest_at_rest(monitor.training_max_abs)))
+    moving[[*planned.controls, *monitor.dictionary.absolute]] = np.inf
+    moving[~needed_channels(monitor)] = np.inf
+    return moving
 
 
 def largest_at_rest(usual: Array) -> Array:

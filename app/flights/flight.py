@@ -16,12 +16,16 @@ import numpy as np
 
 from app.assessment.grid import Angles
 from app.assessment.input_checks import Doubt
-from app.assessment.limits_in_force import InForceFrom, LimitsInForce, RequestedLimits, Ruling
+from app.assessment.limits_in_force import LimitsInForce, LimitsRuling, RequestedLimits
+from app.assessment.monitors_in_use import MonitorRuling, MonitorsInUse
+from app.assessment.rulings import InForceFrom, Ruling
 from app.flights.alarms import Alarms
 from app.flights.clock import Clock, Timer
 from app.flights.display_monitors import DisplayMonitor, flown_monitor, no_rest
 from app.flights.flight_limits import status_of
+from app.flights.flight_monitors import member, set_status
 from app.flights.recorder import Recorder
+from app.flights.transport import NotPossible
 from app.flights.verdict import (
     BEFORE,
     Circumstances,
@@ -36,6 +40,7 @@ from app.flights.watcher import CREDIT, RecentFrames, Watcher
 from app.messages import (
     AlarmRaised,
     CardAhead,
+    ChannelLimit,
     End,
     FlownMonitor,
     Heartbeat,
@@ -46,6 +51,8 @@ from app.messages import (
     LiveStatus,
     MarkerSet,
     Mode,
+    MonitorChange,
+    MonitorSetStatus,
     StateChange,
     StatusChange,
     TransportState,
@@ -78,6 +85,7 @@ MOST_HELD = 200
 """Newest changes of the limits that a joining watcher receives."""
 MARKERS_KEPT = 50
 """Stored markers that a flight keeps in memory; the store has all."""
+NO_SAMPLE = "no sample yet"
 NOTHING_COMES = "no sample comes"
 """Reason of a stale flight without new samples; each display adds the age."""
 STALE_INTERVALS, STALE_S = 3.0, 0.25
@@ -98,7 +106,8 @@ class FlightPlan:
 
     source: as requested, in plain data.   monitor: the alarm authority.   display: monitors without
     alarms.   limits, by: put in force at the start, and by whom; None for the monitor's own.
-    wait_for_viewer: see FlightRequest.
+    wait_for_viewer: see FlightRequest.   monitors: a set, of which the one in use is the alarm
+    authority; None for `monitor` throughout.
     """
 
     id: str
@@ -113,6 +122,12 @@ class FlightPlan:
     limits: RequestedLimits | None = None
     by: str = ""
     wait_for_viewer: bool = False
+    monitors: MonitorsInUse | None = None
+
+    @property
+    def authority(self) -> DisplayMonitor:
+        """The alarm authority, or of a set the first one."""
+        return DisplayMonitor(self.monitor_id, self.monitor_name, self.monitor, self.epsilon)
 
 
 class Flight(ABC):
@@ -148,10 +163,11 @@ class Flight(ABC):
         self.markers: dict[int, FlightMarker] = {}
         self.limits_at_hand: list[LimitsInForce] = []
         self._ruling: Ruling | None = None
+        self._authority = plan.authority
         self._held_since: float | None = None
         self.is_over = False
         self.t = 0.0
-        self.state, self.reason, self._late = State.WARMING_UP, "no sample yet", ""
+        self.state, self.reason, self._late = State.WARMING_UP, NO_SAMPLE, ""
         self.cause: Cause | None = None
         self._assessment: Assessment | None = None
         self._exceeds = False
@@ -209,9 +225,7 @@ class Flight(ABC):
     @property
     def monitors(self) -> list[FlownMonitor]:
         """The alarm authority, then the monitors for display."""
-        plan = self.plan
-        delay = plan.monitor.lead - self.lead
-        authority = DisplayMonitor(plan.monitor_id, plan.monitor_name, plan.monitor, plan.epsilon)
+        delay, authority = self.plan.monitor.lead - self.lead, self._authority
         return [
             flown_monitor(
                 *shown,
@@ -219,12 +233,22 @@ class Flight(ABC):
                 delay=delay,
                 is_authority=shown is authority,
             )
-            for shown in (authority, *plan.display)
+            for shown in (authority, *self.plan.display)
         ]
 
     @property
     def limits(self) -> LimitsStatus | None:
-        return None if self._ruling is None else status_of(self._ruling, self._held_since)
+        ruling = self._ruling
+        return status_of(ruling, self._held_since) if isinstance(ruling, LimitsRuling) else None
+
+    @property
+    def monitor_set(self) -> MonitorSetStatus | None:
+        """The monitor set of the flight and the monitor in use; None without a set."""
+        if self.plan.monitors is None:
+            return None
+        ruling = self._ruling
+        now = (ruling.case, ruling.reason) if isinstance(ruling, MonitorRuling) else ("", NO_SAMPLE)
+        return set_status(self.plan.monitors, *now)
 
     @property
     def limits_held(self) -> list[LimitsFrom]:
@@ -312,6 +336,11 @@ class Flight(ABC):
 
         Values declared for the flight condition stay unless given again.
         """
+        if self.plan.monitors is not None:
+            raise NotPossible(
+                "a flight on a monitor set is judged by the limits of its monitors: start it with "
+                "one monitor to put other limits in force"
+            )
         self._assess_waiting()
         before = self.limits_at_hand[-1].fixed if self.limits_at_hand else {}
         in_force = LimitsInForce(
@@ -341,7 +370,7 @@ class Flight(ABC):
         if not self._limits_held and monitors is not None:
             self._limits_held.append(LimitsFrom(t=None, limits=monitors))
         since = self.t if self.head >= 0 else None
-        self._limits_held.append(LimitsFrom(t=since, limits=self._plain_limits(ruling)))
+        self._limits_held.append(self._limits_from(since, ruling))
         self._change(ruling, since)
 
     def _change(self, ruling: Ruling | None, since: float | None) -> None:
@@ -352,11 +381,46 @@ class Flight(ABC):
         record, monitors = self._limits_of_record, self._plain_limits(None)
         if not record and monitors is not None:
             record.append(LimitsFrom(t=None, limits=monitors, seq=0))
-        limits = self._plain_limits(ruling)
-        record.append(LimitsFrom(t=since, limits=limits, seq=self.head + 1))
+        held = self._limits_from(since, ruling)
+        record.append(held.model_copy(update={"seq": self.head + 1}))
         self._ruling, self._held_since = ruling, since
-        channels = limited_channels(self.plan.monitor.dictionary, self._specification)
-        self._broadcast(LimitsChange(limits=self.limits, channels=channels).encode())
+        if isinstance(ruling, MonitorRuling):
+            self._use(ruling)
+            self._broadcast(MonitorChange(held=held, **self._authority_facts).encode())
+            return
+        self._broadcast(LimitsChange(limits=self.limits, channels=self._channels).encode())
+
+    def _use(self, ruling: MonitorRuling) -> None:
+        """The monitor in use becomes the alarm authority; the last one stays where none is."""
+        if ruling.used is not None:
+            self._authority = shown = member(ruling.in_use, ruling.used)
+            self._alert_above = shown.monitor.alert_above(shown.epsilon)
+            self.is_checked = shown.monitor.support is not None
+
+    def _limits_from(self, t: float | None, ruling: Ruling | None) -> LimitsFrom:
+        monitor = ruling.monitor_id if isinstance(ruling, MonitorRuling) else ""
+        return LimitsFrom(t=t, limits=self._plain_limits(ruling), monitor=monitor)
+
+    @property
+    def _channels(self) -> list[ChannelLimit]:
+        return limited_channels(self.plan.monitor.dictionary, self._specification)
+
+    @property
+    def _authority_facts(self) -> dict[str, Any]:
+        """The alarm authority, as sent."""
+        authority_id, name, monitor, epsilon = self._authority
+        return {
+            "channels": self._channels,
+            "epsilon": epsilon,
+            "guarantee": monitor.recipe.guarantee,
+            "n_unsafe": monitor.n_unsafe,
+            "validity": validity_word(self.is_checked),
+            "monitor": {"id": authority_id, "name": name},
+            "monitors": self.monitors,
+            "warnings": warnings_of(monitor.evaluation, epsilon),
+            "no_rest": no_rest(monitor),
+            "monitor_set": self.monitor_set,
+        }
 
     def _plain_limits(self, ruling: Ruling | None) -> Any:
         """The limits of a ruling by channel; None if unknown."""
@@ -385,23 +449,15 @@ class Flight(ABC):
         self._halt(reason)
 
     def _hello(self) -> str:
-        plan, monitor = self.plan, self.plan.monitor
+        plan = self.plan
         return Hello(
+            **self._authority_facts,
             flight=plan.id,
             name=plan.name,
             server_time=self.clock.utc(),
-            channels=limited_channels(self.plan.monitor.dictionary, self._specification),
-            epsilon=plan.epsilon,
-            guarantee=monitor.recipe.guarantee,
-            n_unsafe=monitor.n_unsafe,
             lead=self.lead,
             dt=self.dt,
             stale_after=stale_after(self.dt),
-            validity=validity_word(self.is_checked),
-            monitor={"id": plan.monitor_id, "name": plan.monitor_name},
-            monitors=self.monitors,
-            warnings=warnings_of(monitor.evaluation, plan.epsilon),
-            no_rest=no_rest(monitor),
             ahead=self._newest_ahead,
             source=plan.source,
             mode=plan.mode,
@@ -580,7 +636,7 @@ class Flight(ABC):
         self.alarms.restart()
         self.exceedances.restart()
         newest = [held.model_copy(update={"t": None}) for held in list(self._limits_held)[-1:]]
-        of_source = [LimitsFrom(t=t, limits=self._plain_limits(ruling)) for t, ruling in held]
+        of_source = [self._limits_from(*each) for each in held]
         self._limits_held = deque(of_source or newest, MOST_HELD)
         self._broadcast(self._recent.restart(t))
         if held and held[-1].ruling is not self._ruling:

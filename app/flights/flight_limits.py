@@ -4,15 +4,15 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
-from app.assessment.limits_in_force import LimitsInForce, RequestedLimits, Ruling
+from app.assessment.limits_in_force import LimitsInForce, LimitsRuling, RequestedLimits
 from app.flights.display_monitors import ALIKE
 from app.flights.sources.simulated import SourceError
 from app.messages import LimitsStatus
 from app.store.monitors import MonitorInfo
 from app.store.store import Store
 from core.channels import LATERAL
+from core.conditions import ConditionKey
 from core.flight_events import FlightLimits
-from core.limits.limit_sets import ConditionKey
 from core.limits.limits import Limits, specification_to_plain
 from core.monitor import Monitor
 
@@ -59,7 +59,7 @@ def _serving(monitor: Monitor, limits: Limits, stored: list[MonitorInfo]) -> str
     return f"monitor{'s' * (len(named) > 1)} {' or '.join(named)} would serve"
 
 
-def status_of(ruling: Ruling, since: float | None) -> LimitsStatus:
+def status_of(ruling: LimitsRuling, since: float | None) -> LimitsStatus:
     """The limits in force as sent. since: time of the sample before [s]; None for all samples."""
     limits: Any = specification_to_plain(ruling.specification)
     about = {"case": ruling.case, "limits": limits, "reason": ruling.reason, "since": since}

@@ -34,8 +34,8 @@ from app.store.flights import INTERRUPTED, FlightInProgress
 from app.store.people import LOCAL
 from app.store.store import NotFound, Store, StoreError, StoreHealth
 from app.telemetry.journal import Journals, lines_of
+from core.conditions import ConditionKey
 from core.flight_events import FlightMarker, FlightMarkerKey
-from core.limits.limit_sets import ConditionKey
 from core.simulation.attitude import SurfaceSigns, surface_signs
 
 if TYPE_CHECKING:

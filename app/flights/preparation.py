@@ -3,9 +3,11 @@
 from collections.abc import Sequence
 
 from app.assessment.limits_in_force import RequestedLimits
+from app.assessment.monitors_in_use import MonitorsInUse, MonitorsRule
 from app.flights.display_monitors import DisplayMonitor, check_alike, check_limits
 from app.flights.flight import FlightPlan
 from app.flights.flight_limits import change_of_limits
+from app.flights.flight_monitors import member, members, monitors_in_use
 from app.flights.flight_records import ACCEPT_USELESS, NAME, flight_name, source_of
 from app.flights.request import FlightRequest
 from app.flights.shown_flight import ShownFlight
@@ -40,25 +42,27 @@ class Preparation:
 
     def new(self, request: FlightRequest, by: str) -> tuple[FlightPlan, Script | LiveSetup]:
         """The plan and what is flown of a requested flight, which is stored. Errors: `start`."""
-        monitor = self._monitor(request.monitor)
-        epsilon = monitor.check_epsilon(request.epsilon)
+        monitors = self._asked_monitors(request)
+        authority = self._authority(request, monitors)
+        monitor_id, monitor_name, monitor, epsilon = authority
         if not request.accept_useless:
-            check_use(monitor.evaluation, epsilon)
-        display = self._display(monitor, [(monitor_id, None) for monitor_id in request.monitors])
+            for used in [authority] if monitors is None else members(monitors):
+                check_use(used.monitor.evaluation, used.epsilon)
+        display = self._display(monitor, [(shown, None) for shown in request.monitors])
         limits = self._asked_limits(request, monitor)
-        opening = self._opening(request.monitor, monitor, epsilon)
+        opening = self._opening(monitor_id, monitor, epsilon, monitors)
         opening = opening._replace(display=display, conditions=request.source_names)
         flown, name = request.source.open(opening)
         name, source = request.name or name, request.source.model_dump(exclude_none=True)
         stored = {**source, NAME: name, ACCEPT_USELESS: request.accept_useless}
         used = [(shown.id, shown.epsilon) for shown in display]
-        monitor_name = self._store.monitors.info(request.monitor).name
+        flown_set = None if monitors is None else (monitors.id, monitors.fixed)
         plan = FlightPlan(
-            self._store.flights.add(stored, request.monitor, epsilon, used),
+            self._store.flights.add(stored, monitor_id, epsilon, used, flown_set),
             name,
             source,
             monitor,
-            request.monitor,
+            monitor_id,
             monitor_name,
             epsilon,
             request.source.mode,
@@ -66,6 +70,7 @@ class Preparation:
             limits,
             by,
             request.wait_for_viewer,
+            monitors,
         )
         return plan, flown
 
@@ -74,7 +79,9 @@ class Preparation:
         monitor = self._monitor(info.monitor_id)
         shown = self._store.flights.display([info.id]).get(info.id, [])
         display = self._display(monitor, shown)
-        opening = self._opening(info.monitor_id, monitor, info.epsilon)._replace(display=display)
+        monitors = self._monitors_of(info.id)
+        opening = self._opening(info.monitor_id, monitor, info.epsilon, monitors)
+        opening = opening._replace(display=display)
         source, path = source_of(info), journals.path(info.id)
         live = Live.model_validate(source)
         if not path.exists():
@@ -92,6 +99,7 @@ class Preparation:
             self._store.monitors.info(info.monitor_id).name,
             info.epsilon,
             display=display,
+            monitors=monitors,
         )
         return plan, setup
 
@@ -100,20 +108,60 @@ class Preparation:
     ) -> tuple[ShownFlight, Opening]:
         """Rescore an ended live flight from its journal.
 
-        monitor_id, epsilon: those of the flight if None; for another monitor its own epsilon.
+        monitor_id, epsilon: those of the flight if None, or its monitor set; for another monitor
+        its own epsilon.
         NotFound; SourceError if it has no journal; LimitsUnknown; ValueError for the epsilon.
         """
         info = self._store.flights.info(flight_id)
+        monitors = self._monitors_of(flight_id) if monitor_id is None else None
+        if monitors is not None and epsilon is not None:
+            raise SourceError(
+                f"epsilon {epsilon:g} was given for a flight on a monitor set, whose monitors have "
+                "their own: leave it out, or give a monitor"
+            )
         is_same = monitor_id in (None, info.monitor_id)
         monitor = self._monitor(monitor_id or info.monitor_id)
         epsilon = info.epsilon if is_same and epsilon is None else monitor.check_epsilon(epsilon)
-        opening = self._opening(monitor_id or info.monitor_id, monitor, epsilon)
+        opening = self._opening(monitor_id or info.monitor_id, monitor, epsilon, monitors)
         return ShownFlight(journal_setup(opening, flight_id), flight_id), opening
 
-    def _opening(self, monitor_id: str, monitor: Monitor, epsilon: float) -> Opening:
-        return Opening(
-            self._store, self._scored, monitor_id, monitor, epsilon, self._journals, self._udp
-        )
+    def _opening(
+        self, monitor_id: str, monitor: Monitor, epsilon: float, monitors: MonitorsInUse | None
+    ) -> Opening:
+        about = self._store, self._scored, monitor_id, monitor, epsilon, self._journals, self._udp
+        return Opening(*about, monitors=monitors)
+
+    def _asked_monitors(self, request: FlightRequest) -> MonitorsInUse | None:
+        """The requested monitor set; the replay of its own flight keeps what that declared."""
+        if request.monitor_set is None:
+            return None
+        fixed = request.declared
+        if isinstance(request.source, FlownLive) and not fixed:
+            flown = self._store.monitor_sets.of_flights([request.source.flight_id])
+            fixed = next((each.fixed for each in flown.values()), fixed)
+        info = self._store.monitor_sets.info(request.monitor_set)
+        return monitors_in_use(self._store, info, fixed)
+
+    def _monitors_of(self, flight_id: str) -> MonitorsInUse | None:
+        """The monitor set of a stored flight; None without one."""
+        flown = self._store.monitor_sets.of_flights([flight_id]).get(flight_id)
+        return None if flown is None else monitors_in_use(self._store, flown.info, flown.fixed)
+
+    def _authority(self, request: FlightRequest, monitors: MonitorsInUse | None) -> DisplayMonitor:
+        """The monitor to begin with; of a set for the declared condition, if none is sent."""
+        if monitors is None:
+            asked = str(request.monitor)
+            monitor, name = self._monitor(asked), self._store.monitors.info(asked).name
+            return DisplayMonitor(asked, name, monitor, monitor.check_epsilon(request.epsilon))
+        if isinstance(request.source, Live | FlownLive):
+            return member(monitors, 0)
+        ruling = MonitorsRule(monitors).at()
+        if ruling.used is None:
+            raise SourceError(
+                f"{ruling.reason}, and only a live source sends the flight condition: declare one "
+                "of the monitor set in `condition`"
+            )
+        return member(monitors, ruling.used)
 
     def _monitor(self, monitor_id: str) -> Monitor:
         """The monitor of a flight. NotFound; LimitsUnknown."""

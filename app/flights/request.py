@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field, StrictBool, field_validator, 
 
 from app.flights.sources.source import SourceRequest
 from app.json_codec import Whole
-from core.limits.limit_sets import ConditionKey
+from core.conditions import ConditionKey
 
 MOST_DISPLAYED = 8
 
@@ -30,7 +30,17 @@ class FlightRequest(BaseModel):
     )
 
     source: SourceRequest
-    monitor: str = Field(description="id of the alarm authority: only its alerts are alarms")
+    monitor: str | None = Field(
+        default=None,
+        description="id of the alarm authority: only its alerts are alarms. Give either this or "
+        "`monitor_set`",
+    )
+    monitor_set: str | None = Field(
+        default=None,
+        description="id of a monitor set: the alarm authority is its monitor for the flight "
+        "condition, at its own epsilon and limits. A live source sends the condition; other "
+        "sources need it declared",
+    )
     monitors: list[str] = Field(
         default_factory=list,
         max_length=MOST_DISPLAYED,
@@ -50,8 +60,8 @@ class FlightRequest(BaseModel):
     )
     condition: dict[ConditionKey, float | str] = Field(
         default_factory=dict,
-        description="the flight condition that selects the limits: a declared value in SI units, "
-        "or the name under which a live source sends it; default: its own name",
+        description="the flight condition that selects the limits or the monitor: a declared value "
+        "in SI units, or the name under which a live source sends it; default: its own name",
     )
     name: str | None = Field(default=None, min_length=1, max_length=200)
     wait_for_viewer: StrictBool = Field(
@@ -87,8 +97,11 @@ class FlightRequest(BaseModel):
 
     @model_validator(mode="after")
     def check_display(self) -> "FlightRequest":
-        if self.limit_set is None and (self.limit_set_version is not None or self.condition):
-            raise ValueError("a version or condition needs a limit_set: give its id")
+        if self.limit_set is None and self.limit_set_version is not None:
+            raise ValueError("a version needs a limit_set: give its id")
+        if self.limit_set is None and self.monitor_set is None and self.condition:
+            raise ValueError("a condition needs a limit_set or a monitor_set: give its id")
+        self._check_set()
         if self.source_names and getattr(self.source, "kind", "") != "live":
             raise ValueError(
                 f"the condition {' and '.join(self.source_names)} is a name, which only a live "
@@ -96,10 +109,24 @@ class FlightRequest(BaseModel):
             )
         if wild := [key for key, value in self.declared.items() if not isfinite(value)]:
             raise ValueError(f"the condition {wild[0]} is not a finite number: give its value")
-        named = [self.monitor, *self.monitors]
+        named = [str(self.monitor), *self.monitors]
         if twice := [name for name in self.monitors if named.count(name) > 1]:
             raise ValueError(
                 f"monitor {twice[0]} is given twice: list each monitor once; `monitor` is always "
                 "displayed"
             )
         return self
+
+    def _check_set(self) -> None:
+        if (self.monitor is None) == (self.monitor_set is None):
+            raise ValueError(
+                f"{'neither' if self.monitor is None else 'both'} monitor and monitor_set given: "
+                "give the id of one of them"
+            )
+        beside = {"monitors": self.monitors, "epsilon": self.epsilon, "limit_set": self.limit_set}
+        given = [name for name, value in beside.items() if value]
+        if self.monitor_set is not None and given:
+            raise ValueError(
+                f"a flight on a monitor set uses each monitor by itself, at its own epsilon and "
+                f"limits: leave out {' and '.join(given)}"
+            )

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from app.assessment.input_checks import Doubt
-from app.assessment.limits_in_force import InForceFrom, Ruling
+from app.assessment.rulings import InForceFrom, Ruling
 from app.assessment.scorer import LiveAssessed, rescored
 from app.flights.flight import stale_after
 from app.flights.sources.lag import Lag

@@ -8,6 +8,7 @@ TAGS = {
     "datasets": "Labelled simulated flights for training monitors.",
     "monitors": "Trained and calibrated monitors; immediate scoring of telemetry.",
     "limit sets": "Versioned limits that a flight puts in force.",
+    "monitor sets": "Monitors by flight condition, of which a flight uses the one that applies.",
     "recordings": "Telemetry files: upload, mapping, scorings, markers, exports.",
     "flights": "Flights in progress and ended: source, samples, alarms, markers.",
     "campaigns": "Build-ups: clear, fly and identify one point after another.",

@@ -13,8 +13,8 @@ from app.routes.dependencies import json_response
 from app.routes.recordings import Derivable, Target
 from core import __version__
 from core.channels import Channel
+from core.conditions import ConditionChannel
 from core.flight_events import FlightMarkerKind
-from core.limits.limit_sets import ConditionChannel
 
 STREAMS: dict[int | str, dict[str, Any]] = {
     200: {"content": {"application/json": {"schema": {"type": "object"}}}}

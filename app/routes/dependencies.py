@@ -24,6 +24,7 @@ from app.store.flights import FlightInProgress
 from app.store.people import LOCAL, TokenError
 from app.store.store import Store
 from app.telemetry.journal import JournalFull, Journals
+from core.conditions import ConditionKey
 
 PAGE_TO_PRINT = {
     "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; img-src data:; "
@@ -101,6 +102,21 @@ def strictly(*examples: Any) -> ConfigDict:
     """Configuration of a request body: no other fields, no other types."""
     shown: Any = {"examples": list(examples)} if examples else None
     return ConfigDict(extra="forbid", strict=True, json_schema_extra=shown)
+
+
+class ConditionRanges(BaseModel):
+    """A flight condition: what a case of a limit set or a monitor set holds for."""
+
+    model_config = strictly()
+
+    name: str = Field(min_length=1, max_length=200, description="name of the condition")
+    ranges: dict[
+        ConditionKey, Annotated[list[Finite | None], Field(min_length=2, max_length=2)]
+    ] = Field(
+        default_factory=dict,
+        description="from the first number to below the second, in SI units; null for no bound. "
+        "Channels without a range do not matter",
+    )
 
 
 class SignedRequest(BaseModel):

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, StrictBool
 from app.flights.display_monitors import flown_monitors
 from app.flights.ended import Record, records
 from app.flights.flight import Flight
+from app.flights.flight_monitors import stored_sets
 from app.flights.flight_records import accepts_useless, flight_name, source_of
 from app.flights.flights import Flights
 from app.flights.recorder import INTERVAL_S
@@ -23,6 +24,7 @@ from app.messages import (
     LimitsStatus,
     LiveStatus,
     Mode,
+    MonitorSetStatus,
     TransportState,
 )
 from app.routes.dependencies import (
@@ -79,7 +81,11 @@ class FlightStatus(Decided):
     )
     source: dict[str, Any]
     mode: Mode = Field(description="whether its samples are measured, replayed or simulated")
-    monitor: str = Field(description="id of the alarm authority")
+    monitor: str = Field(description="id of the alarm authority; of a monitor set, of one of it")
+    monitor_set: MonitorSetStatus | None = Field(
+        default=None,
+        description="the monitor set of the flight, and which monitor is in use; null without one",
+    )
     monitors: list[FlownMonitor] = Field(
         description="the alarm authority, then those flown for display"
     )
@@ -297,17 +303,34 @@ async def _frames_response(
 async def _statuses(flights: Flights, stored: list[FlightInfo]) -> list[FlightStatus]:
     over = await asyncio.to_thread(records, flights.store, stored)
     monitors = await asyncio.to_thread(flown_monitors, flights.store, stored)
+    sets = await asyncio.to_thread(stored_sets, flights.store, stored)
     return [
-        _status(info, flights.get(info.id), over.get(info.id), monitors[info.id]) for info in stored
+        _status(info, flights.get(info.id), over.get(info.id), monitors[info.id], sets.get(info.id))
+        for info in stored
     ]
 
 
-NOW = ("head", "monitors", "limits", "theta", "fail_t", "state", "reason", "cause", "age")
+NOW = (
+    "head",
+    "monitors",
+    "monitor_set",
+    "limits",
+    "theta",
+    "fail_t",
+    "state",
+    "reason",
+    "cause",
+    "age",
+)
 """Fields that a flight in progress has by the same names."""
 
 
 def _status(
-    info: FlightInfo, flight: Flight | None, record: Record | None, monitors: list[FlownMonitor]
+    info: FlightInfo,
+    flight: Flight | None,
+    record: Record | None,
+    monitors: list[FlownMonitor],
+    monitor_set: MonitorSetStatus | None,
 ) -> FlightStatus:
     """A flight's status; stale if it is neither in progress nor over yet."""
     known: dict[str, Any] = vars(info) | {
@@ -319,6 +342,7 @@ def _status(
         "mode": mode_of(info.source),
         "monitor": info.monitor_id,
         "monitors": monitors,
+        "monitor_set": monitor_set,
         "warnings": monitors[0].warnings,
         "accept_useless": accepts_useless(info),
         "head": -1 if info.head is None else info.head,

@@ -12,6 +12,7 @@ from app.json_codec import Whole
 from app.messages import LimitsStatus
 from app.routes.dependencies import (
     By,
+    ConditionRanges,
     Finite,
     FlightsDep,
     PersonDep,
@@ -22,8 +23,9 @@ from app.routes.dependencies import (
 )
 from app.store.limit_sets import LimitSetInfo, StoredLimits
 from app.store.people import LOCAL
+from core.conditions import ConditionKey
 from core.flight_events import FlightLimits
-from core.limits.limit_sets import ConditionKey, LimitSet, limit_set_from_plain
+from core.limits.limit_sets import LimitSet, limit_set_from_plain
 
 router = APIRouter(prefix="/api/v1", tags=["limit sets"])
 MOST_CASES = 100
@@ -31,21 +33,12 @@ CASES: list[JsonValue] = [
     {"name": "below M 0.8", "ranges": {"mach": [None, 0.8]}, "limits": {"Ny": 0.5}},
     {"name": "from M 0.8 on", "ranges": {"mach": [0.8, None]}, "limits": {"Ny": 0.4}},
 ]
-Ends = Annotated[list[Finite | None], Field(min_length=2, max_length=2)]
 Version = Annotated[int, Path(ge=1, le=2**31)]
 
 
-class ConditionLimits(BaseModel):
+class ConditionLimits(ConditionRanges):
     """A flight condition and the limits that hold there."""
 
-    model_config = strictly()
-
-    name: str = Field(min_length=1, max_length=200, description="name of the condition")
-    ranges: dict[ConditionKey, Ends] = Field(
-        default_factory=dict,
-        description="from the first number to below the second, in SI units; null for no bound. "
-        "Channels without a range do not matter",
-    )
     limits: dict[str, Finite | None] = Field(
         description="smallest unsafe magnitude by channel, in SI units, Ny in g"
     )

@@ -122,7 +122,7 @@ async def change_sender(
 
 
 class LiveScoreRequest(BaseModel):
-    """Monitor and accepted miss rate; those of the flight if absent."""
+    """Monitor and accepted miss rate; those of the flight, or its monitor set, if absent."""
 
     model_config = strictly({"epsilon": 0.1})
 
@@ -146,7 +146,7 @@ class LiveScore(FramesPart):
     """Assessments of a live flight by a monitor, each from the samples received by then."""
 
     flight: str = Field(description="id")
-    monitor: str = Field(description="id")
+    monitor: str = Field(description="id; of a monitor set, of its first one")
     epsilon: float
     delay: float = Field(description="longest wait of a sample for others [s]")
     lead: float = Field(description="lead time of a shown alert [s]: the monitor's less the delay")
@@ -184,7 +184,9 @@ def _answer(
 ) -> dict[str, Any]:
     shown, opening = flights.preparation.rescored(flight_id, request.monitor, request.epsilon)
     info = flights.store.flights.info(flight_id)
+    has_set = flight_id in flights.store.monitor_sets.of_flights([flight_id])
     is_own = (opening.monitor_id, opening.epsilon) == (info.monitor_id, info.epsilon)
+    is_own = is_own and has_set == (opening.monitors is not None)
     samples, n = shown.samples, len(shown.samples)
     stop, following = frame_range(first, last, n)
     exceeded = shown.exceedances[:1]

@@ -1,6 +1,6 @@
 """Stored flights, with their assessments in chunks of samples."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,13 +24,16 @@ from app.store.repository import Entries, Entry, Time, check_deletable, columns,
 from app.store.tables import (
     assessment_chunks,
     display_monitors,
+    flight_monitor_sets,
     flights,
+    monitor_sets,
     monitors,
     new_id,
     now,
     recordings,
 )
 from core.channels import LATERAL
+from core.conditions import ConditionKey
 from core.monitor.assessment import STATES, State
 
 INTERRUPTED = "interrupted"
@@ -94,10 +97,12 @@ class FlightRepository(Entries[FlightInfo]):
         monitor_id: str,
         epsilon: float,
         display: Sequence[tuple[str, float]] = (),
+        monitor_set: tuple[str, Mapping[ConditionKey, float]] | None = None,
     ) -> str:
         """Store a flight that starts now and return its id.
 
-        display: id and epsilon of each display monitor.
+        display: id and epsilon of each display monitor.   monitor_set: id, and declared values of
+        the flight condition; None for `monitor_id` throughout.
         """
         flight_id = new_id()
         row = {"id": flight_id, "source": source, "monitor_id": monitor_id, "epsilon": epsilon}
@@ -105,6 +110,11 @@ class FlightRepository(Entries[FlightInfo]):
             for used_id in (monitor_id, *(display_id for display_id, _ in display)):
                 require(connection, monitors, used_id)
             connection.execute(insert(flights).values(**row, status="running", created=now()))
+            if monitor_set is not None:
+                set_id, fixed = monitor_set
+                require(connection, monitor_sets, set_id)
+                row = {"flight_id": flight_id, "monitor_set_id": set_id, "fixed": dict(fixed)}
+                connection.execute(insert(flight_monitor_sets).values(**row))
             for position, (display_id, display_epsilon) in enumerate(display):
                 row = {"flight_id": flight_id, "position": position}
                 row |= {"monitor_id": display_id, "epsilon": display_epsilon}

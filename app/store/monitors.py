@@ -19,6 +19,8 @@ from app.store.tables import (
     display_monitors,
     flights,
     monitor_parts,
+    monitor_set_cases,
+    monitor_sets,
     monitors,
     new_id,
     now,
@@ -231,7 +233,7 @@ class MonitorRepository(Entries[MonitorInfo]):
         }
 
     def delete(self, monitor_id: str) -> None:
-        """Delete a monitor. InUse if flights or scorings refer to it."""
+        """Delete a monitor. InUse if flights, scorings or monitor sets refer to it."""
         with self._deleting() as connection:
             name = self._fetch(connection, monitor_id).name
             if users := _users(connection, monitor_id):
@@ -271,7 +273,7 @@ def _joined(
 
 
 def _users(connection: Connection, monitor_id: str) -> list[tuple[str, str]]:
-    """Flights and scorings that use a monitor: what they are, and their ids."""
+    """Flights, scorings and monitor sets that use a monitor: what they are, and their ids."""
     displaying = select(display_monitors.c.flight_id).where(
         display_monitors.c.monitor_id == monitor_id
     )
@@ -282,7 +284,11 @@ def _users(connection: Connection, monitor_id: str) -> list[tuple[str, str]]:
         .join(recordings, recordings.c.id == scorings.c.recording_id)
         .where(scorings.c.monitor_id == monitor_id)
     )
+    parts = monitor_set_cases.c
+    of_sets = select(monitor_sets.c.id, monitor_sets.c.name).join(monitor_set_cases).distinct()
+    of_sets = of_sets.where(parts.monitor_id == monitor_id).order_by(monitor_sets.c.name)
     return [
+        *((f"monitor set {row.name}", row.id) for row in connection.execute(of_sets)),
         *(
             (f"{row.status} flight", row.id)
             for row in connection.execute(of_flights.order_by(flights.c.created))

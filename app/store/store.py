@@ -20,6 +20,7 @@ from app.store.disk import LastStop, Reserve
 from app.store.flights import FlightRepository
 from app.store.jobs import JobRepository
 from app.store.limit_sets import LimitSetRepository
+from app.store.monitor_sets import MonitorSetRepository
 from app.store.monitors import MonitorRepository
 from app.store.people import AuditRepository, TokenRepository
 from app.store.recordings import MappingRepository, MarkerRepository, RecordingRepository
@@ -53,6 +54,7 @@ class Store:
         self.alarms = AlarmRepository(*shared)
         self.flight_markers = FlightMarkerRepository(*shared)
         self.limit_sets = LimitSetRepository(*shared)
+        self.monitor_sets = MonitorSetRepository(*shared)
         self.recordings = RecordingRepository(*shared)
         self.mappings = MappingRepository(*shared)
         self.scorings = ScoringRepository(*shared)

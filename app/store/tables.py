@@ -284,6 +284,32 @@ flight_limits = Table(
     *_called(),
 )
 
+monitor_sets = Table(
+    "monitor_sets",
+    metadata,
+    *_named(),
+    Column("by", Text, nullable=False),
+    Column("text", Text),
+)
+
+monitor_set_cases = Table(
+    "monitor_set_cases",
+    metadata,
+    _part_of("monitor_sets"),
+    Column("position", Integer, primary_key=True, autoincrement=False),
+    Column("name", Text, nullable=False),
+    _plain("ranges"),
+    _refers_to("monitors", "RESTRICT"),
+)
+
+flight_monitor_sets = Table(
+    "flight_monitor_sets",
+    metadata,
+    _part_of("flights"),
+    _refers_to("monitor_sets", "RESTRICT"),
+    _plain("fixed"),
+)
+
 recordings = Table(
     "recordings",
     metadata,

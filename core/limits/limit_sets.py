@@ -2,121 +2,25 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
-from math import inf, isfinite
-from typing import Any, Literal
+from typing import Any, ClassVar
 
+from core.conditions import Case, Cases, ranges_from_plain
 from core.limits.limits import Limits, specification_from_plain, specification_to_plain
 
-ConditionKey = Literal["mach", "dynamic_pressure", "configuration"]
-
 
 @dataclass(frozen=True)
-class ConditionChannel:
-    """A quantity that defines flight conditions, with its words for people."""
+class LimitCase(Case):
+    """A flight condition and its limits."""
 
-    key: ConditionKey
-    symbol: str
-    unit: str
-    label: str
-
-
-CONDITIONS: dict[ConditionKey, ConditionChannel] = {
-    channel.key: channel
-    for channel in (
-        ConditionChannel("mach", "M", "", "Mach number"),
-        ConditionChannel("dynamic_pressure", "q", "Pa", "dynamic pressure"),
-        ConditionChannel("configuration", "conf", "", "number of the configuration"),
-    )
-}
-CONDITION_KEYS: tuple[ConditionKey, ...] = tuple(CONDITIONS)
-Condition = tuple[float | str, ...]
-"""In the order of CONDITION_KEYS: a value, or the word for its absence."""
-MISSING, STALE = "missing", "stale"
-NO_CONDITION: Condition = (MISSING,) * len(CONDITION_KEYS)
-Range = tuple[float | None, float | None]
-"""From the first (included) to the second (excluded); None for no end."""
-
-
-@dataclass(frozen=True)
-class LimitCase:
-    """A flight condition and its limits.
-
-    ranges: by channel; channels without a range do not matter.
-    """
-
-    name: str
-    ranges: Mapping[ConditionKey, Range]
     limits: Limits
 
-    def __post_init__(self) -> None:
-        for key, (low, high) in self.ranges.items():
-            if key not in CONDITIONS:
-                raise ValueError(
-                    f"{self.name} has a range of {key!r}: choose {', '.join(CONDITIONS)}"
-                )
-            if not all(end is None or isfinite(end) for end in (low, high)):
-                raise ValueError(f"the range of {key} of {self.name} has a non-finite end")
-            if low is not None and high is not None and low >= high:
-                raise ValueError(
-                    f"the range of {key} of {self.name} is empty: it begins at {low:g} and ends "
-                    f"before {high:g}"
-                )
-
-    def holds(self, condition: Condition) -> bool:
-        """Whether a condition is this one; a channel with a range must have a value."""
-        for key, value in zip(CONDITION_KEYS, condition, strict=True):
-            if key in self.ranges:
-                low, high = _ends(self.ranges[key])
-                if isinstance(value, str) or not low <= value < high:
-                    return False
-        return True
-
-    def overlaps(self, other: "LimitCase") -> bool:
-        """Whether one condition could be both."""
-        return all(
-            max(low, other_low) < min(high, other_high)
-            for key in CONDITION_KEYS
-            for (low, high), (other_low, other_high) in [
-                (_ends(self.ranges.get(key)), _ends(other.ranges.get(key)))
-            ]
-        )
-
 
 @dataclass(frozen=True)
-class LimitSet:
-    """Limits by flight condition; at most one case applies at a time."""
+class LimitSet(Cases[LimitCase]):
+    """Limits by flight condition."""
 
-    cases: tuple[LimitCase, ...]
-
-    def __post_init__(self) -> None:
-        if not self.cases:
-            raise ValueError("the limit set has no condition: give at least one, with its limits")
-        for case, other in combinations(self.cases, 2):
-            if case.name == other.name:
-                raise ValueError(f"two conditions are called {case.name!r}: use different names")
-            if case.overlaps(other):
-                raise ValueError(
-                    f"{case.name} and {other.name} overlap: give ranges that do not; a range ends "
-                    "before its second number"
-                )
-
-    @property
-    def needed(self) -> list[ConditionKey]:
-        """Channels needed to decide which limits apply."""
-        return [key for key in CONDITION_KEYS if any(key in case.ranges for case in self.cases)]
-
-    def find(self, condition: Condition) -> int | None:
-        """Number of the case of a condition; None if it is no case or unknown."""
-        holding = (k for k, case in enumerate(self.cases) if case.holds(condition))
-        return next(holding, None)
-
-    def why_none(self, condition: Condition) -> str:
-        values = dict(zip(CONDITION_KEYS, condition, strict=True))
-        unknown = [f"{key} is {values[key]}" for key in self.needed if isinstance(values[key], str)]
-        if unknown:
-            return " and ".join(unknown)
-        return f"no limits for this {' and '.join(self.needed)}"
+    kind: ClassVar[str] = "limit set"
+    content: ClassVar[str] = "limits"
 
 
 def limit_set_to_plain(limit_set: LimitSet) -> list[dict[str, Any]]:
@@ -137,11 +41,5 @@ def limit_set_from_plain(plain: Sequence[Mapping[str, Any]]) -> LimitSet:
         limits = specification_from_plain(case["limits"])
         if not isinstance(limits, Limits):
             raise ValueError(f"{case['name']} has no limits: give at least one channel's")
-        ranges = {key: (low, high) for key, (low, high) in case["ranges"].items()}
-        cases.append(LimitCase(case["name"], ranges, limits))
+        cases.append(LimitCase(case["name"], ranges_from_plain(case["ranges"]), limits))
     return LimitSet(tuple(cases))
-
-
-def _ends(interval: Range | None) -> tuple[float, float]:
-    low, high = interval or (None, None)
-    return -inf if low is None else low, inf if high is None else high

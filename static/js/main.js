@@ -1,6 +1,6 @@
 /**
  * The page: one address for each view (#/ is the start page, #/demonstration, #/fly, #/fly/{flight},
- * #/recordings/{id}, #/monitors/{id}, #/datasets/{id}, #/campaigns/{id}, #/limits/{id}, #/storage), its theme.
+ * #/recordings/{id}, #/monitors/{id}, #/datasets/{id}, #/campaigns/{id}, #/limits/{id}, #/sets/{id}, #/storage), its theme.
  *
  * A view's module exports show(element, {id, query, api, navigate}) -> {close()}. `query` holds the part
  * after a question mark (#/fly?monitor=3f9a); navigate("#/fly/3f9a") opens another view.
@@ -20,6 +20,7 @@ const VIEWS = {
   recordings: { title: "Recordings", guide: "first-recording", load: () => import("./recordings/index.js") },
   monitors: { title: "Monitors", guide: "first-monitor", load: () => import("./monitors/index.js") },
   limits: { title: "Limit sets", guide: "limit-sets", load: () => import("./limits/index.js") },
+  sets: { title: "Monitor sets", guide: "limit-sets", load: () => import("./sets/index.js") },
   storage: { title: "Storage", guide: "keeping-data", load: () => import("./storage/index.js") },
   datasets: { title: "Datasets", guide: "first-monitor", load: () => import("./datasets/index.js") },
 };

@@ -32,6 +32,8 @@ VIEWS = [
     "campaigns/new",
     "limits",
     "limits/{limits}",
+    "sets",
+    "sets/{set}",
     "storage",
 ]
 FINDINGS = """() => {
@@ -83,11 +85,14 @@ def ids(site: RecordedSite) -> dict[str, Any]:
     site.confirm(recording)
     limits = {"name": "any condition", "ranges": {}, "limits": {"Ny": 0.4}}
     made = site.ask("POST", "/limit-sets", json={"name": "transport", "cases": [limits]})
+    cases = [{"name": "any condition", "ranges": {}, "monitor": site.monitor}]
+    monitor_set = site.ask("POST", "/monitor-sets", json={"name": "doublet", "cases": cases})
     return {
         "recording": recording,
         "scoring": site.score(recording)["id"],
         "monitor": site.monitor,
         "limits": made["limit_set"],
+        "set": monitor_set["id"],
     }
 
 

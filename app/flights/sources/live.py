@@ -16,7 +16,9 @@ from typing import Any, NamedTuple
 import msgspec
 
 from app.assessment.batches import Batch, ChannelReader, decode_batch
-from app.assessment.limits_in_force import LimitsInForce, Ruling
+from app.assessment.limits_in_force import LimitsInForce
+from app.assessment.monitors_in_use import MonitorsInUse
+from app.assessment.rulings import Ruling
 from app.assessment.scorer import (
     CausalScorer,
     LiveAssessed,
@@ -77,6 +79,7 @@ class LiveSetup(NamedTuple):
 
     udp: port to listen on, 0 for any; None for none.   access: who may send to it.
     aircraft: name of the one whose mapping is used.   display: monitors without alarms.
+    monitors: a set, of which `monitor` is the first one; None for `monitor` throughout.
     """
 
     monitor: Monitor
@@ -90,6 +93,7 @@ class LiveSetup(NamedTuple):
     access: UdpAccess = UdpAccess()
     aircraft: str | None = None
     display: tuple[DisplayMonitor, ...] = ()
+    monitors: MonitorsInUse | None = None
 
     @property
     def dt(self) -> float:
@@ -101,7 +105,8 @@ class LiveSetup(NamedTuple):
 
     def scorer(self) -> CausalScorer:
         display = [(shown.monitor, shown.epsilon) for shown in self.display]
-        return CausalScorer(self.monitor, self.epsilon, self.delay, self.trim, display)
+        about = self.monitor, self.epsilon, self.delay, self.trim, display, self.monitors
+        return CausalScorer(*about)
 
 
 class KnownBatches:
@@ -196,6 +201,7 @@ class LiveFlight(Flight):
     def start(self) -> None:
         self._open()
         self._record(self._header())
+        self._hold(self.scorer.ruling)
         if self.plan.limits is not None:
             self.put_in_force(self.plan.limits, self.plan.by)
         self._listen()
@@ -214,7 +220,7 @@ class LiveFlight(Flight):
             "conditions": dict(self._setup.reader.conditions),
             "source": plan.source,
             "mapping": mapping.to_plain() if mapping else None,
-        }
+        } | ({"monitor_set": plan.monitors.to_plain()} if plan.monitors else {})
 
     def restore(
         self,

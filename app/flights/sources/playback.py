@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from app.assessment.grid import Angles
 from app.assessment.input_checks import Doubt
-from app.assessment.limits_in_force import InForceFrom, Ruling
 from app.assessment.planned_test import input_of, needed_channels
+from app.assessment.rulings import InForceFrom, Ruling
 from app.flights.sources.simulated import Track
 from app.recordings.scoring_answers import stored_assessment
 from core.channels import LATERAL

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from app.assessment.limits_history import InForceTimeline
-from app.assessment.limits_in_force import InForceFrom, Ruling
+from app.assessment.rulings import InForceFrom, Ruling
 from app.flights.sources.playback import Angles, StoredScript, onsets
 from app.recordings.scoring_answers import reason
 from core.channels import LATERAL

@@ -6,7 +6,9 @@ of these assessed samples is shown when; they cannot change a score.
 
 from typing import Any
 
-from app.assessment.limits_in_force import LimitsInForce, LimitsRule, Ruling
+from app.assessment.limits_in_force import LimitsInForce, LimitsRule
+from app.assessment.monitors_in_use import MonitorsRule
+from app.assessment.rulings import Ruling
 from app.flights.alarms import gives_alarm
 from app.flights.flight import Flight, FlightPlan, stale_after
 from app.flights.sources.playback import Script
@@ -76,6 +78,9 @@ class TrackFlight(Flight):
         )
 
     def start(self) -> None:
+        if self.plan.monitors is not None and not self._script.shows_rulings:
+            self._held = MonitorsRule(self.plan.monitors).at()
+            self._hold(self._held)
         if self.plan.limits is not None:
             self.put_in_force(self.plan.limits, self.plan.by)
         self._send_heartbeat()

@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.assessment.batches import ChannelReader, Names
 from app.assessment.compiling import make_ready
+from app.assessment.monitors_in_use import MonitorsInUse
 from app.assessment.scorer import TrimRule
 from app.flights.display_monitors import DisplayMonitor
 from app.flights.flight import Flight
@@ -54,7 +55,8 @@ class Opening(NamedTuple):
 
     scored: recordings; journals: of live flights; None if the server keeps none.   udp: who may
     send datagrams.   display: monitors without alarms.   conditions: names under which a live
-    source sends channels of the flight condition, if not their own.
+    source sends channels of the flight condition, if not their own.   monitors: a set, of which
+    `monitor` is the one for the declared condition, or the first.
     """
 
     store: Store
@@ -66,6 +68,7 @@ class Opening(NamedTuple):
     udp: UdpAccess = UdpAccess()
     display: tuple[DisplayMonitor, ...] = ()
     conditions: Names = MappingProxyType({})
+    monitors: MonitorsInUse | None = None
 
 
 class Source(BaseModel, ABC):
@@ -179,6 +182,11 @@ class Recorded(Source):
 
     def open(self, opening: Opening) -> tuple[Script, str]:
         store, monitor = opening.store, opening.monitor
+        if opening.monitors is not None:
+            raise SourceError(
+                "a recording is scored and replayed by one monitor: give it as `monitor`, or "
+                "replay the live flight as it was shown"
+            )
         if opening.scored is None:
             raise SourceError("this server keeps no recordings: choose a simulated source")
         info = store.scorings.info(self.recording, self.scoring)
@@ -292,9 +300,11 @@ class Live(Source):
             opening.udp,
             aircraft=aircraft,
             display=opening.display,
+            monitors=opening.monitors,
         )
         setup.scorer()  # refuses a delay that is not shorter than the lead
-        for flown in (monitor, *(shown.monitor for shown in opening.display)):
+        members = opening.monitors.members if opening.monitors else [monitor]
+        for flown in (*members, *(shown.monitor for shown in opening.display)):
             make_ready(flown)
         return setup
 

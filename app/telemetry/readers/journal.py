@@ -20,7 +20,7 @@ from app.telemetry.contents import ColumnWriter, Contents
 from app.telemetry.recording import TelemetryError
 from app.telemetry.targets import TARGETS
 from app.telemetry.units import convert
-from core.limits.limit_sets import CONDITION_KEYS
+from core.conditions import CONDITION_KEYS
 
 TIMES = ("t", "timestamp", "time")
 """Possible names of the time [s], if there is no mapping."""
@@ -61,6 +61,11 @@ def read(path: Path, writer: ColumnWriter) -> Contents:
     bad.check(n_good)
     ignored = rows.write(writer)
     notes.append(f"The live flight started {header.get('began')}; {ARRIVED} counts from then.")
+    if isinstance(used := header.get("monitor_set"), dict):
+        notes.append(
+            f"The live flight used monitor set {used.get('name')}: a scoring by one monitor takes "
+            "its flight condition as given throughout; the replay of the flight shows them in turn."
+        )
     return writer.finish(
         "journal",
         start=_time_zero(header, rows.zero),

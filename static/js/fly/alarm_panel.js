@@ -113,7 +113,8 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     if (kind in CAUTION_WORDS) return `${cautionText({ ...first, ...goesOn }, ` ${at}`)}${more}`;
     if (kind === "limit") return `LIMIT EXCEEDED ${at}: ${measured(exceedance)}${more}`;
     const lead = leadSeconds(flight.lead);
-    return `ALERT ${at}: risk${value} > ${figure(flight.alertAbove)}, warns ${lead} s before ${flight.limits || "a failure as labelled"}${more}`;
+    const above = Number.isFinite(flight.alertAbove) ? ` > ${figure(flight.alertAbove)}` : "";
+    return `ALERT ${at}: risk${value}${above}, warns ${lead} s before ${flight.limits || "a failure as labelled"}${more}`;
   }
 
   function measured({ channel, value, limit, judged }) {

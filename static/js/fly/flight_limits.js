@@ -4,8 +4,9 @@
  * createFlightLimits(element, {api, path}) -> {show(limits, channels)}    as hello has them; limits null: the monitor's own
  * limitsNote(limits) -> {event, flag}
  * putLines(put) -> elements    limit sets that were put in force during an ended flight
- * createLimitChoice(api, own) -> {element, ready, chosen() -> {limit_set, condition} or {}}
+ * createLimitChoice(api, own) -> {element, ready, chosen() -> {limit_set, condition} or {}, adapt(isSet)}
  *     own: label of the choice without a limit set; null where one must be chosen
+ *     isSet: whether the flight is on a monitor set: its condition alone is chosen
  */
 
 import { labelled, numberInput, select } from "../forms/controls.js";
@@ -89,11 +90,13 @@ function declared(fixed) {
 }
 
 export function createLimitChoice(api, own) {
-  const sets = select([own !== null && ["", own]], { onchange: adapt });
+  const sets = select([own !== null && ["", own]], { onchange: () => adapt() });
   let inputs = [];
   const fields = h("div.stack", h("p.hint", "Declare the flight condition, or leave it empty if a live source sends it."));
   const stored = ["Limits by flight condition are stored as ", h("a", { href: "#/limits" }, "limit sets"), ", with author and date of each version."];
-  const element = h("div.stack.form", labelled("Limits", sets, { hint: own !== null && stored }).element, fields);
+  const limits = labelled("Limits", sets, { hint: own !== null && stored }).element;
+  const element = h("div.stack.form", limits, fields);
+  let onSet = false;
   const ready = load();
 
   async function load() {
@@ -105,15 +108,18 @@ export function createLimitChoice(api, own) {
     return stored.length;
   }
 
-  function adapt() {
-    fields.hidden = sets.value === "";
+  function adapt(isSet = onSet) {
+    onSet = isSet;
+    limits.hidden = onSet;
+    fields.hidden = !onSet && sets.value === "";
   }
 
   function chosen() {
-    if (sets.value === "") return {};
+    if (!onSet && sets.value === "") return {};
     const given = inputs.filter(({ input }) => input.value !== "");
-    return { limit_set: sets.value, condition: Object.fromEntries(given.map(({ key, input }) => [key, Number(input.value)])) };
+    const condition = Object.fromEntries(given.map(({ key, input }) => [key, Number(input.value)]));
+    return onSet ? { condition } : { limit_set: sets.value, condition };
   }
 
-  return { element, ready, chosen };
+  return { element, ready, chosen, adapt };
 }

@@ -18,6 +18,7 @@ import { createBackfill } from "./backfill.js";
 import { createConnection } from "./connection.js";
 import { createFlightLimits, limitsNote } from "./flight_limits.js";
 import { createFlightMarkers, markerNote } from "./flight_markers.js";
+import { alertLevel, createSetLine, inUse, useNote } from "./flight_monitors.js";
 import { isStale, LEVEL_OF, staleText, textOf } from "./headline.js";
 import { createLivePanel } from "./live_panel.js";
 import { acknowledgementOf, alertText, createFlightPanels, recordedFlag, sourceText } from "./panels.js";
@@ -53,6 +54,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     { set: (kind) => api.post(`${path}/markers`, { kind }), heard: () => tone.caution(), unheard: () => tone.caution() },
   );
   const limits = createFlightLimits(panels.limits, { api, path });
+  const setLine = createSetLine(panels.monitors);
   panels.transport.prepend(panels.calls);
   panels.events.prepend(panels.marker);
   const scene = recorded ? besideRecording(panels.scene, recorded.beside) : createSceneFrame(panels.scene, id);
@@ -63,7 +65,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   const raised = new Set();
   let hello = null; // set together with display
   let display = null;
-  let described = { source: "–", monitor: "–" }; // for the status strip
+  let described = { source: "–", monitor: ["–"] }; // for the status strip
   let notes = null; // of a replayed recording
   let source = null; // of a live flight
   let address = null;
@@ -89,6 +91,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     transport: onTransport,
     live: onLive,
     limits: onLimits,
+    monitor: onMonitor,
     heartbeat: onHeartbeat,
     reset: onReset,
     gap: backfill.need,
@@ -98,8 +101,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
 
   function onHello(message, again) {
     hello = message;
-    const { channels, epsilon, lead, warnings, state, reason: why, cause, mode, validity, no_rest: noRest } = hello;
-    described = { mode, source: sourceText(hello.source, hello.name), monitor: hello.monitor.name, noRest, warnings, validity };
+    const { state, reason: why, cause } = hello;
     if (!again) {
       display = createAssessmentDisplay(panels, { hello, api, path, alarm, events });
       if (hello.source.kind === "recording") showNotes();
@@ -109,7 +111,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
       }
     }
     if (hello.head < display.seq) forgetFrom(hello.head);
-    alarm.describe({ epsilon, alertAbove: alertAbove(), guarantee: hello.guarantee, lead, warnings, limits: exceededWords(withLimits(channels, hello.monitors[0].limits)), channels });
+    describe();
     showLimits(hello.limits);
     onTransport(hello.transport);
     if (hello.live) onLive(hello.live);
@@ -127,6 +129,14 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     resumed = restarts;
     scene.wake();
     display.resume();
+  }
+
+  /** The alarm authority, on the status strip and in the words of alarms. */
+  function describe() {
+    const { channels, epsilon, lead, warnings, mode, validity, no_rest: noRest } = hello;
+    setLine.show(hello);
+    described = { mode, source: sourceText(hello.source, hello.name), monitor: inUse(hello), noRest, warnings, validity };
+    alarm.describe({ epsilon, alertAbove: alertLevel(hello), guarantee: hello.guarantee, lead, warnings, limits: exceededWords(withLimits(channels, hello.monitors[0].limits)), channels });
   }
 
   /** Samples that the killed server had not stored are gone: the source must send them again. */
@@ -179,16 +189,12 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     onFrames([], newest);
   }
 
-  function alertAbove() {
-    return hello.monitors[0].alert_above;
-  }
-
   function onAlarm(raisedAlarm) {
     const { number, t, level, kind, acknowledged } = raisedAlarm;
     const fresh = !raised.has(number);
     raised.add(number);
     alarm.onAlarm(raisedAlarm);
-    const event = { t, text: alertText(raisedAlarm, alertAbove(), hello.channels), level: LEVEL_OF[level], seen: kind === "limit" };
+    const event = { t, text: alertText(raisedAlarm, alertLevel(hello), hello.channels), level: LEVEL_OF[level], seen: kind === "limit" };
     note({ event: fresh && event, flag: recordedFlag(raisedAlarm) });
     if (acknowledged) events.add(acknowledgementOf(raisedAlarm, hello.mode === "live"));
   }
@@ -213,6 +219,16 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     showLimits(inForce);
     if (inForce === null) return; // a seek to before the first limits
     note(limitsNote(inForce));
+  }
+
+  /** Another monitor of the set from the next sample on, or none. */
+  function onMonitor({ held, type: _, ...authority }) {
+    Object.assign(hello, authority);
+    hello.held = [...hello.held, held];
+    describe();
+    display.useAuthority();
+    showLimits(null);
+    note({ event: useNote(hello, held.t), flag: null });
   }
 
   function showLimits(inForce) {

@@ -29,6 +29,7 @@ export function createFlightPanels(element) {
   const part = (tag, name, ...children) => h(tag, { class: name }, ...children);
   const panels = {
     status: h("section", { "aria-label": "Status" }),
+    monitors: h("p", { class: "flight-monitors", "aria-label": "Monitor in use", hidden: true }),
     limits: h("p", { "aria-label": "Limits in force", hidden: true }),
     notice: h("div", { class: "notice", role: "status", hidden: true }),
     alarm: h("section", { "aria-label": "Alarm" }),
@@ -47,7 +48,7 @@ export function createFlightPanels(element) {
     marker: h("p", { class: "marker-last", role: "alert", hidden: true }),
     transport: h("section", { "aria-label": "Transport" }),
   };
-  const left = part("div", "strips-column", panels.alarm, panels.refused, panels.problem, panels.notice, panels.limits, panels.address, panels.strips);
+  const left = part("div", "strips-column", panels.alarm, panels.refused, panels.problem, panels.notice, panels.monitors, panels.limits, panels.address, panels.strips);
   const right = part("div", "side-column", part("div", "scene-cell", panels.scene, panels.lost), part("section", "gauge-panel", panels.gauge, panels.rest, panels.ahead), panels.events);
   const view = part("div", "flight", h("h1", { class: "visually-hidden" }, "Flight"), panels.status, part("div", "fly", left, right), panels.transport);
   element.replaceChildren(view);

@@ -17,6 +17,7 @@ import { magnitudeIn, quantity, secondsText } from "../lib/numbers.js";
 import { summaryLines } from "./assessment/risk_ahead.js";
 import { createRiskGauge } from "./assessment/risk_gauge.js";
 import { putLines } from "./flight_limits.js";
+import { alertLevel, usedEvents } from "./flight_monitors.js";
 import { markerNote, markerText } from "./flight_markers.js";
 import { LEVEL_OF, resultOf } from "./headline.js";
 import { beginningNote, lossText } from "./live_panel.js";
@@ -46,8 +47,8 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   const gauge = createRiskGauge(panels.gauge);
   const source = sourceText(flight.source, flight.name);
   const nothing = { age: NaN, latency: NaN, skipped: 0, lost: flight.lost, unwritten: 0, problem: "", utc: null };
-  const shown = { mode: flight.mode, source, monitor: flight.monitor, warnings: flight.warnings, link: "over", staleAfter: 1, playing: false, live: false, headline: null, figures: nothing };
-  const alertAbove = flight.monitors[0].alert_above;
+  const shown = { mode: flight.mode, source, monitor: [flight.monitor_set?.name ?? flight.monitor], warnings: flight.warnings, link: "over", staleAfter: 1, playing: false, live: false, headline: null, figures: nothing };
+  const alertAbove = alertLevel(flight);
   const isLive = flight.mode === "live";
   const isOpen = isLive && flight.progress === "interrupted" && flight.recording === null; // its source may continue it, and a person may end it
   let chart = null;
@@ -129,7 +130,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
       api.get("/catalog"), api.get(`/monitors/${flight.monitor}`), api.get(`${path}/alarms`), readFrames(), marked, api.get(`${path}/limits`),
     ]);
     if (closed) return;
-    shown.monitor = monitor.name;
+    if (flight.monitor_set === null) shown.monitor = [monitor.name];
     status.update(shown);
     const { passes, longest } = longestPass(frames);
     const held = heldDuring(flight.limits_held ?? [], longest);
@@ -155,7 +156,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     const notes = [alarms.map(alarmNote), put.map(limitsPut), (flight.live?.begun ?? []).map(beginningNote), markers.map(markerNote)].flat();
     for (const { flag } of notes) if (flag) chart.flag(flag);
     const acknowledgements = alarms.filter(({ acknowledged }) => acknowledged).map((alarm) => acknowledgementOf(alarm, isLive));
-    [...notes.map(({ event }) => event), ...acknowledgements].sort((a, b) => a.t - b.t).forEach(events.add);
+    [...notes.map(({ event }) => event), ...usedEvents(flight), ...acknowledgements].sort((a, b) => a.t - b.t).forEach(events.add);
   }
 
   /** Alarms left unacknowledged in flight can be acknowledged here; the headline changes with them. */
@@ -203,9 +204,10 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   }
 
   function again(source, name) {
-    const { monitor, epsilon } = flight;
+    const { monitor, epsilon, monitor_set: set } = flight;
     const monitors = flight.monitors.filter(({ authority }) => !authority).map(({ id }) => id);
-    const request = { source, monitor, monitors, epsilon, ...(name ? { name } : {}) };
+    const flown = set === null ? { monitor, monitors, epsilon } : { monitor_set: set.id, condition: set.fixed };
+    const request = { source, ...flown, ...(name ? { name } : {}) };
     return failure.attempt(() => startFlight({ api, navigate }, request));
   }
 

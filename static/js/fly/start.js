@@ -2,7 +2,7 @@
  * Start a flight, or open one that is in progress or has ended.
  *
  * showFlightStart(element, {query, api, navigate}) -> {close()}
- *     query: kind, monitor, epsilon, dataset, outcome, rollout, seed fill in the form (#/fly?monitor=3f9a)
+ *     query: kind, monitor or set, epsilon, dataset, outcome, rollout, seed fill in the form (#/fly?monitor=3f9a)
  */
 
 import { createForm, fold, labelled, numberInput, radioGroup, select } from "../forms/controls.js";
@@ -25,17 +25,17 @@ const WAIT = 1.5; // intervals of the monitor that a sample waits for others by 
 const KINDS = [["simulated", "Simulated"], ["replay", "Replay"], ["live", "Live"]];
 
 export function showFlightStart(element, { query, api, navigate }) {
-  const loads = ["/monitors", "/datasets", "/recordings", "/flights"];
+  const loads = ["/monitors", "/monitor-sets", "/datasets", "/recordings", "/flights"];
   return loadingView(element, { title: "Fly", text: "Looking for monitors and flights", loads, build });
 
-  async function build({ keep, again }, monitors, datasets, recordings, flights) {
+  async function build({ keep, again }, monitors, sets, datasets, recordings, flights) {
     const list = createFlightList(monitors);
     list.show(flights);
     keep(watching(list.element, async () => list.show(await api.get("/flights")), REFRESH));
     const training = monitors.length === 0 ? keep(await jobList({ api, kind: "monitor", done: again })) : null;
     const start = training
       ? noMonitor(training.element, { api, again })
-      : startForm({ monitors, datasets, recordings, query, api, navigate });
+      : startForm({ monitors, sets, datasets, recordings, query, api, navigate });
     return h("div.page", h("div.columns.start-columns", start, list.element));
   }
 }
@@ -88,8 +88,8 @@ function createFlightList(monitors) {
 function flightRow(flight, names, verb) {
   const source = sourceText(flight.source, flight.name);
   const { words, level } = resultOf(flight);
-  const monitor = names.get(flight.monitor) ?? flight.monitor;
-  const about = `${monitor} at ε ${flight.epsilon}, ${flight.created.slice(0, 16).replace("T", " ")} UTC`;
+  const monitor = `${names.get(flight.monitor) ?? flight.monitor} at ε ${flight.epsilon}`;
+  const about = `${flight.monitor_set ? `monitor set ${flight.monitor_set.name}` : monitor}, ${flight.created.slice(0, 16).replace("T", " ")} UTC`;
   return h(
     "li",
     { class: "flight-row", "data-flight": flight.id },
@@ -105,10 +105,14 @@ function ageText({ status, beside, state, reason: why, age }) {
   return isStale ? staleText(state === "stale" ? why : "", age) : "";
 }
 
-function startForm({ monitors, datasets, recordings, query, api, navigate }) {
+function startForm({ monitors, sets, datasets, recordings, query, api, navigate }) {
+  const setOptions = sets.map(({ id, name, cases }) => h("option", { value: id }, `${name} (${cases.length} conditions)`));
   const monitor = select(
-    monitors.map(({ id, name, lead, n_unsafe: failures, warnings }) => [id, `${name} (${lead} s ahead, ${failures} failures) ${warningWords({ warnings })}`]),
-    { id: "monitor", value: query.get("monitor"), oninput: () => (byHand = true) },
+    [
+      ...monitors.map(({ id, name, lead, n_unsafe: failures, warnings }) => [id, `${name} (${lead} s ahead, ${failures} failures) ${warningWords({ warnings })}`]),
+      sets.length > 0 && h("optgroup", { label: "Monitor sets" }, setOptions),
+    ],
+    { id: "monitor", value: query.get("set") ?? query.get("monitor"), oninput: () => (byHand = true) },
   );
   const epsilon = numberInput({ min: 0, max: 1, value: query.get("epsilon") });
   const served = h("span");
@@ -128,16 +132,20 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
   const replayed = h("div.stack", labelled("Dataset", dataset).element, labelled("Rollout", rollout, { hint: range }).element, none);
   const live = createLiveFields(recordings);
   const warnings = h("div");
-  const chosen = () => monitors.find(({ id }) => id === monitor.value);
+  const chosenSet = () => sets.find(({ id }) => id === monitor.value);
+  const members = () => (chosenSet()?.cases ?? [{ monitor: monitor.value }]).map((each) => monitors.find(({ id }) => id === each.monitor));
+  const promised = labelled("ε, accepted miss rate", epsilon, { hint: served }).element;
   const display = createDisplayChoice(monitors);
   const limits = createLimitChoice(api, "the monitor's own");
+  let hasLimits = may("POST /limit-sets");
   limits.ready.then((n) => {
-    limits.element.hidden = n === 0 && !may("POST /limit-sets");
+    hasLimits ||= n > 0;
+    adapt();
   });
   let epsilonOf = query.has("epsilon") ? query.get("monitor") : "";
   let warned = ""; // the monitor and the epsilon of the warnings
   let kindOf = ""; // the kind that the preselected monitor fits
-  let byHand = query.has("monitor");
+  let byHand = query.has("monitor") || query.has("set");
   const fits = { simulated: isSimulated, replay: ({ dt }) => datasets.some((data) => sameInterval(data.dt, dt)), live: () => true };
   const recordingsLink = h("a", { href: "#/recordings" }, "Recordings page");
   const { element, form, go } = createForm({
@@ -156,7 +164,7 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
       simulated,
       replayed,
       live.element,
-      labelled("ε, accepted miss rate", epsilon, { hint: served }).element,
+      promised,
     ],
     send: () => startFlight({ api, navigate }, request()),
   });
@@ -168,11 +176,16 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
     const shown = kind.value();
     if (!byHand && shown !== kindOf) monitor.value = fittingMonitor(monitors, fits[shown]).id;
     kindOf = shown;
-    const now = chosen();
+    const [now] = members();
+    const isSet = chosenSet() !== undefined;
     if (epsilonOf !== now.id) epsilon.value = now.epsilon;
     epsilonOf = now.id;
     warn(now);
     display.adapt(now);
+    promised.hidden = isSet;
+    if (isSet) display.element.hidden = true;
+    limits.adapt(isSet);
+    limits.element.hidden = !isSet && !hasLimits;
     const least = Number(now.smallest_epsilon.toPrecision(3));
     const promise = epsilon.value >= now.smallest_epsilon ? guarantee({ epsilon: Number(epsilon.value), lead: now.lead, guarantee: now.recipe.guarantee }) : "";
     put(served, `Calibrated on ${now.n_unsafe} failures, enough for ε ≥ ${least}. ${promise}`);
@@ -200,6 +213,11 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
 
   /** Warnings depend on epsilon: those at the typed one. */
   async function warn(now) {
+    if (chosenSet()) {
+      warned = "";
+      warnings.replaceChildren(...warningLines({ warnings: [...new Set(members().flatMap((each) => each.warnings))] }));
+      return;
+    }
     const typed = Number(epsilon.value);
     const pair = `${now.id} ${typed}`;
     if (pair === warned) return;
@@ -214,7 +232,9 @@ function startForm({ monitors, datasets, recordings, query, api, navigate }) {
       replay: () => ({ kind: "replay", dataset: dataset.value, outcome: outcome.value, rollout: Number(rollout.value) }),
       simulated: () => ({ kind: "simulated", seed: Number(seed.value), outcome: outcome.value }),
     };
-    return { source: sources[kind.value()](), monitor: monitor.value, monitors: display.chosen(), ...limits.chosen(), epsilon: Number(epsilon.value) };
+    const source = sources[kind.value()]();
+    if (chosenSet()) return { source, monitor_set: monitor.value, ...limits.chosen() };
+    return { source, monitor: monitor.value, monitors: display.chosen(), ...limits.chosen(), epsilon: Number(epsilon.value) };
   }
 }
 

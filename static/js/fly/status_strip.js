@@ -2,6 +2,7 @@
  * The line that shows how far the display can be trusted: source, age and completeness.
  *
  * createStatusStrip(element) -> {update(status)}
+ *     monitor: [text, level]
  *     mode: "live", "replay" or "simulated"; only live data have an age and a latency.   live: false for an ended flight
  *     figures: {age [s], latency [ms], skipped, lost, unwritten, problem, utc: Date | null}     lost: null where unknown
  *     noRest: why the monitor forecasts no rest of the card.   recorded: played from a file, without link and record
@@ -42,7 +43,7 @@ export function createStatusStrip(element) {
     put(mode, from === undefined ? "" : live ? from.toUpperCase() : "RECORD");
     mode.dataset.mode = live ? (from ?? "") : "record";
     show("source", source);
-    show("monitor", monitor);
+    show("monitor", ...monitor);
     for (const key of ["source", "monitor"]) items[key].value.title = items[key].value.textContent; // may be cut
     if (noRest) items.monitor.value.title += ". Rest of the test card: no forecast with this method";
     put(items.monitor.label, validity === "checked" ? "monitor" : `monitor, validity ${validity}`);

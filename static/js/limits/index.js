@@ -1,5 +1,6 @@
 /** Limit sets: #/limits lists them and creates one; #/limits/{id} shows its versions and adds the next. */
 
+import { conditionColumns } from "../forms/conditions.js";
 import { needs } from "../lib/api.js";
 import { limitWords, loadCatalog } from "../lib/catalog.js";
 import { button, empty, formatted, guideLink, h, link, loadingView, pageOf, panel, table } from "../lib/dom.js";
@@ -60,24 +61,10 @@ export function show(element, { id, api, navigate }) {
 }
 
 function versionPanel({ version, by, created, text, cases }, catalog) {
-  const conditions = catalog.conditions.map(({ key, label, unit }) => [
-    `${label}${unit && ` [${unit}]`}`,
-    ({ ranges }) => rangeText(ranges[key]),
-    "nowrap",
-  ]);
-  const columns = [
-    ["Condition", ({ name }) => name, "name"],
-    ...conditions,
-    ["Limits", ({ limits }) => formatted(limitWords(catalog, limits))],
-  ];
+  const columns = [...conditionColumns(catalog), ["Limits", ({ limits }) => formatted(limitWords(catalog, limits))]];
   return panel(
     `Version ${version}`,
     [h("p", `By ${by}, ${moment(created)}${text ? `: ${text}` : ""}`), table({ columns, items: cases, panel: false })],
     { "aria-label": `Version ${version}` },
   );
-}
-
-function rangeText([low, high] = [null, null]) {
-  const parts = [low !== null && `from ${low}`, high !== null && `below ${high}`].filter(Boolean);
-  return parts.join(", ") || "any";
 }

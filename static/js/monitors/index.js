@@ -44,6 +44,7 @@ function showMonitors(element, { api, navigate }) {
       link("Compare five methods", "#/monitors/compare"),
       link("Lead-time study", "#/monitors/sweep"),
       link("Limit sets", "#/limits"),
+      link("Monitor sets", "#/sets"),
       uploader(api, navigate),
     ];
     return pageOf("Monitors", actions, jobs.element, content);

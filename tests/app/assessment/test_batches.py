@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.assessment.batches import ChannelReader, decode_batch
+from app.assessment.batches import ChannelReader, Names, decode_batch
 from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.recording import TelemetryError
 from core.channels import KEYS, LATERAL, channel
+from core.conditions import CONDITION_KEYS
 
 MAPPED = Mapping(
     {"beta": ChannelSource("aos", "deg", -1, 0.1), "p": ChannelSource("p", "rad/s")},
@@ -36,7 +37,21 @@ def test_samples_sent_alone_are_those_sent_together(mapping: Mapping | None) -> 
         (alone,) = reader.samples(decode_batch(text))
         assert alone.y.tobytes() == expected.y.tobytes()
         assert repr((alone.t, *alone[2:])) == repr((expected.t, *expected[2:]))
-        assert (alone.condition or ())[1:] == (None, None)
+        assert (alone.condition or ())[1:] == (None, None, None)
+
+
+@pytest.mark.parametrize("is_mapped", [False, True], ids=["own names", "mapped"])
+def test_a_condition_that_is_a_channel_is_read_in_its_unit(is_mapped: bool) -> None:
+    height = channel("altitude", "h", "ft", "altitude")
+    source = {"altitude": ChannelSource("alt", "ft")}
+    mapping = Mapping(MAPPED.channels | source, MAPPED.times) if is_mapped else None
+    names: Names | None = {"altitude": "alt"} if is_mapped else None
+    reader = ChannelReader(mapping, names, LATERAL.plus(height))
+    name = "alt" if is_mapped else "altitude"
+    (sample,) = reader.samples(decode_batch(f'{{"t": 0.0, "beta": 0.1, "{name}": 10000.0}}'))
+    assert sample.condition is not None
+    assert sample.condition[CONDITION_KEYS.index("altitude")] == pytest.approx(3048.0)
+    assert sample.y[-1] == pytest.approx(10000.0)
 
 
 def test_a_computed_channel_that_is_sent_is_not_read_of_one_sample_nor_of_many() -> None:

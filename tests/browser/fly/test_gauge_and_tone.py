@@ -298,7 +298,7 @@ def test_skipped_samples_and_a_store_that_takes_nothing_are_said(strips: Open) -
           age: 0, latency: 0, skipped: 1074, lost: 0, unwritten: 0, utc: null, problem: 'no disk',
         };
         createStatusStrip(element).update({
-          mode: 'live', source: 'a file', monitor: '', link: 'open', live: true, figures,
+          mode: 'live', source: 'a file', monitor: [''], link: 'open', live: true, figures,
           headline: null,
         });
         const said = (item) => element.querySelector(`[data-item="${item}"]`);

@@ -1,18 +1,14 @@
 """Limit sets: at most one condition applies, and `find` equals a search over all."""
 
+from itertools import product
 from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.limits.limit_sets import (
-    CONDITION_KEYS,
-    LimitCase,
-    LimitSet,
-    limit_set_from_plain,
-    limit_set_to_plain,
-)
+from core.conditions import CONDITION_KEYS, NO_CONDITION
+from core.limits.limit_sets import LimitCase, LimitSet, limit_set_from_plain, limit_set_to_plain
 from core.limits.limits import Limits
 from tests.support.repetition import examples
 
@@ -34,7 +30,7 @@ def test_conditions_overlap_if_one_flight_can_be_both(one: Any, other: Any, cond
     both = all(c.holds(condition) for c in cases)
     if both:
         assert cases[0].overlaps(cases[1])
-    grid = [(a, b, c) for a in range(-1, 6) for b in range(-1, 6) for c in range(-1, 6)]
+    grid = product(range(-1, 6), repeat=len(CONDITION_KEYS))
     somewhere = any(all(c.holds(point) for c in cases) for point in grid)
     assert cases[0].overlaps(cases[1]) == somewhere
     if not somewhere:
@@ -44,11 +40,11 @@ def test_conditions_overlap_if_one_flight_can_be_both(one: Any, other: Any, cond
 
 def test_a_range_ends_before_its_second_number_and_missing_values_are_named() -> None:
     limits = LimitSet((case("slow", {"mach": (None, 0.8)}), case("fast", {"mach": (0.8, 1.2)})))
-    assert [limits.find((mach, "missing", "missing")) for mach in (0.79, 0.8, 1.2)] == [0, 1, None]
-    assert limits.find(("stale", 1.0, 1.0)) is None
+    assert [limits.find((mach, *NO_CONDITION[1:])) for mach in (0.79, 0.8, 1.2)] == [0, 1, None]
+    assert limits.find(("stale", 1.0, 1.0, 1.0)) is None
     assert limits.needed == ["mach"]
-    assert limits.why_none(("stale", "missing", "missing")) == "mach is stale"
-    assert limits.why_none((1.2, "missing", "missing")) == "no limits for this mach"
+    assert limits.why_none(("stale", *NO_CONDITION[1:])) == "mach is stale"
+    assert limits.why_none((1.2, *NO_CONDITION[1:])) == "no limits for this mach"
     assert limit_set_from_plain(limit_set_to_plain(limits)) == limits
 
 
@@ -70,7 +66,7 @@ def test_a_set_is_unambiguous(cases: tuple[LimitCase, ...], words: str) -> None:
     [
         ({"mach": (1.0, 1.0)}, "is empty"),
         ({"mach": (float("nan"), 1.0)}, "non-finite"),
-        ({"altitude": (0.0, 1.0)}, "choose mach"),
+        ({"temperature": (0.0, 1.0)}, "choose mach"),
     ],
 )
 def test_a_range_has_a_known_channel_and_is_not_empty(ranges: Any, words: str) -> None:

@@ -8,6 +8,7 @@
  *   setAssessment({state, reason, cause}, quiet)    as the server says it, without a sample
  *   setHeadline({status, level, beside})     as the server decided it
  *   setLinked(boolean)         whether the server is heard: false from the first missed heartbeat on
+ *   useAuthority()             the alarm authority in hello changed
  *   lose(), resume()           the connection; after it the newest sample counts again
  *   refresh(wall) -> Headline      draws the gauge; returns the headline for every view, stale where samples stopped
  *   withdrawal, cause          cause of the newest invalid sample; why it is stale, empty without a reason
@@ -18,6 +19,7 @@ import { createFlightChart } from "../../charts/live/flight_chart.js";
 import { createTimeline } from "../../charts/live/timeline.js";
 import { shownState } from "../../lib/states.js";
 import { formatTime, riskText } from "../../lib/numbers.js";
+import { alertLevel } from "../flight_monitors.js";
 import { headlineOf, isStale } from "../headline.js";
 import { windowOf } from "../panels.js";
 import { createRestOfCard } from "./rest_of_card.js";
@@ -32,7 +34,7 @@ const ALARMED = ["stale", "invalid"]; // cautions, which are listed as alarms
 
 export function createAssessmentDisplay(panels, { hello, api, path, alarm, events }) {
   const { channels, lead, dt } = hello;
-  const alertAbove = hello.monitors[0].alert_above;
+  const alertAbove = alertLevel(hello);
   const timeline = createTimeline({ seconds: windowOf(hello), lead, dt, staleAfter: hello.stale_after, start: hello.transport.start });
   timeline.begin(performance.now());
   const history = createSeekHistory(api, path, hello.transport);
@@ -78,8 +80,11 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
       return;
     }
     noted = alertNote();
-    gauge.update({ ...frame, note: noted, alertAbove });
+    gauge.update({ ...frame, note: noted, alertAbove: levelNow() });
   }
+
+  /** Of the alarm authority, which changes with the flight condition of a monitor set. */
+  const levelNow = () => hello.monitors[0].alert_above;
 
   function headlineNow(wall) {
     const begins = hello.mode === "live" && hello.head < 0;
@@ -111,7 +116,7 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
   }
 
   function withdraw() {
-    gauge.update({ ...assessment, p_value: null, last: newest?.p_value, said: lastCause(), alertAbove });
+    gauge.update({ ...assessment, p_value: null, last: newest?.p_value, said: lastCause(), alertAbove: levelNow() });
     chart.setState(assessment);
   }
 
@@ -167,6 +172,9 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
     },
     lose,
     resume,
+    useAuthority: () => {
+      panels.rest.hidden = Boolean(hello.no_rest);
+    },
     get withdrawal() {
       return lastCause();
     },

@@ -1,0 +1,136 @@
+"""What applies to a sample at its flight condition: the limits, and the monitors they suit."""
+
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any, Generic, NamedTuple, TypeVar
+
+from core.conditions import (
+    CONDITION_KEYS,
+    MISSING,
+    NO_CONDITION,
+    STALE,
+    Cases,
+    Condition,
+)
+from core.limits.limits import Envelope, Specification
+from core.monitor import Assessment, State
+from core.monitor.assessment import Cause, withdrawn
+
+CONDITION_VALID_S = 1.0
+"""How long a flight-condition value stays valid without a newer one [s]."""
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Ruling:
+    """What applies to a sample.
+
+    limits, specification: None where unknown.   case: name of the flight condition; empty where
+    there is none.   reasons: for each monitor, why it is not applicable; empty where it is.
+    cause: of these reasons.
+    """
+
+    limits: Envelope | None
+    specification: Specification
+    case: str
+    reasons: tuple[str, ...]
+    cause: Cause
+
+    def apply(
+        self, assessment: Assessment, display: Sequence[Assessment] = ()
+    ) -> tuple[Assessment, tuple[Assessment, ...]]:
+        """Replace each assessment by a withdrawal where its monitor is not applicable."""
+        ruled = [
+            withdrawn(each.t, reason, self.cause)
+            if reason and each.state is not State.STALE
+            else each
+            for each, reason in zip((assessment, *display), self.reasons, strict=True)
+        ]
+        return ruled[0], tuple(ruled[1:])
+
+
+class InForceFrom(NamedTuple):
+    """A ruling for samples after t [s] (None: all samples). ruling None: the monitor's own."""
+
+    t: float | None
+    ruling: Ruling | None
+
+
+AnyRuling = TypeVar("AnyRuling", bound=Ruling)
+
+
+class ConditionRule(ABC, Generic[AnyRuling]):
+    """Which case of a set holds at a flight condition; declared values override measured ones."""
+
+    def __init__(self, cases: Cases[Any], declared: Mapping[Any, float]) -> None:
+        self._cases = cases
+        self._declared = tuple(declared.get(key) for key in CONDITION_KEYS)
+        self._rulings: dict[int | str, AnyRuling] = {}
+        self._last: tuple[Condition, AnyRuling] | None = None
+
+    def at(self, measured: Condition = NO_CONDITION) -> AnyRuling:
+        """The ruling at a condition; the same object while nothing changes."""
+        if self._last is not None and self._last[0] == measured:
+            return self._last[1]
+        condition = tuple(
+            value if declared is None else declared
+            for declared, value in zip(self._declared, measured, strict=True)
+        )
+        ruling = self._ruling(condition)
+        self._last = measured, ruling
+        return ruling
+
+    def _ruling(self, condition: Condition) -> AnyRuling:
+        case = self._cases.find(condition)
+        key = self._cases.why_none(condition) if case is None else case
+        if key not in self._rulings:
+            if len(self._rulings) > 2 * len(self._cases.cases):
+                self._rulings.clear()
+            self._rulings[key] = self._of_case(key) if isinstance(key, int) else self._without(key)
+        return self._rulings[key]
+
+    @abstractmethod
+    def _of_case(self, case: int) -> AnyRuling: ...
+
+    @abstractmethod
+    def _without(self, reason: str) -> AnyRuling:
+        """The ruling where no case holds, and why."""
+
+
+class ConditionHold:
+    """The measured condition at each time of a live flight, from the values received by then.
+
+    A value applies until the next one of its channel, for at most CONDITION_VALID_S.
+    """
+
+    def __init__(self) -> None:
+        self._values: dict[int, deque[tuple[float, float]]] = {}
+
+    def note(self, t: float, condition: Sequence[float | None]) -> None:
+        """Store the values sent with a sample: NaN means unknown, None means not sent."""
+        for k, value in enumerate(condition):
+            if value is not None:
+                self._values.setdefault(k, deque(maxlen=10_000)).append((t, value))
+
+    def at(self, t: float) -> Condition:
+        """The condition at a grid time. Times increase, except where the clock steps."""
+        if not self._values:
+            return NO_CONDITION
+        return tuple(self._at(k, t) for k in range(len(CONDITION_KEYS)))
+
+    def _at(self, k: int, t: float) -> float | str:
+        values = self._values.get(k)
+        if not values:
+            return MISSING
+        newest = next((i for i in reversed(range(len(values))) if values[i][0] <= t + ROUNDING), -1)
+        if newest < 0:
+            return MISSING
+        for _ in range(newest):
+            values.popleft()
+        when, value = values[0]
+        if not isfinite(value):
+            return MISSING
+        return value if t - when <= CONDITION_VALID_S else STALE

@@ -1,0 +1,77 @@
+"""The monitor set of a flight: loaded from the store, and sent."""
+
+from collections.abc import Mapping, Sequence
+
+from app.assessment.monitors_in_use import MonitorsInUse
+from app.flights.display_monitors import DisplayMonitor, check_limits
+from app.messages import MonitorSetStatus, SetCondition
+from app.store.flights import FlightInfo
+from app.store.monitor_sets import MonitorSetInfo
+from app.store.store import Store
+from core.conditions import ConditionKey
+from core.monitor.monitor_set import MonitorCase, MonitorSet
+
+
+def monitors_in_use(
+    store: Store, info: MonitorSetInfo, fixed: Mapping[ConditionKey, float]
+) -> MonitorsInUse:
+    """A stored set with its monitors; slow, for a thread. NotFound; LimitsUnknown."""
+    cases = []
+    for case in info.cases:
+        monitor = store.monitors.get(case.monitor)
+        check_limits(case.monitor, monitor)
+        cases.append(MonitorCase(case.name, case.ranges, monitor))
+    ids = tuple(case.monitor for case in info.cases)
+    names = tuple(case.monitor_name for case in info.cases)
+    return MonitorsInUse(info.id, info.name, MonitorSet(tuple(cases)), ids, names, fixed)
+
+
+def member(in_use: MonitorsInUse, case: int) -> DisplayMonitor:
+    """The monitor of a case, at its own epsilon."""
+    monitor = in_use.monitor(case)
+    return DisplayMonitor(in_use.ids[case], in_use.names[case], monitor, monitor.check_epsilon())
+
+
+def members(in_use: MonitorsInUse) -> list[DisplayMonitor]:
+    return [member(in_use, case) for case in range(len(in_use.ids))]
+
+
+def set_status(in_use: MonitorsInUse, case: str, reason: str) -> MonitorSetStatus:
+    """A set as sent. case: that holds now, empty for none; reason: why none does."""
+    conditions = [
+        SetCondition(
+            name=each.name,
+            ranges=dict(each.ranges),
+            monitor=shown.id,
+            monitor_name=shown.name,
+            alert_above=shown.monitor.alert_above(shown.epsilon),
+        )
+        for each, shown in zip(in_use.monitors.cases, members(in_use), strict=True)
+    ]
+    return MonitorSetStatus(
+        id=in_use.id,
+        name=in_use.name,
+        fixed=dict(in_use.fixed),
+        conditions=conditions,
+        case=case,
+        reason=reason,
+    )
+
+
+def stored_sets(store: Store, flights: Sequence[FlightInfo]) -> dict[str, MonitorSetStatus]:
+    """The monitor sets of stored flights by flight id; flights without one are absent."""
+    flown = store.monitor_sets.of_flights(info.id for info in flights)
+    monitors = {info.id: info for info in store.monitors.all()} if flown else {}
+    return {
+        flight_id: MonitorSetStatus(
+            id=each.info.id,
+            name=each.info.name,
+            fixed=each.fixed,
+            conditions=[
+                SetCondition(**vars(case), alert_above=info.alert_above(info.epsilon))
+                for case in each.info.cases
+                for info in (monitors[case.monitor],)
+            ],
+        )
+        for flight_id, each in flown.items()
+    }

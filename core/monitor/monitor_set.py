@@ -1,0 +1,54 @@
+"""Monitors of one test by flight condition, such as Mach number and altitude."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+from core.conditions import Case, Cases
+
+
+class SetMember(Protocol):
+    """What a set needs to know of a monitor, or of a record of one."""
+
+    @property
+    def dictionary(self) -> Any: ...
+    @property
+    def dt(self) -> float: ...
+    @property
+    def h(self) -> int: ...
+
+
+SHARED: dict[str, Callable[[SetMember], object]] = {
+    "channels": lambda monitor: monitor.dictionary,
+    "sample interval": lambda monitor: monitor.dt,
+    "lead time": lambda monitor: monitor.h,
+}
+"""In which all monitors of a set agree, in words."""
+
+M = TypeVar("M", bound=SetMember)
+
+
+@dataclass(frozen=True, eq=False)
+class MonitorCase(Case, Generic[M]):
+    """A flight condition and its monitor, used unchanged at its own epsilon."""
+
+    monitor: M
+
+
+@dataclass(frozen=True, eq=False)
+class MonitorSet(Cases[MonitorCase[M]], Generic[M]):
+    """Monitors by flight condition. ValueError for monitors that differ in what a set shares."""
+
+    kind: ClassVar[str] = "monitor set"
+    content: ClassVar[str] = "monitor"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        first, *others = self.cases
+        for case in others:
+            for word, of in SHARED.items():
+                if of(case.monitor) != of(first.monitor):
+                    raise ValueError(
+                        f"the monitors of {first.name} and {case.name} differ in their {word}: "
+                        f"choose monitors of one {word}"
+                    )
