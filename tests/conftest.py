@@ -109,6 +109,15 @@ def attas() -> "Monitor":
     return trained()
 
 
+@pytest.fixture(scope="module")
+def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """The application in process, with a data directory that the tests of a file share."""
+    from tests.support.api import api
+
+    with api(tmp_path_factory.mktemp("data")) as client:
+        yield client
+
+
 @pytest.fixture(scope="session", autouse=True)
 def hold_little() -> Iterator[None]:
     """A server here holds the least reserve: writing the full one is a third of its start."""

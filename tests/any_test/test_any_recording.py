@@ -15,19 +15,13 @@ from app.telemetry.mapping.mapping import ChannelSource, Mapping, TimeSource
 from app.telemetry.recording import TelemetryError
 from core.channels import LATERAL, LONGITUDINAL, Dictionary, channel
 from tests.support import short_period
-from tests.support.api import api, problem, store_of
+from tests.support.api import problem, store_of
 from tests.support.own_channels import TEN, monitor, ten_mat
 from tests.support.recorded import RECORDINGS, csv_of, uploaded
 from tests.support.short_period import DT
 from tests.support.tables import columns_of
 
 RNG = np.random.default_rng
-
-
-@pytest.fixture(scope="module")
-def client(tmp_path_factory: pytest.TempPathFactory):
-    with api(tmp_path_factory.mktemp("data")) as client:
-        yield client
 
 
 @pytest.fixture(scope="module")

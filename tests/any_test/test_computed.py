@@ -21,12 +21,55 @@ from core.evaluation.rates import evaluate
 from core.limits.limits import IntervalLimits, Limits, SafeInterval
 from core.monitor import Monitor, load, train
 from core.rollouts import LabelledFlights, RolloutsError
-from core.types import Array
-from tests.support import rolling_pull_out, short_period
-from tests.support.rolling_pull_out import DICTIONARY, DT, LIMIT, LOAD
+from core.types import Array, Indices
+from tests.support import short_period
+from tests.support.short_period import DT, N_SAMPLES
 
 RNG = np.random.default_rng
+DICTIONARY = Dictionary(
+    "rolling pull-out",
+    (
+        channel("alpha", "α", "rad", "angle of attack", "output", "absolute"),
+        channel("q", "q", "rad/s", "pitch rate"),
+        channel("Nz", "N_z", "g", "normal acceleration", "output", "absolute"),
+        channel("p", "p", "rad/s", "roll rate"),
+        channel("delta_e", "δ_e", "rad", "elevator", "control", "absolute"),
+        channel("delta_a", "δ_a", "rad", "aileron", "control", "absolute"),
+    ),
+)
+LOAD = "load [kN*m] = 40*Nz + 30*abs(p)"
+LIMIT = 172.0
+NOISE = np.array([1e-3, 2e-3, 0.01, 5e-3, 5e-4, 5e-4])
 WITH_LOAD = DICTIONARY.plus(computed_channel(LOAD))
+
+
+def pull_out(rng: np.random.Generator, n: int) -> tuple[Array, Array, Indices]:
+    """theta (n, 3), y (n, 81, 6), and the first sample over the limit, -1 for none.
+
+    theta: shares of the nominal stiffness, roll damping, and of the inputs.   The label comes from
+    the true load, the channels carry noise.
+    """
+    theta = rng.normal(1.0, 0.15, (n, 3))
+    stiffness, damping, size = 6.0 * theta[:, 0], 2.5 * theta[:, 1], theta[:, 2]
+    pull, roll = 0.5 + 0.1 * rng.standard_normal(n), 1.1 + 0.1 * rng.standard_normal(n)
+    alpha, q, p = np.full(n, 0.05), np.zeros(n), np.zeros(n)
+    elevator, aileron = np.zeros(n), np.zeros(n)
+    y = np.empty((n, N_SAMPLES, 6))
+    for k in range(N_SAMPLES):
+        t, h = k * DT, DT / 5
+        columns = [alpha, q, 1.0 + 20.0 * (alpha - 0.05), p, elevator - 0.02, aileron]
+        y[:, k] = np.column_stack(columns)
+        pulled = -0.07 * size * ((t >= pull) & (t < pull + 1.6))
+        rolled = 0.12 * size * ((t >= roll) & (t < roll + 1.0))
+        for _ in range(5):
+            elevator = elevator + h * 20.0 * (pulled - elevator)
+            aileron = aileron + h * 20.0 * (rolled - aileron)
+            alpha = alpha + h * (q - 0.9 * (alpha - 0.05) - 0.02 * p * p)
+            q = q + h * (-stiffness * (alpha - 0.05) - 1.2 * q - 9.0 * elevator)
+            p = p + h * (-damping * p + 25.0 * aileron)
+    over = 40.0 * y[..., 2] + 30.0 * np.abs(y[..., 3]) >= LIMIT
+    fail_index = np.where(over.any(axis=1), over.argmax(axis=1), -1)
+    return theta, y + NOISE * rng.standard_normal(y.shape), fail_index
 
 
 def written(path: Path, y: Array, **more: object) -> Path:
@@ -38,7 +81,7 @@ def written(path: Path, y: Array, **more: object) -> Path:
 
 @pytest.fixture(scope="module")
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    theta, y, fail_index = rolling_pull_out.fly(RNG(1), 1800)
+    theta, y, fail_index = pull_out(RNG(1), 1800)
     path = tmp_path_factory.mktemp("own") / "pull_out.npz"
     return written(path, y, theta=theta, fail_index=fail_index)
 
@@ -56,7 +99,7 @@ def by_load(source: Path) -> Monitor:
 
 
 def test_a_limit_on_a_load_that_is_not_measured_keeps_the_promise(by_load: Monitor) -> None:
-    _, y, fail_index = rolling_pull_out.fly(RNG(2), 2000)
+    _, y, fail_index = pull_out(RNG(2), 2000)
     fresh = LabelledFlights.of(y, dt=DT, channels=WITH_LOAD, fail_index=fail_index)
     assert by_load.dictionary.keys == WITH_LOAD.keys
     counts = evaluate(by_load, fresh.y, fresh.fail_index, np.array([0.1]))
@@ -68,7 +111,7 @@ def test_a_limit_on_a_load_that_is_not_measured_keeps_the_promise(by_load: Monit
 
 
 def test_a_stream_of_measured_channels_assesses_as_the_whole_flight(by_load: Monitor) -> None:
-    _, y, _ = rolling_pull_out.fly(RNG(3), 1)
+    _, y, _ = pull_out(RNG(3), 1)
     whole = complete(by_load.dictionary, y, DT)[0]
     np.testing.assert_array_equal(whole[:, 6], 40.0 * y[0, :, 2] + 30.0 * np.abs(y[0, :, 3]))
     stream, computed, streamed = by_load.stream(), Computed(by_load.dictionary), []
@@ -81,18 +124,11 @@ def test_a_stream_of_measured_channels_assesses_as_the_whole_flight(by_load: Mon
     assert np.isfinite(streamed).sum() > 40
 
 
-def resting_first(y: Array) -> Array:
-    """(n, 6) a flight with 3 s of rest before it."""
-    rest = y[:8].mean(axis=0)
-    noise = np.resize(y[:8] - rest, (60, y.shape[1]))
-    return np.concatenate([rest + noise, y])
-
-
 def test_a_file_without_the_load_is_scored_by_the_command_line(
     by_load: Monitor, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    _, flights, fail_index = rolling_pull_out.fly(RNG(6), 40)
-    y = resting_first(flights[int(np.flatnonzero(fail_index >= 0)[0])])
+    _, flights, fail_index = pull_out(RNG(6), 40)
+    y = short_period.resting_first(flights[int(np.flatnonzero(fail_index >= 0)[0])])
     monitor, flight = tmp_path / "load.fwm", tmp_path / "flight.csv"
     by_load.save(monitor)
     table = pd.DataFrame(y, columns=[f"{c.key} [{c.unit}]" for c in DICTIONARY.channels])
@@ -140,7 +176,7 @@ def test_the_certificate_names_the_computed_load(by_load: Monitor, tmp_path: Pat
 
 
 def test_another_aircraft_is_invalid_where_a_channel_is_computed(by_load: Monitor) -> None:
-    _, y, fail_index = rolling_pull_out.fly(RNG(4), 60)
+    _, y, fail_index = pull_out(RNG(4), 60)
     y = y[fail_index < 0]
     foreign = y.copy()
     foreign[..., 1] *= -1.0
@@ -241,7 +277,7 @@ def test_a_dictionary_file_holds_formulas_and_the_source_does_not(
 
 
 def test_python_takes_measured_channels_or_all() -> None:
-    _, y, _ = rolling_pull_out.fly(RNG(5), 400)
+    _, y, _ = pull_out(RNG(5), 400)
     limits = IntervalLimits(WITH_LOAD, {"load": SafeInterval(high=LIMIT, rest=40.0)})
     whole = complete(WITH_LOAD, y, DT)
     one, other = (
@@ -254,7 +290,7 @@ def test_python_takes_measured_channels_or_all() -> None:
 
 
 def test_a_formula_without_a_value_is_refused_with_the_flights_it_concerns() -> None:
-    _, y, _ = rolling_pull_out.fly(RNG(5), 20)
+    _, y, _ = pull_out(RNG(5), 20)
     y[:3, 10:, 2] = -1.0
     y[3:, :, 2] = 1.0
     y[4, 20:] = np.nan

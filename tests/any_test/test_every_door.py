@@ -27,10 +27,8 @@ from core.types import Array, Indices
 from tests.support import short_period
 from tests.support.api import served
 from tests.support.patience import until
-from tests.support.short_period import DICTIONARY, DT
+from tests.support.short_period import DICTIONARY, DT, REST, resting_first
 
-REST = 60
-"""Samples of rest before a pushed flight."""
 TEN = Dictionary(
     "ten channels",
     (
@@ -63,10 +61,7 @@ class Own(NamedTuple):
     def flight(self, fails: bool) -> Array:
         """At rest first; without NaN."""
         k = int(np.flatnonzero((self.fail_index < self.y.shape[1]) == fails)[0])
-        y = self.y[k]
-        noise = y[:8] - y[:8].mean(axis=0)
-        rest = y[:8].mean(axis=0) + np.resize(noise, (REST, y.shape[1]))
-        return complete(self.monitor.dictionary, np.concatenate([rest, y]), DT)
+        return complete(self.monitor.dictionary, resting_first(self.y[k]), DT)
 
 
 def limited_of(dictionary: Dictionary) -> str:

@@ -2,7 +2,6 @@
 
 import io
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +10,11 @@ import pytest
 from starlette.testclient import TestClient
 
 from core.channels import Dictionary
-from core.types import Array
-from tests.any_test.test_own_rollouts import (
+from tests.support.api import api, finished, problem, store_of
+from tests.support.rollout_files import (
     KEYS,
     TO_FILE,
     N,
-    arrays,
     as_folder,
     as_hdf5,
     as_long_csv,
@@ -24,29 +22,16 @@ from tests.any_test.test_own_rollouts import (
     as_matlab,
     as_npz,
     flights,
+    npz,
 )
-from tests.support.api import api, finished, problem, store_of
 from tests.support.short_period import DICTIONARY, DT, LIMITS
 
 PATH = "/api/v1/datasets"
 LIMIT = {"limit": "Nz=-1.1..2.9g"}
-NAMED = [channel.key for channel in DICTIONARY.channels]
-
-
-@pytest.fixture(scope="module")
-def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
-    with api(tmp_path_factory.mktemp("data")) as client:
-        yield client
 
 
 def files(*paths: Path) -> list[tuple[str, tuple[str, bytes]]]:
     return [("file", (path.name, path.read_bytes())) for path in paths]
-
-
-def npz(flown: Array, **more: Any) -> bytes:
-    file = io.BytesIO()
-    np.savez(file, **(arrays(flown) | more))  # pyright: ignore[reportArgumentType]
-    return file.getvalue()
 
 
 def add(client: TestClient, *sent: tuple[str, bytes], **said: str) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """One truth: whichever way a flight comes to a monitor, each sample is told the same."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from app.recordings.scored_file import ScoreRequest, score_file
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import STATES
 from tests.app.flights.test_withdrawal import checked, quiet_flight, strange
-from tests.support.api import api, store_of
+from tests.support.api import store_of
 from tests.support.attas import recorded, score
 from tests.support.flying import EPSILON, T, exact_monitor, failing_flight, grouped_monitor
 from tests.support.oscillator import DT, Array
@@ -29,12 +29,6 @@ class Told(NamedTuple):
     state: str
     p_value: float | None
     alert: bool | None
-
-
-@pytest.fixture(scope="module")
-def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
-    with api(tmp_path_factory.mktemp("data")) as client:
-        yield client
 
 
 def of(assessment: Assessment) -> Told:

@@ -27,7 +27,7 @@ GROUPS = ("angles", "rates", "acceleration", "surfaces", "loads", "engine")
 UNITS = ("rad", "rad/s", "g", "rad", "N*m", "Pa")
 
 
-def longitudinal(amplitude: float = 1.0) -> Array:
+def longitudinal() -> Array:
     """(N, 6) a pull and a push: N_z to 5.2 g, then to -1.6 g."""
     t = np.arange(N) * DT
 
@@ -36,16 +36,16 @@ def longitudinal(amplitude: float = 1.0) -> Array:
         return np.exp(-1.1 * s) * np.sin(2.6 * s)
 
     push = np.where(t < 2.2, 0.0, swing(2.2))
-    alpha = 0.05 + amplitude * (0.19 * swing(0.8) - 0.17 * push)
+    alpha = 0.05 + 0.19 * swing(0.8) - 0.17 * push
     stick = np.where((t > 0.7) & (t < 2.2), -0.12, np.where((t >= 2.2) & (t < 3.4), 0.14, 0.0))
     q = np.gradient(alpha, DT)
     theta = 0.06 + np.cumsum(q) * DT * 0.8
     load = 1.0 + 38.0 * (alpha - 0.05)
     speed = 152.0 - 6.0 * np.cumsum(np.abs(alpha - 0.05)) * DT
-    return np.stack((alpha, q, theta, load, speed, stick * amplitude - 0.03), axis=1)
+    return np.stack((alpha, q, theta, load, speed, stick - 0.03), axis=1)
 
 
-def many(n: int = 32) -> Dictionary:
+def many(n: int) -> Dictionary:
     """Channels in six groups; every sixth is a control."""
     return Dictionary(
         f"{n} channels",

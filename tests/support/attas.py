@@ -1,6 +1,7 @@
 """A small transport on a rudder doublet: its monitor, flights and real records."""
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,7 @@ COLUMNS = {
 }
 
 
+@cache
 def trained(test: DatasetRecipe = TEST, recipe: MonitorRecipe | None = None) -> Monitor:
     """A monitor of this test whose validity is calibrated."""
     dataset = collect(test)

@@ -9,7 +9,7 @@ from core.channels import Dictionary, channel
 from core.limits.limits import IntervalLimits, SafeInterval
 from core.types import Array
 
-DT, N_SAMPLES = 0.05, 81
+DT, N_SAMPLES, REST = 0.05, 81, 60
 DICTIONARY = Dictionary(
     "pitch",
     (
@@ -50,3 +50,10 @@ def with_channels(y: Array, n_channels: int, rng: np.random.Generator) -> Array:
         return y[..., -n_channels:]
     more = rng.standard_normal((*y.shape[:2], n_channels - y.shape[2]))
     return np.concatenate([more, y], axis=2)
+
+
+def resting_first(y: Array) -> Array:
+    """(REST + n, n_channels) the same flight after more samples of the rest it begins with."""
+    rest = y[:8].mean(axis=0)
+    noise = np.resize(y[:8] - rest, (REST, y.shape[1]))
+    return np.concatenate([rest + noise, y])

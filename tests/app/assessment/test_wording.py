@@ -23,7 +23,6 @@ from core.channels import KEYS, LATERAL
 from core.limits.limits import Limits
 from core.monitor import Assessments
 
-PLANNED = {"limits_known": True, "trim_segment_s": 1.0, "dt": 0.1, "dictionary": LATERAL}
 NONE = Limited(None, (Peak("Ny", 0.1, -0.2, 0.2, 0.1),), 0.0)
 
 

@@ -15,17 +15,11 @@ from app.store.store import open_store
 from core.monitor import Monitor, MonitorRecipe, combine, load, train
 from core.monitor.file.loading import from_bytes
 from core.planned_test.collection import DatasetRecipe, collect, combination_failures
-from tests.support.api import api, finished, problem, store_of
+from tests.support.api import finished, problem, store_of
 from tests.support.flying import ScriptedClock
 
 RECIPE = DatasetRecipe(n_unsafe=20, n_obs=20, seed=4)
 ORDER = {"lead": 0.5, "n_unsafe": 30, "n_test": 40, "epsilon": 0.2, "guarantee": "average"}
-
-
-@pytest.fixture(scope="module")
-def client(tmp_path_factory):
-    with api(tmp_path_factory.mktemp("data")) as client:
-        yield client
 
 
 @pytest.fixture(scope="module")

@@ -11,16 +11,10 @@ from core.monitor import train
 from core.planned_test.amplitude import suggest_amplitude
 from core.planned_test.collection import DatasetRecipe, collect
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft
-from tests.support.api import api, finished, problem, store_of
+from tests.support.api import finished, problem, store_of
 
 LAW = {"control_law": {"kind": "attas_damper"}}
 RECIPE = {"n_unsafe": 5, "n_obs": 10, "seed": 3, "maneuver": {"amplitude_deg": 10.0}}
-
-
-@pytest.fixture(scope="module")
-def client(tmp_path_factory):
-    with api(tmp_path_factory.mktemp("data")) as client:
-        yield client
 
 
 @pytest.fixture(scope="module")

@@ -15,16 +15,10 @@ from core.monitor.calibration import confident_rank, rank, threshold
 from core.monitor.file.loading import from_bytes
 from core.monitor.file.portable import pack, unpack
 from core.planned_test.collection import DatasetRecipe
-from tests.support.api import api, finished, problem, store_of
+from tests.support.api import finished, problem, store_of
 
 DATASET = {"n_unsafe": 12, "n_obs": 20, "seed": 4}
 AVERAGE = {"guarantee": "average"}
-
-
-@pytest.fixture(scope="module")
-def client(tmp_path_factory):
-    with api(tmp_path_factory.mktemp("data")) as client:
-        yield client
 
 
 @pytest.fixture(scope="module")

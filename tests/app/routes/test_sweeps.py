@@ -5,16 +5,10 @@ import pytest
 from core.evaluation.lead_sweep import METHODS, SweepRecipe, sweep
 from core.monitor import train
 from core.planned_test.collection import DatasetRecipe, collect
-from tests.support.api import api, finished, problem, store_of
+from tests.support.api import finished, problem, store_of
 
 SMALL = {"leads_s": [0.25, 1.6], "n_unsafe": 25, "n_monitors": 1, "n_test": 60}
 RIDGE = "peaks ahead: rest"
-
-
-@pytest.fixture(scope="module")
-def client(tmp_path_factory):
-    with api(tmp_path_factory.mktemp("data")) as client:
-        yield client
 
 
 @pytest.fixture(scope="module")

@@ -9,15 +9,9 @@ from core.monitor import MonitorRecipe, train
 from core.planned_test.planned_test import DatasetRecipe, Simulator
 from core.recipe import from_plain
 from core.simulation.maneuver import Doublet, Multistep3211, Pulse
-from tests.support.api import api, finished, problem, store_of
+from tests.support.api import finished, problem, store_of
 from tests.support.attas import record_file
 from tests.support.recorded import RECORDINGS, csv_of, uploaded
-
-
-@pytest.fixture(scope="module")
-def client(tmp_path_factory):
-    with api(tmp_path_factory.mktemp("data")) as client:
-        yield client
 
 
 def proposal(client, content, **query):

@@ -3,7 +3,6 @@
 import io
 import re
 from collections.abc import Iterator
-from typing import Any
 
 import httpx2
 import numpy as np
@@ -12,28 +11,15 @@ from playwright.sync_api import FilePayload, Page, expect
 
 from app.jobs.training import calibrating
 from tests.browser.site import open_site
-from tests.support import short_period
+from tests.support.rollout_files import flights, npz
 
 SLOW = 60_000
 """[ms] A first training compiles kernels."""
 LONG = "Pitch doublets at Mach 0.6, 20 000 ft, nonlinear simulator, release candidate 7"
-DEGREE = np.degrees(1.0)
 
 
 def payload(name: str, content: bytes) -> FilePayload:
     return {"name": name, "mimeType": "application/octet-stream", "buffer": content}
-
-
-def npz(n: int, **more: Any) -> bytes:
-    y = short_period.fly(np.random.default_rng(1), n)[1]
-    file = io.BytesIO()
-    np.savez(file, **{
-        "y": y * [DEGREE, DEGREE, 1.0, DEGREE],
-        "dt": short_period.DT,
-        "channels": ["alpha", "q", "Nz", "delta_e"],
-        "units": ["deg", "deg/s", "g", "deg"],
-    } | more)  # fmt: skip
-    return file.getvalue()
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +36,7 @@ def choose(page: Page, origin: str, *files: FilePayload) -> None:
 def test_own_rollouts_are_added_looked_at_and_trained_on(page: Page, origin: str) -> None:
     page.goto(f"{origin}/#/datasets")
     page.get_by_role("link", name="Add rollouts").first.click()
-    page.get_by_label("files of rollouts").set_input_files(payload("pitch.npz", npz(1500)))
+    page.get_by_label("files of rollouts").set_input_files(payload("pitch.npz", npz(flights(1500))))
     expect(page.get_by_text("pitch.npz: 1,500 flights of up to 4 s")).to_be_visible(timeout=SLOW)
     expect(page.get_by_label("role of elevator")).to_have_value("control")
     page.get_by_label("role of pitch rate").select_option("condition")
@@ -107,9 +93,9 @@ def test_own_rollouts_are_added_looked_at_and_trained_on(page: Page, origin: str
 
 
 def test_what_was_found_is_shown_with_the_dataset(page: Page, origin: str) -> None:
-    y = short_period.fly(np.random.default_rng(2), 80)[1]
+    y = flights(80, seed=2)
     y[1] = y[0]
-    choose(page, origin, payload("twice.npz", npz(80, y=y, units=["rad", "rad/s", "g", "rad"])))
+    choose(page, origin, payload("twice.npz", npz(y)))
     page.get_by_label("high limit of normal acceleration").fill("2.5")
     page.get_by_role("button", name="Add", exact=True).click()
     findings = page.locator(".findings")
