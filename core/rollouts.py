@@ -85,7 +85,7 @@ class LabelledFlights:
         if not dt > 0:
             raise RolloutsError(f"dt={dt} s was given: give a positive sample interval")
         y = _completed(y, dt, dictionary)
-        fail, findings = _labels(y, fail_index, limits)
+        fail, findings = labels(y, fail_index, limits)
         theta = np.empty((len(y), 0)) if theta is None else np.array(theta, np.float64)
         if theta.ndim != 2 or len(theta) != len(y):
             raise RolloutsError(f"theta has shape {theta.shape}: give one row for each of {len(y)}")
@@ -94,8 +94,7 @@ class LabelledFlights:
         flights = cls(y, fail, theta, float(dt), dictionary, specification, names)
         flights, cut = _of_one_length(flights)
         flights, repeated = _without_duplicates(flights)
-        doubts = (*_leaks(flights), *_one_setting(flights), *_no_control(dictionary))
-        found = (*findings, *cut, *repeated, *doubts)
+        found = (*findings, *cut, *repeated, *doubts_of(flights))
         n_failed = int(flights.fails.sum())
         if n_failed < 2 or n_failed > len(flights.y) - 2:
             raise RolloutsError(
@@ -166,10 +165,13 @@ def _no_control(dictionary: Dictionary) -> list[str]:
     ]
 
 
-def _labels(
+def labels(
     y: Array, fail_index: npt.ArrayLike | None, limits: Limits | IntervalLimits | None
 ) -> tuple[Indices, list[str]]:
-    """(n,) first failing sample, n_samples for none; and where labels and limits disagree."""
+    """(n,) first failing sample, n_samples for none; and where labels and limits disagree.
+
+    Arguments as in `LabelledFlights.of`.   RolloutsError.
+    """
     n, n_samples = y.shape[:2]
     envelope = envelope_of(limits)
     measured = None
@@ -234,17 +236,28 @@ def _of_one_length(flights: LabelledFlights) -> tuple[LabelledFlights, list[str]
     return kept, texts
 
 
-def _without_duplicates(flights: LabelledFlights) -> tuple[LabelledFlights, list[str]]:
+def unlike(y: Array) -> Flags:
+    """(n,) whether no flight before it is the same.   y: (n, n_samples, n_channels)."""
     seen: set[bytes] = set()
-    keep = np.ones(len(flights.y), bool)
-    for k, y in enumerate(flights.y):
-        digest = sha256(np.ascontiguousarray(y).data).digest()
-        keep[k] = digest not in seen
+    first = np.ones(len(y), bool)
+    for k, each in enumerate(y):
+        digest = sha256(np.ascontiguousarray(each).data).digest()
+        first[k] = digest not in seen
         seen.add(digest)
+    return first
+
+
+def _without_duplicates(flights: LabelledFlights) -> tuple[LabelledFlights, list[str]]:
+    keep = unlike(flights.y)
     n = int((~keep).sum())
     if not n:
         return flights, []
     return flights.some(keep), [f"duplicate flights left out: {n}"]
+
+
+def doubts_of(flights: LabelledFlights) -> tuple[str, ...]:
+    """What looks implausible in flights, in words."""
+    return (*_leaks(flights), *_one_setting(flights), *_no_control(flights.dictionary))
 
 
 def _leaks(flights: LabelledFlights) -> list[str]:

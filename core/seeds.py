@@ -38,6 +38,8 @@ class Branch(IntEnum):
     NEAR = 13
     """Flights of aircraft and hands near the planned ones: 0 to train a forecast, then one stream
     for each population to calibrate a rule."""
+    CHOICE = 14
+    """Flights on which methods are tried, to choose one; nothing else is done with them."""
 
 
 def stream(seed: int, branch: Branch, *below: int) -> np.random.Generator:

@@ -14,7 +14,7 @@ from app.campaigns.point import CampaignError, FlownPoint
 from app.telemetry.recording import Recording
 from app.telemetry.timing.repair import RepairedTraces
 from core.channels import KEYS, LATERAL
-from core.planned_test.planned_test import DatasetRecipe, Simulator
+from core.planned_test.planned_test import DatasetRecipe
 from core.types import Array
 
 ENOUGH = 0.8
@@ -169,7 +169,7 @@ def _within(recorded: RepairedTraces, key: str, start: float, end: float) -> tup
 
 def _flown_as_planned(where: str, y: Array, planned: PlannedTest, test: DatasetRecipe) -> str:
     """Remark on the flown input, or ""; CampaignError if it is another manoeuvre."""
-    usual = np.abs(Simulator(test).rollouts(N_SIMULATED, np.random.default_rng(0)).y).max((0, 1))
+    usual = np.abs(test.simulator().rollouts(N_SIMULATED, np.random.default_rng(0)).y).max((0, 1))
     as_planned, words = surfaces_flown(planned, y, usual)
     if as_planned is False:
         raise CampaignError(

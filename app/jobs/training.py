@@ -7,14 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from app.recipes.recipes import simulated_test
+from app.recipes.recipes import own_code, simulated_test
 from core.dataset import Dataset
-from core.evaluation.method_choice import (
-    MethodCounts,
-    best_of,
-    plain_threshold,
-    try_methods,
-)
+from core.evaluation.method_choice import best_of, plain_threshold, try_methods
 from core.evaluation.prevention import Prevention, prevention
 from core.evaluation.rates import (
     EPSILONS,
@@ -28,27 +23,34 @@ from core.evaluation.rates import (
 from core.evaluation.robustness import DIFFERENCES, by_aircraft, robustness
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.calibration import failures_needed, smallest_epsilon
-from core.monitor.training import with_validity
+from core.monitor.training import Flights, with_validity
 from core.monitor.validity.support import SupportError
 from core.planned_test.collection import (
     MOST_FRESH,
     DatasetRecipe,
     Rollouts,
+    SimulatedTest,
     card_of,
     collect,
     combination_failures,
     evaluation_flights,
     fresh,
     stopping_flights,
+    training_rollouts,
 )
 from core.planned_test.near import near_failures, near_rollouts
+from core.planned_test.own import OwnTest
+from core.rollouts import LabelledFlights
 from core.seeds import Branch, stream
+from core.simulation.simulator import Stops
 from core.types import Array, Indices
 
 Progress = Callable[[str, int, int], object]
 """Called with (message, done, total); an exception that it raises cancels the work."""
 
 LEAD_BINS = 20
+CHOICE_FLIGHTS = 1_000
+"""Fresh flights of an own simulator on which methods are tried."""
 SHARES = (0.5, 0.15, 0.15, 0.2)
 PARTS = "train and calibrate", "choose the method", "calibrate validity", "certify"
 """Shares of own flights, and what each part does."""
@@ -156,7 +158,7 @@ class Training:
     not_calibrated: str = ""
 
 
-def simulate(recipe: DatasetRecipe, progress: Progress) -> Dataset:
+def simulate(recipe: SimulatedTest, progress: Progress) -> Dataset:
     def report(n_unsafe: int, n_made: int) -> None:
         message = f"simulating: {n_unsafe} unsafe of {n_made} rollouts"
         progress(message, n_unsafe, recipe.n_unsafe)
@@ -167,6 +169,8 @@ def simulate(recipe: DatasetRecipe, progress: Progress) -> Dataset:
 def test_to_fly(monitor: Monitor) -> DatasetRecipe:
     """The monitor's planned test, to fly again. ValueError if it is not known."""
     recipe = simulated_test(monitor.dataset_recipe)
+    if reason := own_code(monitor.dataset_recipe):
+        raise ValueError(f"the test of this monitor {reason}")
     if recipe is None:
         raise ValueError(
             "the monitor has no recipe of its planned test, so no fresh flights can be flown: "
@@ -209,7 +213,75 @@ def train_and_test(
     return Training(dataset, monitor, test, not_calibrated)
 
 
-def _fresh_failures(recipe: DatasetRecipe, progress: Progress) -> Rollouts:
+def train_on_simulator(
+    dataset: Dataset,
+    recipe: MonitorRecipe,
+    test: OwnTest,
+    n_test: int,
+    progress: Progress,
+    *,
+    choose: bool = False,
+) -> Training:
+    """Train a monitor on rollouts of an own simulator, and test it on n_test fresh ones.
+
+    choose: choose the method by fresh flights; else that of the recipe is used.
+    """
+    recipe = recipe.as_planned()
+    progress("training", 0, 3)
+    learning, failures = training_rollouts(test), None
+    if choose or recipe.predictor.forecast == "ensemble":
+        failures = _fresh_failures(test, progress)
+    choosing = None
+    if choose:
+        tried = evaluation_flights(test, CHOICE_FLIGHTS, Branch.CHOICE)
+        choosing = replace(dataset.flights(), **tried._asdict())
+    monitor, methods = _learned(dataset, recipe, choosing, learning, failures)
+    monitor, not_calibrated = _with_validity(monitor, dataset, test, progress)
+    if n_test == 0:
+        return Training(dataset, monitor, not_calibrated=not_calibrated)
+    progress(f"flying {n_test} fresh flights", 2, 3)
+    monitor, flown = with_test(monitor, test, n_test, dataset.unsafe_rate)
+    support = monitor.support
+    n_valid = 0 if support is None else len(support.safe) + len(support.unsafe)
+    n_learned = len(dataset.unsafe) + len(dataset.safe) + len(learning.y)
+    n_learned += 0 if failures is None else len(failures.y)
+    counts = zip(PARTS, (n_learned, choose * CHOICE_FLIGHTS, n_valid, n_test), strict=True)
+    own = {"simulator": test.flown_by.name, "flights": {part: n for part, n in counts if n}}
+    monitor = replace(monitor, evaluation=(monitor.evaluation or {}) | own | methods)
+    progress("done", 3, 3)
+    return Training(dataset, monitor, flown, not_calibrated)
+
+
+def _learned(
+    dataset: Dataset,
+    recipe: MonitorRecipe,
+    choosing: LabelledFlights | None,
+    learning: Flights,
+    failures: Flights | None = None,
+) -> tuple[Monitor, dict[str, Any]]:
+    """A monitor of the recipe's method, or of the best one on `choosing`, and those tried.
+
+    learning, failures: see `try_methods`.
+    """
+    if choosing is None:
+        monitor = train(dataset, recipe, rollouts=learning, failures=failures)
+        monitor.check_epsilon()
+        return monitor, {}
+    methods = try_methods(dataset, choosing, recipe, learning, failures)
+    if not methods:
+        raise ValueError(
+            f"no method can be trained on {len(dataset.unsafe)} failing and "
+            f"{len(dataset.safe)} safe flights: give more, or raise epsilon"
+        )
+    tried = [counts for _, counts in methods.values()]
+    chosen = best_of(tried, recipe.epsilon).name
+    if (plain := plain_threshold(dataset, choosing, recipe)) is not None:
+        tried.append(plain)
+    rows = [asdict(counts) | {"chosen": counts.name == chosen} for counts in tried]
+    return methods[chosen][0], {"methods": rows}
+
+
+def _fresh_failures(recipe: SimulatedTest, progress: Progress) -> Rollouts:
     """As many failing flights as the dataset has, to calibrate a rule of several parts."""
 
     def report(n_unsafe: int, n_made: int) -> None:
@@ -228,7 +300,7 @@ def _near_failures(recipe: DatasetRecipe, progress: Progress) -> list[Rollouts]:
 
 
 def with_test(
-    monitor: Monitor, recipe: DatasetRecipe, n: int, unsafe_rate: float
+    monitor: Monitor, recipe: SimulatedTest, n: int, unsafe_rate: float
 ) -> tuple[Monitor, FlownTest]:
     """The monitor with its test on n fresh flights. unsafe_rate: of its planned test."""
     test = fly_test(monitor, recipe, n)
@@ -246,7 +318,7 @@ def _with_evaluation(monitor: Monitor, test: FlownTest, n: int, unsafe_rate: flo
 
 
 def _with_validity(
-    monitor: Monitor, dataset: Dataset, recipe: DatasetRecipe, progress: Progress
+    monitor: Monitor, dataset: Dataset, recipe: SimulatedTest, progress: Progress
 ) -> tuple[Monitor, str]:
     """The monitor with calibrated validity and "", or without and the reason."""
     most = max(MOST_FRESH, len(dataset.unsafe) + dataset.n_safe_met)
@@ -266,18 +338,23 @@ def _counted(batches: Iterator[Rollouts], progress: Progress) -> Iterator[Rollou
         progress(f"calibrating validity on fresh flights: {n_flown} so far", 1, 3)
 
 
-def fly_test(monitor: Monitor, recipe: DatasetRecipe, n: int) -> FlownTest:
-    """Test a monitor on n fresh flights of a planned test and n of each difference from it."""
+def fly_test(monitor: Monitor, recipe: SimulatedTest, n: int) -> FlownTest:
+    """Test a monitor on n fresh flights of a planned test and n of each difference from it.
+
+    As far as the test's simulator can fly them, and stop them.
+    """
     flights = evaluation_flights(recipe, n)
     test, alerts = _tested(monitor, flights.y, flights.fail_index)
-    prevented = prevention(
-        alerts,
-        flights.fail_index,
-        flights.y.shape[1],
-        monitor.dt,
-        stopping_flights(recipe, n),
-        stream(recipe.seed, Branch.REACTION),
-    )
+    prevented = None
+    if isinstance(recipe.simulator(), Stops):
+        prevented = prevention(
+            alerts,
+            flights.fail_index,
+            flights.y.shape[1],
+            monitor.dt,
+            stopping_flights(recipe, n),
+            stream(recipe.seed, Branch.REACTION),
+        )
     return replace(test, prevention=prevented, robustness=robustness(monitor, recipe, n))
 
 
@@ -309,23 +386,8 @@ def train_on_flights(
     learning, choosing, checking, testing = flights.split(SHARES, seed)
     dataset = replace(Dataset.from_flights(learning, seed=seed), recipe=whole.recipe)
     progress("training", 0, 2)
-    tried: list[MethodCounts] = []
-    chosen = ""
-    if choose:
-        methods = try_methods(dataset, choosing, recipe, checking)
-        if not methods:
-            raise ValueError(
-                f"no method can be trained on {len(dataset.unsafe)} failing and "
-                f"{len(dataset.safe)} safe flights: give more, or raise epsilon"
-            )
-        tried = [counts for _, counts in methods.values()]
-        chosen = best_of(tried, recipe.epsilon).name
-        monitor = methods[chosen][0]
-        if (plain := plain_threshold(dataset, choosing, recipe)) is not None:
-            tried.append(plain)
-    else:
-        monitor = train(dataset, recipe, rollouts=(checking.y, checking.fail_index))
-        monitor.check_epsilon()
+    more = checking.y, checking.fail_index
+    monitor, methods = _learned(dataset, recipe, choosing if choose else None, more)
     not_calibrated = ""
     try:
         monitor = with_validity(monitor, dataset, [(checking.y, checking.fail_index)])
@@ -336,10 +398,8 @@ def train_on_flights(
     monitor = replace(monitor, dataset_digest=whole.digest())
     monitor = _with_evaluation(monitor, test, len(testing.y), float(flights.fails.mean()))
     parts = zip(PARTS, (learning, choosing, checking, testing), strict=True)
-    own: dict[str, Any] = {"flights": {name: len(part.y) for name, part in parts}}
-    if tried:
-        own["methods"] = [asdict(counts) | {"chosen": counts.name == chosen} for counts in tried]
-    monitor = replace(monitor, evaluation=(monitor.evaluation or {}) | own)
+    own = {"flights": {name: len(part.y) for name, part in parts}}
+    monitor = replace(monitor, evaluation=(monitor.evaluation or {}) | own | methods)
     progress("done", 2, 2)
     return Training(dataset, monitor, test, not_calibrated)
 

@@ -60,6 +60,8 @@ AUTO = "auto"
 """Value of an amplitude: the one that a pilot run suggests."""
 
 
+SIMULATOR = "simulator"
+"""Key of a recipe that names somebody's own simulator."""
 LIMITS, STORED_LIMITS = "limits", "specification"
 """The name of the limits in requests and responses, and in stored recipes."""
 
@@ -98,7 +100,19 @@ def stored_names(plain: Any, where: str = "dataset") -> Any:
 
 def from_plain(default: Any, plain: Any, where: str = "recipe") -> Any:
     """`default` with the values of `plain`, each checked for its type. RecipeError."""
+    if isinstance(default, DatasetRecipe) and isinstance(plain, dict) and SIMULATOR in plain:
+        raise RecipeError(f"{where} {own_code(plain)}")
     return recipe.from_plain(default, plain, where, _checked, {STORED_LIMITS: LIMITS})
+
+
+def own_code(plain: Mapping[str, Any]) -> str:
+    """Why the test of an own simulator is not simulated here; empty for other recipes."""
+    if SIMULATOR not in plain:
+        return ""
+    return (
+        f"is flown by the simulator {given(plain[SIMULATOR])}: its code runs only on the command "
+        "line, by forewarn train --simulator, never by a request or an upload"
+    )
 
 
 def simulated_test(plain: dict[str, Any]) -> DatasetRecipe | None:

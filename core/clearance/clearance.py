@@ -28,7 +28,7 @@ from core.clearance.joint_model import Law
 from core.clearance.posterior import PlantPosterior, RecordedStep, fit, prior_of
 from core.kernels.compiled import on_this_thread
 from core.monitor.calibration import Guarantee, alert_above, failures_needed
-from core.planned_test.planned_test import DatasetRecipe, Simulator
+from core.planned_test.planned_test import DatasetRecipe
 from core.seeds import Branch, stream
 from core.simulation.imperfections import channel_array
 from core.types import Array
@@ -177,8 +177,8 @@ class PointPredictor:
 
     def __init__(self, points: BuildUp, recipe: ClearanceRecipe) -> None:
         self._recipe = recipe
-        self.steps = [Simulator(step) for step in points.flown]
-        self.following = Simulator(points.following)
+        self.steps = [step.simulator() for step in points.flown]
+        self.following = points.following.simulator()
         law = points.following.control_law
         self._law = Law(self.following.controller, law.actuator)
         self.plant = self.following.plant

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from core.limits.limits import magnitudes_of
-from core.planned_test.planned_test import DatasetRecipe, Simulator
+from core.planned_test.planned_test import DatasetRecipe
 from core.simulation.imperfections import channel_array
 from core.simulation.maneuver import COLUMN, Steps
 from core.simulation.rollout import roll_out
@@ -53,7 +53,7 @@ class Ceiling:
                 "besides noise and scatter: leave it out, or the imperfections"
             )
         self._test, self._maneuver, self._limits = test, maneuver, limits
-        self._simulator = Simulator(test)
+        self._simulator = test.simulator()
         plant = self._simulator.plant
         self._uncertain = np.flatnonzero(plant.spread)
         part = 1.0 if plant.distribution == "normal" else 3**-0.5

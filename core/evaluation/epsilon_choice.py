@@ -12,7 +12,7 @@ import numpy as np
 from core.bounds import Bounds, check_bounds
 from core.evaluation.rates import Evaluation, clopper_pearson, evaluate
 from core.monitor.monitor import Monitor
-from core.planned_test.planned_test import Rollouts
+from core.simulation.simulator import Rollouts
 from core.types import Array, Flags
 
 MOST_CANDIDATES = 200

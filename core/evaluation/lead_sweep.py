@@ -41,10 +41,11 @@ from core.planned_test.collection import (
     stopping_flights,
 )
 from core.planned_test.near import near_failures, near_rollouts
-from core.planned_test.planned_test import DatasetRecipe, Rollouts, SensorNoise, Simulator
+from core.planned_test.planned_test import DatasetRecipe, SensorNoise
 from core.seeds import Branch, monitor_seeds, stream
 from core.simulation.aircraft import AIRCRAFT
 from core.simulation.control_law import CONTROL_LAWS
+from core.simulation.simulator import Rollouts
 from core.types import Array, Flags, Indices
 
 METHODS: dict[str, tuple[Predictor, Score]] = {
@@ -407,7 +408,7 @@ class _CeilingTest:
         self._which = which = np.sort(np.concatenate(kinds))
         self._flights = Rollouts(pool.y[which], pool.fail_index[which], pool.theta[which])
         rng = stream(test.seed, Branch.TEST)
-        self._commands = Simulator(test).commands(CEILING_POOL, rng)[self._which]
+        self._commands = test.simulator().commands(CEILING_POOL, rng)[self._which]
         steps = [lead_steps(lead, test.dt) for lead in recipe.leads_s]
         scores = SCORES["card_window"], SCORES["rest_of_card"]
         self._looks = [

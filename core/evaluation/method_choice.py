@@ -12,7 +12,7 @@ from core.monitor.calibration import alert_above, p_values
 from core.monitor.monitor import Monitor
 from core.monitor.observation import lead_steps
 from core.monitor.recipe import METHODS, MonitorRecipe, planned
-from core.monitor.training import train
+from core.monitor.training import Flights, train
 from core.rollouts import LabelledFlights
 from core.types import Array, Indices
 
@@ -43,21 +43,25 @@ class MethodCounts:
 
 
 def try_methods(
-    dataset: Dataset, flights: LabelledFlights, recipe: MonitorRecipe, learning: LabelledFlights
+    dataset: Dataset,
+    flights: LabelledFlights,
+    recipe: MonitorRecipe,
+    learning: Flights,
+    failures: Flights | None = None,
 ) -> dict[str, tuple[Monitor, MethodCounts]]:
     """Each method that works without a test card, trained on a dataset and tried on flights.
 
     recipe: of lead, epsilon and promise; its method does not matter.
     learning: flights from which forecasts learn where only the label tells failures.
+    failures: that calibrate an ensemble, see `train`.
     """
     tried = {}
     for name, (predictor, score) in METHODS.items():
         if name == OF_THE_CARD:
             continue
         of_method = replace(recipe, predictor=planned(predictor), score=score)
-        more = learning.y, learning.fail_index
         try:
-            monitor = train(dataset, of_method, rollouts=more)
+            monitor = train(dataset, of_method, rollouts=learning, failures=failures)
             monitor.check_epsilon()
         except ValueError:
             continue  # such as a peak that too few failures teach

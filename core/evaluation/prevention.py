@@ -1,20 +1,16 @@
 """Failures that alerts prevent: flights repeated with neutral controls after a reaction."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from core.simulation.simulator import Stopped
 from core.types import Array, Indices
 
 REACTIONS_S = (0.25, 0.5, 1.0, 1.5, 2.5)
 """Mean times from an alert to neutral controls [s]: from an automatic switch to a radio call."""
 VARIATION = 0.3
 """Standard deviation of a reaction time, as a share of its mean; Gamma distributed."""
-
-Stopped = Callable[[Indices, Indices], Indices]
-"""Repeats flights, see stopping_flights of the collection: from (m,) numbers and (m,) samples of
-the first neutral command to (m,) first samples that exceed a limit."""
 
 
 @dataclass(frozen=True, eq=False)

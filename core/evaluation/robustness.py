@@ -9,19 +9,21 @@ import numpy as np
 
 from core.evaluation.rates import Evaluation, evaluate
 from core.monitor.monitor import Monitor
+from core.planned_test.collection import SimulatedTest, replanned
 from core.planned_test.near import FLIGHTS_EACH, fly_each, near_aircraft, retuned, softer
+from core.planned_test.own import OwnCodeError
 from core.planned_test.planned_test import (
     USUAL_TIMING_JITTER_S,
     DatasetRecipe,
-    Rollouts,
+    LateralSimulator,
     SensorNoise,
-    Simulator,
 )
 from core.seeds import Branch, stream
 from core.simulation.aircraft import AIRCRAFT, IdentifiedAircraft, PublishedAircraft
 from core.simulation.imperfections import USUAL_IMPERFECTIONS
 from core.simulation.maneuver import Altered
 from core.simulation.published import MODELS
+from core.simulation.simulator import Flies, Rollouts
 from core.simulation.turbulence import Turbulence
 from core.types import Array, Indices
 
@@ -116,41 +118,53 @@ DIFFERENCES = {
     "lag_0.5": Difference(
         "softer input: pedal lag 0.5 s", 9, partial(softer, lag_s=0.5), share=0.3
     ),
-    "near_1.25": Difference("derivatives within a factor of 1.25", 10, factor=1.25),
-    "near_1.5": Difference("derivatives within a factor of 1.5", 11, factor=1.5),
+    "near_1.25": Difference("parameters within a factor of 1.25", 10, factor=1.25),
+    "near_1.5": Difference("parameters within a factor of 1.5", 11, factor=1.5),
     "other_type": Difference("another type of aircraft", 12, others=True),
 }
 
 
 def robustness(
-    monitor: Monitor, recipe: DatasetRecipe, n: int, epsilon: float | None = None
+    monitor: Monitor, test: SimulatedTest, n: int, epsilon: float | None = None
 ) -> dict[str, Evaluation]:
     """Fly n flights of each difference through the monitor, and count at one epsilon.
 
-    Of softer inputs fewer are flown; aircraft near the planned one have their own number. Other
-    types are left out if none can fly the test.
+    Of softer inputs fewer are flown; aircraft near the planned one have their own number. What the
+    simulator cannot fly is left out, and other types if none can fly the test.
 
-    recipe: the monitor's planned test.   epsilon: default: the monitor's own.
+    test: the monitor's planned test.   epsilon: default: the monitor's own.
     """
     at, evaluations = np.array([monitor.check_epsilon(epsilon)]), {}
     for name, difference in DIFFERENCES.items():
-        rng = stream(recipe.seed, Branch.ROBUSTNESS, difference.number)
-        if flown := _flown(recipe, difference, n, rng):
+        rng = stream(test.seed, Branch.ROBUSTNESS, difference.number)
+        if flown := _flown(test, difference, n, rng):
             (outputs, fail_index, _), aircraft = flown
             evaluations[name] = evaluate(monitor, outputs, fail_index, at, aircraft)
     return evaluations
 
 
 def _flown(
-    recipe: DatasetRecipe, difference: Difference, n: int, rng: np.random.Generator
+    test: SimulatedTest, difference: Difference, n: int, rng: np.random.Generator
 ) -> tuple[Rollouts, Indices | None] | None:
-    """Flights of a difference, and the number of their aircraft if those flew several times."""
+    """Flights of a difference, and the number of their aircraft if those flew several times.
+
+    None if the simulator cannot fly them.
+    """
+    if difference.factor is not None:
+        simulator = test.simulator()
+        if not isinstance(simulator, Flies):
+            return None
+        theta = near_aircraft(simulator.parameters, difference.factor, N_NEAR, rng)
+        try:
+            return fly_some(simulator, theta, rng)
+        except OwnCodeError:
+            return None  # such as aircraft that its code cannot trim
+    if (recipe := replanned(test)) is None:
+        return None
     if difference.others:
         return _other_types(recipe, n, rng)
-    simulator = Simulator(difference.recipe(recipe), difference.spread)
-    if difference.factor is None:
-        return simulator.rollouts(round(difference.share * n), rng), None
-    return fly_some(simulator, near_aircraft(simulator.plant, difference.factor, N_NEAR, rng), rng)
+    changed = LateralSimulator(difference.recipe(recipe), difference.spread)
+    return changed.rollouts(round(difference.share * n), rng), None
 
 
 def _other_types(
@@ -170,7 +184,7 @@ def _other_types(
     flights = list[Rollouts]()
     for aircraft in others:
         try:
-            simulator = Simulator(retuned(replace(recipe, aircraft=aircraft)))
+            simulator = LateralSimulator(retuned(replace(recipe, aircraft=aircraft)))
         except ValueError:
             continue  # such as one that this control law makes unstable
         flights.append(simulator.rollouts(round(n / len(others)), rng))
@@ -182,7 +196,7 @@ def _other_types(
 
 
 def fly_some(
-    simulator: Simulator, theta: Array, rng: np.random.Generator, most: int = MOST_FAILURES
+    simulator: Flies, theta: Array, rng: np.random.Generator, most: int = MOST_FAILURES
 ) -> tuple[Rollouts, Indices]:
     """A few flights of each of these aircraft, theta (n_aircraft, n_parameters).
 

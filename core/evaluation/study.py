@@ -21,7 +21,8 @@ from core.monitor.predictor import PREDICTORS, Predictor
 from core.monitor.recipe import MonitorRecipe
 from core.monitor.score import SCORES, NegativeMagnitude, Score
 from core.monitor.training import SafeObservations, train
-from core.planned_test.collection import DatasetRecipe, Rollouts, Simulator, collect
+from core.planned_test.collection import DatasetRecipe, Rollouts, collect
+from core.planned_test.planned_test import LateralSimulator
 from core.seeds import monitor_seeds
 from core.types import Array
 
@@ -151,7 +152,9 @@ def _part_alone(recipe: StudyRecipe, seed: int, test_seed: int) -> Part:
 def _part(recipe: StudyRecipe, seed: int, test_seed: int) -> Part:
     """One dataset, its monitors by every method, and their evaluation on the same flights."""
     dataset = collect(replace(recipe.dataset, seed=seed))
-    flights = Simulator(recipe.dataset).rollouts(recipe.n_test, np.random.default_rng(test_seed))
+    flights = LateralSimulator(recipe.dataset).rollouts(
+        recipe.n_test, np.random.default_rng(test_seed)
+    )
     epsilons = EPSILONS[
         smallest_epsilon(recipe.dataset.n_unsafe, recipe.monitor.guarantee) - 1e-9 <= EPSILONS
     ]

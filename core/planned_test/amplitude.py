@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import copysign
 
-from core.planned_test.planned_test import DatasetRecipe, Simulator
+from core.planned_test.planned_test import DatasetRecipe, LateralSimulator
 from core.seeds import Branch, stream
 
 WANTED_SHARE = 0.25
@@ -89,7 +89,7 @@ def _bisected(recipe: DatasetRecipe, share: float, most: int) -> Suggestion:
 def _share(recipe: DatasetRecipe, amplitude_deg: float, n: int) -> float:
     """Share of n rollouts at this amplitude that exceed a limit; always the same aircraft."""
     peak = copysign(amplitude_deg, recipe.maneuver.peak_deg)
-    simulator = Simulator(replace(recipe, maneuver=recipe.maneuver.with_peak(peak)))
+    simulator = LateralSimulator(replace(recipe, maneuver=recipe.maneuver.with_peak(peak)))
     flown = simulator.rollouts(n, stream(recipe.seed, Branch.PILOT_RUN))
     return float(flown.is_unsafe.mean())
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from dataclasses import replace
 from itertools import count
+from math import ceil
 
 import numpy as np
 
@@ -14,19 +15,23 @@ from core.channels import KEYS
 from core.dataset import Dataset
 from core.monitor.group import Pooled
 from core.planned_test.amplitude import suggest_amplitude
-from core.planned_test.planned_test import DatasetRecipe, Rollouts, Simulator
-from core.recipe import to_plain
+from core.planned_test.own import OwnTest
+from core.planned_test.planned_test import (
+    LARGEST_CHUNK,
+    DatasetRecipe,
+    Replans,
+)
 from core.seeds import Branch, stream
 from core.simulation.imperfections import channel_array
 from core.simulation.maneuver import COLUMN, Steps
 from core.simulation.rollout import roll_out
+from core.simulation.simulator import Rollouts, Simulator, Stopped, Stops
 from core.types import Indices
 
 Progress = Callable[[int, int], object]
+SimulatedTest = DatasetRecipe | OwnTest
 
-FIRST_CHUNK, LARGEST_CHUNK = 256, 4096
-CHUNK_STEPS = 2_000_000
-"""Steps of all rollouts of a chunk: about 100 MB."""
+FIRST_CHUNK = 256
 MOST_UNSAFE = 20_000
 """Largest number of unsafe rollouts collected for a scarce group."""
 CERTAINTY = 1e-6
@@ -41,8 +46,14 @@ class CollectionError(ValueError):
     """A collection that would not end, or that has no safe rollouts."""
 
 
+def replanned(test: SimulatedTest) -> DatasetRecipe | None:
+    """The recipe from which a test can be planned otherwise; None if its simulator cannot."""
+    simulator = test.simulator()
+    return simulator.recipe if isinstance(simulator, Replans) else None
+
+
 def collect(
-    recipe: DatasetRecipe,
+    recipe: SimulatedTest,
     *,
     executor: Executor | None = None,
     progress: Progress | None = None,
@@ -56,10 +67,10 @@ def collect(
     progress: called with (unsafe rollouts, rollouts made); an exception cancels.
     CollectionError if the budget cannot suffice or no safe rollouts remain.
     """
-    simulator, failures = Simulator(recipe), _Failures(recipe)
+    simulator, failures = recipe.simulator(), _Failures(recipe)
     parts: list[Rollouts] = []
     n_made = n_safe_stored = 0
-    for rollouts in _chunks(simulator, executor):
+    for rollouts in _chunks(recipe, simulator, executor):
         rollouts = rollouts.some(slice(recipe.max_rollouts - n_made))
         rollouts = rollouts.some(slice(failures.add(rollouts)))
         n_made += len(rollouts.y)
@@ -73,19 +84,19 @@ def collect(
         if progress:
             progress(min(failures.n, recipe.n_unsafe), n_made)
         if failures.n >= recipe.n_unsafe:
-            return _dataset(simulator, parts, n_made - failures.n_met)
+            return _dataset(recipe, simulator, parts, n_made - failures.n_met)
         _check_reach(failures, recipe, n_made)
     raise AssertionError("chunks never end")
 
 
-def fresh(recipe: DatasetRecipe, most: int = MOST_FRESH) -> Iterator[Rollouts]:
+def fresh(recipe: SimulatedTest, most: int = MOST_FRESH) -> Iterator[Rollouts]:
     """Roll out flights to calibrate a monitor's validity; they neither train nor test it.
 
     Yields batches on demand, `most` flights in total.
     """
-    simulator = Simulator(recipe)
+    simulator = recipe.simulator()
     rng, made = stream(recipe.seed, Branch.VALIDITY), 0
-    size = max(1, min(FRESH_BATCH, CHUNK_STEPS // recipe.n_steps))
+    size = min(FRESH_BATCH, recipe.most_at_once)
     while made < most:
         flights = simulator.rollouts(min(size, most - made), rng)
         made += len(flights.y)
@@ -93,7 +104,7 @@ def fresh(recipe: DatasetRecipe, most: int = MOST_FRESH) -> Iterator[Rollouts]:
 
 
 def combination_failures(
-    recipe: DatasetRecipe,
+    recipe: SimulatedTest,
     n: int,
     progress: Progress | None = None,
     branch: Branch = Branch.COMBINATION,
@@ -105,8 +116,8 @@ def combination_failures(
     Returns the failing flights, and the number of flights made.   CollectionError if the recipe's
     budget of rollouts cannot suffice.
     """
-    simulator, rng = Simulator(recipe), stream(recipe.seed, branch)
-    size = max(1, min(FRESH_BATCH, CHUNK_STEPS // recipe.n_steps))
+    simulator, rng = recipe.simulator(), stream(recipe.seed, branch)
+    size = min(FRESH_BATCH, recipe.most_at_once)
     wanted = replace(recipe, n_unsafe=n)
     failures, parts, made = _Failures(wanted), list[Rollouts](), 0
     while failures.n < n:
@@ -121,41 +132,45 @@ def combination_failures(
     return _joined(parts), made
 
 
-def evaluation_flights(recipe: DatasetRecipe, n: int) -> Rollouts:
+def evaluation_flights(recipe: SimulatedTest, n: int, branch: Branch = Branch.TEST) -> Rollouts:
     """Roll out n flights to test a monitor; they neither train it nor calibrate its validity."""
-    return Simulator(recipe).rollouts(n, stream(recipe.seed, Branch.TEST))
+    return recipe.simulator().rollouts(n, stream(recipe.seed, branch))
 
 
-def stopping_flights(recipe: DatasetRecipe, n: int) -> Callable[[Indices, Indices], Indices]:
+def stopping_flights(recipe: SimulatedTest, n: int) -> Stopped:
     """Draw these n flights, to fly some again with the manoeuvre stopped on the way.
 
-    Returns a function of (m,) flight numbers and (m,) samples from which the controls are neutral,
-    to (m,) first samples that exceed a limit, n_samples without one.
+    ValueError if the simulator cannot stop.
     """
-    return Simulator(recipe).stopping(n, stream(recipe.seed, Branch.TEST))
+    simulator = recipe.simulator()
+    if not isinstance(simulator, Stops):
+        raise ValueError("the simulator cannot stop a manoeuvre: choose one that can")
+    return simulator.stopping(n, stream(recipe.seed, Branch.TEST))
 
 
-def training_rollouts(recipe: DatasetRecipe, n: int = TRAINING_ROLLOUTS) -> Rollouts:
+def training_rollouts(recipe: SimulatedTest, n: int = TRAINING_ROLLOUTS) -> Rollouts:
     """Roll out n flights to train a forecast of peaks; they neither calibrate nor test.
 
     Outputs of failing flights continue after the failure.
     """
-    return Simulator(recipe).rollouts(n, stream(recipe.seed, Branch.FORECAST))
+    return recipe.simulator().rollouts(n, stream(recipe.seed, Branch.FORECAST))
 
 
-def card_of(recipe: DatasetRecipe, n_plants: int = CARD_PLANTS) -> Card:
+def card_of(test: SimulatedTest, n_plants: int = CARD_PLANTS) -> Card:
     """The card of the planned manoeuvre, for monitors that use the remaining planned input.
 
     n_plants: aircraft to simulate the response to the first step on.
-    CardError for a manoeuvre that is not a sequence of steps on one surface.
+    CardError for a manoeuvre that is unknown, or not a sequence of steps on one surface.
     """
+    if (recipe := replanned(test)) is None:
+        raise CardError("the simulator knows no step responses: choose the predictor peak_ridge")
     maneuver = recipe.maneuver
     if not isinstance(maneuver, Steps) or not (switches := maneuver.switches):
         raise CardError(
             f"the manoeuvre {type(maneuver).__name__} is not a sequence of steps, so it has no "
             "step responses: choose the predictor peak_ridge"
         )
-    simulator, rng = Simulator(recipe), stream(recipe.seed, Branch.CARD)
+    simulator, rng = recipe.simulator(), stream(recipe.seed, Branch.CARD)
     times, steps = np.array(switches).T
     n_lags = maneuver.n_samples(recipe.dt) - round(times[0] / recipe.dt)
     factor = 1.0 + maneuver.amplitude_jitter * rng.standard_normal(n_plants)
@@ -182,26 +197,26 @@ def card_of(recipe: DatasetRecipe, n_plants: int = CARD_PLANTS) -> Card:
     )
 
 
-def _chunks(simulator: Simulator, executor: Executor | None) -> Iterator[Rollouts]:
+def _chunks(
+    recipe: SimulatedTest, simulator: Simulator, executor: Executor | None
+) -> Iterator[Rollouts]:
     """Chunks in order; an executor computes a few of them ahead."""
     if executor is None:
-        yield from (_chunk(simulator, number) for number in count())
+        yield from (_chunk(recipe, simulator, number) for number in count())
         return
-    pending = deque(executor.submit(_chunk, simulator, number) for number in range(4))
+    pending = deque(executor.submit(_chunk, recipe, simulator, number) for number in range(4))
     try:
         for number in count(4):
             yield pending.popleft().result()
-            pending.append(executor.submit(_chunk, simulator, number))
+            pending.append(executor.submit(_chunk, recipe, simulator, number))
     finally:
         for future in pending:
             future.cancel()
 
 
-def _chunk(simulator: Simulator, number: int) -> Rollouts:
+def _chunk(recipe: SimulatedTest, simulator: Simulator, number: int) -> Rollouts:
     """Roll out one numbered chunk, with its own random stream."""
-    recipe = simulator.recipe
-    largest = max(FIRST_CHUNK, min(LARGEST_CHUNK, CHUNK_STEPS // recipe.n_steps))
-    size = min(FIRST_CHUNK << min(number, 30), largest)
+    size = min(FIRST_CHUNK << min(number, 30), max(FIRST_CHUNK, recipe.most_at_once))
     return simulator.rollouts(size, stream(recipe.seed, Branch.ROLLOUTS, number))
 
 
@@ -211,7 +226,7 @@ class _Failures:
     n_met: all of them.   n: those in the smallest group, `scarcest`; all if groups are pooled.
     """
 
-    def __init__(self, recipe: DatasetRecipe) -> None:
+    def __init__(self, recipe: SimulatedTest) -> None:
         self._recipe = recipe
         self._met: Rollouts | None = None
         self.n_met = self.n = 0
@@ -253,7 +268,7 @@ def _joined(parts: list[Rollouts]) -> Rollouts:
     return Rollouts(*map(np.concatenate, zip(*parts, strict=True)))
 
 
-def _check_reach(failures: _Failures, recipe: DatasetRecipe, n_made: int) -> None:
+def _check_reach(failures: _Failures, recipe: SimulatedTest, n_made: int) -> None:
     """CollectionError if enough failures of each group are out of reach."""
     if not failures.scarcest:
         _check_budget(recipe, failures.n, n_made)
@@ -269,15 +284,16 @@ def _check_reach(failures: _Failures, recipe: DatasetRecipe, n_made: int) -> Non
     )
 
 
-def _check_budget(recipe: DatasetRecipe, n_unsafe: int, n_made: int) -> None:
+def _check_budget(recipe: SimulatedTest, n_unsafe: int, n_made: int) -> None:
     highest = _highest_share(n_unsafe, n_made)
     if n_made < recipe.max_rollouts and recipe.n_unsafe <= highest * recipe.max_rollouts:
         return
+    enough = f" to about {ceil(recipe.n_unsafe * n_made / n_unsafe)}" if n_unsafe else ""
     raise CollectionError(
         f"{n_unsafe} of {n_made} rollouts were unsafe (rate about {n_unsafe / n_made:.2g}, at "
         f"most {highest:.2g}): {recipe.n_unsafe} unsafe ones are out of reach within "
-        f"{recipe.max_rollouts} rollouts; raise the amplitude, lower the limit or raise "
-        f"max_rollouts. {_working_amplitude(recipe)}"
+        f"{recipe.max_rollouts} rollouts; {recipe.remedy} or raise max_rollouts{enough}. "
+        f"{_working_amplitude(recipe)}".rstrip()
     )
 
 
@@ -288,23 +304,27 @@ def _highest_share(k: int, n: int) -> float:
     return float(betaincinv(k + 1, n - k or 1, 1 - CERTAINTY))
 
 
-def _working_amplitude(recipe: DatasetRecipe) -> str:
-    """The suggested amplitude, as the last sentence of an error."""
+def _working_amplitude(test: SimulatedTest) -> str:
+    """The suggested amplitude, as the last sentence of an error; empty if none can be searched."""
+    if (recipe := replanned(test)) is None:
+        return ""
     try:
         return f"{suggest_amplitude(recipe)}"
     except ValueError as error:
         return f"No suitable amplitude found: {error}"
 
 
-def _dataset(simulator: Simulator, parts: list[Rollouts], n_safe_met: int) -> Dataset:
-    recipe = simulator.recipe
+def _dataset(
+    recipe: SimulatedTest, simulator: Simulator, parts: list[Rollouts], n_safe_met: int
+) -> Dataset:
     y, fail_index, theta = _joined(parts)
     is_unsafe = fail_index < y.shape[1]
     if n_safe_met == 0:
-        raise CollectionError(
+        text = (
             f"all {recipe.n_unsafe} rollouts were unsafe, but a monitor needs safe ones too: lower "
             f"the amplitude, raise the limit or raise n_unsafe. {_working_amplitude(recipe)}"
         )
+        raise CollectionError(text.rstrip())
     unsafe, fail_index = y[is_unsafe], fail_index[is_unsafe]
     unsafe[np.arange(y.shape[1]) > fail_index[:, None]] = np.nan
     safe = y[~is_unsafe]
@@ -315,16 +335,17 @@ def _dataset(simulator: Simulator, parts: list[Rollouts], n_safe_met: int) -> Da
         safe_times=_safe_times(recipe, len(safe), y.shape[1]),
         theta_unsafe=theta[is_unsafe],
         theta_safe=theta[~is_unsafe],
-        dt=recipe.dt,
-        theta_names=simulator.plant.names,
+        dt=simulator.dt,
+        theta_names=simulator.parameters.names,
         n_safe_met=n_safe_met,
         seed=recipe.seed,
-        recipe=to_plain(recipe),
+        recipe=recipe.to_plain(),
         specification=recipe.specification,
+        dictionary=simulator.dictionary,
     )
 
 
-def _safe_times(recipe: DatasetRecipe, n_safe: int, n_samples: int) -> Indices:
+def _safe_times(recipe: SimulatedTest, n_safe: int, n_samples: int) -> Indices:
     """(n_safe, n_obs) random sample indices of each safe rollout, without repetition, ascending."""
     rng = stream(recipe.seed, Branch.SAFE_TIMES)
     times = np.empty((n_safe, recipe.n_obs), np.int64)

@@ -7,9 +7,9 @@ import numpy as np
 
 from core.planned_test.amplitude import AmplitudeError, suggest_amplitude
 from core.planned_test.collection import TRAINING_ROLLOUTS
-from core.planned_test.planned_test import DatasetRecipe, Rollouts, Simulator
+from core.planned_test.planned_test import DatasetRecipe, LateralSimulator
 from core.seeds import Branch, stream
-from core.simulation.uncertain_plant import UncertainPlant
+from core.simulation.simulator import Flies, Parameters, Rollouts
 from core.types import Array, Indices
 
 Draw = Callable[[int, np.random.Generator], Array]
@@ -29,10 +29,10 @@ MOST_EACH = 100
 """Flights per failure wanted, at most; aircraft that fail less are left out."""
 
 
-def near_aircraft(plant: UncertainPlant, factor: float, n: int, rng: np.random.Generator) -> Array:
+def near_aircraft(of: Parameters, factor: float, n: int, rng: np.random.Generator) -> Array:
     """Theta (n, n_parameters): each nominal one multiplied by exp(U(-ln factor, ln factor))."""
     widest = np.log(factor)
-    return plant.nominal * np.exp(rng.uniform(-widest, widest, (n, len(plant.nominal))))
+    return of.nominal * np.exp(rng.uniform(-widest, widest, (n, len(of.nominal))))
 
 
 def softer(recipe: DatasetRecipe, lag_s: float) -> DatasetRecipe:
@@ -52,7 +52,7 @@ def retuned(recipe: DatasetRecipe) -> DatasetRecipe:
 
 
 def fly_each(
-    simulator: Simulator,
+    simulator: Flies,
     theta: Array,
     rng: np.random.Generator,
     n_flights: int,
@@ -81,7 +81,7 @@ def near_rollouts(recipe: DatasetRecipe, n: int = TRAINING_ROLLOUTS) -> Rollouts
     """
     imperfections = recipe.imperfections
     hands = replace(imperfections, softness_s=max(SOFTER_S, imperfections.softness_s))
-    simulator = Simulator(replace(recipe, imperfections=hands), WIDER)
+    simulator = LateralSimulator(replace(recipe, imperfections=hands), WIDER)
     return simulator.rollouts(n, stream(recipe.seed, Branch.NEAR, 0))
 
 
@@ -107,16 +107,19 @@ def near_failures(
     return found
 
 
-def _populations(recipe: DatasetRecipe) -> Iterator[tuple[Simulator, Draw]]:
-    planned, soft = Simulator(recipe), Simulator(softer(recipe, LAG_S))
+def _populations(recipe: DatasetRecipe) -> Iterator[tuple[LateralSimulator, Draw]]:
+    planned, soft = recipe.simulator(), softer(recipe, LAG_S).simulator()
     yield planned, planned.plant.sample
     for factor in FACTORS:
-        yield planned, lambda n, rng, factor=factor: near_aircraft(planned.plant, factor, n, rng)
+        yield (
+            planned,
+            lambda n, rng, factor=factor: near_aircraft(planned.parameters, factor, n, rng),
+        )
     yield soft, soft.plant.sample
 
 
 def _one_failure_each(
-    simulator: Simulator, draw: Draw, n: int, rng: np.random.Generator
+    simulator: LateralSimulator, draw: Draw, n: int, rng: np.random.Generator
 ) -> Rollouts | None:
     """A failing flight of each of n aircraft; None if they fail too rarely."""
     parts, missing, made = list[Rollouts](), n, 0

@@ -4,14 +4,15 @@ from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from math import radians
-from typing import Annotated, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
 from core.bounds import Bounds, check_bounds
-from core.channels import KEYS
+from core.channels import KEYS, LATERAL, Dictionary
 from core.limits.limits import Limits
 from core.monitor.group import GROUPINGS, Grouping
+from core.recipe import to_plain
 from core.simulation.aircraft import AIRCRAFT, Aircraft
 from core.simulation.control_law import CONTROL_LAWS, ControlLaw, check_usable
 from core.simulation.imperfections import (
@@ -23,12 +24,16 @@ from core.simulation.imperfections import (
 )
 from core.simulation.maneuver import MANEUVERS, Maneuver
 from core.simulation.rollout import roll_out, sideslip_state
-from core.types import Array, Flags, Indices
+from core.simulation.simulator import Parameters, Rollouts, Stopped
+from core.types import Array, Indices
 
 DEFAULT_AIRCRAFT = AIRCRAFT["f16_sl_h0_v502"]
 USUAL = DEFAULT_AIRCRAFT.condition.usual_test
 MOST_SAMPLES = 20_000
 """Largest number of steps of a rollout, so that a chunk fits in memory."""
+LARGEST_CHUNK = 4096
+CHUNK_STEPS = 2_000_000
+"""Steps of all rollouts of a chunk: about 100 MB."""
 
 
 @dataclass(frozen=True)
@@ -60,26 +65,6 @@ USUAL_TIMING_JITTER_S, USUAL_AMPLITUDE_JITTER = 0.1, 0.15
 """Scatter of a pilot who flies a doublet by hand."""
 USUAL_SOFTNESS_S = 0.5
 """No two pilots move the pedals alike: with their lag of 0.1 s, 0.1 to 0.6 s."""
-
-
-class Rollouts(NamedTuple):
-    """Labelled trajectories of one manoeuvre.
-
-    y: (n, n_samples, 6) measured outputs.   fail_index: (n,) first sample that exceeds a limit,
-    n_samples for a safe rollout.   theta: (n, n_parameters).
-    """
-
-    y: Array
-    fail_index: Indices
-    theta: Array
-
-    @property
-    def is_unsafe(self) -> Flags:
-        """(n,) whether the rollout exceeds a limit."""
-        return self.fail_index < self.y.shape[1]
-
-    def some(self, which: slice | Flags | Indices) -> "Rollouts":
-        return Rollouts(self.y[which], self.fail_index[which], self.theta[which])
 
 
 @dataclass(frozen=True)
@@ -116,6 +101,8 @@ class DatasetRecipe:
     max_safe: Annotated[int, Bounds(least=1)] = 50_000
     """safe rollouts kept: the first ones; further ones are only counted."""
 
+    remedy: ClassVar[str] = "raise the amplitude, lower the limit"
+
     def __post_init__(self) -> None:
         if not 0 < self.dt < self.maneuver.duration_s:
             raise ValueError(
@@ -134,6 +121,17 @@ class DatasetRecipe:
                 f"n_obs={self.n_obs} was given: a rollout has {n_samples} samples, choose fewer "
                 "observation times or a smaller dt"
             )
+
+    def simulator(self) -> "LateralSimulator":
+        return LateralSimulator(self)
+
+    def to_plain(self) -> dict[str, Any]:
+        return to_plain(self)
+
+    @property
+    def most_at_once(self) -> int:
+        """Rollouts that fit in memory together."""
+        return max(1, min(LARGEST_CHUNK, CHUNK_STEPS // self.n_steps))
 
     @property
     def n_steps(self) -> int:
@@ -174,8 +172,10 @@ Look = Callable[[Array, Array], object]
 """Called with the true outputs from trim (n, n_samples, 6), and with that trim (n, 6)."""
 
 
-class Simulator:
-    """Rolls out the planned test on random aircraft."""
+class LateralSimulator:
+    """The linear lateral plant: it can fly, stop, and be planned otherwise, from its recipe."""
+
+    dictionary: Dictionary = LATERAL
 
     def __init__(self, recipe: DatasetRecipe, spread: float = 1.0) -> None:
         """spread: width of D_theta about its mean, as a multiple of the recipe's."""
@@ -192,6 +192,14 @@ class Simulator:
         self.gust = recipe.imperfections.gust(condition.altitude, condition.airspeed)
         if self.gust is not None:
             sideslip_state(self.plant.nominal_plant())
+
+    @property
+    def dt(self) -> float:
+        return self.recipe.dt
+
+    @property
+    def parameters(self) -> Parameters:
+        return self.plant.parameters
 
     def rollouts(self, n: int, rng: np.random.Generator) -> Rollouts:
         """Roll out n aircraft drawn from D_theta."""
@@ -251,16 +259,11 @@ class Simulator:
         out = imperfections.record(y, start, every, drawn.rest, noise, step, rng)
         return Rollouts(out, first, drawn.theta)
 
-    def stopping(
-        self, n: int, rng: np.random.Generator, theta: Array | None = None
-    ) -> Callable[[Indices, Indices], Indices]:
+    def stopping(self, n: int, rng: np.random.Generator, theta: Array | None = None) -> Stopped:
         """Draw n flights from rng as `rollouts` does, to fly some again with the manoeuvre stopped.
 
         theta: (n, n_parameters) of given aircraft; their flights are then drawn as in `fly`.
-
-        Returns a function of (m,) flight numbers and (m,) samples from which the pilot commands
-        neutral controls (reached with the manoeuvre's pedal lag). It returns (m,) the first sample
-        that exceeds a limit, n_samples without one.
+        Neutral controls are reached with the manoeuvre's pedal lag.
         """
         if theta is None:
             theta, pilot = self._planned(n, rng)
@@ -358,3 +361,11 @@ class _Drawn(NamedTuple):
         commands = self.commands if len(self.commands) == 1 else self.commands[which]
         gust = None if self.gust is None else self.gust[which]
         return _Drawn(self.theta[which], commands, self.rest[which], gust)
+
+
+@runtime_checkable
+class Replans(Protocol):
+    """A simulator of a planned manoeuvre that can be planned otherwise: other amplitudes, hands,
+    noise or aircraft. Amplitude search, cards and campaigns need one."""
+
+    recipe: DatasetRecipe

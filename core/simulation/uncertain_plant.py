@@ -10,9 +10,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from core.bounds import check_bounds
+from core.simulation.simulator import Distribution, Parameters
 from core.types import Array
 
-Distribution = Literal["normal", "uniform"]
 Unit = Literal["fraction", "absolute"]
 
 
@@ -97,6 +97,10 @@ class UncertainPlant:
     joint_root: Array | None = None
 
     @property
+    def parameters(self) -> Parameters:
+        return Parameters(self.names, self.nominal, self.spread, self.distribution)
+
+    @property
     def root(self) -> Array:
         """(n_params, m) map from m deviates of variance 1 to theta."""
         if self.joint_root is not None:
@@ -112,14 +116,7 @@ class UncertainPlant:
         """Draw theta (n, n_params); certain parameters use no random numbers."""
         if self.joint_root is not None:
             return self.theta_of(rng.standard_normal((n, self.joint_root.shape[1])))
-        uncertain = np.flatnonzero(self.spread)
-        shape = (n, len(uncertain))
-        normal = self.distribution == "normal"
-        deviation = rng.standard_normal(shape) if normal else rng.uniform(-1.0, 1.0, shape)
-        deviation *= self.spread[uncertain]
-        theta = np.repeat(self.nominal[np.newaxis], n, axis=0)
-        theta[:, uncertain] += deviation
-        return theta
+        return self.parameters.sample(n, rng)
 
     def plants(self, theta: Array) -> Plants:
         """The plants of theta (n, n_params), in fresh arrays."""

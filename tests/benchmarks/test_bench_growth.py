@@ -12,7 +12,8 @@ import pandas as pd
 import pytest
 
 from core.monitor import Monitor, train
-from core.planned_test.collection import DatasetRecipe, Simulator, collect
+from core.planned_test.collection import DatasetRecipe, collect
+from core.planned_test.planned_test import LateralSimulator
 from core.types import Array
 
 pytestmark = pytest.mark.benchmark
@@ -49,7 +50,7 @@ def cpu_s(task: Callable[[], object]) -> float:
 def flown(n: int, recipe: DatasetRecipe) -> Array:
     """Samples (n, 6) of flights one after the other."""
     per_flight = recipe.maneuver.n_samples(recipe.dt)
-    flights = Simulator(recipe).rollouts(-(-n // per_flight), np.random.default_rng(1))
+    flights = LateralSimulator(recipe).rollouts(-(-n // per_flight), np.random.default_rng(1))
     return flights.y.reshape(-1, 6)[:n]
 
 

@@ -19,13 +19,13 @@ from core.monitor.predictor import Linear
 from core.monitor.training import SafeObservations
 from core.planned_test.collection import (
     DatasetRecipe,
-    Simulator,
     collect,
     combination_failures,
     evaluation_flights,
     fresh,
 )
 from core.planned_test.near import near_failures
+from core.planned_test.planned_test import LateralSimulator
 from tests.benchmarks.pairs import in_turns
 from tests.benchmarks.peers import CKDTreeMonitor
 
@@ -38,7 +38,7 @@ def monitor_of(n_safe_points: int) -> tuple[Monitor, np.ndarray]:
     rate = collect(replace(recipe, n_unsafe=500)).unsafe_rate
     n_unsafe = max(20, round(n_safe_points / recipe.n_obs * rate / (1 - rate)))
     monitor = train(collect(replace(recipe, n_unsafe=n_unsafe)))
-    flights = Simulator(recipe).rollouts(100, np.random.default_rng(1))
+    flights = LateralSimulator(recipe).rollouts(100, np.random.default_rng(1))
     return monitor, flights.y.reshape(-1, 6)
 
 
@@ -122,7 +122,7 @@ def test_a_sample_of_the_usual_rule_against_neighbours_alone() -> None:
 
 def test_batch_scoring_of_an_hour_at_100_hz() -> None:
     monitor, _ = monitor_of(14_600)
-    flights = Simulator(DatasetRecipe()).rollouts(2976, np.random.default_rng(2))
+    flights = LateralSimulator(DatasetRecipe()).rollouts(2976, np.random.default_rng(2))
     y = flights.y.reshape(-1, 6)[:360_000]
     peer = CKDTreeMonitor(monitor)
     assert np.mean(monitor.p_values(y) != peer.p_values(y)) < 1e-4  # rounding of BLAS
@@ -139,7 +139,7 @@ def test_p_values_alone_of_an_hour_at_100_hz() -> None:
     """Against assessing every sample, whose scores need every neighbour."""
     recipe = replace(DatasetRecipe(), n_unsafe=500)
     monitor = train(collect(recipe), fresh=fresh(recipe))
-    y = Simulator(recipe).rollouts(2976, np.random.default_rng(2)).y.reshape(-1, 6)[:360_000]
+    y = LateralSimulator(recipe).rollouts(2976, np.random.default_rng(2)).y.reshape(-1, 6)[:360_000]
     t = np.arange(len(y)) * monitor.dt
     for flown, what in ((monitor, "with"), (replace(monitor, support=None), "without")):
         assert flown.p_values(y).tobytes() == flown.assess(t, y).p_value.tobytes()
@@ -154,7 +154,7 @@ def test_p_values_alone_of_an_hour_at_100_hz() -> None:
 def test_exact_p_values_of_trajectory_calibration(n_unsafe: int) -> None:
     """Against the simple ones of the same failures."""
     dataset = collect(replace(DatasetRecipe(), n_unsafe=n_unsafe))
-    y = Simulator(DatasetRecipe()).rollouts(200, np.random.default_rng(1)).y.reshape(-1, 6)
+    y = LateralSimulator(DatasetRecipe()).rollouts(200, np.random.default_rng(1)).y.reshape(-1, 6)
     exact, simple = (
         train(dataset, MonitorRecipe(calibration="trajectory", p_value=p_value))
         for p_value in ("exact", "simple")

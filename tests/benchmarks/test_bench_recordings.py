@@ -14,7 +14,8 @@ from sklearn.neighbors import NearestNeighbors
 
 from app.jobs.training import train_and_test
 from core.monitor import Monitor, MonitorRecipe
-from core.planned_test.collection import DatasetRecipe, Simulator, collect
+from core.planned_test.collection import DatasetRecipe, collect
+from core.planned_test.planned_test import LateralSimulator
 from core.simulation.maneuver import MANEUVERS
 from tests.benchmarks.pairs import ROUNDS
 from tests.support.api import api, store_of
@@ -42,7 +43,7 @@ def monitor() -> Monitor:
 def flown(n: int) -> npt.NDArray[np.float64]:
     """Channels (n, 6) of doublets one after the other."""
     per_flight = RECIPE.maneuver.n_samples(DT)
-    rollouts = Simulator(RECIPE).rollouts(-(-n // per_flight), np.random.default_rng(5))
+    rollouts = LateralSimulator(RECIPE).rollouts(-(-n // per_flight), np.random.default_rng(5))
     return rollouts.y.reshape(-1, 6)[:n]
 
 

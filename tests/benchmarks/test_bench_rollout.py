@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from core.kernels.compiled import on_this_thread
 from core.limits.limits import Limits
-from core.planned_test.planned_test import DatasetRecipe, Simulator
+from core.planned_test.planned_test import DatasetRecipe, LateralSimulator
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import Actuator, RateDamper
 from core.simulation.imperfections import Imperfections
@@ -103,7 +103,7 @@ def test_flown_rollouts_against_noise_and_jitter_alone():
     clean, rng = DatasetRecipe(), np.random.default_rng(0)
 
     def make(recipe: DatasetRecipe) -> Callable[[], Any]:
-        simulator = Simulator(recipe)
+        simulator = LateralSimulator(recipe)
         return lambda: simulator.rollouts(ROLLOUTS, rng)
 
     print()

@@ -7,7 +7,8 @@ import pytest
 from numpy.lib.stride_tricks import sliding_window_view
 
 from core.monitor import Monitor, train
-from core.planned_test.collection import DatasetRecipe, Simulator, collect, fresh
+from core.planned_test.collection import DatasetRecipe, collect, fresh
+from core.planned_test.planned_test import LateralSimulator
 from tests.benchmarks.pairs import in_turns
 
 pytestmark = pytest.mark.benchmark
@@ -22,7 +23,7 @@ def monitor() -> Monitor:
 
 
 def test_a_recording_is_judged(monitor: Monitor) -> None:
-    flights = Simulator(DatasetRecipe()).rollouts(3_000, np.random.default_rng(3)).y
+    flights = LateralSimulator(DatasetRecipe()).rollouts(3_000, np.random.default_rng(3)).y
     y = np.ascontiguousarray(flights.reshape(-1, 6)[:N_SAMPLES])
     t = np.arange(N_SAMPLES, dtype=np.float64) * monitor.dt
     said, support = monitor.assess(t, y, withdraw=False), monitor.support
@@ -49,7 +50,7 @@ def test_a_recording_is_judged(monitor: Monitor) -> None:
 
 
 def test_a_sample_in_flight_is_judged_and_assessed(monitor: Monitor) -> None:
-    y = Simulator(DatasetRecipe()).rollouts(1, np.random.default_rng(4)).y[0]
+    y = LateralSimulator(DatasetRecipe()).rollouts(1, np.random.default_rng(4)).y[0]
     samples, bare = [np.ascontiguousarray(sample) for sample in y], replace(monitor, support=None)
 
     def fly(flown: Monitor) -> None:

@@ -12,7 +12,7 @@ from app.campaigns.point import Clearing, FlownPoint
 from app.campaigns.stored import Campaigns
 from core.channels import KEYS
 from core.clearance.clearance import ClearanceRecipe
-from core.planned_test.planned_test import Simulator
+from core.planned_test.planned_test import LateralSimulator
 from tests.browser.fly.test_fly_page import Fly, site, stored
 from tests.browser.site import Site
 
@@ -56,7 +56,7 @@ class Campaign(Fly):
     def samples(self) -> Any:
         """(n, 6) of the next point, flown by the nominal aircraft after rest."""
         _, campaign = Campaigns(self.site.store).get(self.id)
-        simulator = Simulator(campaign.test_of(campaign.next.point))
+        simulator = LateralSimulator(campaign.test_of(campaign.next.point))
         theta = simulator.plant.nominal[np.newaxis]
         y = simulator.fly(theta, np.random.default_rng(1))[0].y[0]
         return np.vstack([np.zeros((60, 6)), y])

@@ -8,7 +8,8 @@ import pytest
 from core.evaluation.rates import evaluate
 from core.evaluation.study import METHODS, StudyRecipe, StudyResult, study
 from core.monitor import MonitorRecipe, train
-from core.planned_test.collection import DatasetRecipe, Simulator, collect
+from core.planned_test.collection import DatasetRecipe, collect
+from core.planned_test.planned_test import LateralSimulator
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.imperfections import Imperfections
@@ -84,7 +85,7 @@ def miss_rates() -> dict[str, np.ndarray]:
     trained_on = {"lacking": replace(flown, imperfections=Imperfections()), "whole": flown}
     rates = {name: np.empty(8) for name in trained_on}
     for fit in range(8):
-        flights = Simulator(flown).rollouts(500, np.random.default_rng(100 + fit))
+        flights = LateralSimulator(flown).rollouts(500, np.random.default_rng(100 + fit))
         for name, recipe in trained_on.items():
             monitor = train(collect(replace(recipe, seed=fit)), MonitorRecipe(epsilon=0.1))
             result = evaluate(monitor, flights.y, flights.fail_index, np.array([0.1]))

@@ -24,7 +24,7 @@ from core.evaluation.rates import clopper_pearson, first_alerts
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.calibration import Guarantee, alert_above, failures_needed
 from core.planned_test.collection import CollectionError, card_of, collect
-from core.planned_test.planned_test import DatasetRecipe, Simulator
+from core.planned_test.planned_test import DatasetRecipe, LateralSimulator
 from core.seeds import Branch, stream
 from core.types import Array, Flags, Indices
 from tests.studies.study_command import Progress, run_study
@@ -179,7 +179,7 @@ class FlownBuildUp:
             replace(test, maneuver=test.maneuver.with_peak(part * peak)) for part in recipe.steps
         ]
         self.seed = (recipe.seed, Branch.CLEARANCE, 3, of_test)
-        simulators = [Simulator(point) for point in self.points]
+        simulators = [LateralSimulator(point) for point in self.points]
         self.theta = simulators[0].plant.sample(recipe.n_flown, stream(*self.seed))
         rngs = [stream(*self.seed, number) for number in range(len(self.points))]
         self._stopped = [

@@ -18,7 +18,7 @@ from core.clearance.clearance import (
 )
 from core.clearance.joint_model import Law, SurfaceMotion, joint_flow
 from core.evaluation.lead_sweep import TESTS
-from core.planned_test.planned_test import DatasetRecipe, SensorNoise, Simulator
+from core.planned_test.planned_test import DatasetRecipe, LateralSimulator, SensorNoise
 from core.seeds import Branch, stream
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import NoFeedback
@@ -198,7 +198,7 @@ class _Truth:
     """A planned test as flown, with an error."""
 
     def __init__(self, planned: DatasetRecipe, error: ModelError, changed: Recipe) -> None:
-        self._simulator, self._error = Simulator(changed(planned)), error
+        self._simulator, self._error = LateralSimulator(changed(planned)), error
 
     def fly(self, theta: Array, rng: np.random.Generator) -> tuple[Array, Flags]:
         """Records (n, n_samples, 6), and (n,) whether they exceed a limit."""
@@ -216,7 +216,7 @@ class _Truth:
 
 
 def softened(
-    simulator: Simulator, theta: Array, softening: float, rng: np.random.Generator
+    simulator: LateralSimulator, theta: Array, softening: float, rng: np.random.Generator
 ) -> Array:
     """True outputs (n, n_samples, 6) of aircraft whose yaw stiffness falls with sideslip.
 

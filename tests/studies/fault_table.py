@@ -23,7 +23,7 @@ from core.channels import KEYS
 from core.clearance.sensors import GRAVITY
 from core.monitor import Monitor, train
 from core.planned_test.collection import DatasetRecipe, collect, fresh
-from core.planned_test.planned_test import Simulator
+from core.planned_test.planned_test import LateralSimulator
 from core.seeds import Branch, stream
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.attitude import SurfaceSigns, surface_signs
@@ -173,7 +173,7 @@ def flights_of(
     usual = planned.maneuver
     duration = usual.duration_s - usual.lead_in_s + REST_S + AFTERWARDS_S
     longer = replace(usual, lead_in_s=REST_S, duration_s=duration)
-    simulator = Simulator(replace(planned, maneuver=longer))
+    simulator = LateralSimulator(replace(planned, maneuver=longer))
     rng = stream(recipe.seed, Branch.TEST)
     flights: dict[Kind, list[RecordedFlight]] = {kind: [] for kind in KINDS}
     while min(len(made) for made in flights.values()) < recipe.n_flights:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 from scipy.stats import qmc
 
-from core.planned_test.planned_test import DatasetRecipe, Simulator
+from core.planned_test.planned_test import DatasetRecipe, LateralSimulator
 from core.simulation.maneuver import COLUMN, Doublet
 from core.types import Array, Indices
 
@@ -42,7 +42,7 @@ class Switches(NamedTuple):
 
 
 class Foresight:
-    """The flights that `Simulator.fly` draws from rng, for someone who foresees them.
+    """The flights that `LateralSimulator.fly` draws from rng, for someone who foresees them.
 
     candidates: (n, n_candidates, n_parameters) aircraft that each might be; None if it is known.
     Who knows the aircraft also knows the gust and the small movements of the hands to come: only
@@ -59,7 +59,7 @@ class Foresight:
     ) -> None:
         if not isinstance(test.maneuver, Doublet):
             raise ValueError(f"{type(test.maneuver).__name__} was given: foresight needs a doublet")
-        self._test, self._maneuver, self._simulator = test, test.maneuver, Simulator(test)
+        self._test, self._maneuver, self._simulator = test, test.maneuver, LateralSimulator(test)
         self._candidates = theta[:, np.newaxis] if candidates is None else candidates
         self._is_known = candidates is None
         n, self._column = len(theta), COLUMN[test.maneuver.surface]

@@ -22,7 +22,7 @@ from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
 from core.planned_test.collection import card_of, collect, combination_failures, fresh
 from core.planned_test.near import near_aircraft, near_failures, near_rollouts, retuned, softer
-from core.planned_test.planned_test import DatasetRecipe, Simulator
+from core.planned_test.planned_test import DatasetRecipe, LateralSimulator
 from core.seeds import Branch, stream
 from core.types import Array
 from tests.studies.study_command import Progress, run_study
@@ -74,7 +74,7 @@ class Flown(NamedTuple):
     """A kind of aircraft or input: its test, and the theta of its aircraft."""
 
     kind: str
-    simulator: Simulator
+    simulator: LateralSimulator
     theta: Array
 
 
@@ -148,17 +148,17 @@ def _monitors(recipe: NearRecipe, planned: DatasetRecipe) -> dict[str, Monitor]:
 def _flown(
     recipe: NearRecipe, planned: DatasetRecipe, test: str, rng: np.random.Generator
 ) -> Iterator[Flown]:
-    simulator, n = Simulator(planned), recipe.n_aircraft
+    simulator, n = LateralSimulator(planned), recipe.n_aircraft
     yield Flown("own", simulator, simulator.plant.sample(n, rng))
-    yield Flown("nominal", simulator, near_aircraft(simulator.plant, 1.0, n, rng))
+    yield Flown("nominal", simulator, near_aircraft(simulator.parameters, 1.0, n, rng))
     for factor in recipe.factors:
-        theta = near_aircraft(simulator.plant, factor, n, rng)
+        theta = near_aircraft(simulator.parameters, factor, n, rng)
         yield Flown(f"factor {factor:g}", simulator, theta)
     for lag_s in recipe.lags_s:
-        simulator = Simulator(softer(planned, lag_s))
+        simulator = LateralSimulator(softer(planned, lag_s))
         yield Flown(f"lag {lag_s:g} s", simulator, simulator.plant.sample(n, rng))
     other = tuple(TESTS)[(tuple(TESTS).index(test) + 1) % len(TESTS)]
-    simulator = Simulator(retuned(replace(planned, aircraft=TESTS[other].aircraft)))
+    simulator = LateralSimulator(retuned(replace(planned, aircraft=TESTS[other].aircraft)))
     yield Flown("other type", simulator, simulator.plant.sample(n, rng))
 
 

@@ -10,7 +10,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from core.evaluation.lead_sweep import TESTS
-from core.planned_test.planned_test import DatasetRecipe, Simulator
+from core.planned_test.planned_test import DatasetRecipe, LateralSimulator
 from core.seeds import Branch, stream
 from core.simulation.maneuver import Step
 from tests.studies.campaign_ceiling import (
@@ -81,8 +81,8 @@ def without_scatter() -> DatasetRecipe:
 
 @pytest.mark.parametrize("test", [TESTS["ATTAS"].as_flown(), without_scatter()])
 def test_a_fork_that_flies_on_as_flown_ends_as_flown(test: DatasetRecipe) -> None:
-    theta = Simulator(test).plant.sample(30, stream(5, Branch.TEST))
-    flown, _ = Simulator(test).fly(theta, stream(6, Branch.TEST))
+    theta = LateralSimulator(test).plant.sample(30, stream(5, Branch.TEST))
+    flown, _ = LateralSimulator(test).fly(theta, stream(6, Branch.TEST))
     foresight = Foresight(test, theta, stream(6, Branch.TEST))
     ends = foresight._ends(np.arange(30), foresight._inputs[:, np.newaxis])
     assert flown.is_unsafe.any()
@@ -91,7 +91,7 @@ def test_a_fork_that_flies_on_as_flown_ends_as_flown(test: DatasetRecipe) -> Non
 
 def test_forks_keep_the_input_flown_and_scatter_about_the_planned_one() -> None:
     test = replace(TESTS["F-16"].as_flown(), noise=TESTS["F-16"].noise)
-    theta = Simulator(test).plant.sample(200, stream(5, Branch.TEST))
+    theta = LateralSimulator(test).plant.sample(200, stream(5, Branch.TEST))
     foresight = Foresight(test, theta, stream(6, Branch.TEST))
     first, second, neutral = foresight._switches
     late = np.flatnonzero(second > first + 12)
@@ -169,6 +169,6 @@ def test_impossible_studies_are_refused(given: dict[str, Any], words: str) -> No
 
 def test_foresight_needs_a_doublet() -> None:
     test = replace(TESTS["F-16"], maneuver=Step(amplitude_deg=5.0))
-    theta = Simulator(test).plant.sample(2, stream(5, Branch.TEST))
+    theta = LateralSimulator(test).plant.sample(2, stream(5, Branch.TEST))
     with pytest.raises(ValueError, match="Step was given"):
         Foresight(test, theta, stream(6, Branch.TEST))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from core.evaluation.lead_sweep import TESTS
-from core.planned_test.planned_test import Simulator
+from core.planned_test.planned_test import LateralSimulator
 from core.seeds import Branch, stream
 from tests.studies.campaign_study import (
     WITHOUT,
@@ -42,7 +42,7 @@ def test_flights_of_given_aircraft_are_the_same_if_not_stopped(
 ) -> None:
     """They do not fail with neutral controls from the first sample on."""
     test = TESTS["F-16"] if imperfections == "none" else TESTS["F-16"].as_flown()
-    simulator, rng = Simulator(test), stream(3, Branch.TEST)
+    simulator, rng = LateralSimulator(test), stream(3, Branch.TEST)
     theta = simulator.plant.sample(40, rng)
     stopped = simulator.stopping(40, deepcopy(rng), theta)
     flown, _ = simulator.fly(theta, rng)

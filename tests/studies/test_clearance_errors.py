@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from core.evaluation.lead_sweep import TESTS
-from core.planned_test.planned_test import SensorNoise, Simulator
+from core.planned_test.planned_test import LateralSimulator, SensorNoise
 from tests.studies import clearance_errors
 from tests.studies.clearance_errors import (
     MODEL_ERRORS,
@@ -21,7 +21,7 @@ BY_WORDS = {error.words: error for error in MODEL_ERRORS}
 @pytest.mark.parametrize("name", TESTS)
 def test_an_aircraft_without_softening_flies_like_the_linear_one(name: str) -> None:
     """The numerical integration against the exact rollout."""
-    simulator = Simulator(replace(TESTS[name], noise=SensorNoise()))
+    simulator = LateralSimulator(replace(TESTS[name], noise=SensorNoise()))
     theta = simulator.plant.sample(5, np.random.default_rng(1))
     exact = simulator.fly(theta, np.random.default_rng(2))[0].y
     outputs = softened(simulator, theta, 0.0, np.random.default_rng(2))
@@ -33,7 +33,7 @@ def test_softening_makes_the_aircraft_swing_farther() -> None:
     planned, grown = replace(TESTS["F-16"], noise=SensorNoise()), []
     for part in (0.25, 1.0, 1.5):
         peak = part * planned.maneuver.peak_deg
-        simulator = Simulator(replace(planned, maneuver=planned.maneuver.with_peak(peak)))
+        simulator = LateralSimulator(replace(planned, maneuver=planned.maneuver.with_peak(peak)))
         theta = simulator.plant.nominal[np.newaxis]
         linear, soft = (
             np.abs(softened(simulator, theta, lost, np.random.default_rng(2))[..., 0]).max()

@@ -18,7 +18,7 @@ from core.monitor.recipe import MonitorRecipe
 from core.monitor.training import train
 from core.planned_test.amplitude import AmplitudeError, suggest_amplitude
 from core.planned_test.collection import collect, fresh
-from core.planned_test.planned_test import DatasetRecipe, Simulator
+from core.planned_test.planned_test import DatasetRecipe, LateralSimulator
 from core.seeds import Branch, stream
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import CONTROL_LAWS
@@ -143,7 +143,7 @@ def planned_for(name: ModelName, recipe: MatrixRecipe) -> DatasetRecipe:
         n_unsafe=recipe.n_unsafe,
         seed=seed,
     ).as_flown()
-    flights = Simulator(unlimited).rollouts(N_PEAKS, stream(seed, Branch.PILOT_RUN))
+    flights = LateralSimulator(unlimited).rollouts(N_PEAKS, stream(seed, Branch.PILOT_RUN))
     peaks = np.abs(flights.y[..., NY]).max(axis=1)
     limit = float(f"{np.quantile(peaks, 1 - EXCEEDING):.3g}")
     return replace(unlimited, specification=Limits(Ny=limit))
@@ -174,7 +174,7 @@ def _pair(
     """Fly until enough flights exceed; only one batch if none of it does."""
     numbers = (tuple(MODELS).index(part) for part in (name, aircraft))
     rng = stream(recipe.seed, Branch.PAIRS, *numbers, COMMANDS.index(command))
-    simulator, counts, n_flights = Simulator(flown), np.zeros(6, np.int64), 0
+    simulator, counts, n_flights = LateralSimulator(flown), np.zeros(6, np.int64), 0
     while n_flights < recipe.most_flights:
         flights = simulator.rollouts(min(BATCH, recipe.most_flights - n_flights), rng)
         n_flights += len(flights.y)

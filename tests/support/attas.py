@@ -15,8 +15,8 @@ from app.telemetry.timing.repair import repair
 from core.channels import KEYS
 from core.limits.limits import Limits
 from core.monitor import Monitor, MonitorRecipe
-from core.planned_test.collection import DatasetRecipe, Rollouts, Simulator, collect
-from core.planned_test.planned_test import SensorNoise
+from core.planned_test.collection import DatasetRecipe, Rollouts, collect
+from core.planned_test.planned_test import LateralSimulator, SensorNoise
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.maneuver import Doublet
@@ -55,7 +55,7 @@ def trained(test: DatasetRecipe = TEST, recipe: MonitorRecipe | None = None) -> 
 def fly(n: int, seed: int, lead_in_s: float = 3.0, duration_s: float = 10.0) -> Rollouts:
     """Fresh flights that begin with a longer rest and go on for longer than the planned test."""
     longer = replace(DOUBLET, lead_in_s=lead_in_s, duration_s=duration_s)
-    return Simulator(replace(TEST, maneuver=longer)).rollouts(n, np.random.default_rng(seed))
+    return LateralSimulator(replace(TEST, maneuver=longer)).rollouts(n, np.random.default_rng(seed))
 
 
 def recorded(y: np.ndarray, dt: float = TEST.dt, start: float = 0.0, **more: float) -> Traces:

@@ -25,8 +25,8 @@ from core.limits.limits import Limits
 from core.monitor import Monitor, MonitorRecipe, load
 from core.monitor.predictor import ResponseFilter
 from core.monitor.score import CardWindow
-from core.planned_test.collection import DatasetRecipe, Simulator
-from core.planned_test.planned_test import Simulator as PlannedTest
+from core.planned_test.collection import DatasetRecipe
+from core.planned_test.planned_test import LateralSimulator
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.maneuver import Doublet
@@ -223,7 +223,7 @@ def heroes(studio: Studio, monitor: str) -> None:
 
 def recordings(studio: Studio, monitor: str, trained: Monitor) -> None:
     """A recording of a flight that is warned of in time: its mapping, its scoring."""
-    flights = Simulator(DATASET).rollouts(30, np.random.default_rng(5))
+    flights = LateralSimulator(DATASET).rollouts(30, np.random.default_rng(5))
     failing = next(
         y
         for y, fails in zip(flights.y, flights.fail_index, strict=True)
@@ -268,7 +268,7 @@ def campaign(studio: Studio) -> None:
             studio.ask("POST", f"{path}/clearance", json={"point": point, "by": "Ann"})
         studio.ask("POST", f"{path}/confirm", json={"point": point, "by": "Ann"})
         doublet = Doublet(amplitude_deg=6.4 * step)
-        simulator = PlannedTest(replace(test, maneuver=doublet))
+        simulator = LateralSimulator(replace(test, maneuver=doublet))
         theta = simulator.plant.nominal[np.newaxis]
         y = simulator.fly(theta, np.random.default_rng(1))[0].y[0]
         text = table(y, test.dt)

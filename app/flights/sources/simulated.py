@@ -6,7 +6,8 @@ from typing import Any, Literal
 import numpy as np
 
 from app.recipes.recipes import from_plain, simulated_test
-from core.planned_test.collection import DatasetRecipe, Rollouts, Simulator
+from core.planned_test.collection import DatasetRecipe, Rollouts
+from core.planned_test.planned_test import LateralSimulator
 from core.simulation.aircraft import Aircraft, PublishedAircraft
 from core.simulation.attitude import attitude
 from core.types import Array
@@ -55,7 +56,7 @@ def simulate(
 
     theta: given parameters, the others nominal; None for a random aircraft.
     """
-    simulator = Simulator(recipe)
+    simulator = recipe.simulator()
     rng = np.random.default_rng(seed)
     if theta is not None:
         _make_certain(simulator, theta)
@@ -74,7 +75,7 @@ def simulate(
     )
 
 
-def _make_certain(simulator: Simulator, theta: dict[str, float]) -> None:
+def _make_certain(simulator: LateralSimulator, theta: dict[str, float]) -> None:
     """Fix the simulator's aircraft; its control law stays that of the nominal one."""
     plant = simulator.plant
     if unknown := [name for name in theta if name not in plant.names]:
@@ -90,7 +91,7 @@ def _make_certain(simulator: Simulator, theta: dict[str, float]) -> None:
     simulator.plant = replace(plant, nominal=nominal, spread=np.zeros_like(plant.spread))
 
 
-def _track(simulator: Simulator, rollouts: Rollouts, i: int) -> Track:
+def _track(simulator: LateralSimulator, rollouts: Rollouts, i: int) -> Track:
     y, fail_index = rollouts.y[i], int(rollouts.fail_index[i])
     theta = dict(zip(simulator.plant.names, rollouts.theta[i].tolist(), strict=True))
     recipe = simulator.recipe
@@ -118,7 +119,7 @@ def whole_rollout(plain: dict[str, Any], theta: dict[str, float], y: Array) -> A
     failure.
     """
     try:
-        simulator = Simulator(from_plain(DatasetRecipe(), plain, "dataset"))
+        simulator = LateralSimulator(from_plain(DatasetRecipe(), plain, "dataset"))
         _make_certain(simulator, theta)
     except ValueError:
         return y

@@ -11,8 +11,8 @@ from app.assessment.planned_test import PlannedTest
 from core.channels import KEYS
 from core.limits.limits import Envelope
 from core.monitor.status import Level
-from core.planned_test.collection import DatasetRecipe, Simulator, collect
-from core.planned_test.planned_test import SensorNoise
+from core.planned_test.collection import DatasetRecipe, collect
+from core.planned_test.planned_test import LateralSimulator, SensorNoise
 from core.types import Array, Flags
 from tests.support import attas
 from tests.support.places import RECORDS
@@ -116,7 +116,9 @@ def flights(test: DatasetRecipe, n: int) -> tuple[npt.NDArray, Array, Flags, Arr
     trained = collect(replace(test, n_unsafe=40))
     usual = np.fmax.reduce(np.abs(np.concatenate([trained.unsafe, trained.safe])), axis=(0, 1))
     longer = replace(test.maneuver, lead_in_s=3.0, duration_s=test.maneuver.duration_s + 8.0)
-    rollouts = Simulator(replace(test, maneuver=longer)).rollouts(n, np.random.default_rng(3))
+    rollouts = LateralSimulator(replace(test, maneuver=longer)).rollouts(
+        n, np.random.default_rng(3)
+    )
     t = np.arange(rollouts.y.shape[1]) * test.dt
     return t, rollouts.y, rollouts.is_unsafe, usual
 

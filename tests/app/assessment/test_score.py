@@ -30,8 +30,7 @@ from core.monitor.calibration import confident_rank
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
 from core.monitor.validity import verdict as flight_verdict
-from core.planned_test.collection import Simulator
-from core.planned_test.planned_test import SensorNoise
+from core.planned_test.planned_test import LateralSimulator, SensorNoise
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.maneuver import Doublet
 from core.simulation.published import ModelName
@@ -44,7 +43,7 @@ NY = KEYS.index("Ny")
 
 def planned(n: int, seed: int) -> np.ndarray:
     """(n, n_samples, 6) fresh flights of the planned test."""
-    return Simulator(TEST).rollouts(n, np.random.default_rng(seed)).y
+    return LateralSimulator(TEST).rollouts(n, np.random.default_rng(seed)).y
 
 
 @pytest.fixture(scope="module")

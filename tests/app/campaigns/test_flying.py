@@ -18,7 +18,7 @@ from app.telemetry.reading import columns_of
 from core.channels import KEYS
 from core.clearance.clearance import ClearanceRecipe
 from core.evaluation.lead_sweep import TESTS
-from core.planned_test.planned_test import Simulator
+from core.planned_test.planned_test import LateralSimulator
 from core.types import Array
 
 TEST = TESTS["ATTAS"]
@@ -34,7 +34,7 @@ def flight(scale: float = 0.6) -> Array:
 
     It stays below its limit.
     """
-    simulator = Simulator(TEST)
+    simulator = LateralSimulator(TEST)
     y = simulator.fly(simulator.plant.nominal[np.newaxis], np.random.default_rng(1))[0].y[0]
     y = np.vstack([scale * y, np.zeros((AFTER, len(KEYS)))])
     t = np.arange(len(y))

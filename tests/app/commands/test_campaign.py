@@ -12,7 +12,7 @@ from app.campaigns.point import FlownPoint
 from app.cli import main
 from app.commands import campaign as command
 from app.commands.sample_flight import table
-from core.planned_test.planned_test import DatasetRecipe, Simulator
+from core.planned_test.planned_test import DatasetRecipe, LateralSimulator
 from core.recipe import from_plain
 
 QUICK = ("--n-exceeding", "20", "--n-aircraft", "100", "--imperfections", "none")
@@ -43,7 +43,7 @@ def campaign(tmp_path: Path) -> Path:
 def recorded(campaign: Path, scale: float = 1.0) -> str:
     """The next point flown by the nominal aircraft, as CSV."""
     planned = load(campaign)
-    simulator = Simulator(planned.test_of(planned.next.point))
+    simulator = LateralSimulator(planned.test_of(planned.next.point))
     theta = simulator.plant.nominal[np.newaxis]
     y = simulator.fly(theta, np.random.default_rng(1), np.array([scale]))[0].y[0]
     path = campaign.with_name("flight.csv")

@@ -12,7 +12,7 @@ import pytest
 
 from app.assessment.input_checks import DOUBT_KINDS
 from core.channels import KEYS
-from core.planned_test.collection import Simulator
+from core.planned_test.planned_test import LateralSimulator
 from core.types import Array
 from tests.app.flights.test_flights import RECIPE
 from tests.support.live_server import LiveServer, alarms_of, live_server
@@ -78,7 +78,9 @@ class Pushed:
 def doublet() -> tuple[npt.NDArray, Array]:
     """A failing rudder doublet after three seconds of rest, up to its limit."""
     longer = replace(RECIPE.maneuver, lead_in_s=3.0, duration_s=9.0)
-    rollouts = Simulator(replace(RECIPE, maneuver=longer)).rollouts(60, np.random.default_rng(1))
+    rollouts = LateralSimulator(replace(RECIPE, maneuver=longer)).rollouts(
+        60, np.random.default_rng(1)
+    )
     k = int(rollouts.is_unsafe.argmax())
     y = rollouts.y[k][: rollouts.fail_index[k]]
     return np.arange(len(y)) * DT, y

@@ -22,7 +22,8 @@ from core.channels import KEYS
 from core.monitor import Assessment, Monitor, MonitorRecipe, State, load
 from core.monitor.status import Level
 from core.monitor.validity.support import LEVEL
-from core.planned_test.collection import DatasetRecipe, Simulator, collect
+from core.planned_test.collection import DatasetRecipe, collect
+from core.planned_test.planned_test import LateralSimulator
 from tests.app.flights.test_flights import Hangar
 from tests.core.monitor.validity.test_rates import (
     WRONG_SENSORS,
@@ -55,7 +56,7 @@ def planned() -> Monitor:
 
 def rollouts(recipe: DatasetRecipe, n: int) -> tuple[Array, npt.NDArray[np.bool_]]:
     """y (n, n_samples, 6) and whether each flight failed."""
-    flights = Simulator(recipe).rollouts(n, np.random.default_rng(8))
+    flights = LateralSimulator(recipe).rollouts(n, np.random.default_rng(8))
     return flights.y, flights.is_unsafe
 
 

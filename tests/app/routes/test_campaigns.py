@@ -13,7 +13,7 @@ from app.campaigns.stored import Campaigns
 from app.commands.sample_flight import table
 from app.store.campaigns import CampaignChanged
 from core.clearance.clearance import ClearanceRecipe
-from core.planned_test.planned_test import Simulator
+from core.planned_test.planned_test import LateralSimulator
 from tests.support.api import api, finished, problem, store_of
 
 URL = "/api/v1/campaigns"
@@ -58,7 +58,7 @@ def planned(client: TestClient, **more: Any) -> str:
 def recording(client: TestClient, path: str, scale: float = 1.0) -> str:
     """Id of the next point's recording, flown by the nominal aircraft."""
     _, campaign = Campaigns(store_of(client)).get(path.rpartition("/")[2])
-    simulator = Simulator(campaign.test_of(campaign.next.point))
+    simulator = LateralSimulator(campaign.test_of(campaign.next.point))
     theta = simulator.plant.nominal[np.newaxis]
     y = simulator.fly(theta, np.random.default_rng(1), np.array([scale]))[0].y[0]
     sent = client.post(

@@ -6,7 +6,7 @@ import pytest
 from app.commands.sample_flight import table
 from core.channels import KEYS
 from core.monitor import MonitorRecipe, train
-from core.planned_test.planned_test import DatasetRecipe, Simulator
+from core.planned_test.planned_test import DatasetRecipe, LateralSimulator
 from core.recipe import from_plain
 from core.simulation.maneuver import Doublet, Multistep3211, Pulse
 from tests.support.api import finished, problem, store_of
@@ -25,7 +25,7 @@ def flown(maneuver, law="none"):
     """The nominal F-4C, recorded on a manoeuvre."""
     plain = {"aircraft": {"kind": "f4c_35k_m0p6"}, "control_law": {"kind": law}}
     recipe = from_plain(DatasetRecipe(maneuver=maneuver), plain)
-    simulator = Simulator(recipe)
+    simulator = LateralSimulator(recipe)
     theta = simulator.plant.nominal[np.newaxis]
     return table(simulator.fly(theta, np.random.default_rng(1))[0].y[0], recipe.dt).encode()
 

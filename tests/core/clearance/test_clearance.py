@@ -14,7 +14,7 @@ from core.clearance.clearance import (
     calibrate,
 )
 from core.evaluation.lead_sweep import TESTS
-from core.planned_test.planned_test import Simulator
+from core.planned_test.planned_test import LateralSimulator
 from core.types import Array
 
 TEST = TESTS["ATTAS"]
@@ -32,7 +32,7 @@ def clearance() -> Clearance:
 def fly(theta: Array, seed: int, points: BuildUp = POINTS) -> list[Array]:
     """One flight of each step by one aircraft (1, n_params): (n_samples, 6) each."""
     rng = np.random.default_rng(seed)
-    return [Simulator(step).fly(theta, rng)[0].y[0] for step in points.flown]
+    return [LateralSimulator(step).fly(theta, rng)[0].y[0] for step in points.flown]
 
 
 def nominal() -> Array:
@@ -42,7 +42,7 @@ def nominal() -> Array:
 
 def test_a_safe_point_is_cleared_and_a_dangerous_one_is_not(clearance: Clearance) -> None:
     """Only the record of the step differs: one aircraft responds less, the other more."""
-    simulator, rng = Simulator(TEST), np.random.default_rng(8)
+    simulator, rng = LateralSimulator(TEST), np.random.default_rng(8)
     theta = simulator.plant.sample(200, rng)
     _, peaks = simulator.fly(theta, rng)
     order = np.argsort(peaks)
@@ -221,7 +221,7 @@ N_RECORDS = 300
 def test_both_guarantees_hold_and_few_verdicts_depend_on_the_draws(name: str) -> None:
     """Two clearances that differ only in their random draws, of the same records as flown."""
     points, rng = BuildUp.fractions(TESTS[name].as_flown(), (0.6,)), np.random.default_rng(20_262)
-    step, following = Simulator(points.flown[0]), Simulator(points.following)
+    step, following = LateralSimulator(points.flown[0]), LateralSimulator(points.following)
     theta = following.plant.sample(N_RECORDS, rng)
     records, exceeds = step.fly(theta, rng)[0].y, following.fly(theta, rng)[0].is_unsafe
     verdicts, over, p_values, errors = [], [], [], []

@@ -12,7 +12,7 @@ from core.clearance.posterior import prior_of
 from core.evaluation.lead_sweep import TESTS
 from core.monitor import MonitorRecipe, train
 from core.planned_test.collection import DatasetRecipe, collect, evaluation_flights
-from core.planned_test.planned_test import Simulator
+from core.planned_test.planned_test import LateralSimulator
 from core.recipe import from_plain, to_plain
 from core.simulation.aircraft import AIRCRAFT, Aircraft, IdentifiedAircraft, PublishedAircraft
 from core.simulation.control_law import CONTROL_LAWS
@@ -34,7 +34,7 @@ def record(name: str) -> FlownSegment:
 
 def flown(name: str, n: int = 1, seed: int = 4) -> tuple[Array, list[FlownSegment]]:
     """Theta (n, n_params), and one flight each of a planned test."""
-    simulator, rng = Simulator(TESTS[name]), np.random.default_rng(seed)
+    simulator, rng = LateralSimulator(TESTS[name]), np.random.default_rng(seed)
     rollouts = simulator.rollouts(n, rng)
     return rollouts.theta, [FlownSegment(y, TESTS[name].dt, "step") for y in rollouts.y]
 
@@ -99,7 +99,7 @@ def test_model_errors_make_intervals_wider() -> None:
 
 def test_an_unused_flight_is_predicted_inside_its_interval() -> None:
     """For the same aircraft at another amplitude."""
-    simulator, rng = Simulator(TESTS["ATTAS"]), np.random.default_rng(5)
+    simulator, rng = LateralSimulator(TESTS["ATTAS"]), np.random.default_rng(5)
     theta = simulator.plant.sample(1, rng)
     small, large = (
         FlownSegment(simulator.fly(theta, rng, np.array([scale]))[0].y[0], 0.05)
@@ -130,7 +130,7 @@ def test_equation_error_agrees() -> None:
         noise=replace(TESTS["ATTAS"].noise, **dict.fromkeys(KEYS, 2e-5)),
         dt=0.02,
     )
-    simulator, rng = Simulator(quiet), np.random.default_rng(6)
+    simulator, rng = LateralSimulator(quiet), np.random.default_rng(6)
     segment = FlownSegment(simulator.rollouts(1, rng).y[0], quiet.dt)
     found = identify(quiet.aircraft, quiet.control_law, [segment], channel_array(quiet.noise))
     smoothing = Smoothing(quiet.dt)

@@ -17,7 +17,7 @@ from core.clearance.joint_model import (
 )
 from core.clearance.kalman import gains, white_residuals
 from core.evaluation.lead_sweep import TESTS
-from core.planned_test.planned_test import Simulator
+from core.planned_test.planned_test import LateralSimulator
 from core.simulation.control_law import closed_loop
 from core.simulation.uncertain_plant import Plants
 from core.types import Array
@@ -28,7 +28,7 @@ NOISE = np.array([0.001, 0.004, 0.001, 0.004, 0.003, 0.0003])
 
 def made(name: str, n: int) -> tuple[Plants, Law, SurfaceMotion]:
     """Random aircraft of a planned test, its law, and a surface motion."""
-    simulator = Simulator(TESTS[name])
+    simulator = LateralSimulator(TESTS[name])
     plants = simulator.plant.plants(simulator.plant.sample(n, np.random.default_rng(1)))
     law = Law(simulator.controller, TESTS[name].control_law.actuator)
     motion = SurfaceMotion(np.full((n, 2), 0.2), np.array([[0.01, 0.1]] * n))
@@ -110,7 +110,7 @@ def test_joint_flow_without_pilot_is_the_closed_loop() -> None:
 
 def test_law_part_is_the_response_of_the_law() -> None:
     """A rollout's surfaces minus the law's part are the pilot's: none on the aileron."""
-    simulator = Simulator(TESTS["F-16"])
+    simulator = LateralSimulator(TESTS["F-16"])
     rollouts, _ = simulator.fly(
         simulator.plant.sample(3, np.random.default_rng(5)), np.random.default_rng(6)
     )

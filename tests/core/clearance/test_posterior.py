@@ -8,21 +8,21 @@ import pytest
 from core.clearance.joint_model import Law
 from core.clearance.posterior import Fit, PlantPosterior, RecordedStep, fit, prior_of
 from core.evaluation.lead_sweep import TESTS
-from core.planned_test.planned_test import DatasetRecipe, Simulator
+from core.planned_test.planned_test import DatasetRecipe, LateralSimulator
 from core.simulation.imperfections import channel_array
 from core.types import Array
 
 N = 60
 
 
-def step(test: DatasetRecipe, fraction: float = 0.6) -> Simulator:
+def step(test: DatasetRecipe, fraction: float = 0.6) -> LateralSimulator:
     """A step of a build-up to the test."""
     maneuver = test.maneuver.with_peak(fraction * test.maneuver.peak_deg)
-    return Simulator(replace(test, maneuver=maneuver))
+    return LateralSimulator(replace(test, maneuver=maneuver))
 
 
 def identified(
-    simulator: Simulator, n: int = N, prior: PlantPosterior | None = None, seed: int = 21
+    simulator: LateralSimulator, n: int = N, prior: PlantPosterior | None = None, seed: int = 21
 ) -> tuple[Array, Fit]:
     """Deviates of n aircraft (n, m), and the fit of one flight of each."""
     test, plant, rng = simulator.recipe, simulator.plant, np.random.default_rng(seed)

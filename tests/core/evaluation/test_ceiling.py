@@ -9,8 +9,9 @@ from scipy.stats import truncnorm
 from core.evaluation import ceiling as module
 from core.evaluation.ceiling import Ceiling
 from core.evaluation.lead_sweep import TESTS
-from core.planned_test.planned_test import Rollouts, Simulator
+from core.planned_test.planned_test import LateralSimulator
 from core.simulation.maneuver import FrequencySweep
+from core.simulation.simulator import Rollouts
 from core.types import Array
 
 TEST = TESTS["ATTAS"]
@@ -26,14 +27,14 @@ def ceiling() -> Ceiling:
 
 @pytest.fixture(scope="module")
 def flown() -> tuple[Rollouts, Array]:
-    simulator = Simulator(TEST)
+    simulator = LateralSimulator(TEST)
     flights = simulator.rollouts(N, np.random.default_rng(3))
     return flights, simulator.commands(N, np.random.default_rng(3))
 
 
 def test_the_posterior_is_calibrated(ceiling: Ceiling, flown: tuple[Rollouts, Array]) -> None:
     flights, commands = flown
-    plant, now, amplitude = Simulator(TEST).plant, 50, np.deg2rad(TEST.maneuver.peak_deg)
+    plant, now, amplitude = LateralSimulator(TEST).plant, 50, np.deg2rad(TEST.maneuver.peak_deg)
     given = commands[:, : now + 1, 1]
     largest = np.abs(given).max(axis=1)
     level, mean = given * (amplitude / largest)[:, None], np.zeros((N, 16))

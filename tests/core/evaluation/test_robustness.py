@@ -25,7 +25,7 @@ from core.planned_test.collection import (
     training_rollouts,
 )
 from core.planned_test.near import near_aircraft, near_failures, near_rollouts, softer
-from core.planned_test.planned_test import SensorNoise, Simulator
+from core.planned_test.planned_test import LateralSimulator, SensorNoise
 from core.seeds import Branch
 from core.simulation.aircraft import AIRCRAFT, IdentifiedAircraft
 from core.simulation.imperfections import USUAL_IMPERFECTIONS, Imperfections
@@ -80,10 +80,10 @@ def test_imperfections_are_usual_or_worse_than_trained() -> None:
 
 def test_a_wider_theta_has_the_same_mean() -> None:
     narrow, wide = (
-        Simulator(RECIPE, spread).rollouts(50, np.random.default_rng(3)).theta
+        LateralSimulator(RECIPE, spread).rollouts(50, np.random.default_rng(3)).theta
         for spread in (1.0, 1.5)
     )
-    nominal = Simulator(RECIPE).plant.nominal
+    nominal = LateralSimulator(RECIPE).plant.nominal
     np.testing.assert_allclose(wide - nominal, 1.5 * (narrow - nominal), atol=1e-12)
 
 
@@ -95,7 +95,7 @@ def test_a_softer_input_is_as_large_as_a_quarter_of_flights_needs_to_exceed(lag_
     planned = replace(RECIPE.as_flown().maneuver, pedal_lag_s=lag_s)
     assert softer.maneuver == planned.with_peak(peak)
     assert softer.imperfections == USUAL_IMPERFECTIONS
-    flown = Simulator(softer).rollouts(400, np.random.default_rng(6))
+    flown = LateralSimulator(softer).rollouts(400, np.random.default_rng(6))
     assert flown.is_unsafe.mean() == pytest.approx(0.25, abs=0.08)
 
 
@@ -105,9 +105,9 @@ def test_an_input_that_exceeds_at_no_amplitude_is_flown_as_planned() -> None:
 
 
 def test_near_aircraft_have_each_derivative_within_the_factor() -> None:
-    simulator = Simulator(RECIPE)
+    simulator = LateralSimulator(RECIPE)
     rng = np.random.default_rng(2)
-    theta = near_aircraft(simulator.plant, 1.25, 40, rng)
+    theta = near_aircraft(simulator.parameters, 1.25, 40, rng)
     flights, aircraft = fly_some(simulator, theta, rng)
     factors = flights.theta / simulator.plant.nominal
     assert (np.abs(np.log(factors)) <= np.log(1.25)).all()

@@ -9,7 +9,8 @@ from core.evaluation.study import METHODS, StudyRecipe, StudyResult, study
 from core.monitor import MonitorRecipe, train
 from core.monitor.predictor import PREDICTORS
 from core.monitor.score import SCORES
-from core.planned_test.collection import DatasetRecipe, Rollouts, Simulator, collect
+from core.planned_test.collection import DatasetRecipe, Rollouts, collect
+from core.planned_test.planned_test import LateralSimulator
 from tests.support import plain_twin as twin
 
 TWINS = dict(zip(METHODS, twin.METHODS, strict=True))
@@ -27,7 +28,7 @@ def small() -> StudyResult:
 def rollouts() -> tuple[Dataset, Rollouts]:
     """Rollouts to train on, and sixty fresh ones."""
     recipe = replace(DatasetRecipe(), n_unsafe=20, seed=4)
-    return collect(recipe), Simulator(recipe).rollouts(60, np.random.default_rng(8))
+    return collect(recipe), LateralSimulator(recipe).rollouts(60, np.random.default_rng(8))
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -83,7 +84,7 @@ def test_study_counts_every_test_flight_once(small: StudyResult):
 
 
 def test_the_default_experiment_is_not_trivial():
-    many = Simulator(DatasetRecipe()).rollouts(4000, np.random.default_rng(0))
+    many = LateralSimulator(DatasetRecipe()).rollouts(4000, np.random.default_rng(0))
     assert 0.1 < many.is_unsafe.mean() < 0.4
 
 

@@ -18,7 +18,7 @@ from core.monitor.predictor import PREDICTORS
 from core.monitor.response_filter import CardForecast
 from core.monitor.score import SCORES
 from core.planned_test.collection import card_of, collect, evaluation_flights, fresh
-from core.planned_test.planned_test import DatasetRecipe, SensorNoise, Simulator
+from core.planned_test.planned_test import DatasetRecipe, LateralSimulator, SensorNoise
 from core.simulation.maneuver import MANEUVERS, BankToBank, Doublet, Multistep3211, Step
 from core.types import Array
 
@@ -197,7 +197,7 @@ def test_before_the_card_begins_no_limit_is_in_danger():
 
 def test_switches_are_seen_where_the_pilot_made_them():
     """The input is drawn again from the same stream, behind the aircraft, as rollouts draw it."""
-    rng, simulator = np.random.default_rng(5), Simulator(RECIPE)
+    rng, simulator = np.random.default_rng(5), LateralSimulator(RECIPE)
     y = simulator.rollouts(300, rng).y
     rng = np.random.default_rng(5)
     simulator.plant.sample(300, rng)
@@ -262,7 +262,7 @@ def test_responses_add_up_to_the_manoeuvre():
         start = round(time / card.dt)
         y[:, start:] += step * card.step_responses[:, : 121 - start]
     rng = np.random.default_rng(0)
-    simulator = Simulator(replace(recipe, noise=SensorNoise()))
+    simulator = LateralSimulator(replace(recipe, noise=SensorNoise()))
     whole = simulator.rollouts(2000, rng).y
     assert (
         np.abs(y.mean(axis=0) - whole.mean(axis=0)).max() < 0.1 * np.abs(whole).mean(axis=0).max()

@@ -9,7 +9,7 @@ from core.monitor import MonitorRecipe, train
 from core.planned_test import amplitude
 from core.planned_test.amplitude import AmplitudeError, suggest_amplitude
 from core.planned_test.collection import CollectionError, collect, fresh
-from core.planned_test.planned_test import DatasetRecipe, Simulator
+from core.planned_test.planned_test import DatasetRecipe, LateralSimulator
 from core.simulation.aircraft import AIRCRAFT, PublishedAircraft, Uncertainty
 from core.simulation.maneuver import MANEUVERS, Maneuver, Table
 
@@ -19,7 +19,7 @@ RECIPE = DatasetRecipe()
 def share_at(recipe: DatasetRecipe, peak_deg: float) -> float:
     """Share of other aircraft than those of the pilot run."""
     flown = replace(recipe, maneuver=recipe.maneuver.with_peak(peak_deg))
-    return Simulator(flown).rollouts(4000, np.random.default_rng(5)).is_unsafe.mean()
+    return LateralSimulator(flown).rollouts(4000, np.random.default_rng(5)).is_unsafe.mean()
 
 
 @pytest.mark.parametrize("kind", AIRCRAFT)

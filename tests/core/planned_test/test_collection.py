@@ -6,8 +6,8 @@ import pytest
 
 from core.limits.limits import Limits
 from core.monitor.group import GROUPINGS, LargestDeflection
-from core.planned_test.collection import CollectionError, DatasetRecipe, Simulator, collect
-from core.planned_test.planned_test import SensorNoise
+from core.planned_test.collection import CollectionError, DatasetRecipe, collect
+from core.planned_test.planned_test import LateralSimulator, SensorNoise
 from core.simulation.aircraft import AIRCRAFT, PublishedAircraft, Uncertainty
 from core.simulation.control_law import CONTROL_LAWS
 from core.simulation.imperfections import Imperfections
@@ -45,7 +45,7 @@ def test_safe_times_are_distinct_sorted_and_cover_the_horizon():
 
 def test_theta_of_a_rollout_reproduces_it():
     dataset = collect(RECIPE)
-    simulator = Simulator(RECIPE)
+    simulator = LateralSimulator(RECIPE)
     again = roll_out(
         simulator.plant.plants(dataset.theta_safe),
         simulator.controller,
@@ -74,7 +74,7 @@ def test_a_larger_collection_starts_with_the_smaller_one():
 
 def test_the_unsafe_rate_is_unbiased_although_collection_stops_at_a_failure():
     rates = [collect(replace(RECIPE, n_unsafe=8, seed=seed)).unsafe_rate for seed in range(400)]
-    many = Simulator(RECIPE).rollouts(40_000, np.random.default_rng(99)).is_unsafe
+    many = LateralSimulator(RECIPE).rollouts(40_000, np.random.default_rng(99)).is_unsafe
     error = np.hypot(np.std(rates) / 20, many.std() / 200)
     assert abs(np.mean(rates) - many.mean()) < 3 * error
     naive = np.mean([8 / (7 / rate + 1) for rate in rates])  # N / (N + M) of the same runs
@@ -169,8 +169,8 @@ def test_progress_reaches_the_wanted_number():
 
 
 def test_an_exceedance_between_samples_counts_at_the_later_sample():
-    coarse = Simulator(RECIPE).rollouts(2000, np.random.default_rng(5))
-    fine = Simulator(replace(RECIPE, substeps=10)).rollouts(2000, np.random.default_rng(5))
+    coarse = LateralSimulator(RECIPE).rollouts(2000, np.random.default_rng(5))
+    fine = LateralSimulator(replace(RECIPE, substeps=10)).rollouts(2000, np.random.default_rng(5))
     np.testing.assert_allclose(fine.y, coarse.y, atol=1e-12)
     assert (fine.fail_index <= coarse.fail_index).all()
     assert fine.is_unsafe.sum() > coarse.is_unsafe.sum()
@@ -178,8 +178,8 @@ def test_an_exceedance_between_samples_counts_at_the_later_sample():
 
 def test_noise_has_its_deviation_and_does_not_change_the_labels():
     noise = SensorNoise(beta=0.01, Ny=0.2)
-    quiet = Simulator(RECIPE).rollouts(500, np.random.default_rng(5))
-    noisy = Simulator(replace(RECIPE, noise=noise)).rollouts(500, np.random.default_rng(5))
+    quiet = LateralSimulator(RECIPE).rollouts(500, np.random.default_rng(5))
+    noisy = LateralSimulator(replace(RECIPE, noise=noise)).rollouts(500, np.random.default_rng(5))
     np.testing.assert_array_equal(noisy.fail_index, quiet.fail_index)
     deviation = (noisy.y - quiet.y).std(axis=(0, 1))
     np.testing.assert_allclose(deviation, [0.01, 0, 0, 0.2, 0, 0], rtol=0.02)
@@ -188,7 +188,9 @@ def test_noise_has_its_deviation_and_does_not_change_the_labels():
 @pytest.mark.parametrize("name", AIRCRAFT)
 @pytest.mark.parametrize("maneuver", MANEUVERS)
 def test_every_aircraft_flies_every_manoeuvre(name: str, maneuver: str):
-    simulator = Simulator(replace(RECIPE, aircraft=AIRCRAFT[name], maneuver=MANEUVERS[maneuver]))
+    simulator = LateralSimulator(
+        replace(RECIPE, aircraft=AIRCRAFT[name], maneuver=MANEUVERS[maneuver])
+    )
     rollouts = simulator.rollouts(16, np.random.default_rng(0))
     assert np.isfinite(rollouts.y).all()
     assert np.abs(rollouts.y).max() > 0
@@ -200,7 +202,7 @@ def test_every_control_law_closes_the_loop(name: str):
 
     def flown_with(law: str) -> np.ndarray:
         recipe = replace(RECIPE, aircraft=aircraft, control_law=CONTROL_LAWS[law])
-        return Simulator(recipe).rollouts(16, np.random.default_rng(0)).y
+        return LateralSimulator(recipe).rollouts(16, np.random.default_rng(0)).y
 
     closed, opened = flown_with(name), flown_with("none")
     assert np.isfinite(closed).all()
@@ -224,8 +226,8 @@ def test_impossible_recipe_is_refused(change: dict, message: str):
 
 def test_a_limit_on_several_channels_fails_at_the_first_of_them():
     both = replace(RECIPE, specification=Limits(Ny=0.5, beta=0.05))
-    single = Simulator(RECIPE).rollouts(500, np.random.default_rng(5))
-    two = Simulator(both).rollouts(500, np.random.default_rng(5))
+    single = LateralSimulator(RECIPE).rollouts(500, np.random.default_rng(5))
+    two = LateralSimulator(both).rollouts(500, np.random.default_rng(5))
     beta = Limits(Ny=None, beta=0.05).first_exceedance(two.y)
     np.testing.assert_array_equal(two.fail_index, np.minimum(single.fail_index, beta))
 
@@ -234,9 +236,11 @@ def test_records_are_the_true_outputs_from_the_reported_trim() -> None:
     inexact = Imperfections(trim_deg=0.2)
     recipe = replace(DatasetRecipe(), imperfections=inexact, noise=SensorNoise())
     seen: list[tuple[Array, Array]] = []
-    flown = Simulator(recipe).recorded(20, np.random.default_rng(3), lambda *y: seen.append(y))
+    flown = LateralSimulator(recipe).recorded(
+        20, np.random.default_rng(3), lambda *y: seen.append(y)
+    )
     ((true, trim),) = seen
     np.testing.assert_allclose(flown.y, true, rtol=0, atol=1e-15)
     assert (np.abs(trim).max(axis=1) > 0.0).all()
-    again = Simulator(recipe).rollouts(20, np.random.default_rng(3))
+    again = LateralSimulator(recipe).rollouts(20, np.random.default_rng(3))
     np.testing.assert_array_equal(flown.y, again.y)

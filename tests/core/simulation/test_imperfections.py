@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from core.channels import KEYS
-from core.planned_test.planned_test import USUAL_NOISE, DatasetRecipe, SensorNoise, Simulator
+from core.planned_test.planned_test import USUAL_NOISE, DatasetRecipe, LateralSimulator, SensorNoise
 from core.simulation import imperfections
 from core.simulation.aircraft import AIRCRAFT, MatrixAircraft, PublishedAircraft
 from core.simulation.imperfections import (
@@ -187,7 +187,7 @@ def test_without_a_flight_condition_the_gust_is_given_as_sideslip(condition):
 @pytest.mark.parametrize("name", AIRCRAFT)
 def test_every_aircraft_is_flown_with_imperfections(name: str):
     recipe = DatasetRecipe.usual(AIRCRAFT[name]).as_flown()
-    flights = Simulator(recipe).rollouts(200, np.random.default_rng(0))
+    flights = LateralSimulator(recipe).rollouts(200, np.random.default_rng(0))
     assert np.isfinite(flights.y).all()
     assert 0.1 < flights.is_unsafe.mean() < 0.6
 
@@ -197,9 +197,9 @@ def test_an_aircraft_without_sideslip_among_its_states_is_refused_with_a_gust():
     assert isinstance(example, MatrixAircraft)
     c = tuple(tuple(2 * number for number in row) for row in example.c[:1]) + example.c[1:]
     recipe = replace(DatasetRecipe(), aircraft=replace(example, c=c))
-    Simulator(recipe)
+    LateralSimulator(recipe)
     with pytest.raises(ValueError, match="sideslip is not one of the plant's states"):
-        Simulator(recipe.as_flown())
+        LateralSimulator(recipe.as_flown())
 
 
 # --- rollouts -------------------------------------------------------------------------------------
@@ -209,7 +209,7 @@ CLEAN = DatasetRecipe(aircraft=PublishedAircraft("attas_id_16kft", 4))
 
 def flown(n: int = 300, noise: SensorNoise = USUAL_NOISE, **changes):
     recipe = replace(CLEAN, noise=noise, imperfections=Imperfections(**changes))
-    return Simulator(recipe).rollouts(n, np.random.default_rng(2))
+    return LateralSimulator(recipe).rollouts(n, np.random.default_rng(2))
 
 
 def test_labels_use_the_true_outputs():
@@ -221,7 +221,7 @@ def test_labels_use_the_true_outputs():
     }
     exact = flown(asymmetry=1e-12)
     np.testing.assert_array_equal(flown(asymmetry=1e-12, **recorder).fail_index, exact.fail_index)
-    clean = Simulator(CLEAN).rollouts(300, np.random.default_rng(2))
+    clean = LateralSimulator(CLEAN).rollouts(300, np.random.default_rng(2))
     np.testing.assert_array_equal(clean.fail_index, exact.fail_index)
 
 
@@ -237,7 +237,9 @@ def test_true_outputs_include_the_gust():
 def test_labels_of_finer_steps_count_at_the_later_sample():
     recipe = replace(CLEAN, imperfections=replace(USUAL_IMPERFECTIONS, turbulence="none"))
     fine = replace(recipe, substeps=5)
-    few, many = (Simulator(r).rollouts(500, np.random.default_rng(5)) for r in (recipe, fine))
+    few, many = (
+        LateralSimulator(r).rollouts(500, np.random.default_rng(5)) for r in (recipe, fine)
+    )
     assert (many.fail_index <= few.fail_index).all()
     assert many.is_unsafe.sum() >= few.is_unsafe.sum()
     assert few.y.shape == many.y.shape
@@ -245,12 +247,12 @@ def test_labels_of_finer_steps_count_at_the_later_sample():
 
 def test_bits_of_a_rollout_do_not_depend_on_the_threads(monkeypatch):
     recipe = CLEAN.as_flown()
-    everything = Simulator(recipe).rollouts(300, np.random.default_rng(2))
+    everything = LateralSimulator(recipe).rollouts(300, np.random.default_rng(2))
     monkeypatch.setattr(imperfections, "CHUNK", 7)
-    again = Simulator(recipe).rollouts(300, np.random.default_rng(2))
+    again = LateralSimulator(recipe).rollouts(300, np.random.default_rng(2))
     np.testing.assert_array_equal(again.y, everything.y)
     np.testing.assert_array_equal(again.fail_index, everything.fail_index)
-    other = Simulator(recipe).rollouts(300, np.random.default_rng(3))
+    other = LateralSimulator(recipe).rollouts(300, np.random.default_rng(3))
     assert not np.array_equal(other.y, everything.y)
 
 
@@ -258,7 +260,7 @@ def test_without_imperfections_the_bits_equal_earlier_versions():
     maneuver = replace(CLEAN.maneuver, timing_jitter_s=0.1, amplitude_jitter=0.15)
     recipe = replace(CLEAN, maneuver=maneuver, noise=USUAL_NOISE)
     recipe = replace(recipe, imperfections=Imperfections(gust_sigma_deg=1.0, least_height_m=9.0))
-    simulator, rng = Simulator(recipe), np.random.default_rng(4)
+    simulator, rng = LateralSimulator(recipe), np.random.default_rng(4)
     found = simulator.rollouts(30, np.random.default_rng(4)).y
     theta = simulator.plant.sample(30, rng)
     y = roll_out(

@@ -18,8 +18,8 @@ from app.flights.sources.source import Replay, Simulated
 from app.recipes.recipes import RecipeError, to_plain
 from app.store.store import NotFound, Store, open_store
 from core.monitor import Monitor, MonitorRecipe, train
-from core.planned_test.collection import DatasetRecipe, Simulator, collect
-from core.planned_test.planned_test import SensorNoise
+from core.planned_test.collection import DatasetRecipe, collect
+from core.planned_test.planned_test import LateralSimulator, SensorNoise
 
 RECIPE = DatasetRecipe(n_unsafe=4, n_obs=10, seed=3)
 NOISY = replace(RECIPE, noise=SensorNoise(p=0.01))
@@ -70,7 +70,7 @@ def test_a_simulated_flight_goes_on_past_its_failure() -> None:
 
 def test_a_chosen_theta_flies_that_very_aircraft() -> None:
     """Against the simulator: the rollout of a drawn theta comes back from its numbers."""
-    simulator = Simulator(RECIPE)
+    simulator = LateralSimulator(RECIPE)
     drawn = simulator.rollouts(3, np.random.default_rng(0))
     for y, theta in zip(drawn.y, drawn.theta.tolist(), strict=True):
         chosen = dict(zip(simulator.plant.names, theta, strict=True))

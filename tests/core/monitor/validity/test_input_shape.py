@@ -18,7 +18,7 @@ from core.monitor.validity.input_shape import (
     InputShape,
 )
 from core.planned_test.collection import DatasetRecipe, collect, fresh
-from core.planned_test.planned_test import Simulator
+from core.planned_test.planned_test import LateralSimulator
 from core.types import Array
 
 AILERON, RUDDER = KEYS.index("delta_a"), KEYS.index("delta_r")
@@ -49,7 +49,11 @@ def monitor() -> Monitor:
 @pytest.fixture(scope="module")
 def opposite() -> Array:
     maneuver = RECIPE.maneuver.with_peak(-RECIPE.maneuver.peak_deg)
-    return Simulator(replace(RECIPE, maneuver=maneuver)).rollouts(20, np.random.default_rng(1)).y
+    return (
+        LateralSimulator(replace(RECIPE, maneuver=maneuver))
+        .rollouts(20, np.random.default_rng(1))
+        .y
+    )
 
 
 @pytest.mark.parametrize(
@@ -130,7 +134,9 @@ def test_a_missing_sample_hides_the_sharpness() -> None:
 def test_a_much_softer_input_is_invalid_in_time(monitor: Monitor, lag_s: float) -> None:
     softer = replace(RECIPE, maneuver=replace(RECIPE.maneuver, pedal_lag_s=lag_s))
     retuned = softer.maneuver.with_peak((1 + lag_s) * RECIPE.maneuver.peak_deg)
-    flown = Simulator(replace(softer, maneuver=retuned)).rollouts(600, np.random.default_rng(3))
+    flown = LateralSimulator(replace(softer, maneuver=retuned)).rollouts(
+        600, np.random.default_rng(3)
+    )
     first = monitor.first_withdrawn(flown.y, flown.fail_index)
     fails = flown.is_unsafe
     assert np.count_nonzero(fails) > 50
@@ -184,7 +190,7 @@ def test_flights_are_counted_by_their_first_deflection_up_to_the_last_sample() -
 
 
 def test_hardly_a_flight_as_planned_is_wrong(monitor: Monitor) -> None:
-    flown = Simulator(RECIPE).rollouts(4_000, np.random.default_rng(2))
+    flown = LateralSimulator(RECIPE).rollouts(4_000, np.random.default_rng(2))
     assert monitor.inputs
     assert monitor.inputs.shape
     first = monitor.inputs.shape.first_wrong_of(flown.y, monitor.dt)
@@ -207,7 +213,7 @@ def test_one_fresh_flight_that_began_otherwise_does_not_excuse_all() -> None:
 
 def test_a_slower_input_is_invalid_before_most_of_its_failures(monitor: Monitor) -> None:
     slower = DIFFERENCES["slower_input"].recipe(RECIPE)
-    flown = Simulator(slower).rollouts(400, np.random.default_rng(3))
+    flown = LateralSimulator(slower).rollouts(400, np.random.default_rng(3))
     first = monitor.first_withdrawn(flown.y, flown.fail_index)
     assert np.mean(first[~flown.is_unsafe] < flown.y.shape[1]) > 0.6
     which = int(np.flatnonzero(first < flown.y.shape[1])[0])

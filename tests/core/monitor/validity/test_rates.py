@@ -14,8 +14,8 @@ from core.kernels.deviation import Reference, largest_so_far
 from core.monitor import Monitor, train
 from core.monitor.training import with_validity
 from core.monitor.validity.support import LEVEL
-from core.planned_test.collection import DatasetRecipe, Simulator, collect
-from core.planned_test.planned_test import SensorNoise
+from core.planned_test.collection import DatasetRecipe, collect
+from core.planned_test.planned_test import LateralSimulator, SensorNoise
 from core.simulation.aircraft import PublishedAircraft
 from core.simulation.control_law import CONTROL_LAWS, RateDamper
 from core.simulation.maneuver import Doublet
@@ -72,7 +72,7 @@ def plant(request: pytest.FixtureRequest) -> Plant:
     recipe = recipe_of(request.param)
     dataset = collect(recipe)
     monitor, rng = train(dataset), np.random.default_rng(6)
-    fresh = Simulator(recipe).rollouts(N_CALIBRATE, rng)
+    fresh = LateralSimulator(recipe).rollouts(N_CALIBRATE, rng)
     return Plant(recipe, with_validity(monitor, dataset, [fresh]))
 
 
@@ -83,7 +83,7 @@ def plant(request: pytest.FixtureRequest) -> Plant:
 )
 def test_at_most_the_level_of_either_kind_is_wrongly_called_invalid(plant: Plant) -> None:
     """Over calibration sets, as the promise is made; and at 0.1 the rule is not idle."""
-    basis, simulator = plant.monitor.validity_basis, Simulator(plant.recipe)
+    basis, simulator = plant.monitor.validity_basis, LateralSimulator(plant.recipe)
     assert basis
     reference, rng = basis.reference, np.random.default_rng(7)
     shares: dict[tuple[str, float], list[float]] = {}
@@ -152,7 +152,7 @@ WRONG_SENSORS = {
 
 @pytest.mark.parametrize("wrong", WRONG_SENSORS)
 def test_a_wrong_sensor_is_found(plant: Plant, wrong: str) -> None:
-    flights = Simulator(plant.recipe).rollouts(100, np.random.default_rng(8))
+    flights = LateralSimulator(plant.recipe).rollouts(100, np.random.default_rng(8))
     share = plant.share_invalid(WRONG_SENSORS[wrong](flights.y))
     print(f"{wrong}: {share:.2f} called invalid")
     assert share >= 0.9
@@ -193,7 +193,7 @@ WRONG_TESTS: dict[str, Callable[[DatasetRecipe], DatasetRecipe]] = {
 @pytest.mark.parametrize("wrong", WRONG_TESTS)
 def test_another_test_than_the_planned_one_is_found(plant: Plant, wrong: str) -> None:
     recipe = WRONG_TESTS[wrong](plant.recipe)
-    flights = Simulator(recipe).rollouts(100, np.random.default_rng(9))
+    flights = LateralSimulator(recipe).rollouts(100, np.random.default_rng(9))
     share = plant.share_invalid(flights.y)
     print(f"{wrong}: {share:.2f} called invalid")
     assert share >= 0.9
