@@ -2,6 +2,7 @@ import json
 import re
 import shlex
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -80,7 +81,10 @@ def test_commands_of_a_page_run(slug: str, folder: Path, monkeypatch: pytest.Mon
         lines = Path("flight.csv").read_text().splitlines()
         Path("rows.csv").write_text("\n".join(line.partition(",")[2] for line in lines))
     if slug == "own-simulator":
-        exec("".join(blocks(slug, "python")), {})
+        monkeypatch.setattr(sys, "path", [*sys.path])
+        module, *code = blocks(slug, "python")
+        Path("pitch.py").write_text(module)
+        exec("".join(code), {})
     for arguments in commands(slug):
         small = [] if "--rollouts" in arguments else SMALL.get(arguments[0], [])
         if arguments[0] not in MINUTES:
@@ -133,7 +137,7 @@ def test_the_script_of_own_rollouts_adds_them(
     server: LiveServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.chdir(tmp_path)
-    exec(blocks("own-simulator", "python")[0], {})
+    exec(blocks("own-simulator", "python")[1], {})
     preview, job = answers_of(server, "own-simulator")
     assert preview["n_flights"] == 1500
     path = f"{server.url}/api/v1/jobs/{job['id']}"

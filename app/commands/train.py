@@ -1,7 +1,8 @@
 """`forewarn train`: simulate, train and test a monitor; print a summary and write its file."""
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,7 +10,8 @@ from typing import Annotated, Any
 import numpy as np
 
 from app.assessment.wording import PROMISED
-from app.commands.options.option import add_output, option
+from app.commands.options.option import add_output, add_place, option, place_of
+from app.commands.options.own_simulator import own_test
 from app.commands.options.recipe import (
     add_recipe_options,
     monitor_options,
@@ -18,7 +20,14 @@ from app.commands.options.recipe import (
 )
 from app.commands.output.results import check_file, print_result, progress_bar
 from app.jobs.requests import N_TEST
-from app.jobs.training import FlownTest, Training, simulate, train_and_test, train_on_flights
+from app.jobs.training import (
+    FlownTest,
+    Training,
+    simulate,
+    train_and_test,
+    train_on_flights,
+    train_on_simulator,
+)
 from app.recipes import labels
 from app.recipes.recipes import RecipeError, dataset_for, from_plain, monitor_as_ordered
 from app.telemetry.limit_texts import labelled
@@ -32,7 +41,8 @@ from core.evaluation.robustness import DIFFERENCES, by_aircraft
 from core.monitor import Monitor, MonitorRecipe
 from core.monitor.calibration import check_epsilon
 from core.monitor.training import check_lead
-from core.planned_test.collection import DatasetRecipe
+from core.planned_test.collection import DatasetRecipe, card_of
+from core.rollouts import doubts_of
 
 
 @dataclass(frozen=True)
@@ -50,7 +60,12 @@ class TrainingRecipe:
 
 def add(parser: argparse.ArgumentParser) -> None:
     add_recipe_options(parser, "n_test", of=TrainingRecipe, method=True)
-    own = parser.add_argument_group("own rollouts, instead of simulated ones")
+    own = parser.add_argument_group("own simulator or rollouts, instead of simulated ones")
+    option(
+        own,
+        "--simulator MODULE:NAME",
+        "your simulator in Python, such as package.module:name; its code runs with your rights",
+    )
     option(
         own,
         "--rollouts SOURCE",
@@ -67,9 +82,12 @@ def add(parser: argparse.ArgumentParser) -> None:
         action="append",
     )
     add_output(parser, "FILE", "file to write", Path("monitor.fwm"))
+    add_place(parser, "directory of a server's data, to store dataset and monitor there, too")
 
 
 def run(options: argparse.Namespace) -> int:
+    if options.simulator is not None:
+        return run_on_simulator(options)
     if options.rollouts is not None:
         return run_on_rollouts(options)
     for name in ("dictionary", "channel"):
@@ -85,10 +103,31 @@ def run(options: argparse.Namespace) -> int:
     with progress_bar("unsafe rollouts") as progress:
         dataset = simulate(recipe.dataset, lambda _, done, total: progress(done, total))
     training = train_and_test(dataset, recipe.monitor, recipe.n_test, lambda *_: None)
-    training.monitor.save(options.out)
-    text = f"{report(training)}\nwritten: {options.out}"
-    print_result(options, text, summary(training) | {"file": str(options.out)})
-    return 0
+    return _finish(options, training)
+
+
+def run_on_simulator(options: argparse.Namespace) -> int:
+    plain = monitor_options(options)
+    recipe = from_plain(MonitorRecipe(), monitor_as_ordered(plain)).as_planned()
+    check_file(options.out)
+    test = own_test(options, recipe.t_early)
+    check_epsilon(recipe.epsilon, test.n_unsafe, recipe.guarantee)
+    if recipe.predictor.forecast == "card":
+        card_of(test)
+    n_test = vars(options).get(".n_test")
+    with progress_bar("unsafe rollouts") as progress:
+        dataset = simulate(test, lambda _, done, total: progress(done, total))
+    flights = dataset.flights()
+    test.flown_by.check_unlike(flights.y)
+    training = train_on_simulator(
+        dataset,
+        recipe,
+        test,
+        N_TEST if n_test is None else n_test,
+        lambda *_: None,
+        choose=not plain.keys() & {"predictor", "score"},
+    )
+    return _finish(options, training, doubts_of(flights))
 
 
 def run_on_rollouts(options: argparse.Namespace) -> int:
@@ -100,15 +139,33 @@ def run_on_rollouts(options: argparse.Namespace) -> int:
     flights = labelled(read, options.channel or (), options.limit or ())
     choose = not plain.keys() & {"predictor", "score"}
     training = train_on_flights(Dataset.from_flights(flights), recipe, choose, lambda *_: None)
-    training.monitor.save(options.out)
-    lines = [*(f"note: {text}" for text in flights.findings), *method_lines(training.monitor)]
-    text = "\n".join([*lines, report(training), f"written: {options.out}"])
-    facts = summary(training) | {
-        "file": str(options.out),
-        "findings": list(flights.findings),
-        "methods": (training.monitor.evaluation or {}).get("methods", []),
-    }
-    print_result(options, text, facts)
+    return _finish(options, training, flights.findings)
+
+
+def _finish(
+    options: argparse.Namespace, training: Training, findings: Sequence[str] | None = None
+) -> int:
+    """Write the monitor, store it where the options say, and print what it is.
+
+    findings: of own flights; None for simulated ones.
+    """
+    monitor = training.monitor
+    monitor.save(options.out)
+    facts = summary(training) | {"file": str(options.out)}
+    lines = [report(training), f"written: {options.out}"]
+    if findings is not None:
+        lines = [*(f"note: {text}" for text in findings), *method_lines(monitor), *lines]
+        methods = (monitor.evaluation or {}).get("methods", [])
+        facts |= {"findings": list(findings), "methods": methods}
+    if options.data_dir is not None or options.database_url is not None:
+        from app.store.store import open_store  # slow to import, and seldom needed
+
+        with closing(open_store(place_of(options).url, recover=False)) as store:
+            name = options.out.stem
+            dataset = store.datasets.add(training.dataset, name, findings).id
+            facts |= {"dataset_id": dataset, "id": store.monitors.add(monitor, name, dataset).id}
+        lines.append(f"stored: dataset {dataset} and monitor {facts['id']}")
+    print_result(options, "\n".join(lines), facts)
     return 0
 
 
@@ -181,7 +238,8 @@ def _dataset_line(dataset: Dataset) -> str:
     if not recipe:
         n_unsafe, n_safe = len(dataset.unsafe), len(dataset.safe)
         return f"trained on {n_unsafe} failing and {n_safe} safe flights"
-    plan = ", ".join(recipe[part]["kind"] for part in ("aircraft", "control_law", "maneuver"))
+    kinds = (recipe.get(part, {}).get("kind") for part in ("aircraft", "control_law", "maneuver"))
+    plan = recipe.get("simulator") or ", ".join(map(str, kinds))
     return (
         f"simulated {len(dataset.unsafe)} unsafe and {dataset.n_safe_met} safe rollouts "
         f"(unsafe rate {100 * dataset.unsafe_rate:.2g} %) of {plan}"

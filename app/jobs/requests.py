@@ -17,6 +17,7 @@ from app.recipes.recipes import (
     dataset_recipe,
     from_plain,
     monitor_as_ordered,
+    own_code,
     simulated_test,
     to_plain,
 )
@@ -32,7 +33,7 @@ from core.monitor.predictor import NOT_TRAINED
 from core.monitor.recipe import MISS_RATE
 from core.monitor.training import check_lead
 from core.planned_test.amplitude import WANTED_SHARE, Suggestion, suggest_amplitude
-from core.planned_test.collection import LARGEST_CHUNK, DatasetRecipe, Simulator, card_of
+from core.planned_test.collection import LARGEST_CHUNK, DatasetRecipe, card_of
 from core.simulation.maneuver import Maneuver
 
 LONGEST_NAME = 200
@@ -170,10 +171,12 @@ def planned_test(members: Sequence[Monitor], lead: float) -> DatasetRecipe:
 
     ValueError if they do not fit together or were not trained on simulated flights.
     """
-    recipe = simulated_test(check_members(members, lead).dataset_recipe)
+    plain = check_members(members, lead).dataset_recipe
+    recipe = simulated_test(plain)
     if recipe is None:
+        reason = own_code(plain) or "has no recipe to simulate fresh failures"
         raise ValueError(
-            "the members have no recipe to simulate fresh failures: combine them in Python, "
+            f"the test of the members {reason}; combine them in Python, "
             "core.monitor.combine(members, flights, lead=...), on failing flights of your own"
         )
     return recipe
@@ -227,8 +230,10 @@ def _recipe_of(requested: Requested, store: Store, remedy: str = "") -> DatasetR
     """The recipe, given or stored. RecipeError if a stored dataset was not simulated."""
     if isinstance(requested, DatasetRecipe):
         return requested
-    if (recipe := simulated_test(store.datasets.info(requested).recipe)) is None:
-        reason = f"dataset {requested} was not simulated here: give a recipe instead"
+    plain = store.datasets.info(requested).recipe
+    if (recipe := simulated_test(plain)) is None:
+        what = own_code(plain) or "was not simulated here"
+        reason = f"dataset {requested} {what}; give a recipe instead"
         raise RecipeError(f"{reason} {remedy}".strip())
     return recipe
 
@@ -268,7 +273,7 @@ def _dataset_recipe(plain: Any, max_bytes: int, unsaid: Imperfect = "usual") -> 
     check_size(recipe, max_bytes)
     with _refusing():
         recipe.maneuver.n_samples(recipe.dt)
-        Simulator(recipe)
+        recipe.simulator()
     return recipe
 
 

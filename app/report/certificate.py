@@ -53,6 +53,7 @@ def certificate_page(monitor: Monitor, name: str, digest: str, created: str = ""
         summary=summary,
         evaluation=evaluation,
         flights=evaluation.get("flights", {}),
+        simulator=evaluation.get("simulator"),
         methods=[
             (labels.METHODS.get(method["name"], method["name"]), method)
             for method in evaluation.get("methods", [])

@@ -13,7 +13,7 @@ import pytest
 from app.assessment.batches import Batch, ChannelReader
 from app.assessment.recorded import in_units
 from app.cli import main
-from app.jobs.training import train_on_flights
+from app.jobs.training import train_on_flights, train_on_simulator
 from app.telemetry.limit_texts import computed_channel
 from app.telemetry.recording import Trace, Traces
 from app.telemetry.timing.repair import repair
@@ -22,10 +22,12 @@ from core.computed import complete
 from core.dataset import Dataset
 from core.limits.limits import IntervalLimits, SafeInterval
 from core.monitor import Monitor, MonitorRecipe
+from core.planned_test.collection import collect
 from core.rollouts import LabelledFlights
 from core.types import Array, Indices
 from tests.support import short_period
 from tests.support.api import served
+from tests.support.own_pitch import small_test, thing
 from tests.support.patience import until
 from tests.support.short_period import DICTIONARY, DT, REST, resting_first
 
@@ -89,21 +91,30 @@ def stored(url: str, monitor: Monitor) -> str:
     return answer.raise_for_status().json()["id"]
 
 
+def trained(dictionary: Dictionary, simulated: bool) -> Monitor:
+    """On flights of these channels: given ones, or those of a simulator."""
+    if simulated:
+        test = small_test(thing, n_unsafe=400, max_rollouts=5_000)
+        training = train_on_simulator(collect(test), MonitorRecipe(), test, 500, lambda *_: None)
+        return training.monitor
+    dataset = Dataset.from_flights(flights(dictionary, 1600, 1))
+    return train_on_flights(dataset, MonitorRecipe(), False, lambda *_: None).monitor
+
+
 @pytest.fixture(
-    scope="module", params=[DICTIONARY, TEN, COMPUTED], ids=["pitch", "ten channels", "computed"]
+    scope="module",
+    params=[(DICTIONARY, False), (TEN, False), (COMPUTED, False), (DICTIONARY, True)],
+    ids=["pitch", "ten channels", "computed", "own simulator"],
 )
 def own(url: str, request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Own:
-    dictionary = request.param
-    labelled = flights(dictionary, 1600, 1)
-    monitor = train_on_flights(
-        Dataset.from_flights(labelled), MonitorRecipe(), False, lambda *_: None
-    ).monitor
+    dictionary, simulated = request.param
+    monitor = trained(dictionary, simulated)
     file = tmp_path_factory.mktemp("own") / "pitch.fwm"
     monitor.save(file)
     rng = np.random.default_rng(8)
     y = short_period.with_channels(short_period.fly(rng, 40)[1], len(dictionary.measured), rng)
     y = complete(dictionary, y, DT)
-    limits = labelled.specification
+    limits = monitor.specification
     assert isinstance(limits, IntervalLimits)
     fail_index = limits.envelope.first_exceedance(y)
     return Own(url, stored(url, monitor), monitor, file, y, fail_index)

@@ -32,8 +32,8 @@ def add_output(
     add_json(parser)
 
 
-def add_place(parser: argparse.ArgumentParser) -> None:
-    option(parser, "--data-dir DIR", "directory of all data", type=Path)
+def add_place(parser: argparse._ActionsContainer, text: str = "directory of all data") -> None:
+    option(parser, "--data-dir DIR", text, type=Path)
     option(parser, "--database-url URL", "database, instead of SQLite's")
 
 

@@ -36,7 +36,7 @@ export function showDataset(element, { id, api, navigate }) {
           api,
           path: `/datasets/${id}`,
           what: `dataset “${dataset.name}”`,
-          consequence: `Deletes the dataset and its rollouts permanently. ${isKnown ? "The same recipe and seed simulate it again." : "Keep your files to add it again."}`,
+          consequence: `Deletes the dataset and its rollouts permanently. ${isKnown ? "The same recipe and seed simulate it again." : "Keep its files or simulator to make it again."}`,
           done: () => navigate("#/datasets"),
         }),
       ],
@@ -78,6 +78,7 @@ function details(dataset, catalog) {
   const { recipe } = dataset;
   const { schema } = catalog.recipes.dataset;
   const isKnown = isSimulated(dataset);
+  const hasRecipe = Object.keys(recipe).length > 0;
   const origin = [
     ["Seed", dataset.seed ?? "not recorded"],
     ["SHA-256", dataset.digest, true],
@@ -87,9 +88,9 @@ function details(dataset, catalog) {
   return panel("Recipe", [
     h(
       "div.columns.recipe-columns",
-      isKnown ? recipeTable(schema, recipe, catalog) : h("p", "Own rollouts have no recipe."),
+      isKnown ? recipeTable(schema, recipe, catalog) : h("p", hasRecipe ? "Made on the command line by an own simulator." : "Own rollouts have no recipe."),
       recipeList(origin),
     ),
-    isKnown && rawRecipe(recipe),
+    hasRecipe && rawRecipe(recipe),
   ]);
 }

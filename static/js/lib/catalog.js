@@ -33,15 +33,15 @@ export function kindName(catalog, family, part) {
   return catalog.families[family].entries[part?.kind]?.label ?? part?.kind ?? "not recorded";
 }
 
-/** Whether a monitor or a dataset has the recipe of a simulated test; else it is of own rollouts. */
+/** Whether the test of a monitor or a dataset can be simulated here; else it is of own rollouts. */
 export function isSimulated({ dataset_recipe, recipe: test = {} }) {
-  return Object.keys(dataset_recipe ?? test).length > 0;
+  return Boolean((dataset_recipe ?? test).aircraft);
 }
 
 /** Aircraft and manoeuvre of a monitor or a dataset. */
 export function testNames(catalog, entry) {
-  if (!isSimulated(entry)) return ["own rollouts", "not recorded"];
-  const { aircraft, maneuver } = entry.dataset_recipe ?? entry.recipe;
+  const { aircraft, maneuver, simulator } = entry.dataset_recipe ?? entry.recipe ?? {};
+  if (!isSimulated(entry)) return [simulator ? `own simulator ${simulator}` : "own rollouts", "not recorded"];
   return [aircraftName(catalog, aircraft), kindName(catalog, "maneuver", maneuver)];
 }
 

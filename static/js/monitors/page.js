@@ -85,7 +85,7 @@ export function showMonitor(element, { id, api, navigate }) {
       cost.element,
       isKnown ? createEpsilonChoice({ api, id, catalog, navigate, keep }) : null,
       h("div.figures", figures.filter(Boolean).map((block) => h("section.panel", block))),
-      guarantee(monitor, calibration, isKnown),
+      guarantee(monitor, calibration, isKnown, isKnown || Boolean(evaluation?.simulator)),
       isKnown ? null : channelTable(channels),
       details(monitor, calibration, catalog),
     );
@@ -105,7 +105,7 @@ function facts({ monitor, calibration, dataset, evaluation, catalog }) {
   const [aircraft, maneuver] = testNames(catalog, monitor);
   const test = isSimulated(monitor)
     ? [["Aircraft", aircraft], ...(sources ? [["Identified from", sources.join(", ")]] : []), ["Manoeuvre", maneuver]]
-    : [["Trained on", `${aircraft}, split by flight`]];
+    : [["Trained on", `${aircraft}, ${evaluation?.simulator ? "tested on fresh flights of it" : "split by flight"}`]];
   const entries = [
     ...test,
     ["Limits", formatted(limitsOfMonitor(catalog, monitor))],
@@ -185,7 +185,7 @@ function groups(evaluation, calibration, catalog) {
   );
 }
 
-function guarantee(monitor, { groups: promised, alphas }, isKnown) {
+function guarantee(monitor, { groups: promised, alphas }, isKnown, isFresh) {
   const lead = figure(monitor.lead);
   const isSure = monitor.recipe.guarantee === "95%";
   const holds = isSure ? "with 95 % confidence in this monitor" : "on average over calibration sets";
@@ -195,7 +195,7 @@ function guarantee(monitor, { groups: promised, alphas }, isKnown) {
       : `The promise holds ${holds}, for flights like those it was trained on: their aircraft, manoeuvre and pilot.`,
     `Timely: at least ${lead} s before the first exceedance. Later alerts do not count.`,
     "The risk (p-value) is not the probability of failure. High risk: the flight resembles failing flights.",
-    validity(monitor, isKnown),
+    validity(monitor, isKnown, isFresh),
     promised.length && `It holds in each group of failing flights: ${promised.map(({ name }) => name).join("; ")}.`,
     monitor.n_early &&
       `${monitor.n_early} of the ${alphas.length} failures came within the first ${lead} s: no timely alert was possible, and each counts as a miss.`,
@@ -205,11 +205,11 @@ function guarantee(monitor, { groups: promised, alphas }, isKnown) {
   return panel(title, [h("p.promise", "P(no timely alert | the flight fails) ≤ epsilon"), list]);
 }
 
-function validity({ support }, isKnown) {
+function validity({ support }, isKnown, isFresh) {
   if (!support)
     return "Validity is not calibrated: Forewarn cannot tell whether a flight is like the training flights. Train the monitor again to calibrate it.";
   const { n_safe, n_unsafe, level } = support;
-  return `Validity: INVALID withdraws the guarantee of a manoeuvre. At most ${percent(level)} of flights like ${isKnown ? "the simulated ones" : "those it was trained on"}, safe or failing, are called INVALID. Calibrated on ${count(n_safe)} safe and ${count(n_unsafe)} failing ${isKnown ? "fresh" : "held-out"} flights.`;
+  return `Validity: INVALID withdraws the guarantee of a manoeuvre. At most ${percent(level)} of flights like ${isKnown ? "the simulated ones" : "those it was trained on"}, safe or failing, are called INVALID. Calibrated on ${count(n_safe)} safe and ${count(n_unsafe)} failing ${isFresh ? "fresh" : "held-out"} flights.`;
 }
 
 function details(monitor, { members }, catalog) {

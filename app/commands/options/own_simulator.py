@@ -1,0 +1,71 @@
+"""A simulator named on the command line: `package.module:name`."""
+
+import argparse
+import sys
+from dataclasses import fields, replace
+from importlib import import_module
+from pathlib import Path
+
+from app.commands.options.recipe import PATHS
+from app.recipes.recipes import RecipeError
+from app.telemetry.limit_texts import specified
+from app.telemetry.rollouts import RolloutFile
+from core.monitor.training import check_lead
+from core.planned_test.own import OwnCodeError, OwnSimulator, OwnTest, running
+from core.recipe import instead_of
+
+PILOT_FLIGHTS = 100
+"""Flights that show trim, and whether flights are reproducible and unlike each other."""
+ITS_OWN = (
+    *("aircraft", "control_law", "maneuver", "noise", "imperfections", "set", "print_recipe"),
+    *("rollouts", "dictionary"),
+)
+"""Options of what a simulator has of its own."""
+
+
+def load(name: str) -> OwnSimulator:
+    """Import a simulator, also from the current folder. RecipeError; OwnCodeError."""
+    module_name, _, attribute = name.partition(":")
+    if not (module_name and attribute):
+        raise RecipeError(f"--simulator {name!r}: write it as package.module:name")
+    if (here := str(Path.cwd())) not in sys.path:
+        sys.path.insert(0, here)
+    try:
+        with running(name):
+            module = import_module(module_name)
+    except OwnCodeError as error:
+        missing = getattr(error.__cause__, "name", "") or " "
+        if isinstance(error.__cause__, ModuleNotFoundError) and module_name.startswith(missing):
+            raise RecipeError(
+                f"--simulator {name}: there is no module {missing} in {here} or installed: run the "
+                "command in the folder that holds it"
+            ) from error
+        raise
+    if not hasattr(module, attribute):
+        known = [each for each in vars(module) if not each.startswith("_")]
+        raise RecipeError(f"{module_name} has no {attribute!r}: {instead_of(attribute, known)}")
+    return OwnSimulator.of(getattr(module, attribute), name)
+
+
+def own_test(options: argparse.Namespace, t_early: float) -> OwnTest:
+    """The test that the simulator flies, judged by the limits of the options. ValueError.
+
+    t_early: warning lead time [s].
+    """
+    given = [name for name, value in vars(options).items() if value]
+    sizes = {field.name: f"dataset.{field.name}" for field in fields(OwnTest)}
+    names = {path: name for name, path in PATHS.items()}
+    for name in given:
+        if name in ITS_OWN or (name.startswith("dataset.") and name not in sizes.values()):
+            word = names.get(name, name.replace("_", "-"))
+            raise RecipeError(f"--{word} was given with --simulator, which has its own: omit one")
+    asked = {name: getattr(options, path, None) for name, path in sizes.items()}
+    asked = {name: value for name, value in asked.items() if value is not None}
+    simulator = load(options.simulator)
+    test = OwnTest(simulator, **asked)
+    y = simulator.outputs(PILOT_FLIGHTS, test.seed)
+    check_lead(t_early, (y.shape[1] - 1) * simulator.dt)
+    first = RolloutFile(y, simulator.dt, simulator.dictionary)
+    dictionary, limits = specified(first, options.channel or (), options.limit or ())
+    n_obs = min(test.n_obs, y.shape[1])
+    return replace(test, flown_by=simulator.judged(dictionary, limits, y.shape[1]), n_obs=n_obs)
