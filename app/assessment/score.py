@@ -35,7 +35,7 @@ from app.assessment.segments import Interval, ScoringRecipe, Segment, detected_s
 from app.assessment.validity import AssessedSegment, under_limits, validity
 from app.assessment.wording import guarantee, limits_remarks, remarks, withdrawn
 from app.telemetry.contents import release
-from app.telemetry.recording import ATTITUDE
+from app.telemetry.recording import ATTITUDE, Recording
 from app.telemetry.timing.repair import RepairedTraces
 from core.channels import LATERAL
 from core.limits.exceedance import SAME_TIME
@@ -247,10 +247,11 @@ def _samples(
     """(n,) of sample_type, filled block by block; also the times without a sample."""
     n = len(flight.recording.t)
     firsts, stops = [each.first for each in judged], [each.stop for each in judged]
+    trims = np.nan_to_num(np.array([each.assessed.trim for each in judged]))
     samples = np.empty(n, sample_type(len(flight.monitor.dictionary)))
     for first in range(0, n, BLOCK):
         rows = slice(first, min(first + BLOCK, n))
-        fields = _between(flight, rows, judged, stops)
+        fields = _between(flight.recording, rows, trims, stops)
         for number in range(bisect_right(stops, first), bisect_left(firsts, rows.stop)):
             _fill(fields, rows, number, judged[number], alert_above)
         for name, values in fields.items():
@@ -290,23 +291,22 @@ def _shifted(begin: int, end: int, by: int) -> slice:
 
 
 def _between(
-    flight: RecordedFlight, rows: slice, judged: list[JudgedSegment], stops: list[int]
+    recording: Recording, rows: slice, trims: Array, stops: list[int]
 ) -> dict[str, npt.NDArray[Any]]:
     """The fields of sample_type in some rows, without assessments.
 
-    stops: the row behind each segment. Channels are from the trim of the segment before; before the
-    first segment, from its own.
+    trims: (n_segments, n_channels).   stops: the row behind each segment. Channels are from the
+    trim of the segment before; before the first segment, from its own.
     """
-    recording, n = flight.recording, rows.stop - rows.start
+    n = rows.stop - rows.start
     unknown = np.full(n, np.nan)
     attitude = [
         recording.attitude[key][rows] if key in recording.attitude else unknown for key in ATTITUDE
     ]
     before = np.searchsorted(stops, np.arange(rows.start, rows.stop), side="right") - 1
-    trim = np.nan_to_num([each.assessed.trim for each in judged])[np.maximum(before, 0)]
     return {
         "t": recording.t[rows],
-        "y": recording.y[rows] - trim,
+        "y": recording.y[rows] - trims[np.maximum(before, 0)],
         "p_value": unknown.copy(),
         "withdrawn": unknown.copy(),
         "alert": np.zeros(n, bool),

@@ -75,7 +75,8 @@ class AssessedSegment:
 
 def largest(y: Array) -> Array:
     """(k,) largest magnitude of each column of y (n, k), ignoring NaN; -inf if all are NaN."""
-    return np.abs(y).max(axis=0, initial=-np.inf, where=np.isfinite(y))
+    columns = (column[np.isfinite(column)] for column in y.T)
+    return np.array([np.abs(column).max(initial=-np.inf) for column in columns])
 
 
 LIMITS = "limits in force"
@@ -283,10 +284,11 @@ def surfaces_flown(planned: PlannedTest, y: Array, usual: Array) -> tuple[bool |
 
     y: (n, n_channels) from trim, NaN where unknown.   usual: (n_channels,) largest in training.
     """
-    amplitudes, texts, oks, flown = planned.amplitudes, [], [], largest(y)
+    amplitudes, texts, oks = planned.amplitudes, [], []
+    flown = largest(y[:, list(planned.controls)])
     for column, c in enumerate(planned.controls):
         channel = planned.dictionary.channels[c]
-        name, moved, amplitude = channel.label, flown[c], amplitudes[column]
+        name, moved, amplitude = channel.label, flown[column], amplitudes[column]
         if not np.isfinite(moved):
             oks.append(None)
             texts.append(f"{name} not recorded")

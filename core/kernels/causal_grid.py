@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.kernels.compiled import jit
+from core.kernels.compiled import inlined, jit
 from core.types import Array, Indices
 
 ON_GRID = 1e-6
@@ -104,7 +104,7 @@ def advance(state, settled, now):
     return n, False
 
 
-@jit
+@inlined
 def _room_for(state):
     """Samples that the next received one may settle, at most."""
     clock, counts = state.clock, state.counts
@@ -128,7 +128,7 @@ def _compact(state):
     return stop - start + 2 <= state.rows.shape[0]
 
 
-@jit
+@inlined
 def _flight_time(state, arrived, t):
     clock = state.clock
     t += clock[OFFSET]
@@ -202,7 +202,7 @@ def _add(state, arrived, t_sent, values):
     return _accept(state, arrived, t, values, number)
 
 
-@jit
+@inlined
 def _recent(state, t):
     """Place of a recent sample with this time, the newest first; -1 if there is none."""
     if t > state.clock[NEWEST]:
@@ -273,13 +273,14 @@ def _step(state, arrived, t):
 # --- the grid -------------------------------------------------------------------------------------
 
 
-@jit
+@inlined
 def _accept(state, arrived, t, values, number):
     clock, counts = state.clock, state.counts
     counts[ACCEPTED] += 1
     place = counts[N_RECENT] % REMEMBERED
     state.recent[place, 0] = t
-    state.recent[place, 1:] = values[: state.recent.shape[1] - 1]
+    for c in range(state.recent.shape[1] - 1):
+        state.recent[place, 1 + c] = values[c]
     counts[N_RECENT] += 1
     if np.isnan(clock[GRID]):
         clock[GRID] = t
@@ -294,12 +295,13 @@ def _accept(state, arrived, t, values, number):
         rows[at] = rows[at - 1]
         at -= 1
     rows[at, T], rows[at, ARRIVED], rows[at, NUMBER] = t, arrived, number
-    rows[at, VALUES:] = values
+    for c in range(values.shape[0]):
+        rows[at, VALUES + c] = values[c]
     counts[STOP] += 1
     return True
 
 
-@jit
+@inlined
 def _note_interval(state, step):
     """Update the usual interval: the lower median of the last steps."""
     clock, counts = state.clock, state.counts
@@ -330,7 +332,7 @@ def _advance(state, settled, n, now):
     """Settle grid times in order. Returns (settled samples, whether the room is full)."""
     clock = state.clock
     clock[DUE] = np.nan
-    while not np.isnan(clock[GRID]) and _came_up_to(state, clock[GRID]):
+    while not np.isnan(clock[GRID]) and _came_up_to(clock, state.counts, state.rows, clock[GRID]):
         if n == settled.shape[0]:
             clock[DUE] = now
             return n, True
@@ -340,7 +342,7 @@ def _advance(state, settled, n, now):
     return n, False
 
 
-@jit
+@inlined
 def _settle(state, settled, n, grid, now):
     """Settle one grid time that samples have reached, or set DUE. Returns the samples, 0 or 1.
 
@@ -348,16 +350,16 @@ def _settle(state, settled, n, grid, now):
     grid restarts with the first sample after it.
     """
     clock, counts = state.clock, state.counts
-    dt = clock[DT]
-    following = _first_from(state, grid - ON_GRID * dt)
-    t = state.rows[following, T]
+    dt, rows = clock[DT], state.rows
+    following = _first_from(counts, rows, grid - ON_GRID * dt)
+    t = rows[following, T]
     if clock[INTERVAL] <= FASTER * dt and following > counts[START]:
         is_early = clock[NEWEST] < grid + dt - clock[INTERVAL]
         if is_early and _waits(state, grid, following, now):
             return 0
         known = _average(state, settled, n, grid, following)
     elif abs(t - grid) <= ON_GRID * dt:
-        known = _as_received(state, settled, n, following)
+        known = _as_received(rows, settled, n, following)
     else:
         known = _between(state, settled, n, grid, following)
     if not known:
@@ -373,15 +375,21 @@ def _settle(state, settled, n, grid, now):
     t = settled[n, T]
     clock[GRID] = t + dt
     if counts[STOP] - counts[START] > 1:
-        counts[START] = max(counts[START], _first_from(state, t - dt) - 1)
+        counts[START] = max(counts[START], _first_from(counts, rows, t - dt) - 1)
     return 1
 
 
-@jit
-def _as_received(state, settled, n, row):
-    settled[n, T], settled[n, NUMBER] = state.rows[row, T], state.rows[row, NUMBER]
-    settled[n, SETTLED_VALUES:] = state.rows[row, VALUES:]
+@inlined
+def _as_received(rows, settled, n, row):
+    settled[n, T], settled[n, NUMBER] = rows[row, T], rows[row, NUMBER]
+    _copy_values(rows, settled, n, row)
     return True
+
+
+@inlined
+def _copy_values(rows, settled, n, row):
+    for c in range(rows.shape[1] - VALUES):
+        settled[n, SETTLED_VALUES + c] = rows[row, VALUES + c]
 
 
 @jit
@@ -390,8 +398,8 @@ def _average(state, settled, n, grid, following):
 
     Unknown values do not count. Returns whether the sample is known: not across a gap.
     """
-    dt, rows = state.clock[DT], state.rows
-    first, stop = _first_from(state, grid - dt), _first_from(state, grid + dt)
+    dt, counts, rows = state.clock[DT], state.counts, state.rows
+    first, stop = _first_from(counts, rows, grid - dt), _first_from(counts, rows, grid + dt)
     if not first < following < stop:
         return _between(state, settled, n, grid, following)
     before, after = rows[following - 1, T], rows[following, T]
@@ -399,7 +407,7 @@ def _average(state, settled, n, grid, following):
         return False
     nearest = following if after - grid < grid - before else following - 1
     settled[n, T], settled[n, NUMBER] = grid, MADE
-    settled[n, SETTLED_VALUES:] = rows[nearest, VALUES:]
+    _copy_values(rows, settled, n, nearest)
     tau = rows[first:stop, T] - grid
     weights = 1.0 + np.cos(np.pi * tau / dt)
     for c in range(state.recent.shape[1] - 1):
@@ -434,14 +442,14 @@ def _between(state, settled, n, grid, following):
     clock, dt, rows = state.clock, state.clock[DT], state.rows
     t = rows[following, T]
     if following == state.counts[START]:
-        return abs(t - grid) <= ON_GRID * dt and _as_received(state, settled, n, following)
+        return abs(t - grid) <= ON_GRID * dt and _as_received(rows, settled, n, following)
     before = rows[following - 1, T]
     is_gap = t - before > GAP_RATIO * max(clock[INTERVAL], dt)
     if is_gap or t - grid > clock[DELAY]:
         return False
     share = (grid - before) / (t - before)
     settled[n, T], settled[n, NUMBER] = grid, MADE
-    settled[n, SETTLED_VALUES:] = rows[following if share > 0.5 else following - 1, VALUES:]
+    _copy_values(rows, settled, n, following if share > 0.5 else following - 1)
     for c in range(state.recent.shape[1] - 1):
         y = rows[following - 1, VALUES + c]
         settled[n, SETTLED_VALUES + c] = y + share * (rows[following, VALUES + c] - y)
@@ -477,21 +485,20 @@ def _different(times, after, before):
     return n
 
 
-@jit
-def _came_up_to(state, grid):
+@inlined
+def _came_up_to(clock, counts, rows, grid):
     """Whether a sample at or after a grid time was received."""
-    counts = state.counts
     last = counts[STOP] - 1
-    return last >= counts[START] and state.rows[last, T] >= grid - ON_GRID * state.clock[DT]
+    return last >= counts[START] and rows[last, T] >= grid - ON_GRID * clock[DT]
 
 
-@jit
-def _first_from(state, t):
+@inlined
+def _first_from(counts, rows, t):
     """First waiting row at or after a time [s]."""
-    low, high = state.counts[START], state.counts[STOP]
+    low, high = counts[START], counts[STOP]
     while low < high:
         middle = (low + high) // 2
-        if state.rows[middle, T] < t:
+        if rows[middle, T] < t:
             low = middle + 1
         else:
             high = middle

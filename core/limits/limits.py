@@ -58,8 +58,11 @@ class Envelope(NamedTuple):
         """
         if y.ndim == 1:
             return exceeds_any(self.low, self.high, y)
-        inside = (y > self.low) & (y < self.high)
-        return np.asarray((np.isfinite(y) & ~inside).any(axis=-1))
+        beyond = np.zeros(y.shape[:-1], bool)
+        for c in np.flatnonzero(self.limited):
+            x = y[..., c]
+            beyond |= np.isfinite(x) & ((x <= self.low[..., c]) | (x >= self.high[..., c]))
+        return beyond
 
     def shares(self, y: Array) -> Array:
         """(..., n_channels) how much of the way from rest to the nearest limit: 1 at the limit.

@@ -30,11 +30,16 @@ class Pair(NamedTuple):
 
 
 def in_turns(
-    ours: Callable[[], Any], theirs: Callable[[], Any], rounds: int = ROUNDS, warm: bool = True
+    ours: Callable[[], Any],
+    theirs: Callable[[], Any],
+    rounds: int = ROUNDS,
+    warm: bool = True,
+    clock: Callable[[], float] = perf_counter,
 ) -> Pair:
     """Time both in turns, each round beginning with the other one.
 
-    warm: call both once beforehand.   ValueError for fewer than five rounds.
+    warm: call both once beforehand.   clock: [s], `process_time` on a loaded machine.
+    ValueError for fewer than five rounds.
     """
     if rounds < ROUNDS:
         raise ValueError(f"{rounds} rounds were asked for: a ratio needs at least {ROUNDS}")
@@ -43,7 +48,7 @@ def in_turns(
     times = np.empty((rounds, 2))
     for k in range(rounds):
         for side in (0, 1) if k % 2 == 0 else (1, 0):
-            begin = perf_counter()
+            begin = clock()
             (ours, theirs)[side]()
-            times[k, side] = perf_counter() - begin
+            times[k, side] = clock() - begin
     return Pair(times[:, 0], times[:, 1])

@@ -3,7 +3,7 @@
 import sqlite3
 from dataclasses import replace
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
@@ -12,12 +12,16 @@ import pandas as pd
 import pytest
 from sklearn.neighbors import NearestNeighbors
 
+from app.assessment import ScoringRecipe, score
 from app.jobs.training import train_and_test
+from app.telemetry.recording import Trace, Traces
+from app.telemetry.timing.repair import repair
+from core.channels import LATERAL
 from core.monitor import Monitor, MonitorRecipe
 from core.planned_test.collection import DatasetRecipe, collect
 from core.planned_test.planned_test import LateralSimulator
 from core.simulation.maneuver import MANEUVERS
-from tests.benchmarks.pairs import ROUNDS
+from tests.benchmarks.pairs import ROUNDS, in_turns
 from tests.support.api import api, store_of
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.usefixtures("read_apart")]
@@ -125,6 +129,19 @@ def test_an_hour_at_100_hz_from_upload_to_stored_assessments(
         f"points: {whole:.2f} s, of which upload and reading {reading:.2f} s; pandas + "
         f"scikit-learn ratio {np.median(ratios):.1f} x (shortest {shortest:.1f} x)"
     )
+
+
+def test_scoring_an_hour_against_its_assessments_alone(monitor: Monitor) -> None:
+    """The grid, the judge of limits, validity and the table of samples come on top."""
+    y = flown(HOUR)
+    t = DT * np.arange(HOUR)
+    columns = zip(LATERAL.keys, np.ascontiguousarray(y.T), strict=True)
+    recorded = repair(Traces({key: Trace(t, x, source=key) for key, x in columns}))
+    whole = ScoringRecipe(trim=None, manoeuvres="entire")
+    pair = in_turns(
+        lambda: score(monitor, recorded, whole), lambda: monitor.assess(t, y), clock=process_time
+    )
+    print(f"\nscoring {HOUR} samples: {pair.ours.min():.3f} s; their assessments alone {pair}")
 
 
 def test_replay_of_ten_hours_starts_and_seeks_at_once(monitor: Monitor, tmp_path: Path) -> None:
