@@ -1,8 +1,9 @@
 """The monitor set of a flight: which of its monitors is in use at each flight condition.
 
 Each monitor is used unchanged, at its own epsilon and limits. One that comes into use starts with
-an empty history, so no p-value mixes the samples of two conditions. Between the conditions of the
-set, and where the condition is unknown, none is applicable.
+an empty history, so no p-value mixes the samples of two conditions. One that needs a manoeuvre from
+its beginning is not applicable to the rest of it. Between the conditions of the set, and where the
+condition is unknown, none is applicable.
 """
 
 from collections.abc import Mapping

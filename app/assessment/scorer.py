@@ -20,14 +20,15 @@ from app.assessment.planned_test import (
     planned_test,
 )
 from app.assessment.rulings import ConditionHold, Ruling
-from app.assessment.trim import CausalTrim
+from app.assessment.trim import CausalTrim, departure, input_sizes
 from core.channels import LATERAL
 from core.kernels import assessing
 from core.limits.limits import Envelope
 from core.monitor import Assessment, Monitor, State
-from core.monitor.assessment import REASONS
+from core.monitor.assessment import REASONS, Cause, withdrawn
 from core.monitor.monitor import Stream
 from core.monitor.peak_forecast import Ahead
+from core.monitor.status import NOT_APPLICABLE
 from core.simulation.attitude import DisplayAttitude
 from core.types import Array
 
@@ -86,25 +87,35 @@ class GridMonitor:
         self._needs_all = bool(self.needed.all())
         self._stream = self._new_stream()
         self._history: deque[Sample] = deque(maxlen=monitor.recipe.n_delay + 1)
-        self._filling = ""
+        self._filling = self._unseen = ""
 
-    def join(self, t: float, case: str) -> None:
-        """Come into use in the middle of a manoeuvre: no sample before t [s] counts.
+    def join(self, t: float, case: str, *, is_moving: bool) -> None:
+        """Come into use at t [s], with no sample before it: the history fills first.
 
-        As after a missing sample, the history fills first, and a forecast of the rest is lost.
+        is_moving: whether the input has begun. A monitor that forecasts the rest of a manoeuvre or
+        checks its input from the beginning on is then not applicable until the next one.
         """
         unknown = np.full(len(self.monitor.dictionary), np.nan)
         self._stream.update(t - self.monitor.dt, unknown)
         self._filling = f"filling the history: its condition, {case}, holds since {t:.2f} s"
+        basis = self.monitor.validity_basis
+        has_shape = basis is not None and basis.input_shape is not None
+        if is_moving and (has_shape or self.monitor.forecast is not None):
+            self._unseen = (
+                f"{NOT_APPLICABLE}: {case} holds since {t:.2f} s, within the manoeuvre, and its "
+                "monitor needs the beginning"
+            )
 
     def restart(self, trim: Array) -> None:
-        self._stream, self._filling = self._new_stream(), ""
+        self._stream, self._filling, self._unseen = self._new_stream(), "", ""
         for sample in self._history:
             self._stream.update(sample.t, self._read(sample.y - trim))
 
     def assess(self, sample: Sample, y: Array) -> Assessment:
         """Assess a sample of a manoeuvre. y: (n_channels,) from trim, NaN where that is unknown."""
         self._history.append(sample)
+        if self._unseen:
+            return withdrawn(sample.t, self._unseen, Cause.NOT_APPLICABLE)
         return self._explained(self._stream.update(sample.t, self._read(y)), sample, y)
 
     def forecast_ahead(self) -> Ahead | None:
@@ -192,7 +203,9 @@ class CausalScorer:
         self.needed = self._needed([*members, *(shown for shown, _ in display)])
         """channels that at least one of the monitors needs"""
         self._used: int | None = None
-        self._has_begun = False
+        self._has_begun = self._has_moved = False
+        sizes = np.min([input_sizes(_known_test(member)) for member in members], axis=0)
+        self._departure, self._controls = departure(sizes), list(planned.controls)
         if monitors is not None:
             self._rule = MonitorsRule(monitors)
             self.ruling = self._rule.at()
@@ -284,7 +297,7 @@ class CausalScorer:
             self._limits = ruling.limits
         begins = self._trim is not None and self._trim.update(sample.y)
         if isinstance(ruling, MonitorRuling):
-            self._use(ruling, sample.t, begins)
+            self._use(ruling, sample, begins)
         if self._trim is not None:
             trim = self._trim.level
             if begins:
@@ -303,14 +316,20 @@ class CausalScorer:
         about = assessment, sample.attitude, self.manoeuvre, sample.shown, display, ruling
         return LiveAssessed(y, sample.y, *about)
 
-    def _use(self, ruling: MonitorRuling, t: float, begins: bool) -> None:
-        """Use the monitor of a ruling from the sample at t [s] on, with an empty history."""
+    def _use(self, ruling: MonitorRuling, sample: Sample, begins: bool) -> None:
+        """Use the monitor of a ruling from this sample on, with an empty history.
+
+        begins: whether a manoeuvre begins with it.
+        """
+        controls = sample.y[self._controls]
+        self._has_moved |= not (np.abs(controls) <= self._departure).all()
         if ruling.used is not None and ruling.used != self._used:
             monitor = ruling.in_use.monitor(ruling.used)
             self._authority = GridMonitor(monitor, monitor.recipe.epsilon)
             is_at_rest = self._trim is not None and not self._trim.manoeuvre
             if self._has_begun and not begins and not is_at_rest:
-                self._authority.join(t, ruling.case)
+                is_moving = self._trim is not None or self._has_moved
+                self._authority.join(sample.t, ruling.case, is_moving=is_moving)
         self._used, self._has_begun = ruling.used, True
 
     def _restart(self, trim: Array) -> None:

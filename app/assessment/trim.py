@@ -67,8 +67,7 @@ class CausalTrim:
         self.planned, dt = planned, planned.dt
         n_trim = max(2, round(planned.trim_segment_s / dt))
         n_rest = n_trim + round(GUARD_S / dt)
-        sizes = _sizes(planned) if sizes is None else sizes
-        threshold = np.maximum(BEGINNING * SHARE * sizes, SMALLEST)
+        threshold = departure(input_sizes(planned) if sizes is None else sizes)
         length, n_channels = planned.duration, len(planned.dictionary)
         self._absolute = list(planned.dictionary.absolute)
         most = 0 if length is None else max(1, round((length - planned.trim_segment_s) / dt))
@@ -101,7 +100,7 @@ class CausalTrim:
         tests = [planned_test(monitor) for monitor in monitors]
         longest = max(tests, key=lambda test: inf if test.duration is None else test.duration)
         moving = [_moving(*each) for each in zip(monitors, tests, strict=True)]
-        return cls(longest, np.min(moving, axis=0), np.min([*map(_sizes, tests)], axis=0))
+        return cls(longest, np.min(moving, axis=0), np.min([*map(input_sizes, tests)], axis=0))
 
     @property
     def manoeuvre(self) -> int:
@@ -170,7 +169,12 @@ class CausalTrim:
         return bool(self._begin(self._rule, self._state))
 
 
-def _sizes(planned: PlannedTest) -> Array:
+def departure(sizes: Array) -> Array:
+    """(n_controls,) how far each control departs from rest. sizes: of its input."""
+    return np.maximum(BEGINNING * SHARE * sizes, SMALLEST)
+
+
+def input_sizes(planned: PlannedTest) -> Array:
     """(n_controls,) inputs of the controls of a planned test."""
     amplitudes = planned.amplitudes
     return np.where(amplitudes > 0.0, amplitudes, OTHER * amplitudes.max(initial=0.0))
