@@ -253,6 +253,7 @@ class SetCondition(Message):
     monitor: str = Field(description="id")
     monitor_name: str
     alert_above: float = Field(description="risk above which it alerts")
+    warnings: list[str] = Field(description="reasons not to rely on it")
 
 
 class MonitorSetStatus(Message):

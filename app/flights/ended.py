@@ -54,6 +54,9 @@ def records(store: Store, flights: Iterable[FlightInfo]) -> dict[str, Record]:
     alarms = store.alarms.of_flights(info.id for info in over)
     states = store.flights.last_states(info.id for info in over)
     monitors = {monitor.id: monitor for monitor in store.monitors.all()}
+    sets = store.monitor_sets.of_flights(info.id for info in over)
+    used = {info.id: [info.monitor_id] for info in over}
+    used |= {key: [case.monitor for case in flown.info.cases] for key, flown in sets.items()}
     return {
         info.id: _record(
             store,
@@ -61,6 +64,7 @@ def records(store: Store, flights: Iterable[FlightInfo]) -> dict[str, Record]:
             monitors[info.monitor_id],
             alarms.get(info.id, ()),
             *states.get(info.id, NO_SAMPLE),
+            all(monitors[monitor_id].support is not None for monitor_id in used[info.id]),
         )
         for info in over
     }
@@ -73,8 +77,12 @@ def _record(
     alarms: Sequence[Alarm],
     last: int,
     reason: str,
+    is_checked: bool,
 ) -> Record:
-    """last, reason: state code of the newest sample, and its reason."""
+    """last, reason: state code of the newest sample, and its reason.
+
+    is_checked: whether the validity of all its monitors that raise alarms is calibrated.
+    """
     exceeded = _exceeded(info, alarms)
     n_open = Counter(alarm.level for alarm in alarms if alarm.acknowledged is None)
     facts = Facts(
@@ -82,7 +90,7 @@ def _record(
         caution=n_open[Level.CAUTION] > 0,
         invalid=STATES[last] is State.INVALID,
         warming_up=STATES[last] is State.WARMING_UP,
-        calibrated=monitor.support is not None,
+        calibrated=is_checked,
         exceeded_t=min(exceeded, default=None),
     )
     return Record(

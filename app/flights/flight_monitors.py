@@ -9,6 +9,7 @@ from app.store.flights import FlightInfo
 from app.store.monitor_sets import MonitorSetInfo
 from app.store.store import Store
 from core.conditions import ConditionKey
+from core.evaluation.certificate import warnings_of
 from core.monitor.monitor_set import MonitorCase, MonitorSet
 
 
@@ -45,6 +46,7 @@ def set_status(in_use: MonitorsInUse, case: str, reason: str) -> MonitorSetStatu
             monitor=shown.id,
             monitor_name=shown.name,
             alert_above=shown.monitor.alert_above(shown.epsilon),
+            warnings=warnings_of(shown.monitor.evaluation, shown.epsilon),
         )
         for each, shown in zip(in_use.monitors.cases, members(in_use), strict=True)
     ]
@@ -68,7 +70,11 @@ def stored_sets(store: Store, flights: Sequence[FlightInfo]) -> dict[str, Monito
             name=each.info.name,
             fixed=each.fixed,
             conditions=[
-                SetCondition(**vars(case), alert_above=info.alert_above(info.epsilon))
+                SetCondition(
+                    **vars(case),
+                    alert_above=info.alert_above(info.epsilon),
+                    warnings=info.warnings,
+                )
                 for case in each.info.cases
                 for info in (monitors[case.monitor],)
             ],

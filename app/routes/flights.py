@@ -343,7 +343,7 @@ def _status(
         "monitor": info.monitor_id,
         "monitors": monitors,
         "monitor_set": monitor_set,
-        "warnings": monitors[0].warnings,
+        "warnings": _warnings(monitors[0], monitor_set),
         "accept_useless": accepts_useless(info),
         "head": -1 if info.head is None else info.head,
     }
@@ -362,3 +362,11 @@ def _status(
     seen = flight or record
     now = seen.headline if seen else headline(Facts(stale=True))
     return FlightStatus(**known | now._asdict())
+
+
+def _warnings(authority: FlownMonitor, monitor_set: MonitorSetStatus | None) -> list[str]:
+    """Of the alarm authority; of a monitor set, of each of its monitors."""
+    if monitor_set is None:
+        return authority.warnings
+    warnings = [text for each in monitor_set.conditions for text in each.warnings]
+    return list(dict.fromkeys(warnings))

@@ -83,6 +83,7 @@ def test_a_flight_shows_its_set_and_the_monitor_in_use(client: TestClient) -> No
     client.post(f"{path}/end")
     ended = client.get(path).json()
     assert ended["monitor_set"]["name"] == "doublet"
+    assert ended["warnings"] == list(client.get(f"/api/v1/monitors/{slow}").json()["warnings"])
     assert ended["monitor_set"]["fixed"] == {"altitude": 5000.0}
     held = [each["monitor"] for each in ended["limits_held"]]
     assert held[-2:] == [slow, fast]

@@ -83,8 +83,8 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
     gauge.update({ ...frame, note: noted, alertAbove: levelNow() });
   }
 
-  /** Of the alarm authority, which changes with the flight condition of a monitor set. */
-  const levelNow = () => hello.monitors[0].alert_above;
+  /** Of the alarm authority, which changes with the flight condition of a monitor set; NaN where none is in use. */
+  const levelNow = () => (hello.monitor_set?.case === "" ? NaN : hello.monitors[0].alert_above);
 
   function headlineNow(wall) {
     const begins = hello.mode === "live" && hello.head < 0;
