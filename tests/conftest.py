@@ -20,20 +20,26 @@ from core.monitor import Monitor
 from tests.support import oscillator
 from tests.support.attas import trained
 from tests.support.patience import PATIENCE
-from tests.support.repetition import IS_CAMPAIGN, examples
+from tests.support.repetition import examples
 
 CARRY_OUT, WARM_UP = isolation.carry_out, isolation.warm_up
 LONG = (
     "fuzzing/test_readers.py",
-    "core/clearance/test_clearance.py",
+    "core/clearance/",
     "core/test_every_promise.py",
-    "studies/test_clearance_errors.py",
+    "studies/",
     "app/assessment/test_hostile_messages.py",
     "core/evaluation/test_robustness.py",
     "core/test_guarantee.py",
+    "fuzzing/",
+    "test_guide.py",
+    "app/test_openapi.py",
+    "app/routes/test_campaigns.py",
+    "app/commands/",
+    "core/monitor/",
 )
-"""What takes minutes in the campaign; each of the others takes seconds."""
-MOVED = [name for name in LONG if not (Path(__file__).parent / name).is_file()]
+"""Files and folders that take longest, in the campaign or in the tests."""
+MOVED = [name for name in LONG if not (Path(__file__).parent / name).exists()]
 assert not MOVED, f"{MOVED} are not there: correct LONG"
 
 settings.register_profile(
@@ -72,8 +78,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     At the end no worker is to wait for another that has a long file left. Tests of faults wait for
     other processes most of the time: each of their files comes just before one that computes.
     """
-    long = LONG if IS_CAMPAIGN else ()
-    first = ("browser/", "faults/", *long, "fuzzing/", "test_guide.py", "core/monitor/")
+    first = ("browser/", "faults/", *LONG)
     files: dict[str, list[pytest.Item]] = {}
     for item in items:
         files.setdefault(item.nodeid.partition("::")[0].partition("/")[2], []).append(item)

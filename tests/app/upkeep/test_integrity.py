@@ -1,6 +1,7 @@
 """What is stored is checked after a server starts; damage is reported."""
 
 import logging
+import shutil
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing
@@ -48,10 +49,11 @@ class Kept(NamedTuple):
         return self.data_dir / "recordings" / self.recording
 
 
-@pytest.fixture
-def kept(tmp_path: Path, dataset: Dataset, flights: Array) -> Kept:
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory, dataset: Dataset, flights: Array) -> Kept:
     """One thing of each kind at a server that has stopped."""
-    with api(tmp_path) as client:
+    data_dir = tmp_path_factory.mktemp("whole")
+    with api(data_dir) as client:
         plain = replace(dataset, recipe={})
         dataset_id = store_of(client).datasets.add(plain, "d").id
         monitor = store_of(client).monitors.add(train(plain), "m").id
@@ -61,7 +63,13 @@ def kept(tmp_path: Path, dataset: Dataset, flights: Array) -> Kept:
         flight = store_of(client).flights.add({"kind": "test"}, monitor, 0.1)
         append(store_of(client), flight, 0, 30)
         store_of(client).flights.end(flight)
-    return Kept(tmp_path, monitor, dataset_id, recording, scoring, flight)
+    return Kept(data_dir, monitor, dataset_id, recording, scoring, flight)
+
+
+@pytest.fixture
+def kept(whole: Kept, tmp_path: Path) -> Kept:
+    """A copy of it that a test may damage."""
+    return whole._replace(data_dir=shutil.copytree(whole.data_dir, tmp_path, dirs_exist_ok=True))
 
 
 @pytest.fixture
