@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from core.clearance import clearance as clearance_module
 from core.clearance.clearance import (
     BuildUp,
     Clearance,
@@ -173,8 +174,9 @@ def test_unfitting_records_are_refused(clearance: Clearance, change, words: str)
         clearance.decide(change(fly(nominal(), 5)))
 
 
-def test_points_of_different_aircraft_are_refused() -> None:
+def test_points_of_different_aircraft_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """Also a build-up without a step, and an epsilon that needs more aircraft."""
+    monkeypatch.setattr(clearance_module, "MOST_AIRCRAFT", 1_000)
     with pytest.raises(ClearanceError, match="no flown step"):
         BuildUp((), TEST)
     with pytest.raises(ClearanceError, match="the aircraft of a flown step"):
@@ -182,12 +184,15 @@ def test_points_of_different_aircraft_are_refused() -> None:
     with pytest.raises(ValueError, match="it needs at least 99"):
         ClearanceRecipe(epsilon=0.01, n_exceeding=98)
     few = replace(TEST, maneuver=TEST.maneuver.with_peak(8.5))
-    with pytest.raises(ClearanceError, match="10000 are out of reach"):
-        calibrate(BuildUp.fractions(few, (0.6,)), ClearanceRecipe(n_exceeding=10_000))
+    with pytest.raises(ClearanceError, match=r"of 1000 simulated .* 500 are out of reach"):
+        calibrate(BuildUp.fractions(few, (0.6,)), ClearanceRecipe(n_exceeding=500))
 
 
-def test_a_point_with_rare_exceedances_is_cleared_by_its_prediction() -> None:
+def test_a_point_with_rare_exceedances_is_cleared_by_its_prediction(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """It has no p-value; the checks withdraw as usual."""
+    monkeypatch.setattr(clearance_module, "MOST_AIRCRAFT", 2_000)
     harmless = replace(TEST, maneuver=TEST.maneuver.with_peak(2.0))
     points = BuildUp.fractions(harmless, (0.5,))
     rule = calibrate(points, ClearanceRecipe(n_aircraft=100, n_draws=16))
