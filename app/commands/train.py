@@ -115,6 +115,7 @@ def run_on_simulator(options: argparse.Namespace) -> int:
     if recipe.predictor.forecast == "card":
         card_of(test)
     n_test = vars(options).get(".n_test")
+    n_test = TrainingRecipe(n_test=N_TEST if n_test is None else n_test).n_test
     with progress_bar("unsafe rollouts") as progress:
         dataset = simulate(test, lambda _, done, total: progress(done, total))
     flights = dataset.flights()
@@ -123,7 +124,7 @@ def run_on_simulator(options: argparse.Namespace) -> int:
         dataset,
         recipe,
         test,
-        N_TEST if n_test is None else n_test,
+        n_test,
         lambda *_: None,
         choose=not plain.keys() & {"predictor", "score"},
     )

@@ -20,8 +20,8 @@ from core.seeds import Branch, stream
 from core.simulation.simulator import Distribution, Parameters, Rollouts, Stopped
 from core.types import Array, Flags, Indices
 
-OURS = Path(__file__).parents[1]
-LIBRARIES = "site-packages", "<frozen", "lib/python"
+STANDARD, PACKAGES = Path(traceback.__file__).parent, "site-packages"
+OURS = tuple(Path(__file__).parents[2] / name for name in ("core", "app"))
 
 
 class OwnCodeError(ValueError):
@@ -37,8 +37,9 @@ def running(name: str) -> Iterator[None]:
         raise
     except (Exception, SystemExit) as error:
         frames = traceback.extract_tb(error.__traceback__)
-        theirs = [frame for frame in frames if not _is_library(frame.filename)]
-        frame = (theirs or frames)[-1]
+        theirs = [frame for frame in frames if not _is_ours(frame.filename)]
+        written = [frame for frame in theirs if PACKAGES not in frame.filename]
+        frame = (written or theirs or frames)[-1]
         place, line = f"{Path(frame.filename).name}, line {frame.lineno}", frame.line
         if isinstance(error, SyntaxError):
             place, line = f"{Path(error.filename or '').name}, line {error.lineno}", error.text
@@ -48,8 +49,11 @@ def running(name: str) -> Iterator[None]:
         ) from error
 
 
-def _is_library(file: str) -> bool:
-    return Path(file).is_relative_to(OURS) or any(part in file for part in LIBRARIES)
+def _is_ours(file: str) -> bool:
+    """Whether a file is of this program or of the standard library."""
+    if file.startswith("<") or any(Path(file).is_relative_to(place) for place in OURS):
+        return True
+    return Path(file).is_relative_to(STANDARD) and PACKAGES not in file
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,8 +109,8 @@ class FunctionSimulator:
             y = np.array(self.function(dict(zip(names, values, strict=True)), each, t), np.float64)
             if y.ndim != 2 or len(y) != len(t):
                 raise OwnCodeError(
-                    f"{self.function.__name__} returned outputs of shape {y.shape}: give "
-                    f"({len(t)} samples, channels), a row for each sample of t"
+                    f"the function returned outputs of shape {y.shape}: give ({len(t)} samples, "
+                    "channels), a row for each sample of t"
                 )
             flights.append(y)
         return np.array(flights) if flights else np.empty((0, 0, 0))
@@ -192,9 +196,7 @@ class OwnSimulator:
         )
 
     def rollouts(self, n: int, rng: np.random.Generator) -> Rollouts:
-        with running(self.name):
-            given = self.own.rollouts(n, rng)
-        y, fail_index, theta = self._unpacked(given, n)
+        y, fail_index, theta = self._given(n, self.own.rollouts, n, rng)
         fails, unknown = self._failures(y, fail_index)
         self._check(unknown)
         return Rollouts(self._measured(y, rng), fails, theta)
@@ -204,14 +206,11 @@ class OwnSimulator:
 
         Refuses flights that are alike, or differ at the same seed.
         """
-        twice = []
-        for _ in range(2):
-            rng = stream(seed, Branch.PILOT_RUN)
-            with running(self.name):
-                given = self.own.rollouts(n, rng)
-            twice.append(self._unpacked(given, n)[0])
-        y = twice[0]
-        if not np.array_equal(*twice, equal_nan=True):
+        y, again = (
+            self._given(n, self.own.rollouts, n, stream(seed, Branch.PILOT_RUN))[0]
+            for _ in range(2)
+        )
+        if not np.array_equal(y, again, equal_nan=True):
             raise OwnCodeError(
                 f"{self.name} returned other flights at the same seed: draw all random numbers "
                 "from the generator that it is given"
@@ -229,9 +228,7 @@ class OwnSimulator:
             )
 
     def _fly(self, theta: Array, rng: np.random.Generator) -> tuple[Rollouts, Array]:
-        with running(self.name):
-            given = self.own.fly(theta, rng)
-        y, fail_index, theta = self._unpacked(given, len(theta))
+        y, fail_index, theta = self._given(len(theta), self.own.fly, theta, rng)
         fails, unknown = self._failures(y, fail_index)
         envelope, peaks = envelope_of(self.specification), np.zeros(len(y))
         if envelope is not None:
@@ -249,9 +246,11 @@ class OwnSimulator:
                 return which
             with running(self.name):
                 again = np.array(repeat(which, neutral_from))
-            if again.ndim == 1:
+            if again.shape == which.shape:
                 return again
-            fails, unknown = self._failures(again, None)
+            theta = np.empty((len(which), len(self.parameters.names)))
+            y = self._given(len(which), lambda: (again, None, theta))[0]
+            fails, unknown = self._failures(y, None)
             self._check(unknown)
             return fails
 
@@ -265,32 +264,27 @@ class OwnSimulator:
             y[..., c] += noise[key] * rng.standard_normal(y.shape[:2])
         return complete(self.dictionary, y, self.dt)
 
-    def _unpacked(self, given: Any, n: int) -> tuple[Array, Any, Array]:
-        """y (n, n_samples, n_measured), fail_index or None, theta (n, n_parameters)."""
-        if not isinstance(given, tuple) or len(given) != 3:
-            raise OwnCodeError(
-                f"rollouts of {self.name} returned {type(given).__name__}: return y, fail_index "
-                "(None where limits tell) and theta"
-            )
+    def _given(self, n: int, make: Callable[..., Any], *arguments: Any) -> tuple[Array, Any, Array]:
+        """y (n, n_samples, n_measured), fail_index or None, and theta (n, n_parameters)."""
         with running(self.name):
-            y, theta = np.array(given[0], np.float64), np.array(given[2], np.float64)
-        measured = self.dictionary.measured
-        if y.ndim != 3 or y.shape[0] != n or y.shape[2] != len(measured) or y.shape[1] < 2:
+            given = make(*arguments)
+        try:
+            y, fail_index, theta = given
+            y, theta = np.array(y, np.float64), np.array(theta, np.float64)
+        except (TypeError, ValueError) as error:
             raise OwnCodeError(
-                f"{self.name} returned outputs of shape {y.shape}: give ({n} flights, samples, "
-                f"{len(measured)} channels {', '.join(measured)})"
-            )
-        if self.n_samples not in (0, y.shape[1]):
+                f"{self.name} returned {type(given).__name__} ({error}): return y, fail_index "
+                "(None where limits tell) and theta"
+            ) from error
+        measured, n_parameters = self.dictionary.measured, len(self.parameters.names)
+        n_samples = self.n_samples or (y.shape[1] if y.ndim == 3 else 0)
+        if y.shape != (n, n_samples, len(measured)) or theta.shape != (n, n_parameters):
             raise OwnCodeError(
-                f"{self.name} returned flights of {self.n_samples} and of {y.shape[1]} samples: "
-                "give each as many, NaN after its failure"
+                f"{self.name} returned y of shape {y.shape} and theta of shape {theta.shape}: give "
+                f"({n} flights, {n_samples or 'some'} samples, {len(measured)} channels "
+                f"{', '.join(measured)}) and ({n} flights, {n_parameters} parameters)"
             )
-        if theta.shape != (n, len(self.parameters.names)):
-            raise OwnCodeError(
-                f"{self.name} returned theta of shape {theta.shape}: give ({n} flights, "
-                f"{len(self.parameters.names)} parameters)"
-            )
-        return y, given[1], theta
+        return y, fail_index, theta
 
     def _failures(self, y: Array, fail_index: Any) -> tuple[Indices, Flags]:
         """(n,) first failing sample, and (n, n_samples, n_channels) whether a value up to it is

@@ -74,7 +74,7 @@ def test_the_certificate_says_that_fresh_flights_were_simulated(trained: tuple[s
     page = file.with_suffix(".html")
     assert main(["certificate", str(file), "-o", str(page)]) == 0
     text = page.read_text()
-    assert f"Simulated apart by {name}" in text
+    assert f"Simulated separately by {name}" in text
     assert "Split by flight" not in text
 
 
@@ -155,7 +155,7 @@ same = replace(pitch, parameters={"stiffness": (6.0, 0.0), "gain": (1.0, 0.0)},
         ("my_broken:raises", "my_broken.py, line 5, 'return [[1.0 / (theta"),
         ("my_broken:nan", "no finite alpha in"),
         ("my_broken:short", "shape (80, 4): give (81 samples, channels)"),
-        ("my_broken:narrow", "shape (100, 81, 3): give (100 flights, samples, 4 channels"),
+        ("my_broken:narrow", "give (100 flights, 81 samples, 4 channels alpha"),
         ("my_broken:tame", "60 unsafe ones are out of reach within 3000 rollouts"),
         ("my_broken:same", "99 flights of 100 that repeat another one"),
         ("my_broken:fly", "declare it by @simulator"),
@@ -186,6 +186,8 @@ def test_what_cannot_be_used_is_refused_in_one_sentence(
         (["--dt", "0.1"], "--dt was given with --simulator"),
         (["--print-recipe"], "--print-recipe was given with --simulator"),
         (["--t-early", "4"], "t_early=4"),
+        (["--n-test", "-1"], "n_test=-1"),
+        (["--seed", "-1"], "seed=-1"),
         (["--epsilon", "0.001"], "needs at least 999"),
         (["--predictor", "response_filter"], "knows no step responses"),
         (["--limit", "Ny=0.5"], "'Ny' is unknown"),

@@ -105,7 +105,7 @@ function facts({ monitor, calibration, dataset, evaluation, catalog }) {
   const [aircraft, maneuver] = testNames(catalog, monitor);
   const test = isSimulated(monitor)
     ? [["Aircraft", aircraft], ...(sources ? [["Identified from", sources.join(", ")]] : []), ["Manoeuvre", maneuver]]
-    : [["Trained on", `${aircraft}, ${evaluation?.simulator ? "tested on fresh flights of it" : "split by flight"}`]];
+    : [["Trained on", evaluation?.simulator ? aircraft : `${aircraft}, split by flight`]];
   const entries = [
     ...test,
     ["Limits", formatted(limitsOfMonitor(catalog, monitor))],
