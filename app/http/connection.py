@@ -28,7 +28,7 @@ class Connection:
         self._close: tuple[int, str] | None = None
         self.is_closing = False
         self._close_requested = asyncio.Event()
-        direct.reserve()
+        direct.pause()
 
     @property
     def is_writable(self) -> bool:

@@ -1,25 +1,24 @@
 """A WebSocket of the server that delivers messages by plain calls, without tasks.
 
 Through ASGI each message wakes two tasks on its way in and one on its way out, which costs many
-times what its handler does. An application that finds EXTENSION in its scope may `reserve` it
-before it accepts. Handshake, control frames and fragments still pass the library's parser.
+times what its handler does. An application that finds EXTENSION in its scope may `pause` it before
+it accepts, and `start` it.
 """
 
 import asyncio
 import socket
+from collections import deque
 from collections.abc import Callable
 from typing import Any, ClassVar
 
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
-from websockets.frames import Opcode, apply_mask  # pyright: ignore[reportPrivateImportUsage]
+from websockets.frames import Frame, Opcode
 
 EXTENSION = "forewarn.direct"
 SEND_BUFFER = 32_768
 """Bytes that the kernel holds for a viewer that does not read; more would be minutes old."""
 TURN = 16
-"""Messages read from one connection before the others have their turn."""
-FIN, OPCODE, MASKED, LENGTH = 0x80, 0x0F, 0x80, 0x7F
-WHOLE_TEXT, WHOLE_BYTES = FIN | Opcode.TEXT, FIN | Opcode.BINARY
+"""Frames handled of one connection before the others have their turn."""
 
 OnMessage = Callable[[bytes], object]
 
@@ -35,11 +34,12 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
 
     def __init__(self, *parts: Any, **options: Any) -> None:
         super().__init__(*parts, **options)
-        self.is_reserved, self.is_writable = False, True
+        self.is_writable = True
         self._on_message: OnMessage | None = None
         self._on_writable: Callable[[], object] | None = None
-        self._unread = b""
-        self._is_paused = self._is_fragmented = False
+        self._waiting: deque[Any] = deque()
+        """The handshake and frames that are not handled yet."""
+        self._is_paused = False
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         connection = transport.get_extra_info("socket")
@@ -48,12 +48,11 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
 
     # --- used by the application --------------------------------------------------------------
 
-    def reserve(self) -> None:
-        """Keep messages for `start` instead of the application's `receive`."""
-        self.is_reserved = True
-
     def start(self, on_message: OnMessage, on_writable: Callable[[], object]) -> None:
-        """Call on_message with each message, on_writable when `is_writable` turns true again."""
+        """Call on_message with each message instead of passing them to `receive`.
+
+        on_writable: called when `is_writable` turns true again.
+        """
         self._on_message, self._on_writable = on_message, on_writable
         self.resume()
 
@@ -63,7 +62,7 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
             return
         last_text, frame = DirectWebSocket._encoded
         if last_text is not text:
-            frame = text_frame(text.encode())
+            frame = Frame(Opcode.TEXT, text.encode()).serialize(mask=False)
             DirectWebSocket._encoded = text, frame
         self.transport.write(frame)
 
@@ -90,14 +89,9 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
             self._on_writable()
 
     def data_received(self, data: bytes) -> None:
-        if not self.is_reserved:
-            super().data_received(data)
-            return
-        self._unread += data
-        if self._on_message is None:
-            self.pause()
-        elif not self._is_paused:
-            self._parse(self._on_message)
+        self.conn.receive_data(data)
+        self._waiting += self.conn.events_received()
+        self._handle_waiting()
 
     def handle_connect(self, event: Any) -> None:
         super().handle_connect(event)
@@ -118,66 +112,29 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
             self._on_message(content)
 
     def _read(self) -> None:
-        """Continue after a pause, or after another connection's turn."""
-        self._is_paused = False
+        """Continue after a pause, or after other connections' turn."""
         if self._on_message is None or self.transport.is_closing():
             return
-        self._parse(self._on_message)
+        self._is_paused = False
+        self._handle_waiting()
         if not (self._is_paused or self.transport.is_closing()):
             self.transport.resume_reading()
 
-    def _parse(self, on_message: OnMessage) -> None:
-        """Deliver all whole frames received; after TURN of them, other connections come first."""
-        data, at, n_messages = self._unread, 0, 0
-        self._unread = b""
-        while len(data) - at >= 2 and not (self._is_paused or self.transport.is_closing()):
-            start, end = _payload(data, at)
-            is_irregular = not data[at + 1] & MASKED or end - start > self.config.ws_max_size
-            if is_irregular or self.close_sent:
-                super().data_received(data[at:])
-                return
-            if end > len(data):
+    def _handle_waiting(self) -> None:
+        """Handle what was received, in order; after TURN frames, other connections come first."""
+        for _ in range(TURN):
+            if not self._waiting or self._is_paused or self.transport.is_closing():
                 break
-            kind, content = data[at], apply_mask(data[start:end], data[start - 4 : start])
-            is_message = kind == WHOLE_BYTES or (kind == WHOLE_TEXT and _is_utf8(content))
-            if is_message and not self._is_fragmented:
-                on_message(content)
-            else:
-                super().data_received(data[at:end])
-                if kind & OPCODE <= Opcode.BINARY:
-                    self._is_fragmented = not kind & FIN
-            at, n_messages = end, n_messages + 1
-            if n_messages == TURN and at < len(data) and not self._is_paused:
-                self.pause()
-                self.resume()
-        self._unread = data[at:]
-
-
-def text_frame(content: bytes) -> bytes:
-    """A server's unfragmented, unmasked text frame."""
-    n = len(content)
-    if n < 126:
-        return bytes((WHOLE_TEXT, n)) + content
-    if n < 1 << 16:
-        return b"%c\x7e%b%b" % (WHOLE_TEXT, n.to_bytes(2), content)
-    return b"%c\x7f%b%b" % (WHOLE_TEXT, n.to_bytes(8), content)
-
-
-def _payload(data: bytes, at: int) -> tuple[int, int]:
-    """Start and end of a client frame's content, after its mask; past the data if incomplete."""
-    length = data[at + 1] & LENGTH
-    if length < 126:
-        return at + 6, at + 6 + length
-    n = 2 if length == 126 else 8
-    start = at + 2 + n
-    if start > len(data):
-        return start + 4, start + 4
-    return start + 4, start + 4 + int.from_bytes(data[at + 2 : start])
+            self.conn.events = [self._waiting.popleft()]
+            self.handle_events()
+        if self._waiting and not (self._is_paused or self.transport.is_closing()):
+            self.pause()
+            self.resume()
+        elif not self._waiting and self.conn.parser_exc is not None and not self.close_sent:
+            self.handle_parser_exception()
 
 
 def _is_utf8(data: bytes) -> bool:
-    if data.isascii():
-        return True
     try:
         data.decode()
     except UnicodeDecodeError:

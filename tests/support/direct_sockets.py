@@ -38,8 +38,6 @@ class DirectOverAsgi:
     def is_writable(self) -> bool:
         return not self._out
 
-    def reserve(self) -> None: ...
-
     def start(self, on_message: Any, on_writable: Any) -> None:
         self._on_message, self._on_writable = on_message, on_writable
         self.resume()

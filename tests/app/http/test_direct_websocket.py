@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from uvicorn.server import ServerState
 from websockets.frames import Frame, Opcode
 
-from app.http.direct_websocket import EXTENSION, TURN, DirectWebSocket, text_frame
+from app.http.direct_websocket import EXTENSION, TURN, DirectWebSocket
 from app.serving import LARGEST_MESSAGE
 from tests.support.repetition import examples
 
@@ -78,7 +78,7 @@ class Peer:
 
     async def _app(self, scope: Any, receive: Callable[[], Awaitable[Any]], send: Any) -> None:
         direct: DirectWebSocket = scope["extensions"][EXTENSION]
-        direct.reserve()
+        direct.pause()
         assert (await receive())["type"] == "websocket.connect"
         await send({"type": "websocket.accept"})
         direct.start(self.messages.append, self._count_writable)
@@ -208,7 +208,14 @@ def test_the_application_learns_when_it_may_write_again() -> None:
     asyncio.run(run())
 
 
-@pytest.mark.parametrize("n", [0, 1, 125, 126, 65_535, 65_536])
-def test_a_text_frame_equals_the_librarys(n: int) -> None:
-    content = b"x" * n
-    assert text_frame(content) == Frame(Opcode.TEXT, content).serialize(mask=False)
+def test_messages_before_a_close_are_delivered_over_several_turns() -> None:
+    async def run() -> None:
+        peer = Peer()
+        await peer.open()
+        close = frame(Opcode.CLOSE, (1000).to_bytes(2))
+        peer.socket.data_received(2 * TURN * frame(Opcode.BINARY, b"again") + close)
+        await settle()
+        assert len(peer.messages) == 2 * TURN
+        assert peer.gone["code"] == 1000
+
+    asyncio.run(run())
