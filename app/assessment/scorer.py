@@ -204,9 +204,10 @@ class CausalScorer:
         """channels that at least one of the monitors needs"""
         self._used: int | None = None
         self._has_begun = self._has_moved = False
-        sizes = np.min([input_sizes(_known_test(member)) for member in members], axis=0)
-        self._departure, self._controls = departure(sizes), list(planned.controls)
+        self._controls = list(planned.controls)
         if monitors is not None:
+            sizes = np.min([input_sizes(_known_test(member)) for member in members], axis=0)
+            self._departure = departure(sizes)
             self._rule = MonitorsRule(monitors)
             self.ruling = self._rule.at()
             self._limits = self.ruling.limits
