@@ -8,7 +8,7 @@ from playwright.sync_api import Page, expect
 from app.assessment.outcome import OUTCOMES
 from core.monitor import Monitor
 from tests.browser.recorded_site import RecordedSite
-from tests.browser.recordings.scored_chart import drawn, pixels, press
+from tests.browser.recordings.scored_chart import drawn, pixels, press, redrawn
 
 SCENE = ["THREE.Clock", "GPU stall due to ReadPixels"]
 
@@ -173,6 +173,7 @@ def test_scorings_are_compared_and_laid_over_each_other(
     expect(page.locator(".compare-table tbody tr")).to_have_count(3)
     drawn(page)
     expect(page.locator(".overlay-key")).to_contain_text("t = 0 at")
+    redrawn(page)
     assert pixels(page, "Ny", "trace") > 100
     assert pixels(page, "Ny", "forecast") > 100
     page.get_by_label("start of the second scoring").select_option("1")
