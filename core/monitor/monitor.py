@@ -298,19 +298,17 @@ class Monitor:
         t: Array,
         y: Array,
         assessments: Assessments,
-        level: float | None = None,
         end: int | None = None,
     ) -> ValidityVerdict:
         """Judge whether a whole manoeuvre is within this monitor's training.
 
-        assessments: of these samples, not withdrawn.   level: share of flights like training that
-        may be called invalid, that of the support unless given.   end: last sample that counts, the
-        first that exceeds a limit if one does.
+        assessments: of these samples, not withdrawn.   end: last sample that counts, the first that
+        exceeds a limit if one does.
         """
         if self.validity_basis is None:
             return ValidityVerdict(None, reasons=(NOT_CALIBRATED,))
         samples = self.validity_basis, t, y, assessments.state, assessments.nearest_safe
-        return compare(*samples, end).verdict(assessments.y_hat, level)
+        return compare(*samples, end).verdict(assessments.y_hat)
 
     def flown_input(
         self, y: Array, end: int | None = None, planned: Array | None = None

@@ -19,7 +19,7 @@ MOST_NAMED = 3
 
 
 def outside_training(
-    basis: ValidityBasis, deviation: Deviation, bounds: Array, level: float, outlier: Array | None
+    basis: ValidityBasis, deviation: Deviation, bounds: Array, outlier: Array | None
 ) -> list[str]:
     """Where and how far a flight exceeds the bounds; empty for a flight within them.
 
@@ -27,7 +27,9 @@ def outside_training(
     outlier: (n_channels,) forecast from the farthest observation; None or NaN for none.
     """
     support, dt = basis.support, basis.reference.dt
-    share = f"{100 * (1 - level / len(support.statistics)):.4g} % of fresh flights stay within"
+    share = (
+        f"{100 * (1 - support.level / len(support.statistics)):.4g} % of fresh flights stay within"
+    )
     residual, distance = deviation.peaks[SIZE, :DISTANCE], deviation.peaks[SIZE, DISTANCE]
     when, reasons = deviation.peaks[WHEN], []
     for c in np.argsort(-residual, kind="stable")[:MOST_NAMED].tolist():

@@ -90,11 +90,11 @@ class Comparison(NamedTuple):
         first = [int(beyond.argmax())] if beyond.any() else []
         return min(first + ([] if self.wrong is None else [self.wrong.sample]), default=None)
 
-    def verdict(self, y_hat: Array, level: float | None = None) -> ValidityVerdict:
-        """y_hat: (n, n_channels) forecasts.   level: that of the support unless given."""
+    def verdict(self, y_hat: Array) -> ValidityVerdict:
+        """y_hat: (n, n_channels) forecasts."""
         at = int(self.deviation.peaks[AT, DISTANCE])
         outlier = y_hat[at] if at >= 0 else None
-        return _verdict(self.basis, self.deviation, level, outlier, self.wrong)
+        return _verdict(self.basis, self.deviation, outlier, self.wrong)
 
 
 def compare(
@@ -131,15 +131,11 @@ def in_words(reasons: Sequence[str]) -> str:
 
 
 class RunningValidity:
-    """Validity of a flight in progress, sample by sample; once invalid, it stays invalid.
+    """Validity of a flight in progress, sample by sample; once invalid, it stays invalid."""
 
-    level: that of the support unless given.   SupportError.
-    """
-
-    def __init__(self, basis: ValidityBasis, level: float | None = None) -> None:
+    def __init__(self, basis: ValidityBasis) -> None:
         self.basis = basis
-        self.level = basis.support.check_level(level)
-        self._residual_bound, self._distance_bound = basis.support.bounds(level).tolist()
+        self._residual_bound, self._distance_bound = basis.support.bounds().tolist()
         self._history = np.zeros((n_before(basis.reference) + 1, len(basis.dictionary)))
         self._deviation: Deviation = begin(basis.reference)
         self._outlier: Array | None = None
@@ -173,22 +169,20 @@ class RunningValidity:
     @property
     def verdict(self) -> ValidityVerdict:
         """The verdict so far."""
-        return _verdict(self.basis, self._deviation, self.level, self._outlier, self._wrong)
+        return _verdict(self.basis, self._deviation, self._outlier, self._wrong)
 
 
 def _verdict(
     basis: ValidityBasis,
     deviation: Deviation,
-    level: float | None,
     outlier: Array | None,
     wrong: WrongInput | None,
 ) -> ValidityVerdict:
     support = basis.support
-    level = support.check_level(level)
-    bounds, largest = support.bounds(level), deviation.largest
+    bounds, largest = support.bounds(), deviation.largest
     p = support.p_values(largest[None])
     residual_p, distance_p = (None if np.isnan(value) else float(value) for value in p[0])
-    outside = outside_training(basis, deviation, bounds, level, outlier)
+    outside = outside_training(basis, deviation, bounds, outlier)
     combined = float(support.combined(p)[0])
     if wrong is not None:
         outside, combined = [wrong.words, *outside], min(combined, wrong.p_value)
@@ -196,7 +190,7 @@ def _verdict(
     sample, t, channel = wrong[:3] if wrong else _worst(basis, deviation, bounds)
     return ValidityVerdict(
         valid=False if outside else None if unseen else True,
-        level=level,
+        level=support.level,
         p_value=combined,
         residual_p=residual_p,
         distance_p=distance_p,
