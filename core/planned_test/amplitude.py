@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import copysign
 
+from core.monitor.group import Pooled
 from core.planned_test.planned_test import DatasetRecipe, LateralSimulator
 from core.seeds import Branch, stream
 
@@ -18,10 +19,7 @@ CLOSE_ENOUGH = 1.003
 PILOT_ROLLOUTS, PILOT_STEPS = 400, 1_000_000
 """Rollouts at each amplitude, and the largest number of their steps; at least FEWEST rollouts."""
 FEWEST = 50
-NOT_FLOWN = {
-    field: getattr(DatasetRecipe(), field)
-    for field in ("n_unsafe", "groups", "n_obs", "max_rollouts", "max_safe")
-}
+NOT_FLOWN = {"groups": Pooled(), "n_unsafe": 2, "n_obs": 1, "max_rollouts": 1, "max_safe": 1}
 """What of a recipe changes no flight."""
 
 
