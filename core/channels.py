@@ -281,7 +281,5 @@ def known_channels() -> dict[str, Channel]:
 CHANNELS: tuple[Channel, ...] = LATERAL.channels
 BY_KEY: dict[str, Channel] = {known.key: known for known in CHANNELS}
 KEYS: tuple[str, ...] = LATERAL.keys
-N_RESPONSES = len(LATERAL.of_role("output"))
-"""Channels before the surfaces: the response of the aircraft."""
 if len(CHANNELS) != N_CHANNELS:
     raise AssertionError(f"{len(CHANNELS)} channels: the kernels compute with {N_CHANNELS}")
