@@ -15,7 +15,7 @@ from app.telemetry.mapping.mapping import TimeSource
 from app.telemetry.recording import TelemetryError
 from app.telemetry.units import convert
 from core.channels import KEYS, LATERAL, Dictionary
-from core.conditions import CONDITION_KEYS, MISSING, STALE, Condition
+from core.conditions import CONDITION_KEYS, CONDITIONS, MISSING, STALE, Condition
 from core.limits.exceedance import SAME_TIME
 from core.limits.limits import (
     Envelope,
@@ -62,10 +62,12 @@ class LimitsHistory:
             raise TelemetryError(
                 "the limit sets in force are damaged: export the flight's journal again"
             ) from None
-        names = {key: contents.conditions.get(key, key) for key in CONDITION_KEYS}
+        names = {key: contents.conditions.get(key, str(key)) for key in CONDITION_KEYS}
         known = {signal.name for signal in contents.signals}
         measured = {
-            key: _measured(columns, mapping, name) for key, name in names.items() if name in known
+            key: _measured(columns, mapping, names[key], CONDITIONS[key].unit)
+            for key in CONDITION_KEYS
+            if names[key] in known
         }
         return cls(versions, measured)
 
@@ -213,12 +215,18 @@ def _plain(ruling: LimitsRuling) -> dict[str, Any]:
     }
 
 
-def _measured(columns: Columns, mapping: ChannelMapping, name: str) -> ConditionSeries:
-    """The values of a signal in order of time, infinite where marked unknown."""
-    group = columns.contents.groups[columns.signal(name).group]
+def _measured(columns: Columns, mapping: ChannelMapping, name: str, own: str) -> ConditionSeries:
+    """The values of a signal in order of time, infinite where marked unknown.
+
+    own: unit of the condition; a signal that is also a channel has the unit of that, as in flight.
+    """
+    signal = columns.signal(name)
+    group = columns.contents.groups[signal.group]
     source = mapping.times.get(group.name, TimeSource())
     clock, unit = (source.signal, source.unit) if source.signal else (group.time, "s")
     t, values = convert(columns.values(clock), unit, "s"), columns.values(name)
+    if own and signal.unit:
+        values = convert(values, signal.unit, own)
     known = ~np.isnan(values) & np.isfinite(t)
     order = np.argsort(t[known], kind="stable")
     return ConditionSeries(t[known][order], values[known][order])
