@@ -161,6 +161,7 @@ def _routes() -> Iterator[BaseRoute]:
 async def _resume(live_flights: Flights) -> None:
     """Resume the live flights of a killed server; ended flights become recordings."""
     await live_flights.resume_all()
+    live_flights.summarize_ended()
     await live_flights.make_recordings()
 
 

@@ -5,7 +5,6 @@ guarantee as a whole: each may miss and each may alert falsely. So only one rais
 """
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from typing import Any, NamedTuple
 
 from app.assessment.grid import DELAY_INTERVALS
@@ -14,7 +13,7 @@ from app.messages import FlownMonitor, validity_word
 from app.recipes.labels import kind_label
 from app.store.flights import FlightInfo
 from app.store.monitors import MonitorInfo
-from app.store.store import NotFound, Store
+from app.store.store import Store
 from core.limits.limits import specification_to_plain
 from core.monitor import Monitor
 from core.recipe import to_plain
@@ -108,8 +107,9 @@ def flown_monitors(store: Store, flights: Sequence[FlightInfo]) -> dict[str, lis
     shown = store.flights.display(info.id for info in flights)
     used = {info.id: [(info.monitor_id, info.epsilon), *shown.get(info.id, ())] for info in flights}
     monitors = store.monitors.used(pair for pairs in used.values() for pair in pairs)
+    sources = _live_sources(store, flights)
     delays = {
-        info.id: stated_delay(store, info.source, monitors[info.monitor_id, info.epsilon].dt)
+        info.id: delay_of(sources[info.id], monitors[info.monitor_id, info.epsilon].dt)
         for info in flights
     }
     return {
@@ -129,12 +129,21 @@ def flown_monitors(store: Store, flights: Sequence[FlightInfo]) -> dict[str, lis
     }
 
 
-def stated_delay(store: Store, source: Mapping[str, Any], dt: float) -> float:
+def stated_delay(store: Store, info: FlightInfo, dt: float) -> float:
     """Longest wait of the samples of a live flight, or of its replay [s]; 0 for other flights."""
-    if source.get("kind") == "journal":
-        with suppress(NotFound):
-            return stated_delay(store, store.flights.info(source["flight_id"]).source, dt)
+    return delay_of(_live_sources(store, [info])[info.id], dt)
+
+
+def delay_of(source: Mapping[str, Any], dt: float) -> float:
     if source.get("kind") not in ("live", "journal"):
         return 0.0
     delay = source.get("delay")
     return DELAY_INTERVALS * dt if delay is None else delay
+
+
+def _live_sources(store: Store, flights: Sequence[FlightInfo]) -> dict[str, Mapping[str, Any]]:
+    """Source of each flight by id; of the replay of a journal that of its flight, if stored."""
+    replays = (info for info in flights if info.source.get("kind") == "journal")
+    replayed = {info.id: info.source["flight_id"] for info in replays}
+    stored = store.flights.sources(replayed.values())
+    return {info.id: stored.get(replayed.get(info.id, ""), info.source) for info in flights}

@@ -2,7 +2,10 @@
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from typing import Any, NamedTuple
+
+from pydantic import BaseModel
 
 from app.flights.display_monitors import stated_delay
 from app.flights.verdict import (
@@ -31,6 +34,21 @@ NO_SAMPLE = STATES.index(State.WARMING_UP), "no sample came"
 """State and reason of a flight that ended before its first sample."""
 
 
+class Summary(BaseModel):
+    """What a list shows of an ended flight; stored when it ends.
+
+    exceeded_t: first exceedance [s].   state, reason: code of its newest sample's state, and why
+    it was not assessed.   verdict: none if it exceeded no limit.
+    """
+
+    exceeded_t: float | None
+    state: int
+    reason: str
+    is_calibrated: bool
+    verdict: Verdict | None
+    exceedances: list[ChannelExceedances]
+
+
 class Record(NamedTuple):
     """What the record of an ended flight shows; no verdict if it exceeded no limit.
 
@@ -47,58 +65,70 @@ class Record(NamedTuple):
     open_cautions: int
 
 
-def records(store: Store, flights: Iterable[FlightInfo]) -> dict[str, Record]:
+def records(
+    store: Store, flights: Iterable[FlightInfo], *, anew: bool = False
+) -> dict[str, Record]:
+    """Records of the ended flights among these, from their summaries where these are stored.
+
+    anew: from their samples, which may have been damaged since.
+    """
     over = [info for info in flights if info.status != RUNNING]
-    if not over:
-        return {}
-    alarms = store.alarms.of_flights(info.id for info in over)
-    states = store.flights.last_states(info.id for info in over)
-    monitors = {monitor.id: monitor for monitor in store.monitors.all()}
-    sets = store.monitor_sets.of_flights(info.id for info in over)
-    used = {info.id: [info.monitor_id] for info in over}
-    used |= {key: [case.monitor for case in flown.info.cases] for key, flown in sets.items()}
+    n_open = store.alarms.open_levels(info.id for info in over)
     return {
-        info.id: _record(
-            store,
-            info,
-            monitors[info.monitor_id],
-            alarms.get(info.id, ()),
-            *states.get(info.id, NO_SAMPLE),
-            all(monitors[monitor_id].support is not None for monitor_id in used[info.id]),
-        )
+        info.id: _record(_summary(store, info, anew), n_open.get(info.id, Counter()))
         for info in over
     }
 
 
-def _record(
-    store: Store,
-    info: FlightInfo,
-    monitor: MonitorInfo,
-    alarms: Sequence[Alarm],
-    last: int,
-    reason: str,
-    is_checked: bool,
-) -> Record:
-    """last, reason: state code of the newest sample, and its reason.
+def summarize(store: Store, flight_ids: Iterable[str]) -> None:
+    """Store what lists show of ended flights. StoreError."""
+    summaries = {}
+    for flight_id in flight_ids:
+        with suppress(NotFound):  # deleted meanwhile
+            summary = summary_of(store, store.flights.info(flight_id))
+            summaries[flight_id] = summary.model_dump(mode="json")
+    store.flights.summarize(summaries)
 
-    is_checked: whether the validity of all its monitors that raise alarms is calibrated.
-    """
+
+def _summary(store: Store, info: FlightInfo, anew: bool) -> Summary:
+    if anew or info.summary is None:
+        return summary_of(store, info)
+    return Summary.model_validate(info.summary)
+
+
+def summary_of(store: Store, info: FlightInfo) -> Summary:
+    """From what is stored of the flight: its alarms and samples."""
+    alarms, monitor = store.alarms.of(info.id), store.monitors.info(info.monitor_id)
     exceeded = _exceeded(info, alarms)
-    n_open = Counter(alarm.level for alarm in alarms if alarm.acknowledged is None)
+    flown = store.monitor_sets.of_flights([info.id]).get(info.id)
+    used = [info.monitor_id] if flown is None else [case.monitor for case in flown.info.cases]
+    state, reason = store.flights.last_state(info.id) or NO_SAMPLE
+    return Summary(
+        exceeded_t=min(exceeded, default=None),
+        state=state,
+        reason=reason,
+        is_calibrated=all(store.monitors.info(key).support is not None for key in used),
+        verdict=_verdict(store, info, monitor, alarms) if exceeded else None,
+        exceedances=_exceedances(info, alarms),
+    )
+
+
+def _record(summary: Summary, n_open: Counter[Level]) -> Record:
+    state = STATES[summary.state]
     facts = Facts(
         alarm=n_open[Level.WARNING] > 0,
         caution=n_open[Level.CAUTION] > 0,
-        invalid=STATES[last] is State.INVALID,
-        warming_up=STATES[last] is State.WARMING_UP,
-        calibrated=is_checked,
-        exceeded_t=min(exceeded, default=None),
+        invalid=state is State.INVALID,
+        warming_up=state is State.WARMING_UP,
+        calibrated=summary.is_calibrated,
+        exceeded_t=summary.exceeded_t,
     )
     return Record(
         headline=headline(facts),
-        verdict=_verdict(store, info, monitor, alarms) if exceeded else None,
-        exceedances=_exceedances(info, alarms),
-        reason=reason,
-        cause=cause_of(STATES[last], reason),
+        verdict=summary.verdict,
+        exceedances=summary.exceedances,
+        reason=summary.reason,
+        cause=cause_of(state, summary.reason),
         open_alarms=n_open[Level.WARNING],
         open_cautions=n_open[Level.CAUTION],
     )
@@ -119,7 +149,7 @@ def _verdict(
     store: Store, info: FlightInfo, monitor: MonitorInfo, alarms: Sequence[Alarm]
 ) -> Verdict | None:
     """The verdict of the scored recording; for other flights from their alarms."""
-    promised = monitor.lead - stated_delay(store, info.source, monitor.dt)
+    promised = monitor.lead - stated_delay(store, info, monitor.dt)
     if (scored := _scored(store, info)) is not None:
         return verdict_of_recording(scored, alarms, _exceeded(info, alarms), monitor.dt, promised)
     first = first_exceedance(alarms)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from app.assessment.limits_in_force import LimitsInForce
 from app.flights.clock import Clock, MonotonicClock, Timer
-from app.flights.ended import before_exceedance
+from app.flights.ended import before_exceedance, summarize
 from app.flights.flight import Flight, FlightPlan, stale_after
 from app.flights.flight_limits import change_of_limits
 from app.flights.flight_recordings import RESUMED_WITHIN_S, FlightRecordings
@@ -44,6 +44,8 @@ if TYPE_CHECKING:
 LOG = logging.getLogger("forewarn")
 STOPPING = "the server is stopping"
 HERE_ALONE = UdpAccess()
+SUMMARIZED_AT_ONCE = 50
+"""Flights in one transaction."""
 MARKED_S = 0.5
 """A marker is answered by then, stored or not [s]."""
 RECORDING_THREADS = 2
@@ -227,6 +229,23 @@ class Flights:
         for flight_id in waiting:
             self._make_recording(flight_id)
 
+    def summarize_ended(self) -> None:
+        """Store in the background what lists show of flights that a server before has ended."""
+        self._in_background(self._summarize_ended())
+
+    async def _summarize_ended(self) -> None:
+        ended = await asyncio.to_thread(self.store.flights.without_summary)
+        for first in range(0, len(ended), SUMMARIZED_AT_ONCE):
+            if self._closing:
+                return
+            await self._summarize(ended[first : first + SUMMARIZED_AT_ONCE])
+
+    async def _summarize(self, flight_ids: list[str]) -> None:
+        try:
+            await asyncio.to_thread(summarize, self.store, flight_ids)
+        except StoreError as error:
+            LOG.warning("%d flights are summarized at the next start: %s", len(flight_ids), error)
+
     def _make_recording(self, flight_id: str) -> None:
         if self._recordings is None or self._closing:
             return
@@ -308,6 +327,7 @@ class Flights:
             except StoreError:
                 self._stop_later(flight_id, ending)
                 raise
+            await self._summarize([flight_id])
             self._lost_before += flight.recorder.lost
             del self._flights[flight_id], self._endings[flight_id]
             if isinstance(flight, LiveFlight) and ending.status != INTERRUPTED:

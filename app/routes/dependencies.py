@@ -3,10 +3,10 @@
 import asyncio
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from fastapi import Body, Depends, Query, Request, Response
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
 
 from app import json_codec
 from app.access.people import Person
@@ -44,6 +44,49 @@ def part(name: str) -> Any:
 
 async def _person(request: Request) -> Person:
     return request.scope["person"]
+
+
+PAGED: dict[int | str, dict[str, Any]] = {
+    200: {
+        "headers": {
+            "Link": {
+                "description": 'the next part, as `<ADDRESS>; rel="next"`; absent at the end',
+                "schema": {"type": "string"},
+            }
+        }
+    }
+}
+"""Response of a list that is sent in parts."""
+Moment = Annotated[AwareDatetime | None, Query(description="with its zone, in ISO 8601")]
+
+
+class ListPart(NamedTuple):
+    """The part of a list that a client asks for.   limit: most entries."""
+
+    limit: int
+    after: str
+    request: Request
+    response: Response
+
+    def link_to(self, after: str) -> None:
+        """Tell the client where the list goes on; nothing at its end."""
+        if after:
+            query = self.request.url.include_query_params(after=after, limit=self.limit).query
+            self.response.headers["Link"] = f'<{self.request.url.path}?{query}>; rel="next"'
+
+
+def _part_of_list(
+    request: Request,
+    response: Response,
+    limit: Annotated[int, Query(ge=1, le=1000, description="most entries")] = 50,
+    after: Annotated[
+        str, Query(pattern="^(.+~.+)?$", description="end of the part before, from its `Link`")
+    ] = "",
+) -> ListPart:
+    return ListPart(limit, after, request, response)
+
+
+PartDep = Annotated[ListPart, Depends(_part_of_list)]
 
 
 def declared_length(request: Request) -> int:

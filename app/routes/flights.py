@@ -3,7 +3,7 @@
 import asyncio
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Query, Response
 from pydantic import BaseModel, ConfigDict, Field, StrictBool
 
 from app.flights.display_monitors import flown_monitors
@@ -28,10 +28,13 @@ from app.messages import (
     TransportState,
 )
 from app.routes.dependencies import (
+    PAGED,
     By,
     First,
     FlightsDep,
     Last,
+    Moment,
+    PartDep,
     PersonDep,
     SignedBy,
     json_response,
@@ -39,7 +42,7 @@ from app.routes.dependencies import (
     signature,
     strictly,
 )
-from app.store.flights import FlightInfo
+from app.store.flights import FlightFilter, FlightInfo
 from app.store.people import LOCAL
 from core.evaluation.certificate import UselessMonitor
 from core.flight_events import Alarm, FlightMarker, FlightMarkerKey
@@ -49,6 +52,9 @@ from core.monitor.assessment import Cause
 from core.monitor.status import Facts, Level, headline
 
 router = APIRouter(prefix="/api/v1/flights", tags=["flights"])
+
+
+Progress = Literal["running", "ended", "failed", "interrupted"]
 
 
 class FlightStatus(Decided):
@@ -188,17 +194,32 @@ async def start_flight(
     return await read_flight(flight.id, flights)
 
 
-@router.get("")
-async def list_flights(flights: FlightsDep) -> list[FlightStatus]:
-    """All flights, in progress or ended, newest first."""
-    return await _statuses(flights, await asyncio.to_thread(flights.store.flights.all))
+@router.get("", responses=PAGED)
+async def list_flights(
+    flights: FlightsDep,
+    part: PartDep,
+    progress: Annotated[list[Progress] | None, Query(description="any of these")] = None,
+    monitor: Annotated[str, Query(description="id of the alarm authority")] = "",
+    aircraft: Annotated[str, Query(description="of its recording")] = "",
+    since: Moment = None,
+    until: Moment = None,
+    text: Annotated[str, Query(description="part of its or its monitor's name, or its id")] = "",
+) -> list[FlightStatus]:
+    """Flights, in progress or ended, newest first, in parts.
+
+    since, until: of their starts.
+    """
+    wanted = FlightFilter(tuple(progress or ()), monitor, aircraft, text, since, until)
+    page = await asyncio.to_thread(flights.store.flights.listed, part.limit, part.after, wanted)
+    part.link_to(page.after)
+    return await _statuses(flights, page.entries)
 
 
 @router.get("/{flight_id}")
 async def read_flight(flight_id: str, flights: FlightsDep) -> FlightStatus:
     """One flight."""
     info = await asyncio.to_thread(flights.store.flights.info, flight_id)
-    status = (await _statuses(flights, [info]))[0]
+    status = (await _statuses(flights, [info], anew=True))[0]
     records = flights.records
     live, why = await records.live_status(flight_id), await records.end_reason(flight_id)
     return status.model_copy(update={"live": live, "end_reason": why})
@@ -300,8 +321,11 @@ async def _frames_response(
     return await asyncio.to_thread(json_response, content)
 
 
-async def _statuses(flights: Flights, stored: list[FlightInfo]) -> list[FlightStatus]:
-    over = await asyncio.to_thread(records, flights.store, stored)
+async def _statuses(
+    flights: Flights, stored: list[FlightInfo], *, anew: bool = False
+) -> list[FlightStatus]:
+    """anew: from their samples, not from stored summaries."""
+    over = await asyncio.to_thread(records, flights.store, stored, anew=anew)
     monitors = await asyncio.to_thread(flown_monitors, flights.store, stored)
     sets = await asyncio.to_thread(stored_sets, flights.store, stored)
     return [

@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator, Callable
 from dataclasses import replace
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header, Request, Response
+from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.responses import StreamingResponse
 from fastapi.sse import format_sse_event
 
@@ -20,7 +20,9 @@ from app.jobs.requests import study_request, sweep_request
 from app.recipes.recipes import limits_named, to_plain
 from app.recordings.workers import run_to_end
 from app.routes.dependencies import (
+    PAGED,
     JobsDep,
+    PartDep,
     PlainBody,
     SettingsDep,
     StoreDep,
@@ -77,11 +79,17 @@ async def accepted(
     return json_response(job, 202, {"Location": f"/api/v1/jobs/{job_id}"})
 
 
-@router.get("/jobs")
-def list_jobs(store: StoreDep, jobs: JobsDep) -> list[JobInfo]:
-    """All jobs, newest first, without the curves of studies and sweeps."""
-    listed = [jobs.fresh(info) for info in store.jobs.all()]
-    return [_short(as_sent(info)) for info in listed]
+@router.get("/jobs", responses=PAGED)
+def list_jobs(
+    store: StoreDep,
+    jobs: JobsDep,
+    part: PartDep,
+    kind: Annotated[list[str] | None, Query(description="any of these")] = None,
+) -> list[JobInfo]:
+    """Jobs, newest first, without the curves of studies and sweeps, in parts."""
+    page = store.jobs.listed(part.limit, part.after, kind or ())
+    part.link_to(page.after)
+    return [_short(as_sent(jobs.fresh(info))) for info in page.entries]
 
 
 def _short(info: JobInfo) -> JobInfo:

@@ -17,7 +17,9 @@ from app.recordings.upload import plain_name
 from app.report.figures import faults
 from app.report.strip_chart import styled
 from app.routes.dependencies import (
+    PAGED,
     Finite,
+    PartDep,
     RecordingsDep,
     StoreDep,
     TimeInterval,
@@ -285,10 +287,17 @@ async def upload_recording(
     return json_response(_drawn(answer), 201, location)
 
 
-@router.get("")
-def list_recordings(recordings: RecordingsDep) -> list[RecordingInfo]:
-    """All recordings, newest first."""
-    return recordings.store.recordings.all()
+@router.get("", responses=PAGED)
+def list_recordings(
+    recordings: RecordingsDep,
+    part: PartDep,
+    aircraft: Annotated[str, Query(description="name of the aircraft")] = "",
+    text: Annotated[str, Query(description="part of the recording's name")] = "",
+) -> list[RecordingInfo]:
+    """Recordings, newest first, in parts."""
+    page = recordings.store.recordings.listed(part.limit, part.after, aircraft, text)
+    part.link_to(page.after)
+    return page.entries
 
 
 @router.get("/{recording_id}")

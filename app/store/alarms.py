@@ -1,10 +1,11 @@
 """Stored alarms and markers of flights, numbered within their flight."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from typing import Any
 
-from sqlalchemy import select, update
+from sqlalchemy import func, select, update
 
 from app.store.repository import NotFound, Repository, columns, require
 from app.store.tables import alarms, flight_markers, flights, new_id, now
@@ -42,10 +43,15 @@ class AlarmRepository(Repository):
             rows = connection.execute(_ALARMS.where(alarms.c.flight_id == flight_id))
             return [_alarm(row._mapping) for row in rows]
 
-    def of_flights(self, flight_ids: Iterable[str]) -> dict[str, list[Alarm]]:
-        """Alarms by flight, in the order they were raised; flights without any are absent."""
-        by_flight = self._by_flight(_ALARMS, flight_ids)
-        return {key: [_alarm(row) for row in rows] for key, rows in by_flight.items()}
+    def open_levels(self, flight_ids: Iterable[str]) -> dict[str, Counter[Level]]:
+        """Number of unacknowledged alarms by level; flights without any are absent."""
+        unacknowledged = alarms.c.acknowledged.is_(None)
+        query = select(alarms.c.flight_id, alarms.c.level, func.count().label("n"))
+        query = query.where(unacknowledged).group_by(alarms.c.flight_id, alarms.c.level)
+        return {
+            key: Counter({Level(row["level"]): row["n"] for row in rows})
+            for key, rows in self._by_flight(query, flight_ids).items()
+        }
 
 
 def _alarm(row: Mapping[Any, Any]) -> Alarm:

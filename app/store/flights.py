@@ -2,11 +2,23 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from sqlalchemy import Connection, Select, bindparam, case, delete, func, insert, select, update
+from sqlalchemy import (
+    ColumnElement,
+    Connection,
+    Select,
+    bindparam,
+    case,
+    delete,
+    func,
+    insert,
+    select,
+    update,
+)
 
 from app.store.answers import note_deleted, was_deleted
 from app.store.assessments import (
@@ -20,7 +32,16 @@ from app.store.assessments import (
     sample_type,
 )
 from app.store.database import Damaged
-from app.store.repository import Entries, Entry, Time, check_deletable, columns, fetch, require
+from app.store.repository import (
+    Entries,
+    Entry,
+    Page,
+    Time,
+    check_deletable,
+    columns,
+    fetch,
+    require,
+)
 from app.store.tables import (
     assessment_chunks,
     display_monitors,
@@ -31,12 +52,14 @@ from app.store.tables import (
     new_id,
     now,
     recordings,
+    time_text,
 )
 from core.channels import LATERAL
 from core.conditions import ConditionKey
 from core.monitor.assessment import STATES, State
 
 INTERRUPTED = "interrupted"
+PROGRESS = "running", "ended", "failed", INTERRUPTED
 DAMAGED = STATES.index(State.INVALID), "the stored samples are damaged: restore a backup"
 """State and reason of a flight whose newest samples cannot be read."""
 ROWS_AT_ONCE = 100
@@ -68,6 +91,8 @@ class FlightInfo(Entry):
     """exceedances up to the end, per channel; null for an interrupted flight"""
     limits_held: list[dict[str, Any]] | None
     """limits in force and since when; empty for the monitor's limits, null if not recorded"""
+    summary: dict[str, Any] | None
+    """what a list shows of it, see app.flights.ended; null until it has ended"""
     keep: bool
     """whether it is kept permanently"""
     recording_id: str | None
@@ -78,6 +103,23 @@ class FlightInfo(Entry):
     """newest sample number stored; null before the first"""
     lost: int | None
     """earlier samples never stored; null if more may be missing because it was interrupted"""
+
+
+@dataclass(frozen=True)
+class FlightFilter:
+    """Which flights to list; empty fields let all through.
+
+    progress: stored states.   monitor: id of the alarm authority.   aircraft: of the recording
+    that it replays, or by whose mapping it was read.   text: part of the flight's or the monitor's
+    name, or its id.   since, until: of its start.
+    """
+
+    progress: tuple[str, ...] = ()
+    monitor: str = ""
+    aircraft: str = ""
+    text: str = ""
+    since: datetime | None = None
+    until: datetime | None = None
 
 
 _OF_FLIGHT = assessment_chunks.c.flight_id == flights.c.id
@@ -153,6 +195,26 @@ class FlightRepository(Entries[FlightInfo]):
             connection.execute(update(flights).where(running).values(**ending))
             return self._fetch(connection, flight_id)
 
+    def without_summary(self) -> list[str]:
+        """Ids of the ended flights without a summary, newest first."""
+        lacking = (flights.c.status != "running") & flights.c.summary.is_(None)
+        query = select(flights.c.id).where(lacking).order_by(flights.c.created.desc())
+        with self._reading() as connection:
+            return list(connection.execute(query).scalars())
+
+    def listed(self, limit: int, after: str, wanted: FlightFilter) -> Page[FlightInfo]:
+        """Flights that a filter lets through, newest first; arguments as in `page`."""
+        return self.page(limit, after, *_conditions(wanted))
+
+    def summarize(self, summaries: Mapping[str, dict[str, Any]]) -> None:
+        """Note by id what lists show of ended flights; those in progress are left unchanged."""
+        over = (flights.c.id == bindparam("flight")) & (flights.c.status != "running")
+        noted = update(flights).where(over).values(summary=bindparam("noted"))
+        rows = [{"flight": flight_id, "noted": summary} for flight_id, summary in summaries.items()]
+        if rows:
+            with self._writing() as connection:
+                connection.execute(noted, rows)
+
     def resume(self, flight_id: str, head: int) -> None:
         """Continue an interrupted flight after sample `head`; other flights are left unchanged.
 
@@ -160,7 +222,7 @@ class FlightRepository(Entries[FlightInfo]):
         """
         interrupted = (flights.c.id == flight_id) & (flights.c.status == INTERRUPTED)
         with self._writing() as connection:
-            running = {"status": "running", "ended": None}
+            running = {"status": "running", "ended": None, "summary": None}
             if connection.execute(update(flights).where(interrupted).values(**running)).rowcount:
                 _cut(connection, flight_id, head)
 
@@ -275,26 +337,25 @@ class FlightRepository(Entries[FlightInfo]):
                 return verified
             head = rows[-1].first_seq
 
-    def last_states(self, flight_ids: Iterable[str]) -> dict[str, tuple[int, str]]:
-        """State code and reason of each flight's newest stored sample; DAMAGED where it is."""
-        chunk, ids = assessment_chunks.c, set(flight_ids)
-        newest = select(chunk.flight_id, func.max(chunk.last_seq).label("head"))
-        head = newest.group_by(chunk.flight_id).subquery()
-        query = select(assessment_chunks).join(
-            head, (head.c.flight_id == chunk.flight_id) & (head.c.head == chunk.last_seq)
-        )
+    def sources(self, flight_ids: Iterable[str]) -> dict[str, dict[str, Any]]:
+        """Sources of flights by id; flights that do not exist are absent."""
+        query = select(flights.c.id.label("flight_id"), flights.c.source)
+        found = self._by_flight(query, flight_ids)
+        return {flight_id: row["source"] for flight_id, (row,) in found.items()}
+
+    def last_state(self, flight_id: str) -> tuple[int, str] | None:
+        """State code and reason of the newest stored sample, DAMAGED where it is; None if none."""
+        chunk = assessment_chunks.c
+        query = select(assessment_chunks).where(chunk.flight_id == flight_id)
         with self._reading() as connection:
-            rows = [row for row in connection.execute(query) if row.flight_id in ids]
-        states = {}
-        for row in rows:
-            try:
-                newest_chunk = chunk_of(row)
-            except Damaged:
-                states[row.flight_id] = DAMAGED
-                continue
-            code = int(newest_chunk.samples["state"][-1])
-            states[row.flight_id] = code, newest_chunk.reasons[-1]
-        return states
+            row = connection.execute(query.order_by(chunk.last_seq.desc()).limit(1)).one_or_none()
+        if row is None:
+            return None
+        try:
+            newest = chunk_of(row)
+        except Damaged:
+            return DAMAGED
+        return int(newest.samples["state"][-1]), newest.reasons[-1]
 
     def recover(self) -> None:
         """Mark running flights as interrupted: the process that flew them died."""
@@ -317,6 +378,32 @@ class FlightRepository(Entries[FlightInfo]):
             head.label("head"),
             known.label("lost"),
         )
+
+
+def _conditions(wanted: FlightFilter) -> list[ColumnElement[bool]]:
+    source, name = flights.c.source, flights.c.source["name"].as_string()
+    conditions = list[ColumnElement[bool]]()
+    if wanted.progress == ("running",):
+        conditions.append(flights.c.status == "running")
+    elif wanted.progress:  # not by the index of states, whose flights are in no order of time
+        conditions.append(flights.c.status.not_in(set(PROGRESS) - set(wanted.progress)))
+    if wanted.monitor:
+        conditions.append(flights.c.monitor_id == wanted.monitor)
+    if wanted.aircraft:
+        of_aircraft = select(recordings.c.id).where(recordings.c.aircraft == wanted.aircraft)
+        conditions.append(source["recording"].as_string().in_(of_aircraft))
+    if wanted.since:
+        conditions.append(flights.c.created >= time_text(wanted.since))
+    if wanted.until:
+        conditions.append(flights.c.created <= time_text(wanted.until))
+    if text := wanted.text.strip():
+        named = select(monitors.c.id).where(monitors.c.name.icontains(text, autoescape=True))
+        conditions.append(
+            name.icontains(text, autoescape=True)
+            | (flights.c.id == text)
+            | flights.c.monitor_id.in_(named)
+        )
+    return conditions
 
 
 def _cut(connection: Connection, flight_id: str, head: int) -> None:

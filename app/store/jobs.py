@@ -1,11 +1,12 @@
 """Stored jobs: request, progress and result of long work."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from sqlalchemy import insert, update
 
-from app.store.repository import Entries, Entry, Time
+from app.store.repository import Entries, Entry, Page, Time
 from app.store.tables import jobs, new_id, now
 
 JobStatus = Literal["queued", "running", "done", "failed", "cancelled", "interrupted"]
@@ -50,6 +51,11 @@ class JobRepository(Entries[JobInfo]):
         with self._writing() as connection:
             connection.execute(insert(jobs).values(**row, created=now()))
         return job_id
+
+    def listed(self, limit: int, after: str, kinds: Collection[str] = ()) -> Page[JobInfo]:
+        """Jobs of some kinds, or of all; arguments as in `page`."""
+        conditions = [jobs.c.kind.in_(kinds)] if kinds else []
+        return self.page(limit, after, *conditions)
 
     def update(
         self,

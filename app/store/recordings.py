@@ -7,13 +7,14 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Literal
 
-from sqlalchemy import Connection, Select, delete, func, insert, select, update
+from sqlalchemy import ColumnElement, Connection, Select, delete, func, insert, select, update
 
 from app.store.flights import replays_of
 from app.store.repository import (
     Entries,
     Entry,
     InUse,
+    Page,
     Repository,
     Time,
     check_deletable,
@@ -189,6 +190,18 @@ class RecordingRepository(Entries[RecordingInfo]):
         query = select(recordings.c.id).where(~recordings.c.complete)
         with self._reading() as connection:
             return list(connection.execute(query).scalars())
+
+    def listed(self, limit: int, after: str, aircraft: str, text: str) -> Page[RecordingInfo]:
+        """Recordings newest first; other arguments as in `page`.
+
+        aircraft, text: the whole name of its aircraft, a part of its own; "" for any.
+        """
+        conditions = list[ColumnElement[bool]]()
+        if aircraft:
+            conditions.append(recordings.c.aircraft == aircraft)
+        if text := text.strip():
+            conditions.append(recordings.c.name.icontains(text, autoescape=True))
+        return self.page(limit, after, *conditions)
 
     def _query(self) -> Select:
         n_scorings = (

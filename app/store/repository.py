@@ -5,16 +5,34 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import fields
 from threading import RLock
-from typing import Annotated, Any, ClassVar, Generic, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, NamedTuple, TypeVar
 
 from pydantic import ConfigDict, Field
-from sqlalchemy import Connection, Engine, Row, Select, Table, delete, func, insert, select, update
+from sqlalchemy import (
+    ColumnElement,
+    Connection,
+    Engine,
+    Row,
+    Select,
+    Table,
+    delete,
+    func,
+    insert,
+    literal,
+    select,
+    tuple_,
+    update,
+)
 
 from app.store.database import reading, writing
 from app.store.disk import Reserve
 from app.store.tables import flights
 
 TRANSACTION_BYTES = 4 * 2**20
+IDS_AT_ONCE = 500
+"""Ids in one query."""
+CREATED_ID = "~"
+"""Between the time and the id of an entry."""
 
 
 class NotFound(LookupError):
@@ -45,6 +63,13 @@ class Entry:
 
 
 E = TypeVar("E", bound=Entry)
+
+
+class Page(NamedTuple, Generic[E]):
+    """Part of a list.   after: what the next part begins after; empty at the end."""
+
+    entries: list[E]
+    after: str
 
 
 class Writer:
@@ -121,10 +146,12 @@ class Repository:
         self, query: Select, flight_ids: Iterable[str]
     ) -> dict[str, list[dict[str, Any]]]:
         """Rows of flights by their `flight_id`; flights without any are absent."""
-        wanted, by_flight = set(flight_ids), defaultdict[str, list[dict[str, Any]]](list)
+        wanted, by_flight = [*set(flight_ids)], defaultdict[str, list[dict[str, Any]]](list)
+        flight_id = query.selected_columns["flight_id"]
         with self._reading() as connection:
-            for row in connection.execute(query):
-                if row.flight_id in wanted:
+            for first in range(0, len(wanted), IDS_AT_ONCE):
+                some = flight_id.in_(wanted[first : first + IDS_AT_ONCE])
+                for row in connection.execute(query.where(some)):
                     by_flight[row.flight_id].append(dict(row._mapping))
         return dict(by_flight)
 
@@ -171,9 +198,24 @@ class Entries(Repository, Generic[E]):
 
     def all(self) -> list[E]:
         """All entries, newest first."""
-        query = self._query().order_by(self.table.c.created.desc())
         with self._reading() as connection:
-            return [self._entry(row) for row in connection.execute(query)]
+            return [self._entry(row) for row in connection.execute(self._newest_first())]
+
+    def page(self, limit: int, after: str = "", *conditions: ColumnElement[bool]) -> Page[E]:
+        """At most `limit` entries that meet the conditions, newest first.
+
+        after: of the part before, which may have been deleted since.
+        """
+        if after:
+            created, _, identity = after.partition(CREATED_ID)
+            place = tuple_(self.table.c.created, self.table.c.id)
+            conditions = (*conditions, place < tuple_(literal(created), literal(identity)))
+        query = self._newest_first(*conditions).limit(limit + 1)
+        with self._reading() as connection:
+            rows = connection.execute(query).all()
+        entries = [self._entry(row) for row in rows[:limit]]
+        last = rows[limit - 1] if len(rows) > limit else None
+        return Page(entries, f"{last.created}{CREATED_ID}{last.id}" if last else "")
 
     def sizes(self) -> dict[str, int]:
         """Bytes in the database by id."""
@@ -193,6 +235,10 @@ class Entries(Repository, Generic[E]):
         """Delete partly stored rows of a process that died."""
         with self._deleting() as connection:
             connection.execute(delete(self.table).where(~self.table.c.complete))
+
+    def _newest_first(self, *conditions: ColumnElement[bool]) -> Select:
+        created, identity = self.table.c.created, self.table.c.id
+        return self._query().where(*conditions).order_by(created.desc(), identity.desc())
 
     def _query(self) -> Select:
         query = select(*columns(self.table, self.entry))

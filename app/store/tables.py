@@ -17,6 +17,7 @@ from sqlalchemy import (
     Dialect,
     Float,
     ForeignKey,
+    Index,
     Integer,
     LargeBinary,
     MetaData,
@@ -51,7 +52,7 @@ def now() -> str:
 
 
 def time_text(utc: datetime) -> str:
-    return utc.isoformat(timespec="microseconds").replace("+00:00", "Z")
+    return utc.astimezone(UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
 
 
 class WholeNumber(TypeDecorator[int]):
@@ -200,8 +201,10 @@ flights = Table(
     Column("exceeded_t", Float),
     _plain("exceedances", nullable=True),
     _plain("limits_held", nullable=True),
+    _plain("summary", nullable=True),
     Column("keep", Boolean, nullable=False, server_default=false()),
     Column("recording_id", String(2 * ID_BYTES), index=True),
+    Index(None, "created", "id"),
 )
 
 display_monitors = Table(
@@ -328,6 +331,7 @@ recordings = Table(
     Column("problem", Text),
     _plain("statistics"),
     Column("keep", Boolean, nullable=False, server_default=false()),
+    Index(None, "created", "id"),
 )
 
 mappings = Table(

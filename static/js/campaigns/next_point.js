@@ -200,7 +200,7 @@ function flownForm(api, send) {
 
   /** Load recordings on opening: the point's may be new. */
   async function offer() {
-    if (element.open) await failure.attempt(async () => list(await api.get("/recordings")));
+    if (element.open) await failure.attempt(async () => list(await api.get("/recordings?limit=200")));
   }
 
   function list(recordings) {

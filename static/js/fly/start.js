@@ -11,6 +11,7 @@ import { isSimulated } from "../lib/catalog.js";
 import { demonstration } from "../lib/demonstration.js";
 import { button, chip, errorLine, h, link, loadingView, put, state } from "../lib/dom.js";
 import { jobList } from "../lib/job_progress.js";
+import { createLongList } from "../lib/long_list.js";
 import { createDisplayChoice, fittingMonitor, startFlight, warningLines, warningMark, warningsAt, warningWords } from "../lib/monitors.js";
 import { leadSeconds, moment } from "../lib/numbers.js";
 import { watching } from "../lib/watching.js";
@@ -21,17 +22,18 @@ import { sourceText } from "./panels.js";
 
 const REFRESH = { every: 2000, silence: 5000 }; // ms
 const LISTED = 30; // ended flights
+const OVER = "/flights?progress=ended&progress=failed&progress=interrupted";
 const WAIT = 1.5; // intervals of the monitor that a sample waits for others by default
 const KINDS = [["simulated", "Simulated"], ["replay", "Replay"], ["live", "Live"]];
 
 export function showFlightStart(element, { query, api, navigate }) {
-  const loads = ["/monitors", "/monitor-sets", "/datasets", "/recordings", "/flights"];
+  const loads = ["/monitors", "/monitor-sets", "/datasets", "/recordings?limit=200"];
   return loadingView(element, { title: "Fly", text: "Looking for monitors and flights", loads, build });
 
-  async function build({ keep, again }, monitors, sets, datasets, recordings, flights) {
-    const list = createFlightList(monitors);
-    list.show(flights);
-    keep(watching(list.element, async () => list.show(await api.get("/flights")), REFRESH));
+  async function build({ keep, again }, monitors, sets, datasets, recordings) {
+    const list = createFlightList(api, monitors);
+    await list.load();
+    keep(watching(list.element, list.load, REFRESH));
     const training = monitors.length === 0 ? keep(await jobList({ api, kind: "monitor", done: again })) : null;
     const start = training
       ? noMonitor(training.element, { api, again })
@@ -57,27 +59,35 @@ function noMonitor(training, { api, again }) {
   }
 }
 
-function createFlightList(monitors) {
+function createFlightList(api, monitors) {
   const names = new Map(monitors.map(({ id, name }) => [id, name]));
   const running = h("ul.flight-list.under-way");
   const ended = h("ul.flight-list");
-  const element = h("section.panel.stack", { "aria-label": "Flights" }, h("h2", "In progress"), running, h("h2", "Ended"), ended);
-  let shown = "";
-  return { element, show };
+  const list = createLongList({ api, path: OVER, search: "Search ended flights", step: LISTED, show: showEnded });
+  const element = h("section.panel.stack", { "aria-label": "Flights" }, h("h2", "In progress"), running, h("h2", "Ended"), list.box, ended, list.more);
+  const shown = new Map(); // what each part shows now
+  return { element, load };
 
-  function show(all) {
-    const signature = JSON.stringify(all.map((flight) => [flight.id, flight.progress, flight.open_alarms, resultOf(flight).words]));
-    if (signature !== shown) {
-      const isRunning = ({ progress }) => progress === "running";
-      const over = all.filter((flight) => !isRunning(flight)).slice(0, LISTED);
-      running.replaceChildren(...rows(all.filter(isRunning), "Watch", "No flight in progress. Flights that you start appear here."));
-      ended.replaceChildren(...rows(over, "Record", "Ended flights and their records appear here."));
-    }
-    shown = signature;
-    for (const flight of all.filter(({ age }) => age !== null)) {
-      const place = element.querySelector(`[data-flight="${flight.id}"] .flight-stale`);
+  async function load() {
+    await Promise.all([api.get("/flights?progress=running&limit=1000").then(showRunning), list.load()]);
+  }
+
+  function showRunning(flights) {
+    show(running, flights, "Watch", "No flight in progress. Flights that you start appear here.");
+    for (const flight of flights.filter(({ age }) => age !== null)) {
+      const place = running.querySelector(`[data-flight="${flight.id}"] .flight-stale`);
       if (place !== null) put(place, ageText(flight));
     }
+  }
+
+  function showEnded(flights, text) {
+    show(ended, flights, "Record", text ? `No ended flight has “${text}” in its name or its monitor's.` : "Ended flights and their records appear here.");
+  }
+
+  function show(part, flights, verb, none) {
+    const signature = JSON.stringify([none, ...flights.map((flight) => [flight.id, flight.progress, flight.open_alarms, resultOf(flight).words])]);
+    if (signature !== shown.get(part)) part.replaceChildren(...rows(flights, verb, none));
+    shown.set(part, signature);
   }
 
   function rows(flights, verb, none) {

@@ -72,7 +72,7 @@ export function createJobProgress({ api, job, title, done, back, worded = (words
 }
 
 export async function jobList({ api, kind, done }) {
-  const jobs = (await api.get("/jobs")).filter((job) => job.kind === kind);
+  const jobs = await api.get(`/jobs?kind=${kind}`);
   const active = jobs.filter(({ status }) => UNDER_WAY.includes(status));
   const shown = active.map((job) => {
     const back = () => progress.element.remove();

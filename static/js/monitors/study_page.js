@@ -29,7 +29,7 @@ export function showStudyPage(element, { query, api, navigate }, page) {
   }
 
   async function begin(catalog) {
-    const [datasets, jobs] = await Promise.all([api.get("/datasets"), api.get("/jobs")]);
+    const [datasets, jobs] = await Promise.all([api.get("/datasets"), api.get(`/jobs?kind=${kind}`)]);
     const simulated = datasets.filter(isSimulated);
     const { path, read, beside, ...parts } = form({ catalog, api, datasets: simulated, chosen: query.get("dataset") });
     const send = async () => {
@@ -37,7 +37,7 @@ export function showStudyPage(element, { query, api, navigate }, page) {
       navigate(`${address}?job=${job.id}`);
     };
     const made = createForm({ title, ...parts, route: `POST ${path}`, send, beside: h("span.hint", beside) });
-    return [made.element, pastStudies(jobs.filter((job) => job.kind === kind))];
+    return [made.element, pastStudies(jobs)];
   }
 
   function pastStudies(jobs) {

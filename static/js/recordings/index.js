@@ -6,6 +6,7 @@
 import { needs } from "../lib/api.js";
 import { loadCatalog } from "../lib/catalog.js";
 import { button, chip, deleteButton, empty, guideLink, h, hiddenHead, link, loadingView, pageOf, table } from "../lib/dom.js";
+import { createLongList } from "../lib/long_list.js";
 import { bytesText, durationText, moment } from "../lib/numbers.js";
 import { showComparedScorings } from "./compare/index.js";
 import { createDropZone } from "./drop_zone.js";
@@ -13,6 +14,8 @@ import { formatTitle } from "./facts.js";
 import { aircraftOf, deletion, showRecording } from "./page.js";
 import { showScoring } from "./scoring/page.js";
 import { mappingState } from "./words.js";
+
+const LISTED = 50;
 
 export function show(element, context) {
   const { id, query } = context;
@@ -23,29 +26,34 @@ export function show(element, context) {
 }
 
 function showRecordings(element, { api, navigate }) {
-  return loadingView(element, { title: "Recordings", text: "Loading recordings", loads: [loadCatalog, "/recordings"], build });
+  return loadingView(element, { title: "Recordings", text: "Loading recordings", loads: [loadCatalog], build });
 
-  function build({ keep }, catalog, recordings) {
+  async function build({ keep }, catalog) {
     const formats = catalog.telemetry.formats.map(formatWords);
-    const zone = keep(createDropZone({ aircraft: aircraftOf(recordings), formats, done: arrived }));
-    const list = h("div", listOf(recordings));
-    return pageOf("Recordings", [link("Storage", "#/storage")], zone.element, list);
+    const shown = h("div");
+    let aircraft = [];
+    const list = createLongList({ api, path: "/recordings", search: "Search recordings", step: LISTED, show });
+    await list.load();
+    const zone = keep(createDropZone({ aircraft, formats, done: arrived }));
+    return pageOf("Recordings", [list.box, link("Storage", "#/storage")], zone.element, shown, list.more);
+
+    function show(recordings, text) {
+      aircraft = aircraftOf(recordings);
+      shown.replaceChildren(listOf(recordings, text));
+    }
 
     async function arrived(uploaded, someFailed) {
       if (uploaded.length === 1 && !someFailed) navigate(`#/recordings/${uploaded[0].id}`);
-      else await again();
+      else await list.load();
     }
 
-    async function again() {
-      list.replaceChildren(listOf(await api.get("/recordings")));
-    }
-
-    function listOf(all) {
+    function listOf(all, text) {
       if (all.length) return table({ columns: columnsOf(all), items: all, classes: "recording-table" });
+      if (text) return empty("No recording found", `No name has “${text}” in it.`);
       return empty(
         "No recording yet",
         "A recording is a telemetry file from any recorder. Upload one, check which signal is which channel, then score it with a monitor.",
-        button("Choose a file", zone.choose, { class: "button button-primary", ...needs("POST /recordings") }),
+        button("Choose a file", () => zone.choose(), { class: "button button-primary", ...needs("POST /recordings") }),
         guideLink("first-recording", "how to score a first recording"),
       );
     }
@@ -68,7 +76,7 @@ function showRecordings(element, { api, navigate }) {
       }
 
       function deleteOf(recording) {
-        return deleteButton({ api, ...deletion(recording), done: again, short: recording.name });
+        return deleteButton({ api, ...deletion(recording), done: list.load, short: recording.name });
       }
     }
   }

@@ -121,7 +121,7 @@ async function scoreExample(api, monitor) {
 }
 
 async function uploaded(api) {
-  const known = (await api.get("/recordings")).find(({ name }) => name === EXAMPLE);
+  const known = (await api.get(`/recordings?${new URLSearchParams({ text: EXAMPLE })}`)).find(({ name }) => name === EXAMPLE);
   if (known !== undefined) return known.id;
   const file = await (await shipped(EXAMPLE)).blob();
   return (await api.upload(`/recordings?${new URLSearchParams({ name: EXAMPLE })}`, file).ended).id;

@@ -1,4 +1,4 @@
-"""Fixtures of the store's tests: a store that must be sound when it closes, and a monitor."""
+"""Fixtures of the store's tests: a store that must be sound when it closes."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -6,8 +6,6 @@ from pathlib import Path
 import pytest
 
 from app.store.store import Store
-from core.dataset import Dataset
-from core.monitor import Monitor, train
 from tests.support.stored import opened
 
 
@@ -21,8 +19,3 @@ def path(tmp_path: Path) -> Path:
 def store(path: Path) -> Iterator[Store]:
     with opened(path) as store:
         yield store
-
-
-@pytest.fixture(scope="session")
-def trained(dataset: Dataset) -> Monitor:
-    return train(dataset)

@@ -231,7 +231,7 @@ def test_too_large_a_file_says_the_servers_sentence(
     allowed_errors.append("413")
     detail = "the body is larger than 4294967296 bytes: send less"
     problem = {"status": 413, "title": "Content Too Large", "detail": detail}
-    page.route("**/api/v1/recordings?*", lambda route: route.fulfill(status=413, json=problem))
+    page.route("**/api/v1/recordings?name=*", lambda route: route.fulfill(status=413, json=problem))
     page.goto(f"{site.http}/#/recordings")
     choose(page, file)
     expect(page.locator(".upload .error")).to_have_text(
@@ -243,7 +243,7 @@ def test_without_an_answer_an_upload_is_tried_again(
     page: Page, site: RecordedSite, file: Path, allowed_errors: list[str]
 ) -> None:
     allowed_errors.append("ERR_CONNECTION_REFUSED")
-    page.route("**/api/v1/recordings?*", lambda route: route.abort("connectionrefused"), times=1)
+    page.route("**/api/v1/recordings?name=*", lambda route: route.abort("connectionrefused"), times=1)
     page.goto(f"{site.http}/#/recordings")
     choose(page, file)
     expect(page.locator(".upload .error")).to_contain_text("The server does not answer")
@@ -253,7 +253,7 @@ def test_without_an_answer_an_upload_is_tried_again(
 
 def test_an_upload_is_cancelled(page: Page, site: RecordedSite, file: Path) -> None:
     held: list[Route] = []
-    page.route("**/api/v1/recordings?*", lambda route: held.append(route))
+    page.route("**/api/v1/recordings?name=*", lambda route: held.append(route))
     before = site.ask("GET", "/recordings")
     page.goto(f"{site.http}/#/recordings")
     choose(page, file)

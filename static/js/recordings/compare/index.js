@@ -9,14 +9,15 @@ import { readScoring } from "../scoring/source.js";
 import { createOverlay } from "./overlay.js";
 import { compareTable } from "./table.js";
 
+const OFFERED = 200; // newest recordings
+
 export function showComparedScorings(element, { id, query, api, navigate }) {
   const given = query.get("compare").split(",").filter(Boolean);
   const references = given.map((text) => referenceOf(text, id));
-  return loadingView(element, { title: "Compare", text: "Loading scorings", loads: [loadCatalog, "/recordings", "/monitors"], build });
+  return loadingView(element, { title: "Compare", text: "Loading scorings", loads: [loadCatalog, `/recordings?limit=${OFFERED}`, "/monitors"], build });
 
   async function build({ keep }, catalog, recordings, monitors) {
     const planned = new Map(monitors.map((monitor) => [monitor.id, testWords(catalog, monitor)]));
-    const names = new Map(recordings.map(({ id: recording, name }) => [recording, name]));
     const compared = await Promise.all(references.map(read));
     const overlay = keep(createOverlay({ api, compared }));
     const table = h("div");
@@ -30,11 +31,11 @@ export function showComparedScorings(element, { id, query, api, navigate }) {
     );
 
     async function read({ recording, scoring: number }, k) {
-      const { mapping } = await api.get(`/recordings/${recording}`);
+      const { mapping, name } = await api.get(`/recordings/${recording}`);
       const scoring = await readScoring(api, recording, number);
       return {
         letter: String.fromCharCode(65 + k),
-        recordingName: names.get(recording) ?? recording,
+        recordingName: name,
         planned: planned.get(scoring.monitor) ?? "planned test not recorded",
         scoring,
         mapping,

@@ -1,0 +1,45 @@
+/**
+ * A list of which the server sends the newest entries: a search box, and a button that shows more of it.
+ *
+ * createLongList({api, path, search, step, show}) -> {box, more, load()}
+ *     path   "/recordings", or with a query of its own; entries are searched by its parameter `text`
+ *     search    label of the box;   step    entries to begin with, and how many more each time
+ *     show(entries, text)    called at each answer, with what was searched for
+ * load() -> Promise    ask again; rejects with an ApiError
+ */
+
+import { button, errorLine, h } from "./dom.js";
+
+const MOST = 1000; // entries that the server sends at once
+const TYPING = 250; // ms
+
+export function createLongList({ api, path, search, step, show }) {
+  let limit = step;
+  let timer = 0;
+  let asked = "";
+  const input = h("input", { type: "search", placeholder: search, "aria-label": search, oninput: typed });
+  const failure = errorLine();
+  const next = button("Show more", showMore, { class: "button button-small", hidden: true });
+  return { box: input, more: h("div", next, failure.element), load };
+
+  async function load() {
+    const query = new URLSearchParams({ limit, ...(input.value.trim() && { text: input.value.trim() }) });
+    const address = `${path}${path.includes("?") ? "&" : "?"}${query}`;
+    asked = address;
+    const entries = await api.get(address);
+    if (asked !== address) return; // another text was typed meanwhile
+    next.hidden = entries.length < limit || limit === MOST;
+    show(entries, input.value.trim());
+  }
+
+  function showMore() {
+    limit = Math.min(limit + step, MOST);
+    failure.attempt(load);
+  }
+
+  function typed() {
+    clearTimeout(timer);
+    limit = step;
+    timer = setTimeout(() => failure.attempt(load), TYPING);
+  }
+}
