@@ -122,7 +122,7 @@ function pixels(key, token, tolerance = 40) {
 
 Object.assign(window, {
   harness: {
-    chart, gauge, timeline, tone, feed, frame, sample, pixels, loopStats, riskText,
+    chart, dial, gauge, timeline, tone, feed, frame, sample, pixels, loopStats, riskText,
     createRingBuffer, createTimeline, createValueAxis, createTone, createAlarmPanel,
     decimal, decimals, limitsInWords, exceededWords, withLimits, limitsOf, marginAt, stripOf, changedChannels, validityWords, EPSILON, CHANNELS,
     draw: (wall) => chart.update(wall),

@@ -150,6 +150,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   function onStatus(headline) {
     decided = headline;
     display.setHeadline(headline);
+    showExceedance();
     display.chart.latch(headline.latched);
     showHidden();
   }
@@ -194,9 +195,14 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     const fresh = !raised.has(number);
     raised.add(number);
     alarm.onAlarm(raisedAlarm);
+    if (kind === "limit") showExceedance();
     const event = { t, text: alertText(raisedAlarm, alertLevel(hello), hello.channels), level: LEVEL_OF[level], seen: kind === "limit" };
     note({ event: fresh && event, flag: recordedFlag(raisedAlarm) });
     if (acknowledged) events.add(acknowledgementOf(raisedAlarm, hello.mode === "live"));
+  }
+
+  function showExceedance() {
+    display.setExceedance(alarm.exceedance(decided?.latched ?? []));
   }
 
   function onMarker(marker) {

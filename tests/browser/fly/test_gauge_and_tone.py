@@ -311,3 +311,83 @@ def test_skipped_samples_and_a_store_that_takes_nothing_are_said(strips: Open) -
     )
     skipped = "skipped 1,074 samples (all recorded)"
     assert told == [skipped, "◆ STORE NOT WRITABLE", "caution", "No disk.", "a file"]
+
+
+@pytest.mark.parametrize(
+    ("status", "level", "reading"),
+    [
+        ("ok", "none", {"state": "ok", "p_value": 0.034, "alert": False}),
+        ("risk", "warning", {"state": "ok", "p_value": 0.34, "alert": True}),
+        ("exceeding", "warning", {"state": "ok", "p_value": 0.0099, "alert": False}),
+        ("exceeded", "caution", {"state": "ok", "p_value": 0.0099, "alert": False}),
+        ("exceeding", "warning", {"state": "warming_up", "p_value": None, "alert": None}),
+        ("not_calibrated", "advisory", {"state": "ok", "p_value": 0.5, "alert": False}),
+    ],
+)
+def test_the_state_is_the_largest_text_and_an_exceedance_shows_its_value_and_limit(
+    strips: Open, status: str, level: str, reading: dict[str, Any]
+) -> None:
+    page = strips()
+    exceeds = status.startswith("exceed")
+    headline = {
+        "status": status,
+        "level": level,
+        "beside": [],
+        "exceeded_t": 1.7 if exceeds else None,
+    }
+    page.evaluate(
+        """([reading, headline, exceedance]) => {
+          harness.dial.setExceedance(exceedance);
+          harness.dial.update(reading);
+          harness.dial.draw(performance.now(), headline);
+        }""",
+        [
+            reading | {"alertAbove": 0.05},
+            headline,
+            {"value": "N_y −0.577 g", "limit": "limit −0.5 g"},
+        ],
+    )
+    gauge = page.locator("#gauge")
+    sizes = gauge.locator("svg text").evaluate_all(
+        """texts => texts.map((text) =>
+          [text.textContent, parseFloat(getComputedStyle(text).fontSize)])"""
+    )
+    (word,) = (size for text, size in sizes if text == gauge.locator(".gauge-word").text_content())
+    assert max(size for text, size in sizes if text) == word
+    value = (gauge.locator(".gauge-value").text_content() or "").replace("\u200b", "")
+    assert value == ("Ny −0.577 g" if exceeds else "")
+    assert gauge.locator(".gauge-limit").text_content() == ("limit −0.5 g" if exceeds else "")
+    bar = gauge.locator(".gauge-bar")
+    if exceeds and reading["p_value"]:
+        colours = [
+            part.evaluate(f"part => getComputedStyle(part).{name}")
+            for part, name in ((bar, "stroke"), (gauge.locator(".gauge-word"), "fill"))
+        ]
+        assert colours[0] == colours[1]
+
+
+def test_the_worst_exceedance_is_the_one_furthest_beyond_its_limit(strips: Open) -> None:
+    found = run(
+        strips(),
+        """
+        const panel = h.createAlarmPanel(document.createElement('div'), {
+          tone: { start() {}, stop() {} }, acknowledge: null });
+        const g = { unit: 'g', display_unit: 'g', display_factor: 1, display_decimals: 2 };
+        const channels = [{ key: 'Ny', symbol: 'N_y', ...g }, { key: 'Nz', symbol: 'N_z', ...g }];
+        panel.describe({ epsilon: 0.1, lead: 0.5, limits: '', channels, warnings: [] });
+        const none = panel.exceedance([]);
+        const alarm = (number, channel, value, limit) => panel.onAlarm({ number, kind: 'limit',
+          level: 'warning', t: number, p_value: null, acknowledged: 'now',
+          exceedance: { channel, value, limit, judged: 'both' } });
+        alarm(1, 'Nz', 5, 4.9);
+        alarm(2, 'Ny', -0.6, -0.5);
+        const first = panel.exceedance([]);
+        const grown = panel.exceedance([{ channel: 'Nz', value: 9, over: true }]);
+        return [none, first, grown];
+        """,
+    )
+    assert found == [
+        None,
+        {"value": "N_y −0.60 g", "limit": "limit −0.5 g"},
+        {"value": "N_z 9.00 g", "limit": "limit 4.9 g"},
+    ]

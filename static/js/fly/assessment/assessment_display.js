@@ -7,6 +7,7 @@
  *   forget()                   clears the strips: the samples shown were lost
  *   setAssessment({state, reason, cause}, quiet)    as the server says it, without a sample
  *   setHeadline({status, level, beside})     as the server decided it
+ *   setExceedance({value, limit} | null)     the worst one so far, in words
  *   setLinked(boolean)         whether the server is heard: false from the first missed heartbeat on
  *   useAuthority()             the alarm authority in hello changed
  *   lose(), resume()           the connection; after it the newest sample counts again
@@ -166,6 +167,7 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
     setHeadline: (given) => {
       decided = given;
     },
+    setExceedance: gauge.setExceedance,
     setLinked: (isLinked) => {
       linked = isLinked;
       chart.setLinked(isLinked);

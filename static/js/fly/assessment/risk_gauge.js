@@ -1,18 +1,20 @@
 /**
- * The large risk gauge: "risk (higher is worse)", its threshold, and the monitor's state.
+ * The large gauge: the flight's state, what it is about, and the risk on a dial with its threshold.
  *
- * The word is the flight's headline, its worst condition; each has a shape and the colour of its level.
- * There is a number only where the sample was assessed; otherwise the dial is hatched grey and shows the word.
+ * The word is the flight's headline, its worst condition, and the largest text; each has a shape and the colour of
+ * its level. Below it is the worst exceedance with its limit, or else the risk: large in an alert, small otherwise.
+ * There is a risk only where the sample was assessed; otherwise the dial is hatched grey.
  * Risks are spaced by their square root, as on the risk strip.
  *
- * createRiskGauge(element, timeline) -> {update(reading), draw(wall, headline)}     timeline: the strips' clock
+ * createRiskGauge(element, timeline) -> {update(reading), setExceedance({value, limit} | null), draw(wall, headline)}
+ *     timeline: the strips' clock
  *     reading: {p_value, alertAbove, state, alert, reason, note, result, last, said}, as a frame has them
  *       state: also over (the flight has ended), or null for no data.   note: below the number
  *       last, said: risk and cause of the last sample, where none follows.   result: {words, level} of an ended flight
  */
 
 import { shownState } from "../../lib/states.js";
-import { h, svg } from "../../lib/dom.js";
+import { h, piecesOf, svg } from "../../lib/dom.js";
 import { figure, riskText } from "../../lib/numbers.js";
 import { besideOf, FACES, isStale, staleText, wordOf } from "../headline.js";
 
@@ -21,6 +23,8 @@ const RADIUS = 122;
 const FROM = -205; // degrees, clockwise from three o'clock
 const SWEEP = 230;
 const MARGIN = 30; // of the dial on either side, for alertAbove's label
+const LARGEST = 42; // letters of the word
+const [WIDEST, BOLD, USUAL] = [204, 0.75, 0.62]; // inside of the dial; width of a letter as a share of its size
 
 const WITHOUT = { over: { word: "ENDED", shape: "dash" }, none: FACES.no_data };
 
@@ -55,18 +59,21 @@ export function createRiskGauge(element, timeline = null) {
     const { x, y } = value === 0.5 ? polar(share(value), RADIUS - 32) : polar(value, RADIUS);
     return svg("text.gauge-tick", { x, y: value === 0.5 ? y + 5 : y + 20 }, String(value)); // the ends' labels are below the arc
   });
-  const number = svg("text.gauge-number", { x: CENTRE.x, y: 164 });
+  const value = svg("text.gauge-value", { x: CENTRE.x, y: 170 });
+  const limit = svg("text.gauge-limit", { x: CENTRE.x, y: 196 });
+  const number = svg("text.gauge-number", { x: CENTRE.x });
   const shape = svg("path.gauge-shape");
   const word = svg("text.gauge-word");
   const track = svg("path.gauge-track", { d: arc(0, 1) });
   const dial = svg("svg.gauge-dial", { viewBox: `${-MARGIN} 0 ${340 + 2 * MARGIN} 234` },
-    hatches(id), track, unassessed, beyond, bar, needle, threshold, thresholdText, ticks, number, svg("g.gauge-face", shape, word));
+    hatches(id), track, unassessed, beyond, bar, needle, threshold, thresholdText, ticks, number, svg("g.gauge-face", shape, word, value, limit));
   const beside = h("p.gauge-beside");
   const reason = h("p.gauge-reason");
   const spoken = h("p.visually-hidden", { role: "status" });
   element.classList.add("risk-gauge");
   element.replaceChildren(h("h2.gauge-heading", "risk (higher is worse)"), dial, beside, reason, spoken);
   let reading = { state: null };
+  let exceedance = null;
   let shown = "";
 
   function draw(wall, headline = null) {
@@ -75,14 +82,17 @@ export function createRiskGauge(element, timeline = null) {
     const { p_value: risk = null, alertAbove = null } = reading;
     const digits = assessed ? riskText(risk, alertAbove) : "";
     const why = assessed ? (reading.note ?? "") : whyOf(face, reading, timeline, wall);
-    const drawn = `${key} ${face.word} ${face.level} ${face.beside} ${assessed}`;
+    const isBeyond = exceedance !== null && face.exceeds;
+    const drawn = `${key} ${face.word} ${face.level} ${face.beside} ${assessed} ${isBeyond ? exceedance.value : ""}`;
     const now = `${drawn}|${digits}|${alertAbove}|${why}|${reading.alert}`;
     if (now === shown) return;
-    if (drawn !== shown.split("|")[0]) drawFace(face);
+    if (drawn !== shown.split("|")[0]) drawFace(face, isBeyond);
     shown = now;
     element.toggleAttribute("data-alert", assessed && reading.alert === true);
+    const isLarge = reading.alert === true && !isBeyond;
     number.textContent = digits;
-    number.setAttribute("font-size", digits.length > 4 ? "54" : "74");
+    number.setAttribute("font-size", isLarge ? "38" : "18");
+    number.setAttribute("y", isBeyond ? "222" : isLarge ? "182" : "178");
     reason.textContent = why;
     drawThreshold(alertAbove, assessed);
     if (assessed) {
@@ -111,25 +121,29 @@ export function createRiskGauge(element, timeline = null) {
       shape: FACES[said.status].shape,
       level: said.level,
       beside: said.status === "exceeded" ? firstText(said) : besideOf(said, cause),
+      exceeds: Number.isFinite(said.exceeded_t),
       stale,
       assessed: !stale && !isInvalid && state === "ok" && Number.isFinite(risk),
     };
   }
 
-  function drawFace({ key, word: text, shape: sign, level, beside: also, assessed }) {
+  function drawFace({ key, word: text, shape: sign, level, beside: also, assessed }, isBeyond) {
     element.dataset.state = key;
     element.dataset.level = level;
     shape.setAttribute("d", SHAPES[sign]);
     word.textContent = text;
     beside.textContent = also;
-    const letters = text.length;
-    const size = assessed ? (letters > 10 ? 19 : letters > 7 ? 24 : 30) : letters > 10 ? 23 : letters > 8 ? 32 : 40;
-    word.setAttribute("font-size", String(size));
-    const half = (size * 0.66 * letters + 40) / 2;
-    const y = assessed ? 216 : 160;
-    shape.setAttribute("transform", assessed ? `translate(${CENTRE.x - half + 14} ${y - 9})` : "translate(170 98) scale(1.7)");
-    word.setAttribute("x", String(assessed ? CENTRE.x + 18 : CENTRE.x));
-    word.setAttribute("y", String(y));
+    value.replaceChildren(...(isBeyond ? subscripted(exceedance.value) : []));
+    limit.textContent = isBeyond ? exceedance.limit : "";
+    if (isBeyond) {
+      value.setAttribute("font-size", String(fitting(exceedance.value, 28)));
+      limit.setAttribute("font-size", String(fitting(exceedance.limit, 18)));
+    }
+    const hasMore = assessed || isBeyond; // below the word
+    word.setAttribute("font-size", String(fitting(text, LARGEST, BOLD)));
+    word.setAttribute("x", String(CENTRE.x));
+    word.setAttribute("y", hasMore ? "136" : "160");
+    shape.setAttribute("transform", hasMore ? "translate(170 82) scale(1.2)" : "translate(170 98) scale(1.7)");
     show(bar, assessed);
     show(needle, assessed);
     show(unassessed, !assessed);
@@ -175,6 +189,9 @@ export function createRiskGauge(element, timeline = null) {
     update: (given) => {
       reading = given;
     },
+    setExceedance: (given) => {
+      exceedance = given;
+    },
   };
 }
 
@@ -185,6 +202,13 @@ function whyOf({ key, stale }, { reason, state, p_value: risk, last = risk, aler
     return staleText(state === "stale" ? reason : "", timeline.age(wall)) + then;
   }
   return reason || (state === "ok" ? "the assessment has no p-value" : "");
+}
+
+const fitting = (text, largest, letter = USUAL) => Math.min(largest, WIDEST / (letter * text.length));
+
+/** "N_y" with y as a subscript. */
+function subscripted(words) {
+  return piecesOf(words).flatMap(([text, index]) => [svg("tspan", text), index && svg("tspan", { class: "gauge-index", dy: 6 }, index), index && svg("tspan", { dy: -6 }, "\u200b")].filter(Boolean));
 }
 
 /** Below the word EXCEEDED, which is wide enough for the dial. */
