@@ -144,6 +144,12 @@ def readout(words: Caption, colour: Colour) -> str:
 
 
 def tone(shown: Shown) -> Colour:
-    if shown.state is not State.OK or shown.p_value is None:
+    """Colour of trail and risk column: that of the headline; grey without a risk.
+
+    An exceedance is red or amber whatever the risk: it is measured.
+    """
+    status, level, *_ = shown.headline
+    exceeds = status in (Status.EXCEEDING, Status.EXCEEDED)
+    if (shown.state is not State.OK or shown.p_value is None) and not exceeds:
         return GREY
-    return ALERT if shown.alert else CALM
+    return COLOURS[level] if level in (Level.WARNING, Level.CAUTION) else CALM

@@ -171,6 +171,17 @@ class TestWhatIsSaid:
         assert caption(alert).word == "ALERT"
         assert (tone(alert), tone(OK)) == (ALERT, CALM)
 
+    @pytest.mark.parametrize("state", [State.OK, *SILENT])
+    def test_nothing_is_calm_or_grey_while_a_limit_is_exceeded(self, state):
+        facts = Facts(
+            exceeds=True, exceeded_t=1.0, **{state.value: True} if state in SILENT else {}
+        )
+        shown = OK._replace(state=state, p_value=0.01, facts=facts)
+        if state is not State.STALE:  # which shows the past
+            assert tone(shown) == ALERT
+        assert tone(OK._replace(p_value=0.01, facts=Facts(exceeded_t=1.0))) == CAUTION
+        assert tone(OK._replace(p_value=0.01, facts=Facts(alarm=True, exceeded_t=1.0))) == ALERT
+
     @pytest.mark.parametrize("state", SILENT)
     def test_a_state_without_a_risk_is_a_word_in_grey_and_never_a_number(self, state):
         facts = Facts(**{state.value: True})
