@@ -331,7 +331,10 @@ class Hello(SampleState, CurrentStatus, AuthorityFacts):
     mode: Mode = Field(description="live, replayed or simulated")
     theta: dict[str, float] | None
     fail_t: float | None = Field(description="when the source exceeds a limit [s], if known")
-    duration: float | None
+    duration: float | None = Field(description="of the source [s]; null for a live one")
+    planned_s: float | None = Field(
+        default=None, description="length of the planned manoeuvre [s]; null if unknown"
+    )
     transport: TransportState
     exceedances: list[ChannelExceedances] = Field(description="exceedances so far, per channel")
     held: list[LimitsFrom] = Field(

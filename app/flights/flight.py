@@ -33,6 +33,7 @@ from app.flights.verdict import (
     is_jump,
     is_withdrawn,
     longest_manoeuvre,
+    planned_length,
     verdict,
     verdict_of_recording,
 )
@@ -464,6 +465,7 @@ class Flight(ABC):
             theta=self.theta,
             fail_t=self.fail_t,
             duration=self.duration,
+            planned_s=planned_length(self.plan.monitor.dataset_recipe),
             transport=self.transport,
             state=self.state,
             reason=self.reason,

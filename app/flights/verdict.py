@@ -77,10 +77,16 @@ def verdict(alarms: Iterable[Alarm], circumstances: Circumstances = AS_FLOWN) ->
     return _verdict(first.t, lead, text, result, promised)
 
 
+def planned_length(dataset_recipe: Mapping[str, Any]) -> float | None:
+    """Length of the planned manoeuvre [s]; None if unknown, as of own rollouts."""
+    plain = {key: dataset_recipe[key] for key in ("maneuver",) if key in dataset_recipe}
+    return from_plain(DatasetRecipe(), plain).maneuver.duration_s if plain else None
+
+
 def longest_manoeuvre(dataset_recipe: Mapping[str, Any]) -> float:
     """Longest time that may be one manoeuvre of the planned test [s]; infinite if unknown."""
-    plain = {key: dataset_recipe[key] for key in ("maneuver",) if key in dataset_recipe}
-    return LONGER * from_plain(DatasetRecipe(), plain).maneuver.duration_s if plain else inf
+    planned = planned_length(dataset_recipe)
+    return inf if planned is None else LONGER * planned
 
 
 def verdict_of_recording(

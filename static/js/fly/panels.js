@@ -16,6 +16,7 @@ import { AS_RECORDED } from "../recordings/words.js";
 
 const WIDEST = 60; // s
 const NARROWEST = 5; // s
+const BEFORE = 2; // planned manoeuvres
 
 export const CAUTION_WORDS = { invalid: "VALIDITY LOST", stale: "STALE", surfaces: "SURFACES", frozen: "FROZEN", contradiction: "CONTRADICTION" };
 
@@ -55,9 +56,10 @@ export function createFlightPanels(element) {
   return panels;
 }
 
-export function windowOf({ duration, lead }) {
-  if (duration === null) return WIDEST;
-  return Math.min(WIDEST, Math.max(NARROWEST, duration + lead));
+/** Seconds of the strips: the source's, or of a live one those of the planned manoeuvre and of what went before. */
+export function windowOf({ duration, planned_s: planned = null, lead }) {
+  const length = duration ?? BEFORE * (planned ?? WIDEST);
+  return Math.min(WIDEST, Math.max(NARROWEST, length + lead));
 }
 
 export function alertText(alarm, alertAbove, channels) {

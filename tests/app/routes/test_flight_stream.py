@@ -188,6 +188,7 @@ def test_frames_waiting_for_one_send_are_one_message(server: Server) -> None:
         server.advance(0.2)
         portal.call(sending.advance, TICK_S)
         message = until(socket, lambda message: message["type"] == "frames")[-1]
+    assert hello["planned_s"] == RECIPE.maneuver.duration_s
     assert [frame["seq"] - hello["head"] for frame in message["frames"]] == [1, 2, 3, 4]
 
 

@@ -376,3 +376,19 @@ def test_the_picture_is_sharp_on_a_dense_screen_and_follows_the_window(
     device, css = run(page, shape)
     assert device == pytest.approx(2 * css, abs=2)
     context.close()
+
+
+def test_the_window_holds_the_planned_manoeuvre_and_what_went_before(strips: Open) -> None:
+    seconds = run(
+        strips(),
+        """
+        return import('/static/js/fly/panels.js').then(({ windowOf }) => [
+          { duration: 10, planned_s: 6, lead: 0.5 },
+          { duration: null, planned_s: 6, lead: 0.5 },
+          { duration: null, planned_s: 1, lead: 0.5 },
+          { duration: null, planned_s: null, lead: 0.5 },
+          { duration: null, planned_s: 90, lead: 0.5 },
+        ].map(windowOf));
+        """,
+    )
+    assert seconds == [10.5, 12.5, 5, 60, 60]
