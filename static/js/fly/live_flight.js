@@ -100,7 +100,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   }, recorded ?? {});
 
   function onHello(message, again) {
-    hello = message;
+    hello = Object.assign(hello ?? {}, message); // one object, which the display reads too
     const { state, reason: why, cause } = hello;
     if (!again) {
       display = createAssessmentDisplay(panels, { hello, api, path, alarm, events });

@@ -156,7 +156,7 @@ def test_a_monitor_in_training_is_shown_where_there_is_none(page: Page, site: Si
     job |= {"message": "unsafe rollouts", "progress": 3, "total": 10, "error": None}
     monitors, jobs = [], [job]
     page.route("**/api/v1/monitors", lambda route: route.fulfill(json=monitors))
-    page.route("**/api/v1/jobs", lambda route: route.fulfill(json=jobs))
+    page.route("**/api/v1/jobs?*", lambda route: route.fulfill(json=jobs))
     events = "".join(f"data: {json.dumps(job | {'status': s})}\n\n" for s in ("running", "failed"))
     page.route(
         "**/jobs/1/events",
@@ -559,6 +559,29 @@ def test_a_page_that_joins_a_paused_flight_shows_the_rest_by_its_newest_sample(
     expect(rest).to_contain_text("not known")  # it was of another sample
 
 
+def test_the_rest_is_judged_by_the_limits_that_a_reconnected_page_is_told(
+    own_fly: Fly, relay: Relay
+) -> None:
+    band = {"mean": [0.6], "low": [0.55], "high": [0.65], "predicted": 1.2, "possible": 1.2}
+    ahead = {"t": [1.2], "channels": {"Ny": band}, "peak": None, "why": ""}
+
+    def with_limits(text: Text, turn: int) -> str:
+        message = json.loads(text)
+        if message["type"] != "hello":
+            return json.dumps(message)
+        limit = {0: 0.5, 1: 0.3}[turn]
+        (ny,) = (channel for channel in message["channels"] if channel["key"] == "Ny")
+        ny |= {"low": -limit, "high": limit, "limit": limit}
+        return json.dumps(message | {"no_rest": "", "ahead": ahead})
+
+    routes = relay(to_page=with_limits)
+    own_fly.watch(SAFE, ("pause", None), ("seek", 1.0))
+    rest = own_fly.page.locator(".rest-of-card")
+    expect(rest).to_contain_text("exceed 0.5 g")
+    routes[-1].close(code=CUT)
+    expect(rest).to_contain_text("exceed 0.3 g")
+
+
 def test_a_login_that_ended_is_said_and_not_tried_again(own_fly: Fly, relay: Relay) -> None:
     fly = own_fly
     routes = relay()
@@ -789,7 +812,7 @@ def test_a_list_of_flights_out_of_date_is_marked(fly: Fly, allowed_errors: list[
     row = fly.page.locator(f'.under-way li:has([href="#/fly/{fly.flight}"])')
     expect(row.locator(".chip").last).to_have_text(re.compile(CALM))
     expect(silent).to_be_hidden()
-    asked = re.compile(r"/api/v1/flights$")
+    asked = re.compile(r"/api/v1/flights\?")
     fly.page.route(asked, lambda route: route.abort())
     expect(silent).to_be_visible()
     was = "[data-lost] > .under-way li"
