@@ -22,6 +22,7 @@ from app.routes.dependencies import PersonDep, StoreDep, part, refused, strictly
 from app.store.people import LINK_SECONDS, LONGEST_DAYS, AuditEntry, Role, StoredToken, TokenError
 from app.store.store import StoreError
 from app.store.tables import time_text
+from core import __version__
 
 router = APIRouter(prefix="/api/v1", tags=["people"])
 
@@ -36,6 +37,7 @@ class Me(BaseModel):
         description="`server` with the token from the settings, `local` if no token is required"
     )
     role: Role
+    version: str = Field(description="of the program")
     allowed: list[str] = Field(
         description="requests allowed for the role, with path parameters as `{}`",
         examples=[["POST /api/v1/flights/{}/end"]],
@@ -74,7 +76,12 @@ class LoginLink(BaseModel):
 @router.get("/me")
 async def read_me(person: PersonDep) -> Me:
     """Name, role and permissions of the person who sends the request."""
-    return Me(name=person.name, role=person.role, allowed=allowed_to(person.role))
+    return Me(
+        name=person.name,
+        role=person.role,
+        version=__version__,
+        allowed=allowed_to(person.role),
+    )
 
 
 @router.get("/tokens")

@@ -123,6 +123,7 @@ function bindUnitsButton(button) {
 }
 
 function showMe(me) {
+  document.querySelector("#version").textContent = me?.version ?? "";
   const element = document.querySelector("#me");
   element.hidden = me === null || me.name === "local";
   if (!element.hidden) element.textContent = `${me.name} · ${me.role}`;

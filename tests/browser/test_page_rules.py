@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Page, expect
 
+from core import __version__
 from core.monitor import Monitor
 from tests.browser.recorded_site import RecordedSite, open_recorded_site
 
@@ -105,6 +106,7 @@ def test_every_page_keeps_the_rules(
     expect(page.locator(".page")).to_be_visible()
     expect(page.locator(":is(.state-loading, .state-error)")).to_have_count(0)
     expect(page.locator("h1").first).to_be_visible()
+    expect(page.locator(".masthead .version")).to_have_text(__version__)
     assert page.evaluate(FINDINGS) == []
     for link in page.locator(".guide-link").all():
         slug, _, anchor = (link.get_attribute("href") or "").removeprefix("/guide/").partition("#")

@@ -19,6 +19,7 @@ from app.access.people import Person
 from app.cli import main
 from app.store.people import Role
 from app.store.store import StoreError
+from core import __version__
 from core.monitor import MonitorRecipe, train
 from tests.support.api import api, problem, store_of
 from tests.support.stored import alarm
@@ -65,7 +66,7 @@ def flight_with_alarms(client: TestClient, dataset: Any, n: int) -> str:
 def test_requests_are_local_and_admin_if_no_token_is_required(tmp_path: Path) -> None:
     with api(tmp_path) as client:
         me = client.get(ME).json()
-        assert (me["name"], me["role"]) == ("local", "admin")
+        assert (me["name"], me["role"], me["version"]) == ("local", "admin", __version__)
         assert "POST /api/v1/tokens" in me["allowed"]
         refused = client.post(TOKENS, json={"name": "Ann", "role": "viewer"})
         assert "forewarn token create" in problem(refused, 409)
