@@ -36,11 +36,12 @@ def store(client: TestClient) -> Store:
 
 @contextmanager
 def counted(store: Store) -> Iterator[list[str]]:
-    """The statements that are executed meanwhile."""
+    """The queries meanwhile."""
     statements: list[str] = []
 
     def note(connection: Any, cursor: Any, statement: str, *_: Any) -> None:
-        statements.append(statement)
+        if statement != "BEGIN":
+            statements.append(statement)
 
     event.listen(store.engine, "before_cursor_execute", note)
     try:

@@ -243,7 +243,9 @@ def test_without_an_answer_an_upload_is_tried_again(
     page: Page, site: RecordedSite, file: Path, allowed_errors: list[str]
 ) -> None:
     allowed_errors.append("ERR_CONNECTION_REFUSED")
-    page.route("**/api/v1/recordings?name=*", lambda route: route.abort("connectionrefused"), times=1)
+    page.route(
+        "**/api/v1/recordings?name=*", lambda route: route.abort("connectionrefused"), times=1
+    )
     page.goto(f"{site.http}/#/recordings")
     choose(page, file)
     expect(page.locator(".upload .error")).to_contain_text("The server does not answer")
