@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,9 +11,12 @@ import numpy.typing as npt
 
 from core.channels import LATERAL, Dictionary
 from core.limits.limits import Specification
-from core.rollouts import LabelledFlights
+from core.rollouts import FlownManoeuvre, LabelledFlights
 from core.seeds import Branch, stream
 from core.types import Array, Indices
+
+FLOWN = "flown"
+"""Key of a recipe: the flown flights among the rollouts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +31,8 @@ class Dataset:
     dt: sample interval [s].
     n_safe_met: safe rollouts before the last unsafe one, stored or not.
     specification: the limits that the unsafe ones exceed; None where unknown.
-    recipe: of the simulation, as plain data; empty for other trajectories.
+    recipe: of the simulation, as plain data; empty for other trajectories. `flown` lists the flown
+    ones: the number of each rollout, unsafe ones first, and its FlownManoeuvre.
     dictionary: of the channels.
     """
 
@@ -62,6 +66,8 @@ class Dataset:
         fails, rng = flights.fails, stream(seed, Branch.SAFE_TIMES)
         safe, n_samples = flights.y[~fails], flights.y.shape[1]
         order = rng.random((len(safe), n_samples)).argsort(axis=1)
+        flown = flights.some(np.argsort(~fails, kind="stable")).flown
+        numbered = [{"rollout": k} | asdict(each) for k, each in enumerate(flown) if each]
         return cls(
             unsafe=flights.y[fails],
             fail_index=flights.fail_index[fails],
@@ -72,6 +78,7 @@ class Dataset:
             dt=flights.dt,
             theta_names=flights.theta_names,
             n_safe_met=len(safe),
+            recipe={FLOWN: numbered} if numbered else {},
             specification=flights.specification,
             dictionary=flights.dictionary,
         )
@@ -79,6 +86,10 @@ class Dataset:
     def flights(self) -> LabelledFlights:
         """All rollouts, failing ones first, to be split by flight."""
         n_safe, n_samples = len(self.safe), self.safe.shape[1]
+        flown: list[FlownManoeuvre | None] = [None] * (len(self.unsafe) + n_safe)
+        for each in self.recipe.get(FLOWN, ()):
+            about = {key: value for key, value in each.items() if key != "rollout"}
+            flown[each["rollout"]] = FlownManoeuvre(**about)
         return LabelledFlights(
             np.concatenate([self.unsafe, self.safe]),
             np.concatenate([self.fail_index, np.full(n_safe, n_samples)]),
@@ -87,7 +98,12 @@ class Dataset:
             self.dictionary,
             self.specification,
             self.theta_names,
+            flown=tuple(flown) if FLOWN in self.recipe else (),
         )
+
+    def without_theta(self) -> "Dataset":
+        unsafe, safe = (np.empty((len(y), 0)) for y in (self.unsafe, self.safe))
+        return replace(self, theta_names=(), theta_unsafe=unsafe, theta_safe=safe)
 
     @property
     def unsafe_rate(self) -> float:

@@ -19,10 +19,28 @@ SEPARATES = 0.995
 """A channel whose first sample ranks failing above safe flights this surely leaks the label."""
 FEWEST_RANKED = 20
 """Flights of either kind needed to say that a channel leaks the label."""
+UNLABELLED = -2
+"""Label of a flight whose failure only the limits tell."""
 
 
 class RolloutsError(ValueError):
     """Rollouts that cannot train a monitor."""
+
+
+@dataclass(frozen=True)
+class FlownManoeuvre:
+    """A manoeuvre of a flown flight.
+
+    flight: name of its recording.   digest: SHA-256 of the recording's file, which tells flights
+    apart.   start, end: [s] in the recording's own time.   recording: its id, if it is stored.
+    """
+
+    flight: str
+    digest: str
+    manoeuvre: str
+    start: float
+    end: float
+    recording: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +51,7 @@ class LabelledFlights:
     fail_index: (n,) first sample that fails, n_samples for a safe flight.
     theta: (n, n_parameters), no columns if unknown.
     findings: what was left out or looks implausible, in words.
+    flown: of each flight, None for a simulated one; empty if all are simulated.
     """
 
     y: Array
@@ -43,14 +62,24 @@ class LabelledFlights:
     specification: Specification
     theta_names: tuple[str, ...] = ()
     findings: tuple[str, ...] = ()
+    flown: tuple[FlownManoeuvre | None, ...] = ()
 
     @property
     def fails(self) -> Flags:
         return self.fail_index < self.y.shape[1]
 
+    @property
+    def is_flown(self) -> Flags:
+        flown = self.flown or (None,) * len(self.y)
+        return np.array([each is not None for each in flown], bool)
+
     def some(self, which: Flags | Indices) -> "LabelledFlights":
         return replace(
-            self, y=self.y[which], fail_index=self.fail_index[which], theta=self.theta[which]
+            self,
+            y=self.y[which],
+            fail_index=self.fail_index[which],
+            theta=self.theta[which],
+            flown=self.flown and tuple(self.flown[k] for k in np.arange(len(self.y))[which]),
         )
 
     @classmethod
@@ -64,14 +93,17 @@ class LabelledFlights:
         limits: Limits | IntervalLimits | None = None,
         theta: npt.ArrayLike | None = None,
         theta_names: Sequence[str] = (),
+        flown: Sequence[FlownManoeuvre | None] = (),
     ) -> "LabelledFlights":
         """Check flights and label them.
 
         y: (n, n_samples, n_channels) SI units, N_y and N_z in g; NaN after the end of a flight.
-        Computed channels are computed, so they may be left out.
+        Computed channels are computed, so they may be left out; those of flown flights are kept.
         channels: a dictionary, or keys of the built-in ones.
-        fail_index: (n,) first sample that fails, -1 or n_samples for a safe flight. Without it,
-        limits tell; with both, the label wins and `findings` count the disagreements.
+        fail_index: (n,) first sample that fails, -1 or n_samples for a safe flight. Without it, or
+        where it is UNLABELLED, limits tell; with both, the label wins and `findings` count the
+        disagreements.
+        flown: of each flight, None for a simulated one; empty if all are simulated.
         RolloutsError if the flights cannot train a monitor.
         """
         y = np.asarray(y, np.float64, order="C")
@@ -84,14 +116,15 @@ class LabelledFlights:
             )
         if not dt > 0:
             raise RolloutsError(f"dt={dt} s was given: give a positive sample interval")
-        y = _completed(y, dt, dictionary)
+        y = _completed(y, dt, dictionary, [each is not None for each in flown])
         fail, findings = labels(y, fail_index, limits)
         theta = np.empty((len(y), 0)) if theta is None else np.array(theta, np.float64)
         if theta.ndim != 2 or len(theta) != len(y):
             raise RolloutsError(f"theta has shape {theta.shape}: give one row for each of {len(y)}")
         names = tuple(theta_names) or tuple(f"theta_{k}" for k in range(1, theta.shape[1] + 1))
         specification = LABEL if limits is None else limits
-        flights = cls(y, fail, theta, float(dt), dictionary, specification, names)
+        about = dictionary, specification, names, (), tuple(flown)
+        flights = cls(y, fail, theta, float(dt), *about)
         flights, cut = _of_one_length(flights)
         flights, repeated = _without_duplicates(flights)
         found = (*findings, *cut, *repeated, *doubts_of(flights))
@@ -106,12 +139,11 @@ class LabelledFlights:
     def split(self, shares: Sequence[float], seed: int = 0) -> list["LabelledFlights"]:
         """Disjoint parts by flight, with equal shares of failing flights.
 
-        Flights with the same parameters stay in one part.   shares: of each part, 1 in all.
+        Simulated flights with the same parameters, and all manoeuvres of one flown flight, stay in
+        one part.   shares: of each part, 1 in all.
         """
         rng, ends = np.random.default_rng(seed), np.cumsum(shares)
-        setting = np.arange(len(self.y))
-        if self.theta.shape[1]:
-            setting = np.unique(self.theta, axis=0, return_inverse=True)[1].reshape(-1)
+        setting = self.settings()
         part = np.empty(setting.max() + 1, np.int64)
         failing = np.zeros(len(part), bool)
         failing[setting[self.fails]] = True
@@ -120,6 +152,19 @@ class LabelledFlights:
             place = (np.arange(len(those)) + 0.5) / max(len(those), 1)
             part[those] = np.searchsorted(ends[:-1], place, side="right")
         return [self.some(part[setting] == k) for k in range(len(ends))]
+
+    def settings(self) -> Indices:
+        """(n,) number of the parameter setting, or of the flown flight."""
+        setting = np.arange(len(self.y))
+        if self.theta.shape[1]:
+            setting = np.unique(self.theta, axis=0, return_inverse=True)[1].reshape(-1)
+        if not self.flown:
+            return setting
+        numbers: dict[str, int] = {}
+        for k, each in enumerate(self.flown):
+            if each is not None:
+                setting[k] = len(self.y) + numbers.setdefault(each.digest, len(numbers))
+        return np.unique(setting, return_inverse=True)[1].reshape(-1)
 
 
 def dictionary_of(keys: Sequence[str]) -> Dictionary:
@@ -141,9 +186,14 @@ def dictionary_of(keys: Sequence[str]) -> Dictionary:
         raise RolloutsError(str(error)) from error
 
 
-def _completed(y: Array, dt: float, dictionary: Dictionary) -> Array:
-    """Flights with computed channels. RolloutsError where a formula gives no number."""
-    y = complete(dictionary, y, dt)
+def _completed(y: Array, dt: float, dictionary: Dictionary, flown: Sequence[bool]) -> Array:
+    """Flights with computed channels. RolloutsError where a formula gives no number.
+
+    flown: flights whose channels were computed before their trim was removed; may be empty.
+    """
+    given, y = y, complete(dictionary, y, dt)
+    if any(flown) and y is not given:
+        y[np.array(flown)] = given[np.array(flown)]
     for c, formula in dictionary.formulas:
         unknown = ~np.isfinite(y[..., [c, *formula.inputs]])
         n = int((unknown[..., 0] & ~unknown[..., 1:].any(axis=2)).any(axis=1).sum())
@@ -180,17 +230,19 @@ def labels(
             raise RolloutsError("the limits are of other channels: give limits of these")
         over = envelope.exceeds(y)
         measured = np.where(over.any(axis=1), over.argmax(axis=1), n_samples)
-    if fail_index is None:
-        if measured is None:
-            raise RolloutsError("neither fail_index nor limits were given: give one of them")
-        return measured, []
-    fail = np.array(fail_index, np.int64)
-    if fail.shape != (n,) or (fail < -1).any() or (fail > n_samples).any():
+    fail = np.full(n, UNLABELLED) if fail_index is None else np.array(fail_index, np.int64)
+    if fail.shape != (n,) or (fail < UNLABELLED).any() or (fail > n_samples).any():
         raise RolloutsError(
             f"fail_index has shape {fail.shape}, values {fail.min()} to {fail.max()}: give one for "
             f"each of {n} flights, the first failing sample or -1"
         )
+    unlabelled = fail == UNLABELLED
+    if measured is None and unlabelled.any():
+        some = "" if unlabelled.all() else f" for {unlabelled.sum()} of {n} flights"
+        raise RolloutsError(f"neither fail_index nor limits were given{some}: give one of them")
     fail = np.where(fail < 0, n_samples, fail)
+    if measured is not None:
+        fail = np.where(unlabelled, measured, fail)
     if measured is None:
         return fail, []
     apart = np.flatnonzero((fail < n_samples) != (measured < n_samples))
@@ -220,6 +272,11 @@ def _of_one_length(flights: LabelledFlights) -> tuple[LabelledFlights, list[str]
     horizon, texts = int(lengths[counts.argmax()]), []
     fail = np.minimum(flights.fail_index, horizon)
     fails = fail < horizon
+    if late := int((flights.fails & ~fails).sum()):
+        texts.append(
+            f"{late} flights fail only after {horizon * flights.dt:g} s, the usual length of safe "
+            "ones: they count as safe"
+        )
     short = ~fails & (length < horizon)
     torn = fails & (length <= fail)
     if short.any():
@@ -232,8 +289,7 @@ def _of_one_length(flights: LabelledFlights) -> tuple[LabelledFlights, list[str]
     keep = ~(short | torn)
     y = np.ascontiguousarray(flights.y[keep, :horizon])
     y[np.arange(horizon) > fail[keep, np.newaxis]] = np.nan
-    kept = replace(flights, y=y, fail_index=fail[keep], theta=flights.theta[keep])
-    return kept, texts
+    return replace(flights.some(keep), y=y, fail_index=fail[keep]), texts
 
 
 def unlike(y: Array) -> Flags:
@@ -257,7 +313,8 @@ def _without_duplicates(flights: LabelledFlights) -> tuple[LabelledFlights, list
 
 def doubts_of(flights: LabelledFlights) -> tuple[str, ...]:
     """What looks implausible in flights, in words."""
-    return (*_leaks(flights), *_one_setting(flights), *_no_control(flights.dictionary))
+    doubts = _leaks(flights), _one_setting(flights), _no_control(flights.dictionary)
+    return tuple(text for texts in (*doubts, _few_flights(flights)) for text in texts)
 
 
 def _leaks(flights: LabelledFlights) -> list[str]:
@@ -282,7 +339,20 @@ def _leaks(flights: LabelledFlights) -> list[str]:
 def _one_setting(flights: LabelledFlights) -> list[str]:
     if not flights.theta.shape[1]:
         return []
-    failing = np.unique(flights.theta[flights.fails], axis=0)
-    if len(failing) != 1 or len(np.unique(flights.theta, axis=0)) == 1:
+    theta = flights.theta[~flights.is_flown]
+    failing = np.unique(theta[flights.fails[~flights.is_flown]], axis=0)
+    if len(failing) != 1 or len(np.unique(theta, axis=0)) == 1:
         return []
     return ["all failing flights have the same parameters: the promise holds for these only"]
+
+
+def _few_flights(flights: LabelledFlights) -> list[str]:
+    """That several failing manoeuvres are of one flown flight."""
+    pairs = zip(flights.flown, flights.fails, strict=False)
+    failing = [each.digest for each, fails in pairs if each is not None and fails]
+    if len(failing) == len(set(failing)):
+        return []
+    return [
+        f"the {len(failing)} flown failures are of {len(set(failing))} flights: manoeuvres of one "
+        "flight resemble each other, so they promise less than as many flights"
+    ]

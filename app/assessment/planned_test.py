@@ -10,6 +10,7 @@ from app.recipes.recipes import from_plain
 from core.channels import LATERAL, Dictionary
 from core.limits.limits import Envelope
 from core.monitor import Monitor
+from core.monitor.validity.flown_input import FreshInputs, InputSupport
 from core.planned_test.collection import DatasetRecipe
 from core.simulation.aircraft import Aircraft
 from core.simulation.maneuver import Maneuver
@@ -85,34 +86,55 @@ class PlannedTest:
 
 def planned_test(monitor: Monitor) -> PlannedTest:
     """The test a monitor was trained for, as far as it records it."""
-    if monitor.dictionary != LATERAL:
-        return _flown_test(monitor)
-    recipe: dict[str, Any] = monitor.dataset_recipe
+    if monitor.dictionary == LATERAL:
+        test = _recipe_test(monitor.dt, limits_of(monitor), monitor.dataset_recipe)
+    else:
+        length = float(monitor.safe_where[:, 1].max()) * monitor.dt
+        about = monitor.dt, limits_of(monitor), monitor.dictionary
+        test = _flown_test(*about, monitor.inputs, length)
+    return replace(test, limits_known=monitor.envelope is not None)
+
+
+def rollouts_test(
+    y: Array, dt: float, dictionary: Dictionary, recipe: dict[str, Any]
+) -> PlannedTest:
+    """The test of rollouts: that of their recipe, or as their controls moved and they lasted.
+
+    y: (n, n_samples, n_channels) NaN after the end.   dt: [s].
+    """
+    unlimited = Envelope.unlimited(len(dictionary))
+    if "maneuver" in recipe:
+        return _recipe_test(dt, unlimited, recipe)
+    inputs = None
+    if dictionary.of_role("control"):
+        fresh = FreshInputs(dt, dictionary)
+        fresh.add(y, np.full(len(y), y.shape[1]))
+        inputs = fresh.support
+    return _flown_test(dt, unlimited, dictionary, inputs, (y.shape[1] - 1) * dt)
+
+
+def _recipe_test(dt: float, limits: Envelope, recipe: dict[str, Any]) -> PlannedTest:
     given = {part: {part: recipe[part]} for part in ("maneuver", "aircraft") if part in recipe}
     parts = {
         part: getattr(from_plain(DatasetRecipe(), plain), part) for part, plain in given.items()
     }
-    return PlannedTest(
-        monitor.dt, limits_of(monitor), limits_known=monitor.envelope is not None, **parts
-    )
+    return PlannedTest(dt, limits, **parts)
 
 
-def _flown_test(monitor: Monitor) -> PlannedTest:
-    """The test of a monitor that was trained on flights of any simulator."""
-    controls = monitor.dictionary.of_role("control")
+def _flown_test(
+    dt: float,
+    limits: Envelope,
+    dictionary: Dictionary,
+    inputs: InputSupport | None,
+    length: float,
+) -> PlannedTest:
+    """The test of flights of any simulator. inputs: how their controls moved.   length: [s]."""
+    controls = dictionary.of_role("control")
     flown = np.zeros(len(controls))
-    if monitor.inputs is not None:
-        moved = zip(monitor.inputs.surfaces.tolist(), monitor.inputs.usual.tolist(), strict=True)
-        for c, usual in moved:
+    if inputs is not None:
+        for c, usual in zip(inputs.surfaces.tolist(), inputs.usual.tolist(), strict=True):
             flown[controls.index(c)] = usual
-    return PlannedTest(
-        monitor.dt,
-        limits_of(monitor),
-        limits_known=monitor.envelope is not None,
-        dictionary=monitor.dictionary,
-        flown=flown,
-        length=float(monitor.safe_where[:, 1].max()) * monitor.dt,
-    )
+    return PlannedTest(dt, limits, dictionary=dictionary, flown=flown, length=length)
 
 
 def limits_of(monitor: Monitor) -> Envelope:

@@ -90,6 +90,7 @@ class RecordedFlight:
     traces: repaired.   judged: every received sample, by flight time.   recording: on the monitor's
     grid.   begun: rows with which a manoeuvre is begun by hand.   needed: (n_channels,) channels
     the monitor needs.   timeline: limits in force over time; None where no limit set was in force.
+    use: in the training of the monitor; empty for none.
     """
 
     monitor: Monitor
@@ -102,6 +103,7 @@ class RecordedFlight:
     needed: Flags
     notes: tuple[str, ...]
     timeline: InForceTimeline | None = None
+    use: str = ""
 
     @cached_property
     def manoeuvres(self) -> list[FollowedManoeuvre]:

@@ -38,6 +38,7 @@ from app.telemetry.contents import release
 from app.telemetry.recording import ATTITUDE, Recording
 from app.telemetry.timing.repair import RepairedTraces
 from core.channels import LATERAL
+from core.evaluation.certificate import use_of
 from core.limits.exceedance import SAME_TIME
 from core.monitor import Assessments, Monitor
 from core.monitor.assessment import STATES, State, Withdrawal
@@ -56,16 +57,18 @@ def score(
     recorded: RepairedTraces,
     recipe: ScoringRecipe | None = None,
     history: LimitsHistory | None = None,
+    digest: str = "",
 ) -> ScoredRecording:
     """Score a recording.
 
     recorded: in SI units.   history: limits that were in force; None for the monitor's own. They
     decide what an exceedance is; where they differ from the monitor's, it is not applicable.
+    digest: SHA-256 of its file, by which a flight that trained the monitor is known.
     TelemetryError where the recording lacks what the monitor needs or the recipe does not fit it;
     ValueError for an epsilon that the monitor is too small for.
     """
     recipe = recipe or ScoringRecipe()
-    return score_at_each(monitor, recorded, recipe, (recipe.epsilon,), history)[0]
+    return score_at_each(monitor, recorded, recipe, (recipe.epsilon,), history, digest)[0]
 
 
 def score_at_each(
@@ -74,11 +77,13 @@ def score_at_each(
     recipe: ScoringRecipe,
     epsilons: Sequence[float | None],
     history: LimitsHistory | None = None,
+    digest: str = "",
 ) -> tuple[ScoredRecording, ...]:
     """Score at several miss rates in one pass: only the alerts depend on epsilon."""
     checked = [monitor.check_epsilon(epsilon) for epsilon in epsilons]
     levels = [(epsilon, monitor.alert_above(epsilon)) for epsilon in checked]
     flight = RecordedFlight.of(monitor, recorded, history)
+    flight = replace(flight, use=use_of(monitor.evaluation, digest))
     usual = recipe.to_plain() | {"epsilon": None} == USUAL
     if recorded.flown is not None and recorded.flown.is_trimmed and usual:
         recipe = replace(recipe, trim=None, manoeuvres="entire")  # as in the flight
@@ -86,7 +91,8 @@ def score_at_each(
     selected, notes = segments(flight.recording, flight.planned, recipe, followed)
     judged = _judge_all(flight, selected)
     outside = _outside(flight, judged)
-    notes = (*flight.notes, *notes, *notes_on_outside(outside, monitor.dictionary))
+    used = [f"{flight.use[0].upper()}{flight.use[1:]}."] if flight.use else []
+    notes = (*used, *flight.notes, *notes, *notes_on_outside(outside, monitor.dictionary))
     checks = compatibility(flight.traces) if monitor.dictionary == LATERAL else ()
     t = flight.recording.t
     timeline = flight.timeline
@@ -363,7 +369,7 @@ def _verdict(
         trim=tuple(None if np.isnan(value) else float(value) for value in judged.assessed.trim),
         validity=judged.validity,
         outcome="invalid" if peak is None else result,
-        guarantee=guarantee(flight.monitor, judged.validity, epsilon),
+        guarantee=guarantee(flight.monitor, judged.validity, epsilon, flight.use),
         peak_risk=None if peak is None else float(part["p_value"][peak]),
         peak_t=float(part["t"][peak]) if rises else None,
         alerts=alerts,

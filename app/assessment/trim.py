@@ -181,13 +181,18 @@ def input_sizes(planned: PlannedTest) -> Array:
 
 
 def _moving(monitor: Monitor, planned: PlannedTest) -> Array:
-    """(n_channels,) what counts as motion of the monitor's responses.
+    moving = motion(planned, monitor.training_max_abs)
+    moving[~needed_channels(monitor)] = np.inf
+    return moving
+
+
+def motion(planned: PlannedTest, usual: Array) -> Array:
+    """(n_channels,) what counts as motion of each. usual: its largest in training.
 
     The next larger power of two, so that other monitors of the same test measure the same trim.
     """
-    moving = 2.0 ** np.ceil(np.log2(largest_at_rest(monitor.training_max_abs)))
-    moving[[*planned.controls, *monitor.dictionary.absolute]] = np.inf
-    moving[~needed_channels(monitor)] = np.inf
+    moving = 2.0 ** np.ceil(np.log2(largest_at_rest(usual)))
+    moving[[*planned.controls, *planned.dictionary.absolute]] = np.inf
     return moving
 
 

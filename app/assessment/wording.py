@@ -11,6 +11,7 @@ from app.assessment.planned_test import PlannedTest
 from app.assessment.scored import Validity
 from app.assessment.segments import Segment
 from core.channels import BY_KEY, Channel, Dictionary
+from core.evaluation.certificate import calibrated_on
 from core.limits.exceedance import SAME_TIME
 from core.limits.limits import exceeded_end, limits_in_words
 from core.monitor import Assessments, Monitor
@@ -29,8 +30,10 @@ def alerts_above(epsilon: float, alert_above: float, promise: Guarantee) -> str:
     return f"{alert_above:.4g}, the threshold for ε = {epsilon:.4g}{confidence}"
 
 
-def guarantee(monitor: Monitor, validity: Validity, epsilon: float) -> str:
-    """The guarantee for a segment, or why it does not apply."""
+def guarantee(monitor: Monitor, validity: Validity, epsilon: float, use: str = "") -> str:
+    """The guarantee for a segment, or why it does not apply. use: of the flight in training."""
+    if use:
+        return f"No guarantee: {use}, so its result is no evidence."
     if validity.valid is not True:
         first, *more = validity.reasons
         others = f" (and {len(more)} more)" if more else ""
@@ -38,11 +41,14 @@ def guarantee(monitor: Monitor, validity: Validity, epsilon: float) -> str:
         return f"{status}: {first}{others}."
     level = monitor.support.level if monitor.support else 0.0
     open_ = [check.text for check in validity.checks if check.ok is None]
+    drawn = (
+        "those that calibrated it" if calibrated_on(monitor.evaluation) else "the simulated ones"
+    )
     proviso = f" Not fully known whether this applies here: {'; '.join(open_)}." if open_ else ""
     return (
         f"At most {epsilon:.4g} of the flights that exceed a limit get no alert {monitor.lead:g} s "
-        f"or more before it, {PROMISED[monitor.recipe.guarantee]}, for flights like the simulated "
-        f"ones; at most {level:.4g} of such flights are wrongly called invalid.{proviso}"
+        f"or more before it, {PROMISED[monitor.recipe.guarantee]}, for flights like "
+        f"{drawn}; at most {level:.4g} of such flights are wrongly called invalid.{proviso}"
     )
 
 

@@ -19,6 +19,7 @@ from app.commands.options.recipe import (
     print_recipe,
 )
 from app.commands.output.results import check_file, print_result, progress_bar
+from app.commands.output.scores import read_mapping
 from app.jobs.requests import N_TEST
 from app.jobs.training import (
     FlownTest,
@@ -29,12 +30,19 @@ from app.jobs.training import (
     train_on_simulator,
 )
 from app.recipes import labels
-from app.recipes.recipes import RecipeError, dataset_for, from_plain, monitor_as_ordered
-from app.telemetry.limit_texts import labelled
+from app.recipes.recipes import (
+    RecipeError,
+    dataset_for,
+    from_plain,
+    monitor_as_ordered,
+    simulated_test,
+)
+from app.recordings.flown_flights import RolloutSources, no_rollouts, recorded_files
 from app.telemetry.rollouts import read_dictionary, read_rollouts
 from core.bounds import Bounds, check_bounds
+from core.channels import LATERAL
 from core.dataset import Dataset
-from core.evaluation.certificate import warnings_of
+from core.evaluation.certificate import calibrated_on, warnings_of
 from core.evaluation.prevention import Prevention
 from core.evaluation.rates import Evaluation, clopper_pearson
 from core.evaluation.robustness import DIFFERENCES, by_aircraft
@@ -42,7 +50,11 @@ from core.monitor import Monitor, MonitorRecipe
 from core.monitor.calibration import check_epsilon
 from core.monitor.training import check_lead
 from core.planned_test.collection import DatasetRecipe, card_of
+from core.planned_test.own import OwnTest
 from core.rollouts import doubts_of
+
+SIMULATED = "simulated"
+"""Source of the rollouts that the recipe simulates."""
 
 
 @dataclass(frozen=True)
@@ -70,9 +82,25 @@ def add(parser: argparse.ArgumentParser) -> None:
         own,
         "--rollouts SOURCE",
         "flights of your simulator: a folder with a file for each, a table with a column flight, "
-        "or arrays y, dt, channels, units in npz, MATLAB or HDF5",
+        "or arrays y, dt, channels, units in npz, MATLAB or HDF5; "
+        f"{SIMULATED}: those of the recipe, beside --recordings",
         type=Path,
     )
+    option(
+        own,
+        "--recordings FILE",
+        "recordings of flown flights, in any known format, whose manoeuvres are rollouts: alone, "
+        "or beside --rollouts or --simulator",
+        type=Path,
+        nargs="+",
+    )
+    option(
+        own,
+        "--label FILE=safe|TIME[,TIME]",
+        "outcome of a recording: safe, or its times of failure [s]; by the limits if absent",
+        action="append",
+    )
+    option(own, "--mapping FILE.json", "of all recordings; proposed for each if absent", type=Path)
     option(own, "--dictionary FILE", "channels as JSON or CSV: key, unit, role ...", type=Path)
     option(
         own,
@@ -86,22 +114,22 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    if options.simulator is not None:
+    for name in ("label", "mapping"):
+        if options.recordings is None and getattr(options, name) is not None:
+            raise RecipeError(f"--{name} was given without --recordings: give both")
+    if options.simulator is not None and options.recordings is None:
         return run_on_simulator(options)
-    if options.rollouts is not None:
+    if options.rollouts is not None or options.recordings is not None:
         return run_on_rollouts(options)
     for name in ("dictionary", "channel"):
         if getattr(options, name) is not None:
-            raise RecipeError(f"--{name} was given without --rollouts: give both")
-    recipe = from_plain(TrainingRecipe(), plain_recipe(options))
-    recipe = replace(recipe, dataset=dataset_for(recipe.monitor, recipe.dataset))
+            raise RecipeError(f"--{name} was given without --rollouts or --recordings: give both")
+    recipe = recipe_of(options)
     if options.print_recipe:
         return print_recipe(recipe)
-    check_lead(recipe.monitor.t_early, recipe.dataset.maneuver.duration_s)
     check_epsilon(recipe.monitor.epsilon, recipe.dataset.n_unsafe, recipe.monitor.guarantee)
     check_file(options.out)
-    with progress_bar("unsafe rollouts") as progress:
-        dataset = simulate(recipe.dataset, lambda _, done, total: progress(done, total))
+    dataset = simulated(recipe.dataset)
     training = train_and_test(dataset, recipe.monitor, recipe.n_test, lambda *_: None)
     return _finish(options, training)
 
@@ -116,8 +144,7 @@ def run_on_simulator(options: argparse.Namespace) -> int:
         card_of(test)
     n_test = vars(options).get(".n_test")
     n_test = TrainingRecipe(n_test=N_TEST if n_test is None else n_test).n_test
-    with progress_bar("unsafe rollouts") as progress:
-        dataset = simulate(test, lambda _, done, total: progress(done, total))
+    dataset = simulated(test)
     flights = dataset.flights()
     test.flown_by.check_unlike(flights.y)
     training = train_on_simulator(
@@ -131,16 +158,48 @@ def run_on_simulator(options: argparse.Namespace) -> int:
     return _finish(options, training, doubts_of(flights))
 
 
+def recipe_of(options: argparse.Namespace) -> TrainingRecipe:
+    recipe = from_plain(TrainingRecipe(), plain_recipe(options))
+    recipe = replace(recipe, dataset=dataset_for(recipe.monitor, recipe.dataset))
+    check_lead(recipe.monitor.t_early, recipe.dataset.maneuver.duration_s)
+    return recipe
+
+
+def simulated(test: DatasetRecipe | OwnTest) -> Dataset:
+    with progress_bar("unsafe rollouts") as progress:
+        return simulate(test, lambda _, done, total: progress(done, total))
+
+
+def rollouts_of(options: argparse.Namespace, recipe: MonitorRecipe) -> RolloutSources:
+    """Own rollouts, from files, recordings or both. TelemetryError, RecipeError."""
+    flown = None
+    if options.recordings is not None:
+        mapping = None if options.mapping is None else read_mapping(options.mapping)
+        flown = recorded_files(options.recordings, mapping, options.label or ())
+        if options.simulator is not None:
+            return RolloutSources.beside(simulated(own_test(options, recipe.t_early)), flown)
+    if flown is not None and f"{options.rollouts}" == SIMULATED:
+        for name in ("dictionary", "channel"):
+            if getattr(options, name) is not None:
+                raise RecipeError(f"--{name} was given beside simulated rollouts: leave it out")
+        return RolloutSources.beside(simulated(recipe_of(options).dataset), flown)
+    given = None if options.dictionary is None else read_dictionary(options.dictionary)
+    dt, channels, limits = getattr(options, "dataset.dt"), options.channel, options.limit
+    if options.rollouts is not None:
+        read = read_rollouts(options.rollouts, given, dt=dt)
+    else:
+        read = no_rollouts(LATERAL if given is None else given.dictionary, dt)
+    return RolloutSources(read, flown, None, channels or (), limits or ())
+
+
 def run_on_rollouts(options: argparse.Namespace) -> int:
     plain = monitor_options(options)
     recipe = from_plain(MonitorRecipe(), monitor_as_ordered(plain))
     check_file(options.out)
-    dictionary = None if options.dictionary is None else read_dictionary(options.dictionary)
-    read = read_rollouts(options.rollouts, dictionary, dt=getattr(options, "dataset.dt"))
-    flights = labelled(read, options.channel or (), options.limit or ())
+    dataset, findings = rollouts_of(options, recipe).to_dataset()
     choose = not plain.keys() & {"predictor", "score"}
-    training = train_on_flights(Dataset.from_flights(flights), recipe, choose, lambda *_: None)
-    return _finish(options, training, flights.findings)
+    training = train_on_flights(dataset, recipe, choose, lambda *_: None)
+    return _finish(options, training, findings)
 
 
 def _finish(
@@ -217,6 +276,7 @@ def report(training: Training) -> str:
         f"calibrated on {len(monitor.alphas)} failures{_group_sizes(monitor)}; {monitor.n_early} "
         f"failed earlier than the warning lead time of {monitor.lead:g} s; smallest epsilon "
         f"{monitor.smallest_epsilon:.3g}",
+        *filter(None, [calibrated_on(monitor.evaluation)]),
         _validity_line(training),
         *promise_lines(monitor, test),
     ]
@@ -236,7 +296,7 @@ def promise_lines(monitor: Monitor, test: FlownTest | None) -> list[str]:
 
 def _dataset_line(dataset: Dataset) -> str:
     recipe = dataset.recipe
-    if not recipe:
+    if simulated_test(recipe) is None:
         n_unsafe, n_safe = len(dataset.unsafe), len(dataset.safe)
         return f"trained on {n_unsafe} failing and {n_safe} safe flights"
     kinds = (recipe.get(part, {}).get("kind") for part in ("aircraft", "control_law", "maneuver"))

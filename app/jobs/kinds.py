@@ -21,9 +21,10 @@ from app.jobs.training import (
     with_test,
 )
 from app.recipes.recipes import USUAL_MONITOR
+from app.recordings.flown_flights import sent_rollouts
+from app.recordings.recordings import Recordings
 from app.recordings.rollouts import SentRollouts
 from app.store.store import Store
-from core.dataset import Dataset
 from core.evaluation.epsilon_choice import Choice, ChoiceRecipe, choose
 from core.evaluation.lead_sweep import SweepRecipe, sweep
 from core.evaluation.rates import clopper_pearson
@@ -47,18 +48,19 @@ def simulate_dataset(task: Task, name: str, recipe: DatasetRecipe, store: Store)
     return {"dataset": store.datasets.add(dataset, name).id}
 
 
-def add_rollouts(task: Task, sent: SentRollouts, most_bytes: int, store: Store) -> Result:
-    """Read, check and store rollouts; the result has the dataset's id and what was found."""
+def add_rollouts(task: Task, sent: SentRollouts, recordings: Recordings, most: int) -> Result:
+    """Read, check and store rollouts; the result has the dataset's id and what was found.
+
+    most: size of their array [bytes].
+    """
     task.progress("reading the rollouts", 0, 3)
-    read = sent.read(most_bytes)
-    task.progress(f"checking {len(read.y)} flights", 1, 3)
-    flights = sent.labelled(read)
-    del read  # as large as the flights
-    dataset, findings = Dataset.from_flights(flights), list(flights.findings)
-    del flights
+    rollouts = sent_rollouts(sent, recordings, most)
+    task.progress("checking the flights", 1, 3)
+    dataset, findings = rollouts.to_dataset()
+    del rollouts  # as large as the flights
     findings += too_few(len(dataset.unsafe), USUAL_MONITOR)
     task.progress("storing", 2, 3)
-    info = store.datasets.add(dataset, sent.name, findings)
+    info = recordings.store.datasets.add(dataset, sent.name, findings)
     counts = {"n_unsafe": info.n_unsafe, "n_safe": info.n_safe}
     return {"dataset": info.id, "findings": findings} | counts
 

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from app.recipes.recipes import own_code, simulated_test
-from core.dataset import Dataset
+from core.dataset import FLOWN, Dataset
+from core.evaluation.certificate import USES
 from core.evaluation.method_choice import best_of, plain_threshold, try_methods
 from core.evaluation.prevention import Prevention, prevention
 from core.evaluation.rates import (
@@ -23,7 +24,7 @@ from core.evaluation.rates import (
 from core.evaluation.robustness import DIFFERENCES, by_aircraft, robustness
 from core.monitor import Monitor, MonitorRecipe, train
 from core.monitor.calibration import failures_needed, smallest_epsilon
-from core.monitor.training import Flights, with_validity
+from core.monitor.training import Flights, halves_of, with_validity
 from core.monitor.validity.support import SupportError
 from core.planned_test.collection import (
     MOST_FRESH,
@@ -52,7 +53,7 @@ LEAD_BINS = 20
 CHOICE_FLIGHTS = 1_000
 """Fresh flights of an own simulator on which methods are tried."""
 SHARES = (0.5, 0.15, 0.15, 0.2)
-PARTS = "train and calibrate", "choose the method", "calibrate validity", "certify"
+PARTS = tuple(USES)
 """Shares of own flights, and what each part does."""
 
 
@@ -384,7 +385,12 @@ def train_on_flights(
     recipe = recipe.as_planned()
     flights = whole.flights()
     learning, choosing, checking, testing = flights.split(SHARES, seed)
-    dataset = replace(Dataset.from_flights(learning, seed=seed), recipe=whole.recipe)
+    dataset = Dataset.from_flights(learning, seed=seed)
+    recipe_of = whole.recipe
+    if flights.flown:
+        recipe_of = recipe_of | {FLOWN: dataset.recipe.get(FLOWN, [])}
+        dataset = dataset.without_theta()  # flown flights have none
+    dataset = replace(dataset, recipe=recipe_of)
     progress("training", 0, 2)
     more = checking.y, checking.fail_index
     monitor, methods = _learned(dataset, recipe, choosing if choose else None, more)
@@ -395,13 +401,55 @@ def train_on_flights(
         not_calibrated = str(error)
     progress(f"testing on {len(testing.y)} held-out flights", 1, 2)
     test, _ = _tested(monitor, testing.y, testing.fail_index)
+    if origins := _by_origin(monitor, testing):
+        test = replace(test, groups=test.groups | {"origin": origins})
     monitor = replace(monitor, dataset_digest=whole.digest())
     monitor = _with_evaluation(monitor, test, len(testing.y), float(flights.fails.mean()))
-    parts = zip(PARTS, (learning, choosing, checking, testing), strict=True)
-    own = {"flights": {name: len(part.y) for name, part in parts}}
+    parts = dict(zip(PARTS, (learning, choosing, checking, testing), strict=True))
+    own: dict[str, Any] = {"flights": {name: len(part.y) for name, part in parts.items()}}
+    if flights.flown:
+        own |= {"flown": _used(parts), "calibrated_on": _calibrated_on(dataset, monitor)}
     monitor = replace(monitor, evaluation=(monitor.evaluation or {}) | own | methods)
     progress("done", 2, 2)
     return Training(dataset, monitor, test, not_calibrated)
+
+
+def _by_origin(monitor: Monitor, flights: LabelledFlights) -> dict[str, Evaluation]:
+    """Counts on failing simulated and flown flights; none unless there are both."""
+    kinds = {"simulated": flights.fails & ~flights.is_flown}
+    kinds["flown"] = flights.fails & flights.is_flown
+    if not all(those.any() for those in kinds.values()):
+        return {}
+    at = np.array([monitor.check_epsilon()])
+    return {
+        name: evaluate(monitor, flights.y[those], flights.fail_index[those], at)
+        for name, those in kinds.items()
+    }
+
+
+def _used(parts: dict[str, LabelledFlights]) -> list[dict[str, Any]]:
+    """The flown flights and what each was used for, with its numbers of manoeuvres."""
+    used: dict[str, dict[str, Any]] = {}
+    for part, flights in parts.items():
+        for each, fails in zip(flights.flown, flights.fails.tolist(), strict=True):
+            if each is None:
+                continue
+            counts = {"part": part, "manoeuvres": 0, "failures": 0}
+            flight = {"flight": each.flight, "recording": each.recording, "digest": each.digest}
+            row = used.setdefault(each.digest, flight | counts)
+            row["manoeuvres"] += 1
+            row["failures"] += fails
+    return list(used.values())
+
+
+def _calibrated_on(dataset: Dataset, monitor: Monitor) -> dict[str, int]:
+    """Failures that calibrate, by origin, and the number of flights of the flown ones."""
+    numbers = np.arange(len(dataset.unsafe))
+    if monitor.recipe.predictor.forecast == "ensemble":
+        numbers = halves_of(dataset)[1]
+    of = dataset.flights().flown
+    flown = [each.digest for k in numbers.tolist() if (each := of[k])] if of else []
+    return {"simulated": len(numbers) - len(flown), "flown": len(flown), "flights": len(set(flown))}
 
 
 def _prevention(result: Prevention) -> dict[str, Any]:

@@ -1,8 +1,8 @@
-"""Rollouts as they are sent: files of flights, and what the sender says of them."""
+"""Rollouts as they are sent: files of flights or stored recordings, and what is said of them."""
 
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Collection, Iterable
 from dataclasses import dataclass, field
-from math import inf
+from math import inf, isfinite, nan
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from app.recordings.files import reporting_full_disk
 from app.recordings.upload import SentField, plain_name, receive
-from app.telemetry.limit_texts import labelled, rest_of
+from app.telemetry.limit_texts import rest_of
 from app.telemetry.recording import TelemetryError
 from app.telemetry.rollouts import (
     GivenDictionary,
@@ -20,7 +20,7 @@ from app.telemetry.rollouts import (
 )
 from core.computed import complete
 from core.recipe import instead_of
-from core.rollouts import LabelledFlights
+from core.rollouts import UNLABELLED
 
 MOST_FILES = 20_000
 MOST_TEXT = 2**18
@@ -30,16 +30,25 @@ MOST_NAME_BYTES = 255
 """Of a file name, on the usual file systems."""
 FILES = "files"
 """Folder of the sent files, within that of the upload."""
-TEXTS = ("name", "dictionary", "channel", "limit", "dt")
+TEXTS = (
+    *("name", "dictionary", "channel", "limit", "dt"),
+    *("recording", "label", "dataset"),
+)
 """Fields that are no files."""
+LISTS = {name: f"{name}s" for name in ("limit", "channel", "recording", "label")}
+"""Fields that hold one value a line or are sent several times, and what they add to."""
+SAFE = "safe"
+"""Label of a recording without a failure."""
 
 
 @dataclass
 class SentRollouts:
-    """Files of rollouts, received into a folder.
+    """Files of rollouts, received into a folder, or stored recordings and rollouts.
 
     name: of the dataset.   files: their names.   dictionary: None to make it from the files.
     channels, limits: as the command line writes them.   dt: [s], None if the files give it.
+    recordings: ids of those whose manoeuvres are rollouts, or ID/SCORING for those of a scoring.
+    labels: see `failures_of`.   dataset: id of stored rollouts to join, "" for none.
     """
 
     folder: Path
@@ -49,14 +58,17 @@ class SentRollouts:
     channels: list[str] = field(default_factory=list)
     limits: list[str] = field(default_factory=list)
     dt: float | None = None
+    recordings: list[str] = field(default_factory=list)
+    labels: list[str] = field(default_factory=list)
+    dataset: str = ""
 
     def set_field(self, name: str, text: str, file_name: str = "") -> None:
         """Set a text field. TelemetryError."""
         lines = [part for line in text.splitlines() if (part := line.strip())]
-        if name == "limit":
-            self.limits += lines
-        elif name == "channel":
-            self.channels += lines
+        if name in LISTS:
+            getattr(self, LISTS[name]).extend(lines)
+        elif name == "dataset":
+            self.dataset = text.strip()
         elif name == "dictionary":
             title = Path(file_name).stem or "the dictionary"
             self.dictionary = dictionary_of_text(text, title) if text.strip() else None
@@ -67,6 +79,8 @@ class SentRollouts:
 
     def is_json(self) -> bool:
         """Whether the first file looks like JSON."""
+        if not self.files:
+            return False
         with (self.folder / FILES / self.files[0]).open("rb") as file:
             return file.read(1) in (b"{", b"[")
 
@@ -85,9 +99,20 @@ class SentRollouts:
                 place=self.folder,
             )
 
-    def labelled(self, read: RolloutFile) -> LabelledFlights:
-        """The flights as read, checked and labelled. ValueError."""
-        return labelled(read, self.channels, self.limits)
+    def check(self) -> None:
+        """TelemetryError for what cannot be used together."""
+        if not (self.files or self.recordings):
+            raise TelemetryError(
+                "there is no file: send one or several files of rollouts, or name recordings"
+            )
+        if self.dataset:
+            given = {"file": self.files, "dictionary": self.dictionary, "channel": self.channels}
+            given |= {"limit": self.limits, "dt": self.dt}
+            if wrong := [name for name, value in given.items() if value]:
+                raise TelemetryError(
+                    f"{wrong[0]} was given beside a dataset, which has its own: leave it out"
+                )
+        failures_of(self.labels, self.recordings)
 
     def as_plain(self) -> dict[str, Any]:
         """What is kept of it with a job."""
@@ -98,6 +123,8 @@ class SentRollouts:
             "files": [*self.files[:most], *more],
             "channels": self.channels,
             "limits": self.limits,
+            "recordings": self.recordings[:most],
+            "dataset": self.dataset,
             "dictionary": self.dictionary and self.dictionary.dictionary.name,
         }
 
@@ -114,6 +141,8 @@ def preview_of(read: RolloutFile) -> dict[str, Any]:
             "rest": rest_of(y[:, 0, c], channel),
         }
     labels = read.fail_index
+    if labels is not None and (labels == UNLABELLED).all():
+        labels = None
     return {
         "dictionary": read.dictionary.to_plain(),
         "ranges": ranges,
@@ -121,6 +150,7 @@ def preview_of(read: RolloutFile) -> dict[str, Any]:
         "n_samples": read.y.shape[1],
         "dt": read.dt,
         "n_failing": None if labels is None else int((labels >= 0).sum()),
+        "n_flown": sum(each is not None for each in read.flown),
         "theta_names": read.theta_names,
     }
 
@@ -158,9 +188,34 @@ async def receive_rollouts(
         received = await receive(each.content, sent.folder / FILES / name, require)
         if received.size == 0:
             raise TelemetryError(f"{name} is empty: choose files of rollouts")
-    if not sent.files:
-        raise TelemetryError("there is no file: send one or several files of rollouts")
-    sent.name = sent.name or Path(sent.files[0]).stem
+    sent.check()
+    sent.name = sent.name or (Path(sent.files[0]).stem if sent.files else "flown flights")
+
+
+def failures_of(labels: Iterable[str], known: Collection[str]) -> dict[str, tuple[float, ...]]:
+    """Times of failure [s] by flight, none for a safe one, of `FLIGHT=safe`, `FLIGHT=12.3,40.1`.
+
+    known: the flights.   TelemetryError.
+    """
+    failures = dict[str, tuple[float, ...]]()
+    for text in labels:
+        flight, equals, said = text.rpartition("=")
+        flight = flight.strip()
+        if not equals or flight not in known:
+            raise TelemetryError(
+                f"the label {text!r} is of no flight that was given: write it as FLIGHT={SAFE}, or "
+                f"FLIGHT=TIME with the time of failure in seconds, for {', '.join(known) or 'one'}"
+            )
+        try:
+            times = () if said.strip() == SAFE else tuple(map(float, said.split(",")))
+        except ValueError:
+            times = (nan,)
+        if not all(map(isfinite, times)):
+            raise TelemetryError(
+                f"the label {text!r} gives no time: write {SAFE}, or times of failure in seconds"
+            )
+        failures[flight] = times
+    return failures
 
 
 async def _text(sent: SentField) -> str:

@@ -96,7 +96,8 @@ class ScoredRecordings:
             return stored, False
         mapping = Mapping.from_plain(plain)
         recorded = self.recordings.mapped(recording_id, mapping).scorable()
-        scored = score(monitor, recorded, recipe, self._history(recording_id, mapping))
+        history = self._history(recording_id, mapping)
+        scored = score(monitor, recorded, recipe, history, digest_of_file)
         folder, scoring_id = self.files.scorings(recording_id), new_id()
         self.files.require(2 * scored.samples.nbytes)
         hashed = threads().submit(digest, scored.samples)

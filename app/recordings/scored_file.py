@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from app.assessment import MissingChannels, ScoredRecording, ScoringRecipe, score_at_each
 from app.assessment.limits_history import LimitsHistory
 from app.assessment.planned_test import planned_test
+from app.recordings.files import digest_of
 from app.recordings.mapped_recording import MappedRecording
 from app.settings import Settings
 from app.telemetry.contents import Columns, Contents
@@ -214,9 +215,12 @@ def _score(
     recorded: RepairedTraces,
     history: LimitsHistory | None,
 ) -> Iterator[Scored]:
+    is_used = any("flown" in (monitor.evaluation or {}) for monitor in monitors)
+    digest = digest_of(request.file) if is_used else ""
     label = iter(labels(request))
     for path, monitor in zip(request.monitors, monitors, strict=True):
-        for scored in score_at_each(monitor, recorded, request.recipe, request.epsilons, history):
+        about = request.recipe, request.epsilons, history, digest
+        for scored in score_at_each(monitor, recorded, *about):
             yield Scored(next(label), path, monitor, scored)
 
 

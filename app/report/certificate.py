@@ -10,7 +10,8 @@ from app.report.facts import limited
 from app.report.page import TEMPLATES
 from core import __version__
 from core.channels import LATERAL
-from core.evaluation.certificate import Share, certificate, miss_rate_of, warnings_of
+from core.dataset import FLOWN
+from core.evaluation.certificate import Share, calibrated_on, certificate, miss_rate_of, warnings_of
 from core.evaluation.rates import clopper_pearson
 from core.limits.limits import IntervalLimits, Limits
 from core.monitor import Monitor
@@ -32,6 +33,7 @@ def certificate_page(monitor: Monitor, name: str, digest: str, created: str = ""
             "train it with test flights"
         )
     prevention = evaluation.get("prevention")
+    dataset = {key: value for key, value in monitor.dataset_recipe.items() if key != FLOWN}
     magnitudes = monitor.specification if isinstance(monitor.specification, Limits) else None
     return TEMPLATES.get_template("certificate.html").render(
         name=name,
@@ -40,7 +42,7 @@ def certificate_page(monitor: Monitor, name: str, digest: str, created: str = ""
         monitor=monitor,
         recipe=to_plain(monitor.recipe),
         whole_recipe=json.dumps(
-            to_plain(monitor.recipe) | {"dataset": monitor.dataset_recipe},
+            to_plain(monitor.recipe) | {"dataset": dataset},
             indent=1,
             ensure_ascii=False,
         ),
@@ -54,6 +56,8 @@ def certificate_page(monitor: Monitor, name: str, digest: str, created: str = ""
         evaluation=evaluation,
         flights=evaluation.get("flights", {}),
         simulator=evaluation.get("simulator"),
+        flown=evaluation.get("flown", []),
+        mixture=calibrated_on(evaluation),
         methods=[
             (labels.METHODS.get(method["name"], method["name"]), method)
             for method in evaluation.get("methods", [])

@@ -20,6 +20,7 @@ from app.jobs.kinds import add_rollouts
 from app.jobs.kinds import simulate_dataset as run
 from app.jobs.requests import amplitude_suggestion, dataset_request
 from app.recipes.recipes import RecipeError, to_plain
+from app.recordings.flown_flights import sent_rollouts
 from app.recordings.recordings import Recordings
 from app.recordings.rollouts import SentRollouts, preview_of
 from app.routes.dependencies import (
@@ -88,6 +89,8 @@ class RolloutPreview(BaseModel):
     n_samples: int = Field(description="of the longest flight")
     dt: float = Field(description="sample interval [s]")
     n_failing: int | None = Field(description="flights labelled as failing; null without labels")
+    n_flown: int = Field(description="flown ones, of recordings")
+    findings: list[str] = Field(description="what is left out of recordings")
     theta_names: list[str] = Field(description="parameters of each flight")
 
 
@@ -109,8 +112,18 @@ _ROLLOUTS: dict[str, Any] = {
             | {"description": "computed: KEY [UNIT] = FORMULA, one a line, or sent several times"},
             "limit": _TEXT | {"description": "KEY=LOW..HIGH, one a line, or sent several times"},
             "dt": _TEXT | {"description": "sample interval [s], if the files do not give it"},
+            "recording": _TEXT
+            | {
+                "description": "id of a recording, whose manoeuvres become rollouts, or "
+                "RECORDING/SCORING for those of a scoring; one a line, or sent several times"
+            },
+            "label": _TEXT
+            | {
+                "description": "RECORDING=safe, or RECORDING=TIME of failure [s], several with "
+                "commas; one a line, or sent several times"
+            },
+            "dataset": _TEXT | {"description": "id of stored rollouts that the recordings join"},
         },
-        "required": ["file"],
     },
     "example": {"file": "doublets.npz", "limit": "Nz=-1.1..2.9g"},
 }
@@ -155,8 +168,11 @@ async def add_dataset(
 
     A form, or a body of another type, is files of rollouts of any simulator:
     `curl -F file=@doublets.npz -F limit=Nz=-1.1..2.9g URL`. They may be npz, MATLAB or HDF5 arrays,
-    a long table with a column `flight`, or one file for each flight. The result of the job has the
-    dataset's id and `findings`: what was left out, or looks implausible.
+    a long table with a column `flight`, or one file for each flight. Recordings join by themselves,
+    beside files, or beside a stored dataset, with its channels and limits:
+    `curl -F recording=ID -F recording=ID -F dataset=ID URL`. Each of their manoeuvres is a rollout,
+    on the grid and from trim as scoring takes it. The result of the job has the dataset's id and
+    `findings`: what was left out, or looks implausible.
     """
     if content_type(request) == "application/json":
         for key in request.query_params:
@@ -166,7 +182,7 @@ async def add_dataset(
     fields = {"name": name, "dictionary": dictionary, "dt": dt}
     fields |= {"channel": "\n".join(channel or ()), "limit": "\n".join(limit or ())}
     sent = await _received(request, recordings, fields)
-    work = sent, settings.max_array_bytes, store
+    work = sent, recordings, settings.max_array_bytes
     drop = partial(recordings.drop_rollouts, sent)
     return await accepted(jobs, "dataset", sent.as_plain(), add_rollouts, *work, release=drop)
 
@@ -184,17 +200,22 @@ async def preview_rollouts(
     dictionary: FormText = None,
     dt: FormText = None,
 ) -> RolloutPreview:
-    """Read files of rollouts without storing them: their channels, units and ranges.
+    """Read files of rollouts, or recordings, without storing them: channels, units and ranges.
 
     Set roles and limits by these, then send the files with `dictionary` and `limit`.
     """
     fields = {"name": name, "dictionary": dictionary, "dt": dt}
     sent = await _received(request, recordings, fields)
     try:
-        read = await recordings.readers.run(sent.read, settings.max_array_bytes)
-        return json_response(await recordings.readers.run(preview_of, read))
+        about = sent, recordings, settings.max_array_bytes
+        return json_response(await recordings.readers.run(_preview, *about))
     finally:
         await asyncio.to_thread(recordings.drop_rollouts, sent)
+
+
+def _preview(sent: SentRollouts, recordings: Recordings, most_bytes: int) -> dict[str, Any]:
+    read, findings = sent_rollouts(sent, recordings, most_bytes).joined()
+    return preview_of(read) | {"findings": findings}
 
 
 async def _received(

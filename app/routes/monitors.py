@@ -39,7 +39,7 @@ from app.routes.jobs import ACCEPTED, accepted, queued
 from app.routes.sent_files import CONTENT, OCTETS, sent_file
 from app.store.jobs import JobInfo
 from app.store.monitors import MonitorInfo
-from core.evaluation.certificate import warnings_of, with_power_of_quiet
+from core.evaluation.certificate import calibrated_on, warnings_of, with_power_of_quiet
 from core.evaluation.rates import EPSILONS
 from core.monitor import Monitor
 from core.monitor.calibration import rank, threshold
@@ -282,7 +282,9 @@ def read_evaluation(monitor_id: str, store: StoreDep) -> dict[str, Any]:
     Miss rate, share of safe flights that stay valid and without a false alarm (power), and
     P(fail | alert). The first two exclude flights in which the monitor became invalid: failing
     flights before an alert (`withdrawn`) and safe flights without one (`safe_withdrawn`). The
-    `warnings` at each epsilon name what is worse than promised.
+    `warnings` at each epsilon name what is worse than promised. For a monitor of flown flights,
+    `calibrated_on` counts the simulated and flown failures that calibrate, and `flown` lists the
+    flights with what each was used for.
     404 for an uploaded monitor without an evaluation.
     """
     evaluation = store.monitors.evaluation(monitor_id)
@@ -294,6 +296,8 @@ def read_evaluation(monitor_id: str, store: StoreDep) -> dict[str, Any]:
     curves = evaluation["curves"]
     curves["warnings"] = [warnings_of(evaluation, epsilon) for epsilon in curves["epsilon"]]
     evaluation["at_epsilon"]["warnings"] = warnings_of(evaluation, evaluation["epsilon"])
+    if mixture := calibrated_on(evaluation):
+        evaluation["calibrated_on"] = evaluation["calibrated_on"] | {"words": mixture}
     return evaluation
 
 

@@ -15,7 +15,6 @@ from app.telemetry.units import PLAIN, convert, si_unit
 from core.channels import KEYS, LATERAL, Channel, Dictionary, channel
 from core.computed import complete, lasting
 from core.limits.limits import IntervalLimits, Limits, SafeInterval
-from core.rollouts import LabelledFlights
 from core.types import Array
 
 VALUE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*((?:[A-Za-z°%]\S*)?)")
@@ -36,17 +35,7 @@ def specified(
     A limit with a time, `Nz=..4.9 for 0.2 s`, is one on a computed channel of its own. Of channels
     that are absolute, the first samples are trimmed flight.   TelemetryError, ValueError.
     """
-    dictionary = flights.dictionary.plus(*map(computed_channel, channels))
-    ends: dict[str, Ends] = {}
-    for text in limits:
-        known, low, high, seconds = _limit(text, dictionary)
-        if seconds is None:
-            ends[known.key] = low, high
-            continue
-        for added, interval in _lasting(known, low, high, seconds):
-            if added.key not in dictionary.keys:
-                dictionary = dictionary.plus(added)
-            ends[added.key] = interval
+    dictionary, ends = extended(flights.dictionary, channels, limits)
     if not ends:
         return dictionary, None
     if dictionary == LATERAL and all(low == -(high or 0) for low, high in ends.values()):
@@ -59,20 +48,22 @@ def specified(
     return dictionary, IntervalLimits(dictionary, intervals)
 
 
-def labelled(
-    flights: RolloutFile, channels: Sequence[str], limits: Sequence[str]
-) -> LabelledFlights:
-    """Flights checked and labelled by limits; arguments and errors as in `specified`."""
-    dictionary, given = specified(flights, channels, limits)
-    return LabelledFlights.of(
-        flights.y,
-        dt=flights.dt,
-        channels=dictionary,
-        fail_index=flights.fail_index,
-        limits=given,
-        theta=flights.theta,
-        theta_names=flights.theta_names,
-    )
+def extended(
+    dictionary: Dictionary, channels: Sequence[str], limits: Sequence[str]
+) -> tuple[Dictionary, dict[str, Ends]]:
+    """The dictionary with computed channels, and limits by key.   TelemetryError, ValueError."""
+    dictionary = dictionary.plus(*map(computed_channel, channels))
+    ends: dict[str, Ends] = {}
+    for text in limits:
+        known, low, high, seconds = _limit(text, dictionary)
+        if seconds is None:
+            ends[known.key] = low, high
+            continue
+        for added, interval in _lasting(known, low, high, seconds):
+            if added.key not in dictionary.keys:
+                dictionary = dictionary.plus(added)
+            ends[added.key] = interval
+    return dictionary, ends
 
 
 def computed_channel(text: str) -> Channel:

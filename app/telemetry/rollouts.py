@@ -25,6 +25,7 @@ from app.telemetry.reading import columns_of
 from app.telemetry.recording import TelemetryError
 from app.telemetry.units import convert, fits, si_unit, without_unit
 from core.channels import Channel, Dictionary, channel, known_channels
+from core.rollouts import FlownManoeuvre
 from core.types import Array, Indices
 
 TIMES = ("t", "time", "t_s", "time_s")
@@ -48,10 +49,12 @@ NUMBERS = {"display_factor": float, "display_decimals": int, "largest": float}
 class RolloutFile:
     """Flights as read, in SI units.
 
-    y: (n, n_samples, n_measured), NaN after the end of a flight; without computed channels.
+    y: (n, n_samples, n_measured), NaN after the end of a flight; without computed channels, or
+    with them.
     dt: [s].
     fail_index: (n,) first failing sample, -1 for none; None without labels.
     theta: (n, n_parameters), named by theta_names; None if unknown.
+    flown: see LabelledFlights.
     """
 
     y: Array
@@ -60,6 +63,7 @@ class RolloutFile:
     fail_index: Indices | None = None
     theta: Array | None = None
     theta_names: tuple[str, ...] = ()
+    flown: tuple[FlownManoeuvre | None, ...] = ()
 
 
 class GivenDictionary(NamedTuple):

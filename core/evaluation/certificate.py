@@ -20,6 +20,14 @@ UNTESTED = (
     "without a false alarm are unknown"
 )
 
+USES = {
+    "train and calibrate": "calibrated",
+    "choose the method": "chose the method of",
+    "calibrate validity": "calibrated the validity of",
+    "certify": "certified",
+}
+"""What each part of own flights did to the monitor."""
+
 
 @dataclass(frozen=True)
 class Share:
@@ -153,6 +161,35 @@ def warnings_of(evaluation: Mapping[str, Any] | None, epsilon: float) -> list[st
     if evaluation is None or tested is None:
         return [UNTESTED]
     return [*tested.warnings, *_no_gain(evaluation), *_off_the_plan(evaluation)]
+
+
+def calibrated_on(evaluation: Mapping[str, Any] | None) -> str:
+    """Which failures calibrated a monitor of flown flights, and what its promise is for.
+
+    Empty for a monitor without flown ones.
+    """
+    counts = (evaluation or {}).get("calibrated_on")
+    if counts is None:
+        return ""
+    simulated, flown, flights = (counts[key] for key in ("simulated", "flown", "flights"))
+    of = f"{flown} flown failures ({flights} flights)"
+    if not simulated:
+        return f"calibrated on {of}; the promise is for flights drawn like these"
+    return (
+        f"calibrated on {simulated} simulated and {of}; the promise is for flights drawn like this "
+        "mixture, not for either kind alone"
+    )
+
+
+def use_of(evaluation: Mapping[str, Any] | None, digest: str) -> str:
+    """What a flown flight was used for in training; empty if it was not.
+
+    digest: SHA-256 of its file.
+    """
+    for row in (evaluation or {}).get("flown", ()):
+        if row["digest"] == digest:
+            return f"this flight is among those that {USES[row['part']]} the monitor"
+    return ""
 
 
 def _no_gain(evaluation: Mapping[str, Any]) -> list[str]:

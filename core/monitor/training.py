@@ -9,7 +9,7 @@ import numpy as np
 from core import __version__
 from core.card import Card
 from core.channels import LATERAL
-from core.dataset import Dataset
+from core.dataset import FLOWN, Dataset
 from core.kernels.assessing import Fitted, weighted_distances
 from core.kernels.mapping import map_samples
 from core.kernels.p_value import SIMPLE, Transduction
@@ -205,10 +205,24 @@ def _calibrated(
     )
 
 
+def halves_of(dataset: Dataset) -> tuple[Indices, Indices]:
+    """Numbers of the dataset's failures that train, and that calibrate an ensemble.
+
+    Failures of one flown flight are in one half.
+    """
+    n = len(dataset.unsafe)
+    if FLOWN not in dataset.recipe:
+        return halves(n)
+    setting = dataset.flights().settings()[:n]
+    flight = np.unique(setting, return_inverse=True)[1].reshape(-1)
+    training = np.isin(flight, halves(flight.max() + 1)[0])
+    return np.flatnonzero(training), np.flatnonzero(~training)
+
+
 def _apart(dataset: Dataset, failures: Flights | None) -> tuple[Indices, tuple[Array, Indices]]:
     """Numbers of the dataset's failures that train; y and fail_index of those that calibrate."""
     if failures is None:
-        training, calibrating = halves(len(dataset.unsafe))
+        training, calibrating = halves_of(dataset)
         if not len(training):
             raise ValueError("the dataset has 1 failure: the predictor ensemble needs 2 or more")
         return training, (dataset.unsafe[calibrating], dataset.fail_index[calibrating])

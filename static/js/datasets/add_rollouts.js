@@ -1,11 +1,12 @@
-/** Add rollouts of any simulator: choose files, see their channels, set roles and limits, store them. */
+/** Add rollouts of any simulator, or flown ones: choose files or recordings, set roles and limits, store them. */
 
 import { createForm, fieldset, fold, group, labelled, numberInput, optionalName, select, textInput } from "../forms/controls.js";
 import { createDropTarget } from "../forms/drop_target.js";
 import { needs, reason } from "../lib/api.js";
 import { channelName, loadCatalog } from "../lib/catalog.js";
 import { errorLine, formatted, guideLink, h, link, loadingView, pageOf, table } from "../lib/dom.js";
-import { bytesText, count, decimal, figure, magnitude, magnitudeIn, shownIn } from "../lib/numbers.js";
+import { bytesText, capital, count, decimal, figure, magnitude, magnitudeIn, shownIn } from "../lib/numbers.js";
+import { createFlownFlights } from "./flown_flights.js";
 
 const TITLE = "Add rollouts";
 const ROLES = [
@@ -15,14 +16,15 @@ const ROLES = [
 ];
 const FORMATS = "npz, MATLAB or HDF5 arrays; one CSV or Parquet table with a column flight; or one file for each flight";
 
-export function showRollouts(element, { api, navigate }) {
-  return loadingView(element, { title: TITLE, text: "Loading the catalog", loads: [loadCatalog], build });
+export function showRollouts(element, { query, api, navigate }) {
+  return loadingView(element, { title: TITLE, text: "Loading the catalog", loads: [loadCatalog, "/recordings", "/datasets"], build });
 
-  function build({ keep }) {
+  function build({ keep }, catalog, recordings, datasets) {
     const stage = h("div.stack");
     const status = h("p", { role: "status" });
     const failure = errorLine();
-    const more = createMore({ again: () => files.length && read() });
+    const more = createMore({ again: read });
+    const flown = createFlownFlights({ recordings, datasets, chosen: query.getAll("recording"), changed: clear, use: read });
     const zone = keep(
       createDropTarget({
         words: "Drop the flights of your simulator anywhere on this page",
@@ -40,23 +42,31 @@ export function showRollouts(element, { api, navigate }) {
     let turn = 0;
     let sending = null;
     keep({ close: () => sending?.cancel() });
-    const source = h("section.panel.stack", { "aria-label": "Files" }, zone.element, status, failure.element, more.element);
+    const source = h("section.panel.stack", { "aria-label": "Files" }, zone.element, flown.element, status, failure.element, more.element);
     return pageOf([TITLE, " ", guideLink("own-simulator", "rollouts of your own simulator")], [link("Cancel", "#/datasets")], source, stage);
 
-    async function read() {
-      const mine = ++turn;
+    function clear() {
+      turn += 1;
       stage.replaceChildren();
       failure.show("");
-      const what = files.length === 1 ? files[0].name : `${files.length} files`;
+      status.textContent = "";
+      sending?.cancel();
+    }
+
+    async function read() {
+      clear();
+      const mine = turn;
+      if (!files.length && !flown.count()) return;
+      const what = namesOf(files, flown.count());
       try {
-        const preview = await send("/datasets/preview", more.fields(), `Reading ${what}`);
+        const preview = await send("/datasets/preview", [...more.fields(), ...flown.fields()], `Reading ${what}`);
         if (mine !== turn || preview === null) return;
-        status.textContent = wordsOf(what, preview);
+        status.replaceChildren(...wordsOf(what, preview));
         stage.replaceChildren(createChannels(preview));
       } catch (error) {
         if (mine !== turn) return;
         status.textContent = "";
-        failure.show(withName(reason(error), files[0].name));
+        failure.show(withName(reason(error), files[0]?.name));
         more.open();
       }
     }
@@ -74,7 +84,8 @@ export function showRollouts(element, { api, navigate }) {
     }
 
     function createChannels(preview) {
-      const rows = preview.dictionary.channels.map((channel) => createRow(channel, preview.ranges[channel.key]));
+      const isJoining = flown.dataset() !== "";
+      const rows = isJoining ? [] : preview.dictionary.channels.map((channel) => createRow(channel, preview.ranges[channel.key]));
       const named = optionalName("name of the dataset", "dataset-name");
       const { element: form } = createForm({
         title: TITLE,
@@ -83,9 +94,9 @@ export function showRollouts(element, { api, navigate }) {
         fields: [group({ name: named }, () => rows.map((row) => [row, row.wrong()]))],
         content: [
           fieldset(
-            "Channels and limits",
-            h("p.hint", hintOf(preview)),
-            table({ columns: COLUMNS, items: rows, classes: "channel-table", panel: false }),
+            isJoining ? "Dataset" : "Channels and limits",
+            h("p.hint", isJoining ? "Channels and limits are those of the dataset. It stays as it is: a new one holds both." : hintOf(preview)),
+            isJoining ? null : table({ columns: COLUMNS, items: rows, classes: "channel-table", panel: false }),
             h("div.field-grid", named.element),
           ),
         ],
@@ -100,20 +111,23 @@ export function showRollouts(element, { api, navigate }) {
       return form;
 
       async function add() {
+        const fields = [...(isJoining ? [] : chosen()), ...flown.fields(), ...flown.labels(), ...Object.entries(named.read())];
+        const before = [...status.childNodes];
+        try {
+          return await send("/datasets", fields, "Sent");
+        } finally {
+          status.replaceChildren(...before);
+        }
+      }
+
+      function chosen() {
         const channels = preview.dictionary.channels.map((channel, k) => ({ ...channel, role: rows[k].role.value }));
-        const fields = [
+        return [
           ...more.fields().filter(([name]) => name !== "dictionary"),
           ["dictionary", JSON.stringify({ ...preview.dictionary, channels })],
           ...rows.flatMap((row) => row.limit().map((text) => ["limit", text])),
           ...more.limits(),
-          ...Object.entries(named.read()),
         ];
-        const before = status.textContent;
-        try {
-          return await send("/datasets", fields, "Sent");
-        } finally {
-          status.textContent = before;
-        }
       }
     }
   }
@@ -198,12 +212,20 @@ function createMore({ again }) {
 }
 
 /** The server's sentence, which begins with a capital, with a file's name as it is. */
-function withName(words, name) {
+function withName(words, name = "") {
   return words.toLowerCase().startsWith(name.toLowerCase()) ? name + words.slice(name.length) : words;
 }
 
-function wordsOf(what, { n_flights: n, n_samples: samples, dt }) {
-  return `${what}: ${count(n)} flights of up to ${figure((samples - 1) * dt)} s, one sample every ${figure(dt)} s.`;
+function namesOf(files, n) {
+  const flown = n ? [`${n} ${n === 1 ? "recording" : "recordings"}`] : [];
+  const names = files.length > 1 ? [`${files.length} files`] : files.map(({ name }) => name);
+  return [...names, ...flown].join(", ");
+}
+
+function wordsOf(what, { n_flights: n, n_samples: samples, dt, n_flown: flown, findings }) {
+  const of = flown ? `, ${count(flown)} of them flown,` : "";
+  const words = `${what}: ${count(n)} flights${of} of up to ${figure((samples - 1) * dt)} s, one sample every ${figure(dt)} s.`;
+  return [words, ...findings.map((text) => h("span.hint.hint-line", `${capital(text)}.`))];
 }
 
 function hintOf({ n_failing: failing, n_flights: n }) {

@@ -7,14 +7,15 @@ import { withLimits } from "../lib/limits.js";
 import { warningLines } from "../lib/monitors.js";
 import { count, figure, moment, percent } from "../lib/numbers.js";
 import { channelTable } from "./channel_table.js";
+import { flownTable } from "./flown_flights.js";
 import { peakFigure, rolloutFigure, sampleRollouts } from "./figures.js";
 import { createRolloutViewer } from "./rollout_viewer.js";
 
 export function showDataset(element, { id, api, navigate }) {
-  const loads = [loadCatalog, `/datasets/${id}`, "/monitors", () => sampleRollouts(api, id)];
+  const loads = [loadCatalog, `/datasets/${id}`, "/monitors", () => sampleRollouts(api, id), "/recordings"];
   return loadingView(element, { title: "Dataset", text: "Opening the dataset", loads, build });
 
-  function build({ keep }, catalog, dataset, monitors, rollouts) {
+  function build({ keep }, catalog, dataset, monitors, rollouts, recordings) {
     const users = monitors.filter((monitor) => monitor.dataset_id === id);
     const fitting = monitors.filter(({ dt }) => Math.abs(dt - dataset.dt) < 1e-9 * dataset.dt);
     const able = [...new Set([...users, ...fitting])];
@@ -44,6 +45,7 @@ export function showDataset(element, { id, api, navigate }) {
       facts(dataset, users, catalog),
       h("div.figures", figures.map((block) => h("section.panel", block))),
       viewer.element,
+      flownTable(dataset, recordings),
       isKnown ? null : channelTable(channels),
       details(dataset, catalog),
     );
@@ -52,6 +54,7 @@ export function showDataset(element, { id, api, navigate }) {
 
 function facts(dataset, users, catalog) {
   const { n_unsafe: unsafe, n_safe: stored, n_safe_met: met, n_samples: samples, dt } = dataset;
+  const { flown = [] } = dataset.recipe;
   const [aircraft, maneuver] = testNames(catalog, dataset);
   const test = isSimulated(dataset) ? [["Aircraft", aircraft], ["Manoeuvre", maneuver]] : [["Source", aircraft]];
   const used = users.flatMap(({ id, name }, k) => [k ? ", " : "", h("a", { href: `#/monitors/${id}` }, name)]);
@@ -59,6 +62,7 @@ function facts(dataset, users, catalog) {
     ...test,
     ["Limits", formatted(limitsOfMonitor(catalog, dataset))],
     ["Unsafe rate", percent(dataset.unsafe_rate)],
+    ...(flown.length ? [["Flown", `${count(flown.length)} manoeuvres of ${count(new Set(flown.map(({ digest }) => digest)).size)} flights`]] : []),
     ["Unsafe rollouts", count(unsafe)],
     ["Safe rollouts", stored === met ? count(stored) : `${count(met)} simulated, ${count(stored)} stored`],
     ["Length", `${figure((samples - 1) * dt)} s, one sample every ${figure(dt)} s`],
@@ -78,7 +82,7 @@ function details(dataset, catalog) {
   const { recipe } = dataset;
   const { schema } = catalog.recipes.dataset;
   const isKnown = isSimulated(dataset);
-  const hasRecipe = Object.keys(recipe).length > 0;
+  const hasRecipe = Boolean(recipe.aircraft || recipe.simulator);
   const origin = [
     ["Seed", dataset.seed ?? "not recorded"],
     ["SHA-256", dataset.digest, true],
@@ -88,7 +92,7 @@ function details(dataset, catalog) {
   return panel("Recipe", [
     h(
       "div.columns.recipe-columns",
-      isKnown ? recipeTable(schema, recipe, catalog) : h("p", hasRecipe ? "Made on the command line by an own simulator." : "Own rollouts have no recipe."),
+      isKnown || recipe.aircraft ? recipeTable(schema, recipe, catalog) : h("p", recipe.simulator ? "Made on the command line by an own simulator." : "Own rollouts have no recipe."),
       recipeList(origin),
     ),
     hasRecipe && rawRecipe(recipe),

@@ -33,16 +33,18 @@ export function kindName(catalog, family, part) {
   return catalog.families[family].entries[part?.kind]?.label ?? part?.kind ?? "not recorded";
 }
 
-/** Whether the test of a monitor or a dataset can be simulated here; else it is of own rollouts. */
-export function isSimulated({ dataset_recipe, recipe: test = {} }) {
-  return Boolean((dataset_recipe ?? test).aircraft);
+/** Whether the test of a monitor or a dataset can be simulated here; else it is of own or flown rollouts. */
+export function isSimulated({ dataset_recipe, recipe = {} }) {
+  const test = dataset_recipe ?? recipe;
+  return Boolean(test.aircraft) && !test.flown;
 }
 
 /** Aircraft and manoeuvre of a monitor or a dataset. */
 export function testNames(catalog, entry) {
-  const { aircraft, maneuver, simulator } = entry.dataset_recipe ?? entry.recipe ?? {};
-  if (!isSimulated(entry)) return [simulator ? `own simulator ${simulator}` : "own rollouts", "not recorded"];
-  return [aircraftName(catalog, aircraft), kindName(catalog, "maneuver", maneuver)];
+  const { aircraft, maneuver, simulator, flown } = entry.dataset_recipe ?? entry.recipe ?? {};
+  const added = flown ? " with flown flights" : "";
+  if (!aircraft) return [(simulator ? `own simulator ${simulator}` : "own rollouts") + added, "not recorded"];
+  return [aircraftName(catalog, aircraft) + added, kindName(catalog, "maneuver", maneuver)];
 }
 
 export function testWords(catalog, entry) {

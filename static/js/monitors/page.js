@@ -22,7 +22,7 @@ import {
 } from "../lib/dom.js";
 import { withLimits } from "../lib/limits.js";
 import { warningLines } from "../lib/monitors.js";
-import { count, figure, interval, moment, percent } from "../lib/numbers.js";
+import { capital, count, figure, interval, moment, percent } from "../lib/numbers.js";
 import { createEpsilonChoice } from "./choose_epsilon.js";
 import { createEpsilonCost } from "./epsilon_cost.js";
 import { calibrationFigure, curvesFigure, leadFigure, preventionFigure } from "./figures.js";
@@ -81,7 +81,9 @@ export function showMonitor(element, { id, api, navigate }) {
       ],
       ...warningLines(monitor),
       facts({ monitor, calibration, dataset, evaluation, catalog }),
+      evaluation?.calibrated_on && h("p.panel", `${capital(evaluation.calibrated_on.words)}.`),
       methods(evaluation, catalog),
+      flownFlights(evaluation),
       cost.element,
       isKnown ? createEpsilonChoice({ api, id, catalog, navigate, keep }) : null,
       h("div.figures", figures.filter(Boolean).map((block) => h("section.panel", block))),
@@ -102,6 +104,7 @@ function evaluationOf(api, id) {
 function facts({ monitor, calibration, dataset, evaluation, catalog }) {
   const { sources } = monitor.dataset_recipe.aircraft ?? {};
   const nGroups = calibration.groups.length;
+  const mixture = evaluation?.calibrated_on;
   const [aircraft, maneuver] = testNames(catalog, monitor);
   const test = isSimulated(monitor)
     ? [["Aircraft", aircraft], ...(sources ? [["Identified from", sources.join(", ")]] : []), ["Manoeuvre", maneuver]]
@@ -110,7 +113,7 @@ function facts({ monitor, calibration, dataset, evaluation, catalog }) {
     ...test,
     ["Limits", formatted(limitsOfMonitor(catalog, monitor))],
     ["Warning lead time", `${figure(monitor.lead)} s`],
-    ["Calibrated on", `${monitor.n_unsafe} failures${nGroups ? ` of each of ${nGroups} groups` : ""}`],
+    ["Calibrated on", mixture ? `${mixture.simulated} simulated and ${mixture.flown} flown failures` : `${monitor.n_unsafe} failures${nGroups ? ` of each of ${nGroups} groups` : ""}`],
     ["Smallest epsilon", figure(monitor.smallest_epsilon)],
     ["Unsafe rate", percent(dataset?.unsafe_rate ?? evaluation?.unsafe_rate)],
     ["Test flights", evaluation ? count(evaluation.n_test) : "none"],
@@ -132,6 +135,21 @@ function methods(evaluation, catalog) {
   const hint = `At ε = ${figure(evaluation.epsilon)} and this warning lead time, on flights used for nothing else.`;
   const beside = tried.some(isThreshold) ? " The threshold is calibrated like the methods." : "";
   return panel("Methods tried", [table({ columns, items: tried, panel: false }), h("p.hint", hint + beside)]);
+}
+
+/** The flown flights of its dataset, and what each was used for; null without any. */
+function flownFlights(evaluation) {
+  const flown = evaluation?.flown ?? [];
+  if (!flown.length) return null;
+  const columns = [
+    ["Flight", ({ flight }) => flight, "name"],
+    ["Used to", ({ part }) => part],
+    ["Manoeuvres", ({ manoeuvres: n }) => count(n), "number"],
+    ["Failing", ({ failures: n }) => count(n), "number"],
+    ["File, SHA-256", ({ digest }) => h("code", { title: digest }, digest.slice(0, 12))],
+  ];
+  const hint = "A flight is on one side of the split with all its manoeuvres. Scored again, it is no evidence about this monitor.";
+  return panel("Flown flights", [table({ columns, items: flown, panel: false }), h("p.hint", hint)]);
 }
 
 function counted(title, columns, items, hint) {

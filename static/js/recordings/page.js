@@ -58,6 +58,7 @@ export function showRecording(element, { id, query, api, navigate }) {
       recording.name,
       [
         link("All recordings", "#/recordings"),
+        link("Add to a dataset", `#/datasets/rollouts?recording=${id}`),
         createKeepButton({ api, path, keep: recording.keep, fail }),
         deleteButton({ api, ...deletion(recording), done: () => navigate("#/recordings") }),
       ],

@@ -157,6 +157,7 @@ function actions({ api, navigate }, scoring, display) {
     h("a.button", { href: `${base}/report`, target: "_blank" }, "Report"),
     h("span.exports", { role: "group", "aria-label": "Export" }, h("span.dim", "Export"), exports),
     link("Compare", `#/recordings/${id}?compare=${number}`),
+    link("Add to a dataset", `#/datasets/rollouts?recording=${id}/${number}`),
     link("Recording", `#/recordings/${id}`),
     failure.element,
   ];
