@@ -225,10 +225,10 @@ class CausalGrid:
         ]
 
     def _part(self, n: int) -> GridRows:
-        """A copy of the settled samples."""
-        settled = self._settled[:n]
-        t, shown = settled[:, kernel.T].copy(), settled[:, kernel.SHOWN].copy()
-        return GridRows(t, shown, settled[:, kernel.SETTLED_VALUES :].copy())
+        """The settled samples; the next ones are settled in another array."""
+        settled, self._settled = self._settled[:n], self._room(ROOM)
+        values = settled[:, kernel.SETTLED_VALUES :]
+        return GridRows(settled[:, kernel.T], settled[:, kernel.SHOWN], values)
 
     def _reason(self, row: list[float]) -> str:
         """Why a settled sample is unknown; empty if it is known."""
