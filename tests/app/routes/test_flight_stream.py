@@ -140,7 +140,8 @@ def test_hello_then_every_frame_with_the_scores_of_the_batch(server: Server) -> 
         for head in range(11, 122, 10):
             server.advance(0.5)
             messages += until(socket, lambda m, head=head: m.get("seq") == head)
-        while len(raised := alarms_of(messages)) < 2:  # told once they are stored
+        # one that a slow store keeps waiting is told twice
+        while len(raised := {a["number"]: a["kind"] for a in alarms_of(messages)}) < 2:
             messages += until(socket, lambda m: m["type"] == "alarm")
     source = server.client.get(f"{URL}/{flight['id']}/source").json()["frames"]
     shown = frames_of(messages)
@@ -153,7 +154,7 @@ def test_hello_then_every_frame_with_the_scores_of_the_batch(server: Server) -> 
     recorded = server.client.get(f"{URL}/{flight['id']}/assessments?first=2").json()
     assert recorded["frames"] == [{**frame, "sent": None} for frame in shown]
     assert (recorded["first"], recorded["next"]) == (2, None)
-    assert [alarm["kind"] for alarm in raised] == ["risk", "limit"]
+    assert list(raised.values()) == ["risk", "limit"]
 
 
 def test_a_recipe_with_a_seed_of_many_bits_can_be_watched(server: Server) -> None:
