@@ -35,7 +35,7 @@ Flown = Callable[[Dictionary], Iterable[FlownFlight]]
 
 @dataclass(frozen=True, eq=False)
 class RolloutSources:
-    """RolloutSources of all sources.
+    """Rollouts of files, of a dataset and of recordings, before they are joined.
 
     read: of files or of a dataset; of no flight where the flown ones are alone.
     flown: None without recordings.   dataset: which `read` is, None for files.
