@@ -24,6 +24,8 @@ class Card:
     noise_std: (6,) standard deviation of sensor noise, SI units, N_y in g.
     step_responses: (n_plants, n_lags, 6) outputs without noise to the first step alone, from its
     switch on; aircraft drawn from D_theta, pilots with scatter in amplitude.
+    asymmetry: standard deviation of the part by which inputs to one side are larger, to the other
+    smaller.   lag_s: largest transport lag of a recorded channel [s].
     """
 
     surface: int
@@ -34,6 +36,8 @@ class Card:
     timing_jitter_s: float
     noise_std: Array
     step_responses: Array
+    asymmetry: float = 0.0
+    lag_s: float = 0.0
 
     def __post_init__(self) -> None:
         responses = self.step_responses

@@ -46,6 +46,7 @@ KINDS: dict[str, str] = {
     "safe_distance": "distance from the nearest safe",
     "negative_magnitude": "magnitude of one channel",
     "response_filter": "test card, by a filter of the response",
+    "input_filter": "test card and inputs, by a filter of the response",
     "peak_ridge": "peak to come, learned from safe flights",
     "ensemble": "outputs ahead and peak to come, as one",
     "pooled": "none, all failures together",

@@ -45,6 +45,7 @@ class CardResponses(NamedTuple):
     mean: (n_lags, 6).   components: (n_lags, 6, 8), with coefficients of unit variance.
     residual: (n_lags, 6) variance not in the components.   noise: (6,) variance of a sample.
     steps: (n_switches,) each step as a multiple of the first.
+    shares: (n_switches, 8) the same for each component; other ones for unequal inputs.
     apart: (n_switches,) planned samples since the previous switch.
     later: (n_switches, n_lags, n_cases) the same for equally likely pilots, after that many samples
     without the switch.
@@ -59,6 +60,7 @@ class CardResponses(NamedTuple):
     residual: Array
     noise: Array
     steps: Array
+    shares: Array
     apart: Indices
     later: Indices
     tail: int
@@ -105,7 +107,7 @@ def begin(n_switches):
 
 
 @inlined
-def _respond(card, components, switches, n, sample, c):
+def _respond(card, components, shares, switches, n, sample, c):
     """Mean of channel c after n switches, variance not in the components, and their weights."""
     longest = card.mean.shape[0] - 1
     mean, variance, weights = 0.0, 0.0, splat(0.0)
@@ -116,7 +118,7 @@ def _respond(card, components, switches, n, sample, c):
             mean += step * card.mean[lag, c]
             variance += step * step * card.residual[lag, c]
             at = (lag * N_CHANNELS + c) * WIDTH
-            weights = fma(splat(step), load(components, at), weights)
+            weights = fma(load(shares, j * WIDTH), load(components, at), weights)
     return mean, variance, weights
 
 
@@ -146,7 +148,9 @@ def _look_for_switch(card, estimate, y):
             switches[0] = at
             counts[SWITCHED] = 1
     elif at - switches[n - 1] >= card.least_apart:
-        mean, _, weights = _respond(card, address(card.components), switches, n, sample, c)
+        mean, _, weights = _respond(
+            card, address(card.components), address(card.shares), switches, n, sample, c
+        )
         expected = mean + total(multiply(weights, load(address(estimate.mean), 0)))
         off = counts[SIGN] * y[c] - expected
         if off / (card.steps[n] * shown) > card.share:
@@ -157,11 +161,11 @@ def _look_for_switch(card, estimate, y):
 @jit
 def _learn(card, estimate, y):
     """Add a sample y (6,) to the information."""
-    counts, components = estimate.counts, address(card.components)
+    counts, components, shares = estimate.counts, address(card.components), address(card.shares)
     information, vector = address(estimate.information), address(estimate.vector)
     for c in range(N_CHANNELS):
         mean, variance, weights = _respond(
-            card, components, estimate.switches, counts[SWITCHED], counts[TAKEN], c
+            card, components, shares, estimate.switches, counts[SWITCHED], counts[TAKEN], c
         )
         precision = 1.0 / (variance + card.noise[c])
         off = (counts[SIGN] * y[c] - mean) * precision
@@ -214,14 +218,17 @@ def _plan_on(card, estimate, now, wait):
 @jit
 def _largest_margin(card, estimate, first, last):
     """Largest exceedance of a limit in samples first..last, in standard deviations."""
-    components, root = address(card.components), address(estimate.root)
+    components, shares = address(card.components), address(card.shares)
+    root = address(estimate.root)
     coefficients, n, largest = load(address(estimate.mean), 0), estimate.plan.shape[0], NONE
     for c in range(N_CHANNELS):
         limit = card.limits[c]
         if limit == np.inf:
             continue
         for sample in range(first, last + 1):
-            mean, variance, weights = _respond(card, components, estimate.plan, n, sample, c)
+            mean, variance, weights = _respond(
+                card, components, shares, estimate.plan, n, sample, c
+            )
             mean += total(multiply(weights, coefficients))
             variance += _spread(root, weights)
             if variance > 0.0:
@@ -298,9 +305,10 @@ def _forecast(card, estimate, ahead, y_hat):
         y_hat[:] = np.nan
         return
     _plan_on(card, estimate, sample, card.apart[n] if n < m else 0)
-    components, coefficients = address(card.components), load(address(estimate.mean), 0)
+    components, shares = address(card.components), address(card.shares)
+    coefficients = load(address(estimate.mean), 0)
     for c in range(N_CHANNELS):
-        mean, _, weights = _respond(card, components, estimate.plan, m, sample + ahead, c)
+        mean, _, weights = _respond(card, components, shares, estimate.plan, m, sample + ahead, c)
         y_hat[c] = counts[SIGN] * (mean + total(multiply(weights, coefficients)))
 
 
@@ -319,15 +327,17 @@ def look_ahead(card, estimate, mean, variance):
     n_left = max(min(estimate.plan[m - 1] + card.tail - sample, mean.shape[0]), 0)
     passed = min(sample - estimate.switches[n - 1], card.later.shape[1] - 1)
     n_cases = card.later.shape[2] if n < m else 1
-    components, root = address(card.components), address(estimate.root)
-    coefficients = load(address(estimate.mean), 0)
+    components, shares = address(card.components), address(card.shares)
+    root, coefficients = address(estimate.root), load(address(estimate.mean), 0)
     mean[:n_left] = 0.0
     variance[:n_left] = 0.0
     for case in range(n_cases):
         _plan_on(card, estimate, sample, card.later[n, passed, case] if n < m else 0)
         for i in range(n_left):
             for c in range(N_CHANNELS):
-                at, off, weights = _respond(card, components, estimate.plan, m, sample + 1 + i, c)
+                at, off, weights = _respond(
+                    card, components, shares, estimate.plan, m, sample + 1 + i, c
+                )
                 at += total(multiply(weights, coefficients))
                 mean[i, c] += at / n_cases
                 variance[i, c] += (at * at + off + _spread(root, weights)) / n_cases
@@ -398,14 +408,15 @@ def squares(card, y, off, expected):
     row = 0
     for i in range(y.shape[0]):
         estimate = begin(card.steps.shape[0])
-        components, root = address(card.components), address(estimate.root)
+        components, shares = address(card.components), address(card.shares)
+        root = address(estimate.root)
         for t in range(y.shape[1]):
             _look_for_switch(card, estimate, y[i, t])
             if estimate.counts[SWITCHED] > 0:
                 coefficients = load(address(estimate.mean), 0)
                 for c in range(N_CHANNELS):
                     mean, variance, weights = _respond(
-                        card, components, estimate.switches, estimate.counts[SWITCHED], t, c
+                        card, components, shares, estimate.switches, estimate.counts[SWITCHED], t, c
                     )
                     mean += total(multiply(weights, coefficients))
                     off[row, c] = (estimate.counts[SIGN] * y[i, t, c] - mean) ** 2

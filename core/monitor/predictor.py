@@ -78,6 +78,19 @@ class ResponseFilter(Linear):
     """
 
     forecast: ClassVar[Forecast] = "card"
+    learns_inputs: ClassVar[bool] = False
+    """whether it also learns in flight how the inputs differ from the planned ones"""
+
+
+@dataclass(frozen=True)
+class InputFilter(ResponseFilter):
+    """The same, learning in flight also how unequal the two sides of the input are.
+
+    For an aircraft identified from flights, whose future depends mostly on the pilot's input. It
+    learns the lag of the recorded surface too.
+    """
+
+    learns_inputs: ClassVar[bool] = True
 
 
 @dataclass(frozen=True)
@@ -216,6 +229,7 @@ PREDICTORS = family(
         "pca": PrincipalComponents(),
         "last_output": LastOutput(),
         "response_filter": ResponseFilter(),
+        "input_filter": InputFilter(),
         "peak_ridge": PeakRidge(),
         "ensemble": Ensemble(),
     },

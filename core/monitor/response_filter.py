@@ -38,6 +38,13 @@ FINEST = 1e-3
 its SI unit (N_y in g)."""
 VISIBLE = 8.0
 """A switch is visible once the surface has moved by this many standard deviations of its noise."""
+OF_LAG, OF_SIDES = WIDTH - 2, WIDTH - 1
+"""Components of a filter that learns the inputs."""
+LASTING = 16.0
+"""Factor on the variance of a sample by the lag of its channel, because the lag is the same in all
+samples of a transient."""
+LATEST = 5.0
+"""No step comes earlier than planned by more than this many deviations of the timing."""
 N_CASES = 5
 """Number of possible times of the pilot's next switch."""
 MOST_FLIGHTS = 200
@@ -45,20 +52,28 @@ MOST_FLIGHTS = 200
 CHI_SQUARE_MEDIAN = NormalDist().inv_cdf(0.75) ** 2
 """Median of a squared standard normal variable."""
 NO_CARD = (
-    "the predictor response_filter needs the test card: train(dataset, recipe, "
+    "this predictor needs the test card: train(dataset, recipe, "
     "card=card_of(dataset_recipe)), or choose the predictor peak_ridge if there is none"
 )
 ARRAYS = ("mean", "components", "residual", "noise", "steps", "apart", "later", "limits")
+SHARES = "shares"
+"""An array that only files of version 2 have."""
 NUMBERS = ("tail", "surface", "seen_after", "least_apart", "h", "window")
 
 
 def fit_card(
-    card: Card, safe: Array, specification: Specification, score: Score, h: int
+    card: Card,
+    safe: Array,
+    specification: Specification,
+    score: Score,
+    h: int,
+    learns_inputs: bool = False,
 ) -> "CardForecast":
     """Fit the responses to a step of the card, and the noise of the samples.
 
     safe: (n, n_samples, 6) safe rollouts, which show deviations besides sensor noise: gusts, lags
     and gains that the step responses do not contain.
+    learns_inputs: whether it also learns how the inputs differ from the planned ones.
     ValueError if the specification has no limits.
     """
     limits = magnitudes_of(specification)
@@ -72,6 +87,11 @@ def fit_card(
     floor = FINEST * np.where(deviation > 0, deviation, 1.0)
     noise = np.hypot(card.noise_std, floor)
     components, residual = _components(responses - mean, noise, np.isfinite(limits))
+    steps = card.steps / card.steps[0]
+    shares = np.repeat(steps[:, np.newaxis], WIDTH, axis=1)
+    if learns_inputs:
+        mean, residual = _learn_inputs(card, mean, components, residual)
+        shares[:, OF_SIDES] = np.diff(np.abs(np.cumsum(steps)), prepend=0.0)
     apart = np.round(np.diff(card.switch_times, prepend=card.switch_times[0]) / card.dt)
     apart = apart.astype(np.int64)
     last = round(card.switch_times[0] / card.dt) + int(apart.sum())
@@ -81,14 +101,17 @@ def fit_card(
         components=components,
         residual=residual,
         noise=noise**2,
-        steps=card.steps / card.steps[0],
+        steps=steps,
+        shares=shares,
         apart=apart,
         later=_later(apart, card.timing_jitter_s / card.dt, len(mean)),
         tail=max(round(card.duration_s / card.dt) - last, 0),
         surface=card.surface,
         seen_after=seen_after,
         share=_share(mean[:, card.surface], seen_after),
-        least_apart=max(1, int(apart[1:].min() // 4)) if len(apart) > 1 else 1,
+        least_apart=_least_apart(
+            apart, card.timing_jitter_s / card.dt if learns_inputs else np.inf
+        ),
         limits=limits,
         h=h,
         window=score.window(h),
@@ -111,6 +134,29 @@ def _components(off: Array, noise: Array, limited: Array) -> tuple[Array, Array]
     components[: scores.shape[1]] = np.tensordot(scores.T / n, off, 1)
     residual = off - np.tensordot(scores, components[: scores.shape[1]], 1)
     return np.ascontiguousarray(components.transpose(1, 2, 0)), residual.var(axis=0)
+
+
+def _learn_inputs(
+    card: Card, mean: Array, components: Array, residual: Array
+) -> tuple[Array, Array]:
+    """Mean response and residual variance with lags; the last two components become those of the
+    lag of the surface and of unequal sides."""
+    lag = card.lag_s / card.dt
+    slope, scatter = np.diff(mean, axis=0, prepend=0.0), lag / np.sqrt(12.0)
+    mean = mean - 0.5 * lag * slope
+    components[..., OF_LAG:] = 0.0
+    components[:, card.surface, OF_LAG] = -scatter * slope[:, card.surface]
+    components[..., OF_SIDES] = card.asymmetry * mean
+    factor = np.where(np.arange(N_CHANNELS) == card.surface, 1.0, LASTING)
+    return mean, residual + factor * np.square(scatter * slope)
+
+
+def _least_apart(apart: Indices, deviation: float) -> int:
+    """Minimum samples between switches.   deviation: of the pilot's timing; inf if not used."""
+    if len(apart) < 2:
+        return 1
+    planned = int(apart[1:].min())
+    return int(max(1, planned // 4, planned - LATEST * deviation))
 
 
 def _seen_after(response: Array, noise: float) -> int:
@@ -226,7 +272,10 @@ class CardForecast(PeakForecast):
     def to_section(self) -> Section:
         header: dict[str, Any] = {name: getattr(self.card, name) for name in NUMBERS}
         arrays = {name: getattr(self.card, name) for name in ARRAYS}
-        return Section(self.section, 1, True, header | {"share": self.card.share}, arrays)
+        unequal = bool((self.card.shares != self.card.steps[:, np.newaxis]).any())
+        if unequal:
+            arrays[SHARES] = self.card.shares
+        return Section(self.section, 1 + unequal, True, header | {"share": self.card.share}, arrays)
 
 
 def from_section(section: Section, h: int, score: Score) -> CardForecast:
@@ -235,7 +284,8 @@ def from_section(section: Section, h: int, score: Score) -> CardForecast:
     h, score: of the monitor.
     """
     header = {name: section.header[name] for name in (*NUMBERS, "share")}
-    arrays = {name: np.ascontiguousarray(section.arrays[name]) for name in ARRAYS}
+    names = ARRAYS if section.version == 1 else (*ARRAYS, SHARES)
+    arrays = {name: np.ascontiguousarray(section.arrays[name]) for name in names}
     n_lags, m = len(arrays["mean"]), len(arrays["steps"])
     by_lag, whole = (n_lags, N_CHANNELS), {"kind": np.int64, "least": 0, "most": MOST_SAMPLES}
     ranges: dict[str, tuple[tuple[int, ...], dict[str, Any]]] = {
@@ -244,10 +294,12 @@ def from_section(section: Section, h: int, score: Score) -> CardForecast:
         "residual": (by_lag, {"least": 0}),
         "noise": ((N_CHANNELS,), {"above": 0}),
         "steps": ((m,), {}),
+        SHARES: ((m, WIDTH), {}),
         "apart": ((m,), whole),
         "later": ((m, n_lags, arrays["later"].shape[-1]), whole),
         "limits": ((N_CHANNELS,), {"above": 0, "finite": False}),
     }
+    arrays.setdefault(SHARES, np.repeat(arrays["steps"][:, np.newaxis], WIDTH, axis=1))
     for name, (shape, values) in ranges.items():
         check_array(f"card {name}", arrays[name], shape, **values)
     for name in NUMBERS:

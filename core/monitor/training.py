@@ -27,7 +27,7 @@ from core.monitor.observation import (
 )
 from core.monitor.peak_forecast import PeakForecast
 from core.monitor.peak_ridge import LearnedFlights, RidgeForecast, fit_windows
-from core.monitor.predictor import NOT_TRAINED, Affine, PeakRidge, Predictor
+from core.monitor.predictor import NOT_TRAINED, Affine, PeakRidge, Predictor, ResponseFilter
 from core.monitor.recipe import MonitorRecipe
 from core.monitor.response_filter import NO_CARD, fit_card
 from core.monitor.score import CardWindow
@@ -260,11 +260,12 @@ def _fit_forecasts(
         if recipe.is_near:
             windows.append(CardWindow().window(h))
         return fit_windows(predictor, flights, limits, windows, dataset.dt)
-    if predictor.forecast != "card":
+    if not isinstance(predictor, ResponseFilter):
         return ()
     if card is None:
         raise ValueError(NO_CARD)
-    return (fit_card(card, dataset.safe, specification, recipe.score, h),)
+    settings = recipe.score, h, predictor.learns_inputs
+    return (fit_card(card, dataset.safe, specification, *settings),)
 
 
 def _rule(
@@ -314,8 +315,9 @@ def _transduction(
 
 def _lateral_part(recipe: MonitorRecipe) -> str:
     """Part of a recipe that only works with the lateral channels; empty for none."""
-    if recipe.predictor.forecast == "card":
-        return "the predictor response_filter"
+    if isinstance(recipe.predictor, ResponseFilter):
+        name = "input_filter" if recipe.predictor.learns_inputs else "response_filter"
+        return f"the predictor {name}"
     if recipe.score.channel >= 0:
         return "the score negative_magnitude"
     return "" if isinstance(recipe.groups, Pooled) else "groups of failing flights"

@@ -194,6 +194,8 @@ def card_of(test: SimulatedTest, n_plants: int = CARD_PLANTS) -> Card:
         timing_jitter_s=maneuver.timing_jitter_s,
         noise_std=channel_array(recipe.noise),
         step_responses=responses,
+        asymmetry=recipe.imperfections.asymmetry,
+        lag_s=recipe.imperfections.lag_s,
     )
 
 

@@ -35,6 +35,8 @@ from tests.studies.study_command import Progress, run_study
 RULES = "known", "identified", "calibrated"
 RETRAINED = "retrained"
 """A monitor of the program for each aircraft as identified: 1 s of processor time each."""
+BY = "retrained, epsilon", "retrained, chance"
+"""It aborts at an epsilon, or from a chance of an exceedance: the same for all aircraft."""
 CEILING = "ceiling"
 AFFORDED = 0.25
 """Share of the safe points that may be lost."""
@@ -129,7 +131,13 @@ def ceiling_study(recipe: CeilingRecipe, progress: Progress | None = None) -> li
         for number, rule in enumerate(recipe.rules):
             if progress:
                 progress(of_test * len(recipe.rules) + number, total)
-            counts[rule] = counts_of(ruled(build_up, rule), build_up.flown[0].is_unsafe)
+            variants, first = ruled(build_up, rule), build_up.flown[0].is_unsafe
+            if rule == RETRAINED:
+                counts |= {
+                    by: counts_of([each], first) for by, each in zip(BY, variants, strict=True)
+                }
+            else:
+                counts[rule] = counts_of(variants, first)
         counts = {CEILING: np.concatenate([*counts.values()]), **counts}
         rows += [
             reached(name, rule, goal, counts[rule], stream(*build_up.seed, 5))
@@ -139,12 +147,13 @@ def ceiling_study(recipe: CeilingRecipe, progress: Progress | None = None) -> li
 
 
 def ruled(build_up: FlownBuildUp, rule: str) -> list[tuple[PointOutcomes, ...]]:
-    """The points under each variant of a rule: one for each window in flight."""
+    """The points under each variant of a rule: one for each window in flight, or as in BY."""
     numbers = range(1, len(build_up.points))
     if rule == "calibrated":
         return [tuple(build_up.outcomes(number) for number in numbers)]
     if rule == RETRAINED:
-        return [tuple(retrained(build_up, number, LEAD_S, REFUSED) for number in numbers)]
+        pairs = [retrained(build_up, number, LEAD_S, REFUSED, ABORTED) for number in numbers]
+        return list(zip(*pairs, strict=True))
     foreseen = [_foreseen(build_up, number, rule) for number in numbers]
     return list(zip(*foreseen, strict=True))
 
@@ -235,7 +244,7 @@ def in_words(rows: Sequence[Reached], recipe: CeilingRecipe) -> str:
     ]
     for row in rows:
         lines.append(
-            f"{row.test:8} {row.rule:11} avoided {row.avoided / max(row.n_exceeding, 1):.3f}, "
+            f"{row.test:8} {row.rule:18} avoided {row.avoided / max(row.n_exceeding, 1):.3f}, "
             f"lost {row.lost / max(row.n_safe, 1):.3f}; {SIDES[row.goal]} {row.share:.3f} "
             f"({row.low:.3f} to {row.high:.3f})"
         )

@@ -14,6 +14,7 @@ from core.planned_test.planned_test import DatasetRecipe, LateralSimulator
 from core.seeds import Branch, stream
 from core.simulation.maneuver import Step
 from tests.studies.campaign_ceiling import (
+    BY,
     CEILING,
     GOAL,
     GOALS,
@@ -29,6 +30,7 @@ from tests.studies.campaign_ceiling import (
 )
 from tests.studies.campaign_study import WITHOUT, CampaignStudyRecipe, FlownBuildUp
 from tests.studies.foresight import Foresight, Switches
+from tests.studies.retraining import retrained
 from tests.support.places import DATA, ROOT
 
 SMALL = CampaignStudyRecipe(
@@ -44,9 +46,9 @@ SMALL = CampaignStudyRecipe(
 )
 
 
-def kept() -> dict[tuple[str, str, str], Reached]:
-    """The table written by `make studies`."""
-    with (DATA / "campaign_ceiling.csv").open() as file:
+def kept(name: str = "campaign_ceiling") -> dict[tuple[str, str, str], Reached]:
+    """The table written by `make studies`, or another one of the study."""
+    with (DATA / f"{name}.csv").open() as file:
         rows = TypeAdapter(list[Reached]).validate_python(list(csv.DictReader(file)))
     return {(row.test, row.rule, row.goal): row for row in rows}
 
@@ -61,10 +63,17 @@ def test_no_rule_of_the_table_is_above_the_ceiling() -> None:
         assert most.share <= ceiling.share
 
 
-def test_the_guide_gives_the_figures_of_the_table() -> None:
+@pytest.mark.parametrize(
+    ("name", "rules"),
+    [
+        ("campaign_ceiling", (CEILING, *RULES[1:])),
+        ("campaign_retrained", (CEILING, "identified", *BY)),
+    ],
+)
+def test_the_guide_gives_the_figures_of_the_table(name: str, rules: tuple[str, ...]) -> None:
     text = (ROOT / "static" / "guide" / "campaigns.md").read_text(encoding="utf-8")
-    rows = kept()
-    for goal, rule in product(GOALS, (CEILING, *RULES[1:])):
+    rows = kept(name)
+    for goal, rule in product(GOALS, rules):
         each = [rows[test, rule, goal] for test in TESTS]
         cells = [f"{row.share:.2f} ({row.low:.2f} to {row.high:.2f})" for row in each]
         line = " | ".join(cells).replace("0.", ".")
@@ -146,6 +155,15 @@ def test_the_ceiling_is_above_every_calibrated_rule_on_the_same_flights() -> Non
     avoided, lost = known[:, 1] / known[:, 0], known[:, 3] / known[:, 2]
     for pair in calibrated:
         assert lost[avoided >= pair[1] / pair[0]].min() <= pair[3] / pair[2]
+
+
+def test_a_retrained_monitor_avoids_more_with_a_lower_threshold_of_either_kind() -> None:
+    build_up = FlownBuildUp(TESTS["F-16"].as_flown(), replace(SMALL, n_flown=20), 0)
+    for point in retrained(build_up, 1, 0.5, (0.4, WITHOUT), (0.1, 0.5, WITHOUT)):
+        aborted = [np.count_nonzero(flags) for flags in point.aborted.values()]
+        assert aborted == sorted(aborted, reverse=True)
+        assert aborted[0] > aborted[-1] == 0
+        assert point.cleared[0.4].sum() < point.cleared[WITHOUT].sum() == 20
 
 
 def test_a_small_study_has_a_row_for_each_rule_and_goal() -> None:

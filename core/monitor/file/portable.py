@@ -31,7 +31,7 @@ VERSIONS = {
     "transduction": 1,
     "validity": 2,
     "input": 1,
-    "card": 1,
+    "card": 2,
     "peaks": 1,
     "ensemble": 2,
     "groups": 1,

@@ -15,7 +15,7 @@ from core.monitor.file.loading import from_bytes
 from core.monitor.file.portable import MonitorFileError, pack
 from core.monitor.peak_forecast import LOST, NOT_BEGUN, OVER, ForecastAhead, NothingAhead
 from core.monitor.predictor import PREDICTORS
-from core.monitor.response_filter import CardForecast
+from core.monitor.response_filter import OF_SIDES, CardForecast
 from core.monitor.score import SCORES
 from core.planned_test.collection import card_of, collect, evaluation_flights, fresh
 from core.planned_test.planned_test import DatasetRecipe, LateralSimulator, SensorNoise
@@ -50,6 +50,21 @@ def card_in(monitor: Monitor) -> CardResponses:
     return monitor.forecast.card
 
 
+AS_FLOWN = replace(USUAL.as_flown(), n_unsafe=60, seed=3)
+
+
+@cache
+def of_inputs(predictor: str = "input_filter") -> Monitor:
+    """A monitor of flights with unequal inputs and lags."""
+    recipe = replace(asked("card_window"), predictor=PREDICTORS[predictor])
+    return train(collect(AS_FLOWN), recipe, card=card_of(AS_FLOWN))
+
+
+@cache
+def unequal() -> Array:
+    return evaluation_flights(AS_FLOWN, 200).y
+
+
 @cache
 def flights() -> Array:
     return evaluation_flights(RECIPE, 200).y
@@ -76,8 +91,9 @@ def twin_score(monitor: Monitor, y: Array, switches: Array) -> float:
         steps = card.steps[: len(lags)]
         mean = sum(w * card.mean[lag, c] for w, lag in zip(steps, lags, strict=True))
         left = sum(w * w * card.residual[lag, c] for w, lag in zip(steps, lags, strict=True))
+        shares = card.shares[: len(lags)]
         weights = sum(
-            (w * card.components[lag, c] for w, lag in zip(steps, lags, strict=True)), np.zeros(8)
+            (w * card.components[lag, c] for w, lag in zip(shares, lags, strict=True)), np.zeros(8)
         )
         return mean, left, weights
 
@@ -109,6 +125,43 @@ def test_scores_are_those_of_one_least_squares_solution():
     scores = monitor.assess(np.arange(len(y)) * 0.05, y, withdraw=False).score
     for now in (int(switches[0]) + 1, 20, int(switches[1]) + 3, 45, int(switches[2]) + 1, 70):
         assert scores[now] == pytest.approx(twin_score(monitor, y[: now + 1], switches), rel=1e-6)
+
+
+def test_unequal_sides_are_learned_as_by_one_least_squares_solution():
+    """The coefficient of the last component, from all samples of whole flights."""
+    card = card_in(of_inputs())
+    for y in unequal()[:5]:
+        estimate, clock, y_hat = begin(3), np.zeros(2), np.empty(6)
+        for k, sample in enumerate(y):
+            update(card, estimate, clock, 0.05, k * 0.05, sample, 0, y_hat)
+        switches, sign = estimate.switches, estimate.counts[SIGN]
+        rows, off = [], []
+        for k, c in product(range(int(switches[0]) + 2, len(y)), range(6)):
+            lags = [min(k - s, len(card.mean) - 1) for s in switches if s < k]
+            # before a switch is visible the filter does not know it
+            if any(0 < k - s <= card.seen_after for s in switches):
+                continue
+            steps, shares = card.steps[: len(lags)], card.shares[: len(lags)]
+            mean = steps @ card.mean[lags, c]
+            deviation = np.sqrt(steps**2 @ card.residual[lags, c] + card.noise[c])
+            weights = np.einsum("jk,jk->k", shares, card.components[lags, c])
+            rows.append(weights / deviation)
+            off.append((sign * y[k, c] - mean) / deviation)
+        prior = np.vstack([np.array(rows), np.eye(8)])
+        twin = np.linalg.lstsq(prior, np.append(off, np.zeros(8)), rcond=None)[0]
+        assert estimate.mean[OF_SIDES] == pytest.approx(twin[OF_SIDES], abs=0.2)
+
+
+def test_inputs_that_are_learned_make_the_forecast_of_unequal_flights_better():
+    """Half a second ahead, from the second half of the doublet on."""
+    errors = []
+    for name in ("input_filter", "response_filter"):
+        off = []
+        for y in unequal()[:100]:
+            y_hat = of_inputs(name).assess(np.arange(121) * 0.05, y, withdraw=False).y_hat
+            off.append(y_hat[38:-10, 3] - y[48:, 3])
+        errors.append(np.nanmean(np.square(off)))
+    assert errors[0] < 0.8 * errors[1]
 
 
 def test_the_forecast_of_a_flight_without_noise_comes_true():
@@ -147,13 +200,14 @@ def gappy(y: Array, kind: int) -> tuple[Array, Array]:
     return t, y
 
 
-@pytest.mark.parametrize("score", SCORES_OF_CARD)
+@pytest.mark.parametrize("score", [*SCORES_OF_CARD, "inputs"])
 def test_a_stream_is_the_batch_bit_for_bit(score: str):
-    monitor = from_bytes(trained(score).to_bytes())
+    whole = of_inputs() if score == "inputs" else trained(score)
+    monitor = from_bytes(whole.to_bytes())
     states = set()
     for i in range(24):
         t, y = gappy(flights()[i], i % 6)
-        batch, stream = trained(score).assess(t, y), monitor.stream()
+        batch, stream = whole.assess(t, y), monitor.stream()
         for k in range(len(y)):
             one, same = stream.update(t[k], y[k]), batch[k]
             states.add(one.state)
@@ -317,6 +371,18 @@ def damaged() -> list[tuple[str, object]]:
         found += [(name, getattr(card_in(trained()), name)[:-1])]
     later = card_in(trained()).later
     return [*found, ("later", -later), ("later", later.astype(float)), ("limits", -np.ones(6))]
+
+
+def test_only_a_file_of_learned_inputs_needs_a_new_program():
+    section = CardForecast(card_in(of_inputs())).to_section()
+    assert section.version == 2
+    assert CardForecast(card_in(trained())).to_section().version == 1
+    again = from_bytes(of_inputs().to_bytes())
+    np.testing.assert_array_equal(card_in(again).shares, card_in(of_inputs()).shares)
+    bad = section._replace(arrays={**section.arrays, "shares": section.arrays["shares"][:, :-1]})
+    sections = [bad if part.name == "card" else part for part in of_inputs()._sections()]
+    with pytest.raises(MonitorFileError, match="cannot rebuild"):
+        from_bytes(pack(sections))
 
 
 def test_a_file_that_no_kernel_may_read_is_refused():
