@@ -134,7 +134,7 @@ def test_an_hour_at_100_hz_from_upload_to_stored_assessments(
 def test_scoring_an_hour_against_its_assessments_alone(monitor: Monitor) -> None:
     """The grid, the judge of limits, validity and the table of samples come on top."""
     y = flown(HOUR)
-    t = DT * np.arange(HOUR)
+    t = np.arange(HOUR, dtype=np.float64) * DT
     columns = zip(LATERAL.keys, np.ascontiguousarray(y.T), strict=True)
     recorded = repair(Traces({key: Trace(t, x, source=key) for key, x in columns}))
     whole = ScoringRecipe(trim=None, manoeuvres="entire")

@@ -14,6 +14,6 @@ def test_methods_are_tried_by_groups_too() -> None:
     learning, trying = whole.split((0.5, 0.5), 0)
     recipe = MonitorRecipe(epsilon=0.3, groups=GROUPINGS["largest_deflection"])
     dataset = oscillator.collect(np.random.default_rng(52), n_unsafe=60)
-    tried = try_methods(dataset, trying, recipe, learning)
+    tried = try_methods(dataset, trying, recipe, (learning.y, learning.fail_index))
     assert tried.keys() == METHODS.keys() - {OF_THE_CARD}
     assert all(not monitor.recipe.is_near for monitor, _ in tried.values())
