@@ -1,7 +1,8 @@
 /**
  * The limits of a flight: the line that names them, and the dialog that changes them.
  *
- * createFlightLimits(element, {api, path}) -> {show(limits, channels)}    as hello has them; limits null: the monitor's own
+ * createFlightLimits(element, {api, path}) -> {show(limits, channels, set)}    as hello has them; limits null: those of
+ *     the monitor, or of the monitor set what its monitors share while none is in use
  * limitsNote(limits) -> {event, flag}
  * putLines(put) -> elements    limit sets that were put in force during an ended flight
  * createLimitChoice(api, own) -> {element, ready, chosen() -> {limit_set, condition} or {}, adapt(isSet)}
@@ -17,6 +18,8 @@ import { limitsInWords } from "../lib/limits.js";
 
 const CHANGE = "PUT /flights/{}/limits";
 const NONE = "No limit is known: the monitor learned from labelled flights. It shows risk only; exceedances cannot be detected.";
+
+const BETWEEN = "no monitor of the set is in use, and its monitors share no limit. Exceedances are not detected.";
 
 export function createFlightLimits(element, { api, path }) {
   element.classList.add("flight-limits");
@@ -47,11 +50,16 @@ export function createFlightLimits(element, { api, path }) {
     dialog.querySelector("p").after(choice.element);
   }
 
-  function show(limits, channels) {
-    const unknown = limits !== null && limits.limits === null;
+  function show(limits, channels, set = null) {
     const known = limitsInWords(channels);
+    const between = limits === null && known === "" && set !== null;
+    const unknown = between || (limits !== null && limits.limits === null);
     element.hidden = limits === null && change.hidden && known !== "";
     element.toggleAttribute("data-unknown", unknown);
+    if (between) {
+      words.replaceChildren(h("strong", {}, "◆ LIMITS UNKNOWN: "), BETWEEN);
+      return;
+    }
     if (limits === null) {
       words.replaceChildren(formatted(known === "" ? NONE : `Limits: the monitor's own, ${known}`));
       return;

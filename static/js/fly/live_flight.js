@@ -239,7 +239,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
 
   function showLimits(inForce) {
     display.chart.setLimits(hello.channels, hello.held);
-    limits.show(inForce, hello.channels);
+    limits.show(inForce, hello.channels, hello.monitor_set);
   }
 
   function onHeartbeat({ problem, lost }) {

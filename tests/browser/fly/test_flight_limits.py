@@ -81,3 +81,19 @@ def test_a_record_shows_the_limits_of_the_samples_that_it_shows(strips: Open) ->
     assert strips().evaluate(script, dropped)[3] == [[None, None]]
     of_before = [{**one, "seq": None} for one in held]
     assert len(strips().evaluate(script, of_before)[3]) == 4
+
+
+def test_limits_are_unknown_between_the_monitors_of_a_set_that_share_none(strips: Open) -> None:
+    script = """async (limit) => {
+      const { createFlightLimits } = await import("/static/js/fly/flight_limits.js");
+      const line = document.createElement("p");
+      const limits = createFlightLimits(line, { api: { get: async () => [] }, path: "" });
+      const ny = { key: "Ny", symbol: "N_y", display_unit: "g", display_factor: 1, limit };
+      limits.show(null, [ny], { case: "", name: "by Mach" });
+      return [line.textContent, line.hasAttribute("data-unknown")];
+    }"""
+    page = strips()
+    words, is_unknown = page.evaluate(script, None)
+    assert is_unknown
+    assert words.startswith("◆ LIMITS UNKNOWN: no monitor of the set is in use")
+    assert page.evaluate(script, 0.5)[1] is False
