@@ -127,7 +127,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     const [worst] = [...measured, ...grown].sort((a, b) => beyond(b) - beyond(a));
     if (worst === undefined) return null;
     const channel = flight.channels.find(({ key }) => key === worst.channel);
-    return { value: `${channel.symbol} ${quantity(channel, worst.value)}`, limit: `limit ${magnitudeIn(channel, worst.limit)}` };
+    return { value: `${channel.symbol} ${quantity(channel, worst.value)}`, limit: `peak; limit ${magnitudeIn(channel, worst.limit)}` };
   }
 
   function measured({ channel, value, limit, judged }) {

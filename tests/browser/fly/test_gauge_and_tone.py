@@ -388,6 +388,6 @@ def test_the_worst_exceedance_is_the_one_furthest_beyond_its_limit(strips: Open)
     )
     assert found == [
         None,
-        {"value": "N_y −0.60 g", "limit": "limit −0.5 g"},
-        {"value": "N_z 9.00 g", "limit": "limit 4.9 g"},
+        {"value": "N_y −0.60 g", "limit": "peak; limit −0.5 g"},
+        {"value": "N_z 9.00 g", "limit": "peak; limit 4.9 g"},
     ]
