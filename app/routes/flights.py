@@ -203,7 +203,9 @@ async def list_flights(
     aircraft: Annotated[str, Query(description="of its recording")] = "",
     since: Moment = None,
     until: Moment = None,
-    text: Annotated[str, Query(description="part of its or its monitor's name, or its id")] = "",
+    text: Annotated[
+        str, Query(description="part of the name of the flight or its monitor, or its id")
+    ] = "",
 ) -> list[FlightStatus]:
     """Flights, in progress or ended, newest first, in parts.
 

@@ -110,8 +110,8 @@ class FlightFilter:
     """Which flights to list; empty fields let all through.
 
     progress: stored states.   monitor: id of the alarm authority.   aircraft: of the recording
-    that it replays, or by whose mapping it was read.   text: part of the flight's or the monitor's
-    name, or its id.   since, until: of its start.
+    that it replays, or by whose mapping it was read.   text: part of the flight's the monitor's
+    or the monitor set's name, or its id.   since, until: of its start.
     """
 
     progress: tuple[str, ...] = ()
@@ -398,10 +398,14 @@ def _conditions(wanted: FlightFilter) -> list[ColumnElement[bool]]:
         conditions.append(flights.c.created <= time_text(wanted.until))
     if text := wanted.text.strip():
         named = select(monitors.c.id).where(monitors.c.name.icontains(text, autoescape=True))
+        sets = select(monitor_sets.c.id).where(monitor_sets.c.name.icontains(text, autoescape=True))
+        of_sets = flight_monitor_sets.c.monitor_set_id.in_(sets)
+        on_sets = select(flight_monitor_sets.c.flight_id).where(of_sets)
         conditions.append(
             name.icontains(text, autoescape=True)
             | (flights.c.id == text)
             | flights.c.monitor_id.in_(named)
+            | flights.c.id.in_(on_sets)
         )
     return conditions
 

@@ -43,7 +43,7 @@ def test_the_fly_page_shows_the_newest_flights_and_finds_the_others(page: Page, 
     more.click()
     expect(rows).to_have_count(N_FLIGHTS)
     expect(more).to_be_hidden()
-    search = page.get_by_role("searchbox", name="Search ended flights")
+    search = page.get_by_role("searchbox", name="Search ended flights by name or monitor")
     search.fill("point 12")
     expect(rows).to_have_count(1)
     search.fill("nothing")

@@ -63,7 +63,7 @@ function createFlightList(api, monitors) {
   const names = new Map(monitors.map(({ id, name }) => [id, name]));
   const running = h("ul.flight-list.under-way");
   const ended = h("ul.flight-list");
-  const list = createLongList({ api, path: OVER, search: "Search ended flights", step: LISTED, show: showEnded });
+  const list = createLongList({ api, path: OVER, search: "Search ended flights by name or monitor", step: LISTED, show: showEnded });
   const element = h("section.panel.stack", { "aria-label": "Flights" }, h("h2", "In progress"), running, h("h2", "Ended"), list.box, ended, list.more);
   const shown = new Map(); // what each part shows now
   return { element, load };
@@ -81,7 +81,7 @@ function createFlightList(api, monitors) {
   }
 
   function showEnded(flights, text) {
-    show(ended, flights, "Record", text ? `No ended flight has “${text}” in its name or its monitor's.` : "Ended flights and their records appear here.");
+    show(ended, flights, "Record", text ? `No ended flight has “${text}” in its name, or in that of its monitor or monitor set.` : "Ended flights and their records appear here.");
   }
 
   function show(part, flights, verb, none) {

@@ -14,6 +14,7 @@ from app.flights.ended import summarize
 from app.store.store import Store
 from app.store.tables import flights, recordings
 from core.monitor import Monitor
+from core.monitor.monitor_set import MonitorCase, MonitorSet
 from tests.support.api import api, problem, store_of
 from tests.support.patience import until
 from tests.support.stored import alarm, append, keep_recording
@@ -208,3 +209,16 @@ def test_a_server_summarizes_at_its_start_what_one_before_has_not(
         assert store_of(client).flights.without_summary() == flown[::-1]
     with api(tmp_path) as client:
         until(lambda: not store_of(client).flights.without_summary())
+
+
+def test_flights_on_a_monitor_set_are_found_by_its_name(
+    client: TestClient, store: Store, trained: Monitor
+) -> None:
+    monitor = store.monitors.add(trained, "m")
+    cases = (MonitorCase("slow", {"mach": (None, 0.8)}, monitor),)
+    made = store.monitor_sets.add("By Mach", MonitorSet(cases), "Ann")
+    (other,) = fly(store, monitor.id, 1)
+    flight = store.flights.add({"kind": "live"}, monitor.id, 0.1, monitor_set=(made.id, {}))
+    store.flights.end(flight)
+    for text, wanted in (("by mach", [flight]), ("flight 0", [other])):
+        assert [each["id"] for each in client.get(f"{FLIGHTS}?text={text}").json()] == wanted
