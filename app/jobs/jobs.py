@@ -225,7 +225,8 @@ class Jobs:
             self._fail(task, f"internal error: see the server's log, job {task.id}", error)
 
     def _fail(self, task: Task, text: str, error: Exception) -> None:
-        LOG.warning("job %s failed: %s", task.id, error, exc_info=not isinstance(error, ValueError))
+        is_foreseen = isinstance(error, (ValueError, NotFound, NoSpace))
+        LOG.warning("job %s failed: %s", task.id, error, exc_info=not is_foreseen)
         self._end(task, status="failed", message=f"failed while {task.message}", error=text)
 
     def _end(self, task: Task, **fields: Any) -> None:
