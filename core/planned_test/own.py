@@ -178,8 +178,10 @@ class OwnSimulator:
             raise OwnCodeError(f"{name} is a {type(own).__name__}, not a simulator: {remedy}")
         if not isinstance(channels, Dictionary):
             channels = dictionary_of(channels)
-        for key in getattr(own, "noise", {}):
+        for key, sigma in getattr(own, "noise", {}).items():
             channels.index(key)
+            if not 0 <= sigma < np.inf:
+                raise OwnCodeError(f"{name} has noise={sigma} in {key}: give its sigma, 0 or more")
         with running(name):
             made = cls(own, name, channels, parameters_of(own), float(own.dt))
         if not 0 < made.dt < np.inf:

@@ -208,6 +208,7 @@ def test_flights_must_be_reproducible_and_unlike_each_other(own: Any, told: str)
         (3.0, "a float, not a simulator: give an object with dictionary, parameters"),
         (replace(pitch, dt=0.0), "dt=0"),
         (replace(pitch, noise=NOISE | {"Ny": 0.1}), "'Ny' is unknown"),
+        (replace(pitch, noise=NOISE | {"Nz": -0.1}), "noise=-0.1 in Nz"),
         (replace(pitch, channels=["alpha", "load"]), "'load' is unknown"),
         (replace(pitch, parameters={"gain": (1.0, -0.1)}), "nominal value, spread"),
         (replace(pitch, parameters={"gain": 1.0}), "nominal value, spread"),
