@@ -19,6 +19,7 @@ from tests.browser.chromium import wait_until
 from tests.browser.conftest import CUT, Relay, Text
 from tests.browser.recordings.scored_chart import pixels
 from tests.browser.site import Site, open_site
+from tests.support.patience import PATIENCE
 
 RECIPE = DatasetRecipe(n_unsafe=40, n_obs=10, seed=3)
 EPSILON = 0.1
@@ -120,7 +121,7 @@ class Fly:
         self.ask("POST", f"/flights/{self.flight}/transport", body)
 
     def connected(self) -> None:
-        self.page.locator('[data-flight="open"]').wait_for()
+        self.page.locator('[data-flight="open"]').wait_for(timeout=1000 * PATIENCE)
 
     def transport(self) -> dict[str, Any]:
         return self.ask("GET", f"/flights/{self.flight}")["transport"]
