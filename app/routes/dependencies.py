@@ -1,12 +1,14 @@
 """Dependencies of the routes: parts of the running application, and request bodies."""
 
 import asyncio
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from typing import Annotated, Any, NamedTuple
 
 from fastapi import Body, Depends, Query, Request, Response
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field
 
 from app import json_codec
 from app.access.people import Person
@@ -57,7 +59,29 @@ PAGED: dict[int | str, dict[str, Any]] = {
     }
 }
 """Response of a list that is sent in parts."""
-Moment = Annotated[AwareDatetime | None, Query(description="with its zone, in ISO 8601")]
+DATE = re.compile(r"\d{4}-\d\d-\d\d[Tt ]")
+
+
+def _dated(given: Any) -> Any:
+    """Refuse a bare number, which would count as seconds since 1970."""
+    if isinstance(given, str) and not DATE.match(given):
+        raise ValueError("give date, time and zone, such as 2026-01-31T12:00:00Z")
+    return given
+
+
+def _in_utc(moment: datetime | None) -> datetime | None:
+    try:
+        return moment and moment.astimezone(UTC)
+    except OverflowError:
+        raise ValueError("it is not within the years 1 to 9999 in UTC") from None
+
+
+Moment = Annotated[
+    AwareDatetime | None,
+    BeforeValidator(_dated),
+    AfterValidator(_in_utc),
+    Query(description="with its zone, in ISO 8601"),
+]
 
 
 class ListPart(NamedTuple):

@@ -52,7 +52,7 @@ def now() -> str:
 
 
 def time_text(utc: datetime) -> str:
-    return utc.astimezone(UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
+    return utc.isoformat(timespec="microseconds").replace("+00:00", "Z")
 
 
 class WholeNumber(TypeDecorator[int]):
