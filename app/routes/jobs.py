@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.responses import StreamingResponse
@@ -33,6 +33,7 @@ from app.routes.dependencies import (
 from app.store.jobs import ENDED, JobInfo
 
 router = APIRouter(prefix="/api/v1", tags=["jobs"])
+JobKind = Literal["dataset", "monitor", "clearance", "study", "sweep", "epsilon"]
 KEEP_ALIVE = 15.0
 """[s] between comments on a quiet event stream, so that no proxy closes it."""
 LAST_EVENT = "end"
@@ -84,7 +85,7 @@ def list_jobs(
     store: StoreDep,
     jobs: JobsDep,
     part: PartDep,
-    kind: Annotated[list[str] | None, Query(description="any of these")] = None,
+    kind: Annotated[list[JobKind] | None, Query(description="any of these")] = None,
 ) -> list[JobInfo]:
     """Jobs, newest first, without the curves of studies and sweeps, in parts."""
     page = store.jobs.listed(part.limit, part.after, kind or ())

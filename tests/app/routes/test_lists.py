@@ -201,6 +201,7 @@ def test_jobs_come_in_parts_and_by_kind(client: TestClient, store: Store) -> Non
     found = list(all_parts(client, "/api/v1/jobs?limit=1&kind=study"))
     assert [[job["id"] for job in part] for part in found] == [[jobs[2]], [jobs[0]]]
     assert len(client.get("/api/v1/jobs").json()) == 3
+    assert "clearance" in problem(client.get("/api/v1/jobs?kind=false"), 422)
 
 
 def test_a_server_summarizes_at_its_start_what_one_before_has_not(
