@@ -17,7 +17,7 @@ export function createLongList({ api, path, search, step, show }) {
   let limit = step;
   let timer = 0;
   let asked = "";
-  const input = h("input", { type: "search", placeholder: search, "aria-label": search, oninput: typed });
+  const input = h("input.list-search", { type: "search", placeholder: search, "aria-label": search, oninput: typed });
   const failure = errorLine();
   const next = button("Show more", showMore, { class: "button button-small", hidden: true });
   return { box: input, more: h("div", next, failure.element), load };
