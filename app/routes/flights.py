@@ -42,7 +42,7 @@ from app.routes.dependencies import (
     signature,
     strictly,
 )
-from app.store.flights import FlightFilter, FlightInfo
+from app.store.flights import FlightFilter, FlightInfo, Progress
 from app.store.people import LOCAL
 from core.evaluation.certificate import UselessMonitor
 from core.flight_events import Alarm, FlightMarker, FlightMarkerKey
@@ -52,9 +52,6 @@ from core.monitor.assessment import Cause
 from core.monitor.status import Facts, Level, headline
 
 router = APIRouter(prefix="/api/v1/flights", tags=["flights"])
-
-
-Progress = Literal["running", "ended", "failed", "interrupted"]
 
 
 class FlightStatus(Decided):

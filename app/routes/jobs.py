@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from dataclasses import replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.responses import StreamingResponse
@@ -30,10 +30,9 @@ from app.routes.dependencies import (
     file_of,
     json_response,
 )
-from app.store.jobs import ENDED, JobInfo
+from app.store.jobs import ENDED, JobInfo, JobKind
 
 router = APIRouter(prefix="/api/v1", tags=["jobs"])
-JobKind = Literal["dataset", "monitor", "clearance", "study", "sweep", "epsilon"]
 KEEP_ALIVE = 15.0
 """[s] between comments on a quiet event stream, so that no proxy closes it."""
 LAST_EVENT = "end"

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -59,7 +59,7 @@ from core.conditions import ConditionKey
 from core.monitor.assessment import STATES, State
 
 INTERRUPTED = "interrupted"
-PROGRESS = "running", "ended", "failed", INTERRUPTED
+Progress = Literal["running", "ended", "failed", "interrupted"]
 DAMAGED = STATES.index(State.INVALID), "the stored samples are damaged: restore a backup"
 """State and reason of a flight whose newest samples cannot be read."""
 ROWS_AT_ONCE = 100
@@ -114,7 +114,7 @@ class FlightFilter:
     or the monitor set's name, or its id.   since, until: of its start.
     """
 
-    progress: tuple[str, ...] = ()
+    progress: tuple[Progress, ...] = ()
     monitor: str = ""
     aircraft: str = ""
     text: str = ""
@@ -386,7 +386,7 @@ def _conditions(wanted: FlightFilter) -> list[ColumnElement[bool]]:
     if wanted.progress == ("running",):
         conditions.append(flights.c.status == "running")
     elif wanted.progress:  # not by the index of states, whose flights are in no order of time
-        conditions.append(flights.c.status.not_in(set(PROGRESS) - set(wanted.progress)))
+        conditions.append(flights.c.status.not_in(set(get_args(Progress)) - set(wanted.progress)))
     if wanted.monitor:
         conditions.append(flights.c.monitor_id == wanted.monitor)
     if wanted.aircraft:

@@ -9,6 +9,7 @@ from sqlalchemy import insert, update
 from app.store.repository import Entries, Entry, Page, Time
 from app.store.tables import jobs, new_id, now
 
+JobKind = Literal["dataset", "monitor", "clearance", "study", "sweep", "epsilon"]
 JobStatus = Literal["queued", "running", "done", "failed", "cancelled", "interrupted"]
 ENDED: tuple[JobStatus, ...] = ("done", "failed", "cancelled", "interrupted")
 STATUSES: tuple[JobStatus, ...] = ("queued", "running", *ENDED)
@@ -20,7 +21,7 @@ class JobInfo(Entry):
 
     id: str
     kind: str
-    """`dataset`, `monitor` or `study`"""
+    """`dataset`, `monitor`, `clearance`, `study`, `sweep` or `epsilon`"""
     request: dict[str, Any]
     """request as given"""
     status: JobStatus
@@ -52,7 +53,7 @@ class JobRepository(Entries[JobInfo]):
             connection.execute(insert(jobs).values(**row, created=now()))
         return job_id
 
-    def listed(self, limit: int, after: str, kinds: Collection[str] = ()) -> Page[JobInfo]:
+    def listed(self, limit: int, after: str, kinds: Collection[JobKind] = ()) -> Page[JobInfo]:
         """Jobs of some kinds, or of all; arguments as in `page`."""
         conditions = [jobs.c.kind.in_(kinds)] if kinds else []
         return self.page(limit, after, *conditions)
