@@ -101,13 +101,15 @@ def summary_of(store: Store, info: FlightInfo) -> Summary:
     alarms, monitor = store.alarms.of(info.id), store.monitors.info(info.monitor_id)
     exceeded = _exceeded(info, alarms)
     flown = store.monitor_sets.of_flights([info.id]).get(info.id)
-    used = [info.monitor_id] if flown is None else [case.monitor for case in flown.info.cases]
+    used = [monitor]
+    if flown is not None:
+        used = [store.monitors.info(case.monitor) for case in flown.info.cases]
     state, reason = store.flights.last_state(info.id) or NO_SAMPLE
     return Summary(
         exceeded_t=min(exceeded, default=None),
         state=state,
         reason=reason,
-        is_calibrated=all(store.monitors.info(key).support is not None for key in used),
+        is_calibrated=all(each.support is not None for each in used),
         verdict=_verdict(store, info, monitor, alarms) if exceeded else None,
         exceedances=_exceedances(info, alarms),
     )

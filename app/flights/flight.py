@@ -465,7 +465,7 @@ class Flight(ABC):
             theta=self.theta,
             fail_t=self.fail_t,
             duration=self.duration,
-            planned_s=planned_length(self.plan.monitor.dataset_recipe),
+            planned_s=planned_length(plan.monitor.dataset_recipe),
             transport=self.transport,
             state=self.state,
             reason=self.reason,
