@@ -4,6 +4,7 @@
  * createFlightLimits(element, {api, path}) -> {show(limits, channels, set)}    as hello has them; limits null: those of
  *     the monitor, or of the monitor set what its monitors share while none is in use
  * limitsNote(limits) -> {event, flag}
+ * declared(fixed) -> ", declared mach 0.9"     values of the flight condition; empty for none
  * putLines(put) -> elements    limit sets that were put in force during an ended flight
  * createLimitChoice(api, own) -> {element, ready, chosen() -> {limit_set, condition} or {}, adapt(isSet)}
  *     own: label of the choice without a limit set; null where one must be chosen
@@ -92,7 +93,7 @@ export function putLines(put) {
     h("p", { class: "ahead-summary" }, h("strong", {}, "Limits: "), `${name} version ${version}${declared(fixed)}, put in force by ${by} at ${t.toFixed(2)} s, ${created.slice(11, 19)} UTC.`));
 }
 
-function declared(fixed) {
+export function declared(fixed) {
   const values = Object.entries(fixed).map(([key, value]) => `${key} ${value}`);
   return values.length === 0 ? "" : `, declared ${values.join(", ")}`;
 }

@@ -9,6 +9,7 @@
  */
 
 import { h } from "../lib/dom.js";
+import { declared } from "./flight_limits.js";
 
 export function alertLevel({ monitors, monitor_set: set = null }) {
   const levels = new Set(set === null ? [monitors[0].alert_above] : set.conditions.map(({ alert_above: level }) => level));
@@ -33,11 +34,10 @@ export function createSetLine(element) {
     const none = set.case === "";
     element.toggleAttribute("data-unknown", none);
     const now = none ? whyOf(set) : `${monitor.name}, for ${set.case}`;
-    const declared = Object.entries(set.fixed).map(([key, value]) => `${key} ${value}`).join(", ");
     words.replaceChildren(
       h("strong", none ? "◆ NO MONITOR IN USE: " : "Monitor in use: "),
       now,
-      h("span", { class: "dim" }, ` · monitor set ${set.name}${declared && `, declared ${declared}`}`),
+      h("span", { class: "dim" }, ` · monitor set ${set.name}${declared(set.fixed)}`),
     );
   }
 }
