@@ -197,6 +197,14 @@ class ManoeuvreBegun(Message):
     t: float = Field(description="time of its first sample [s]")
 
 
+class ConditionSignal(Message):
+    """A channel of the flight condition that a live source must send."""
+
+    name: str = Field(description="in a batch")
+    label: str
+    unit: str = Field(description="empty for none")
+
+
 class LiveStatus(Message):
     """State of a live source."""
 
@@ -209,6 +217,10 @@ class LiveStatus(Message):
     resumed: int = Field(default=0, description="times that it was resumed after a crash")
     needed: list[str] = Field(description="channels that the monitors need")
     names: list[str] = Field(description="names that a batch contains, time first")
+    conditions: list[ConditionSignal] = Field(
+        default_factory=list,
+        description="channels of the flight condition that the limits or the monitor depend on",
+    )
     batches: int = Field(description="batches received, without repetitions")
     last_sequence: int | None = Field(description="largest number received; null for none")
     malformed: int = Field(description="messages that were no valid batch or reused a number")

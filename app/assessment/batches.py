@@ -145,11 +145,11 @@ class ChannelReader:
                 if source.signal
             }
             self._derived = {key: mapping.channels[key] for key in derivation_order(mapping)}
-        units = {channel.key: channel.unit for channel in dictionary.channels}
+        self._units = {channel.key: channel.unit for channel in dictionary.channels}
         if mapping is not None:
-            units = {source.signal: source.unit for source in mapping.channels.values()}
+            self._units = {source.signal: source.unit for source in mapping.channels.values()}
         self._conditions = [
-            _condition(key, self.conditions.get(key, key), units) for key in CONDITION_KEYS
+            _condition(key, self.conditions.get(key, key), self._units) for key in CONDITION_KEYS
         ]
         self._condition_names = frozenset(read.name for read in self._conditions)
         self._read = {*([self._time.name] if self._time else TIMES), *self._names}
@@ -173,6 +173,11 @@ class ChannelReader:
         """Names that a batch contains: time, then each signal that is read."""
         time = self._time.name if self._time else TIMES[0]
         return [time, *(direct.name for direct in self._direct.values())]
+
+    def condition_of(self, key: ConditionKey) -> tuple[str, str]:
+        """Name of a channel of the flight condition in a batch, and its unit there."""
+        name = self.conditions.get(key, key)
+        return name, self._units.get(name) or CONDITIONS[key].unit
 
     def unread(self, batch: Batch) -> list[str]:
         """Names in a batch that are not read, in its order."""

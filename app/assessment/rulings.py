@@ -14,6 +14,7 @@ from core.conditions import (
     STALE,
     Cases,
     Condition,
+    ConditionKey,
 )
 from core.limits.limits import Envelope, Specification
 from core.monitor import Assessment, State
@@ -70,6 +71,12 @@ class ConditionRule(ABC, Generic[AnyRuling]):
         self._declared = tuple(declared.get(key) for key in CONDITION_KEYS)
         self._rulings: dict[int | str, AnyRuling] = {}
         self._last: tuple[Condition, AnyRuling] | None = None
+
+    @property
+    def measured(self) -> list[ConditionKey]:
+        """Channels that decide which case holds, without declared ones."""
+        declared = dict(zip(CONDITION_KEYS, self._declared, strict=True))
+        return [key for key in self._cases.needed if declared[key] is None]
 
     def at(self, measured: Condition = NO_CONDITION) -> AnyRuling:
         """The ruling at a condition; the same object while nothing changes."""

@@ -22,6 +22,7 @@ from app.assessment.planned_test import (
 from app.assessment.rulings import ConditionHold, Ruling
 from app.assessment.trim import CausalTrim, departure, input_sizes
 from core.channels import LATERAL
+from core.conditions import ConditionKey
 from core.kernels import assessing
 from core.limits.limits import Envelope
 from core.monitor import Assessment, Monitor, State
@@ -211,6 +212,11 @@ class CausalScorer:
             self._rule = MonitorsRule(monitors)
             self.ruling = self._rule.at()
             self._limits = self.ruling.limits
+
+    @property
+    def conditions(self) -> list[ConditionKey]:
+        """Channels of the flight condition that the limits or the monitor in force depend on."""
+        return [] if self._rule is None else self._rule.measured
 
     @property
     def lead(self) -> float:

@@ -34,10 +34,11 @@ from app.flights.sources.lag import Lag
 from app.flights.sources.simulated import SourceError
 from app.flights.sources.udp import UdpAccess, UdpReceiver
 from app.flights.transport import NotPossible
-from app.messages import LiveChange, LiveStatus, ManoeuvreBegun, TransportState
+from app.messages import ConditionSignal, LiveChange, LiveStatus, ManoeuvreBegun, TransportState
 from app.telemetry.journal import Journal, JournalFull, Journals
 from app.telemetry.recording import TelemetryError
 from core.channels import LATERAL
+from core.conditions import CONDITIONS, ConditionKey
 from core.flight_events import Alarm, FlightMarker
 from core.limits.exceedance import MeasuredExceedance, exceedance
 from core.monitor import Assessment, Monitor, State
@@ -183,6 +184,7 @@ class LiveFlight(Flight):
             resumed=self._n_resumed,
             needed=self.needed,
             names=self._setup.reader.names,
+            conditions=[self._signal_of(key) for key in self.scorer.conditions],
             batches=self._n_batches,
             last_sequence=self._last_sequence,
             malformed=self._n_malformed,
@@ -472,6 +474,10 @@ class LiveFlight(Flight):
                 self.receive(line, f"{UDP}{sender}")
                 n_taken += 1
         return n_taken > 0
+
+    def _signal_of(self, key: ConditionKey) -> ConditionSignal:
+        name, unit = self._setup.reader.condition_of(key)
+        return ConditionSignal(name=name, label=CONDITIONS[key].label, unit=unit)
 
     def _taken(self, t: float) -> float:
         return self._began + self._lag.taken(t)

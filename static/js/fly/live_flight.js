@@ -264,6 +264,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   function onLive(live) {
     if (panels.problem.hidden && live.problem !== "") tone.caution();
     source.update(live, hello);
+    address.describe({ ...hello, live });
   }
 
   function onTransport(message) {

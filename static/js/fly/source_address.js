@@ -18,9 +18,13 @@ export function createSourceAddress(element, flight) {
   let isWaiting = false;
   let isOpen = false;
   let isLinked = true;
+  let described = "";
   const title = h("h2", {});
 
   function describe({ channels, live, source }) {
+    const sent = JSON.stringify([live.names, live.needed, live.conditions, live.udp]);
+    if (sent === described) return;
+    described = sent;
     const words = "Send samples to one of these addresses: the flight starts with the first sample. The button Address shows this again.";
     element.replaceChildren(
       title,
@@ -74,7 +78,8 @@ function commands(flight, live) {
   const [header, option] = asksForToken() ? [` -H "Authorization: Bearer $TOKEN"`, ` --token "$TOKEN"`] : ["", ""];
   const [time, ...names] = live.names;
   const sent = names.filter((name) => live.needed.includes(name) || !ATTITUDE.includes(name));
-  const batch = Object.fromEntries([["sequence", 0], [time, 0], ...sent.map((name) => [name, 0])]);
+  const conditions = live.conditions.map(({ name }) => name);
+  const batch = Object.fromEntries([["sequence", 0], [time, 0], ...[...sent, ...conditions].map((name) => [name, 0])]);
   const curl = `curl ${location.origin}/api/v1/flights/${flight}/samples${header} -d '${JSON.stringify(batch)}'`;
   return [
     copied("Command, for a recording at its own pace", `forewarn push FILE --flight ${flight} --server ${location.origin}${option}`),
@@ -84,10 +89,14 @@ function commands(flight, live) {
 
 const ATTITUDE = ["phi", "theta", "psi"];
 
-/** Names, units and what the monitor needs; with a mapping, its signals in its units. */
-function channelTable(channels, { names, needed }, { recording }) {
+/** Names, units and what monitor and flight condition need; with a mapping, its signals in its units. */
+function channelTable(channels, { names, needed, conditions }, { recording }) {
   const [time, ...others] = names;
-  const rows = recording === undefined ? ownRows(channels, needed) : others.map((name) => [name, "", "unit of the mapping", ""]);
+  const signals = recording === undefined ? ownRows(channels, needed) : others.map((name) => [name, "", "unit of the mapping", ""]);
+  const rows = [
+    ...signals.filter(([name]) => !conditions.some((condition) => condition.name === name)),
+    ...conditions.map(({ name, label, unit }) => [name, label, unit, "✓ needed, flight condition"]),
+  ];
   return h(
     "table",
     { class: "table source-channels" },

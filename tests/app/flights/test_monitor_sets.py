@@ -137,6 +137,7 @@ def test_the_monitor_of_the_condition_is_used_with_a_fresh_history(run: Callable
                 "",
                 "not applicable: mach is missing",
             )
+            assert [signal.name for signal in flight.live.conditions] == ["air/M"]
             seen = Seen(flight.watch())
             await place.push(flight, 0, 30, "air/M")
             seen.take()
@@ -194,6 +195,14 @@ def test_between_the_conditions_the_flight_is_never_calm(run: Callable) -> None:
             limits: Any = None
             with pytest.raises(NotPossible, match="monitor set"):
                 flight.put_in_force(limits, "Ben")
+
+    run(test)
+
+
+def test_a_declared_condition_is_not_asked_of_the_source(run: Callable) -> None:
+    async def test(place: Range) -> None:
+        async with place.flights() as flights:
+            assert (await place.fly(flights, condition={"mach": 0.9})).live.conditions == []
 
     run(test)
 
