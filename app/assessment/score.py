@@ -185,9 +185,10 @@ def _judge(flight: RecordedFlight, segment: Segment) -> JudgedSegment:
     recorded, monitor = flight.recording, flight.monitor
     begin, stop = segment.first if segment.onset is None else segment.onset, segment.last + 1
     trim = segment.trim_of(recorded.y, monitor.dictionary)
-    y = recorded.y[segment.first : stop] - trim
     start = begin if segment.onset is None else max(0, begin - monitor.recipe.n_delay - 1)
-    streamed = recorded.y[start:stop] - trim
+    first = min(start, segment.first)
+    from_trim = recorded.y[first:stop] - trim
+    y, streamed = from_trim[segment.first - first :], from_trim[start - first :]
     y_read = input_of(streamed, flight.needed)
     whole = monitor.assess(recorded.t[start:stop], y_read, withdraw=False)
     interval = float(recorded.t[segment.first]), float(recorded.t[segment.last])

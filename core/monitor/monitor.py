@@ -229,23 +229,26 @@ class Monitor:
         above = self.alert_above(epsilon)
         state = assessing.states(t, y, self.dt, self.recipe.n_delay)
         fresh = state != assessing.STALE
+        y_fresh, ok = _at(fresh, y), _at(fresh, state) == assessing.OK
         z, s, p, unsafe, safe = assessing.score_all(
-            self.fitted, self.exact, y[fresh], state[fresh] == assessing.OK, self.recipe.n_delay
+            self.fitted, self.exact, y_fresh, ok, self.recipe.n_delay
         )
-        y_hat, lost_from = np.full(y.shape, np.nan), None
+        lost_from = None
         if self.recipe.predictor.forecasts:
-            y_hat[fresh] = z * self.scale
+            y_hat = _spread(z * self.scale, fresh, np.nan)
+        else:
+            y_hat = np.full(y.shape, np.nan)
         if self.forecast is not None:
             near = _spread(s, fresh, np.nan)
             scored = self.forecast.follow(t, y, state, self.dt, near)
             lost_from = Withdrawal(scored.lost, LOST) if scored.lost < len(y) else None
-            state, s = scored.state, scored.score[fresh]
+            state, s = scored.state, _at(fresh, scored.score)
             p = p_values(s, self.alphas)
             if self.forecast.has_outputs:
                 y_hat = scored.y_hat
         group = None
         if self.groups is not None:
-            p, group = self.groups.p_values(s, y[fresh])
+            p, group = self.groups.p_values(s, y_fresh)
         result = Assessments(
             t=t,
             state=state,
@@ -568,7 +571,15 @@ def assemble(
     )
 
 
+def _at(where: Flags, values: npt.NDArray) -> npt.NDArray:
+    """Values of some samples; not copied if these are all."""
+    return values if where.all() else values[where]
+
+
 def _spread(values: npt.NDArray, where: Flags, missing: Any) -> npt.NDArray:
-    spread = np.full(len(where), missing)
+    """Values of some samples among all; the same array if these are all."""
+    if where.all():
+        return values
+    spread = np.full((len(where), *values.shape[1:]), missing)
     spread[where] = values
     return spread
