@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from core.clearance.joint_model import JointModel
+from core.kernels.whitening import whiten
 from core.types import Array
 
 SETTLED = 1e-7
@@ -18,12 +19,12 @@ SETTLED = 1e-7
 class Gains(NamedTuple):
     """Gains of n filters, sample by sample; the last ones apply to all later samples.
 
-    gain: n_settled arrays (n, k, m).   root: as many (n, m, m); they whiten a residual to variance
-    1.
+    gain: (n, n_settled, k, m).   root: (n, n_settled, m, m), lower triangular; they whiten a
+    residual to variance 1.
     """
 
-    gain: list[Array]
-    root: list[Array]
+    gain: Array
+    root: Array
 
 
 def gains(model: JointModel, noise: Array, n_samples: int) -> Gains:
@@ -52,7 +53,7 @@ def gains(model: JointModel, noise: Array, n_samples: int) -> Gains:
         updated = covariance - np.swapaxes(white, -1, -2) @ white
         following = model.f @ updated @ np.swapaxes(model.f, -1, -2) + model.q
         covariance = 0.5 * (following + np.swapaxes(following, -1, -2))
-    return Gains(gain, root)
+    return Gains(np.stack(gain, axis=1), np.stack(root, axis=1))
 
 
 def white_residuals(
@@ -60,30 +61,12 @@ def white_residuals(
 ) -> Array:
     """(n, c, n_samples, m) white residuals of c variants of each of n filters.
 
-    f: (n, c, k, k).   h: (n, c, 6, k).   y: (n, c or 1, n_samples, 6).   start: (n, c, k) state at
-    the first sample.   measured: (6,) channels that count.
+    f: (n, c, k, k).   h: (n, c, 6, k).   y: (n or 1, c or 1, n_samples, 6).   start: (n, c, k)
+    state at the first sample.   measured: (6,) channels that count.
     """
     channels = np.flatnonzero(measured)
-    h, y = h[:, :, channels], y[..., channels]
-    n, c, m, n_states = h.shape
-    n_samples, n_settled = y.shape[2], min(len(filter_gains.gain) - 1, y.shape[2])
-    residuals = np.empty((n, c, n_samples, m))
-    state = start[..., np.newaxis]
-    for k in range(n_settled):
-        residual = y[:, :, k, :, np.newaxis] - h @ state
-        residuals[:, :, k] = residual[..., 0]
-        state = f @ (state + filter_gains.gain[k][:, np.newaxis] @ residual)
-    # From here on the gains are the same, and the filter is one linear system.
-    gain, late = f @ filter_gains.gain[-1][:, np.newaxis], y[:, :, n_settled:]
-    closed, driven = f - gain @ h, late @ np.swapaxes(gain, -1, -2)
-    states = np.empty((n, c, n_samples - n_settled, n_states))
-    for k in range(n_samples - n_settled):
-        states[:, :, k] = state[..., 0]
-        state = closed @ state + driven[:, :, k, :, np.newaxis]
-    residuals[:, :, n_settled:] = late - states @ np.swapaxes(h, -1, -2)
-    roots = np.stack([*filter_gains.root[:n_settled], filter_gains.root[-1]], axis=1)[:, np.newaxis]
-    out = np.empty_like(residuals)
-    early, turned = residuals[:, :, :n_settled, :, np.newaxis], np.swapaxes(roots[:, :, -1], -1, -2)
-    out[:, :, :n_settled] = (roots[:, :, :-1] @ early)[..., 0]
-    out[:, :, n_settled:] = residuals[:, :, n_settled:] @ turned
-    return out
+    h, y = (np.ascontiguousarray(x) for x in (h[:, :, channels], y[..., channels]))
+    f, start = np.ascontiguousarray(f), np.ascontiguousarray(start)
+    white = np.empty((*start.shape[:2], y.shape[2], h.shape[2]))
+    whiten(f, h, *filter_gains, y, start, white)
+    return white
