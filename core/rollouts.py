@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from core.channels import DICTIONARIES, Dictionary, known_channels
 from core.computed import complete
+from core.counted import counted
 from core.limits.limits import IntervalLimits, Limits, Specification, envelope_of
 from core.recipe import instead_of
 from core.types import Array, Flags, Indices
@@ -19,6 +20,8 @@ SEPARATES = 0.995
 """A channel whose first sample ranks failing above safe flights this surely leaks the label."""
 FEWEST_RANKED = 20
 """Flights of either kind needed to say that a channel leaks the label."""
+MOST_NAMED = 20
+"""Most flights left out to name."""
 UNLABELLED = -2
 """Label of a flight whose failure only the limits tell."""
 
@@ -270,26 +273,37 @@ def _of_one_length(flights: LabelledFlights) -> tuple[LabelledFlights, list[str]
     if not len(lengths):
         return flights, []
     horizon, texts = int(lengths[counts.argmax()]), []
+    length_s = (horizon - 1) * flights.dt
     fail = np.minimum(flights.fail_index, horizon)
     fails = fail < horizon
     if late := int((flights.fails & ~fails).sum()):
         texts.append(
-            f"{late} flights fail only after {horizon * flights.dt:g} s, the usual length of safe "
-            "ones: they count as safe"
+            f"counted as safe: {counted(late, 'flight')} that failed only after {length_s:g} s, "
+            "the usual length of safe ones"
         )
     short = ~fails & (length < horizon)
     torn = fails & (length <= fail)
-    if short.any():
-        texts.append(
-            f"{short.sum()} safe flights end before {horizon * flights.dt:g} s, so that their "
-            "outcome is unknown: left out"
-        )
-    if torn.any():
-        texts.append(f"{torn.sum()} failing flights have no value up to their failure: left out")
+    for which, kind, why in (
+        (short, "safe flight", f"ended before {length_s:g} s, so their outcome is unknown"),
+        (torn, "failing flight", "had no value up to their failure"),
+    ):
+        if n := int(which.sum()):
+            names = _names(flights, which)
+            texts.append(f"left out, because they {why}: {counted(n, kind)}{names}")
     keep = ~(short | torn)
     y = np.ascontiguousarray(flights.y[keep, :horizon])
     y[np.arange(horizon) > fail[keep, np.newaxis]] = np.nan
     return replace(flights.some(keep), y=y, fail_index=fail[keep]), texts
+
+
+def _names(flights: LabelledFlights, which: Flags) -> str:
+    """The flown ones among these flights by name: ` (a.csv, b.csv and 7 more)`."""
+    flown = [flights.flown[k] for k in np.flatnonzero(which)] if flights.flown else []
+    names = [f"{each.manoeuvre} of {each.flight}" for each in flown if each is not None]
+    if not names:
+        return ""
+    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+    return f" ({', '.join(names[:MOST_NAMED])}{more})"
 
 
 def unlike(y: Array) -> Flags:
@@ -353,6 +367,6 @@ def _few_flights(flights: LabelledFlights) -> list[str]:
     if len(failing) == len(set(failing)):
         return []
     return [
-        f"the {len(failing)} flown failures are of {len(set(failing))} flights: manoeuvres of one "
-        "flight resemble each other, so they promise less than as many flights"
+        f"the {len(failing)} flown failures are of {counted(len(set(failing)), 'flight')}: "
+        "manoeuvres of one flight resemble each other, so they promise less than as many flights"
     ]

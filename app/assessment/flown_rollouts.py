@@ -13,6 +13,7 @@ from app.assessment.trim import CausalTrim, motion
 from app.telemetry.recording import Recording, TelemetryError
 from app.telemetry.timing.repair import RepairedTraces
 from core.channels import Dictionary
+from core.counted import counted
 from core.kernels.causal_grid import ON_GRID
 from core.limits.limits import Envelope
 from core.monitor.observation import channel_peaks
@@ -120,8 +121,9 @@ def flown_rollouts(flights: Iterable[FlownFlight], beside: Beside) -> FlownRollo
             late += failing >= n_samples
             fail_index[k] = failing if failing < n_samples else -1
     if late:
-        length = n_samples * beside.planned.dt
-        findings.append(f"{late} flown manoeuvres fail only after {length:g} s: they count as safe")
+        length = (n_samples - 1) * beside.planned.dt
+        flown = counted(late, "flown manoeuvre")
+        findings.append(f"counted as safe: {flown} that failed only after {length:g} s")
     return FlownRollouts(y, fail_index, tuple(each.flown for each in windows), tuple(findings))
 
 

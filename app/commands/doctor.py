@@ -34,6 +34,7 @@ from app.store.schema import current_revision, migrations, needs_upgrade, revisi
 from app.store.store import StoreError, open_store
 from app.upkeep.integrity import all_items
 from core import __version__
+from core.counted import counted
 from core.monitor import MonitorRecipe, train
 from core.planned_test.collection import DatasetRecipe
 
@@ -155,8 +156,10 @@ def contents(settings: Settings) -> str:
                 raise Failed(str(damage))
             numbers[item.kind] += 1
     kinds = ("monitor", "dataset", "recording", "scoring", "flight")
-    old = f"; {len(unverified)} flights of an earlier version have no digests" if unverified else ""
-    return ", ".join(f"{numbers[kind]} {kind}s" for kind in kinds) + f", undamaged{old}"
+    old = f"; without digests, of an earlier version: {counted(len(unverified), 'flight')}"
+    return ", ".join(counted(numbers[kind], kind) for kind in kinds) + (
+        f", undamaged{old if unverified else ''}"
+    )
 
 
 def port(settings: Settings) -> str:

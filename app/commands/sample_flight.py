@@ -16,8 +16,8 @@ from core.types import Array
 from core.whole_file import write_whole
 
 COLUMNS = ("t_s", "beta_deg", "p_degps", "r_degps", "ay_g", "da_deg", "dr_deg")
-TRIM_S = 5.0
-"""[s] Flown in trim before the manoeuvre."""
+TRIM_S, TAIL_S = 5.0, 2.0
+"""[s] Recorded in trim before the planned test, and after its end."""
 FLIGHTS = 100
 """Simulated; the first with the outcome asked for is written."""
 
@@ -48,7 +48,9 @@ def run(options: argparse.Namespace) -> int:
     recipe = replace(DatasetRecipe.usual(AIRCRAFT[options.aircraft]), seed=options.seed)
     if options.amplitude is not None:
         recipe = replace(recipe, maneuver=recipe.maneuver.with_peak(options.amplitude))
-    flights = evaluation_flights(recipe, FLIGHTS)
+    recorded_s = recipe.maneuver.duration_s + TAIL_S
+    flown = replace(recipe, maneuver=replace(recipe.maneuver, duration_s=recorded_s))
+    flights = evaluation_flights(flown, FLIGHTS)
     wanted = {"unsafe": flights.is_unsafe, "safe": ~flights.is_unsafe}
     matching = np.flatnonzero(wanted.get(options.outcome, np.ones(FLIGHTS)))
     if len(matching) == 0:

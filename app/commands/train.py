@@ -41,6 +41,7 @@ from app.recordings.flown_flights import RolloutSources, no_rollouts, recorded_f
 from app.telemetry.rollouts import read_dictionary, read_rollouts
 from core.bounds import Bounds, check_bounds
 from core.channels import LATERAL
+from core.counted import counted
 from core.dataset import Dataset
 from core.evaluation.certificate import calibrated_on, warnings_of
 from core.evaluation.prevention import Prevention
@@ -273,7 +274,8 @@ def report(training: Training) -> str:
     monitor, test = training.monitor, training.test
     lines = [
         _dataset_line(training.dataset),
-        f"calibrated on {len(monitor.alphas)} failures{_group_sizes(monitor)}; {monitor.n_early} "
+        f"calibrated on {counted(len(monitor.alphas), 'failure')}{_group_sizes(monitor)}; "
+        f"{monitor.n_early} "
         f"failed earlier than the warning lead time of {monitor.lead:g} s; smallest epsilon "
         f"{monitor.smallest_epsilon:.3g}",
         *filter(None, [calibrated_on(monitor.evaluation)]),

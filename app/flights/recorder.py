@@ -22,6 +22,7 @@ from app.flights.clock import Clock, Timer
 from app.messages import LimitsFrom
 from app.store.assessments import DISPLAY, StoredDisplay
 from app.store.store import NotFound, Store, StoreError, StoreHealth
+from core.counted import counted
 from core.flight_events import Alarm, FlightLimits, FlightMarker
 from core.limits.exceedance import ChannelExceedances
 from core.monitor import Assessment
@@ -124,7 +125,7 @@ class Recorder:
             name: sum(isinstance(raised.event, kind) for raised in self._raised)
             for name, kind in kinds.items()
         }
-        parts = [f"{n} {name}{'s' * (n > 1)}" for name, n in counts.items() if n]
+        parts = [counted(n, name) for name, n in counts.items() if n]
         return " and ".join(parts) or "status and time of its end"
 
     def add(

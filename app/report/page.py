@@ -19,6 +19,7 @@ from app.report.subject import PROPOSED, ReportSubject
 from app.telemetry.mapping.mapping import TimeSource, counts_the_day, time_of_day
 from core import __version__
 from core.channels import Channel, Dictionary, significant
+from core.counted import counted
 from core.evaluation.certificate import certificate, warnings_of
 
 CONFIDENT = 0.9
@@ -160,11 +161,6 @@ def _trimmed(trim: Sequence[float | None], dictionary: Dictionary) -> list[tuple
     return [(channel, value) for channel, value in channels if value]
 
 
-def _counted(n: int, one: str, several: str = "") -> str:
-    """`1 manoeuvre`, `2 manoeuvres`."""
-    return f"{n} {one if n == 1 else several or f'{one}s'}"
-
-
 TEMPLATES.filters |= {
     "symbol": _symbol,
     "time": lambda t: f"{t:.2f}",
@@ -176,7 +172,7 @@ TEMPLATES.filters |= {
     "significant": significant,
     "quantity": _with_si,
     "limits": _limits,
-    "counted": _counted,
+    "counted": counted,
     "interval": _interval,
     "delay": _delay,
     "outcome_of": facts.outcome_of,

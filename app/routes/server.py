@@ -22,6 +22,7 @@ from app.routes.dependencies import (
 from app.upkeep.integrity import Damage, Integrity, State
 from app.upkeep.usage import DiskSpace, StorageUsage, space_of, usage_of
 from core import __version__
+from core.counted import counted
 
 router = APIRouter()
 MOST_DAMAGED = 20
@@ -85,7 +86,7 @@ async def readiness(request: Request) -> Readiness:
     details["older"] = state.store.last_stop.older
     detail = await state.store_health.check()
     if not detail and flights.problem:
-        detail = f"{flights.unwritten} samples of flights are not stored yet"
+        detail = f"not stored yet: {counted(flights.unwritten, 'sample')} of flights"
     damaged = await _damaged(state)
     details["damaged"] = [str(damage) for damage in damaged[:MOST_DAMAGED]]
     detail = next((str(damage) for damage in damaged if damage.kind == "database"), detail)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from core.counted import counted
 from core.evaluation.rates import clopper_pearson
 
 TWICE = 2.0
@@ -172,7 +173,7 @@ def calibrated_on(evaluation: Mapping[str, Any] | None) -> str:
     if counts is None:
         return ""
     simulated, flown, flights = (counts[key] for key in ("simulated", "flown", "flights"))
-    of = f"{flown} flown failures ({flights} flights)"
+    of = f"{counted(flown, 'flown failure')} ({counted(flights, 'flight')})"
     if not simulated:
         return f"calibrated on {of}; the promise is for flights drawn like these"
     return (

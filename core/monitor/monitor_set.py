@@ -50,5 +50,5 @@ class MonitorSet(Cases[MonitorCase[M]], Generic[M]):
                 if of(case.monitor) != of(first.monitor):
                     raise ValueError(
                         f"the monitors of {first.name} and {case.name} differ in their {word}: "
-                        f"choose monitors of one {word}"
+                        f"choose monitors with the same {word}"
                     )

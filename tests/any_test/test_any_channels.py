@@ -206,7 +206,7 @@ def test_implausible_flights_are_left_out_and_reported() -> None:
     y[safe[1]] = y[safe[2]]
     checked = labelled(y)
     assert len(checked.y) == 398
-    assert any("1 safe flights end before" in text for text in checked.findings)
+    assert any("1 safe flight" in text and "before 4 s" in text for text in checked.findings)
     assert any("duplicate flights left out: 1" in text for text in checked.findings)
 
 

@@ -11,9 +11,12 @@ from starlette.testclient import TestClient
 
 from app.assessment.recorded import RecordedFlight
 from app.cli import main
+from app.recordings.flown_flights import RolloutSources, recorded_files
+from core.collection import collect
 from core.dataset import Dataset
 from core.monitor import load
 from core.monitor.training import halves_of
+from core.planned_test.collection import DatasetRecipe
 from core.rollouts import UNLABELLED, FlownManoeuvre, LabelledFlights, RolloutsError
 from core.types import Array
 from tests.any_test.test_rollouts_by_rest import LIMIT
@@ -98,7 +101,7 @@ def test_failures_of_few_flights_and_those_that_come_too_late_are_found() -> Non
     y[10:, 70:] = np.nan
     label[10:20] = 30
     checked = LabelledFlights.of(y, dt=DT, channels=DICTIONARY, fail_index=label)
-    assert any("10 flights fail only after 3.5 s" in text for text in checked.findings)
+    assert any("10 flights" in text and "after 3.45 s" in text for text in checked.findings)
 
 
 # --- REST -----------------------------------------------------------------------------------------
@@ -440,6 +443,38 @@ def test_the_command_line_trains_on_recordings_beside_simulated_ones(
     assert "simulated and" in text
     assert "the promise is for flights drawn like this mixture" in text
     assert load(tmp_path / "m.fwm").dataset_recipe["aircraft"]
+
+
+def sample_flights(folder: Path) -> list[str]:
+    """Files of a safe and of a failing sample flight."""
+    files = [str(folder / f"{outcome}.csv") for outcome in ("safe", "unsafe")]
+    for file in files:
+        assert main(["sample-flight", "--outcome", Path(file).stem, "--out", file]) == 0
+    return files
+
+
+def beside_simulated(files: list[str]) -> RolloutSources:
+    """Beside the rollouts of the recipe, which last 6 s."""
+    base = collect(DatasetRecipe(n_unsafe=10, n_obs=10))
+    return RolloutSources.beside(base, recorded_files([*map(Path, files)], None, []))
+
+
+def test_sample_flights_join_whatever_their_outcome(tmp_path: Path) -> None:
+    dataset, findings = beside_simulated(sample_flights(tmp_path)).to_dataset()
+    assert sorted(each["flight"] for each in dataset.recipe["flown"]) == ["safe.csv", "unsafe.csv"]
+    assert not any("left out" in text for text in findings)
+
+
+def test_a_flight_left_out_is_named(tmp_path: Path) -> None:
+    files = sample_flights(tmp_path)
+    safe = Path(files[0])
+    rows = safe.read_text().splitlines()
+    safe.write_text("\n".join(rows[: round(10.5 / 0.05)]))
+    _, findings = beside_simulated(files).to_dataset()
+    (left_out,) = (text for text in findings if "left out" in text)
+    assert "1 safe flight " in left_out
+    assert "manoeuvre 1 of safe.csv" in left_out
+    assert "6 s" in left_out
 
 
 def test_the_command_line_trains_on_recordings_beside_an_own_simulator(

@@ -7,6 +7,7 @@ import numpy as np
 
 from app.telemetry.recording import GAP_RATIO
 from app.telemetry.targets import BOUNDS, KNOWN
+from core.counted import counted
 from core.types import Array, Flags, Indices
 
 MOST_FAULTS = 500
@@ -67,7 +68,7 @@ class ClockQuality:
 
     def _order_repairs(self) -> Iterator[str]:
         if self.bad_times:
-            yield f"{_rows(self.bad_times)} without a time removed"
+            yield f"{counted(self.bad_times, 'row')} without a time removed"
         if self.backward:
             yield "rows reversed, because they were recorded newest first"
         for name in dict.fromkeys(self.wraps):
@@ -76,16 +77,19 @@ class ClockQuality:
         if self.sets:
             jumps = ", ".join(f"from {a:.10g} s to {b:.10g} s" for a, b in self.sets[:3])
             more = f" and {len(self.sets) - 3} more times" if len(self.sets) > 3 else ""
-            yield (f"clock jumps {jumps}{more}; {_rows(self.lost)} with an ambiguous time removed")
+            yield (
+                f"clock jumps {jumps}{more}; {counted(self.lost, 'row')} with an ambiguous time "
+                "removed"
+            )
         elif self.lost:
-            yield f"{_rows(self.lost)} removed, because another clock repeats their times"
+            yield f"{counted(self.lost, 'row')} removed, because another clock repeats their times"
 
     def _row_repairs(self) -> Iterator[str]:
         if self.reordered:
-            yield f"{_rows(self.reordered)} recorded out of order, sorted by time"
+            yield f"{counted(self.reordered, 'row')} recorded out of order, sorted by time"
         if self.repeated:
             conflicts = f" ({self.conflicting} with other values)" if self.conflicting else ""
-            yield f"{_rows(self.repeated)} with a repeated time removed{conflicts}"
+            yield f"{counted(self.repeated, 'row')} with a repeated time removed{conflicts}"
         if self.rounded_to:
             yield (
                 f"times rounded to {self.rounded_to:.3g} s in the file, restored to an even rate "
@@ -93,7 +97,7 @@ class ClockQuality:
             )
 
     def describe(self) -> list[str]:
-        rows = f"{', '.join(self.channels)}: {_rows(self.n_rows)}"
+        rows = f"{', '.join(self.channels)}: {counted(self.n_rows, 'row')}"
         jitter = f", jitter {self.jitter:.2g} s rms" if self.jitter > 1e-4 * self.step else ""
         lines = [
             f"{rows} at {self.rate:.6g} Hz{jitter}, from {self.start:.10g} to {self.end:.10g} s.",
@@ -101,7 +105,7 @@ class ClockQuality:
         ]
         if self.n_gaps:
             lines.append(
-                f"{', '.join(self.channels)}: {_count(self.n_gaps, 'gap')}, {self.gap_time:.4g} s "
+                f"{', '.join(self.channels)}: {counted(self.n_gaps, 'gap')}, {self.gap_time:.4g} s "
                 f"in total, the longest {self.longest_gap:.4g} s at {self.longest_gap_at:.10g} s."
             )
         return lines
@@ -136,7 +140,7 @@ class ChannelQuality:
         read = KNOWN[self.key].read
         return [
             f"{self.key} exceeds the plausible {read(BOUNDS[self.key])} in "
-            f"{_rows(self.implausible)} (up to {read(self.largest)}, at "
+            f"{counted(self.implausible, 'row')} (up to {read(self.largest)}, at "
             f"{self.largest_at:.10g} s), treated as missing: check its unit."
         ]
 
@@ -194,14 +198,6 @@ def faults(kind: str, starts: Array, ends: Array, duration: float) -> tuple[Faul
     apart = np.flatnonzero(starts[1:] > ends[:-1] + near)
     first, last = starts[[0, *(apart + 1)]], ends[[*apart, -1]]
     return tuple(Fault(a, b, kind) for a, b in zip(first.tolist(), last.tolist(), strict=True))
-
-
-def _rows(n: int) -> str:
-    return _count(n, "row")
-
-
-def _count(n: int, noun: str) -> str:
-    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
 
 
 FROZEN = 2.0

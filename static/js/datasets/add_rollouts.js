@@ -5,7 +5,7 @@ import { createDropTarget } from "../forms/drop_target.js";
 import { needs, reason } from "../lib/api.js";
 import { channelName, loadCatalog } from "../lib/catalog.js";
 import { errorLine, formatted, guideLink, h, link, loadingView, pageOf, table } from "../lib/dom.js";
-import { bytesText, capital, count, decimal, figure, magnitude, magnitudeIn, shownIn } from "../lib/numbers.js";
+import { bytesText, capital, count, counted, decimal, figure, magnitude, magnitudeIn, shownIn } from "../lib/numbers.js";
 import { createFlownFlights } from "./flown_flights.js";
 
 const TITLE = "Add rollouts";
@@ -217,7 +217,7 @@ function withName(words, name = "") {
 }
 
 function namesOf(files, n) {
-  const flown = n ? [`${n} ${n === 1 ? "recording" : "recordings"}`] : [];
+  const flown = n ? [counted(n, "recording")] : [];
   const names = files.length > 1 ? [`${files.length} files`] : files.map(({ name }) => name);
   return [...names, ...flown].join(", ");
 }

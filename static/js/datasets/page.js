@@ -5,7 +5,7 @@ import { channelsOf, isSimulated, limitsOfMonitor, loadCatalog, ownLimits, testN
 import { deleteButton, factList, formatted, h, link, loadingView, pageOf, panel, recipeList } from "../lib/dom.js";
 import { withLimits } from "../lib/limits.js";
 import { warningLines } from "../lib/monitors.js";
-import { count, figure, moment, percent } from "../lib/numbers.js";
+import { count, counted, figure, moment, percent } from "../lib/numbers.js";
 import { channelTable } from "./channel_table.js";
 import { flownTable } from "./flown_flights.js";
 import { peakFigure, rolloutFigure, sampleRollouts } from "./figures.js";
@@ -62,7 +62,7 @@ function facts(dataset, users, catalog) {
     ...test,
     ["Limits", formatted(limitsOfMonitor(catalog, dataset))],
     ["Unsafe rate", percent(dataset.unsafe_rate)],
-    ...(flown.length ? [["Flown", `${count(flown.length)} manoeuvres of ${count(new Set(flown.map(({ digest }) => digest)).size)} flights`]] : []),
+    ...(flown.length ? [["Flown", `${counted(flown.length, "manoeuvre")} of ${counted(new Set(flown.map(({ digest }) => digest)).size, "flight")}`]] : []),
     ["Unsafe rollouts", count(unsafe)],
     ["Safe rollouts", stored === met ? count(stored) : `${count(met)} simulated, ${count(stored)} stored`],
     ["Length", `${figure((samples - 1) * dt)} s, one sample every ${figure(dt)} s`],

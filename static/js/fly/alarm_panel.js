@@ -22,7 +22,7 @@
 import { needs, reason } from "../lib/api.js";
 import { errorLine, formatted, h, put } from "../lib/dom.js";
 import { sentence } from "../lib/monitors.js";
-import { figure, leadSeconds, magnitudeIn, quantity, riskText } from "../lib/numbers.js";
+import { counted, figure, leadSeconds, magnitudeIn, quantity, riskText } from "../lib/numbers.js";
 import { shownState } from "../lib/states.js";
 import { CAUTION_WORDS, cautionText, waitingOf } from "./panels.js";
 
@@ -110,7 +110,7 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     const { t, p_value: risk, kind, exceedance } = first;
     const value = risk === null ? "" : ` ${riskText(risk, flight.alertAbove)}`;
     const at = alike.length > 1 ? `first at ${t.toFixed(2)} s, ${alike.length} alarms` : `at ${t.toFixed(2)} s`;
-    const more = others > 0 ? `, and ${others} more alarm${others === 1 ? "" : "s"}` : "";
+    const more = others > 0 ? `, and ${counted(others, "more alarm")}` : "";
     const goesOn = kind === "stale" && stale !== "" ? { reason: stale } : {};
     if (kind in CAUTION_WORDS) return `${cautionText({ ...first, ...goesOn }, ` ${at}`)}${more}`;
     if (kind === "limit") return `LIMIT EXCEEDED ${at}: ${measured(exceedance)}${more}`;

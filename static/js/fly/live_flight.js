@@ -12,6 +12,7 @@ import { addDrawer } from "../lib/draw_loop.js";
 import { createEventList } from "../lib/event_list.js";
 import { exceededWords, withLimits } from "../lib/limits.js";
 import { sentence } from "../lib/monitors.js";
+import { counted } from "../lib/numbers.js";
 import { createAlarmPanel } from "./alarm_panel.js";
 import { createAssessmentDisplay } from "./assessment/assessment_display.js";
 import { createBackfill } from "./backfill.js";
@@ -142,7 +143,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   /** Samples that the killed server had not stored are gone: the source must send them again. */
   function forgetFrom(head) {
     const n = display.seq - head;
-    events.add({ t: null, text: `${n} samples shown were not stored when the server was killed: the source must send them again`, level: "caution" });
+    events.add({ t: null, text: `${counted(n, "sample")} shown, not stored when the server was killed: the source must send again`, level: "caution" });
     backfill.clear();
     display.forget();
   }

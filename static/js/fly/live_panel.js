@@ -14,7 +14,7 @@
 
 import { may, needs } from "../lib/api.js";
 import { errorLine, h, put } from "../lib/dom.js";
-import { leadSeconds } from "../lib/numbers.js";
+import { counted, leadSeconds } from "../lib/numbers.js";
 import { createItems } from "./status_strip.js";
 
 const BEGIN = "POST /flights/{}/manoeuvre";
@@ -161,7 +161,7 @@ export function lossText({ batches, counts, malformed, foreign, resumed, unread 
   const losses = KINDS.filter(([kind]) => counts[kind] > 0).map(([kind, name]) => `${name}: ${counts[kind].toLocaleString("en")}`);
   const others = [["malformed messages", malformed], ["foreign datagrams", foreign], ["restarts of the server", resumed]];
   return [
-    `${counts.accepted.toLocaleString("en")} samples used, of ${batches.toLocaleString("en")} batches`,
+    `${counted(counts.accepted, "sample")} used, of ${counted(batches, "batch", "batches")}`,
     ...losses,
     ...others.filter(([, n]) => n > 0).map(([name, n]) => `${name}: ${n.toLocaleString("en")}`),
     ...(unread.length > 0 ? [`not read: ${unread.join(", ")}`] : []),

@@ -13,7 +13,7 @@ import { askToConfirm, button, createKeepButton, deleteButton, errorLine, format
 import { createEventList } from "../lib/event_list.js";
 import { withLimits } from "../lib/limits.js";
 import { startFlight, warningLines } from "../lib/monitors.js";
-import { magnitudeIn, quantity, secondsText } from "../lib/numbers.js";
+import { counted, magnitudeIn, quantity, secondsText } from "../lib/numbers.js";
 import { summaryLines } from "./assessment/risk_ahead.js";
 import { createRiskGauge } from "./assessment/risk_gauge.js";
 import { putLines } from "./flight_limits.js";
@@ -165,7 +165,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     waiting = [...warnings, ...cautions];
     const counts = [[warnings.length, "alarm"], [cautions.length, "caution"]].filter(([n]) => n > 0);
     acknowledgeButton.hidden = waiting.length === 0;
-    put(acknowledgeButton, `Acknowledge ${counts.map(([n, word]) => `${n} ${word}${n === 1 ? "" : "s"}`).join(" and ")}`);
+    put(acknowledgeButton, `Acknowledge ${counts.map(([n, word]) => counted(n, word)).join(" and ")}`);
   }
 
   async function acknowledge() {

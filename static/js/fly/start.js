@@ -13,7 +13,7 @@ import { button, chip, errorLine, h, link, loadingView, put, state } from "../li
 import { jobList } from "../lib/job_progress.js";
 import { createLongList } from "../lib/long_list.js";
 import { createDisplayChoice, fittingMonitor, startFlight, warningLines, warningMark, warningsAt, warningWords } from "../lib/monitors.js";
-import { leadSeconds, moment } from "../lib/numbers.js";
+import { counted, leadSeconds, moment } from "../lib/numbers.js";
 import { watching } from "../lib/watching.js";
 import { guarantee } from "./alarm_panel.js";
 import { createLimitChoice } from "./flight_limits.js";
@@ -116,10 +116,10 @@ function ageText({ status, beside, state, reason: why, age }) {
 }
 
 function startForm({ monitors, sets, datasets, recordings, query, api, navigate }) {
-  const setOptions = sets.map(({ id, name, cases }) => h("option", { value: id }, `${name} (${cases.length} conditions)`));
+  const setOptions = sets.map(({ id, name, cases }) => h("option", { value: id }, `${name} (${counted(cases.length, "condition")})`));
   const monitor = select(
     [
-      ...monitors.map(({ id, name, lead, n_unsafe: failures, warnings }) => [id, `${name} (${lead} s ahead, ${failures} failures) ${warningWords({ warnings })}`]),
+      ...monitors.map(({ id, name, lead, n_unsafe: failures, warnings }) => [id, `${name} (${lead} s ahead, ${counted(failures, "failure")}) ${warningWords({ warnings })}`]),
       sets.length > 0 && h("optgroup", { label: "Monitor sets" }, setOptions),
     ],
     { id: "monitor", value: query.get("set") ?? query.get("monitor"), oninput: () => (byHand = true) },

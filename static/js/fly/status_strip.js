@@ -13,6 +13,7 @@
 
 import { h, put } from "../lib/dom.js";
 import { sentence, warningWords } from "../lib/monitors.js";
+import { counted } from "../lib/numbers.js";
 import { LEVEL_OF, textOf } from "./headline.js";
 
 const RECORD = "Whether the server stores the flight; samples waiting for its disk, and samples lost";
@@ -59,7 +60,7 @@ export function createStatusStrip(element) {
     show("age", ...(from === "live" ? ageOf() : [""]));
     show("latency", ...(from === "live" ? latencyOf() : [""]));
     const rest = figures.lost === 0 ? " (all recorded)" : "";
-    show("skipped", figures.skipped > 0 ? `skipped ${figures.skipped.toLocaleString("en")} samples${rest}` : "", "caution");
+    show("skipped", figures.skipped > 0 ? `skipped ${counted(figures.skipped, "sample")}${rest}` : "", "caution");
     show("record", ...(recorded ? [""] : live && link === "lost" ? ["–", "off"] : recordOf(figures)));
     items.record.box.title = figures.problem === "" ? RECORD : sentence(figures.problem);
 
@@ -100,11 +101,11 @@ export function createItems(element, list, look) {
 }
 
 function recordOf({ lost, unwritten, problem }) {
-  const gone = lost > 0 ? `, ${lost} samples lost` : "";
+  const gone = lost > 0 ? `, ${counted(lost, "sample")} lost` : "";
   if (problem !== "" && unwritten === 0) return [`${CAUTION}STORE NOT WRITABLE${gone}`, "caution"];
-  if (problem !== "") return [`${CAUTION}NOT RECORDED, ${unwritten} samples waiting${gone}`, "caution"];
+  if (problem !== "") return [`${CAUTION}NOT RECORDED, ${counted(unwritten, "sample")} waiting${gone}`, "caution"];
   if (lost === null) return [`${CAUTION}end may be missing`, "caution"];
-  return lost > 0 ? [`${CAUTION}${lost} samples lost`, "caution"] : ["complete", ""];
+  return lost > 0 ? [`${CAUTION}${counted(lost, "sample")} lost`, "caution"] : ["complete", ""];
 }
 
 function linkOf(link) {

@@ -11,7 +11,7 @@
 import { needs, reason } from "../lib/api.js";
 import { isSimulated, limitsOfMonitor, testWords } from "../lib/catalog.js";
 import { button, errorLine, formatted, h } from "../lib/dom.js";
-import { figure, followUnits, moment, percent } from "../lib/numbers.js";
+import { counted, figure, followUnits, moment, percent } from "../lib/numbers.js";
 import { fieldset, fold, inWords, radioGroup, select } from "./controls.js";
 import { createFields } from "./form.js";
 
@@ -102,7 +102,7 @@ function amplitudeSuggestion(fields, api) {
 export function datasetChoice({ api, catalog, datasets, chosen, initial, asFlown }) {
   const { fields, main, folded, size } = createTestFields({ api, catalog, initial, asFlown });
   const choice = select(
-    datasets.map(({ id, name, n_unsafe: n, created }) => [id, `${name} (${n} failures, ${moment(created)})`]),
+    datasets.map(({ id, name, n_unsafe: n, created }) => [id, `${name} (${counted(n, "failure")}, ${moment(created)})`]),
     { "aria-label": "stored dataset", onchange: turn, value: chosen },
   );
   const isNone = datasets.length === 0;

@@ -2,6 +2,7 @@
  * Numbers, times, sizes and units as people read them: degrees, deg/s and g, or SI by choice. Values sent and received
  * are always in a channel's own `unit`; only this module converts. A missing value is a dash.
  *
+ * counted(n, "row")    "1 row", "2,000 rows"; counted(n, "batch", "batches")
  * formatTime(t, step)    "12.50", "3:05" from two minutes on, "1:03:05" from an hour on; as fine as `step` [s] needs
  * riskText(risk, alertAbove)    more digits where rounding would put the risk on the wrong side of the alert level
  * leadSeconds(lead)    [s], rounded down.   rounded(number): to as many digits as people write
@@ -19,6 +20,8 @@ import { remember, remembered } from "./storage.js";
 const UNITS = ["bytes", "kB", "MB", "GB", "TB"];
 
 export const count = (n) => n.toLocaleString("en");
+
+export const counted = (n, one, several = `${one}s`) => `${count(n)} ${n === 1 ? one : several}`;
 
 export const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
 

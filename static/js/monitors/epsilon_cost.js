@@ -7,7 +7,7 @@
 
 import { guideLink, h, panel, svg } from "../lib/dom.js";
 import { warningLines } from "../lib/monitors.js";
-import { count, figure, interval, percent } from "../lib/numbers.js";
+import { count, counted, figure, interval, percent } from "../lib/numbers.js";
 import { neededFor } from "./train_form.js";
 
 /** [name, key, its rate, its 95 % interval, words] */
@@ -93,7 +93,7 @@ function countsInWords({ misses, withdrawn, false_alerts, safe_withdrawn }, { n_
 }
 
 function failures({ n_unsafe }, nGroups) {
-  return nGroups > 1 ? `${n_unsafe} failures of each group` : `${n_unsafe} failures`;
+  return nGroups > 1 ? `${counted(n_unsafe, "failure")} of each group` : counted(n_unsafe, "failure");
 }
 
 function enough(monitor, nGroups) {

@@ -22,7 +22,7 @@ import {
 } from "../lib/dom.js";
 import { withLimits } from "../lib/limits.js";
 import { warningLines } from "../lib/monitors.js";
-import { capital, count, figure, interval, moment, percent } from "../lib/numbers.js";
+import { capital, count, counted, figure, interval, moment, percent } from "../lib/numbers.js";
 import { createEpsilonChoice } from "./choose_epsilon.js";
 import { createEpsilonCost } from "./epsilon_cost.js";
 import { calibrationFigure, curvesFigure, leadFigure, preventionFigure } from "./figures.js";
@@ -113,7 +113,7 @@ function facts({ monitor, calibration, dataset, evaluation, catalog }) {
     ...test,
     ["Limits", formatted(limitsOfMonitor(catalog, monitor))],
     ["Warning lead time", `${figure(monitor.lead)} s`],
-    ["Calibrated on", mixture ? `${mixture.simulated} simulated and ${mixture.flown} flown failures` : `${monitor.n_unsafe} failures${nGroups ? ` of each of ${nGroups} groups` : ""}`],
+    ["Calibrated on", mixture ? `${mixture.simulated} simulated and ${counted(mixture.flown, "flown failure")}` : `${counted(monitor.n_unsafe, "failure")}${nGroups ? ` of each of ${nGroups} groups` : ""}`],
     ["Smallest epsilon", figure(monitor.smallest_epsilon)],
     ["Unsafe rate", percent(dataset?.unsafe_rate ?? evaluation?.unsafe_rate)],
     ["Test flights", evaluation ? count(evaluation.n_test) : "none"],
@@ -232,7 +232,7 @@ function validity({ support }, isKnown, isFresh) {
 
 function details(monitor, { members }, catalog) {
   const memberWords = ({ lead, n_unsafe, recipe }) =>
-    `${figure(lead)} s ahead: ${methodWords(catalog, recipe)}; alone calibrated on ${count(n_unsafe)} failures`;
+    `${figure(lead)} s ahead: ${methodWords(catalog, recipe)}; alone calibrated on ${counted(n_unsafe, "failure")}`;
   const { dataset_id: dataset } = monitor;
   const origin = [
     ["File, SHA-256", monitor.digest, true],

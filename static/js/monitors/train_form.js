@@ -10,7 +10,7 @@ import { datasetChoice, scatterOf } from "../forms/planned_test.js";
 import { reason } from "../lib/api.js";
 import { aircraftCondition, loadCatalog, methodOf } from "../lib/catalog.js";
 import { errorLine, formatted, h, link, loadingView, pageOf, panel, put, sentences } from "../lib/dom.js";
-import { figure, percent } from "../lib/numbers.js";
+import { counted, figure, percent } from "../lib/numbers.js";
 import { proposalOf } from "../recordings/training_offer.js";
 
 const TITLE = "Train a monitor";
@@ -138,7 +138,7 @@ function servedWords(n, { epsilon, guarantee }, share) {
   const needed = neededFor(epsilon, guarantee);
   const words =
     n >= needed
-      ? `${share ? "Up to " : ""}${n} failures${share ? ` calibrate, ${percent(share, 0)} of the dataset's` : ""}: enough for ε ≥ ${figure(guarantee === "average" ? 1 / (n + 1) : 1 - DOUBT ** (1 / n))}.`
+      ? `${share ? "Up to " : ""}${counted(n, "failure")}${share ? ` calibrate, ${percent(share, 0)} of the dataset's` : ""}: enough for ε ≥ ${figure(guarantee === "average" ? 1 / (n + 1) : 1 - DOUBT ** (1 / n))}.`
       : `ε = ${figure(epsilon)} needs at least ${needed} unsafe rollouts, and ${share ? `${n}, ${percent(share, 0)} of the dataset's, calibrate` : `${n} are set`}: raise ε or the number of rollouts.`;
   return { words, isEnough: n >= needed };
 }

@@ -2,7 +2,7 @@
 
 import { createMiniPlot } from "../charts/mini_plot.js";
 import { button, chip, errorLine, factList, h, sentences, table } from "../lib/dom.js";
-import { bytesText, count, durationText, figure, moment, percent, timeZero } from "../lib/numbers.js";
+import { bytesText, count, counted, durationText, figure, moment, percent, timeZero } from "../lib/numbers.js";
 import { nameParts } from "./mapping/signal_select.js";
 
 const SHOWN = 100; // signals listed without a filter
@@ -49,7 +49,7 @@ function badRows({ n, share, rows }) {
   const skipped = ` skipped, ${percent(share, share < 0.001 ? 3 : 1)} of the file: lines and reasons`;
   return h(
     "details.fold.bad-rows",
-    h("summary", chip(`◆ ${n} bad ${n === 1 ? "row" : "rows"}`, "caution"), skipped),
+    h("summary", chip(`◆ ${counted(n, "bad row")}`, "caution"), skipped),
     badRowsTable(rows),
     n > rows.length && h("p.hint", `First ${rows.length} of ${n}.`),
   );

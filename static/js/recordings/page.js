@@ -5,6 +5,7 @@ import { previewTiles } from "../charts/recorded/tiles.js";
 import { reason } from "../lib/api.js";
 import { loadCatalog } from "../lib/catalog.js";
 import { createKeepButton, deleteButton, errorLine, h, link, loadingView, pageOf, sentences, state } from "../lib/dom.js";
+import { counted } from "../lib/numbers.js";
 import { createSignalList, recordingFacts } from "./facts.js";
 import { createMappingSection } from "./mapping/section.js";
 import { createScoreForm } from "./scoring/form.js";
@@ -18,7 +19,7 @@ export function aircraftOf(recordings) {
 }
 
 export function deletion({ id, name, n_scorings: n }) {
-  const also = n ? `, ${n} ${n === 1 ? "scoring" : "scorings"}` : "";
+  const also = n ? `, ${counted(n, "scoring")}` : "";
   const consequence = `Deletes the file${also} and its notes permanently.`;
   return { path: `/recordings/${id}`, what: `recording “${name}”`, consequence };
 }

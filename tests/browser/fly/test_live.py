@@ -255,5 +255,5 @@ def test_late_samples_and_a_server_that_was_started_again_are_told(
     live.assert_no_number()
     routes[-1].close(code=CUT)
     live.event("server restarted").wait_for()
-    live.event("3 samples shown were not stored").wait_for()
+    live.event("3 samples shown, not stored").wait_for()
     expect(live.figure("resumed")).to_have_text("1")

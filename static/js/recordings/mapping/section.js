@@ -9,6 +9,7 @@
 import { checkbox, parsedJson, pasteBox, select, textInput } from "../../forms/controls.js";
 import { ApiError, needs, reason } from "../../lib/api.js";
 import { button, chip, errorLine, guideLink, h } from "../../lib/dom.js";
+import { counted } from "../../lib/numbers.js";
 import { knownNames } from "../drop_zone.js";
 import { mappingState } from "../words.js";
 import { changedChannels } from "./changes.js";
@@ -156,7 +157,7 @@ function merged(proposed, now) {
 function summaryOf({ mapping, missing, targets }, text) {
   const sources = Object.values(mapping.channels);
   const derived = sources.filter(({ derivation }) => derivation).length;
-  const parts = [text, `${sources.length} channels`];
+  const parts = [text, counted(sources.length, "channel")];
   if (derived) parts.push(`${derived} derived`);
   const labels = targets.filter(({ key }) => missing.includes(key)).map(({ label }) => label);
   if (labels.length) parts.push(`without ${labels.join(", ")}`);
