@@ -32,8 +32,12 @@ CONTENT_SECURITY_POLICY = (
 )
 """Only what viser's client needs; it connects to this origin alone."""
 
-STYLE = b"<style>#webgl-software-rendering{display:none}</style>"
-"""Hides the client's notice of software rendering, which would cover the risk."""
+STYLE = b"""<style>#webgl-software-rendering{display:none}
+html, canvas[data-engine] {background: #16283c}
+html[data-theme="light"], [data-theme="light"] canvas[data-engine] {background: #b4d2ee}
+</style>"""
+"""Hides the client's notice of software rendering, which would cover the risk. The canvas is
+transparent above the horizon: its background is the sky, in the theme that the Fly page sets."""
 
 SCRIPT = b"""<script>globalThis.Function = new Proxy(Function, {
   apply: () => () => () => {}, construct: () => () => {} })</script>"""

@@ -1,4 +1,4 @@
-"""Aircraft by class as meshes: fighter, transport, light aircraft; no particular type.
+"""Aircraft by class as meshes: fighter, transport, jet trainer ("light"); no particular type.
 
 Body axes, metres: x forward, y right, z down, origin at the centre of gravity; one size whatever
 the aircraft's own, since the scene shows attitude. `tests/support/airframe_shapes.py` makes the
@@ -55,3 +55,13 @@ def airframe(aircraft_class: AircraftClass) -> tuple[Part, ...]:
             )
             for about in descriptions[aircraft_class]
         )
+
+
+@cache
+def outline(aircraft_class: AircraftClass) -> tuple[Vertices, Faces]:
+    """All parts as one mesh, the surfaces neutral."""
+    parts = airframe(aircraft_class)
+    firsts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    vertices = np.concatenate([part.vertices + part.hinge for part in parts])
+    faces = np.concatenate([part.faces + k for part, k in zip(parts, firsts, strict=False)])
+    return vertices.astype(np.float32), faces.astype(np.uint32)

@@ -71,7 +71,7 @@ class GroundTrack:
         n = len(nodes) - 1
         places = np.array([tips for tips, _ in nodes])
         places[:, :2] -= self.place[:, None]
-        shade = 0.8 * np.linspace(0.0, 1.0, n + 1)[:, None] ** 3
+        shade = np.linspace(0.0, 1.0, n + 1)[:, None]
         tints = shade * np.array([colour for _, colour in nodes])
         tints += (1.0 - shade) * np.array(background)
         points[:, :n, 0] = places[:-1].transpose(2, 0, 1)

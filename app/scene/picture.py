@@ -1,27 +1,30 @@
 """The contents of a scene as viser nodes: aircraft, ground, trail, velocity and risk column.
 
-The world is north-east-down, in metres, seen by a camera behind the aircraft. The attitude is
-drawn true, surfaces and sideslip exaggerated. The aircraft stays in place and the ground moves.
-What is not known is left out and named: without the bank a line along the body shows the pitch,
-without the pitch a line between the wing tips shows the bank.
+The world is north-east-down, in metres. The attitude is drawn true, surfaces and sideslip
+exaggerated. The aircraft stays in place and the ground moves; a translucent aircraft has the
+planned attitude. What is not known is left out and named: without the bank a line along the body
+shows the pitch, without the pitch a line between the wing tips shows the bank. An elevator that is
+not known is drawn as a fixed part.
+
+Positive surfaces: elevator trailing edge down; aileron and rudder as the model's signs say.
 """
 
 from itertools import pairwise
 from math import cos, pi, sin, sqrt
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import viser
-from scipy.spatial.transform import Rotation
 
-from app.scene.airframes import Part, airframe
-from app.scene.ground_track import TRAIL_POINTS, GroundTrack, body_to_earth
+from app.scene.airframes import Faces, Part, Point, Vertices, airframe, outline
+from app.scene.ground_track import TRAIL_POINTS, GroundTrack
 from app.scene.shown import (
     ALERT,
     CALM,
     CAUTION,
     COLOURS,
+    EARTH,
     EXAGGERATION,
     FAINT,
     GHOST,
@@ -29,8 +32,10 @@ from app.scene.shown import (
     GRID,
     INK,
     LIMIT,
+    PLANNED,
     VELOCITY,
     Colour,
+    KnownAngles,
     Shown,
     caption,
     label,
@@ -48,16 +53,36 @@ WIDEST = pi / 4
 """Largest drawn surface angle [rad]."""
 DOWN = (0.0, 0.0, 1.0)
 GROUND_BELOW, CELL, SECTION = 11.0, 10.0, 50.0
+HORIZON, NEAREST = 4000.0, 0.5
+"""Radius of the ground, its edge less than half a degree below the true horizon; and the nearest
+thing that is drawn [m]."""
 RING_RADIUS = 8.8
-COLUMN_AT, COLUMN_HEIGHT, COLUMN_RADIUS = (-4.3, -11.75, -1.2), 7.0, 0.5
-"""Left of all letters of the compass, with its foot above them."""
+COLUMN_AT, COLUMN_HEIGHT, COLUMN_RADIUS = (-8.5, -8.5, 0.5), 6.6, 0.5
+"""Beside the aircraft, and over a third of the picture's height, from each of the CAMERAS."""
+INWARD = 1.3
+"""Shift of the column's numbers [m], forward and right: from each camera towards the aircraft."""
 
-CAMERA_AT, LOOKS_AT, FIELD_OF_VIEW = (-28.0, 7.8, -16.1), (-0.8, -2.2, -2.6), 0.75
-"""Compass and column fill a picture that is a quarter wider than high."""
+
+class Camera(NamedTuple):
+    """position, look_at: [m]."""
+
+    position: Point
+    look_at: Point
+
+
+CAMERAS = {
+    "chase": Camera((-28.0, -6.6, -8.6), (0.0, -1.6, -2.2)),
+    "tail": Camera((-29.5, -1.0, -4.4), (0.0, -2.6, -2.0)),
+    "side": Camera((-1.0, -29.5, -4.8), (-1.6, 0.0, -2.0)),
+}
+"""Aircraft and column fill a picture that is as wide as high; the horizon is in it."""
+FIELD_OF_VIEW = 0.75
+"""Vertical [rad]."""
 
 BODY, WINGS = ((-7.0, 0.0, 0.0), (8.0, 0.0, 0.0)), ((0.0, -5.2, 0.0), (0.0, 5.2, 0.0))
 """Lines from tail to nose and from tip to tip, body axes [m]."""
 
+ELEVATORS = ("right_elevator", "left_elevator")
 TICKS = {"none": 0.0, "quarter": 0.25, "half": 0.5, "whole": 1.0}
 NUMBERED = ("none", "quarter", "whole")
 """Ticks with a number, far enough apart for the smallest scene."""
@@ -68,6 +93,7 @@ LETTERS = {
     "W": ((1, -1, -1, -0.5), (-1, -0.5, 0.4, 0), (0.4, 0, -1, 0.5), (-1, 0.5, 1, 1)),
 }
 """Strokes from (outward, clockwise) to (outward, clockwise), in half letter sizes."""
+HEADLINE_AT, UNKNOWN_AT = (0.0, -1.2, -8.0), (0.0, -1.2, 4.6)
 NO_SHADOW: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
 
 
@@ -130,25 +156,34 @@ class Picture:
     def _add_world(self) -> None:
         scene = self._server.scene
         self._chase = scene.add_frame("/chase", show_axes=False)
+        scene.add_mesh_simple(
+            "/ground",
+            *disc(HORIZON),
+            color=EARTH,
+            opacity=0.8,
+            side="double",
+            position=(0.0, 0.0, GROUND_BELOW + 0.4),
+            **NO_SHADOW,
+        )
         self._ground = scene.add_grid(
             "/chase/ground",
-            width=900.0,
-            height=900.0,
+            width=2400.0,
+            height=2400.0,
             cell_size=CELL,
             section_size=SECTION,
             cell_color=FAINT,
             section_color=GRID,
-            cell_thickness=0.6,
-            section_thickness=1.0,
-            fade_distance=240.0,
-            fade_strength=1.4,
+            cell_thickness=0.8,
+            section_thickness=1.4,
+            fade_distance=600.0,
+            fade_strength=1.2,
             shadow_opacity=0.0,
             position=(0.0, 0.0, GROUND_BELOW),
         )
         self._ring = self._add_lines("/chase/ring", circle(RING_RADIUS), CALM, 2.0)
         self._compass = self._add_lines("/chase/compass", compass(RING_RADIUS), INK, 1.5)
         trail = np.zeros((2 * TRAIL_POINTS, 2, 3), np.float32)
-        self._trail = self._add_lines("/chase/trail", trail, GRID, 2.0)
+        self._trail = self._add_lines("/chase/trail", trail, GRID, 4.0)
 
     def _add_aircraft(self) -> None:
         scene = self._server.scene
@@ -179,12 +214,13 @@ class Picture:
             head_radius=0.34,
             head_length=1.6,
         )
-        self._slip = scene.add_label(
-            "/chase/aircraft/slip",
-            "",
-            position=(16.4, 0.0, -0.6),
-            font_screen_scale=0.9,
-            anchor="bottom-center",
+        self._ghost = scene.add_mesh_simple(
+            "/chase/planned",
+            *outline(self._class),
+            color=PLANNED,
+            opacity=0.3,
+            visible=False,
+            **NO_SHADOW,
         )
 
     def _add_column(self) -> None:
@@ -212,28 +248,18 @@ class Picture:
                     f"/column/{name}_label",
                     f"{p_value:g}",
                     font_screen_scale=0.75,
-                    anchor="center-left",
-                    position=(0.0, 1.6 * COLUMN_RADIUS, at[2]),
+                    anchor="center-center",
+                    position=(INWARD, INWARD, at[2]),
                 )
         self._threshold = scene.add_line_segments(
             "/column/threshold", circle(COLUMN_RADIUS * 1.75), LIMIT, thickness=0.18
         )
         self._threshold_label = scene.add_label(
-            "/column/threshold_label", "", font_screen_scale=0.9, anchor="center-right"
+            "/column/threshold_label", "", font_screen_scale=0.9, anchor="center-center"
         )
-        self._headline = scene.add_label(
-            "/column/headline",
-            "",
-            position=(0.0, -2.0 * COLUMN_RADIUS, -COLUMN_HEIGHT - 1.4),
-            font_screen_scale=1.0,
-            anchor="bottom-left",
-        )
-        self._unknown = scene.add_label(
-            "/column/unknown",
-            "",
-            position=(0.0, -2.0 * COLUMN_RADIUS, 1.2),
-            font_screen_scale=0.8,
-            anchor="top-left",
+        self._headline, self._unknown = (
+            scene.add_label(name, "", position=at, font_screen_scale=size, anchor="center-center")
+            for name, at, size in (("/headline", HEADLINE_AT, 1.0), ("/unknown", UNKNOWN_AT, 0.8))
         )
         self._readout = self._server.gui.add_html("")
 
@@ -241,7 +267,7 @@ class Picture:
 
     def _move(self, shown: Shown, colour: Colour) -> None:
         track, (bank, pitch, heading) = self._track, shown.attitude
-        track.advance(shown.t, _drawn_attitude(shown), shown.beta or 0.0, colour)
+        track.advance(shown.t, _drawn_attitude(shown.attitude), shown.beta or 0.0, colour)
         north, east = -(track.place % SECTION)
         self._set(self._chase, wxyz=turned(DOWN, -track.heading))
         self._set(self._ground, position=(float(north), float(east), GROUND_BELOW))
@@ -253,37 +279,42 @@ class Picture:
         """Attitude, surfaces and velocity; grey if the telemetry is stale or invalid."""
         lost = shown.state in (State.STALE, State.INVALID)
         bank, pitch, _ = shown.attitude
-        self._set(self._aircraft, wxyz=wxyz(body_to_earth(*_drawn_attitude(shown))))
+        self._set(self._aircraft, wxyz=attitude_wxyz(*_drawn_attitude(shown.attitude)))
         self._set(self._body, visible=bank is None and pitch is not None)
         self._set(self._wings, visible=pitch is None and bank is not None)
         roll, yaw = (
             None if deflection is None else sign * _drawn(deflection)
             for sign, deflection in zip(self._signs, (shown.delta_a, shown.delta_r), strict=True)
         )
+        pitching = None if shown.delta_e is None else _drawn(shown.delta_e)
         turns = {
             "right_aileron": None if roll is None else -roll,  # trailing edge up rolls right
             "left_aileron": roll,
             "rudder": yaw,  # trailing edge right yaws right
-        }
+        } | dict.fromkeys(ELEVATORS, pitching or 0.0)
         is_seen = bank is not None and pitch is not None
         for name, (part, node) in self._parts.items():
             angle = turns.get(name, 0.0)
             seen = is_seen and angle is not None
-            self._set(node, color=GHOST if lost else part.colour, visible=seen)
+            is_fixed = name in ELEVATORS and pitching is None
+            colour = self._parts["wings"][0].colour if is_fixed else part.colour
+            self._set(node, color=GHOST if lost else colour, visible=seen)
             if name in turns and angle is not None:
                 self._set(node, wxyz=turned(part.axis, angle))
-        self._slide(shown.beta, lost)
+        self._slide(shown, lost)
+        is_planned = shown.planned is not None and shown.state is not State.STALE
+        self._set(self._ghost, visible=is_planned)
+        if shown.planned is not None:
+            self._set(self._ghost, wxyz=attitude_wxyz(*_drawn_attitude(shown.planned)))
 
-    def _slide(self, beta: float | None, lost: bool) -> None:
+    def _slide(self, shown: Shown, lost: bool) -> None:
         """Velocity and sideslip."""
         for node in (self._velocity, self._scale):
-            self._set(node, visible=beta is not None)
-        if beta is not None:
-            wind = Rotation.from_euler("YZ", (-self._alpha0, _drawn(beta)))
-            self._set(self._velocity, wxyz=wxyz(wind))
+            self._set(node, visible=shown.beta is not None)
+        if shown.beta is not None:
+            alpha = self._alpha0 if shown.alpha is None else shown.alpha
+            self._set(self._velocity, wxyz=wind_wxyz(alpha, _drawn(shown.beta)))
         self._paint(self._velocity, GHOST if lost else VELOCITY)
-        words = "" if lost or beta is None else f"β {np.rad2deg(beta):+.1f}°"
-        self._set(self._slip, text=words, visible=words != "")
 
     def _risk(self, shown: Shown, colour: Colour) -> None:
         known = colour != GREY
@@ -293,7 +324,7 @@ class Picture:
         self._set(self._fill, position=(0.0, 0.0, -level / 2))
         at = (0.0, 0.0, -height(shown.alert_above))
         self._set(self._threshold, position=at)
-        beside = (0.0, -2.2 * COLUMN_RADIUS, at[2])
+        beside = (1.6 * INWARD, 1.6 * INWARD, at[2])
         self._set(self._threshold_label, text=f"> {shown.alert_above:.3g}", position=beside)
         urgent = COLOURS[shown.headline.level]
         self._paint(self._ring, urgent)
@@ -310,20 +341,32 @@ class Picture:
             node.colors = np.array(colour, np.uint8)
 
 
-def wxyz(rotation: Rotation) -> tuple[float, ...]:
-    """The quaternion of a rotation as viser uses it, from a child's frame to its parent's."""
-    x, y, z, w = rotation.as_quat().tolist()
-    return w, x, y, z
+def attitude_wxyz(phi: float, theta: float, psi: float) -> tuple[float, ...]:
+    """The quaternion from body axes to north-east-down: heading, then pitch, then bank [rad]."""
+    (a, b, c), (d, e, f) = ([turn(angle / 2) for angle in (phi, theta, psi)] for turn in (cos, sin))
+    return (
+        a * b * c + d * e * f,
+        d * b * c - a * e * f,
+        a * e * c + d * b * f,
+        a * b * f - d * e * c,
+    )
 
 
-def turned(axis: tuple[float, float, float], angle: float) -> tuple[float, ...]:
+def wind_wxyz(alpha: float, beta: float) -> tuple[float, ...]:
+    """The quaternion from wind to body axes [rad]."""
+    a, b, d, e = cos(alpha / 2), cos(beta / 2), -sin(alpha / 2), sin(beta / 2)
+    return a * b, d * e, d * b, a * e
+
+
+def turned(axis: Point, angle: float) -> tuple[float, ...]:
     """The quaternion of a right-handed turn about a unit vector by an angle [rad]."""
-    return wxyz(Rotation.from_rotvec(np.multiply(angle, axis)))
+    part = sin(angle / 2)
+    return (cos(angle / 2), *(part * along for along in axis))
 
 
-def _drawn_attitude(shown: Shown) -> Attitude:
+def _drawn_attitude(attitude: KnownAngles) -> Attitude:
     """The attitude of what is drawn: an unknown angle does not show in it."""
-    return Attitude(*(0.0 if angle is None else angle for angle in shown.attitude))
+    return Attitude(*(0.0 if angle is None else angle for angle in attitude))
 
 
 def _drawn(angle: float) -> float:
@@ -342,7 +385,17 @@ def _stage(server: viser.ViserServer) -> None:
     for name, at in (("behind", (-20.0, 14.0, -8.0)), ("left", (4.0, -20.0, -6.0))):
         scene.add_light_directional(f"/light/{name}", intensity=1.3, position=at)
     camera = server.initial_camera
-    camera.position, camera.look_at, camera.fov = CAMERA_AT, LOOKS_AT, FIELD_OF_VIEW
+    (camera.position, camera.look_at), camera.fov = CAMERAS["chase"], FIELD_OF_VIEW
+    camera.near, camera.far = NEAREST, 2.0 * HORIZON
+
+
+def disc(radius: float, n: int = 180) -> tuple[Vertices, Faces]:
+    """A level disc about the origin: vertices (n + 1, 3) and faces (n, 3)."""
+    angle = np.linspace(0.0, 2 * pi, n, endpoint=False)
+    rim = radius * np.stack((np.cos(angle), np.sin(angle), 0 * angle), 1)
+    k = np.arange(n)
+    faces = np.stack((np.full(n, n), k, (k + 1) % n), 1)
+    return np.vstack((rim, np.zeros(3))).astype(np.float32), faces.astype(np.uint32)
 
 
 def circle(radius: float) -> Lines:

@@ -74,10 +74,10 @@ class Scene:
         effect after `close`. Costs a microsecond or two and never waits.
         """
         with self._latest:
-            t, attitude, *angles = shown[:5]
+            t, attitude, *angles = shown.pose.values()
             known = [number for number in (t, *attitude, *angles) if number is not None]
             if not all(map(isfinite, known)):
-                shown = Shown(*self._shown[:5], *shown[5:])
+                shown = shown._replace(**self._shown.pose)
             self._shown, self._shown_at = shown, self._clock()
 
     def wait(self, stale_after_s: float) -> None:

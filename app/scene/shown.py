@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from html import escape
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from core.monitor.assessment import Cause, State
 from core.monitor.status import Facts, Headline, Level, Status, headline, in_words
@@ -17,10 +17,12 @@ ADVISORY: Colour = (72, 136, 236)
 GREY: Colour = (128, 132, 140)
 GHOST: Colour = (92, 95, 101)
 INK: Colour = (124, 135, 149)
-FAINT: Colour = (96, 104, 116)
+FAINT: Colour = (128, 122, 104)
 VELOCITY: Colour = (72, 132, 236)
 LIMIT: Colour = (232, 160, 8)
-GRID: Colour = (104, 114, 128)
+GRID: Colour = (158, 152, 134)
+EARTH: Colour = (92, 84, 62)
+PLANNED: Colour = (214, 226, 240)
 """Visible on a dark and on a light sky: the sky is the page's background, in the viewer's theme."""
 
 EXAGGERATION = 3.0
@@ -35,10 +37,14 @@ COLOURS = {
 """Colours of ring and words: red is for warnings only."""
 
 
+POSE = ("t", "attitude", "beta", "delta_a", "delta_r", "delta_e", "alpha")
+
+
 class Shown(NamedTuple):
     """All that a picture depends on; see Scene.show.
 
-    beta, delta_a, delta_r: [rad]; None where the flight does not know it.
+    beta, alpha, delta_a, delta_r, delta_e: [rad]; None where the flight does not know it.
+    planned: attitude of the planned flight at this time; None without one.
     """
 
     t: float
@@ -54,6 +60,14 @@ class Shown(NamedTuple):
     facts: Facts
     cause: Cause | None = None
     paused: bool = False
+    delta_e: float | None = None
+    alpha: float | None = None
+    planned: KnownAngles | None = None
+
+    @property
+    def pose(self) -> dict[str, Any]:
+        """Where and how the aircraft is drawn, by field."""
+        return {name: getattr(self, name) for name in POSE}
 
     @property
     def headline(self) -> Headline:

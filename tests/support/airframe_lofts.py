@@ -1,26 +1,27 @@
-"""Lofts, and a fighter-like aircraft made of them: skins and hinged control surfaces.
+"""Lofts: skins of bodies and lifting surfaces, and parts made of them.
 
-Body axes, metres: x forward, y right, z down, origin at the centre of gravity. No particular type:
-a single-fin fighter with leading-edge extensions, because its roll and its rudder read well.
+Body axes, metres: x forward, y right, z down, origin at the centre of gravity.
 """
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 import numpy.typing as npt
 
-from app.scene.airframes import SPAN, Part, Point
+from app.scene.airframes import Part, Point
 from app.scene.shown import Colour
 from core.types import Array, Indices
 
 Skin = tuple[Array, Indices]
 
-HULL: Colour = (52, 61, 74)
-HULL_LIGHT: Colour = (84, 97, 115)
-HULL_DARK: Colour = (22, 26, 33)
-GLASS: Colour = (16, 58, 82)
-SURFACE: Colour = (150, 166, 186)
+HULL: Colour = (78, 88, 102)
+HULL_LIGHT: Colour = (104, 116, 132)
+HULL_DARK: Colour = (16, 19, 25)
+SILVER: Colour = (146, 154, 164)
+WHITE: Colour = (188, 194, 202)
+MARKING: Colour = (14, 44, 92)
+GLASS: Colour = (10, 40, 60)
+SURFACE: Colour = (206, 214, 224)
 
 
 def loft(sections: Array, closed: bool = True) -> Skin:
@@ -154,13 +155,7 @@ def _point(vector: Array) -> Point:
     return x, y, z
 
 
-def hinged(
-    name: str,
-    skin: Skin,
-    inner: Array,
-    outer: Array,
-    colour: Colour = SURFACE,
-) -> Part:
+def hinged(name: str, skin: Skin, inner: Array, outer: Array) -> Part:
     """A surface that turns about the line from inner to outer."""
     vertices, faces = skin
     line = (outer - inner) / np.linalg.norm(outer - inner)
@@ -168,95 +163,7 @@ def hinged(
         name,
         (vertices - inner).astype(np.float32),
         faces.astype(np.uint32),
-        colour,
+        SURFACE,
         _point(inner),
         _point(line),
-    )
-
-
-WING = Blade((1.9, 0.7, -0.05), (-2.5, SPAN / 2, 0.0), 5.0, 1.35, 0.05)
-TAILPLANE = Blade((-4.6, 0.75, 0.05), (-6.5, 2.9, 0.2), 2.5, 0.9, 0.045)
-FIN = Blade((-2.9, 0.0, -0.75), (-6.2, 0.0, -3.9), 3.9, 1.35, 0.055, up=(0.0, 1.0, 0.0))
-AILERON_SPAN, AILERON_CHORD = (0.5, 0.94), 0.74
-RUDDER_SPAN, RUDDER_CHORD = (0.1, 0.92), 0.70
-GAP = 0.008
-"""Slit around a surface, as a fraction of span or chord, so that it reads as separate."""
-
-
-def _wing() -> Skin:
-    first, last = AILERON_SPAN
-    return join(
-        WING.panel((0.0, first), (0.0, 1.0)),
-        WING.panel((first, last), (0.0, AILERON_CHORD - GAP)),
-        WING.panel((last, 1.0), (0.0, 1.0)),
-    )
-
-
-def _fin() -> Skin:
-    first, last = RUDDER_SPAN
-    return join(
-        FIN.panel((0.0, first), (0.0, 1.0)),
-        FIN.panel((first, last), (0.0, RUDDER_CHORD - GAP)),
-        FIN.panel((last, 1.0), (0.0, 1.0)),
-    )
-
-
-def _aileron() -> tuple[Skin, Array, Array]:
-    first, last = AILERON_SPAN
-    skin = WING.panel((first + GAP, last - GAP), (AILERON_CHORD, 1.0))
-    return skin, WING.at(first, AILERON_CHORD), WING.at(last, AILERON_CHORD)
-
-
-FUSELAGE = [
-    (7.6, 0.03, 0.03, 0.10, 2.0), (7.0, 0.22, 0.20, 0.09, 2.0), (5.8, 0.46, 0.42, 0.04, 2.0),
-    (4.4, 0.62, 0.62, -0.04, 2.2), (2.6, 0.80, 0.74, -0.05, 2.5), (0.6, 1.02, 0.76, 0.0, 3.0),
-    (-2.0, 1.08, 0.72, 0.0, 3.0), (-4.4, 0.92, 0.66, 0.0, 2.6), (-6.0, 0.70, 0.58, 0.0, 2.2),
-    (-6.7, 0.60, 0.54, 0.0, 2.0),
-]  # fmt: skip
-CANOPY = [
-    (5.5, 0.04, 0.03, -0.44, 2.0), (4.9, 0.30, 0.26, -0.52, 2.0), (4.0, 0.42, 0.46, -0.60, 2.0),
-    (3.0, 0.44, 0.48, -0.62, 2.0), (1.8, 0.36, 0.32, -0.64, 2.0), (0.4, 0.12, 0.10, -0.70, 2.0),
-]  # fmt: skip
-SPINE = [
-    (1.6, 0.16, 0.14, -0.70, 2.0), (0.0, 0.30, 0.22, -0.70, 2.0), (-3.0, 0.28, 0.20, -0.66, 2.0),
-    (-6.3, 0.10, 0.10, -0.56, 2.0),
-]  # fmt: skip
-INTAKE = [
-    (2.9, 0.58, 0.30, 0.72, 3.5), (1.6, 0.66, 0.36, 0.70, 3.5), (-1.6, 0.60, 0.30, 0.56, 3.0),
-    (-3.6, 0.40, 0.16, 0.48, 2.5),
-]  # fmt: skip
-NOZZLE = [
-    (-6.3, 0.50, 0.45, 0.0, 2.0), (-7.0, 0.54, 0.50, 0.0, 2.0), (-7.4, 0.44, 0.42, 0.0, 2.0),
-]  # fmt: skip
-
-
-@cache
-def fighter() -> tuple[Part, ...]:
-    """Every part, fixed ones first; built once and shared by all scenes."""
-    wing = _wing()
-    extension = Blade((4.4, 0.45, -0.08), (1.4, 1.5, -0.05), 3.6, 1.2, 0.02).panel((0, 1), (0, 1))
-    rail = body([
-        (0.2 - 2.5, 0.03, 0.03, 0.0, 2.0), (-2.7, 0.08, 0.08, 0.0, 2.0),
-        (-4.2, 0.08, 0.08, 0.0, 2.0), (-4.6, 0.02, 0.02, 0.0, 2.0),
-    ], 12)  # fmt: skip
-    rail = rail[0] + (0.0, SPAN / 2, 0.0), rail[1]
-    aileron, inner, outer = _aileron()
-    flipped = np.array((1.0, -1.0, 1.0))
-    tail = TAILPLANE.panel((0, 1), (0, 1))
-    rudder = FIN.panel((RUDDER_SPAN[0] + GAP, RUDDER_SPAN[1] - GAP), (RUDDER_CHORD, 1.0))
-    hinge = [FIN.at(eta, RUDDER_CHORD) for eta in RUDDER_SPAN]
-    return (
-        part("fuselage", join(body(FUSELAGE), body(SPINE, 20)), HULL),
-        part("canopy", body(CANOPY, 24), GLASS),
-        part("intake", body(INTAKE, 28), HULL_DARK),
-        part("nozzle", body(NOZZLE, 28), HULL_DARK),
-        part("wings", join(wing, mirror(wing)), HULL_LIGHT),
-        part("extensions", join(extension, mirror(extension)), HULL),
-        part("tailplanes", join(tail, mirror(tail)), HULL_LIGHT),
-        part("fin", _fin(), HULL_LIGHT),
-        part("rails", join(rail, mirror(rail)), HULL_DARK),
-        hinged("right_aileron", aileron, inner, outer),
-        # From tip to root, so that a positive turn is trailing edge down on this side too.
-        hinged("left_aileron", mirror(aileron), outer * flipped, inner * flipped),
-        hinged("rudder", rudder, hinge[0], hinge[1]),
     )

@@ -12,10 +12,8 @@ import { remember, remembered } from "../lib/storage.js";
 
 const KEY = "forewarn.scene";
 
-/** The sky follows the page's theme. viser's own panel would cover the aircraft. */
+/** viser's own panel would cover the aircraft. */
 const STYLE = `
-  html, canvas[data-engine] { background: #090d13; }
-  html[data-theme="light"], [data-theme="light"] canvas[data-engine] { background: #dde5ed; }
   html:not([data-mantine-color-scheme="dark"]) body { visibility: hidden; }
   .mantine-Paper-root, .mantine-Notifications-root { display: none !important; }`;
 

@@ -3,14 +3,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from app.catalog import catalog
-from app.scene.airframes import SPAN, Part, airframe
+from app.scene.airframes import SPAN, Part, airframe, outline
 from core.simulation.aircraft import AIRCRAFT
 from tests.support.airframe_shapes import AIRFRAMES
 
 PARTS = airframe("fighter")
 BY_NAME = {part.name: part for part in PARTS}
 EVERY = [(kind, part) for kind in AIRFRAMES for part in airframe(kind)]
-TWINS = {"right_aileron": "left_aileron", "left_aileron": "right_aileron"}
+PAIRED = ("right_aileron", "left_aileron", "right_elevator", "left_elevator")
+TWINS = dict(zip(PAIRED, (PAIRED[1], PAIRED[0], PAIRED[3], PAIRED[2]), strict=True))
 MOVING = ("right_aileron", "left_aileron", "rudder")
 
 
@@ -105,9 +106,33 @@ def test_surfaces_sit_in_their_cut_outs():
 @pytest.mark.parametrize("kind", AIRFRAMES)
 def test_surfaces_of_every_class_turn_as_those_of_the_fighter(kind):
     parts = {part.name: part for part in airframe(kind)}
-    assert {*MOVING, "fuselage", "wings", "fin", "tailplanes"} <= parts.keys()
-    for name, down in (("right_aileron", 2), ("left_aileron", 2), ("rudder", 1)):
-        assert mean_move(parts[name], 0.3)[down] > 0.03
+    assert {*MOVING, *PAIRED, "fuselage", "canopy", "wings", "fin"} <= parts.keys()
+    assert mean_move(parts["rudder"], 0.3)[1] > 0.03
+    for name in PAIRED:
+        assert mean_move(parts[name], 0.3)[2] > 0.03
+
+
+@pytest.mark.parametrize(
+    ("kind", "features"),
+    [
+        ("fighter", {"intake", "nozzle", "missiles"}),
+        ("transport", {"engines", "pylons", "tailplanes"}),
+        ("light", {"intakes", "tanks", "tailplanes"}),
+    ],
+)
+def test_a_class_has_what_it_is_recognised_by(kind, features):
+    parts = {part.name: part for part in airframe(kind)}
+    assert features <= parts.keys()
+    if kind == "transport":
+        wings, engines = parts["wings"].vertices, parts["engines"].vertices
+        assert engines[:, 2].mean() > wings[:, 2].mean() + 0.5
+
+
+@pytest.mark.parametrize("kind", AIRFRAMES)
+def test_the_outline_is_all_parts_with_neutral_surfaces(kind):
+    vertices, faces = outline(kind)
+    corners_of_parts = [turned(part, 0.0)[part.faces] for part in airframe(kind)]
+    np.testing.assert_allclose(vertices[faces], np.concatenate(corners_of_parts), atol=1e-4)
 
 
 def test_the_classes_of_the_published_aircraft_are_theirs():

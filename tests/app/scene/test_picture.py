@@ -11,13 +11,17 @@ from scipy.spatial.transform import Rotation
 from app.scene.airframes import airframe
 from app.scene.ground_track import TRAIL_POINTS, GroundTrack
 from app.scene.picture import (
-    CAMERA_AT,
+    CAMERAS,
     COLUMN_AT,
+    COLUMN_HEIGHT,
+    ELEVATORS,
     FIELD_OF_VIEW,
-    LOOKS_AT,
-    RING_RADIUS,
+    GROUND_BELOW,
+    HORIZON,
+    UNKNOWN_AT,
     WIDEST,
-    compass,
+    attitude_wxyz,
+    turned,
 )
 from app.scene.scene import Scene
 from app.scene.shown import (
@@ -39,14 +43,14 @@ from core.simulation.attitude import Attitude, SurfaceSigns
 from tests.support.scene_site import show
 
 
-def on_screen(points):
-    """Places (n, 3) as the camera sees them, across and up; 1 is half the picture's height."""
-    ahead = np.array(LOOKS_AT) - CAMERA_AT
+def on_screen(points, camera):
+    """Places (n, 3) as a camera sees them, across and up; 1 is half the picture's height."""
+    ahead = np.array(camera.look_at) - camera.position
     ahead /= np.linalg.norm(ahead)
     right = np.cross((0.0, 0.0, 1.0), ahead)
     right /= np.linalg.norm(right)
     up = np.cross(right, ahead)
-    seen = points - np.array(CAMERA_AT)
+    seen = points - np.array(camera.position)
     depth = seen @ ahead * np.tan(FIELD_OF_VIEW / 2)
     return seen @ right / depth, seen @ up / depth
 
@@ -280,7 +284,7 @@ class TestWhatIsNotKnown:
 
     def visible(self, scene: Scene) -> set[str]:
         picture = nodes(scene)
-        others = ["_body", "_wings", "_compass", "_velocity", "_slip", "_scale", "_trail"]
+        others = ["_body", "_wings", "_compass", "_velocity", "_scale", "_trail"]
         all_nodes = {name: node for name, (_, node) in picture._parts.items()}
         all_nodes |= {name: getattr(picture, name) for name in others}
         return {name for name, node in all_nodes.items() if node.visible}
@@ -316,7 +320,7 @@ class TestWhatIsNotKnown:
         show(scene)
         scene.draw()
         seen = self.visible(scene)
-        assert {"rudder", "_compass", "_velocity", "_slip", "_scale", "_trail"} <= seen
+        assert {"rudder", "_compass", "_velocity", "_scale", "_trail"} <= seen
         assert seen.isdisjoint({"_body", "_wings"})
 
 
@@ -348,6 +352,58 @@ class TestThePicture:
         truth = Rotation.from_euler("ZYX", (0.2, 0.1, 0.4)).as_matrix()
         drawn = Rotation.from_quat(np.roll(nodes(scene)._aircraft.wxyz, -1)).as_matrix()
         assert drawn == pytest.approx(truth, abs=1e-9)
+
+    def test_an_elevator_down_turns_trailing_edge_down_and_an_unknown_one_is_a_fixed_part(
+        self, scene
+    ):
+        show(scene, delta_e=0.05)
+        scene.draw()
+        for name in ELEVATORS:
+            part, node = nodes(scene)._parts[name]
+            trailing = part.vertices[part.vertices[:, 0].argmin()]
+            moved = Rotation.from_quat(np.roll(node.wxyz, -1)).apply(trailing) - trailing
+            assert moved[2] > 0.05
+            assert self.angle(scene, name) == pytest.approx(0.05 * EXAGGERATION)
+            assert node.color == part.colour
+        show(scene)
+        scene.draw()
+        fixed = nodes(scene)._parts["wings"][1].color
+        for name in ELEVATORS:
+            assert self.angle(scene, name) == 0.0
+            assert nodes(scene)._parts[name][1].color == fixed
+
+    def test_a_translucent_aircraft_has_the_planned_attitude_while_there_is_one(self, scene, clock):
+        show(scene)
+        scene.draw()
+        ghost = nodes(scene)._ghost
+        assert not ghost.visible
+        show(scene, planned=(0.5, 0.1, -0.2))
+        scene.draw()
+        assert ghost.visible
+        assert (ghost.opacity or 1.0) < 0.5
+        truth = Rotation.from_euler("ZYX", (-0.2, 0.1, 0.5)).as_matrix()
+        drawn = Rotation.from_quat(np.roll(ghost.wxyz, -1)).as_matrix()
+        assert drawn == pytest.approx(truth, abs=1e-9)
+        clock.now += 60.0
+        scene.draw()
+        assert not ghost.visible
+
+    @given(*3 * [st.floats(-pi, pi)])
+    def test_quaternions_are_those_of_scipy(self, phi, theta, psi):
+        def matrix(wxyz):
+            return Rotation.from_quat(np.roll(wxyz, -1)).as_matrix()
+
+        truth = Rotation.from_euler("ZYX", (psi, theta, phi)).as_matrix()
+        assert matrix(attitude_wxyz(phi, theta, psi)) == pytest.approx(truth, abs=1e-9)
+        axis = np.array((0.6, 0.0, 0.8))
+        truth = Rotation.from_rotvec(phi * axis).as_matrix()
+        assert matrix(turned((0.6, 0.0, 0.8), phi)) == pytest.approx(truth, abs=1e-9)
+
+    def test_a_known_angle_of_attack_turns_the_velocity(self, scene):
+        show(scene, alpha=0.2)
+        scene.draw()
+        x, _, z = Rotation.from_quat(np.roll(nodes(scene)._velocity.wxyz, -1)).apply((1, 0, 0))
+        assert z / x == pytest.approx(np.tan(0.2))
 
     def test_the_velocity_points_to_the_wind(self, clock):
         scene = Scene(clock, SurfaceSigns(1, -1), 0.1, 2.0)
@@ -426,28 +482,31 @@ class TestThePicture:
         scene.draw()
         for _, node in nodes(scene)._parts.values():
             assert np.ptp(node.color) < 12
-        show(scene, t=1.05)
+        show(scene, t=1.05, delta_e=0.0)
         scene.draw()
         assert [node.color for _, node in nodes(scene)._parts.values()] == [
             part.colour for part in airframe("fighter")
         ]
 
-    def test_compass_column_and_labels_lie_clear_of_each_other_in_the_smallest_scene(self, scene):
-        narrow, letter, foot = 300, 8.5, np.array(COLUMN_AT)  # px, of a label at 1024 px
-        compass_lines = compass(RING_RADIUS).reshape(-1, 3)
-        turned = np.concatenate(
-            [Rotation.from_euler("z", k * pi / 18).apply(compass_lines) for k in range(36)]
-        )
-        x, y = on_screen(turned)
-        assert np.abs([*x / 1.25, *y]).max() < 0.97
-        column = foot + np.array([(0, side, -h) for side in (-0.9, 0.9) for h in (0, 7)])
-        assert on_screen(column)[0].max() < x.min()
-        beside = foot + np.array(nodes(scene)._threshold_label.position)
-        per_px = 2 * 1.25 / narrow
-        assert on_screen(beside[None])[0][0] - 5 * letter * per_px > -1.25
-        above = on_screen((foot + np.array(nodes(scene)._headline.position))[None])[0][0]
-        longest = len("NOT CALIBRATED PAUSED RISK 0.02")
-        assert above + longest * letter * per_px < 1.25
+    @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
+    def test_every_camera_sees_the_horizon_and_the_column_clear_of_the_aircraft(
+        self, scene, camera
+    ):
+        narrowest = 1.05  # width over height
+        parts = [part.vertices + part.hinge for part in airframe("fighter")]
+        across, up = on_screen(np.concatenate(parts), camera)
+        assert np.abs([*across, *up]).max() < 0.97
+        edges = [(dx, dy, -h) for dx in (-0.5, 0.5) for dy in (-0.5, 0.5) for h in (0, 6.6)]
+        x, _ = on_screen(np.array(COLUMN_AT) + edges, camera)
+        assert np.abs(x).max() < narrowest
+        assert x.max() < across.min() or x.min() > across.max()
+        axis = np.linspace((0.0, 0.0, 0.0), (0.0, 0.0, -COLUMN_HEIGHT), 2)
+        foot, top = on_screen(axis + COLUMN_AT, camera)[1]
+        assert (top - foot) / 2 > 1 / 3
+        ahead = np.array(camera.look_at) - camera.position
+        rim = HORIZON * ahead / np.hypot(*ahead[:2])
+        assert 0.1 < on_screen(np.array([(*rim[:2], GROUND_BELOW)]), camera)[1][0] < 0.8
+        assert on_screen(np.array([UNKNOWN_AT]), camera)[1][0] > -0.95
 
 
 class TestTheTrack:

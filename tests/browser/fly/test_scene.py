@@ -15,7 +15,7 @@ wanted => {
     const canvas = document.querySelector("canvas[data-engine]");
     if (!canvas) return false;
     const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d");
-    copy.fillStyle = "#090d13";  // the sky is the page's: the canvas is transparent there
+    copy.fillStyle = "#16283c";  // the sky is the page's: the canvas is transparent there
     copy.fillRect(0, 0, canvas.width, canvas.height);
     copy.drawImage(canvas, 0, 0);
     const pixels = copy.getImageData(0, 0, canvas.width, canvas.height).data;
@@ -82,20 +82,23 @@ def test_the_scene_shows_the_state_in_colour_and_words(page: Page, site: Site, a
     page.get_by_text("(higher is worse)").wait_for()
     page.get_by_text("drawn ×3").wait_for()
 
-    show(scene, 3.05, p_value=0.42, alert=True, beta=0.1, attitude=Attitude(-0.5, 0.05, 0.1))
+    for k in range(61, 181):  # until all of the trail is of the alert
+        attitude = Attitude(-0.5, 0.05, 0.1)
+        show(scene, 0.05 * k, p_value=0.42, alert=True, beta=0.1, attitude=attitude)
+        scene.draw()
     settles(page, ALERT, "ALERT")
     page.get_by_text("RISK 0.42").wait_for()
 
-    show(scene, 9.0, p_value=None, alert=False, state=State.STALE, reason="no sample for 1 s")
+    show(scene, 20.0, p_value=None, alert=False, state=State.STALE, reason="no sample for 1 s")
     settles(page, SILENT, "STALE")
     page.get_by_text("no sample for 1 s").wait_for()
     assert page.get_by_text("RISK").count() == 0
 
-    show(scene, 9.05, p_value=None, alert=False, state=State.INVALID, reason="beta is not finite")
+    show(scene, 20.05, p_value=None, alert=False, state=State.INVALID, reason="beta is not finite")
     settles(page, SILENT, "INVALID")
-    show(scene, 9.10, p_value=None, alert=False, state=State.WARMING_UP)
+    show(scene, 20.10, p_value=None, alert=False, state=State.WARMING_UP)
     settles(page, {"red": [0, 0], "teal": [0, 60]}, "WARMING UP")
-    show(scene, 9.15)
+    show(scene, 20.15)
     settles(page, CALM, "RISK 0.04")
 
     own = (site.http, site.ws, "data:", "blob:")
