@@ -42,6 +42,8 @@ OPTIONS = ("-h", "--help", "--version")
 OF_COMMANDS = ("--json",)
 """Options of commands, often given without one."""
 INVALID = re.compile(r"invalid (\w+) value: (.*)")
+FIELD = re.compile(r"(?<![\w.'])[a-z]+(?:_[a-z]+)+(?!\w|\.\w|')")
+"""Name of a field, not within a path or quotes."""
 NUMBERS = {
     "int": "give a whole number",
     "float": "give a number",
@@ -56,6 +58,7 @@ NUMBERS = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command. Returns 0 only where the work was done."""
+    known: Sequence[str] = ()
     try:
         arguments = sys.argv[1:] if arguments is None else arguments
         command = next((word for word in arguments if not word.startswith("-")), None)
@@ -68,6 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if unknown:
             message = f"{command} does not accept {unknown[0]!r}"
             return _refused(message, unknown[0].partition("=")[0], options.known_options)
+        known = options.known_options
         from core.kernels.compiled import announce_compilation
 
         with announce_compilation(lambda text: print(f"forewarn: {text}", file=sys.stderr)):
@@ -76,11 +80,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("forewarn: interrupted; nothing was written", file=sys.stderr)
         return INTERRUPTED
     except (ValueError, OSError) as error:
-        print(f"forewarn: {error}", file=sys.stderr)
+        print(f"forewarn: {_as_options(f'{error}', known)}", file=sys.stderr)
         return 1
     except MemoryError as error:
         print(f"forewarn: out of memory ({error}): ask for less", file=sys.stderr)
         return 1
+
+
+def _as_options(message: str, known: Iterable[str]) -> str:
+    """A message that names the options of the command instead of the fields that they set."""
+    fields = {option[2:].replace("-", "_"): option for option in known if option.count("-") > 2}
+    return FIELD.sub(lambda match: fields.get(match[0], match[0]), message)
 
 
 def _refused(message: str, word: str, known: Iterable[str]) -> int:

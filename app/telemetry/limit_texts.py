@@ -130,6 +130,12 @@ def _number(end: str, shared: str, known: Channel, text: str) -> float | None:
             f"{text!r}: write it as {known.key}=LOW..HIGH, such as {known.key}=-1..4"
         )
     number, unit = np.array([float(match[1])]), match[2] or shared
+    if not unit and known.largest is not None and abs(number[0]) > known.largest:
+        raise TelemetryError(
+            f"{text!r}: {match[1]} {known.unit} is more than any aircraft reaches, "
+            f"{known.largest:.3g} {known.unit}: write the unit, such as {match[1]} "
+            f"{known.display_unit}"
+        )
     return float(convert(number, unit or known.unit, known.unit)[0])
 
 

@@ -294,7 +294,7 @@ def _check_budget(recipe: SimulatedTest, n_unsafe: int, n_made: int) -> None:
     raise CollectionError(
         f"{n_unsafe} of {n_made} rollouts were unsafe (rate about {n_unsafe / n_made:.2g}, at "
         f"most {highest:.2g}): {recipe.n_unsafe} unsafe ones are out of reach within "
-        f"{recipe.max_rollouts} rollouts; {recipe.remedy} or raise max_rollouts{enough}. "
+        f"{recipe.max_rollouts} rollouts; {recipe.for_more} or raise max_rollouts{enough}. "
         f"{_working_amplitude(recipe)}".rstrip()
     )
 
@@ -323,8 +323,8 @@ def _dataset(
     is_unsafe = fail_index < y.shape[1]
     if n_safe_met == 0:
         text = (
-            f"all {recipe.n_unsafe} rollouts were unsafe, but a monitor needs safe ones too: lower "
-            f"the amplitude, raise the limit or raise n_unsafe. {_working_amplitude(recipe)}"
+            f"all {recipe.n_unsafe} rollouts were unsafe, but a monitor needs safe ones too: "
+            f"{recipe.for_fewer} or raise n_unsafe. {_working_amplitude(recipe)}"
         )
         raise CollectionError(text.rstrip())
     unsafe, fail_index = y[is_unsafe], fail_index[is_unsafe]

@@ -1,5 +1,6 @@
 """Simulators of others: a Python object, or a plain function of one flight, as a planned test."""
 
+import linecache
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -29,8 +30,11 @@ class OwnCodeError(ValueError):
 
 
 @contextmanager
-def running(name: str) -> Iterator[None]:
-    """Raise errors of somebody's code as OwnCodeError, with the line of that code."""
+def running(name: str, called: object = None) -> Iterator[None]:
+    """Raise errors of somebody's code as OwnCodeError, with the line of that code.
+
+    called: the function, of which the first line is named where calling it fails.
+    """
     try:
         yield
     except OwnCodeError:
@@ -39,14 +43,52 @@ def running(name: str) -> Iterator[None]:
         frames = traceback.extract_tb(error.__traceback__)
         theirs = [frame for frame in frames if not _is_ours(frame.filename)]
         written = [frame for frame in theirs if PACKAGES not in frame.filename]
-        frame = (written or theirs or frames)[-1]
-        place, line = f"{Path(frame.filename).name}, line {frame.lineno}", frame.line
+        file, line = next(
+            ((frame.filename, frame.lineno) for frame in reversed(written or theirs)),
+            _defined(called),
+        )
         if isinstance(error, SyntaxError):
-            place, line = f"{Path(error.filename or '').name}, line {error.lineno}", error.text
+            file, line = error.filename or "", error.lineno
+        text = linecache.getline(file, line or 0).strip()
+        place = f" in {Path(file).name}, line {line}, {text!r}," if file else ""
         what = f"{type(error).__name__}: {error}".splitlines()[0]
-        raise OwnCodeError(
-            f"{name} failed in {place}, {(line or '').strip()!r}, with {what}: correct it"
-        ) from error
+        raise OwnCodeError(f"{name} failed{place} with {what}: correct it") from error
+
+
+def _defined(called: object) -> tuple[str, int | None]:
+    """File and first line of a function; an empty file if unknown."""
+    code = getattr(called, "__code__", None)
+    return ("", None) if code is None else (code.co_filename, code.co_firstlineno)
+
+
+def numbers(given: Any, what: str, needed: str) -> Array:
+    """What somebody's code gave as an array. OwnCodeError with the element that is no number."""
+    try:
+        return np.array(given, np.float64)
+    except (TypeError, ValueError):
+        raise OwnCodeError(f"{_no_array(given, what)}: {needed}") from None
+
+
+def _no_array(given: Any, what: str) -> str:
+    """Where what was given is no array of numbers."""
+    parts = given if isinstance(given, list | tuple) or np.ndim(given) else ()
+    first: tuple[int, ...] | None = None
+    for k, part in enumerate(parts):
+        try:
+            shape = np.array(part, np.float64).shape
+        except (TypeError, ValueError):
+            return _no_array(part, f"{what}[{k}]")
+        first = shape if first is None else first
+        if shape != first:
+            return f"{what}[{k}] has shape {shape}, the first one {first}"
+    return f"{what} is {_short(given)}"
+
+
+def _short(given: Any) -> str:
+    """What was given, in a few words."""
+    if np.ndim(given):
+        return f"of shape {np.shape(given)}"
+    return f"{given!r}"[:60] + ("" if given is None else f", a {type(given).__name__}")
 
 
 def _is_ours(file: str) -> bool:
@@ -77,6 +119,13 @@ class FunctionSimulator:
     noise: Mapping[str, float] = field(default_factory=dict)
     distribution: Distribution = "normal"
 
+    @property
+    def name(self) -> str:
+        """Of its function, with the file and line where it begins."""
+        file, line = _defined(self.function)
+        name = getattr(self.function, "__name__", type(self.function).__name__)
+        return f"{name} ({Path(file).name}, line {line})" if file else name
+
     def rollouts(self, n: int, rng: np.random.Generator) -> tuple[Array, None, Array]:
         theta = parameters_of(self).sample(n, rng)
         return self._flown(theta, self._inputs(n, rng)), None, theta
@@ -98,22 +147,49 @@ class FunctionSimulator:
 
     def _inputs(self, n: int, rng: np.random.Generator) -> list[Array]:
         """(n_samples, n_inputs) of each flight, which begins with neutral controls."""
-        given = (self.inputs(rng) if callable(self.inputs) else self.inputs for _ in range(n))
-        inputs = [np.array(each, np.float64) for each in given]
-        return [each[:, np.newaxis] if each.ndim == 1 else each for each in inputs]
+        drawn: list[Array] = []
+        needed = "give finite numbers (samples,) or (samples, controls), alike for all rollouts"
+        for k in range(n):
+            given, what = self.inputs, f"{self.name}: inputs of rollout {k + 1}"
+            if callable(given):
+                with running(what, given):
+                    given = given(rng)
+            each = numbers(given, what, needed)
+            each = each[:, np.newaxis] if each.ndim == 1 else each
+            if each.ndim != 2 or not np.isfinite(each).all():
+                missing = " with missing or infinite values" if each.ndim == 2 else ""
+                raise OwnCodeError(f"{what} is {_short(given)}{missing}: {needed}")
+            if drawn and each.shape != drawn[0].shape:
+                raise OwnCodeError(
+                    f"{what} is of shape {each.shape}, that of rollout 1 {drawn[0].shape}: {needed}"
+                )
+            drawn.append(each)
+        return drawn
 
     def _flown(self, theta: Array, inputs: list[Array]) -> Array:
         flights, names = [], list(self.parameters)
-        for values, each in zip(theta.tolist(), inputs, strict=True):
+        keys = self.channels.measured if isinstance(self.channels, Dictionary) else self.channels
+        for k, (values, each) in enumerate(zip(theta.tolist(), inputs, strict=True)):
             t = np.arange(len(each), dtype=np.float64) * self.dt
-            y = np.array(self.function(dict(zip(names, values, strict=True)), each, t), np.float64)
-            if y.ndim != 2 or len(y) != len(t):
-                raise OwnCodeError(
-                    f"the function returned outputs of shape {y.shape}: give ({len(t)} samples, "
-                    "channels), a row for each sample of t"
-                )
+            given = dict(zip(names, values, strict=True))
+            where = f"{self.name}, {rollout_in_words(k, len(theta), given)}"
+            with running(f"{where},", self.function):
+                outputs = self.function(given, each, t)
+            needed = (
+                f"return ({len(t)} samples, {len(keys)} channels {', '.join(keys)}), a row for "
+                "each time in t"
+            )
+            y = numbers(outputs, f"{where}: outputs", needed)
+            if y.shape != (len(t), len(keys)):
+                raise OwnCodeError(f"{where}: outputs is {_short(outputs)}: {needed}")
             flights.append(y)
         return np.array(flights) if flights else np.empty((0, 0, 0))
+
+
+def rollout_in_words(k: int, n: int, theta: Mapping[str, float]) -> str:
+    """`rollout 7 of 100 (gain=1.2)`.   k: its number from 0."""
+    values = ", ".join(f"{name}={value:.4g}" for name, value in theta.items())
+    return f"rollout {k + 1} of {n}{f' ({values})' if values else ''}"
 
 
 def simulator(
@@ -178,15 +254,19 @@ class OwnSimulator:
             raise OwnCodeError(f"{name} is a {type(own).__name__}, not a simulator: {remedy}")
         if not isinstance(channels, Dictionary):
             channels = dictionary_of(channels)
-        for key, sigma in getattr(own, "noise", {}).items():
+        noise = getattr(own, "noise", {})
+        if not isinstance(noise, Mapping):
+            raise OwnCodeError(f"{name} has noise={noise!r}: give {{channel: sigma}}")
+        for key, sigma in noise.items():
             channels.index(key)
-            if not 0 <= sigma < np.inf:
-                raise OwnCodeError(f"{name} has noise={sigma} in {key}: give its sigma, 0 or more")
-        with running(name):
-            made = cls(own, name, channels, parameters_of(own), float(own.dt))
-        if not 0 < made.dt < np.inf:
-            raise OwnCodeError(f"{name} has dt={made.dt}: give its sample interval in seconds")
-        return made
+            needed = "give its sigma, 0 or more"
+            if not 0 <= numbers(sigma, f"{name}: noise of {key}", needed) < np.inf:
+                raise OwnCodeError(f"{name} has noise={sigma} in {key}: {needed}")
+        needed = "give its sample interval in seconds"
+        dt = numbers(own.dt, f"{name}: dt", needed)
+        if dt.shape or not 0 < dt < np.inf:
+            raise OwnCodeError(f"{name} has dt={own.dt}: {needed}")
+        return cls(own, name, channels, parameters_of(own), float(dt))
 
     def judged(
         self, dictionary: Dictionary, limits: Limits | IntervalLimits | None, n_samples: int
@@ -200,7 +280,7 @@ class OwnSimulator:
     def rollouts(self, n: int, rng: np.random.Generator) -> Rollouts:
         y, fail_index, theta = self._given(n, self.own.rollouts, n, rng)
         fails, unknown = self._failures(y, fail_index)
-        self._check(unknown)
+        self._check(unknown, theta)
         return Rollouts(self._measured(y, rng), fails, theta)
 
     def outputs(self, n: int, seed: int) -> Array:
@@ -208,18 +288,49 @@ class OwnSimulator:
 
         Refuses flights that are alike, or differ at the same seed.
         """
-        y, again = (
-            self._given(n, self.own.rollouts, n, stream(seed, Branch.PILOT_RUN))[0]
-            for _ in range(2)
+        (y, _, theta), (again, _, _) = (
+            self._given(n, self.own.rollouts, n, stream(seed, Branch.PILOT_RUN)) for _ in range(2)
         )
         if not np.array_equal(y, again, equal_nan=True):
             raise OwnCodeError(
                 f"{self.name} returned other flights at the same seed: draw all random numbers "
                 "from the generator that it is given"
             )
-        self._check(~np.isfinite(y[:, :1]))
+        self._check(~np.isfinite(y[:, :1]), theta)
         self.check_unlike(y)
+        self._check_units(y)
         return y
+
+    def _check_units(self, y: Array) -> None:
+        """OwnCodeError if most flights reach values that no aircraft does."""
+        by_key = self.dictionary.by_key
+        for c, key in enumerate(self.dictionary.measured):
+            channel, peaks = by_key[key], np.nanmax(np.abs(y[..., c]), axis=1)
+            if channel.largest is not None and np.median(peaks) > channel.largest:
+                raise OwnCodeError(
+                    f"{self.name} returned {key} up to {peaks.max():.4g} {channel.unit}, where "
+                    f"{channel.largest:.4g} {channel.unit} is the most of any aircraft: return it "
+                    f"in {channel.unit}"
+                )
+
+    def reached(self, y: Array) -> str:
+        """What flights reached of the limited channels, as the beginning of a remedy.
+
+        y: (n, n_samples, n_measured).
+        """
+        if (envelope := envelope_of(self.specification)) is None:
+            return ""
+        ends = complete(self.dictionary, y, self.dt)
+        ranges = [
+            f"{channel.key} from {np.nanmin(ends[..., c]):.3g} to {np.nanmax(ends[..., c]):.3g} "
+            f"{channel.unit} with limits {envelope.low[c]:.4g} and {envelope.high[c]:.4g}"
+            for c, channel in enumerate(self.dictionary.channels)
+            if np.isfinite([envelope.low[c], envelope.high[c]]).any()
+        ]
+        return (
+            f"the first {len(y)} flights have {'; '.join(ranges)}: check the units of outputs "
+            "and limits, "
+        )
 
     def check_unlike(self, y: Array) -> None:
         """OwnCodeError if flights repeat others: those that train and those that test would too."""
@@ -246,10 +357,11 @@ class OwnSimulator:
         def stopped(which: Indices, neutral_from: Indices) -> Indices:
             if not len(which):
                 return which
-            with running(self.name):
-                again = np.array(repeat(which, neutral_from))
+            with running(self.name, repeat):
+                given = repeat(which, neutral_from)
+            again = numbers(given, f"{self.name}: y of stopped flights", f"return {len(which)}")
             if again.shape == which.shape:
-                return again
+                return again.astype(np.int64)
             theta = np.empty((len(which), len(self.parameters.names)))
             y = self._given(len(which), lambda: (again, None, theta))[0]
             fails, unknown = self._failures(y, None)
@@ -268,49 +380,68 @@ class OwnSimulator:
 
     def _given(self, n: int, make: Callable[..., Any], *arguments: Any) -> tuple[Array, Any, Array]:
         """y (n, n_samples, n_measured), fail_index or None, and theta (n, n_parameters)."""
-        with running(self.name):
+        with running(self.name, make):
             given = make(*arguments)
-        try:
-            y, fail_index, theta = given
-            y, theta = np.array(y, np.float64), np.array(theta, np.float64)
-        except (TypeError, ValueError) as error:
+        if not isinstance(given, tuple | list) or len(given) != 3:
+            what = f"a {type(given).__name__}"
+            if isinstance(given, tuple | list):
+                what += f" of {len(given)}"
             raise OwnCodeError(
-                f"{self.name} returned {type(given).__name__} ({error}): return y, fail_index "
-                "(None where limits tell) and theta"
-            ) from error
-        measured, n_parameters = self.dictionary.measured, len(self.parameters.names)
-        n_samples = self.n_samples or (y.shape[1] if y.ndim == 3 else 0)
-        if y.shape != (n, n_samples, len(measured)) or theta.shape != (n, n_parameters):
-            raise OwnCodeError(
-                f"{self.name} returned y of shape {y.shape} and theta of shape {theta.shape}: give "
-                f"({n} flights, {n_samples or 'some'} samples, {len(measured)} channels "
-                f"{', '.join(measured)}) and ({n} flights, {n_parameters} parameters)"
+                f"{self.name} returned {what}: return y, fail_index (None where limits tell) and "
+                "theta"
             )
-        return y, fail_index, theta
+        measured, n_parameters = self.dictionary.measured, len(self.parameters.names)
+        need_y = f"{len(measured)} channels {', '.join(measured)})"
+        need_y = f"give ({n} flights, {self.n_samples or 'as many'} samples each, {need_y}"
+        need_theta = f"give theta ({n} flights, {n_parameters} parameters)"
+        y = numbers(given[0], f"{self.name}: y", need_y)
+        theta = numbers(given[2], f"{self.name}: theta", need_theta)
+        n_samples = self.n_samples or (y.shape[1] if y.ndim == 3 else 0)
+        if y.shape != (n, n_samples, len(measured)):
+            raise OwnCodeError(f"{self.name} returned y of shape {y.shape}: {need_y}")
+        if theta.shape != (n, n_parameters):
+            raise OwnCodeError(f"{self.name} returned theta of shape {theta.shape}: {need_theta}")
+        return y, given[1], theta
 
     def _failures(self, y: Array, fail_index: Any) -> tuple[Indices, Flags]:
         """(n,) first failing sample, and (n, n_samples, n_channels) whether a value up to it is
         not finite."""
         whole = complete(self.dictionary, y, self.dt)
         limits = None if isinstance(self.specification, str) else self.specification
+        if limits is None and fail_index is None:
+            raise OwnCodeError(
+                f"{self.name} returned no fail_index, and there are neither fail_index nor limits "
+                "to tell which flights fail: give limits, such as "
+                f"--limit {self.dictionary.keys[0]}=LOW..HIGH"
+            )
+        if fail_index is not None:
+            needed = f"give a whole number for each of {len(y)} flights, or None"
+            fail_index = numbers(fail_index, f"{self.name}: fail_index", needed)
+            if not np.array_equal(fail_index, np.round(fail_index)):
+                raise OwnCodeError(f"{self.name} returned fractions in fail_index: {needed}")
         fails = labels(whole, fail_index, limits)[0]
         flown = np.arange(y.shape[1]) <= fails[:, np.newaxis]
         return fails, ~np.isfinite(whole) & flown[..., np.newaxis]
 
-    def _check(self, unknown: Flags) -> None:
-        if unknown.any():
-            n = int(unknown.any(axis=(1, 2)).sum())
-            _, k, c = np.argwhere(unknown)[0].tolist()
-            raise OwnCodeError(
-                f"{self.name} returned no finite {self.dictionary.keys[c]} in {n} of "
-                f"{len(unknown)} flights, first at {k * self.dt:g} s: give finite numbers until a "
-                "flight fails"
-            )
+    def _check(self, unknown: Flags, theta: Array | None = None) -> None:
+        if not unknown.any():
+            return
+        n, (f, k, c) = len(unknown), np.argwhere(unknown)[0].tolist()
+        values = {} if theta is None else dict(zip(self.parameters.names, theta[f], strict=True))
+        raise OwnCodeError(
+            f"{self.name} returned no finite {self.dictionary.keys[c]} in "
+            f"{int(unknown.any(axis=(1, 2)).sum())} of {n} flights, first in "
+            f"{rollout_in_words(f, n, values)} at sample {k}, {k * self.dt:g} s: give finite "
+            "numbers until a flight fails"
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class OwnTest:
-    """A test that somebody's simulator flies, and how much of it to simulate."""
+    """A test that somebody's simulator flies, and how much of it to simulate.
+
+    pilot: what its first flights reached, for errors; empty if unknown.
+    """
 
     flown_by: OwnSimulator
     n_unsafe: Annotated[int, Bounds(least=2)] = 500
@@ -318,10 +449,10 @@ class OwnTest:
     seed: Annotated[int, Bounds(least=0)] = 0
     max_rollouts: Annotated[int, Bounds(least=1)] = 50_000
     max_safe: Annotated[int, Bounds(least=1)] = 10_000
+    pilot: str = ""
 
     groups: ClassVar[Grouping] = GROUPINGS["pooled"]
     most_at_once: ClassVar[int] = 256
-    remedy: ClassVar[str] = "give the parameters larger spreads, lower the limit"
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -329,6 +460,14 @@ class OwnTest:
     @property
     def specification(self) -> Specification:
         return self.flown_by.specification
+
+    @property
+    def for_more(self) -> str:
+        return f"{self.pilot}give the parameters larger spreads, lower the limit"
+
+    @property
+    def for_fewer(self) -> str:
+        return f"{self.pilot}give the parameters smaller spreads, raise the limit"
 
     def simulator(self) -> OwnSimulator:
         return self.flown_by

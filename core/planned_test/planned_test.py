@@ -101,7 +101,9 @@ class DatasetRecipe:
     max_safe: Annotated[int, Bounds(least=1)] = 50_000
     """safe rollouts kept: the first ones; further ones are only counted."""
 
-    remedy: ClassVar[str] = "raise the amplitude, lower the limit"
+    for_more: ClassVar[str] = "raise the amplitude, lower the limit"
+    for_fewer: ClassVar[str] = "lower the amplitude, raise the limit"
+    """How more, or fewer, flights of the test fail."""
 
     def __post_init__(self) -> None:
         if not 0 < self.dt < self.maneuver.duration_s:

@@ -68,4 +68,5 @@ def own_test(options: argparse.Namespace, t_early: float) -> OwnTest:
     first = RolloutFile(y, simulator.dt, simulator.dictionary)
     dictionary, limits = specified(first, options.channel or (), options.limit or ())
     n_obs = min(test.n_obs, y.shape[1])
-    return replace(test, flown_by=simulator.judged(dictionary, limits, y.shape[1]), n_obs=n_obs)
+    judged = simulator.judged(dictionary, limits, y.shape[1])
+    return replace(test, flown_by=judged, n_obs=n_obs, pilot=judged.reached(y))

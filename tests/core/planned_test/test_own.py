@@ -129,6 +129,99 @@ def with_nan(theta: dict[str, float], inputs: Any, t: Any) -> Any:
     return rows
 
 
+def some(change: Any) -> Any:
+    """The pitch with other outputs for the aircraft of a gain above 1."""
+
+    def changed(theta: dict[str, float], inputs: Any, t: Any) -> Any:
+        rows = fly(theta, inputs, t)
+        return change(rows) if theta["gain"] > 1 else rows
+
+    return declared(changed)
+
+
+def stopped(rows: Any) -> Any:
+    raise RuntimeError("no convergence")
+
+
+THEIRS = r"changed \(test_own\.py, line \d+\), rollout [12] of 50 \(stiffness=[\d.]+, gain=1\.\d+\)"
+
+
+@pytest.mark.parametrize(
+    ("own", "told"),
+    [
+        (some(lambda rows: rows[:-5]), r"outputs is of shape \(76, 4\): return \(81 samples, 4"),
+        (
+            some(lambda rows: [*rows[:-1], [0.0]]),
+            r"outputs\[80\] has shape \(1,\), the first .*\(4,\)",
+        ),
+        (some(lambda rows: [*rows[:-1], [0, "a", 0, 0]]), r"outputs\[80\]\[1\] is 'a', a str"),
+        (some(lambda rows: None), "outputs is None: return"),
+        (some(lambda rows: "ok"), "outputs is 'ok', a str: return"),
+        (some(stopped), r"failed in test_own\.py, line \d+, 'raise Runtime.*no convergence"),
+    ],
+    ids=["short", "ragged", "text", "none", "string", "raises"],
+)
+def test_the_rollout_and_output_that_cannot_be_used_are_named(own: Any, told: str):
+    with pytest.raises(OwnCodeError, match=f"{THEIRS}.*{told}") as refused:
+        evaluation_flights(small_test(own), 50)
+    assert "own.py, line" not in str(refused.value).replace("test_own.py", "")
+
+
+@pytest.mark.parametrize(
+    ("inputs", "told"),
+    [
+        (lambda rng: None, "inputs of rollout 1 is None"),
+        (lambda rng: "up", "inputs of rollout 1 is 'up', a str"),
+        (lambda rng: np.full(9, np.nan), r"of shape \(9,\) with missing or infinite"),
+        (lambda rng: np.zeros(rng.integers(60, 70)), r"of rollout \d is .* that of rollout 1"),
+        (lambda: None, r"inputs of rollout 1 failed in test_own\.py.*positional"),
+    ],
+)
+def test_inputs_that_cannot_be_used_are_named(inputs: Any, told: str):
+    with pytest.raises(OwnCodeError, match=told):
+        evaluation_flights(small_test(replace(pitch, inputs=inputs)), 50)
+
+
+def two(theta: Any, inputs: Any) -> None: ...
+
+
+def test_a_function_with_other_arguments_is_named():
+    with pytest.raises(OwnCodeError, match=r"test_own\.py, line \d+, 'def two\(.*TypeError"):
+        evaluation_flights(small_test(declared(two)), 50)
+
+
+class Unequal(Pitch):
+    def rollouts(self, n: int, rng: np.random.Generator) -> Any:
+        y, _, theta = super().rollouts(n, rng)
+        return [each[: 80 + (k != 3)] for k, each in enumerate(y)], None, theta
+
+
+class Worded(Pitch):
+    def rollouts(self, n: int, rng: np.random.Generator) -> Any:
+        y, _, theta = super().rollouts(n, rng)
+        return y, ["late"] * n, theta
+
+
+@pytest.mark.parametrize(
+    ("own", "told"),
+    [
+        (Unequal(), r"y\[3\] has shape \(80, 4\), the first one \(81, 4\): give \(50 flights"),
+        (Worded(), r"fail_index\[0\] is 'late', a str"),
+    ],
+)
+def test_the_output_of_an_object_is_named(own: Any, told: str):
+    with pytest.raises(OwnCodeError, match=told):
+        evaluation_flights(small_test(own), 50)
+
+
+def test_outputs_in_degrees_are_refused():
+    def degrees(*about: Any) -> Any:
+        return np.rad2deg(fly(*about))
+
+    with pytest.raises(OwnCodeError, match=r"alpha up to .* rad.* return it in rad"):
+        OwnSimulator.of(declared(degrees), "it").outputs(9, 0)
+
+
 class Labelled(Pitch):
     def rollouts(self, n: int, rng: np.random.Generator) -> Any:
         y, _, theta = super().rollouts(n, rng)
@@ -207,6 +300,9 @@ def test_flights_must_be_reproducible_and_unlike_each_other(own: Any, told: str)
         (Pitch, "a type, not a simulator"),
         (3.0, "a float, not a simulator: give an object with dictionary, parameters"),
         (replace(pitch, dt=0.0), "dt=0"),
+        (replace(pitch, dt="slow"), "dt is 'slow', a str"),  # pyright: ignore
+        (replace(pitch, noise=[0.1]), "noise=.0.1.: give"),  # pyright: ignore
+        (replace(pitch, noise={"Nz": "low"}), "noise of Nz is 'low'"),  # pyright: ignore
         (replace(pitch, noise=NOISE | {"Ny": 0.1}), "'Ny' is unknown"),
         (replace(pitch, noise=NOISE | {"Nz": -0.1}), "noise=-0.1 in Nz"),
         (replace(pitch, channels=["alpha", "load"]), "'load' is unknown"),
