@@ -190,7 +190,7 @@ def _stored(
 ) -> Iterator[FlownFlight]:
     """Stored recordings, under the mapping that scoring uses or a proposed one."""
     store = recordings.store
-    failures = failures_of(sent.labels, sent.recordings)
+    failures = failures_of(sent.labels, recordings.names_of(sent.recordings))
     for given in dict.fromkeys(sent.recordings):
         recording_id, _, scoring_id = given.partition("/")
         info, marked = store.recordings.info(recording_id), None
@@ -226,7 +226,7 @@ def recorded_files(
     mapping: None to propose one for each.   outcomes: labels, see `failures_of`, by file name.
     """
     names = [path.name for path in paths]
-    failures = failures_of(outcomes, names)
+    failures = failures_of(outcomes, dict(zip(names, names, strict=True)))
 
     def flown(dictionary: Dictionary) -> Iterator[FlownFlight]:
         for path in paths:

@@ -6,7 +6,7 @@ complete. A failure, a client that disconnects or a server crash leaves nothing 
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +16,7 @@ from app.recordings.files import RecordingFiles, digest_of, reporting_full_disk
 from app.recordings.flown_journal import FlownJournal, link_or_copy
 from app.recordings.mapped_columns import propose_mapping, signature, with_mapping
 from app.recordings.mapped_recording import MappedRecording, RecentMappings
-from app.recordings.rollouts import SentRollouts, receive_rollouts
+from app.recordings.rollouts import SentRollouts, failures_of, receive_rollouts
 from app.recordings.upload import Received, SentField, receive
 from app.recordings.workers import Busy, Workers, run_to_end
 from app.store.recordings import MappedColumns, RememberedMapping
@@ -121,7 +121,7 @@ class Recordings:
         """Receive files of rollouts into a folder, which the caller drops by `drop_rollouts`.
 
         given: text fields besides those sent.   length: declared by the client [bytes], or 0.
-        Busy; NoSpace; Stalled; TelemetryError.
+        Busy; NoSpace; NotFound; Stalled; TelemetryError.
         """
         upload_id = new_id()
         with self._uploading():
@@ -130,10 +130,27 @@ class Recordings:
                 for name, text in given.items():
                     sent.set_field(name, text)
                 await receive_rollouts(fields, sent, self.files.require)
+                await run_to_end(self._check, sent)
             except BaseException:
                 await run_to_end(self.files.reject, upload_id)
                 raise
         return sent
+
+    def _check(self, sent: SentRollouts) -> None:
+        """NotFound for an unknown recording, scoring or dataset; TelemetryError for a label."""
+        if sent.dataset:
+            self.store.datasets.info(sent.dataset)
+        failures_of(sent.labels, self.names_of(sent.recordings))
+
+    def names_of(self, flights: Iterable[str]) -> dict[str, str]:
+        """Names of recordings, given as ID or ID/SCORING. NotFound."""
+        names: dict[str, str] = {}
+        for each in flights:
+            recording_id, _, scoring_id = each.partition("/")
+            names[each] = self.store.recordings.info(recording_id).name
+            if scoring_id:
+                self.store.scorings.info(recording_id, scoring_id)
+        return names
 
     def drop_rollouts(self, sent: SentRollouts) -> None:
         self.files.reject(sent.folder.name)

@@ -1,6 +1,6 @@
 """Rollouts as they are sent: files of flights or stored recordings, and what is said of them."""
 
-from collections.abc import AsyncIterator, Callable, Collection, Iterable
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from math import inf, isfinite, nan
 from pathlib import Path
@@ -112,7 +112,6 @@ class SentRollouts:
                 raise TelemetryError(
                     f"{wrong[0]} was given beside a dataset, which has its own: leave it out"
                 )
-        failures_of(self.labels, self.recordings)
 
     def as_plain(self) -> dict[str, Any]:
         """What is kept of it with a job."""
@@ -192,10 +191,10 @@ async def receive_rollouts(
     sent.name = sent.name or (Path(sent.files[0]).stem if sent.files else "flown flights")
 
 
-def failures_of(labels: Iterable[str], known: Collection[str]) -> dict[str, tuple[float, ...]]:
+def failures_of(labels: Iterable[str], known: Mapping[str, str]) -> dict[str, tuple[float, ...]]:
     """Times of failure [s] by flight, none for a safe one, of `FLIGHT=safe`, `FLIGHT=12.3,40.1`.
 
-    known: the flights.   TelemetryError.
+    known: names of the flights.   TelemetryError.
     """
     failures = dict[str, tuple[float, ...]]()
     for text in labels:
@@ -212,7 +211,8 @@ def failures_of(labels: Iterable[str], known: Collection[str]) -> dict[str, tupl
             times = (nan,)
         if not all(map(isfinite, times)):
             raise TelemetryError(
-                f"the label {text!r} gives no time: write {SAFE}, or times of failure in seconds"
+                f"the label {said.strip()!r} of {known[flight]} gives no time: write {SAFE}, or "
+                "times of failure in seconds, such as 12.3, 40.1"
             )
         failures[flight] = times
     return failures

@@ -363,10 +363,12 @@ def test_a_recording_can_be_deleted_without_its_rollouts(
     ("fields", "words"),
     [
         ([("dataset", "{dataset}")], "there is no file"),
-        ([("recording", "nothing"), ("dataset", "{dataset}")], "nothing"),
         ([("recording", "{id}"), ("dataset", "{dataset}"), ("limit", "Nz=..3")], "has its own"),
         ([("recording", "{id}"), ("label", "other=safe"), ("limit", "Nz=..3")], "of no flight"),
-        ([("recording", "{id}"), ("label", "{id}=late"), ("limit", "Nz=..3")], "gives no time"),
+        (
+            [("recording", "{id}"), ("label", "{id}=late"), ("limit", "Nz=..3")],
+            "'late' of flight 0.csv",
+        ),
     ],
 )
 def test_recordings_that_cannot_be_used_are_refused(
@@ -378,11 +380,24 @@ def test_recordings_that_cannot_be_used_are_refused(
 ) -> None:
     known = {"id": recordings[0], "dataset": simulated["id"]}
     form = [(name, (None, value.format(**known))) for name, value in fields]
-    answer = client.post(DATASETS, files=form)
-    if answer.status_code == 202:
-        assert words in finished(client, answer)["error"]
-    else:
-        assert words in problem(answer, 422)
+    for path in (DATASETS, f"{DATASETS}/preview"):
+        assert words in problem(client.post(path, files=form), 422)
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        [("recording", "nothing")],
+        [("recording", "{id}/nothing")],
+        [("recording", "{id}"), ("dataset", "nothing")],
+    ],
+)
+def test_unknown_ids_of_rollouts_are_refused_at_once(
+    fields: list[tuple[str, str]], client: TestClient, recordings: list[str]
+) -> None:
+    form = [(name, (None, value.format(id=recordings[0]))) for name, value in fields]
+    for path in (DATASETS, f"{DATASETS}/preview"):
+        assert "nothing" in problem(client.post(path, files=form), 404)
 
 
 def test_a_recording_without_a_channel_or_a_manoeuvre_is_named(

@@ -17,14 +17,14 @@ const ROLES = [
 const FORMATS = "npz, MATLAB or HDF5 arrays; one CSV or Parquet table with a column flight; or one file for each flight";
 
 export function showRollouts(element, { query, api, navigate }) {
-  return loadingView(element, { title: TITLE, text: "Loading the catalog", loads: [loadCatalog, "/recordings", "/datasets"], build });
+  return loadingView(element, { title: TITLE, text: "Loading the catalog", loads: [loadCatalog, "/datasets"], build });
 
-  function build({ keep }, catalog, recordings, datasets) {
+  async function build({ keep }, catalog, datasets) {
     const stage = h("div.stack");
     const status = h("p", { role: "status" });
     const failure = errorLine();
     const more = createMore({ again: read });
-    const flown = createFlownFlights({ recordings, datasets, chosen: query.getAll("recording"), changed: clear, use: read });
+    const flown = await createFlownFlights({ api, datasets, chosen: query.getAll("recording"), changed: clear, use: read });
     const zone = keep(
       createDropTarget({
         words: "Drop the flights of your simulator anywhere on this page",
@@ -111,7 +111,7 @@ export function showRollouts(element, { query, api, navigate }) {
       return form;
 
       async function add() {
-        const fields = [...(isJoining ? [] : chosen()), ...flown.fields(), ...flown.labels(), ...Object.entries(named.read())];
+        const fields = [...(isJoining ? [] : chosen()), ...flown.fields(), ...Object.entries(named.read())];
         const before = [...status.childNodes];
         try {
           return await send("/datasets", fields, "Sent");

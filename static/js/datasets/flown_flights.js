@@ -1,22 +1,25 @@
 /**
  * Flown flights as rollouts: recordings to choose, what is known of their outcome, and the dataset that they join.
  *
- * createFlownFlights({recordings, datasets, chosen, changed, use}) -> {element, count(), fields(), labels(), dataset()}
+ * createFlownFlights({api, datasets, chosen, changed, use}) -> Promise of {element, count(), fields(), dataset()}
  *     chosen: recordings to begin with, by id or id/scoring.   changed(): another choice was made.   use(): read the chosen
  * flownTable(dataset, recordings)     the flown rollouts of a stored dataset; null without any
  */
 
 import { checkbox, fold, labelled, select, textInput } from "../forms/controls.js";
 import { needs } from "../lib/api.js";
-import { button, h, panel, table } from "../lib/dom.js";
-import { count, durationText, figure, moment } from "../lib/numbers.js";
+import { button, h, panel, put, table } from "../lib/dom.js";
+import { createLongList } from "../lib/long_list.js";
+import { count, counted, durationText, figure, moment } from "../lib/numbers.js";
 
-export function createFlownFlights({ recordings, datasets, chosen, changed, use }) {
-  const scored = chosen.filter((id) => id.includes("/")).map((id) => rowOf(id, recordings.find((each) => each.id === id.split("/")[0]), " (as scored)"));
-  const rows = [...scored, ...recordings.map((recording) => rowOf(recording.id, recording, ""))].filter(({ recording }) => recording);
+const LISTED = 20;
+
+export async function createFlownFlights({ api, datasets, chosen, changed, use }) {
+  const rows = new Map(); // by id, or id/scoring; kept while others are searched
   const columns = [
     ["Use", ({ tick }) => tick],
     ["Name", ({ recording, suffix }) => [h("a", { href: `#/recordings/${recording.id}` }, recording.name), suffix], "name"],
+    ["Uploaded", ({ recording }) => moment(recording.created), "date"],
     ["Aircraft", ({ recording }) => recording.aircraft ?? h("span.dim", "not recorded"), "nowrap"],
     ["Length", ({ recording }) => durationText(recording.duration), "number"],
     ["Outcome", ({ outcome }) => h("div.field", outcome)],
@@ -24,32 +27,67 @@ export function createFlownFlights({ recordings, datasets, chosen, changed, use 
   const beside = select([["", "none: recordings and files make a new dataset"], ...datasets.map(({ id, name, created }) => [id, `${name} (${moment(created)})`])], {
     onchange: changed,
   });
-  const list = rows.length
-    ? table({ columns, items: rows, panel: false })
-    : h("p.dim", "There is no recording yet: upload one on the page Recordings.");
+  const listed = h("div");
+  const list = createLongList({ api, path: "/recordings", search: "Search recordings", step: LISTED, show });
+  const read = button("Read the recordings", use, needs("POST /datasets"));
+  const words = h("span.hint");
+  const used = () => [...rows.values()].filter(({ tick }) => tick.checked);
+  await Promise.all(chosen.map(begin));
+  await list.load();
+  showCount();
   const element = fold(
     "Flown flights: recordings",
     h("p.hint", "Each manoeuvre of a recording is a rollout."),
     labelled("dataset that they join", beside, { hint: "Its channels, limits and length then hold for the flown flights too." }).element,
-    list,
+    list.box,
+    listed,
+    list.more,
     h("p.hint", "Outcome: safe, or the times of failure [s], such as 12.3, 40.1; empty: by the limits."),
-    h("div.row", button("Read the recordings", use, { ...needs("POST /datasets"), disabled: !rows.length })),
+    h("div.row", read, words),
   );
   element.open = chosen.length > 0;
-  const used = () => rows.filter(({ tick }) => tick.checked);
   return {
     element,
     count: () => used().length,
     dataset: () => beside.value,
-    fields: () => [...used().map(({ id }) => ["recording", id]), ...(beside.value ? [["dataset", beside.value]] : [])],
-    labels: () => used().filter(({ outcome }) => outcome.value.trim()).map(({ id, outcome }) => ["label", `${id}=${outcome.value.trim()}`]),
+    fields: () => [
+      ...used().map(({ id }) => ["recording", id]),
+      ...used().filter(({ outcome }) => outcome.value.trim()).map(({ id, outcome }) => ["label", `${id}=${outcome.value.trim()}`]),
+      ...(beside.value ? [["dataset", beside.value]] : []),
+    ],
   };
 
+  async function begin(id) {
+    const [recording] = id.split("/");
+    const info = await api.get(`/recordings/${recording}`).catch(() => null); // it may have been deleted
+    if (info) rows.set(id, rowOf(id, info, id.includes("/") ? " (as scored)" : ""));
+  }
+
+  /** The chosen ones stay in the list. */
+  function show(recordings, text) {
+    for (const recording of recordings) if (!rows.has(recording.id)) rows.set(recording.id, rowOf(recording.id, recording, ""));
+    const found = recordings.map(({ id }) => rows.get(id));
+    const items = [...used().filter((row) => !found.includes(row)), ...found];
+    const none = text ? `No recording has “${text}” in its name.` : "There is no recording yet: upload one on the page Recordings.";
+    listed.replaceChildren(items.length ? table({ columns, items, panel: false }) : h("p.dim", none));
+  }
+
+  function showCount() {
+    const n = used().length;
+    read.disabled = n === 0;
+    put(words, n ? `${counted(n, "recording")} chosen` : "None chosen: tick the recordings to use.");
+  }
+
   function rowOf(id, recording, suffix) {
-    const name = recording?.name ?? id;
-    const tick = checkbox({ class: "tick", "aria-label": `use ${name}${suffix}`, checked: chosen.includes(id), onchange: changed });
+    const { name } = recording;
+    const tick = checkbox({ class: "tick", "aria-label": `use ${name}${suffix}`, checked: chosen.includes(id), onchange: change });
     const outcome = textInput({ size: 12, placeholder: "by the limits", "aria-label": `outcome of ${name}${suffix}` });
     return { id, recording, suffix, tick, outcome };
+  }
+
+  function change() {
+    showCount();
+    changed();
   }
 }
 
