@@ -152,7 +152,7 @@ function flownFlights(evaluation) {
   return panel("Flown flights", [table({ columns, items: flown, panel: false }), h("p.hint", hint)]);
 }
 
-function counted(title, columns, items, hint) {
+function titled(title, columns, items, hint) {
   return h("div.stack", h("h2.panel-title", title), table({ columns, items, panel: false }), h("p.hint", hint));
 }
 
@@ -173,7 +173,7 @@ function robustness(evaluation) {
     ["INVALID, no alert", ({ safe_withdrawn, n_safe }) => share(safe_withdrawn, n_safe), "number"],
     ["valid and quiet", (kind) => share(quiet(kind), kind.n_safe), "number"],
   ];
-  return counted(
+  return titled(
     `Flights that differ from the planned test, at ε = ${figure(evaluation.epsilon)}`,
     columns,
     kinds,
@@ -193,7 +193,7 @@ function groups(evaluation, calibration, catalog) {
     withdrawn,
     ["promise", ({ rule }) => (rule === promised ? "its own" : "none")],
   ];
-  return counted(
+  return titled(
     `Missed in each group, at ε = ${figure(evaluation.epsilon)}`,
     columns,
     measured,

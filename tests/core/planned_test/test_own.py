@@ -182,7 +182,7 @@ def test_inputs_that_cannot_be_used_are_named(inputs: Any, told: str):
         evaluation_flights(small_test(replace(pitch, inputs=inputs)), 50)
 
 
-def two(theta: Any, inputs: Any) -> None: ...
+def two(theta: Any, inputs: Any) -> Any: ...
 
 
 def test_a_function_with_other_arguments_is_named():
