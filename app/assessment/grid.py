@@ -178,7 +178,9 @@ class CausalGrid:
         """
         self._settled = self._room(2 * len(received.t) + ROOM)
         flight_t = np.empty((len(received.t), 2))
-        added = self._add(kernel.receive, received, flight_t)
+        # a read-only array compiles the kernel again
+        writable = Arrivals(*(np.require(part, requirements="W") for part in received))
+        added = self._add(kernel.receive, writable, flight_t)
         return joined([self._part(n) for n in added] or [self._part(0)]), flight_t[:, 0]
 
     def settle(self, now: float) -> GridRows:

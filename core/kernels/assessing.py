@@ -86,7 +86,7 @@ def _follow(first, step, finite, dt, count, drift, n_delay):
 def states(t, y, dt, n_delay):
     """State code of each sample. The first sample fills the whole history."""
     codes = np.empty(t.shape[0], np.int64)
-    count, drift = 0, 0.0
+    count, drift = np.int64(0), 0.0
     for i in range(t.shape[0]):
         finite = np.isfinite(t[i])
         for c in range(y.shape[1]):

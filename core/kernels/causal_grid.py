@@ -76,7 +76,7 @@ def receive(state, settled, arrived, t, values, first, flight_t):
     sample, and whether the source's time is plausible; if not, it is by arrival.
     Returns (next sample to add, settled samples, room that the next one may need).
     """
-    n, clock = 0, state.clock
+    n, clock = np.int64(0), state.clock
     for i in range(first, t.shape[0]):
         while clock[DUE] <= arrived[i]:
             n, is_full = _advance(state, settled, n, clock[DUE])
@@ -96,7 +96,7 @@ def receive(state, settled, arrived, t, values, first, flight_t):
 @jit
 def advance(state, settled, now):
     """Settle what is due at a time [s]. Returns (samples, whether there may be more)."""
-    n = 0
+    n = np.int64(0)
     while state.clock[DUE] <= now:
         n, is_full = _advance(state, settled, n, state.clock[DUE])
         if is_full:

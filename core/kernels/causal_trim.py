@@ -93,13 +93,13 @@ def begin(rule, state):
 @jit
 def _update(rule, state, y):
     counts = state.counts
-    _remember(state.calm, counts, N_CALM, y)
+    _remember(state.calm, counts, np.int64(N_CALM), y)
     if counts[MANOEUVRE] and not _is_over(rule, state, y):
         return
     if counts[HAS_TRIM] and _departs(rule, state, y):
         begin(rule, state)
         return
-    _remember(state.rest, counts, N_REST, y)
+    _remember(state.rest, counts, np.int64(N_REST), y)
     counts[N_SINCE] += 1
     if counts[N_SINCE] >= rule.n_between and counts[N_REST] >= state.rest.shape[0]:
         counts[N_SINCE] = 0

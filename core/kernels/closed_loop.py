@@ -51,7 +51,7 @@ def close_loop(plants, law, bandwidth, which, w, loop, rows):
     clear(w, loop, n * n)
     clear(w, rows, N_FEEDBACK * ny)
     check = gather(a, nx, which, w, loop, n) + gather(b, nx, which, w, loop + nx * WIDTH, n)
-    outputs = np.int64(4)  # a literal compiles `gather` again
+    outputs = np.int64(4)
     check += gather(c, outputs, which, w, rows, ny)
     check += gather(d, outputs, which, w, rows + nx * WIDTH, ny)
     one = splat(1.0)

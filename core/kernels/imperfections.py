@@ -170,7 +170,7 @@ def fill_commands(seed, planned, before, most, inexact, out, rest, first, last):
         if inexact.unsteadiness > 0.0:
             fill_normals(stream_of(stream, MOVES), moves)
         right = 1.0 + inexact.asymmetry * errors[2]
-        lag = inexact.softness * uniform(stream_of(stream, SOFTNESS), 0)
+        lag = inexact.softness * uniform(stream_of(stream, SOFTNESS), np.int64(0))
         behind = np.exp(-1.0 / lag) if lag > 0.0 else 0.0
         onset = most
         for s in range(2):

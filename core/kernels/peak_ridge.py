@@ -154,7 +154,7 @@ def _scores_some(peaks, y, last, start, stop, scores):
     for i in range(start, stop):
         history = begin(peaks)
         for t in range(last[i] + 1):
-            _add_sample(peaks, history, y[i, t], True)
+            _add_sample(peaks, history, y[i, t], np.bool_(True))
             if history.counts[LOST] != 0:
                 break
             scores[i, t] = _score(peaks, history)

@@ -307,8 +307,8 @@ def roll_out_linear(plants, law, bandwidth, pilot, hold, gusts, work, iwork, out
                 gather_commands(pilot, which0 + g * which_bytes, commands)
                 note_changes(commands, n_samples, changed, used)
         now = 0
-        filled = 1
-        written = 0
+        filled = np.int64(1)
+        written = np.int64(0)
         begun = 0
         for k in range(n_samples - 1):
             if changed[k]:
@@ -326,7 +326,15 @@ def roll_out_linear(plants, law, bandwidth, pilot, hold, gusts, work, iwork, out
                     if is_gusty:
                         rate = load(rates0 + g * rates_bytes, begun * WIDTH)
                         _add_gust(w, gusting, rate, n, start, force)
-                    product(w, phi, z + now, force if is_gusty else start, z + filled * line, n, 1)
+                    product(
+                        w,
+                        phi,
+                        z + now,
+                        force if is_gusty else start,
+                        z + filled * line,
+                        n,
+                        np.int64(1),
+                    )
                 now = filled * line
                 begun += 1
                 filled += 1

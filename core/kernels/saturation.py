@@ -6,6 +6,8 @@ located, which costs about 1e-5 rad at two milliseconds.
 
 from typing import NamedTuple
 
+import numpy as np
+
 from core.kernels import N_CHANNELS
 from core.kernels.closed_loop import N_FEEDBACK, clear, close_loop
 from core.kernels.compiled import inlined, jit
@@ -116,7 +118,7 @@ def _clip(value, limit):
 @inlined
 def _derivative(w, at, z, out, fade, nx, surfaces):
     """out = z_dot, for the loop of unit bandwidth and pedals at u + fade e."""
-    product(w, at.loop, z, at.outside, out, at.n, 1)
+    product(w, at.loop, z, at.outside, out, at.n, np.int64(1))
     for s in range(2):
         place = (nx + s) * WIDTH
         delta = load(w, z + place)
@@ -172,7 +174,7 @@ def _begin(w, at, plants, law, pilot, which, same_commands):
 def _follow_commands(w, at, nx, n_samples, surfaces, steps, gust_state, which, target):
     """Simulate eight rollouts and write their samples; the first is the trim."""
     rates = at.commands + 2 * n_samples * WIDTH
-    filled, written, begun = 1, 0, 0
+    filled, written, begun = np.int64(1), np.int64(0), 0
     for k in range(n_samples - 1):
         take_command(w, w + 8 * at.commands, 2 * k * WIDTH, at.u, at.e)
         if steps.half_fade == 0.0:

@@ -69,7 +69,7 @@ def _fill_some(points, order, owned, n_nodes, start, stop, leaves, original, box
         if node > 0:
             above, j = (node - 1) // WIDTH, (node - 1) % WIDTH
             for k in range(d):
-                low, high = _extent(points, order, lo, hi, 1, k)
+                low, high = _extent(points, order, lo, hi, np.int64(1), k)
                 boxes[above, 0, k, j], boxes[above, 1, k, j] = low, high
 
 
@@ -195,7 +195,7 @@ def _split(points, order, key, middle):
     """Move the `middle` lowest points along the (sampled) longest side to the front."""
     axis, longest, step = 0, -1.0, max(1, len(order) // SAMPLED)
     for k in range(points.shape[1]):
-        low, high = _extent(points, order, 0, len(order), step, k)
+        low, high = _extent(points, order, np.int64(0), len(order), step, k)
         if high - low > longest:
             axis, longest = k, high - low
     for i in range(len(order)):
@@ -217,7 +217,7 @@ def _extent(points, order, start, stop, step, k):
 @jit
 def _select(key, order, middle):
     """Quickselect: afterwards key[:middle] <= key[middle:len(order)]; `order` moves along."""
-    lo, hi = 0, len(order)
+    lo, hi = np.int64(0), len(order)
     for _ in range(64):
         if hi - lo < 2:
             return
@@ -226,7 +226,7 @@ def _select(key, order, middle):
         mid = _median(key[lo + third + third // 2], key[(lo + hi) // 2], key[hi - 1 - third])
         high = _median(key[hi - 1 - third // 2], key[hi - 1 - third // 4], key[hi - 1])
         pivot = _median(low, mid, high)
-        j = _below(key, order, lo, hi, pivot, False)
+        j = _below(key, order, lo, hi, pivot, np.bool_(False))
         if middle < j:
             hi = j
         elif middle > j > lo:
@@ -234,7 +234,7 @@ def _select(key, order, middle):
         else:
             if middle > j:
                 # none is below the pivot: put those equal to it first
-                lo = _below(key, order, lo, hi, pivot, True)
+                lo = _below(key, order, lo, hi, pivot, np.bool_(True))
             if middle <= lo or middle == j:
                 return
     # If pivots keep failing, sort the rest, so that it stays O(n log n).

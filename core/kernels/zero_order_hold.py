@@ -213,29 +213,29 @@ def _scale_down(w, at, n, step, decays):
 @jit
 def _exponential(w, at, n, phi):
     """exp(M) - I by Horner's rule in M^4; adding I would cost slow modes their digits."""
-    _block(w, at.powers, _EXP, 12, 4, n, at.total)
-    _block(w, at.powers, _EXP, 8, 3, n, at.start)
+    _block(w, at.powers, _EXP, np.int64(12), np.int64(4), n, at.total)
+    _block(w, at.powers, _EXP, np.int64(8), np.int64(3), n, at.start)
     product(w, at.p4, at.total, at.start, phi, n, n)
-    _block(w, at.powers, _EXP, 4, 3, n, at.start)
+    _block(w, at.powers, _EXP, np.int64(4), np.int64(3), n, at.start)
     product(w, at.p4, phi, at.start, at.total, n, n)
-    _block(w, at.powers, _EXP, 0, 3, n, at.start)
+    _block(w, at.powers, _EXP, np.int64(0), np.int64(3), n, at.start)
     product(w, at.p4, at.total, at.start, phi, n, n)
 
 
 @jit
 def _input_effect(w, at, n, surface, factor, series, out):
     """Effect (n, 2) of inputs on two rows over the halved step, by the same rule."""
-    two_columns = at.narrow // (n * WIDTH)  # a literal compiles `product` again
+    two_columns = np.int64(2)
     for lane in range(WIDTH):
         s = int(read(w, at.scale + lane))
         for k in range(DEGREE + 1):
             write(w, at.coefficients + k * WIDTH + lane, series[s, k])
-    _column_block(w, at.powers, at.coefficients, 12, 4, n, surface, at.total)
-    _column_block(w, at.powers, at.coefficients, 8, 3, n, surface, at.start)
+    _column_block(w, at.powers, at.coefficients, np.int64(12), np.int64(4), n, surface, at.total)
+    _column_block(w, at.powers, at.coefficients, np.int64(8), np.int64(3), n, surface, at.start)
     product(w, at.p4, at.total, at.start, out, n, two_columns)
-    _column_block(w, at.powers, at.coefficients, 4, 3, n, surface, at.start)
+    _column_block(w, at.powers, at.coefficients, np.int64(4), np.int64(3), n, surface, at.start)
     product(w, at.p4, out, at.start, at.total, n, two_columns)
-    _column_block(w, at.powers, at.coefficients, 0, 3, n, surface, at.start)
+    _column_block(w, at.powers, at.coefficients, np.int64(0), np.int64(3), n, surface, at.start)
     product(w, at.p4, at.total, at.start, out, n, two_columns)
     gain = multiply(splat(factor), load(w, at.half_step))
     for i in range(out, out + at.narrow, WIDTH):
@@ -253,7 +253,7 @@ def _take_doubled(w, at, level, out, length):
 @jit
 def _double(w, at, n, level, is_given, phi, inputs):
     """From h to 2 h: E <- E E + 2 E, G <- E G + (1 + e(h)) G."""
-    two_columns = at.narrow // (n * WIDTH)
+    two_columns = np.int64(2)
     two = splat(2.0)
     for kind in range(KINDS):
         if not is_given[kind]:
