@@ -92,3 +92,35 @@ def test_nothing_overflows_on_a_small_screen_or_a_tablet(strips: Open) -> None:
     width, _, scroll_width, _ = page.evaluate(overflow)
     assert scroll_width <= width
     assert page.evaluate(clipped) == []
+
+
+GROWN = """() => {
+    const words = [];
+    const write = CanvasRenderingContext2D.prototype.fillText;
+    CanvasRenderingContext2D.prototype.fillText = function (text, ...at) {
+        const { a, b } = this.getTransform();
+        const size = this.font.match(/[\\d.]+(?=px)/)[0];
+        words.push(size * Math.hypot(a, b));
+        return write.call(this, text, ...at);
+    };
+    harness.draw(2000);
+    CanvasRenderingContext2D.prototype.fillText = write;
+    const wide = (name) => document.querySelector(name).getBoundingClientRect().width;
+    const size = (name) => parseFloat(getComputedStyle(document.querySelector(name)).fontSize);
+    return [Math.min(...words), size(".readout-value"), size(".event-list"), wide(".side-column")];
+}"""
+"""Sizes of the texts of canvas, readouts and events, and the width of the side column [px]."""
+
+
+def test_texts_canvases_and_panels_grow_with_the_screen(strips: Open) -> None:
+    page = strips()
+    grown = {}
+    for width, height in ((1440, 900), (1920, 1080), (3840, 2160)):
+        page.set_viewport_size({"width": width, "height": height})
+        run(page, "h.feed(0, 15, 1000); h.chart.latch([]); h.draw(1000)")
+        drawn = "(harness.draw(1000), document.querySelector('.strip canvas').width)"
+        wait_until(page, f"{drawn} > innerWidth / 3")
+        grown[width] = page.evaluate(GROWN)
+    assert grown[1440][0] == pytest.approx(12)
+    assert grown[1920][0] == pytest.approx(14.4)
+    assert grown[3840] == pytest.approx([2 * size for size in grown[1920]], rel=0.01)

@@ -4,12 +4,12 @@
  * attachControls(host, {rows, bar, keys}, timeline, chart) -> {setMarking(flag)}     fills tool bar and list of keys
  *     setMarking: whether a drag sets the cursors A and B in place of moving the window
  *     host: the focusable element.   rows: the element whose box holds the plots
- *     chart: {view() -> View, plotWidth() -> px, dt() -> s, newest() -> t, wall() -> ms, follows, steps}
+ *     chart: {view() -> View, plotWidth() -> units, dt() -> s, newest() -> t, wall() -> ms, follows, steps}
  *     follows: whether samples arrive.   steps: {next(), back()} for two more buttons, if any
  */
 
 import { button } from "../lib/dom.js";
-import { GUTTER } from "./layout.js";
+import { GUTTER, unit } from "./layout.js";
 
 const CLICK = 4; // px that the pointer may move during a click
 
@@ -20,8 +20,7 @@ export function attachControls(host, { rows: plots, bar, keys: help }, timeline,
   let marking = false;
 
   const place = (event) => {
-    const left = plots.getBoundingClientRect().left + GUTTER;
-    return (event.clientX - left) / chart.plotWidth();
+    return ((event.clientX - plots.getBoundingClientRect().left) / unit() - GUTTER) / chart.plotWidth();
   };
   const timeAt = (fraction) => {
     const seen = chart.view();
@@ -57,7 +56,7 @@ export function attachControls(host, { rows: plots, bar, keys: help }, timeline,
       return;
     }
     const seen = chart.view();
-    const perPx = (seen.end - seen.start) / chart.plotWidth();
+    const perPx = (seen.end - seen.start) / chart.plotWidth() / unit();
     const others = [...pointers].filter(([id]) => id !== event.pointerId);
     if (others.length === 0) {
       timeline.pan((before - event.clientX) * perPx, chart.wall());

@@ -5,16 +5,20 @@
  *     strips: as arranged by strips.js; of a folded one only the reading is shown, below the time axis
  *     keys: element for what the keys do.   bar: its buttons follow the other elements
  *     onfold(): to be set; strips were folded or unfolded
- * createSheet(canvas) -> Sheet     a canvas drawn in px of the page, in the colours of its theme
- *     {canvas, pen, width, height, palette, hatches, resize(width, height, ratio), setPalette(palette), clear(name "")}
+ * createSheet(canvas) -> Sheet     a canvas drawn in units, in the colours of its theme
+ *     {canvas, pen, width, height, palette, hatches, resize(width, height), setPalette(palette), clear(name "")}
+ *     resize: to px of the page
  *     clear: empties it but for a name in the gutter; the pen's origin is then the plot's left edge
- * GUTTER    width of the value axis left of the plot [px]
+ * GUTTER    width of the value axis left of the plot [units]
+ * unit() -> px of the page: a sixteenth of a rem, so that canvases grow with the text beside them
  */
 
 import { button, h } from "../lib/dom.js";
 import { hatch } from "./palette.js";
 
 export const GUTTER = 46;
+
+export const unit = () => parseFloat(getComputedStyle(document.documentElement).fontSize) / 16;
 
 let charts = 0;
 
@@ -98,11 +102,13 @@ export function createSheet(canvas) {
   const sheet = { canvas, pen, width: 1, height: 1, palette: {}, hatches: {}, resize, setPalette, clear };
   let ratio = 1;
 
-  function resize(width, height, given) {
-    ratio = given;
-    canvas.width = Math.round(width * ratio);
-    canvas.height = Math.round(height * ratio);
-    Object.assign(sheet, { width, height });
+  function resize(width, height) {
+    const px = unit();
+    const dense = devicePixelRatio || 1;
+    ratio = px * dense;
+    canvas.width = Math.round(width * dense);
+    canvas.height = Math.round(height * dense);
+    Object.assign(sheet, { width: width / px, height: height / px });
   }
 
   function setPalette(palette) {

@@ -27,9 +27,9 @@ export function hatch(context, name, palette) {
     pen.fillRect(1, 1, 2, 2);
     pen.fillRect(5, 5, 2, 2);
   } else {
-    pen.globalAlpha = name === "alert" ? 0.22 : 0.3;
+    pen.globalAlpha = name === "alert" ? 0.4 : 0.2; // an alert is seen before anything else
     pen.fillRect(0, 0, 8, 8);
-    pen.globalAlpha = name === "alert" ? 0.6 : 0.8;
+    pen.globalAlpha = name === "alert" ? 0.9 : 0.8;
     pen.lineWidth = 1.6;
     pen.beginPath();
     for (const x of [-8, 0, 8]) {

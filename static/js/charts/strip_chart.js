@@ -47,13 +47,11 @@ export function createStripChart(host, options) {
   let measured = false;
 
   function measure() {
-    const ratio = devicePixelRatio || 1;
-    const widths = sheets.map(({ canvas, resize }) => {
+    for (const { canvas, resize } of sheets) {
       const { width, height } = canvas.parentElement.getBoundingClientRect();
-      resize(width, height, ratio);
-      return width;
-    });
-    const wide = Math.max(...widths); // a folded strip has none
+      resize(width, height);
+    }
+    const wide = Math.max(...sheets.map(({ width }) => width)); // a folded strip has none
     plot = Math.max(16, Math.floor(wide) - GUTTER);
     measured = wide > 0;
     if (measured) setPalette(); // colours exist only on the page

@@ -14,9 +14,7 @@
  *   setHeadline({status, beside})   of the flight; an acknowledged condition may continue
  *   setLinked(boolean)   false: new alarms cannot arrive
  *   acknowledgeAll()     all open warnings; all open cautions where there are none
- *   open(), alert()      number of unacknowledged warnings; the newest unacknowledged alert of a risk, or null
- *   exceedance(latched)  {value, limit} in words, of the worst exceedance so far; null for none
- *     latched: exceedances that the strips show, with the largest value since
+ *   open()               number of unacknowledged warnings
  */
 
 import { needs, reason } from "../lib/api.js";
@@ -119,17 +117,6 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     return `ALERT ${at}: risk${value}${above}, warns ${lead} s before ${flight.limits || "a failure as labelled"}${more}`;
   }
 
-  /** The exceedance furthest beyond its limit, as a share of it. */
-  function exceedance(latched) {
-    const measured = [...alarms.values()].filter(({ kind }) => kind === "limit").map(({ exceedance: found }) => found);
-    const grown = latched.flatMap(({ channel, value }) => measured.filter((found) => found.channel === channel && found.value * value > 0).map((found) => ({ ...found, value })));
-    const beyond = ({ value, limit }) => Math.abs(value - limit) / Math.max(Math.abs(limit), Number.MIN_VALUE);
-    const [worst] = [...measured, ...grown].sort((a, b) => beyond(b) - beyond(a));
-    if (worst === undefined) return null;
-    const channel = flight.channels.find(({ key }) => key === worst.channel);
-    return { value: `${channel.symbol} ${quantity(channel, worst.value)}`, limit: `peak; limit ${magnitudeIn(channel, worst.limit)}` };
-  }
-
   function measured({ channel, value, limit, judged }) {
     const measured = flight.channels.find(({ key }) => key === channel);
     const which = judged === "recorded" ? " as recorded, bias and trim included" : "";
@@ -179,8 +166,6 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     },
     acknowledgeAll,
     open: () => waiting().warnings.length,
-    alert: () => waiting().warnings.findLast(({ kind }) => kind === "risk") ?? null,
-    exceedance,
     close: () => tone.stop(),
   };
 }

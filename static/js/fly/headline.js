@@ -3,12 +3,10 @@
  *
  * The browser adds only that no samples arrive any more, in the same order of severity.
  *
- * FACES {status: {word, shape}}     `shape` names the gauge's sign
  * headlineOf({status, level, beside, exceeded_t, verdict}, {stale, alarms, blank}) -> Headline
  *     stale: no samples arrive.   alarms: number of unacknowledged warnings
  *     blank: no sample is shown yet: the headline must not look calm
- * wordOf(status, cause)          INVALID has a word of its own for some causes, as NOT ASSESSED between manoeuvres
- * besideOf(headline, cause)      "STALE · EXCEEDED first at 8.76 s · Warned 0.45 s before the limit"
+ * partsOf(headline, cause)       ["▲ ALARM", "STALE · EXCEEDED first at 8.76 s"], without what is empty
  * textOf(headline, cause)        "▲ ALARM · STALE · EXCEEDED first at 8.76 s"
  * resultOf(flight) -> {words, level}       its verdict, else its headline; data-level
  * staleText(cause, age)          why it is stale, and the age of the newest sample [s], NaN if unknown
@@ -21,19 +19,19 @@ const NOW = ["exceeding", "risk"]; // need a current sample
 const CALM = ["none", "advisory"];
 const BESIDE = ["stale", "invalid"]; // always shown
 
-export const FACES = {
-  exceeding: { word: "EXCEEDING", shape: "warning" },
-  alarm: { word: "ALARM", shape: "bell" },
-  risk: { word: "ALERT", shape: "warning" },
-  stale: { word: "STALE", shape: "clock" },
-  invalid: { word: "INVALID", shape: "cross" },
-  caution: { word: "CAUTION", shape: "diamond" },
-  not_assessed: { word: "NOT ASSESSED", shape: "ring" },
-  warming_up: { word: "WARMING UP", shape: "hourglass" },
-  not_calibrated: { word: "NOT CALIBRATED", shape: "query" },
-  exceeded: { word: "EXCEEDED", shape: "flag" },
-  ok: { word: "OK", shape: "check" },
-  no_data: { word: "NO DATA", shape: "dash" },
+const WORDS = {
+  exceeding: "EXCEEDING",
+  alarm: "ALARM",
+  risk: "ALERT",
+  stale: "STALE",
+  invalid: "INVALID",
+  caution: "CAUTION",
+  not_assessed: "NOT ASSESSED",
+  warming_up: "WARMING UP",
+  not_calibrated: "NOT CALIBRATED",
+  exceeded: "EXCEEDED",
+  ok: "OK",
+  no_data: "NO DATA",
 };
 export const LEVEL_OF = { warning: "alert", caution: "caution", advisory: "advisory", none: "ok" };
 const MARKS = { warning: "▲ ", caution: "◆ ", advisory: "", none: "✓ " };
@@ -59,26 +57,30 @@ export function staleText(cause, age) {
 
 export function resultOf({ verdict, progress, cause, mode, head, ...headline }) {
   const { level } = headline;
-  if (progress === "running" && mode === "live" && head < 0 && CALM.includes(level)) return { words: FACES.no_data.word, level: "advisory" };
+  if (progress === "running" && mode === "live" && head < 0 && CALM.includes(level)) return { words: WORDS.no_data, level: "advisory" };
   if (!verdict && level === "none" && progress !== "running") return { words: progress.toUpperCase(), level: "off" };
   if (!verdict || progress === "running") return { words: textOf({ ...headline, verdict }, cause), level: LEVEL_OF[level] };
   const shown = level === "warning" ? level : "caution";
   return { words: MARKS[shown] + verdict.text, level: LEVEL_OF[shown] };
 }
 
-export function wordOf(status, cause = null) {
+function wordOf(status, cause = null) {
   const withdrawn = status === "invalid" ? withdrawnWord(cause) : null;
-  return withdrawn ?? FACES[status === "invalid" ? shownState({ state: status, cause }) : status].word;
+  return withdrawn ?? WORDS[status === "invalid" ? shownState({ state: status, cause }) : status];
 }
 
-export function besideOf({ status, beside, exceeded_t: t, verdict }, cause = null) {
+function besideOf({ status, beside, exceeded_t: t, verdict }, cause = null) {
   const exceeded = Number.isFinite(t) && status !== "exceeding" && status !== "exceeded";
   const words = [...beside.map((status) => wordOf(status, cause)), exceeded && exceededAt(t), verdict?.warning];
   return words.filter(Boolean).join(" · ");
 }
 
 export function textOf(headline, cause = null) {
-  return MARKS[headline.level] + [worstOf(headline, cause), besideOf(headline, cause)].filter(Boolean).join(" · ");
+  return partsOf(headline, cause).join(" · ");
+}
+
+export function partsOf(headline, cause = null) {
+  return [MARKS[headline.level] + worstOf(headline, cause), besideOf(headline, cause)].filter(Boolean);
 }
 
 function worstOf({ status, exceeded_t: t }, cause = null) {
@@ -87,5 +89,5 @@ function worstOf({ status, exceeded_t: t }, cause = null) {
 
 /** Also shown after a seek to before the exceedance. */
 function exceededAt(t) {
-  return `${FACES.exceeded.word} first at ${t.toFixed(2)} s`;
+  return `${WORDS.exceeded} first at ${t.toFixed(2)} s`;
 }

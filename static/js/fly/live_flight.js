@@ -20,7 +20,7 @@ import { createConnection } from "./connection.js";
 import { createFlightLimits, limitsNote } from "./flight_limits.js";
 import { createFlightMarkers, markerNote } from "./flight_markers.js";
 import { alertLevel, createSetLine, inUse, useNote } from "./flight_monitors.js";
-import { isStale, LEVEL_OF, staleText, textOf } from "./headline.js";
+import { isStale, LEVEL_OF, partsOf, staleText, textOf } from "./headline.js";
 import { createLivePanel } from "./live_panel.js";
 import { acknowledgementOf, alertText, createFlightPanels, recordedFlag, sourceText } from "./panels.js";
 import { createReplayNotes } from "./playback/replay_notes.js";
@@ -30,6 +30,7 @@ import { bindShortcuts, openShortcuts } from "./shortcuts.js";
 import { createSourceAddress } from "./source_address.js";
 import { createStatusStrip } from "./status_strip.js";
 import { bindMuteButton, createTone } from "./tone.js";
+import { createWall } from "./wall.js";
 
 const STATUS_EVERY = 200; // ms
 const tone = createTone(); // one for the page: a browser lets it sound after the first touch
@@ -59,9 +60,10 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   panels.transport.prepend(panels.calls);
   panels.events.prepend(panels.marker);
   const scene = recorded ? besideRecording(panels.scene, recorded.beside) : createSceneFrame(panels.scene, id);
-  const keys = { ...transport.keys, k: alarm.acknowledgeAll, t: () => notes?.write(), g: () => source?.begin() };
+  const wallView = createWall(panels.wall, panels.view);
+  const keys = { ...transport.keys, ...wallView.keys, k: alarm.acknowledgeAll, t: () => notes?.write(), g: () => source?.begin() };
   const life = new AbortController();
-  bindControls(panels.status, keys, markers, life.signal);
+  bindControls(panels.status, { keys, markers, wallView }, life.signal);
   life.signal.addEventListener("abort", addDrawer(show));
   const raised = new Set();
   let hello = null; // set together with display
@@ -151,7 +153,6 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   function onStatus(headline) {
     decided = headline;
     display.setHeadline(headline);
-    showExceedance();
     display.chart.latch(headline.latched);
     showHidden();
   }
@@ -196,14 +197,9 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     const fresh = !raised.has(number);
     raised.add(number);
     alarm.onAlarm(raisedAlarm);
-    if (kind === "limit") showExceedance();
     const event = { t, text: alertText(raisedAlarm, alertLevel(hello), hello.channels), level: LEVEL_OF[level], seen: kind === "limit" };
     note({ event: fresh && event, flag: recordedFlag(raisedAlarm) });
     if (acknowledged) events.add(acknowledgementOf(raisedAlarm, hello.mode === "live"));
-  }
-
-  function showExceedance() {
-    display.setExceedance(alarm.exceedance(decided?.latched ?? []));
   }
 
   function onMarker(marker) {
@@ -344,6 +340,8 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
       follow(headline, display.withdrawal);
       alarm.setStale(isStale(headline) ? staleText(display.cause, display.timeline.age(wall)) : "");
     }
+    const figures = connection.figures(wall);
+    showWall(headline, figures.utc);
     status.update({
       ...described,
       link: connection.link,
@@ -353,12 +351,28 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
       headline,
       cause: display?.withdrawal,
       staleAfter: display?.staleAfter ?? Infinity,
-      figures: { ...connection.figures(wall), skipped: backfill.skipped },
+      figures: { ...figures, skipped: backfill.skipped },
+    });
+  }
+
+  function showWall(headline, utc) {
+    if (headline === null) return wallView.show({ words: [connection.link.toUpperCase()], level: "advisory", utc });
+    const [word, beside] = partsOf(headline, display.withdrawal);
+    const why = isStale(headline) ? staleText(display.cause, display.timeline.age(performance.now())) : "";
+    return wallView.show({
+      words: [word, [beside, why].filter(Boolean).join(" · ")],
+      level: LEVEL_OF[headline.level],
+      utc,
+      t: display.t,
+      channels: hello.channels,
+      y: isStale(headline) ? null : display.y,
+      latched: decided.latched ?? [],
     });
   }
 
   return {
     close: () => {
+      wallView.close();
       connection.close();
       backfill.clear();
       alarm.close();
@@ -378,11 +392,11 @@ function besideRecording(element, beside) {
 }
 
 /** Keys, their list, and the mute button. */
-function bindControls(element, keys, markers, signal) {
+function bindControls(element, { keys, markers, wallView }, signal) {
   const open = () => openShortcuts(markers.shortcuts());
   const mute = h("button.button.button-small.mute", { type: "button" });
-  const list = button("Keys ?", open, { class: "button button-small", title: "Keyboard shortcuts (key ?)" });
-  element.append(h("div.row.spread", mute, list));
+  const list = button([h("span.roomy", "Keys "), "?"], open, { class: "button button-small", title: "Keyboard shortcuts (key ?)", "aria-label": "Keys ?" });
+  element.append(h("div.row.spread", wallView.button, mute, list));
   bindMuteButton(mute, tone, signal);
   bindShortcuts({ ...keys, m: () => mute.click(), "?": open }, markers.keys, signal);
 }

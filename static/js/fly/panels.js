@@ -1,7 +1,7 @@
 /**
  * The panels of a flight on the page, and words that several of them share.
  *
- * createFlightPanels(element) -> {name: element}     refused: of a marker that was not set
+ * createFlightPanels(element) -> {name: element}     view: holds the others.   refused: of a marker that was not set
  * windowOf({duration, lead}) -> s     width of the strips; a short flight fills them
  * cautionText({kind, reason}, at)     "NOT APPLICABLE at 3.4 s: ..."; at: time in words
  * waitingOf(alarms) -> {warnings, cautions}    the unacknowledged ones
@@ -48,11 +48,12 @@ export function createFlightPanels(element) {
     calls: h("div", { class: "marker-buttons", role: "group", "aria-label": "Markers" }),
     marker: h("p", { class: "marker-last", role: "alert", hidden: true }),
     transport: h("section", { "aria-label": "Transport" }),
+    wall: h("section.wall", { "aria-label": "Wall", hidden: true }),
   };
   const left = part("div", "strips-column", panels.alarm, panels.refused, panels.problem, panels.notice, panels.monitors, panels.limits, panels.address, panels.strips);
   const right = part("div", "side-column", part("div", "scene-cell", panels.scene, panels.lost), part("section", "gauge-panel", panels.gauge, panels.rest, panels.ahead), panels.events);
-  const view = part("div", "flight", h("h1", { class: "visually-hidden" }, "Flight"), panels.status, part("div", "fly", left, right), panels.transport);
-  element.replaceChildren(view);
+  panels.view = part("div", "flight", h("h1", { class: "visually-hidden" }, "Flight"), panels.status, part("div", "fly", left, right), panels.transport, panels.wall);
+  element.replaceChildren(panels.view);
   return panels;
 }
 

@@ -30,7 +30,9 @@ import {
   waitingOf,
   windowOf,
 } from "./panels.js";
+import { bindShortcuts } from "./shortcuts.js";
 import { createStatusStrip } from "./status_strip.js";
+import { createWall } from "./wall.js";
 
 const HOW = {
   ended: "was ended",
@@ -44,6 +46,9 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   const panels = createFlightPanels(element);
   element.dataset.flight = "over";
   const status = createStatusStrip(panels.status);
+  const wall = createWall(panels.wall, panels.view);
+  const life = new AbortController();
+  bindShortcuts(wall.keys, {}, life.signal);
   const gauge = createRiskGauge(panels.gauge);
   const source = sourceText(flight.source, flight.name);
   const nothing = { age: NaN, latency: NaN, skipped: 0, lost: flight.lost, unwritten: 0, problem: "", utc: null };
@@ -104,7 +109,8 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   function showResult(now) {
     shown.result = resultOf(now);
     status.update(shown);
-    gauge.update({ state: "over", reason: "the flight has ended", alertAbove, result: shown.result });
+    wall.show({ words: [shown.result.words], level: shown.result.level });
+    gauge.update({ state: "over", reason: "the flight has ended", alertAbove });
     gauge.draw(performance.now());
   }
 
@@ -225,6 +231,8 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     close: () => {
       closed = true;
       chart?.destroy();
+      wall.close();
+      life.abort();
       delete element.dataset.flight;
     },
   };

@@ -31,7 +31,7 @@ const GROUPS = [
       ["L", "follow the newest sample (or double click)"], ["Esc", "remove the cursor"],
     ],
   ],
-  ["Page", [["?", "this list"]]],
+  ["Page", [["W", "wall mode, to be read from across the room; Esc leaves it"], ["?", "this list"]]],
 ];
 
 const TYPED = "input:not([type=range], [type=checkbox], [type=radio]), textarea, [contenteditable]";

@@ -8,13 +8,13 @@
  *     noRest: why the monitor forecasts no rest of the card.   recorded: played from a file, without link and record
  *     headline: null before it is known or after the flight.   result: of an ended flight, {words, level}
  *     warnings: about the monitor.   validity: "checked", or why not.   staleAfter: age that counts as stale [s]
- * createItems(element, list, look) -> {items: {key: {box, label, value}}, show(key, text, level)}
+ * createItems(element, list, look) -> {items: {key: {box, label, value}}, show(key, text, level) -> bool}     whether the text is new
  */
 
 import { h, put } from "../lib/dom.js";
 import { sentence, warningWords } from "../lib/monitors.js";
 import { counted } from "../lib/numbers.js";
-import { LEVEL_OF, textOf } from "./headline.js";
+import { LEVEL_OF, partsOf } from "./headline.js";
 
 const RECORD = "Whether the server stores the flight; samples waiting for its disk, and samples lost";
 const ITEMS = [
@@ -31,13 +31,14 @@ const ITEMS = [
 ];
 const LATE = 300; // ms
 const CAUTION = "◆ ";
-const LONG = 32; // letters of a status beyond which it takes two lines
+const LONG = 16; // letters of a status beyond which it takes two lines
 
 export function createStatusStrip(element) {
   element.classList.add("status-strip");
   const { items, show } = createItems(element, ITEMS, "status");
   const mode = h("strong", { class: "mode", title: "Where the samples come from" });
   element.prepend(mode);
+  items.state.box.setAttribute("role", "status"); // spoken when it changes
 
   function update({ mode: from, source, monitor, warnings = [], validity = "checked", link, staleAfter, playing, live, recorded = false, noRest = "", headline, cause, result, figures }) {
     const linked = live && link === "open";
@@ -50,10 +51,9 @@ export function createStatusStrip(element) {
     put(items.monitor.label, validity === "checked" ? "monitor" : `monitor, validity ${validity}`);
     items.test.box.title = warnings.map(sentence).join(" ");
     show("test", warningWords({ warnings }), "caution");
-    if (result) show("state", result.words, result.level);
-    else if (headline === null) show("state", "–", "off");
-    else show("state", textOf(briefly(headline), cause), LEVEL_OF[headline.level]);
-    items.state.box.toggleAttribute("data-long", items.state.value.textContent.length > LONG);
+    if (result) showState([result.words], result.level);
+    else if (headline === null) showState(["–"], "off");
+    else showState(partsOf(briefly(headline), cause), LEVEL_OF[headline.level]);
     const isTimed = live && !recorded;
     show("link", ...(isTimed ? linkOf(link) : [""]));
     show("utc", isTimed ? (figures.utc?.toISOString().slice(11, 19) ?? "–") : "");
@@ -63,6 +63,13 @@ export function createStatusStrip(element) {
     show("skipped", figures.skipped > 0 ? `skipped ${counted(figures.skipped, "sample")}${rest}` : "", "caution");
     show("record", ...(recorded ? [""] : live && link === "lost" ? ["–", "off"] : recordOf(figures)));
     items.record.box.title = figures.problem === "" ? RECORD : sentence(figures.problem);
+
+    /** The word is the largest text of the page. */
+    function showState([word, beside = ""], level) {
+      if (show("state", [word, beside].filter(Boolean).join(" · "), level))
+        items.state.value.replaceChildren(h("span.state-word", word), beside && h("span.state-beside", h("span.visually-hidden", " · "), beside));
+      items.state.box.toggleAttribute("data-long", word.length > LONG);
+    }
 
     function ageOf() {
       if (!live) return ["ended", "off"];
@@ -93,8 +100,10 @@ export function createItems(element, list, look) {
   function show(key, text, level = "") {
     const { box, value } = items[key];
     box.hidden = text === "";
+    const isNew = value.textContent !== text;
     put(value, text);
     if (box.dataset.level !== level) box.dataset.level = level;
+    return isNew;
   }
 
   return { items, show };

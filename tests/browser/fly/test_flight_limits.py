@@ -43,7 +43,7 @@ def test_limits_are_changed_in_flight_and_a_monitor_of_others_says_no_number(
         expect(dialog).to_have_count(0)
         expect(line).to_contain_text(words)
     fly.steer("step", 1)
-    fly.gauge_says("NOT APPLICABLE")
+    fly.state_says("NOT APPLICABLE")
     expect(page.locator(".gauge-number")).to_have_text("")
     expect(page.locator(".alarm-banner")).to_contain_text("NOT APPLICABLE at 1.05 s: |Ny| 0.4 g")
     expect(
@@ -51,7 +51,7 @@ def test_limits_are_changed_in_flight_and_a_monitor_of_others_says_no_number(
     ).to_have_count(1)
     page.reload()
     expect(line).to_contain_text("fast: |Ny| 0.4 g")
-    fly.gauge_says("NOT APPLICABLE")
+    fly.state_says("NOT APPLICABLE")
     fly.end()
     record = page.locator(
         ".notice", has_text="Limits: envelope version 1, declared mach 0.9, put in"

@@ -75,7 +75,7 @@ def test_a_live_flight_takes_two_clicks_and_says_where_to_send_until_the_first_s
     expect(address).to_contain_text(f"/api/v1/flights/{live.flight}/uplink")
     expect(address).to_contain_text(f"forewarn push FILE --flight {live.flight}")
     expect(address.locator("tr", has_text="sideslip")).to_contain_text("rad")
-    live.gauge_says("NO DATA")
+    live.state_says("NO DATA")
     live.assert_no_number()
     for width, height in ((1280, 720), (1024, 768), (640, 360)):
         page.set_viewport_size({"width": width, "height": height})
@@ -110,18 +110,18 @@ def test_a_link_that_is_cut_before_the_first_sample_is_stale_everywhere(
     is_cut = False
     routes = relay(to_page=lambda text, _: None if is_cut else text, is_cut=lambda: is_cut)
     live.begin()
-    live.gauge_says("NO DATA")
+    live.state_says("NO DATA")
     is_cut = True
     if not silent:
         routes[0].close(code=CUT)
-    live.gauge_says("STALE")
+    live.state_says("STALE")
     live.assert_no_number()
     expect(live.status("state")).to_have_text("◆ STALE")
     expect(page).to_have_title(re.compile("^◆ STALE – "))
     expect(page.locator(".source-address h2")).to_have_text(re.compile("^STALE"))
     is_cut = False
     live.connected()
-    live.gauge_says("NO DATA")
+    live.state_says("NO DATA")
     expect(page.locator(".source-address h2")).to_have_text(re.compile("^NO DATA"))
 
 

@@ -215,9 +215,9 @@ def test_a_lost_validity_waits_in_amber_until_it_is_acknowledged(
     banner = replay.locator(".alarm-banner")
     expect(banner).to_contain_text("VALIDITY LOST at")
     assert banner.get_attribute("data-level") == "caution"
-    expect(replay.locator(".gauge-word")).to_have_text("INVALID")
+    expect(replay.locator(".state-word")).to_have_text("◆ INVALID")
     seek(quiet["start"] + 1.0)
-    expect(replay.locator(".gauge-word")).to_have_text("CAUTION")
+    expect(replay.locator(".state-word")).to_have_text("◆ CAUTION")
     expect(replay).to_have_title(re.compile("^◆ CAUTION"))
     replay.keyboard.press("k")
     expect(banner).to_be_hidden()

@@ -5,7 +5,7 @@
  *     entire() -> TileSet | null of all
  */
 
-import { GUTTER } from "../layout.js";
+import { GUTTER, unit } from "../layout.js";
 import { createStrip } from "../strip.js";
 import { cellsOf } from "./cells.js";
 
@@ -27,8 +27,8 @@ export function createOverviewBar(canvas, strip, { timeWindow, start, end, entir
   });
 
   function move(event) {
-    const left = canvas.getBoundingClientRect().left + GUTTER;
-    const t = start + ((event.clientX - left) / width()) * (end - start);
+    const at = (event.clientX - canvas.getBoundingClientRect().left) / unit() - GUTTER;
+    const t = start + (at / width()) * (end - start);
     const { start: from, end: to } = timeWindow.view();
     timeWindow.setWindow(t - (to - from) / 2, t + (to - from) / 2);
   }

@@ -40,7 +40,7 @@ import { createTileCache } from "./tiles.js";
 
 const NARROW_AFTER = 400; // ms until an axis that is too wide narrows
 const EDGE = 0.03; // share of the window; an event nearer to its edge is moved inside
-const ROW = 26; // px
+const ROW = 1.625; // rem
 const THIN = 16; // px a manoeuvre below which only its bar is seen
 const COLOURS = ["trace", "forecast"];
 const FAINT = 0.5;
@@ -294,7 +294,7 @@ function createEventLane(element, { chosen }) {
     plot.replaceChildren(...parts.map((part) => part.element));
     const rows = Math.max(0, ...items.map(({ row }) => row + 1));
     element.hidden = rows === 0;
-    plot.style.height = `${rows * ROW}px`;
+    plot.style.height = `${rows * ROW}rem`;
   }
 
   function elementOf(item) {
@@ -310,7 +310,7 @@ function createEventLane(element, { chosen }) {
       "data-level": item.level,
       "data-item": item.id,
       title: item.title,
-      style: `top: ${item.row * ROW}px`,
+      style: `top: ${item.row * ROW}rem`,
     };
     if (item.quiet) return h("span", attributes, words);
     const label = `${item.title ?? item.text}. Show it.`;

@@ -7,19 +7,17 @@
  *   forget()                   clears the strips: the samples shown were lost
  *   setAssessment({state, reason, cause}, quiet)    as the server says it, without a sample
  *   setHeadline({status, level, beside})     as the server decided it
- *   setExceedance({value, limit} | null)     the worst one so far, in words
  *   setLinked(boolean)         whether the server is heard: false from the first missed heartbeat on
  *   useAuthority()             the alarm authority in hello changed
  *   lose(), resume()           the connection; after it the newest sample counts again
  *   refresh(wall) -> Headline      draws the gauge; returns the headline for every view, stale where samples stopped
  *   withdrawal, cause          cause of the newest invalid sample; why it is stale, empty without a reason
- *   seq, t                     of the newest sample; -1 and null for none
+ *   seq, t, y                  of the newest sample; -1 and null for none
  */
 
 import { createFlightChart } from "../../charts/live/flight_chart.js";
 import { createTimeline } from "../../charts/live/timeline.js";
 import { shownState } from "../../lib/states.js";
-import { formatTime, riskText } from "../../lib/numbers.js";
 import { alertLevel } from "../flight_monitors.js";
 import { headlineOf, isStale } from "../headline.js";
 import { windowOf } from "../panels.js";
@@ -52,7 +50,6 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
   let assessment = { state: null, reason: "", cause: null };
   let newest = null; // frame
   let sampled = false; // a sample was shown
-  let noted = ""; // below the number on the gauge
   let origin = 0; // where the flight continues from, before its next sample [s]
   let decided = hello; // the server's headline
   let linked = true;
@@ -80,8 +77,7 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
       withdraw();
       return;
     }
-    noted = alertNote();
-    gauge.update({ ...frame, note: noted, alertAbove: levelNow() });
+    gauge.update({ ...frame, alertAbove: levelNow() });
   }
 
   /** Of the alarm authority, which changes with the flight condition of a monitor set; NaN where none is in use. */
@@ -91,12 +87,6 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
     const begins = hello.mode === "live" && hello.head < 0;
     const blank = !sampled && (begins || assessment.state === "ok");
     return headlineOf(decided, { stale: !linked || timeline.stale(wall), alarms: alarm.open(), blank });
-  }
-
-  /** The number is the risk now. An alert may last one sample, too short to see: until acknowledged it is shown below. */
-  function alertNote() {
-    const alert = alarm.alert();
-    return alert === null ? "" : `Risk now; ${riskText(alert.p_value, alertAbove)} at the alert (${formatTime(alert.t, 0.01)} s)`;
   }
 
   /** The monitor's state; without an assessment a word takes the number's place. */
@@ -167,7 +157,6 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
     setHeadline: (given) => {
       decided = given;
     },
-    setExceedance: gauge.setExceedance,
     setLinked: (isLinked) => {
       linked = isLinked;
       chart.setLinked(isLinked);
@@ -192,8 +181,10 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
     get t() {
       return newest?.t ?? null;
     },
+    get y() {
+      return newest?.y ?? null;
+    },
     refresh: (wall) => {
-      if (linked && newest !== null && alertNote() !== noted) show(newest);
       const headline = headlineNow(wall);
       gauge.draw(wall, headline);
       const stale = isStale(headline);

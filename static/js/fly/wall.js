@@ -1,0 +1,134 @@
+/**
+ * Wall mode: the state, the limiting channels, gauge, scene and clock fill the screen, to be read from across the room.
+ *
+ * The address carries it (`?wall`), so that a link opens it. Sizes are in static/wall.css: on a 55-inch screen the state
+ * has at least 40 minutes of arc at 5 m, every other text at least 16.
+ *
+ * createWall(element, view) -> Wall     element: of the parts that are shown here only.   view: of the flight
+ *   keys           {key: act}
+ *   button         opens it
+ *   show({words: [state, beside], level, utc, t, channels, y, latched})     drawn only while it is open
+ *     y: of the newest sample by channel, null while none is current.   latched: the exceedances that the strips show
+ *   close()        the view ends
+ * limitRows(channels, y, latched) -> [{channel, value, peak, margin}]     of the MOST limited channels nearest to their
+ *     limits, or furthest beyond; margin: 1 at the limit.   value, peak: NaN for none
+ */
+
+import { button, formatted, h, put } from "../lib/dom.js";
+import { isBeyond, limitsOf, limitText, marginOf } from "../lib/limits.js";
+import { magnitudeIn, quantity, secondsText } from "../lib/numbers.js";
+
+const MOST = 3;
+const LETTERS = 12; // of a name
+const ROOM = 1.25; // of a bar, in limits
+const NAME = "wall";
+
+const partsOfAddress = () => {
+  const [path, search] = location.hash.split("?");
+  return { path, query: new URLSearchParams(search) };
+};
+
+export function createWall(element, view) {
+  const word = h("p.wall-state");
+  const beside = h("p.wall-beside");
+  const clock = h("p.wall-clock");
+  const list = h("ol.wall-limits", { "aria-label": "Channels nearest to their limits" });
+  const life = new AbortController();
+  element.append(word, beside, clock, list);
+  document.addEventListener("fullscreenchange", followScreen, { signal: life.signal });
+  let rows = [];
+  let last = null; // shown when it is opened
+  set(partsOfAddress().query.has(NAME));
+
+  const isOpen = () => !element.hidden;
+
+  function set(open) {
+    element.hidden = !open;
+    view.toggleAttribute("data-wall", open);
+    if (open && last !== null) draw(last);
+  }
+
+  function turn(open) {
+    if (open === isOpen()) return;
+    const { path, query } = partsOfAddress();
+    if (open) query.set(NAME, "");
+    else query.delete(NAME);
+    const search = query.toString().replace(`${NAME}=`, NAME);
+    history.replaceState(null, "", search ? `${path}?${search}` : path);
+    set(open);
+    if (open) document.documentElement.requestFullscreen?.().catch(() => {}); // refused: it fills the window
+    else if (document.fullscreenElement) document.exitFullscreen();
+  }
+
+  /** Escape leaves a full screen without a key for the page. */
+  function followScreen() {
+    if (document.fullscreenElement === null) turn(false);
+  }
+
+  function draw({ words: [state, also = ""], level, utc = null, t = null, channels = [], y = null, latched = [] }) {
+    element.dataset.level = level;
+    put(word, state);
+    put(beside, also);
+    put(clock, [utc && `${utc.toISOString().slice(11, 19)} UTC`, t !== null && secondsText(t)].filter(Boolean).join("\n"));
+    const nearest = limitRows(channels, y, latched);
+    const keys = nearest.map(({ channel }) => channel.key).join();
+    if (keys !== list.dataset.keys) {
+      rows = nearest.map(({ channel }) => rowOf(channel));
+      list.replaceChildren(...rows.map((row) => row.item));
+      list.dataset.keys = keys;
+    }
+    nearest.forEach((reading, k) => rows[k].show(reading));
+  }
+
+  return {
+    keys: { w: () => turn(!isOpen()), Escape: () => turn(false) },
+    button: button("Wall", () => turn(true), { class: "button button-small", title: "Full screen, to be read from across the room (key W); Escape leaves it" }),
+    show: (now) => {
+      last = now;
+      if (isOpen()) draw(now);
+    },
+    close: () => life.abort(),
+  };
+}
+
+export function limitRows(channels, y, latched) {
+  const all = channels.map((channel, k) => {
+    const limits = limitsOf(channel);
+    const value = y?.[k] ?? NaN;
+    const peak = latched.find(({ channel: key }) => key === channel.key)?.value ?? NaN;
+    const marginAt = (at) => (limits === null || !Number.isFinite(at) ? -Infinity : marginOf(limits, channel.rest ?? 0, at)[1]);
+    return { channel, k, limits, value, peak, margin: marginAt(value), worst: Math.max(marginAt(value), marginAt(peak)) };
+  });
+  const limited = all.filter(({ limits }) => limits !== null);
+  const nearest = limited.sort((a, b) => b.worst - a.worst || a.k - b.k).slice(0, MOST);
+  return nearest.sort((a, b) => a.k - b.k);
+}
+
+/** Names of channels often differ at their ends. */
+function shortened(symbol) {
+  return symbol.length <= LETTERS ? symbol : `${symbol.slice(0, LETTERS / 2)}…${symbol.slice(1 - LETTERS / 2)}`;
+}
+
+function rowOf(channel) {
+  const value = h("span.wall-value");
+  const limit = h("span.wall-limit");
+  const bar = h("span.wall-bar");
+  const item = h("li.wall-row", h("span.wall-name", { title: channel.label }, formatted(shortened(channel.symbol))), value, h("span.wall-track", bar), limit);
+  let shown = "";
+
+  function show({ channel: now, value: at, peak, margin }) {
+    const known = Number.isFinite(at);
+    put(value, known ? `${margin >= 1 ? "▲ " : ""}${quantity(now, at)}` : "–");
+    const limits = limitsOf(now);
+    const hasPeak = Number.isFinite(peak);
+    const exceeded = limits[isBeyond(limits, peak)[0] ? 0 : 1];
+    const words = hasPeak ? `▲ peak ${quantity(now, peak)}, limit ${magnitudeIn(now, exceeded)}` : `limit ${limitText(now, limits)}`;
+    if (words !== shown) limit.replaceChildren(formatted(words));
+    shown = words;
+    item.toggleAttribute("data-over", known && margin >= 1);
+    item.toggleAttribute("data-exceeded", hasPeak);
+    bar.style.width = known ? `${(100 * Math.min(ROOM, Math.max(0, margin))) / ROOM}%` : "0";
+  }
+
+  return { item, show };
+}

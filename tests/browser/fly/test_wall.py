@@ -1,0 +1,184 @@
+"""Wall mode: read from 5 m, on a link and by a key, in every state and with long names."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from playwright.sync_api import Page, expect
+
+from core.limits.limits import SafeInterval
+from tests.browser.chromium import wait_until
+from tests.browser.fly.test_live import Live, live, site, stored  # noqa: F401
+from tests.browser.site import Site
+from tests.support import any_flight
+
+SIZES = ((1920, 1080), (3840, 2160))
+WIDE, FAR = 1218.0, 5000.0
+"""[mm] Of a 55-inch screen of 16:9, and from eye to screen."""
+MINUTE = FAR * np.tan(np.radians(1 / 60))
+"""[mm] 1.454."""
+STATE, ANY = 40.0, 16.0
+"""[arcmin] Least height of a capital."""
+FIVE = {
+    "x1": SafeInterval(-0.25, 0.28),
+    "x2": SafeInterval(-0.4, 0.4),
+    "x3": SafeInterval(None, 0.27),
+    "x5": SafeInterval(3000.0, None, 4500.0),
+    "x8": SafeInterval(-0.5, 0.5),
+}
+LONG = "wing_root_bending_moment_left_outboard_station_2"
+STATES = {
+    "ok": ("ok", "none", []),
+    "alert": ("risk", "warning", []),
+    "alarm": ("alarm", "warning", ["stale", "invalid"]),
+    "exceeding": ("exceeding", "warning", []),
+    "stale": ("stale", "caution", ["invalid"]),
+    "not calibrated": ("not_calibrated", "advisory", []),
+}
+WATCH_CANVASES = """
+window.drawn = new Map();
+const write = CanvasRenderingContext2D.prototype.fillText;
+CanvasRenderingContext2D.prototype.fillText = function (text, ...at) {
+    const { a, b } = this.getTransform();
+    const of = drawn.get(this.canvas) ?? drawn.set(this.canvas, []).get(this.canvas);
+    of.push([text, this.font, Math.hypot(a, b) / devicePixelRatio]);
+    return write.call(this, text, ...at);
+};
+"""
+TEXTS = """() => {
+    const pen = document.createElement("canvas").getContext("2d");
+    const capital = (font) => {
+        pen.font = font;
+        return pen.measureText("H").actualBoundingBoxAscent;
+    };
+    const found = [];
+    const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+    while (walker.nextNode()) {
+        const { data, parentElement: element } = walker.currentNode;
+        const isSeen = element.checkVisibility({ checkVisibilityCSS: true });
+        if (data.trim() === "" || !isSeen) continue;
+        if (element.closest(".visually-hidden, .skip-link")) continue;
+        const range = document.createRange();
+        range.selectNodeContents(walker.currentNode);
+        const { left, right, top, bottom, width } = range.getBoundingClientRect();
+        if (width < 2) continue;
+        const { fontStyle, fontWeight, fontSize, fontFamily } = getComputedStyle(element);
+        const scale = element.closest("svg") ? Math.abs(element.getScreenCTM().d) : 1;
+        const high = scale * capital(`${fontStyle} ${fontWeight} ${fontSize} ${fontFamily}`);
+        const beyond = Math.max(-left, -top, right - innerWidth, bottom - innerHeight);
+        found.push([data, element.closest(".wall-state") !== null, high, beyond <= 1]);
+    }
+    for (const [canvas, words] of window.drawn ?? [])
+        if (canvas.checkVisibility() && canvas.clientWidth > 0)
+            for (const [text, font, scale] of words)
+                found.push([text, false, scale * capital(font), true]);
+    return found;
+}"""
+"""Every text seen: its words, whether it is the state, height of a capital [px], in view."""
+
+
+def assert_legible(page: Page) -> None:
+    """At both sizes and in both themes."""
+    for width, height in SIZES:
+        page.set_viewport_size({"width": width, "height": height})
+        for theme in ("dark", "light"):
+            page.evaluate("(theme) => (document.documentElement.dataset.theme = theme)", theme)
+            texts = page.evaluate(TEXTS)
+            angles = [(text, high * WIDE / width / MINUTE) for text, _, high, _ in texts]
+            states = [
+                a for (_, a), (_, is_state, *_) in zip(angles, texts, strict=True) if is_state
+            ]
+            assert states, texts
+            assert min(states) >= STATE, angles
+            assert min(angle for _, angle in angles) >= ANY, sorted(angles, key=lambda a: a[1])
+            assert [text for text, *_, is_within in texts if not is_within] == []
+
+
+def recording(state: str, monitors: int, long: bool) -> dict[str, Any]:
+    """A flight of 32 channels with 5 limits, or of 6 with one, held in a state."""
+    many = any_flight.many(32)
+    made = (
+        any_flight.recording(many, FIVE, any_flight.oscillating(many))
+        if long
+        else any_flight.recording()
+    )
+    hello = made["hello"]
+    others = [hello["monitors"][0] | {"authority": False, "name": f"{k} ahead"} for k in range(2)]
+    hello["monitors"] += others[: monitors - 1]
+    whole = made["frames"]["whole"]
+    shown = {key: whole[key] for key in ("p_value", "alert", "state")}
+    whole["display"] = [[{k: v[i] for k, v in shown.items()}] * 2 for i in range(len(whole["t"]))]
+    if long:
+        for about in hello["channels"]:
+            about["symbol"] = f"{LONG}_{about['key']}"
+    status, level, beside = STATES[state]
+    key = next(each["key"] for each in hello["channels"] if each["high"] is not None)
+    peak = {"channel": key, "t": 1.2, "value": 9.5, "over": True, "acknowledged": False}
+    exceeds = state in ("exceeding", "alarm")
+    headline = {"status": status, "level": level, "beside": beside, "verdict": None}
+    headline |= {"exceeded_t": 1.2 if exceeds else None, "latched": [peak] if exceeds else []}
+    made["headlines"] = [{"seq": 0, "pair": [headline, headline]}]
+    return made
+
+
+@pytest.mark.parametrize(("monitors", "long"), [(1, False), (3, True)], ids=["1", "3 long"])
+@pytest.mark.parametrize("state", STATES)
+def test_all_that_the_wall_shows_is_legible_from_5_m(
+    own_page: Page, fresh: Site, allowed_errors: list[str], state: str, monitors: int, long: bool
+) -> None:
+    allowed_errors.append("AudioContext was not allowed")
+    page = own_page
+    page.add_init_script(WATCH_CANVASES)
+    flight = recording(state, monitors, long)
+    page.route("**/js/start/recording.json", lambda route: route.fulfill(json=flight))
+    page.goto(f"{fresh.http}/#/demonstration?wall")
+    wait_until(page, "document.querySelectorAll('.wall-row').length > 0")
+    wait_until(page, "document.querySelector('.wall-clock').textContent !== ''")
+    page.keyboard.press(".")
+    expect(page.locator(".masthead")).to_be_hidden()
+    expect(page.locator(".strip-chart")).to_be_hidden()
+    expect(page.locator(".wall-row")).to_have_count(3 if long else 1)
+    assert_legible(page)
+
+
+def test_a_waiting_flight_and_its_scene_are_legible_from_5_m(
+    live: Live,  # noqa: F811
+) -> None:
+    page = live.page
+    live.begin()
+    address = page.url
+    page.goto("about:blank")
+    page.goto(f"{address}?wall")
+    expect(page.locator(".wall-state")).to_have_text("NO DATA")
+    assert_legible(page)
+
+
+def test_a_key_opens_the_wall_the_address_has_it_and_escape_leaves_it(
+    live: Live,  # noqa: F811
+) -> None:
+    page = live.page
+    live.begin()
+    address = page.url
+    strips = page.locator(".source-address")
+    expect(strips).to_be_visible()
+    page.keyboard.press("w")
+    expect(strips).to_be_hidden()
+    assert page.url == f"{address}?wall"
+    page.keyboard.press("Escape")
+    expect(strips).to_be_visible()
+    assert page.url == address
+    page.get_by_role("button", name="Wall").click()
+    expect(strips).to_be_hidden()
+    page.keyboard.press("w")
+    expect(strips).to_be_visible()
+    page.goto("about:blank")
+    page.goto(f"{address}?wall")
+    live.connected()
+    expect(page.locator(".wall-state")).to_have_text("NO DATA")
+    expect(strips).to_be_hidden()
+    live.end()
+    page.locator('[data-flight="over"]').wait_for()
+    expect(page.locator(".wall-clock")).to_have_text("")
+    assert_legible(page)
+    page.keyboard.press("Escape")
+    expect(page.locator(".notice")).to_be_visible()
