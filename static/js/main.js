@@ -1,12 +1,13 @@
 /**
  * The page: one address for each view (#/ is the start page, #/demonstration, #/fly, #/fly/{flight},
- * #/recordings/{id}, #/monitors/{id}, #/datasets/{id}, #/campaigns/{id}, #/limits/{id}, #/sets/{id}, #/storage), its theme.
+ * #/recordings/{id}, #/monitors/{id}, #/datasets/{id}, #/campaigns/{id}, #/limits/{id}, #/sets/{id}, #/storage,
+ * #/people), its theme.
  *
  * A view's module exports show(element, {id, query, api, navigate}) -> {close()}. `query` holds the part
  * after a question mark (#/fly?monitor=3f9a); navigate("#/fly/3f9a") opens another view.
  */
 
-import { api, loadMe } from "./lib/api.js";
+import { api, loadMe, may } from "./lib/api.js";
 import { createDemonstrationBar, demonstration } from "./lib/demonstration.js";
 import { h, state } from "./lib/dom.js";
 import { chooseSI, isSI, tellUnits } from "./lib/numbers.js";
@@ -21,6 +22,7 @@ const VIEWS = {
   monitors: { title: "Monitors", guide: "first-monitor", load: () => import("./monitors/index.js") },
   limits: { title: "Limit sets", guide: "limit-sets", load: () => import("./limits/index.js") },
   sets: { title: "Monitor sets", guide: "limit-sets", load: () => import("./sets/index.js") },
+  people: { title: "People and audit", guide: "several-people", load: () => import("./people/index.js") },
   storage: { title: "Storage", guide: "keeping-data", load: () => import("./storage/index.js") },
   datasets: { title: "Datasets", guide: "first-monitor", load: () => import("./datasets/index.js") },
 };
@@ -100,7 +102,7 @@ function guideOf(name, id) {
 }
 
 function showChoice(button, what, name, isPressed) {
-  button.textContent = `${what}: ${name}`;
+  button.replaceChildren(h("span.roomy", `${what}: `), name);
   button.setAttribute("aria-pressed", String(isPressed));
   button.setAttribute("aria-label", `${what}: ${name}. Press to change.`);
 }
@@ -123,6 +125,7 @@ function bindUnitsButton(button) {
 }
 
 function showMe(me) {
+  document.querySelector("[data-people]").hidden = !may("GET /tokens");
   document.querySelector("#version").textContent = me?.version ?? "";
   const element = document.querySelector("#me");
   element.hidden = me === null || me.name === "local";

@@ -36,6 +36,7 @@ VIEWS = [
     "sets",
     "sets/{set}",
     "storage",
+    "people",
 ]
 FINDINGS = """() => {
     const words = (text) => text.toLowerCase().match(/[\\p{L}\\p{N}]+/gu)?.join(" ") ?? "";

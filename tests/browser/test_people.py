@@ -102,3 +102,30 @@ def test_each_role_sees_all_and_is_offered_what_it_may_do_and_no_more(
         httpx2.post(f"{flights}/{flight}/end", headers=OWN).raise_for_status()
         expect(button("Delete the record")).to_be_visible()
         page.goto("about:blank")
+
+
+def test_an_admin_finds_people_and_the_audit_of_one_of_them(
+    own_page: Page, tmp_path: Path, allowed_errors: list[str]
+) -> None:
+    page = own_page
+    allowed_errors.append("403 (Forbidden)")
+    with open_site(tmp_path, TOKEN) as site:
+        tokens = site.store.tokens
+        for name, role in (("Ada", "admin"), ("Vi", "viewer")):
+            secret = tokens.add(name, role)[0]
+            page.goto(f"{site.http}/login?link={tokens.make_link(secret.id)}")
+            page.goto(f"{site.http}/#/people")
+            expect(page.locator("#me")).to_have_text(f"{name} · {role}")
+            link = page.get_by_role("link", name="People", exact=True)
+            if name == "Vi":
+                expect(link).to_be_hidden()
+                expect(page.locator(".state-error")).to_be_visible()
+                break
+            expect(link).to_be_visible()
+            expect(page.locator("tr", has_text="Ada").first).to_contain_text("admin")
+            audit = page.get_by_role("region", name="Audit lines")
+            expect(audit.locator("tbody tr").first).to_contain_text("/login")
+            page.get_by_label("Person").fill("Bob")
+            page.get_by_label("Person").press("Enter")
+            expect(audit).to_contain_text("No line in this period")
+        page.goto("about:blank")

@@ -33,13 +33,17 @@ const address = (path) => (path.startsWith(BASE) ? path : BASE + path);
 
 const noAnswer = () => new ApiError(NO_ANSWER, 0);
 
+const isLines = ({ headers }) => headers.get("Content-Type")?.startsWith("application/x-ndjson");
+
+const linesOf = (text) => text.split("\n").filter(Boolean).map((line) => JSON.parse(line));
+
 async function call(method, path, body) {
   const headers = { Accept: ACCEPTED, ...(body !== undefined && { "Content-Type": "application/json" }) };
   const response = await fetch(address(path), { method, headers, body: JSON.stringify(body) }).catch(() => {
     throw noAnswer();
   });
   if (response.status === 204) return null;
-  if (response.ok) return response.json();
+  if (response.ok) return isLines(response) ? linesOf(await response.text()) : response.json();
   throw refusal(response, await response.json().catch(() => ({})));
 }
 
