@@ -102,6 +102,7 @@ def catalog() -> dict[str, Any]:
             }
             for kind, (predictor, score) in METHODS.items()
         ],
+        "tried": labels.TRIED,
         "sweep_methods": {name: _method_words(*pair) for name, pair in SWEPT.items()},
         "calibrating_share": SHARES[0],
         "flight_markers": [asdict(kind) for kind in FLIGHT_MARKERS.values()],

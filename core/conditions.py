@@ -104,9 +104,11 @@ class Cases(Generic[AnyCase]):
             if case.name == other.name:
                 raise ValueError(f"two conditions are called {case.name!r}: use different names")
             if case.overlaps(other):
+                shared = [_shared(key, case, other) for key in CONDITION_KEYS]
                 raise ValueError(
-                    f"{case.name} and {other.name} overlap: give ranges that do not; a range ends "
-                    "before its second number"
+                    f"{case.name} and {other.name} overlap at "
+                    f"{', '.join(filter(None, shared)) or 'any condition'}: let one end where the "
+                    "other begins"
                 )
 
     @property
@@ -121,16 +123,29 @@ class Cases(Generic[AnyCase]):
 
     def why_none(self, condition: Condition) -> str:
         values = dict(zip(CONDITION_KEYS, condition, strict=True))
-        unknown = [f"{key} is {values[key]}" for key in self.needed if isinstance(values[key], str)]
+        unknown = [
+            f"{CONDITIONS[key].label} is {values[key]}"
+            for key in self.needed
+            if isinstance(values[key], str)
+        ]
         if unknown:
             return " and ".join(unknown)
-        return f"no {self.content} for this {' and '.join(self.needed)}"
+        needed = (CONDITIONS[key].label for key in self.needed)
+        return f"no {self.content} for this {' and '.join(needed)}"
 
 
 def ranges_from_plain(
     plain: Mapping[ConditionKey, Sequence[float | None]],
 ) -> dict[ConditionKey, Range]:
     return {key: (low, high) for key, (low, high) in plain.items()}
+
+
+def _shared(key: ConditionKey, case: Case, other: Case) -> str:
+    """The values of a channel that belong to both; empty if it does not matter to either."""
+    (low, high), (other_low, other_high) = (_ends(each.ranges.get(key)) for each in (case, other))
+    low, high, known = max(low, other_low), min(high, other_high), CONDITIONS[key]
+    ends = [f"from {low:g}"] * isfinite(low) + [f"below {high:g}"] * isfinite(high)
+    return f"{known.label} {' and '.join(ends)} {known.unit}".rstrip() if ends else ""
 
 
 def _ends(interval: Range | None) -> tuple[float, float]:

@@ -44,6 +44,7 @@ from core.channels import LATERAL
 from core.counted import counted
 from core.dataset import Dataset
 from core.evaluation.certificate import calibrated_on, warnings_of
+from core.evaluation.method_choice import kept_in_words
 from core.evaluation.prevention import Prevention
 from core.evaluation.rates import Evaluation, clopper_pearson
 from core.evaluation.robustness import DIFFERENCES, by_aircraft
@@ -233,13 +234,25 @@ def _finish(
 def method_lines(monitor: Monitor) -> list[str]:
     """The methods tried, and which one the monitor uses."""
     methods = (monitor.evaluation or {}).get("methods", [])
+    if not methods:
+        return []
     rows = [
-        f"  {tried['missed']} of {tried['n_unsafe']} failing flights missed, {tried['quiet']} of "
-        f"{tried['n_safe']} safe ones without an alert: "
-        f"{labels.METHODS.get(tried['name'], tried['name'])}{' (chosen)' * tried['chosen']}"
+        f"  {_of(tried['missed'], tried['n_unsafe'])} failing flights missed, "
+        f"{tried['quiet']} of {tried['n_safe']} safe ones without an alert: "
+        f"{labels.TRIED.get(tried['name'], tried['name'])}{' (chosen)' * tried['chosen']}"
         for tried in methods
     ]
-    return ["methods, on flights that chose nothing else:", *rows] if rows else []
+    return [
+        "methods, on flights that chose nothing else, with 95 % intervals of the missed share:",
+        *rows,
+        f"  {kept_in_words(monitor.recipe.epsilon, methods[0]['n_unsafe'])}",
+    ]
+
+
+def _of(k: int, n: int) -> str:
+    """`3 of 15 (4.3 to 48.1 %)`."""
+    low, high = 100 * clopper_pearson(k, n)
+    return f"{k} of {n} ({low:.1f} to {high:.1f} %)"
 
 
 def summary(training: Training) -> dict[str, Any]:

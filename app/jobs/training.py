@@ -10,7 +10,7 @@ import numpy as np
 from app.recipes.recipes import own_code, simulated_test
 from core.dataset import FLOWN, Dataset
 from core.evaluation.certificate import USES
-from core.evaluation.method_choice import best_of, plain_threshold, try_methods
+from core.evaluation.method_choice import best_of, most_missed, plain_threshold, try_methods
 from core.evaluation.prevention import Prevention, prevention
 from core.evaluation.rates import (
     EPSILONS,
@@ -278,7 +278,15 @@ def _learned(
     chosen = best_of(tried, recipe.epsilon).name
     if (plain := plain_threshold(dataset, choosing, recipe)) is not None:
         tried.append(plain)
-    rows = [asdict(counts) | {"chosen": counts.name == chosen} for counts in tried]
+    rows = [
+        asdict(counts)
+        | {
+            "chosen": counts.name == chosen,
+            "miss_interval": clopper_pearson(counts.missed, counts.n_unsafe).tolist(),
+            "most_missed": most_missed(recipe.epsilon, counts.n_unsafe),
+        }
+        for counts in tried
+    ]
     return methods[chosen][0], {"methods": rows}
 
 

@@ -10,6 +10,7 @@ from inspect import getsource
 from itertools import pairwise
 
 from core.channels import CHANNELS
+from core.evaluation.certificate import IN_WORDS, THRESHOLD
 from core.simulation.published import MODELS
 
 FAMILIES = {
@@ -64,6 +65,8 @@ METHODS = {
     "outputs_ahead": "forecast of the outputs against past failures: for any manoeuvre",
 }
 """Labels of core.monitor.recipe.METHODS."""
+TRIED = METHODS | {THRESHOLD: IN_WORDS}
+"""Labels of methods tried on own rollouts."""
 CHOICES: dict[str, dict[Hashable, str]] = {
     "calibration": {"trajectory": "as flown", "pointwise": "one sample (paper)"},
     "guarantee": {"average": "on average over monitors", "95%": "of this monitor, 95 % confident"},

@@ -12,6 +12,7 @@ from core import __version__
 from core.channels import LATERAL
 from core.dataset import FLOWN
 from core.evaluation.certificate import Share, calibrated_on, certificate, miss_rate_of, warnings_of
+from core.evaluation.method_choice import kept_in_words
 from core.evaluation.rates import clopper_pearson
 from core.limits.limits import IntervalLimits, Limits
 from core.monitor import Monitor
@@ -33,6 +34,7 @@ def certificate_page(monitor: Monitor, name: str, digest: str, created: str = ""
             "train it with test flights"
         )
     prevention = evaluation.get("prevention")
+    tried = evaluation.get("methods", [])
     dataset = {key: value for key, value in monitor.dataset_recipe.items() if key != FLOWN}
     magnitudes = monitor.specification if isinstance(monitor.specification, Limits) else None
     return TEMPLATES.get_template("certificate.html").render(
@@ -58,10 +60,9 @@ def certificate_page(monitor: Monitor, name: str, digest: str, created: str = ""
         simulator=evaluation.get("simulator"),
         flown=evaluation.get("flown", []),
         mixture=calibrated_on(evaluation),
-        methods=[
-            (labels.METHODS.get(method["name"], method["name"]), method)
-            for method in evaluation.get("methods", [])
-        ],
+        methods=[(labels.TRIED.get(method["name"], method["name"]), method) for method in tried],
+        kept=kept_in_words(epsilon, tried[0]["n_unsafe"]) if tried else "",
+        interval_of=lambda k, n: "{:.1%} to {:.1%}".format(*clopper_pearson(k, n)),
         false_alarm=Share(evaluation["at_epsilon"]["false_alerts"], evaluation["n_safe"])
         if evaluation["n_safe"]
         else None,

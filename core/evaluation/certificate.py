@@ -16,6 +16,7 @@ USELESS = 0.2
 """A monitor is useless if, with 97.5 % confidence, fewer safe flights than this pass it."""
 THRESHOLD = "threshold on today's value"
 """Name of the rule beside which methods are tried, in `methods` of an evaluation."""
+IN_WORDS = "threshold on the current value"
 UNTESTED = (
     "the monitor was not tested on fresh flights: its miss rate and the share of safe flights "
     "without a false alarm are unknown"
@@ -202,7 +203,7 @@ def _no_gain(evaluation: Mapping[str, Any]) -> list[str]:
         return []
     n_safe = methods[0]["n_safe"]
     return [
-        f"no method is better than a {THRESHOLD}: {chosen[0]} of {n_safe} safe flights have no "
+        f"no method is better than a {IN_WORDS}: {chosen[0]} of {n_safe} safe flights have no "
         f"alert, {plain[0]} with the threshold; expect no early warning, and clear this point "
         "beforehand"
     ]

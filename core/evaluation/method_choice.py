@@ -75,6 +75,21 @@ def try_methods(
     return tried
 
 
+def most_missed(epsilon: float, n_unsafe: int) -> int:
+    """Misses up to which a method keeps epsilon: two standard errors more than its share."""
+    error = np.sqrt(epsilon * (1 - epsilon) / max(n_unsafe, 1))
+    return int(np.floor((epsilon + 2 * error) * n_unsafe))
+
+
+def kept_in_words(epsilon: float, n_unsafe: int) -> str:
+    """Which methods keep epsilon in a trial on this many failing flights."""
+    return (
+        f"a method keeps epsilon {epsilon:g} here if it misses at most "
+        f"{most_missed(epsilon, n_unsafe)} of {n_unsafe}: so few flights cannot tell more from "
+        "chance (two standard errors); the promise comes from the calibration, not from this count"
+    )
+
+
 def best_of(counts: list[MethodCounts], epsilon: float) -> MethodCounts:
     """The method with most quiet flights among those that do not miss surely more than epsilon.
 
@@ -82,11 +97,7 @@ def best_of(counts: list[MethodCounts], epsilon: float) -> MethodCounts:
     robustness to flights unlike the planned ones.
     """
 
-    def misses_more(count: MethodCounts) -> bool:
-        error = np.sqrt(epsilon * (1 - epsilon) / max(count.n_unsafe, 1))
-        return count.miss_rate > epsilon + 2 * error
-
-    within = [count for count in counts if not misses_more(count)] or counts
+    within = [c for c in counts if c.missed <= most_missed(epsilon, c.n_unsafe)] or counts
     most = max(count.power for count in within)
     error = np.sqrt(most * (1 - most) / max(within[0].n_safe, 1))
     return next(count for count in within if count.power >= most - error)
@@ -95,7 +106,7 @@ def best_of(counts: list[MethodCounts], epsilon: float) -> MethodCounts:
 def plain_threshold(
     dataset: Dataset, flights: LabelledFlights, recipe: MonitorRecipe
 ) -> MethodCounts | None:
-    """A threshold on today's margin, calibrated like the monitors; None for labels alone."""
+    """A threshold on the current margin, calibrated like the monitors; None for labels alone."""
     envelope = envelope_of(dataset.specification)
     if envelope is None:
         return None

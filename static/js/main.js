@@ -9,7 +9,7 @@
 
 import { api, loadMe, may } from "./lib/api.js";
 import { createDemonstrationBar, demonstration } from "./lib/demonstration.js";
-import { h, state } from "./lib/dom.js";
+import { h, link, pageOf, state } from "./lib/dom.js";
 import { chooseSI, isSI, tellUnits } from "./lib/numbers.js";
 import { chooseTheme, currentTheme, followTheme } from "./lib/storage.js";
 
@@ -25,6 +25,19 @@ const VIEWS = {
   people: { title: "People and audit", guide: "several-people", load: () => import("./people/index.js") },
   storage: { title: "Storage", guide: "keeping-data", load: () => import("./storage/index.js") },
   datasets: { title: "Datasets", guide: "first-monitor", load: () => import("./datasets/index.js") },
+};
+
+/** Of an address that no view has. */
+const UNKNOWN = {
+  title: "Unknown address",
+  guide: "",
+  load: async () => ({
+    show(element) {
+      const text = `There is no page ${location.hash}: check the address, or begin at the start page.`;
+      element.replaceChildren(pageOf(UNKNOWN.title, [], h("p", text), h("div.row", link("Start page", "#/", true))));
+      return { close: () => {} };
+    },
+  }),
 };
 
 const CHECKED_EVERY = 5000; // ms
@@ -66,38 +79,37 @@ function damageWords([first, ...others]) {
   return `◆ Damaged data, not served: ${first.kind} ${first.name}: ${first.detail}.${more}`;
 }
 
+const viewOf = (name) => (Object.hasOwn(VIEWS, name) ? VIEWS[name] : UNKNOWN);
+
 async function open() {
   showDamage();
   const [path, search] = location.hash.replace(/^#?\/?/, "").split("?");
   const [name, id = null] = path.split("/").map(decoded);
   const mine = ++turn;
-  if (!(name in VIEWS)) {
-    location.replace("#/");
-    return;
-  }
+  const view = viewOf(name);
   for (const link of document.querySelectorAll(".nav a"))
     link.ariaCurrent = link.getAttribute("href") === `#/${name}` ? "page" : null;
-  document.title = `${VIEWS[name].title} – Forewarn`;
+  document.title = `${view.title} – Forewarn`;
   document.querySelector("#help").href = guideOf(name, id);
   bar.goneTo(location.hash);
   shown.close();
   shown = { close: () => {} };
   page.replaceChildren();
   try {
-    const view = await VIEWS[name].load();
+    const { show } = await view.load();
     if (mine !== turn) return;
     const query = new URLSearchParams(search ?? "");
-    shown = view.show(page, { id: id || null, query, api, navigate });
+    shown = show(page, { id: id || null, query, api, navigate });
   } catch (error) {
     console.error(error);
     const text = `${error?.message ?? error}. Reload the page; if that does not help, restart the server.`;
-    page.replaceChildren(h("h1.visually-hidden", VIEWS[name].title), state("error", "This view could not be opened", text));
+    page.replaceChildren(h("h1.visually-hidden", view.title), state("error", "This view could not be opened", text));
   }
 }
 
 /** A flight in progress has a page of its own: alarms and keys. */
 function guideOf(name, id) {
-  const page = name === "fly" && id ? "alarms-and-keys" : VIEWS[name].guide;
+  const page = name === "fly" && id ? "alarms-and-keys" : viewOf(name).guide;
   return ["/guide", page].filter(Boolean).join("/");
 }
 

@@ -237,7 +237,11 @@ def test_the_command_trains_on_own_rollouts_and_says_how_well(
     assert monitor.dictionary.keys == DICTIONARY.keys
     page = tmp_path / "certificate.html"
     assert main(["certificate", str(out), "--out", str(page)]) == 0
-    assert "Methods tried" in page.read_text()
+    text = page.read_text()
+    assert "Methods tried" in text
+    assert "threshold on the current value" in text
+    n, most = facts["methods"][0]["n_unsafe"], facts["methods"][0]["most_missed"]
+    assert f"misses at most {most} of {n}" in text
     envelope = monitor.envelope
     assert envelope is not None
     assert (envelope.low[2], envelope.high[2]) == (-1.1, 2.9)

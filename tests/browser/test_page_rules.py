@@ -26,6 +26,7 @@ VIEWS = [
     "monitors/compare",
     "monitors/sweep",
     "monitors/{monitor}",
+    "nowhere",
     "datasets",
     "datasets/new",
     "datasets/rollouts",

@@ -125,16 +125,19 @@ function facts({ monitor, calibration, dataset, evaluation, catalog }) {
 function methods(evaluation, catalog) {
   const tried = evaluation?.methods ?? [];
   if (!tried.length) return null;
-  const labelOf = ({ name }) => catalog.methods.find(({ kind }) => kind === name)?.label ?? name;
+  const labelOf = ({ name }) => catalog.tried[name] ?? name;
   const columns = [
     ["Method", (method) => [labelOf(method), method.chosen ? [" ", chip("chosen", "ok")] : null], "name"],
     ["Failing flights missed", ({ missed: n, n_unsafe: of }) => `${n} of ${count(of)} (${share(n, of)})`, "number"],
+    ["95 % interval", ({ miss_interval: bounds }) => (bounds ? interval(bounds) : "–"), "number"],
     ["Safe flights, valid and without an alert", ({ quiet: n, n_safe: of }) => `${n} of ${count(of)} (${share(n, of)})`, "number"],
   ];
   const isThreshold = ({ name }) => !catalog.methods.some(({ kind }) => kind === name);
   const hint = `At ε = ${figure(evaluation.epsilon)} and this warning lead time, on flights used for nothing else.`;
+  const [{ most_missed: most, n_unsafe: of }] = tried;
+  const kept = most === undefined ? "" : ` A method keeps ε in this trial if it misses at most ${most} of ${count(of)}: so few flights cannot tell more from chance (two standard errors). The promise comes from the calibration.`;
   const beside = tried.some(isThreshold) ? " The threshold is calibrated like the methods." : "";
-  return panel("Methods tried", [table({ columns, items: tried, panel: false }), h("p.hint", hint + beside)]);
+  return panel("Methods tried", [table({ columns, items: tried, panel: false }), h("p.hint", hint + kept + beside)]);
 }
 
 /** The flown flights of its dataset, and what each was used for; null without any. */

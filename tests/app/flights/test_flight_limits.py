@@ -162,7 +162,7 @@ def test_limits_that_cannot_be_told_are_never_calm(run: Callable) -> None:
         async with place.flights() as flights:
             flight = await place.fly(flights, monitor=own)
             place.clock.advance(1.0)
-            assert flight.reason == "limits unknown: mach is missing"
+            assert flight.reason == "limits unknown: Mach number is missing"
             assert flight.limits.limits is None
             said = headline(Facts(invalid=True))
             assert in_words(said, flight.cause) == "LIMITS UNKNOWN"
@@ -260,7 +260,7 @@ def test_a_measured_condition_chooses_the_limits_and_the_journal_says_the_same(
             source_frames = replay.source_frames(0, N_SAMPLES)
             assert [f["reason"] for f in source_frames] == [f["reason"] for f in frames]
         expected = exact_monitor().assess(T, y).columns()["p_value"]
-        reasons = ["limits unknown: mach is", "not applicable", ""]
+        reasons = ["limits unknown: Mach number is", "not applicable", ""]
         for k, frame in enumerate(frames):
             slow, fast = k < 30 or k >= 50, 30 <= k < 45
             reason = "" if slow else reasons[1] if fast else f"{reasons[0]} missing"

@@ -38,10 +38,10 @@ STALE_FROM = 115
 PARTS = ((5, 20, "slow"), (20, 45, "fast"), (60, 70, "slow"), (75, STALE_FROM, "slow"))
 """Samples with a monitor in use, and the condition that holds."""
 REASONS = {
-    0: "not applicable: mach is missing",
-    45: "not applicable: no monitor for this mach",
-    70: "not applicable: mach is missing",
-    STALE_FROM: "not applicable: mach is stale",
+    0: "not applicable: Mach number is missing",
+    45: "not applicable: no monitor for this Mach number",
+    70: "not applicable: Mach number is missing",
+    STALE_FROM: "not applicable: Mach number is stale",
 }
 
 
@@ -135,7 +135,7 @@ def test_the_monitor_of_the_condition_is_used_with_a_fresh_history(run: Callable
             flight = await place.fly(flights, condition={"mach": "air/M"})
             assert (flight.monitor_set.case, flight.monitor_set.reason) == (
                 "",
-                "not applicable: mach is missing",
+                "not applicable: Mach number is missing",
             )
             assert [signal.name for signal in flight.live.conditions] == ["air/M"]
             seen = Seen(flight.watch())
@@ -237,7 +237,10 @@ def test_a_declared_condition_chooses_the_monitor_of_a_simulated_flight(run: Cal
         )
         source = {"kind": "replay", "dataset": dataset.id, "outcome": "unsafe", "rollout": 0}
         async with place.flights() as flights:
-            for condition, reason in (({}, "mach is missing"), ({"mach": 1.3}, "no monitor")):
+            for condition, reason in (
+                ({}, "Mach number is missing"),
+                ({"mach": 1.3}, "no monitor"),
+            ):
                 with pytest.raises(SourceError, match=reason):
                     await place.fly(flights, source=source, condition=condition)
             flight = await place.fly(flights, source=source, condition={"mach": 0.9})

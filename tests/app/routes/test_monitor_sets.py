@@ -71,7 +71,7 @@ def test_a_flight_shows_its_set_and_the_monitor_in_use(client: TestClient) -> No
     started = client.post(FLIGHTS, json=asked | {"condition": {"altitude": 5000.0}})
     assert started.status_code == 201, started.text
     path = f"{FLIGHTS}/{started.json()['id']}"
-    assert started.json()["monitor_set"]["reason"] == "not applicable: mach is missing"
+    assert started.json()["monitor_set"]["reason"] == "not applicable: Mach number is missing"
     sample = dict.fromkeys(("beta", "p", "r", "Ny", "delta_a", "delta_r"), 0.0)
     for k, (mach, case, monitor) in enumerate(((0.6, "slow", slow), (0.9, "fast", fast))):
         samples = {key: [value] * 4 for key, value in sample.items()}

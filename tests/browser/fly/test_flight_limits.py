@@ -34,7 +34,10 @@ def test_limits_are_changed_in_flight_and_a_monitor_of_others_says_no_number(
     fly.watch(SAFE, ("pause", None), ("seek", 1.0))
     line = page.locator(".flight-limits")
     expect(line).to_contain_text("Limits: the monitor's own, |Ny| 0.5 g")
-    for mach, words in (("", "◆ LIMITS UNKNOWN: mach is missing"), ("0.9", "fast: |Ny| 0.4 g")):
+    for mach, words in (
+        ("", "◆ LIMITS UNKNOWN: Mach number is missing"),
+        ("0.9", "fast: |Ny| 0.4 g"),
+    ):
         line.get_by_role("button", name="Change limits").click()
         dialog = page.get_by_role("dialog")
         expect(dialog.get_by_label("Limits")).to_contain_text("envelope, version 1")

@@ -82,6 +82,9 @@ def test_own_rollouts_are_added_looked_at_and_trained_on(page: Page, origin: str
     tried = httpx2.get(f"{origin}/api/v1/monitors/{monitor['id']}/evaluation").json()["methods"]
     expect(methods.locator("tbody tr")).to_have_count(len(tried))
     expect(methods.locator("tr", has_text="chosen")).to_have_count(1)
+    kept = f"misses at most {tried[0]['most_missed']} of {tried[0]['n_unsafe']}"
+    expect(methods).to_contain_text(kept)
+    expect(methods.locator("tbody tr").last).to_contain_text("threshold on the current value")
     expect(methods.locator("tbody tr").last).to_contain_text(
         f"{tried[-1]['quiet']} of {tried[-1]['n_safe']}"
     )

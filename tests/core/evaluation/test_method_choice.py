@@ -2,11 +2,25 @@
 
 import numpy as np
 
-from core.evaluation.method_choice import OF_THE_CARD, try_methods
+from core.evaluation.method_choice import (
+    OF_THE_CARD,
+    MethodCounts,
+    best_of,
+    kept_in_words,
+    most_missed,
+    try_methods,
+)
 from core.monitor import MonitorRecipe
 from core.monitor.group import GROUPINGS
 from core.monitor.recipe import METHODS
 from tests.support import oscillator
+
+
+def test_a_method_keeps_epsilon_within_two_standard_errors() -> None:
+    counts = [MethodCounts("sure", m, 15, q, 100) for m, q in ((3, 50), (4, 90), (0, 30))]
+    assert most_missed(0.1, 15) == 3
+    assert best_of(counts, 0.1) == counts[0]
+    assert "at most 3 of 15" in kept_in_words(0.1, 15)
 
 
 def test_methods_are_tried_by_groups_too() -> None:

@@ -38,13 +38,21 @@ def test_conditions_overlap_if_one_flight_can_be_both(one: Any, other: Any, cond
         assert number == next((k for k, c in enumerate(cases) if c.holds(condition)), None)
 
 
+def test_the_overlap_is_named() -> None:
+    both = case("slow", {"mach": (None, 0.8)}), case("fast", {"mach": (0.7, 1.2)})
+    with pytest.raises(
+        ValueError, match=r"slow and fast overlap at Mach number from 0\.7 and below 0\.8:"
+    ):
+        LimitSet(both)
+
+
 def test_a_range_ends_before_its_second_number_and_missing_values_are_named() -> None:
     limits = LimitSet((case("slow", {"mach": (None, 0.8)}), case("fast", {"mach": (0.8, 1.2)})))
     assert [limits.find((mach, *NO_CONDITION[1:])) for mach in (0.79, 0.8, 1.2)] == [0, 1, None]
     assert limits.find(("stale", 1.0, 1.0, 1.0)) is None
     assert limits.needed == ["mach"]
-    assert limits.why_none(("stale", *NO_CONDITION[1:])) == "mach is stale"
-    assert limits.why_none((1.2, *NO_CONDITION[1:])) == "no limits for this mach"
+    assert limits.why_none(("stale", *NO_CONDITION[1:])) == "Mach number is stale"
+    assert limits.why_none((1.2, *NO_CONDITION[1:])) == "no limits for this Mach number"
     assert limit_set_from_plain(limit_set_to_plain(limits)) == limits
 
 

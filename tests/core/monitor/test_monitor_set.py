@@ -22,7 +22,7 @@ def two(**other: Any) -> MonitorSet:
 def test_at_most_one_monitor_is_found() -> None:
     found = [two().find((mach, *NO_CONDITION[1:])) for mach in (0.79, 0.8, 1.2)]
     assert found == [0, 1, None]
-    assert two().why_none((1.2, *NO_CONDITION[1:])) == "no monitor for this mach"
+    assert two().why_none((1.2, *NO_CONDITION[1:])) == "no monitor for this Mach number"
 
 
 @pytest.mark.parametrize(

@@ -187,7 +187,7 @@ def two(theta: Any, inputs: Any) -> Any: ...
 
 def test_a_function_with_other_arguments_is_named():
     with pytest.raises(OwnCodeError, match=r"test_own\.py, line \d+, 'def two\(.*TypeError"):
-        evaluation_flights(small_test(declared(two)), 50)
+        evaluation_flights(small_test(declared(two)), 50)  # pyright: ignore
 
 
 class Unequal(Pitch):
