@@ -79,6 +79,9 @@ class LimitsFrom(Message):
 
     t: float | None = Field(description="time of the last sample before [s]; null for all")
     limits: PlainLimits | None = Field(description="by channel; null if unknown")
+    first: float | None = Field(
+        default=None, description="time of the first sample under them [s]; null if not flown yet"
+    )
     seq: int | None = Field(default=None, description="first sample, in a record; else null")
     monitor: str = Field(
         default="", description="id of the monitor in use, of a monitor set; else empty"
@@ -277,6 +280,11 @@ class MonitorSetStatus(Message):
     conditions: list[SetCondition]
     case: str = Field(default="", description="the condition that holds now; empty for none")
     reason: str = Field(default="", description="why no monitor is in use; empty if one is")
+    beyond: str = Field(
+        default="",
+        description="limits of every monitor of the set, in words, where those in force are "
+        "unknown: only what is beyond them exceeds; else empty",
+    )
 
 
 class Decided(Message):

@@ -80,19 +80,31 @@ class Case:
             ]
         )
 
+    def includes(self, other: Self) -> bool:
+        """Whether this one holds wherever the other does."""
+        return all(
+            low <= other_low and other_high <= high
+            for key in self.ranges
+            for (low, high), (other_low, other_high) in [
+                (_ends(self.ranges[key]), _ends(other.ranges.get(key)))
+            ]
+        )
+
 
 AnyCase = TypeVar("AnyCase", bound=Case)
 
 
 @dataclass(frozen=True)
 class Cases(Generic[AnyCase]):
-    """Cases by flight condition; at most one holds at a time.
+    """Cases by flight condition, of which one is chosen at a time.
 
-    kind, content: words for the set and for what its cases hold.
+    kind, content: words for the set and for what its cases hold.   may_overlap: whether two may
+    hold at once, so that the one chosen stays chosen on a boundary.
     """
 
     kind: ClassVar[str]
     content: ClassVar[str]
+    may_overlap: ClassVar[bool] = False
     cases: tuple[AnyCase, ...]
 
     def __post_init__(self) -> None:
@@ -103,21 +115,32 @@ class Cases(Generic[AnyCase]):
         for case, other in combinations(self.cases, 2):
             if case.name == other.name:
                 raise ValueError(f"two conditions are called {case.name!r}: use different names")
-            if case.overlaps(other):
+            if not self.may_overlap and case.overlaps(other):
                 shared = [_shared(key, case, other) for key in CONDITION_KEYS]
                 raise ValueError(
                     f"{case.name} and {other.name} overlap at "
                     f"{', '.join(filter(None, shared)) or 'any condition'}: let one end where the "
                     "other begins"
                 )
+            for outer, inner in ((case, other), (other, case)):
+                if outer.includes(inner):
+                    raise ValueError(
+                        f"{outer.name} includes all of {inner.name}: give ranges that overlap at "
+                        "their ends at most"
+                    )
 
     @property
     def needed(self) -> list[ConditionKey]:
         """Channels needed to decide which case holds."""
         return [key for key in CONDITION_KEYS if any(key in case.ranges for case in self.cases)]
 
-    def find(self, condition: Condition) -> int | None:
-        """Number of the case of a condition; None if it is no case or unknown."""
+    def find(self, condition: Condition, last: int | None = None) -> int | None:
+        """Number of the case of a condition; None if it is no case or unknown.
+
+        last: number of the case chosen before, which stays chosen while it holds.
+        """
+        if last is not None and self.cases[last].holds(condition):
+            return last
         holding = (k for k, case in enumerate(self.cases) if case.holds(condition))
         return next(holding, None)
 

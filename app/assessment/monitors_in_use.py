@@ -2,20 +2,24 @@
 
 Each monitor is used unchanged, at its own epsilon and limits. One that comes into use starts with
 an empty history, so no p-value mixes the samples of two conditions. One that needs a manoeuvre from
-its beginning is not applicable to the rest of it. Between the conditions of the set, and where the
-condition is unknown, none is applicable.
+its beginning is not applicable to the rest of it. Conditions may overlap: the monitor in use stays
+in use while its own condition holds. Between the conditions of the set, and where the condition is
+unknown, none is applicable; what is beyond the limits of each of them still exceeds.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from app.assessment.rulings import ConditionRule, Ruling
 from core.conditions import ConditionKey
+from core.limits.limits import Envelope
 from core.monitor import Monitor
 from core.monitor.assessment import Cause
 from core.monitor.monitor_set import MonitorSet
 from core.monitor.status import NOT_APPLICABLE
+
+BEYOND_ALL = "beyond the limit of every monitor of the set"
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +69,10 @@ class MonitorRuling(Ruling):
         """Of the monitor in use; empty where none is."""
         return "" if self.used is None else self.in_use.ids[self.used]
 
+    @property
+    def beyond(self) -> str:
+        return BEYOND_ALL if self.limits is not None and self.specification is None else ""
+
 
 class MonitorsRule(ConditionRule[MonitorRuling]):
     """Which monitor of a set is in use at each flight condition."""
@@ -79,9 +87,20 @@ class MonitorsRule(ConditionRule[MonitorRuling]):
         return MonitorRuling(*about, self._in_use, case)
 
     def _without(self, reason: str) -> MonitorRuling:
-        """With the limits that all monitors of the set share; unknown where they differ."""
-        first, *others = self._in_use.members
-        shared = all(other.specification == first.specification for other in others)
-        limits = (first.envelope, first.specification) if shared else (None, None)
+        """With the limits that all monitors share; where they differ, judged by the widest."""
+        first, *others = members = self._in_use.members
+        if all(other.specification == first.specification for other in others):
+            limits = first.envelope, first.specification
+        else:
+            limits = _widest(members), None
         reasons = (f"{NOT_APPLICABLE}: {reason}",)
         return MonitorRuling(*limits, "", reasons, Cause.NOT_APPLICABLE, self._in_use, None)
+
+
+def _widest(monitors: Sequence[Monitor]) -> Envelope | None:
+    """What is beyond it exceeds the limits of each; None where they limit no channel together."""
+    envelopes = [each.envelope for each in monitors if each.envelope is not None]
+    if len(envelopes) < len(monitors):
+        return None
+    widest = Envelope.widest(envelopes)
+    return widest if widest.limited.any() else None

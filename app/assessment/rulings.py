@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
+from math import inf, isfinite
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from core.conditions import (
@@ -29,9 +29,10 @@ ROUNDING = 1e-9
 class Ruling:
     """What applies to a sample.
 
-    limits, specification: None where unknown.   case: name of the flight condition; empty where
-    there is none.   reasons: for each monitor, why it is not applicable; empty where it is.
-    cause: of these reasons.
+    limits: what exceedances are judged by, None where unknown.   specification: the limits in
+    force, None where unknown.   case: name of the flight condition; empty where there is none.
+    reasons: for each monitor, why it is not applicable; empty where it is.   cause: of these.
+    beyond: what an exceedance is beyond, where the limits in force are unknown; else empty.
     """
 
     limits: Envelope | None
@@ -39,6 +40,10 @@ class Ruling:
     case: str
     reasons: tuple[str, ...]
     cause: Cause
+
+    @property
+    def beyond(self) -> str:
+        return ""
 
     def apply(
         self, assessment: Assessment, display: Sequence[Assessment] = ()
@@ -54,10 +59,14 @@ class Ruling:
 
 
 class InForceFrom(NamedTuple):
-    """A ruling for samples after t [s] (None: all samples). ruling None: the monitor's own."""
+    """A ruling for samples after t [s] (None: all samples). ruling None: the monitor's own.
+
+    first: time of the first of these samples [s].
+    """
 
     t: float | None
     ruling: Ruling | None
+    first: float | None = None
 
 
 AnyRuling = TypeVar("AnyRuling", bound=Ruling)
@@ -71,6 +80,7 @@ class ConditionRule(ABC, Generic[AnyRuling]):
         self._declared = tuple(declared.get(key) for key in CONDITION_KEYS)
         self._rulings: dict[int | str, AnyRuling] = {}
         self._last: tuple[Condition, AnyRuling] | None = None
+        self._case: int | None = None
 
     @property
     def measured(self) -> list[ConditionKey]:
@@ -79,25 +89,30 @@ class ConditionRule(ABC, Generic[AnyRuling]):
         return [key for key in self._cases.needed if declared[key] is None]
 
     def at(self, measured: Condition = NO_CONDITION) -> AnyRuling:
-        """The ruling at a condition; the same object while nothing changes."""
+        """The ruling at the next condition; the same object while nothing changes."""
         if self._last is not None and self._last[0] == measured:
             return self._last[1]
+        case, ruling = self._found(measured)
+        self._case = self._case if case is None else case
+        self._last = measured, ruling
+        return ruling
+
+    def ahead(self, measured: Condition) -> AnyRuling:
+        """The ruling at a condition that is not next yet."""
+        return self._found(measured)[1]
+
+    def _found(self, measured: Condition) -> tuple[int | None, AnyRuling]:
         condition = tuple(
             value if declared is None else declared
             for declared, value in zip(self._declared, measured, strict=True)
         )
-        ruling = self._ruling(condition)
-        self._last = measured, ruling
-        return ruling
-
-    def _ruling(self, condition: Condition) -> AnyRuling:
-        case = self._cases.find(condition)
+        case = self._cases.find(condition, self._case)
         key = self._cases.why_none(condition) if case is None else case
         if key not in self._rulings:
             if len(self._rulings) > 2 * len(self._cases.cases):
                 self._rulings.clear()
             self._rulings[key] = self._of_case(key) if isinstance(key, int) else self._without(key)
-        return self._rulings[key]
+        return case, self._rulings[key]
 
     @abstractmethod
     def _of_case(self, case: int) -> AnyRuling: ...
@@ -124,20 +139,21 @@ class ConditionHold:
 
     def at(self, t: float) -> Condition:
         """The condition at a grid time. Times increase, except where the clock steps."""
+        condition = self.ahead(t)
+        for values in self._values.values():
+            while len(values) > 1 and values[1][0] <= t + ROUNDING:
+                values.popleft()
+        return condition
+
+    def ahead(self, t: float) -> Condition:
+        """The condition at a time whose grid time is not next yet."""
         if not self._values:
             return NO_CONDITION
         return tuple(self._at(k, t) for k in range(len(CONDITION_KEYS)))
 
     def _at(self, k: int, t: float) -> float | str:
-        values = self._values.get(k)
-        if not values:
-            return MISSING
-        newest = next((i for i in reversed(range(len(values))) if values[i][0] <= t + ROUNDING), -1)
-        if newest < 0:
-            return MISSING
-        for _ in range(newest):
-            values.popleft()
-        when, value = values[0]
+        known = (each for each in reversed(self._values.get(k, ())) if each[0] <= t + ROUNDING)
+        when, value = next(known, (t, inf))
         if not isfinite(value):
             return MISSING
         return value if t - when <= CONDITION_VALID_S else STALE

@@ -69,7 +69,8 @@ class ReceivedExceedance(NamedTuple):
     """A received sample beyond a limit, whatever the grid makes of it.
 
     t: flight time [s].   is_dated: False if the source's time is implausible; t is by arrival.
-    y: (n_channels,) from trim.   recorded: the same including trim.   limits: in force.
+    y: (n_channels,) from trim.   recorded: the same including trim.   limits: that it exceeds.
+    beyond: see Ruling.
     """
 
     t: float
@@ -77,6 +78,7 @@ class ReceivedExceedance(NamedTuple):
     y: Array
     recorded: Array
     limits: Envelope
+    beyond: str = ""
 
 
 class GridMonitor:
@@ -193,7 +195,6 @@ class CausalScorer:
         planned = self._trim.planned if self._trim else _known_test(monitor)
         about = monitor.training_max_abs, monitor.envelope, self._trim is not None
         self._checks = InputChecks(planned, *about)
-        self._limits = monitor.envelope
         self._rule: LimitsRule | MonitorsRule | None = None
         self.ruling: Ruling | None = None
         """of the newest sample; None for the monitor's own limits"""
@@ -211,7 +212,6 @@ class CausalScorer:
             self._departure = departure(sizes)
             self._rule = MonitorsRule(monitors)
             self.ruling = self._rule.at()
-            self._limits = self.ruling.limits
 
     @property
     def conditions(self) -> list[ConditionKey]:
@@ -254,7 +254,6 @@ class CausalScorer:
         monitors = self._authority, *self._display
         self._rule = LimitsRule(in_force, [grid.monitor.envelope for grid in monitors])
         self.ruling = self._rule.at(self._conditions.at(in_force.t))
-        self._limits = self.ruling.limits
         return self.ruling
 
     @property
@@ -270,11 +269,14 @@ class CausalScorer:
         settled = self._grid.push(arrived, sample)
         t, is_dated = self._grid.pushed_at
         self._checks.push(arrived, t, sample.y, source, self.manoeuvre > 0)
-        if self._limits is not None:
+        limits, beyond = self.monitor.envelope, ""
+        if self._rule is not None:
+            ruling = self._rule.ahead(self._conditions.ahead(sample.t))
+            limits, beyond = ruling.limits, ruling.beyond
+        if limits is not None:
             y = sample.y if self._trim is None else sample.y - np.nan_to_num(self._trim.level)
-            exceeds = self._limits.exceeds
-            if exceeds(y) or (y is not sample.y and exceeds(sample.y)):
-                about = y, sample.y, self._limits
+            if limits.exceeds(y) or (y is not sample.y and limits.exceeds(sample.y)):
+                about = y, sample.y, limits, beyond
                 self._exceedances.append(ReceivedExceedance(t, is_dated, *about))
         if self._grid.n_clock_steps > n_steps:
             self._checks.restart()
@@ -301,7 +303,6 @@ class CausalScorer:
         ruling = None
         if self._rule is not None:
             ruling = self.ruling = self._rule.at(self._conditions.at(sample.t))
-            self._limits = ruling.limits
         begins = self._trim is not None and self._trim.update(sample.y)
         if isinstance(ruling, MonitorRuling):
             self._use(ruling, sample, begins)

@@ -139,18 +139,20 @@ class Alarms:
         clock: Clock,
         late: str = "",
         only: AlarmKind | None = None,
+        beyond: str = "",
     ) -> list[Alarm]:
         """Return the alarms that a sample raises, an exceedance first.
 
         index: the sample's number in its source; a loop repeats it.   late: why the source is late;
         empty if it is not.   only: the one kind to check, for a sample that a seek passes.
+        beyond: see Ruling.
         """
         t, state, reason = assessment.t, assessment.state, assessment.reason
         gives_cause = exceedance is not None or assessment.alert or late or state in ALARMING
         if not gives_cause and not self._may_be_active:
             return []
         conditions: tuple[tuple[AlarmKind, float, bool, str | None], ...] = (
-            ("limit", t, exceedance is not None, None),
+            ("limit", t, exceedance is not None, beyond or None),
             ("risk", t, gives_alarm("risk", assessment), None),
             ("invalid", t, gives_alarm("invalid", assessment), reason),
             ("stale", clock.now(), bool(late) or state is State.STALE, late or reason),

@@ -68,7 +68,12 @@ from app.scene.shown import Shown
 from core.evaluation.certificate import warnings_of
 from core.flight_events import FLIGHT_MARKERS, Alarm, FlightMarker, FlightMarkerKey
 from core.limits.exceedance import Exceedances, MeasuredExceedance
-from core.limits.limits import Envelope, Specification, specification_to_plain
+from core.limits.limits import (
+    Envelope,
+    Specification,
+    limits_in_words,
+    specification_to_plain,
+)
 from core.monitor import Assessment, Monitor, State
 from core.monitor.assessment import Cause
 from core.monitor.peak_forecast import Ahead
@@ -99,6 +104,10 @@ def stale_after(dt: float, speed: float = 1.0) -> float:
     speed: of play; samples of slow play come at longer intervals.
     """
     return max(STALE_INTERVALS * dt / min(speed, 1.0), STALE_S)
+
+
+def beyond_of(ruling: Ruling | None) -> str:
+    return "" if ruling is None else ruling.beyond
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,10 +241,16 @@ class Flight(ABC):
                 *shown,
                 warnings_of(shown.monitor.evaluation, shown.epsilon),
                 delay=delay,
-                is_authority=shown is authority,
+                is_authority=shown is authority and self._is_authority_in_use,
             )
             for shown in (authority, *self.plan.display)
         ]
+
+    @property
+    def _is_authority_in_use(self) -> bool:
+        """False between the conditions of a monitor set."""
+        ruling = self._ruling
+        return not isinstance(ruling, MonitorRuling) or ruling.used is not None
 
     @property
     def limits(self) -> LimitsStatus | None:
@@ -248,8 +263,14 @@ class Flight(ABC):
         if self.plan.monitors is None:
             return None
         ruling = self._ruling
-        now = (ruling.case, ruling.reason) if isinstance(ruling, MonitorRuling) else ("", NO_SAMPLE)
-        return set_status(self.plan.monitors, *now)
+        if not isinstance(ruling, MonitorRuling):
+            return set_status(self.plan.monitors, "", NO_SAMPLE)
+        beyond = (
+            ""
+            if not ruling.beyond
+            else limits_in_words(self.plan.monitor.dictionary, ruling.limits)
+        )
+        return set_status(self.plan.monitors, ruling.case, ruling.reason, beyond)
 
     @property
     def limits_held(self) -> list[LimitsFrom]:
@@ -363,18 +384,18 @@ class Flight(ABC):
         self.recorder.add_event(in_force)
         return in_force
 
-    def _hold(self, ruling: Ruling | None) -> None:
-        """Apply a ruling; if the limits in force changed, tell all watchers."""
+    def _hold(self, ruling: Ruling | None, first: float | None = None) -> None:
+        """Apply a ruling; if it changed, tell all watchers. first: see InForceFrom."""
         if ruling is self._ruling:
             return
         monitors = self._plain_limits(None)
         if not self._limits_held and monitors is not None:
             self._limits_held.append(LimitsFrom(t=None, limits=monitors))
         since = self.t if self.head >= 0 else None
-        self._limits_held.append(self._limits_from(since, ruling))
-        self._change(ruling, since)
+        self._limits_held.append(self._limits_from(since, ruling, first))
+        self._change(ruling, since, first)
 
-    def _change(self, ruling: Ruling | None, since: float | None) -> None:
+    def _change(self, ruling: Ruling | None, since: float | None, first: float | None) -> None:
         """Apply, record and announce a ruling; None for the monitor's own limits.
 
         since: time of the sample before the first one under it [s]; None for all samples.
@@ -382,7 +403,7 @@ class Flight(ABC):
         record, monitors = self._limits_of_record, self._plain_limits(None)
         if not record and monitors is not None:
             record.append(LimitsFrom(t=None, limits=monitors, seq=0))
-        held = self._limits_from(since, ruling)
+        held = self._limits_from(since, ruling, first)
         record.append(held.model_copy(update={"seq": self.head + 1}))
         self._ruling, self._held_since = ruling, since
         if isinstance(ruling, MonitorRuling):
@@ -398,9 +419,11 @@ class Flight(ABC):
             self._alert_above = shown.monitor.alert_above(shown.epsilon)
             self.is_checked = shown.monitor.support is not None
 
-    def _limits_from(self, t: float | None, ruling: Ruling | None) -> LimitsFrom:
+    def _limits_from(
+        self, t: float | None, ruling: Ruling | None, first: float | None
+    ) -> LimitsFrom:
         monitor = ruling.monitor_id if isinstance(ruling, MonitorRuling) else ""
-        return LimitsFrom(t=t, limits=self._plain_limits(ruling), monitor=monitor)
+        return LimitsFrom(t=t, limits=self._plain_limits(ruling), monitor=monitor, first=first)
 
     @property
     def _channels(self) -> list[ChannelLimit]:
@@ -502,7 +525,7 @@ class Flight(ABC):
         self.recorder.add(seq, y, assessment, display)
         self._follow(y, assessment, exceedance, attitude, display, round(due * 1e3, 3))
         about = assessment, exceedance, self.clock, self._late
-        if raised := self.alarms.update(seq, index, *about):
+        if raised := self.alarms.update(seq, index, *about, beyond=beyond_of(self._ruling)):
             self._raise_alarms(raised)
         if self._has_new_evidence:
             self._judge(seq, assessment)
@@ -642,7 +665,7 @@ class Flight(ABC):
         self._limits_held = deque(of_source or newest, MOST_HELD)
         self._broadcast(self._recent.restart(t))
         if held and held[-1].ruling is not self._ruling:
-            self._change(held[-1].ruling, held[-1].t)
+            self._change(held[-1].ruling, held[-1].t, held[-1].first)
 
     def _show(self) -> None:
         self._send_headline()

@@ -37,8 +37,11 @@ def members(in_use: MonitorsInUse) -> list[DisplayMonitor]:
     return [member(in_use, case) for case in range(len(in_use.ids))]
 
 
-def set_status(in_use: MonitorsInUse, case: str, reason: str) -> MonitorSetStatus:
-    """A set as sent. case: that holds now, empty for none; reason: why none does."""
+def set_status(in_use: MonitorsInUse, case: str, reason: str, beyond: str = "") -> MonitorSetStatus:
+    """A set as sent. case: that holds now, empty for none; reason: why none does.
+
+    beyond: see MonitorSetStatus.
+    """
     conditions = [
         SetCondition(
             name=each.name,
@@ -57,6 +60,7 @@ def set_status(in_use: MonitorsInUse, case: str, reason: str) -> MonitorSetStatu
         conditions=conditions,
         case=case,
         reason=reason,
+        beyond=beyond,
     )
 
 

@@ -374,6 +374,7 @@ def _status(
         known |= record._asdict()
     if flight is not None:
         known |= {name: getattr(flight, name) for name in NOW} | {
+            "monitor": flight.monitors[0].id,
             "transport": flight.transport,
             "watchers": flight.n_watchers,
             "open_alarms": flight.alarms.n_open(Level.WARNING),

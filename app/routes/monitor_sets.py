@@ -32,7 +32,7 @@ class ConditionMonitor(ConditionRanges):
 
 
 class NewMonitorSet(BaseModel):
-    """A monitor set. Its conditions must not overlap.
+    """A monitor set. Its conditions may overlap at their ends.
 
     Its monitors have the same channels, sample interval and lead time.
     """

@@ -1,6 +1,6 @@
 """The limits of a test: which samples exceed them, and how near a sample is."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from math import inf, isfinite
@@ -44,6 +44,12 @@ class Envelope(NamedTuple):
         exceeds.   Returns (n,) sample indices; n_samples without an exceedance.
         """
         return first_exceedance(y, self.low, self.high)
+
+    @classmethod
+    def widest(cls, envelopes: Sequence["Envelope"]) -> "Envelope":
+        """Each channel's loosest bounds: what exceeds them exceeds each of the envelopes."""
+        low, high, rest = (np.array(each) for each in zip(*envelopes, strict=True))
+        return cls(low.min(axis=0), high.max(axis=0), rest[0])
 
     @property
     def limited(self) -> Flags:

@@ -41,6 +41,7 @@ class MonitorSet(Cases[MonitorCase[M]], Generic[M]):
 
     kind: ClassVar[str] = "monitor set"
     content: ClassVar[str] = "monitor"
+    may_overlap: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         super().__post_init__()

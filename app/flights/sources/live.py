@@ -510,7 +510,7 @@ class LiveFlight(Flight):
             self._newest_manoeuvre = assessed.manoeuvre
             begun = ManoeuvreBegun(number=assessed.manoeuvre, t=assessed.assessment.t)
             self._begun.append(begun)
-        self._hold(ruling)
+        self._hold(ruling, assessed.assessment.t)
         limits = self.plan.monitor.envelope if ruling is None else ruling.limits
         exceeded = exceedance(self._keys, limits, y, recorded)
         return y, assessed.assessment, exceeded, assessed.shown_attitude(self._display)
@@ -518,7 +518,8 @@ class LiveFlight(Flight):
     def _exceedance_of(self, sample: ReceivedExceedance) -> tuple[float, MeasuredExceedance, str]:
         named = exceedance(self._keys, sample.limits, sample.y, sample.recorded)
         assert named is not None
-        return sample.t, named, "" if sample.is_dated else TIME_UNKNOWN
+        reasons = "" if sample.is_dated else TIME_UNKNOWN, sample.beyond
+        return sample.t, named, "; ".join(filter(None, reasons))
 
     def _settle_later(self) -> None:
         deadline = self.scorer.deadline

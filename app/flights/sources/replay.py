@@ -10,7 +10,7 @@ from app.assessment.limits_in_force import LimitsInForce, LimitsRule
 from app.assessment.monitors_in_use import MonitorsRule
 from app.assessment.rulings import Ruling
 from app.flights.alarms import gives_alarm
-from app.flights.flight import Flight, FlightPlan, stale_after
+from app.flights.flight import Flight, FlightPlan, beyond_of, stale_after
 from app.flights.sources.playback import Script
 from app.flights.transport import Due, NotPossible, Transport, TransportError
 from app.messages import TransportChange, TransportState, plain_frame
@@ -230,7 +230,7 @@ class TrackFlight(Flight):
             self._pass(k)
         self._furthest, self._at = max(self._furthest, k), k
         self._late = script.late(k)
-        self._hold(self._ruled(k))
+        self._hold(self._ruled(k), float(script.t[k]))
         assessment, display = self._assessed(k)
         about = self._exceeded(k), due.due, k, script.attitude(k), display
         self._fly(script.y(k), assessment, *about)
@@ -252,14 +252,16 @@ class TrackFlight(Flight):
         under_way = set[tuple[int, AlarmKind]]()
         under_way.update((at, kind) for kind in LASTING if (at := self._since(k, kind)) < k)
         for at, kind in sorted(passed | under_way):
-            exceeded = self._exceeded(at) if kind == "limit" else None
+            exceeded, ruling = self._exceeded(at) if kind == "limit" else None, self._ruled(at)
             if exceeded is not None:
                 self._note_exceedance(float(script.t[at]))
                 goes_on = (at, kind) in under_way
                 self.exceedances.pass_by(float(script.t[at]), exceeded, goes_on)
             seq, (assessment, _) = self.head + 1, self._assessed(at)
             self._raise_alarms(
-                self.alarms.update(seq, at, assessment, exceeded, self.clock, only=kind)
+                self.alarms.update(
+                    seq, at, assessment, exceeded, self.clock, only=kind, beyond=beyond_of(ruling)
+                )
             )
 
     def _since(self, k: int, kind: AlarmKind) -> int:

@@ -105,13 +105,13 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   /** The first of several of a kind, as in the headline; `others`: number of further alarms. */
   function words(alike, others) {
     const first = alike.reduce((earliest, alarm) => (alarm.t < earliest.t ? alarm : earliest));
-    const { t, p_value: risk, kind, exceedance } = first;
+    const { t, p_value: risk, kind, exceedance, reason: why } = first;
     const value = risk === null ? "" : ` ${riskText(risk, flight.alertAbove)}`;
     const at = alike.length > 1 ? `first at ${t.toFixed(2)} s, ${alike.length} alarms` : `at ${t.toFixed(2)} s`;
     const more = others > 0 ? `, and ${counted(others, "more alarm")}` : "";
     const goesOn = kind === "stale" && stale !== "" ? { reason: stale } : {};
     if (kind in CAUTION_WORDS) return `${cautionText({ ...first, ...goesOn }, ` ${at}`)}${more}`;
-    if (kind === "limit") return `LIMIT EXCEEDED ${at}: ${measured(exceedance)}${more}`;
+    if (kind === "limit") return `LIMIT EXCEEDED ${at}: ${[measured(exceedance), why].filter(Boolean).join(", ")}${more}`;
     const lead = leadSeconds(flight.lead);
     const above = Number.isFinite(flight.alertAbove) ? ` > ${figure(flight.alertAbove)}` : "";
     return `ALERT ${at}: risk${value}${above}, warns ${lead} s before ${flight.limits || "a failure as labelled"}${more}`;

@@ -20,7 +20,7 @@ import { limitsInWords } from "../lib/limits.js";
 const CHANGE = "PUT /flights/{}/limits";
 const NONE = "No limit is known: the monitor learned from labelled flights. It shows risk only; exceedances cannot be detected.";
 
-const BETWEEN = "no monitor of the set is in use, and its monitors share no limit. Exceedances are not detected.";
+const BETWEEN = "no monitor of the set is in use.";
 
 export function createFlightLimits(element, { api, path }) {
   element.classList.add("flight-limits");
@@ -58,7 +58,7 @@ export function createFlightLimits(element, { api, path }) {
     element.hidden = limits === null && change.hidden && known !== "";
     element.toggleAttribute("data-unknown", unknown);
     if (between) {
-      words.replaceChildren(h("strong", {}, "◆ LIMITS UNKNOWN: "), BETWEEN);
+      words.replaceChildren(h("strong", {}, "◆ LIMITS UNKNOWN: "), `${BETWEEN} `, formatted(set.beyond ? `Exceedances are detected beyond the limit of every monitor of the set: ${set.beyond}.` : "Its monitors limit no channel in common: exceedances are not detected."));
       return;
     }
     if (limits === null) {

@@ -60,7 +60,7 @@ function createSetForm(catalog, monitors, send) {
     fields: [group({ name: named }, () => (name.value.trim() ? [] : [[named, "No name was given: name the monitor set."]])), conditions],
     content: [
       h("h2", "New monitor set"),
-      h("p.hint", `Conditions must not overlap; an empty field is unbounded. ${SHARED}`),
+      h("p.hint", `Conditions may overlap at their ends: there the monitor in use stays in use. An empty field is unbounded. ${SHARED}`),
       named.element,
       conditions.elements,
       labelled("Reason", why).element,

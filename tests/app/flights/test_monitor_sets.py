@@ -228,6 +228,88 @@ def test_each_monitor_is_judged_by_its_own_limits(run: Callable) -> None:
     run(test)
 
 
+def test_beyond_the_limit_of_every_monitor_exceeds_between_the_conditions(run: Callable) -> None:
+    """The limits in force are unknown there, but not what exceeds each of them."""
+
+    async def test(place: Range) -> None:
+        other = replace(fast_monitor(), specification=Limits(Ny=0.4))
+        tight = place.store.monitors.add(other, "tight").id
+        async with place.flights() as flights:
+            flight = await place.fly(flights, monitor_set=place.set_of(place.slow, tight))
+            for k, (ny, exceeds) in enumerate([(0.39, False), (0.45, False), (0.51, True)] * 2):
+                place.clock.advance(DT)
+                sample = {"t": T[k], "mach": 1.3, **dict.fromkeys(KEYS, 0.0), "Ny": ny}
+                await flight.receive(json.dumps(sample), "rest").stored
+                assert (flight.headline.status == "exceeding") == exceeds, k
+            (alarm,) = (each for each in flight.alarms.at_hand if each.kind == "limit")
+            assert alarm.exceedance.limit == 0.5
+            assert alarm.reason == "beyond the limit of every monitor of the set"
+            assert "0.5 g" in flight.monitor_set.beyond
+            assert next(c.limit for c in flight._channels if c.key == "Ny") is None
+
+    run(test)
+
+
+def test_a_received_sample_is_judged_by_the_monitor_of_its_own_condition(run: Callable) -> None:
+    async def test(place: Range) -> None:
+        other = replace(fast_monitor(), specification=Limits(Ny=0.4))
+        tight = place.store.monitors.add(other, "tight").id
+        async with place.flights() as flights:
+            flight = await place.fly(flights, monitor_set=place.set_of(place.slow, tight))
+            for k, (mach, ny) in enumerate([(0.9, 0.39), (0.7, 0.45), (0.9, 0.39)] * 3):
+                place.clock.advance(DT)
+                sample = {"t": T[k], "mach": mach, **dict.fromkeys(KEYS, 0.0), "Ny": ny}
+                await flight.receive(json.dumps(sample), "rest").stored
+            assert flight.exceeded_t is None
+
+    run(test)
+
+
+def test_a_change_carries_the_time_of_its_first_sample(run: Callable) -> None:
+    async def test(place: Range) -> None:
+        async with place.flights() as flights:
+            flight = await place.fly(flights)
+            seen = Seen(flight.watch())
+            await place.push(flight, 0, 50)
+            seen.take()
+            firsts = [each["held"]["first"] for each in seen.of("monitor")]
+            assert firsts == [pytest.approx(T[k]) for k in (5, 20, 45)]
+            assert [m.authority for m in flight.monitors] == [False]
+            await flights.stop(flight.id)
+            held = place.store.flights.info(flight.id).limits_held or []
+            stored = {each["seq"]: each["first"] for each in held if each["first"] is not None}
+            assert stored == {k: pytest.approx(T[k]) for k in stored}
+            assert {5, 20, 45} <= set(stored)
+
+    run(test)
+
+
+def test_the_monitor_in_use_stays_in_use_while_conditions_overlap(run: Callable) -> None:
+    """A condition that hovers at a boundary does not empty the history each time."""
+
+    async def test(place: Range) -> None:
+        info = place.store.monitors.info
+        cases: tuple[MonitorCase[MonitorInfo], ...] = (
+            MonitorCase("slow", {"mach": (None, 0.82)}, info(place.slow)),
+            MonitorCase("fast", {"mach": (0.78, 1.2)}, info(place.fast)),
+        )
+        overlapping = place.store.monitor_sets.add("overlap", MonitorSet(cases), "Ann").id
+        async with place.flights() as flights:
+            flight = await place.fly(flights, monitor_set=overlapping)
+            seen = Seen(flight.watch())
+            hovering = [0.8, 0.79, 0.81, 0.819, 0.82, 0.81, 0.79, 0.781, 0.77, 0.8]
+            for k, mach in enumerate(hovering):
+                place.clock.advance(DT)
+                sample = {"t": T[k], "mach": mach, **dict.fromkeys(KEYS, 0.0)}
+                await flight.receive(json.dumps(sample), "rest").stored
+            seen.take()
+            used = [(e["held"]["first"], e["monitor_set"]["case"]) for e in seen.of("monitor")]
+            expected = [(T[0], "slow"), (T[4], "fast"), (T[8], "slow")]
+            assert used == [(pytest.approx(t), case) for t, case in expected]
+
+    run(test)
+
+
 def test_a_declared_condition_chooses_the_monitor_of_a_simulated_flight(run: Callable) -> None:
     async def test(place: Range) -> None:
         tested = place.store.monitors.info(place.slow)
