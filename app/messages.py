@@ -292,8 +292,8 @@ class Decided(Message):
 
     status: Status = Field(
         description="headline, the worst of: exceeding now, alarm unacknowledged, "
-        "risk above the alert level, stale, invalid, caution unacknowledged, warming up, validity "
-        "not calibrated, limit exceeded earlier, ok"
+        "risk above the alert level, stale, invalid, caution unacknowledged, warming up, ended "
+        "without an assessed sample, validity not calibrated, limit exceeded earlier, ok"
     )
     level: Level = Field(description="level of the headline as in 14 CFR 25.1322")
     beside: list[Status] = Field(description="`stale` and `invalid` if true and not the headline")

@@ -16,6 +16,7 @@ from app.flights.verdict import (
     is_withdrawn,
     longest_manoeuvre,
     not_flown,
+    planned_length,
     verdict,
     verdict_of_recording,
 )
@@ -38,7 +39,8 @@ class Summary(BaseModel):
     """What a list shows of an ended flight; stored when it ends.
 
     exceeded_t: first exceedance [s].   state, reason: code of its newest sample's state, and why
-    it was not assessed.   verdict: none if it exceeded no limit.
+    it was not assessed.   verdict: none if it exceeded no limit.   is_assessed: whether a sample
+    was; None in summaries of earlier versions.
     """
 
     exceeded_t: float | None
@@ -47,6 +49,7 @@ class Summary(BaseModel):
     is_calibrated: bool
     verdict: Verdict | None
     exceedances: list[ChannelExceedances]
+    is_assessed: bool | None = None
 
 
 class Record(NamedTuple):
@@ -91,9 +94,11 @@ def summarize(store: Store, flight_ids: Iterable[str]) -> None:
 
 
 def _summary(store: Store, info: FlightInfo, anew: bool) -> Summary:
-    if anew or info.summary is None:
-        return summary_of(store, info)
-    return Summary.model_validate(info.summary)
+    if not anew and info.summary is not None:
+        summary = Summary.model_validate(info.summary)
+        if summary.is_assessed is not None or STATES[summary.state] is not State.WARMING_UP:
+            return summary
+    return summary_of(store, info)
 
 
 def summary_of(store: Store, info: FlightInfo) -> Summary:
@@ -112,6 +117,7 @@ def summary_of(store: Store, info: FlightInfo) -> Summary:
         is_calibrated=all(each.support is not None for each in used),
         verdict=_verdict(store, info, monitor, alarms) if exceeded else None,
         exceedances=_exceedances(info, alarms),
+        is_assessed=STATES[state] is State.OK or store.flights.is_assessed(info.id),
     )
 
 
@@ -121,7 +127,7 @@ def _record(summary: Summary, n_open: Counter[Level]) -> Record:
         alarm=n_open[Level.WARNING] > 0,
         caution=n_open[Level.CAUTION] > 0,
         invalid=state is State.INVALID,
-        warming_up=state is State.WARMING_UP,
+        unassessed=summary.is_assessed is False,
         calibrated=summary.is_calibrated,
         exceeded_t=summary.exceeded_t,
     )
@@ -158,7 +164,7 @@ def _verdict(
     if first is not None:
         before = before_exceedance(store, info.id, first.seq, monitor.dt)
         live = info.source.get("kind") == "live"
-        longest = longest_manoeuvre(monitor.dataset_recipe)
+        longest = longest_manoeuvre(planned_length(monitor.dataset_recipe))
         return verdict(alarms, Circumstances(promised, *before, live, longest))
     if info.exceeded_t is not None and not any(alarm.kind == "limit" for alarm in alarms):
         return not_flown(info.exceeded_t)

@@ -168,7 +168,8 @@ class Flight(ABC):
         scene: "Scene | None" = None,
     ) -> None:
         self.plan, self.scene = plan, scene
-        self._longest = longest_manoeuvre(plan.monitor.dataset_recipe)
+        self._planned_s = planned_length(plan.monitor.dataset_recipe)
+        self._longest = longest_manoeuvre(self._planned_s)
         self.recorder, self.alarms, self.clock = recorder, Alarms(self._longest), clock
         self.markers: dict[int, FlightMarker] = {}
         self.limits_at_hand: list[LimitsInForce] = []
@@ -488,7 +489,7 @@ class Flight(ABC):
             theta=self.theta,
             fail_t=self.fail_t,
             duration=self.duration,
-            planned_s=planned_length(plan.monitor.dataset_recipe),
+            planned_s=self._planned_s,
             transport=self.transport,
             state=self.state,
             reason=self.reason,

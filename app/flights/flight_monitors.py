@@ -67,7 +67,8 @@ def set_status(in_use: MonitorsInUse, case: str, reason: str, beyond: str = "") 
 def stored_sets(store: Store, flights: Sequence[FlightInfo]) -> dict[str, MonitorSetStatus]:
     """The monitor sets of stored flights by flight id; flights without one are absent."""
     flown = store.monitor_sets.of_flights(info.id for info in flights)
-    monitors = {info.id: info for info in store.monitors.all()} if flown else {}
+    cases = [case for each in flown.values() for case in each.info.cases]
+    monitors = store.monitors.used((case.monitor, None) for case in cases) if cases else {}
     return {
         flight_id: MonitorSetStatus(
             id=each.info.id,
@@ -80,7 +81,7 @@ def stored_sets(store: Store, flights: Sequence[FlightInfo]) -> dict[str, Monito
                     warnings=info.warnings,
                 )
                 for case in each.info.cases
-                for info in (monitors[case.monitor],)
+                for info in (monitors[case.monitor, None],)
             ],
         )
         for flight_id, each in flown.items()

@@ -83,10 +83,12 @@ def planned_length(dataset_recipe: Mapping[str, Any]) -> float | None:
     return from_plain(DatasetRecipe(), plain).maneuver.duration_s if plain else None
 
 
-def longest_manoeuvre(dataset_recipe: Mapping[str, Any]) -> float:
-    """Longest time that may be one manoeuvre of the planned test [s]; infinite if unknown."""
-    planned = planned_length(dataset_recipe)
-    return inf if planned is None else LONGER * planned
+def longest_manoeuvre(planned_s: float | None) -> float:
+    """Longest time that may be one manoeuvre of the planned test [s]; infinite if unknown.
+
+    planned_s: see planned_length.
+    """
+    return inf if planned_s is None else LONGER * planned_s
 
 
 def verdict_of_recording(

@@ -1,6 +1,7 @@
 """Stored flights, with their assessments in chunks of samples."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Literal, get_args
@@ -56,7 +57,7 @@ from app.store.tables import (
 )
 from core.channels import LATERAL
 from core.conditions import ConditionKey
-from core.monitor.assessment import STATES, State
+from core.monitor.assessment import STATES, State, code_of
 
 INTERRUPTED = "interrupted"
 Progress = Literal["running", "ended", "failed", "interrupted"]
@@ -356,6 +357,17 @@ class FlightRepository(Entries[FlightInfo]):
         except Damaged:
             return DAMAGED
         return int(newest.samples["state"][-1]), newest.reasons[-1]
+
+    def is_assessed(self, flight_id: str) -> bool:
+        """Whether a stored sample has an assessment; damaged ones do not count."""
+        chunk = assessment_chunks.c
+        query = select(assessment_chunks).where(chunk.flight_id == flight_id)
+        with self._reading() as connection:
+            for row in connection.execute(query.order_by(chunk.first_seq)):
+                with suppress(Damaged):
+                    if (chunk_of(row).samples["state"] == code_of(State.OK)).any():
+                        return True
+        return False
 
     def recover(self) -> None:
         """Mark running flights as interrupted: the process that flew them died."""

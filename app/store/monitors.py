@@ -221,8 +221,13 @@ class MonitorRepository(Entries[MonitorInfo]):
         with self._reading() as connection:
             return _evaluation(fetch(connection, query, "monitor", monitor_id).evaluation)
 
-    def used(self, pairs: Iterable[tuple[str, float]]) -> dict[tuple[str, float], MonitorInfo]:
-        """Monitors by id and the epsilon they are used with, which their warnings are for."""
+    def used(
+        self, pairs: Iterable[tuple[str, float | None]]
+    ) -> dict[tuple[str, float | None], MonitorInfo]:
+        """Monitors by id and the epsilon they are used with, None for their own.
+
+        Their warnings are for this epsilon.
+        """
         wanted = set(pairs)
         query = self._query().where(monitors.c.id.in_({identity for identity, _ in wanted}))
         with self._reading() as connection:

@@ -20,6 +20,7 @@ class Status(StrEnum):
     INVALID = "invalid"
     CAUTION = "caution"
     WARMING_UP = "warming_up"
+    NOT_ASSESSED = "not_assessed"
     NOT_CALIBRATED = "not_calibrated"
     EXCEEDED = "exceeded"
     OK = "ok"
@@ -41,7 +42,7 @@ class Facts(NamedTuple):
     alert: the newest risk is above the alert threshold.   stale: no new samples arrive.
     invalid: the monitor is not applicable.   warming_up: its history is not full yet.
     calibrated: whether validity is calibrated.   caution: one is unacknowledged, or samples are in
-    doubt.
+    doubt.   unassessed: it has ended without one assessed sample.
     exceeded_t: first exceedance so far [s], even if the replay was moved back; None for none.
     """
 
@@ -54,6 +55,7 @@ class Facts(NamedTuple):
     calibrated: bool = True
     exceeded_t: float | None = None
     caution: bool = False
+    unassessed: bool = False
 
 
 class Headline(NamedTuple):
@@ -76,6 +78,7 @@ LEVELS = {
     Status.INVALID: Level.CAUTION,
     Status.CAUTION: Level.CAUTION,
     Status.WARMING_UP: Level.ADVISORY,
+    Status.NOT_ASSESSED: Level.ADVISORY,
     Status.NOT_CALIBRATED: Level.ADVISORY,
     Status.EXCEEDED: Level.CAUTION,
     Status.OK: Level.NONE,
@@ -132,6 +135,7 @@ def headline(facts: Facts) -> Headline:
         Status.INVALID: facts.invalid,
         Status.CAUTION: facts.caution,
         Status.WARMING_UP: facts.warming_up,
+        Status.NOT_ASSESSED: facts.unassessed,
         Status.NOT_CALIBRATED: not facts.calibrated,
         Status.EXCEEDED: facts.exceeds or facts.exceeded_t is not None,
         Status.OK: True,

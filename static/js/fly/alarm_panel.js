@@ -11,7 +11,7 @@
  *   setState({state, reason, last})    of the newest assessment; last: cause of the newest sample
  *   onAlarm(alarm)       raised or acknowledged
  *   setStale(words)      why and by how much the newest sample is stale; empty where it is current
- *   setHeadline({status, beside})   of the flight; an acknowledged condition may continue
+ *   setHeadline({status, beside, exceeded_t})   of the flight; an acknowledged condition may continue
  *   setLinked(boolean)   false: new alarms cannot arrive
  *   acknowledgeAll()     all open warnings; all open cautions where there are none
  *   open()               number of unacknowledged warnings
@@ -61,13 +61,16 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
   let holds = []; // statuses of the headline and beside it
   let shown = "";
   let stale = "";
+  let exceededT = null; // of the first exceedance [s]
+  let isLinked = true;
 
   const waiting = () => waitingOf([...alarms.values()]);
   const heard = new Set(); // cautions
 
   function render() {
     put(promise, promised());
-    calm.toggleAttribute("data-warned", flight.warnings.length > 0);
+    put(quiet, quietWords());
+    calm.toggleAttribute("data-warned", flight.warnings.length > 0 || Number.isFinite(exceededT));
     const { warnings, cautions } = waiting();
     const open = warnings.length > 0 ? warnings : cautions;
     const latest = open.findLast(({ kind }) => kind === "limit") ?? open.at(-1); // a measured exceedance comes first
@@ -89,6 +92,12 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
       for (const { number } of cautions) heard.add(number);
       tone.caution();
     }
+  }
+
+  /** Never calm after an exceedance, also where someone has acknowledged it. */
+  function quietWords() {
+    if (!isLinked) return "◆ Not connected: new alarms cannot arrive. ";
+    return Number.isFinite(exceededT) ? `◆ LIMIT EXCEEDED first at ${exceededT.toFixed(2)} s, acknowledged. ` : "No unacknowledged alarms. ";
   }
 
   function promised() {
@@ -151,7 +160,10 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
       assessment = now;
       render();
     },
-    setLinked: (linked) => put(quiet, linked ? "No unacknowledged alarms. " : "◆ Not connected: new alarms cannot arrive. "),
+    setLinked: (linked) => {
+      isLinked = linked;
+      put(quiet, quietWords());
+    },
     onAlarm,
     setStale: (words) => {
       if (words === stale) return;
@@ -160,8 +172,8 @@ export function createAlarmPanel(element, { tone, acknowledge }) {
     },
     setHeadline: (now) => {
       const next = [now.status, ...now.beside];
-      if (next.join() === holds.join()) return;
-      [status, holds] = [now.status, next];
+      if (next.join() === holds.join() && now.exceeded_t === exceededT) return;
+      [status, holds, exceededT] = [now.status, next, now.exceeded_t];
       render();
     },
     acknowledgeAll,

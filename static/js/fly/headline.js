@@ -7,6 +7,7 @@
  *     stale: no samples arrive.   alarms: number of unacknowledged warnings
  *     blank: no sample is shown yet: the headline must not look calm
  * partsOf(headline, cause)       ["▲ ALARM", "STALE · EXCEEDED first at 8.76 s"], without what is empty
+ * beside(headline, forecast)     nothing looks well where the rest of the card is "predicted" to exceed a limit
  * textOf(headline, cause)        "▲ ALARM · STALE · EXCEEDED first at 8.76 s"
  * resultOf(flight) -> {words, level}       its verdict, else its headline; data-level
  * staleText(cause, age)          why it is stale, and the age of the newest sample [s], NaN if unknown
@@ -14,7 +15,7 @@
 
 import { shownState, withdrawnWord } from "../lib/states.js";
 
-const WORST_FIRST = ["exceeding", "alarm", "risk", "stale", "invalid", "caution", "warming_up", "not_calibrated", "exceeded", "ok"];
+const WORST_FIRST = ["exceeding", "alarm", "risk", "stale", "invalid", "caution", "warming_up", "not_assessed", "not_calibrated", "exceeded", "ok"];
 const NOW = ["exceeding", "risk"]; // need a current sample
 const CALM = ["none", "advisory"];
 const BESIDE = ["stale", "invalid"]; // always shown
@@ -30,6 +31,7 @@ const WORDS = {
   warming_up: "WARMING UP",
   not_calibrated: "NOT CALIBRATED",
   exceeded: "EXCEEDED",
+  no_alert: "NO ALERT",
   ok: "OK",
   no_data: "NO DATA",
 };
@@ -44,6 +46,10 @@ export function headlineOf(server, { stale, alarms, blank = false }) {
   const status = WORST_FIRST.find((each) => holds.includes(each));
   const beside = BESIDE.filter((each) => each !== status && holds.includes(each));
   return { status, level: LEVELS[status], beside, exceeded_t: server.exceeded_t, verdict: server.verdict };
+}
+
+export function beside(headline, forecast) {
+  return headline.level === "none" && forecast === "predicted" ? { ...headline, status: "no_alert", level: "advisory" } : headline;
 }
 
 export function isStale(headline) {
@@ -71,7 +77,7 @@ function wordOf(status, cause = null) {
 
 function besideOf({ status, beside, exceeded_t: t, verdict }, cause = null) {
   const exceeded = Number.isFinite(t) && status !== "exceeding" && status !== "exceeded";
-  const words = [...beside.map((status) => wordOf(status, cause)), exceeded && exceededAt(t), verdict?.warning];
+  const words = [...beside.map((status) => wordOf(status, cause)), status === "no_alert" && "exceedance predicted", exceeded && exceededAt(t), verdict?.warning];
   return words.filter(Boolean).join(" · ");
 }
 

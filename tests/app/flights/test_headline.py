@@ -13,7 +13,7 @@ from app.assessment.outcome import lead_words
 from app.flights.alarms import Alarms
 from app.flights.ended import records
 from app.flights.sources.recorded_playback import RecordedScript
-from app.flights.verdict import Circumstances, longest_manoeuvre, verdict
+from app.flights.verdict import Circumstances, longest_manoeuvre, planned_length, verdict
 from app.recipes.recipes import to_plain
 from core.channels import KEYS
 from core.flight_events import Alarm
@@ -273,9 +273,9 @@ def test_the_alerts_of_the_manoeuvre_that_exceeds_a_limit_are_kept_as_evidence()
 
 
 def test_the_longest_manoeuvre_is_twice_the_planned_one() -> None:
-    assert longest_manoeuvre({}) == np.inf
+    assert longest_manoeuvre(planned_length({})) == np.inf
     planned = to_plain(DatasetRecipe())
-    assert longest_manoeuvre(planned) == 2.0 * DatasetRecipe().maneuver.duration_s
+    assert longest_manoeuvre(planned_length(planned)) == 2.0 * DatasetRecipe().maneuver.duration_s
 
 
 def test_a_flight_that_was_sought_to_its_exceedance_neither_warned_nor_missed() -> None:
@@ -308,10 +308,10 @@ def test_a_caution_that_waits_is_no_alarm_of_a_flight_that_is_over(tmp_path: Pat
     assert (record.headline.status, record.verdict) == ("caution", None)
     assert record.headline.exceeded_t is None
     store.alarms.acknowledge(flight, 1, "FTE")
-    assert records(store, [info])[flight].headline.status == "warming_up"
+    assert records(store, [info])[flight].headline.status == "not_assessed"
 
 
-@pytest.mark.parametrize(("state", "status"), [(WARMING_UP, "warming_up"), (0, "not_calibrated")])
+@pytest.mark.parametrize(("state", "status"), [(WARMING_UP, "not_assessed"), (0, "not_calibrated")])
 def test_a_flight_that_ended_before_it_was_assessed_is_not_said_to_be_well(
     tmp_path: Path, state: int, status: str
 ) -> None:
@@ -319,12 +319,22 @@ def test_a_flight_that_ended_before_it_was_assessed_is_not_said_to_be_well(
     flight = store.flights.add({"kind": "scripted"}, monitor, EPSILON)
     info = store.flights.end(flight)
     record = records(store, [info])[flight]
-    assert (record.headline.status, record.reason) == ("warming_up", "no sample came")
+    assert (record.headline.status, record.reason) == ("not_assessed", "no sample came")
     none = np.full(1, np.nan)
     about = none, none == 0, [state], None, ["too few samples" if state else ""]
     store.flights.append(flight, 0, np.zeros(1), np.zeros((1, 6)), *about)
     record = records(store, [info])[flight]
     assert record.headline.status == status
+
+
+def test_a_flight_that_ended_at_rest_after_its_manoeuvre_was_assessed(tmp_path: Path) -> None:
+    """Its newest sample has no assessment, but earlier ones have."""
+    store, monitor = store_with(exact_monitor(), tmp_path)
+    flight = store.flights.add({"kind": "scripted"}, monitor, EPSILON)
+    info = store.flights.end(flight)
+    about = np.array([0.01, np.nan]), np.zeros(2, bool), [0, WARMING_UP], None, ["", "rests"]
+    store.flights.append(flight, 0, np.arange(2.0), np.zeros((2, 6)), *about)
+    assert records(store, [info])[flight].headline.status == "not_calibrated"
 
 
 OVER = MeasuredExceedance("Ny", 0.529, 0.5, "both")

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app.flights.flight_monitors import stored_sets
 from app.flights.flights import Flights
 from app.flights.request import FlightRequest
 from app.flights.sources.live import LiveFlight
@@ -195,6 +196,36 @@ def test_between_the_conditions_the_flight_is_never_calm(run: Callable) -> None:
             limits: Any = None
             with pytest.raises(NotPossible, match="monitor set"):
                 flight.put_in_force(limits, "Ben")
+
+    run(test)
+
+
+def test_lists_read_the_monitors_of_the_listed_sets_alone(
+    run: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def test(place: Range) -> None:
+        async with place.flights() as flights:
+            flight = await place.fly(flights)
+            await flights.stop(flight.id)
+        info = place.store.flights.info(flight.id)
+        monkeypatch.setattr(place.store.monitors, "all", None)
+        sets = stored_sets(place.store, [info])
+        alert_above = [each.alert_above for each in sets[flight.id].conditions]
+        assert alert_above == [exact_monitor().alert_above(), fast_monitor().alert_above()]
+
+    run(test)
+
+
+def test_a_watcher_costs_no_second_reading_of_the_planned_test(
+    run: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def test(place: Range) -> None:
+        async with place.flights() as flights:
+            flight = await place.fly(flights)
+            monkeypatch.delattr("app.flights.flight.planned_length")
+            seen = Seen(flight.watch())
+            seen.take()
+            assert seen.of("hello")[0]["planned_s"] is None
 
     run(test)
 

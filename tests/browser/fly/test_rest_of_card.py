@@ -6,7 +6,7 @@ import pytest
 
 from tests.browser.strips import Open
 
-SAID = """async ({ noRest, frames, stale }) => {
+SAID = """async ({ noRest, frames, stale, headline }) => {
   const { createRestOfCard } = await import("/static/js/fly/assessment/rest_of_card.js");
   const { aheadOf, isCurrent } = await import("/static/js/charts/live/flight_chart.js");
   const element = document.createElement("section");
@@ -16,7 +16,7 @@ SAID = """async ({ noRest, frames, stale }) => {
   for (const frame of frames) known = aheadOf(known, [frame], frame);
   const newest = frames.at(-1);
   const shown = newest && isCurrent(known, newest.t) ? known : null;
-  rest.draw(stale ?? false, shown, newest?.t ?? 0, newest?.state ?? null, channels);
+  rest.draw(stale ?? false, shown, newest?.t ?? 0, newest?.state ?? null, channels, headline);
   return [element.hidden, element.dataset.level, element.querySelector("p").textContent];
 }"""
 PEAK = {"t": [], "channels": {}, "peak": {"mean": 0.8, "low": 0.6, "high": 1.1}}
@@ -54,6 +54,16 @@ def frame(t: float, ahead: Any = None, state: str = "ok") -> dict[str, Any]:
             "not known: the display is stale",
         ),
         ({"frames": [frame(1, BAND)]}, "predicted", "▲ Ny predicted to exceed 0.5 g in 0.9 s"),
+        (
+            {"frames": [frame(1, BAND)], "headline": {"status": "exceeding", "exceeded_t": 1.0}},
+            "unknown",
+            "a limit is exceeded now",
+        ),
+        (
+            {"frames": [frame(1, BAND)], "headline": {"status": "ok", "exceeded_t": 0.5}},
+            "predicted",
+            "▲ Ny predicted to exceed 0.5 g again in",
+        ),
     ],
 )
 def test_the_rest_of_the_card_is_forecast_or_the_reason_given(

@@ -28,6 +28,7 @@ WORST_FIRST = (
     "invalid",
     "caution",
     "warming_up",
+    "not_assessed",
     "not_calibrated",
     "exceeded",
     "ok",
@@ -44,6 +45,7 @@ def true_of(facts: Facts) -> set[str]:
     said |= {"invalid"} if facts.invalid else set()
     said |= {"caution"} if facts.caution else set()
     said |= {"warming_up"} if facts.warming_up else set()
+    said |= {"not_assessed"} if facts.unassessed else set()
     said |= set() if facts.calibrated else {"not_calibrated"}
     said |= {"exceeded"} if facts.exceeds or facts.exceeded_t else set()
     return said

@@ -19,7 +19,7 @@ import { createFlightChart } from "../../charts/live/flight_chart.js";
 import { createTimeline } from "../../charts/live/timeline.js";
 import { shownState } from "../../lib/states.js";
 import { alertLevel } from "../flight_monitors.js";
-import { headlineOf, isStale } from "../headline.js";
+import { beside, headlineOf, isStale } from "../headline.js";
 import { windowOf } from "../panels.js";
 import { createRestOfCard } from "./rest_of_card.js";
 import { createRiskAhead } from "./risk_ahead.js";
@@ -185,11 +185,12 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
       return newest?.y ?? null;
     },
     refresh: (wall) => {
-      const headline = headlineNow(wall);
+      const now = headlineNow(wall);
+      const stale = isStale(now);
+      const forecast = rest.draw(stale, linked && late === null ? chart.ahead : null, newest?.t ?? 0, sampled ? shownState(assessment) : null, hello.channels, now);
+      const headline = beside(now, forecast);
       gauge.draw(wall, headline);
-      const stale = isStale(headline);
       ahead.draw(stale);
-      rest.draw(stale, linked && late === null ? chart.ahead : null, newest?.t ?? 0, sampled ? shownState(assessment) : null, hello.channels);
       return headline;
     },
     close: () => {

@@ -3,8 +3,10 @@
  *
  * Where nothing is forecast, it gives the reason; a method that never forecasts is hidden.
  *
- * createRestOfCard(element, noRest) -> {draw(stale, ahead, t, state, channels)}     each frame
+ * createRestOfCard(element, noRest) -> {draw(stale, ahead, t, state, channels, headline) -> level}     each frame
  *     noRest: why the monitor never forecasts it; empty where it does
+ *     headline: of the flight, {status, exceeded_t}: what is exceeded is not predicted
+ *     level: "predicted", "possible", "none" or "unknown"
  *     ahead: see charts/live/flight_chart.js; t, state: of the newest sample [s], as shown; null for none
  */
 
@@ -28,28 +30,32 @@ export function createRestOfCard(element, noRest) {
   element.append(h("h2", { class: "risk-ahead-heading" }, "rest of the test card"), line);
   const now = {};
   let worst = null; // of the forecast
-  let shown = "";
+  let [level, shown] = ["unknown", ""];
   element.hidden = Boolean(noRest);
 
   /** Level and words. */
-  function reading({ stale, ahead, t, state }) {
+  function reading({ stale, ahead, t, state, status, exceeded }) {
     if (stale) return ["unknown", "not known: the display is stale"];
     if (ahead === null) return ["unknown", UNKNOWN[state] ?? "not known"];
+    if (status === "exceeding") return ["unknown", "a limit is exceeded now"];
     if (ahead.why) return ["unknown", ahead.why];
-    if (ahead.peak) return [levelOf(ahead.peak), peakWords(ahead.peak)];
-    return [worst.level, wordsOf(worst, t)];
+    const again = Number.isFinite(exceeded) && exceeded <= t;
+    if (ahead.peak) return [levelOf(ahead.peak), peakWords(ahead.peak, again)];
+    return [worst.level, wordsOf(worst, t, again)];
   }
 
-  function draw(stale, ahead, t, state, channels) {
+  function draw(stale, ahead, t, state, channels, { status = "", exceeded_t: exceeded = null } = {}) {
     const isSame = ahead === now.ahead && channels === now.channels;
-    if (isSame && stale === now.stale && t === now.t && state === now.state) return;
+    if (isSame && stale === now.stale && t === now.t && state === now.state && status === now.status && exceeded === now.exceeded) return level;
     if (!isSame) worst = worstOf(ahead, channels);
-    Object.assign(now, { stale, ahead, t, state, channels });
-    const [level, text] = reading(now);
-    if (`${level} ${text}` === shown) return;
+    Object.assign(now, { stale, ahead, t, state, channels, status, exceeded });
+    let text = "";
+    [level, text] = reading(now);
+    if (`${level} ${text}` === shown) return level;
     shown = `${level} ${text}`;
     element.dataset.level = level;
     line.replaceChildren(formatted(text));
+    return level;
   }
 
   return { draw };
@@ -82,15 +88,15 @@ function levelOf({ mean, high }) {
   return mean >= 1 ? "predicted" : high >= 1 ? "possible" : "none";
 }
 
-function peakWords(peak) {
+function peakWords(peak, again) {
   const [mean, low, high] = [peak.mean, peak.low, peak.high].map((share) => percent(share, 0));
   const words = `peak still to come, of any limited channel: ${mean} of its limit (90 %: ${low} to ${high})`;
-  return { predicted: "▲ exceedance predicted, ", possible: "◇ may exceed, ", none: "" }[levelOf(peak)] + words;
+  return { predicted: `▲ ${again ? "another " : ""}exceedance predicted, `, possible: "◇ may exceed, ", none: "" }[levelOf(peak)] + words;
 }
 
-function wordsOf({ channel, level, at, limit }, t) {
+function wordsOf({ channel, level, at, limit }, t, again) {
   if (level === "none") return "no exceedance predicted in the rest of the card";
-  const exceeds = exceedWords(channel, limit);
+  const exceeds = `${exceedWords(channel, limit)}${again ? " again" : ""}`;
   const within = `${Math.max(0, at - t).toFixed(1)} s`;
   return level === "predicted"
     ? `▲ ${channel.symbol} predicted to ${exceeds} in ${within}`
