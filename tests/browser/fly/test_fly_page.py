@@ -751,6 +751,12 @@ def test_the_line_of_states_is_one_line_on_a_screen_of_1024(fly: Fly, is_live: b
         fly.watch(UNSAFE, ("pause", None), ("next_alert", None))
     fly.page.keyboard.press("m")
     assert fly.page.locator(".flight > .status-strip").bounding_box()["height"] < 50  # pyright: ignore
+    covered = fly.page.evaluate(
+        """() => [...document.querySelectorAll(".flight > .status-strip > *")]
+          .filter((part) => part.checkVisibility()).map((part) => part.getBoundingClientRect())
+          .filter(({ left }, k, all) => k > 0 && left < all[k - 1].right - 1).length"""
+    )
+    assert covered == 0
 
 
 @pytest.mark.parametrize("width", [1280, 1024])
