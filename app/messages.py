@@ -8,7 +8,7 @@ does. `sent` and the heartbeat's `server_time` are times of the server.
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
-from math import isfinite
+from math import isfinite, nan
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -186,6 +186,13 @@ class Frame(SampleAssessment):
         default=None,
         description="of a live source: as `sent`, but when the sample was taken; else absent",
     )
+    attitude: tuple[float | None, float | None, float | None] = Field(
+        default=(None, None, None),
+        description="bank, pitch and heading [rad] for display; absent if all are unknown",
+    )
+    integrated: bool = Field(
+        default=False, description="whether an angle is integrated from rates, not measured"
+    )
     ahead: CardAhead | None = Field(
         default=None,
         description="with some samples of a test card that the monitor knows; else absent",
@@ -347,6 +354,7 @@ class Hello(SampleState, CurrentStatus, AuthorityFacts):
         description="[s] without a sample at speed 1; slower, at least three intervals as played"
     )
     ahead: CardAhead | None = Field(description="forecast at sample `head`, as in a frame")
+    no_plan: str = Field(default="", description="why the scene has no planned flight; else empty")
     source: dict[str, Any]
     mode: Mode = Field(description="live, replayed or simulated")
     theta: dict[str, float] | None
@@ -593,6 +601,8 @@ def plain_frame(
     display: Sequence[Assessment] = (),
     taken: float | None = None,
     ahead: Ahead | None = None,
+    attitude: tuple[float, float, float] = (nan, nan, nan),
+    is_integrated: bool = False,
 ) -> dict[str, Any]:
     """A Frame as plain data; not validated, since every sample needs one. taken: [s]."""
     frame = {
@@ -607,6 +617,11 @@ def plain_frame(
         frame["taken"] = round(taken * 1e3, 3)
     if ahead is not None:
         frame["ahead"] = plain_ahead(ahead)
+    known = [round(angle, 5) if isfinite(angle) else None for angle in attitude]
+    if known != [None, None, None]:
+        frame["attitude"] = known
+    if is_integrated:
+        frame["integrated"] = True
     if display:
         frame["display"] = [_plain_assessment(shown) for shown in display]
     return frame

@@ -21,6 +21,16 @@ from core.types import Array, Indices
 Angles = tuple[float, float, float]
 """Bank, pitch and heading [rad]; NaN where unknown."""
 UNKNOWN: Angles = nan, nan, nan
+
+
+class IntegratedAngles(NamedTuple):
+    """Angles [rad] of which at least one is not measured but integrated from rates."""
+
+    phi: float
+    theta: float
+    psi: float
+
+
 DELAY_INTERVALS = 1.5
 """Longest wait for a sample by default, in intervals of the monitor."""
 WAITING, ROOM = 512, 64

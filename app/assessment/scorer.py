@@ -8,7 +8,14 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from app.assessment.batches import Batch, ChannelReader
-from app.assessment.grid import DELAY_INTERVALS, Angles, CausalGrid, Counts, Sample
+from app.assessment.grid import (
+    DELAY_INTERVALS,
+    Angles,
+    CausalGrid,
+    Counts,
+    IntegratedAngles,
+    Sample,
+)
 from app.assessment.input_checks import Doubt, InputChecks
 from app.assessment.limits_in_force import LimitsInForce, LimitsRule
 from app.assessment.monitors_in_use import MonitorRuling, MonitorsInUse, MonitorsRule
@@ -56,13 +63,12 @@ class LiveAssessed(NamedTuple):
     ruling: Ruling | None = None
 
     def shown_attitude(self, display: DisplayAttitude | None) -> Angles:
-        """As received; missing angles are integrated from the rates, or unknown without display."""
+        """As received; without bank or pitch all are integrated from the rates, given a display."""
         phi, theta, psi = self.attitude
-        if display is None:
+        if display is None or (isfinite(phi) and isfinite(theta)):
             return phi, theta, psi
-        if isfinite(phi) and isfinite(theta):
-            return phi, theta, psi if isfinite(psi) else 0.0
-        return display.update(self.assessment.t, self.recorded.item(P), self.recorded.item(R))
+        rates = self.recorded.item(P), self.recorded.item(R)
+        return IntegratedAngles(*display.update(self.assessment.t, *rates))
 
 
 class ReceivedExceedance(NamedTuple):

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.assessment.grid import Angles
+from app.assessment.grid import Angles, IntegratedAngles
 from app.assessment.input_checks import Doubt
 from app.assessment.limits_in_force import LimitsInForce, LimitsRuling, RequestedLimits
 from app.assessment.monitors_in_use import MonitorRuling, MonitorsInUse
@@ -64,7 +64,7 @@ from app.messages import (
     plain_frame,
     validity_word,
 )
-from app.scene.shown import Shown
+from app.scene.shown import KnownAngles, Shown
 from core.evaluation.certificate import warnings_of
 from core.flight_events import FLIGHT_MARKERS, Alarm, FlightMarker, FlightMarkerKey
 from core.limits.exceedance import Exceedances, MeasuredExceedance
@@ -158,6 +158,7 @@ class Flight(ABC):
     _near: float = 0.0
     manoeuvres: Sequence[Mapping[str, Any]] | None = None
     _is_waiting = False
+    no_plan: str = "a live flight has no planned flight to the same times"
 
     def __init__(
         self,
@@ -484,6 +485,7 @@ class Flight(ABC):
             dt=self.dt,
             stale_after=stale_after(self.dt),
             ahead=self._newest_ahead,
+            no_plan=self.no_plan,
             source=plan.source,
             mode=plan.mode,
             theta=self.theta,
@@ -547,7 +549,8 @@ class Flight(ABC):
             self._set_state(assessment.state, assessment.reason, assessment.cause)
         taken = self._taken(assessment.t)
         ahead = self._ahead_of(assessment)
-        frame = plain_frame(self._recent.head + 1, y, assessment, sent, display, taken, ahead)
+        about = display, taken, ahead, attitude, isinstance(attitude, IntegratedAngles)
+        frame = plain_frame(self._recent.head + 1, y, assessment, sent, *about)
         self._recent.append(encode_frame(frame))
         self._times.append(assessment.t)
         self.t, self._assessment, self._pose = assessment.t, assessment, (attitude, y)
@@ -582,6 +585,10 @@ class Flight(ABC):
 
     def _forecast_ahead(self) -> Ahead | None:
         """Forecast of the alarm authority by the sample that is shown next."""
+        return None
+
+    def _planned_attitude(self) -> KnownAngles | None:
+        """Attitude of the planned flight at the newest sample; None without one."""
         return None
 
     @property
@@ -690,6 +697,9 @@ class Flight(ABC):
             self.reason,
             facts=self._facts,
             cause=assessment.cause,
+            delta_e=self._value(y, "delta_e"),
+            alpha=self._value(y, "alpha"),
+            planned=self._planned_attitude(),
         )
         self._use_scene(lambda scene: scene.show(shown))
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from app.assessment.grid import IntegratedAngles
 from app.assessment.input_checks import Doubt
 from app.assessment.rulings import InForceFrom, Ruling
 from app.assessment.scorer import LiveAssessed, rescored
@@ -39,6 +40,7 @@ def shown_type(n_channels: int) -> np.dtype:
             ("state", "u1"),
             ("y_hat", "<f8", (n_channels,)),
             ("attitude", "<f8", (3,)),
+            ("is_integrated", "?"),
             ("manoeuvre", "<i4"),
         ]
     )
@@ -83,7 +85,8 @@ class ShownFlight(StoredScript):
     def attitude(self, k: int) -> Angles:
         """As received; missing angles are integrated from the rates."""
         phi, theta, psi = self.samples["attitude"][k].tolist()
-        return phi, theta, psi
+        is_integrated = self.samples["is_integrated"][k]
+        return IntegratedAngles(phi, theta, psi) if is_integrated else (phi, theta, psi)
 
     def _reason(self, k: int) -> str:
         return self.reasons[k]
@@ -190,7 +193,7 @@ class ShownFlight(StoredScript):
 
 
 def _row(assessed: LiveAssessed, display: DisplayAttitude | None) -> tuple[Any, ...]:
-    assessment = assessed.assessment
+    assessment, attitude = assessed.assessment, assessed.shown_attitude(display)
     return (
         assessed.shown,
         assessment.t,
@@ -200,6 +203,7 @@ def _row(assessed: LiveAssessed, display: DisplayAttitude | None) -> tuple[Any, 
         bool(assessment.alert),
         code_of(assessment.state),
         np.full(len(assessed.y), np.nan) if assessment.y_hat is None else assessment.y_hat,
-        assessed.shown_attitude(display),
+        attitude,
+        isinstance(attitude, IntegratedAngles),
         assessed.manoeuvre,
     )

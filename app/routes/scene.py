@@ -6,6 +6,7 @@ The page derives its WebSocket from its own address: served at /scene/{flight}/,
 
 import asyncio
 import hashlib
+import json
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from functools import cache, partial
@@ -22,6 +23,7 @@ from starlette.websockets import WebSocketDisconnect
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 
+from app.scene.picture import CAMERAS
 from app.scene.scene import Scene, Scenes
 from app.scene.server import SUBPROTOCOL, admitted, credentials
 
@@ -39,10 +41,34 @@ html[data-theme="light"], [data-theme="light"] canvas[data-engine] {background: 
 """Hides the client's notice of software rendering, which would cover the risk. The canvas is
 transparent above the horizon: its background is the sky, in the theme that the Fly page sets."""
 
-SCRIPT = b"""<script>globalThis.Function = new Proxy(Function, {
-  apply: () => () => () => {}, construct: () => () => {} })</script>"""
-"""Replaces Function, which the policy forbids. The client's sorter of splats calls it while it
-loads, and would log an error, although no scene has splats."""
+SCRIPT = """<script>
+globalThis.Function = new Proxy(Function, {apply: () => () => () => {}, construct: () => () => {}});
+{
+  const cameras = CAMERAS, search = new URLSearchParams(location.search);
+  let link = null;
+  globalThis.Worker = class extends Worker {
+    postMessage(message, ...more) {
+      if (message?.type === "set_server") link = this;
+      super.postMessage(message, ...more);
+    }
+  };
+  globalThis.lookFrom = (name) => {
+    const {position, look_at} = cameras[name];
+    const aim = {type: "SetCameraLookAtMessage", look_at};
+    const messages = [aim, {type: "SetCameraPositionMessage", position}];
+    link?.onmessage({data: {type: "message_batch", messages}});
+  };
+  const first = cameras[search.get("camera")];
+  if (first && !search.has("initialCameraPosition")) {
+    search.set("initialCameraPosition", first.position.join());
+    search.set("initialCameraLookAt", first.look_at.join());
+    history.replaceState(null, "", `?${search}`);
+  }
+}
+</script>""".replace("CAMERAS", json.dumps({key: at._asdict() for key, at in CAMERAS.items()}))
+"""Replaces Function, which the policy forbids: the client's sorter of splats calls it while it
+loads, and would log an error, although no scene has splats. ?camera=tail is the first view, and
+lookFrom(name) another one: the client gets it as if the server had sent it."""
 
 CheckOrigin = Callable[[WebSocket], Any]
 
@@ -59,7 +85,7 @@ class ClientPage:
 def client_page() -> ClientPage:
     """Read the page from the installed viser package once; add STYLE and SCRIPT."""
     html = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_bytes()
-    html = html.replace(b"<head>", b"<head>" + SCRIPT, 1)
+    html = html.replace(b"<head>", b"<head>" + SCRIPT.encode(), 1)
     html = html.replace(b"</head>", STYLE + b"</head>", 1)
     return ClientPage(html, f'"{hashlib.sha256(html).hexdigest()[:32]}"')
 

@@ -93,7 +93,7 @@ LETTERS = {
     "W": ((1, -1, -1, -0.5), (-1, -0.5, 0.4, 0), (0.4, 0, -1, 0.5), (-1, 0.5, 1, 1)),
 }
 """Strokes from (outward, clockwise) to (outward, clockwise), in half letter sizes."""
-HEADLINE_AT, UNKNOWN_AT = (0.0, -1.2, -8.0), (0.0, -1.2, 4.6)
+HEADLINE_AT, UNKNOWN_AT = (0.0, -1.2, 3.9), (0.0, -1.2, 5.0)
 NO_SHADOW: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
 
 
@@ -219,6 +219,7 @@ class Picture:
             *outline(self._class),
             color=PLANNED,
             opacity=0.3,
+            scale=0.97,  # hidden by the aircraft while both agree
             visible=False,
             **NO_SHADOW,
         )

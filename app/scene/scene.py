@@ -13,7 +13,7 @@ from math import isfinite
 
 from app.scene.picture import Picture
 from app.scene.server import address, open_server
-from app.scene.shown import Shown
+from app.scene.shown import POSE, Shown
 from core.monitor.assessment import State
 from core.monitor.status import Facts
 from core.simulation.aircraft import AircraftClass
@@ -74,10 +74,10 @@ class Scene:
         effect after `close`. Costs a microsecond or two and never waits.
         """
         with self._latest:
-            t, attitude, *angles = shown.pose.values()
-            known = [number for number in (t, *attitude, *angles) if number is not None]
-            if not all(map(isfinite, known)):
-                shown = shown._replace(**self._shown.pose)
+            t, attitude, *angles = shown[:5]
+            numbers = (t, *attitude, *angles, shown.delta_e, shown.alpha)
+            if not all(map(isfinite, [number for number in numbers if number is not None])):
+                shown = shown._replace(**{name: getattr(self._shown, name) for name in POSE})
             self._shown, self._shown_at = shown, self._clock()
 
     def wait(self, stale_after_s: float) -> None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from html import escape
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from core.monitor.assessment import Cause, State
 from core.monitor.status import Facts, Headline, Level, Status, headline, in_words
@@ -38,6 +38,7 @@ COLOURS = {
 
 
 POSE = ("t", "attitude", "beta", "delta_a", "delta_r", "delta_e", "alpha")
+"""Fields that say where and how the aircraft is drawn."""
 
 
 class Shown(NamedTuple):
@@ -63,11 +64,6 @@ class Shown(NamedTuple):
     delta_e: float | None = None
     alpha: float | None = None
     planned: KnownAngles | None = None
-
-    @property
-    def pose(self) -> dict[str, Any]:
-        """Where and how the aircraft is drawn, by field."""
-        return {name: getattr(self, name) for name in POSE}
 
     @property
     def headline(self) -> Headline:

@@ -4,6 +4,7 @@
  */
 
 import { createAlarmPanel } from "/static/js/fly/alarm_panel.js";
+import { createAttitudeIndicator } from "/static/js/fly/attitude_indicator.js";
 import { changedChannels } from "/static/js/recordings/mapping/changes.js";
 import { validityWords } from "/static/js/recordings/words.js";
 import { createRingBuffer } from "/static/js/charts/live/ring_buffer.js";
@@ -123,7 +124,7 @@ function pixels(key, token, tolerance = 40) {
 Object.assign(window, {
   harness: {
     chart, dial, gauge, timeline, tone, feed, frame, sample, pixels, loopStats, riskText,
-    createRingBuffer, createTimeline, createValueAxis, createTone, createAlarmPanel,
+    createRingBuffer, createTimeline, createValueAxis, createTone, createAlarmPanel, createAttitudeIndicator,
     decimal, decimals, limitsInWords, exceededWords, withLimits, limitsOf, marginAt, stripOf, changedChannels, validityWords, EPSILON, CHANNELS,
     draw: (wall) => chart.update(wall),
   },

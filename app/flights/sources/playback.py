@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from app.assessment.grid import Angles
+from app.assessment.grid import Angles, IntegratedAngles
 from app.assessment.input_checks import Doubt
 from app.assessment.planned_test import input_of, needed_channels
 from app.assessment.rulings import InForceFrom, Ruling
@@ -36,7 +36,8 @@ class Script(ABC):
     validity is calibrated.   alerts, exceedances: rising, samples at which an alert or a measured
     exceedance begins.   shows_rulings: whether it knows the limits in force when it was flown.
     delay: stated delay of a live flight [s], subtracted from the monitor's lead.
-    manoeuvres: plain, of a scored recording.   keys: of the channels.
+    manoeuvres: plain, of a scored recording.   keys: of the channels.   planned: (n, 3) attitude of
+    the planned flight at each sample [rad]; None, and why in `no_plan`.
     """
 
     keys: Sequence[str] = LATERAL.keys
@@ -50,6 +51,8 @@ class Script(ABC):
     theta: dict[str, float] | None = None
     fail_t: float | None = None
     manoeuvres: Sequence[Mapping[str, Any]] | None = None
+    planned: Array | None = None
+    no_plan: str = "a recording has no planned flight to the same times"
     _followed: "FollowedForecast | None" = None
 
     @property
@@ -207,7 +210,8 @@ class AssessedTrack(Script):
         self.keys = monitor.dictionary.keys
         if track.fail_index is not None:
             self.fail_t = float(track.t[track.fail_index])
-        self._track = track
+        self._track, self.planned = track, track.planned
+        self.no_plan = "" if track.planned is not None else "this test has no simulated plan"
         self._assessments = monitor.assess(track.t, track.y, epsilon)
         self._followed = FollowedForecast(monitor, self._followed_sample)
         self._display = [shown.assess(track.t, track.y, epsilon) for shown, epsilon in display]
@@ -220,7 +224,8 @@ class AssessedTrack(Script):
 
     def attitude(self, k: int) -> Angles:
         phi, theta, psi = self._track.attitude[k].tolist()
-        return phi, theta, psi
+        is_integrated = self.keys == LATERAL.keys
+        return IntegratedAngles(phi, theta, psi) if is_integrated else (phi, theta, psi)
 
     def assessment(self, k: int) -> Assessment:
         return self._assessments[k]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from app.assessment.grid import IntegratedAngles
 from app.assessment.limits_history import InForceTimeline
 from app.assessment.rulings import InForceFrom, Ruling
 from app.flights.sources.playback import Angles, StoredScript, onsets
@@ -139,9 +140,8 @@ class RecordedScript(StoredScript):
         known = np.isfinite(recorded)
         if known.all() or self.keys != LATERAL.keys:
             phi, theta, psi = recorded.tolist()
-        else:
-            phi, theta, psi = np.where(known, recorded, self._integrated(k)).tolist()
-        return phi, theta, psi
+            return phi, theta, psi
+        return IntegratedAngles(*np.where(known, recorded, self._integrated(k)).tolist())
 
     def _reason(self, k: int) -> str:
         sample = self.samples[k]

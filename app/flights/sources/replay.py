@@ -14,6 +14,7 @@ from app.flights.flight import Flight, FlightPlan, beyond_of, stale_after
 from app.flights.sources.playback import Script
 from app.flights.transport import Due, NotPossible, Transport, TransportError
 from app.messages import TransportChange, TransportState, plain_frame
+from app.scene.shown import KnownAngles
 from core.limits.exceedance import MeasuredExceedance
 from core.monitor import Assessment, State
 from core.monitor.peak_forecast import OVER, Ahead, NothingAhead
@@ -50,6 +51,7 @@ class TrackFlight(Flight):
         self._transport = Transport(script.t, script.dt)
         self._flown = 0.0
         self._furthest = self._at = -1
+        self.no_plan = script.no_plan
         self._held: Ruling | None = None
         self._exceedances = script.exceedances
         self._is_waiting = plan.wait_for_viewer
@@ -76,6 +78,13 @@ class TrackFlight(Flight):
             seekable=True,
             waiting=self._is_waiting and not self.is_over,
         )
+
+    def _planned_attitude(self) -> KnownAngles | None:
+        planned = self._script.planned
+        if planned is None:
+            return None
+        phi, theta, psi = planned[self._at].tolist()
+        return phi, theta, psi
 
     def start(self) -> None:
         if self.plan.monitors is not None and not self._script.shows_rulings:

@@ -7,9 +7,10 @@ import numpy as np
 
 from app.recipes.recipes import from_plain, simulated_test
 from core.planned_test.collection import DatasetRecipe, Rollouts
-from core.planned_test.planned_test import LateralSimulator
+from core.planned_test.planned_test import LateralSimulator, SensorNoise
 from core.simulation.aircraft import Aircraft, PublishedAircraft
 from core.simulation.attitude import attitude
+from core.simulation.imperfections import Imperfections
 from core.types import Array
 
 BATCH, MOST_BATCHES = 256, 64
@@ -27,6 +28,7 @@ class Track:
     t: (n,) rising [s].   y: (n, 6), NaN where unknown.   dt: sample interval [s].
     attitude: (n, 3) phi, theta, psi [rad]; integrated from the rates for display unless given.
     theta: parameters of a simulated aircraft.   fail_index: first sample past a limit, if known.
+    planned: (n, 3) attitude of the test as planned, if it can be simulated.
     """
 
     t: Array
@@ -35,6 +37,7 @@ class Track:
     attitude: Array = field(default_factory=lambda: np.empty((0, 3)))
     theta: dict[str, float] | None = None
     fail_index: int | None = None
+    planned: Array | None = None
 
     def __post_init__(self) -> None:
         if len(self.attitude) != len(self.t):
@@ -103,7 +106,23 @@ def _track(simulator: LateralSimulator, rollouts: Rollouts, i: int) -> Track:
         attitude(t, y, _trim_angles(recipe.aircraft)[1]),
         theta=theta,
         fail_index=fail_index if fail_index < len(y) else None,
+        planned=planned_attitude(recipe, len(y)),
     )
+
+
+def planned_attitude(recipe: DatasetRecipe, n: int) -> Array | None:
+    """Attitude (n, 3) [rad] of the test on the nominal aircraft, flown and measured exactly.
+
+    None where it has fewer samples, or none that are finite.
+    """
+    exact = replace(recipe.maneuver, timing_jitter_s=0.0, amplitude_jitter=0.0)
+    plan = replace(recipe, maneuver=exact, noise=SensorNoise(), imperfections=Imperfections())
+    simulator = plan.simulator()
+    _make_certain(simulator, {})
+    y = simulator.rollouts(1, np.random.default_rng(0)).y[0, :n]
+    if len(y) < n or not np.isfinite(y).all():
+        return None
+    return attitude(times(n, recipe.dt), y, _trim_angles(recipe.aircraft)[1])
 
 
 def _trim_angles(aircraft: Aircraft) -> tuple[float, float]:

@@ -27,6 +27,7 @@ from app.flights.sources.replay import TrackFlight
 from app.flights.sources.simulated import (
     SourceError,
     Track,
+    planned_attitude,
     simulate,
     times,
     trim_angles,
@@ -35,7 +36,7 @@ from app.flights.sources.simulated import (
 from app.flights.sources.udp import UdpAccess
 from app.json_codec import Whole
 from app.messages import Mode
-from app.recipes.recipes import from_plain
+from app.recipes.recipes import from_plain, simulated_test
 from app.recordings.scored import ScoredRecordings
 from app.store.scorings import ScoringInfo
 from app.store.store import Store
@@ -166,7 +167,9 @@ class Replay(TrackSource):
             y = whole_rollout(info.recipe, stored.theta, y)
         t = times(len(y), info.dt)
         angles = attitude_of(dictionary, t, y, trim_angles(info.recipe)[1])
-        return Track(t, y, info.dt, angles, theta=stored.theta, fail_index=stored.fail_index)
+        test = simulated_test(info.recipe)
+        planned = None if test is None else planned_attitude(test, len(t))
+        return Track(t, y, info.dt, angles, stored.theta, stored.fail_index, planned)
 
     def name(self) -> str:
         return f"{self.outcome} rollout {self.rollout}"

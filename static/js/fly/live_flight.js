@@ -1,7 +1,8 @@
 /**
  * A flight in progress: its stream drives strips, gauge, alarm line, events, status and transport.
  *
- * showLiveFlight(element, {id, api, over, recorded}) -> {close()}     over(reason): the flight has ended
+ * showLiveFlight(element, {id, api, over, camera, recorded}) -> {close()}     over(reason): the flight has ended
+ *     camera: of the scene, or null for the one used last
  *     recorded: {Socket, beside} of a flight that is played from a file: its socket, and what stands in
  *     place of the scene; null for a flight of the server
  */
@@ -38,7 +39,7 @@ const tone = createTone(); // one for the page: a browser lets it sound after th
 const NO_DATA = "NO DATA. The scene begins with the first sample.";
 const LOGGED_OUT = "◆ The login has expired. Nothing shown is live: reload the page to log in again.";
 
-export function showLiveFlight(element, { id, api, over, recorded = null }) {
+export function showLiveFlight(element, { id, api, over, camera = null, recorded = null }) {
   const path = `/flights/${encodeURIComponent(id)}`;
   const panels = createFlightPanels(element);
   const status = createStatusStrip(panels.status);
@@ -59,9 +60,9 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   const setLine = createSetLine(panels.monitors);
   panels.transport.prepend(panels.calls);
   panels.events.prepend(panels.marker);
-  const scene = recorded ? besideRecording(panels.scene, recorded.beside) : createSceneFrame(panels.scene, id);
+  const scene = recorded ? besideRecording(panels.scene, recorded.beside) : createSceneFrame(panels.scene, id, camera);
   const wallView = createWall(panels.wall, panels.view);
-  const keys = { ...transport.keys, ...wallView.keys, k: alarm.acknowledgeAll, t: () => notes?.write(), g: () => source?.begin() };
+  const keys = { ...transport.keys, ...wallView.keys, k: alarm.acknowledgeAll, t: () => notes?.write(), v: scene.nextCamera, g: () => source?.begin() };
   const life = new AbortController();
   bindControls(panels.status, { keys, markers, wallView }, life.signal);
   life.signal.addEventListener("abort", addDrawer(show));
@@ -165,6 +166,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
   }
 
   function onFrames(frames, newest) {
+    scene.show(newest, hello);
     if (newest === null) return;
     address?.waiting(false);
     source?.explain(newest.reason);
@@ -388,7 +390,8 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
 function besideRecording(element, beside) {
   element.setAttribute("aria-label", "What happens");
   element.replaceChildren(beside);
-  return { wake: () => {}, close: () => {} };
+  const none = () => {};
+  return { show: none, nextCamera: none, wake: none, close: none };
 }
 
 /** Keys, their list, and the mute button. */

@@ -2,25 +2,36 @@
  * The three-dimensional scene of a flight, in a frame of its own at /scene/{flight}/.
  *
  * viser's client reconnects only while its document has the focus, so the frame pretends to have it.
- * The scene can be hidden on a slow machine.
+ * The scene can be hidden on a slow machine. Its camera is remembered, and `camera` in the page's address; a view that
+ * the mouse made stays until a camera is chosen or reset.
  *
- * createSceneFrame(element, flight) -> {wake(), close(text)}     wake: the server is back; close: the flight has ended
+ * createSceneFrame(element, flight, camera) -> {show(frame, hello), nextCamera(), wake(), close(text)}
+ *     camera: asked for by the address, or null.   show: the newest sample's attitude in figures, null for none
+ *     wake: the server is back.   close: the flight has ended
  */
 
-import { h, state } from "../lib/dom.js";
+import { button as buttonOf, h, state } from "../lib/dom.js";
 import { remember, remembered } from "../lib/storage.js";
+import { createAttitudeIndicator } from "./attitude_indicator.js";
 
 const KEY = "forewarn.scene";
+const CAMERA = "forewarn.camera";
+const CAMERAS = { chase: "Chase", tail: "Tail", side: "Side" };
 
 /** viser's own panel would cover the aircraft. */
 const STYLE = `
   html:not([data-mantine-color-scheme="dark"]) body { visibility: hidden; }
   .mantine-Paper-root, .mantine-Notifications-root { display: none !important; }`;
 
-export function createSceneFrame(element, flight) {
+export function createSceneFrame(element, flight, asked = null) {
   element.classList.add("scene-panel");
   element.setAttribute("aria-label", "Scene");
   let frame = null;
+  let camera = [asked, remembered(CAMERA)].find((name) => name in CAMERAS) ?? "chase";
+  const indicator = createAttitudeIndicator();
+  const cameras = Object.entries(CAMERAS).map(([name, text]) => buttonOf(text, () => look(name), { class: "button button-small", "data-camera": name }));
+  const reset = buttonOf("Reset view", () => look(camera), { class: "button button-small", title: "Back to this camera after a move of the mouse" });
+  const views = h("div.scene-views", { role: "group", "aria-label": "Camera (key V)" }, cameras, reset);
   const theme = new MutationObserver(paint);
   theme.observe(document.documentElement, { attributeFilter: ["data-theme"] });
   const button = h("button", { type: "button", class: "button button-small scene-toggle", onclick: toggle });
@@ -28,9 +39,31 @@ export function createSceneFrame(element, flight) {
   else open();
 
   function open() {
-    frame = h("iframe", { src: `/scene/${encodeURIComponent(flight)}/`, title: "Three-dimensional view of the aircraft", onload: check });
+    frame = h("iframe", { src: `/scene/${encodeURIComponent(flight)}/?camera=${camera}`, title: "Three-dimensional view of the aircraft", onload: check });
     button.textContent = "Hide scene";
-    element.replaceChildren(frame, button);
+    views.append(button);
+    press();
+    element.replaceChildren(frame, indicator.element, indicator.figures, views);
+  }
+
+  function look(name) {
+    camera = name;
+    remember(CAMERA, name);
+    const [place, search] = location.hash.split("?");
+    const query = new URLSearchParams(search);
+    query.set("camera", name);
+    history.replaceState(null, "", `${place}?${query}`);
+    press();
+    frame?.contentWindow?.lookFrom?.(name);
+  }
+
+  function press() {
+    for (const each of cameras) each.setAttribute("aria-pressed", String(each.dataset.camera === camera));
+  }
+
+  function nextCamera() {
+    const names = Object.keys(CAMERAS);
+    look(names[(names.indexOf(camera) + 1) % names.length]);
   }
 
   /** A flight without a scene answers with a problem document. */
@@ -80,6 +113,8 @@ export function createSceneFrame(element, flight) {
   }
 
   return {
+    show: indicator.show,
+    nextCamera,
     wake,
     close: (text) => {
       theme.disconnect();

@@ -31,6 +31,7 @@ const GROUPS = [
       ["L", "follow the newest sample (or double click)"], ["Esc", "remove the cursor"],
     ],
   ],
+  ["Scene", [["V", "next camera: chase, tail, side"]]],
   ["Page", [["W", "wall mode, to be read from across the room; Esc leaves it"], ["?", "this list"]]],
 ];
 

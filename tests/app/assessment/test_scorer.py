@@ -4,10 +4,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from app.assessment.grid import Sample
+from app.assessment.grid import IntegratedAngles, Sample
 from app.assessment.scorer import CausalScorer, LiveAssessed
 from core.channels import KEYS, LATERAL
 from core.monitor import State
+from core.simulation.attitude import DisplayAttitude
 from core.types import Array
 from tests.support import attas
 from tests.support.flying import EPSILON, T, exact_monitor, failing_flight
@@ -118,3 +119,16 @@ def test_the_next_manoeuvre_has_its_own_trim_and_number() -> None:
     begins = next(k for k, one in enumerate(said) if one.manoeuvre == 2)
     trim = both[begins] - said[begins].y
     assert np.abs(trim - 1.5 * TRIM)[KEYS.index("delta_r")] < 0.01
+
+
+def test_an_attitude_without_bank_or_pitch_is_integrated_and_a_missing_heading_stays_unknown() -> (
+    None
+):
+    said = assessed(CausalScorer(exact_monitor(), EPSILON, trim="none"), T, failing_flight())[0]
+    display = DisplayAttitude(theta0=0.1)
+    integrated = said.shown_attitude(display)
+    assert isinstance(integrated, IntegratedAngles)
+    assert integrated == (0.0, 0.1, 0.0)
+    received = said._replace(attitude=(0.2, 0.3, np.nan)).shown_attitude(display)
+    assert not isinstance(received, IntegratedAngles)
+    np.testing.assert_array_equal(received, (0.2, 0.3, np.nan))

@@ -13,6 +13,7 @@ from app.flights.sources.replay import LEFT_S, VIEWER_S, WAITING
 from app.flights.transport import CATCH_UP_S, NotPossible, TransportError
 from core.monitor import Monitor, State
 from core.monitor.status import Level
+from core.simulation.attitude import attitude
 from tests.support.flying import (
     EPSILON,
     Call,
@@ -363,3 +364,15 @@ def test_whoever_steers_a_flight_that_waits_starts_it(
     assert (state.waiting, state.playing, state.position) == (False, playing, pytest.approx(t))
     flown.advance(2 * VIEWER_S)
     assert flown.flight.transport.playing == (playing and not flown.flight._transport.at_end)
+
+
+def test_frames_have_the_attitude_and_say_that_it_is_integrated(
+    exact: Monitor, failing: Array
+) -> None:
+    flown = Flown(exact, failing).start()
+    flown.advance(N_SAMPLES * DT + 0.1)
+    truth = attitude(T, failing)
+    for frame, angles in zip(flown.seen.frames, truth, strict=True):
+        assert frame["attitude"] == pytest.approx(angles, abs=1e-5)
+        assert frame["integrated"]
+    assert flown.flight.no_plan

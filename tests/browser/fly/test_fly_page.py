@@ -801,8 +801,24 @@ def test_the_scene_has_no_panel_of_its_own_and_lets_keys_through(
     inside.locator("canvas[data-engine]").click(position={"x": 40, "y": 40})
     page.keyboard.press("k")
     fly.event("acknowledged by local").wait_for()
+    expect(page.locator(".attitude")).to_have_attribute("aria-label", re.compile("bank .*°, pitch"))
+    expect(page.locator('[data-angle="beta"] b')).to_contain_text("°")
+    expect(page.locator(".attitude-plan")).to_have_text("translucent: as planned")
+    page.get_by_role("button", name="Tail").click()
+    assert page.url.endswith("?camera=tail")
+    page.keyboard.press("v")
+    expect(page.get_by_role("button", name="Side")).to_have_attribute("aria-pressed", "true")
     page.get_by_role("button", name="Hide scene").click()
     expect(page.locator(".scene-panel iframe")).to_have_count(0)
+    page.get_by_role("button", name="Show scene").click()
+    source = page.locator(".scene-panel iframe").get_attribute("src")
+    assert source is not None
+    assert source.endswith("?camera=side")
+    for width in (1024, 1440, 1920):
+        page.set_viewport_size({"width": width, "height": 900})
+        box = page.locator(".scene-panel").bounding_box()
+        assert box is not None
+        assert box["height"] >= 278  # and its border
 
 
 def test_a_flight_whose_scene_is_gone_says_so_in_its_place(

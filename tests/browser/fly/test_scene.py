@@ -1,6 +1,8 @@
+import numpy as np
 import pytest
 from playwright.sync_api import Page
 
+from app.scene.picture import CAMERAS
 from core.monitor.assessment import State
 from core.simulation.attitude import Attitude
 from tests.support.scene_site import Site, scene_site, show
@@ -126,3 +128,31 @@ def test_a_frame_has_no_share_button_and_reconnects_without_focus_when_told_to(
     show(scene, 1.05, p_value=0.06)
     inside.get_by_text("RISK 0.06").wait_for(timeout=60_000)
     assert asked.count(f"{site.ws}/scene/f1") > 1
+
+
+def test_the_address_names_the_first_camera_and_the_page_changes_it_after_the_mouse(
+    page: Page, site: Site, asked: list[str]
+):
+    scene = site.scenes.open("f1")
+    show(scene)
+    scene.draw()
+
+    def looks_from(name: str) -> None:
+        wanted = CAMERAS[name].position
+        for _ in range(200):
+            clients = scene._server.get_clients().values()
+            if any(np.allclose(each.camera.position, wanted, atol=0.05) for each in clients):
+                return
+            page.wait_for_timeout(50)
+        raise AssertionError(f"no watcher looks from {name}")
+
+    page.goto(f"{site.http}/scene/f1/?camera=tail")
+    page.wait_for_selector(CANVAS)
+    looks_from("tail")
+    page.mouse.move(300, 300)
+    page.mouse.down()
+    page.mouse.move(200, 320, steps=4)
+    page.mouse.up()
+    for name in ("side", "chase", "tail"):
+        page.evaluate("name => lookFrom(name)", name)
+        looks_from(name)

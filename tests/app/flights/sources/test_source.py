@@ -10,6 +10,7 @@ import pytest
 from app.flights.sources.simulated import (
     SourceError,
     Track,
+    planned_attitude,
     simulate,
     times,
     trim_angles,
@@ -174,3 +175,16 @@ def test_the_aircraft_of_a_recipe_gives_the_trim() -> None:
     assert trim_angles(plain)[0] > 0
     for unknown in ({}, {"aircraft": "oscillator"}):
         assert trim_angles(unknown) == (0.0, 0.0)
+
+
+def test_the_planned_attitude_is_that_of_the_exact_flight_of_the_nominal_aircraft(
+    stored: tuple,
+) -> None:
+    exact = simulate(RECIPE, theta={})
+    flown = simulate(RECIPE.as_flown(), seed=5)
+    np.testing.assert_array_equal(exact.planned, exact.attitude)
+    np.testing.assert_array_equal(flown.planned, exact.attitude[: len(flown.t)])
+    assert (flown.attitude != flown.planned).any()
+    assert planned_attitude(RECIPE, len(exact.t) + 1) is None
+    replayed = fly(stored, Replay(kind="replay", dataset=stored[1], outcome="safe", rollout=0))
+    np.testing.assert_array_equal(replayed.planned, exact.attitude[: len(replayed.t)])
