@@ -46,6 +46,7 @@ from app.routes import (
     score_telemetry,
     scorings,
     server,
+    simulated_flights,
 )
 from app.routes.dependencies import REFUSALS
 from app.routes.guide import guide_router
@@ -152,7 +153,7 @@ def _routes() -> Iterator[BaseRoute]:
     """
     stored = (datasets, monitors, score_telemetry, limit_sets, monitor_sets, recordings, scorings)
     flown = (flights, flight_sockets, live)
-    for module in (catalog, *stored, jobs, campaigns, *flown, people, server):
+    for module in (catalog, *stored, simulated_flights, jobs, campaigns, *flown, people, server):
         yield from module.router.routes
     yield from scene_router().routes
     yield from guide_router(STATIC / "guide").routes

@@ -2,7 +2,7 @@
 
 import asyncio
 import io
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from typing import Annotated, Any, Literal
@@ -334,12 +334,16 @@ def list_rollouts(
     count: Annotated[
         int, Query(ge=1, le=MOST_ROLLOUTS, description="maximum number of rollouts")
     ] = 20,
+    channel: Annotated[
+        list[str] | None, Query(description="only these channels; all if absent")
+    ] = None,
 ) -> list[Rollout]:
     """Rollouts of one outcome, starting at index `first`."""
     info = store.datasets.info(dataset_id)
     n = info.n_unsafe if outcome == "unsafe" else info.n_safe
     answer = [
-        _rollout(store, dataset_id, outcome, index) for index in range(first, min(first + count, n))
+        _rollout(store, dataset_id, outcome, index, channel)
+        for index in range(first, min(first + count, n))
     ]
     return json_response(answer)
 
@@ -356,14 +360,22 @@ def read_rollout(dataset_id: str, n: int, store: StoreDep) -> Rollout:
     return json_response(_rollout(store, dataset_id, *rollout))
 
 
-def _rollout(store: Store, dataset_id: str, outcome: Outcome, index: int) -> dict[str, Any]:
+def _rollout(
+    store: Store,
+    dataset_id: str,
+    outcome: Outcome,
+    index: int,
+    channels: Sequence[str] | None = None,
+) -> dict[str, Any]:
     info = store.datasets.info(dataset_id)
     y, theta, fail_index = store.datasets.rollout(dataset_id, outcome, index)
     t, keys = np.arange(len(y)) * info.dt, Dictionary.from_stored(info.dictionary).keys
+    columns = zip(keys, y.T.tolist(), strict=True)
+    wanted = {key: column for key, column in columns if channels is None or key in channels}
     return {
         "n": index if outcome == "unsafe" else info.n_unsafe + index,
         "outcome": outcome,
         "fail_index": fail_index,
         "theta": theta,
-        "telemetry": {"t": t.tolist()} | dict(zip(keys, y.T.tolist(), strict=True)),
+        "telemetry": {"t": t.tolist()} | wanted,
     }

@@ -62,9 +62,11 @@ export function frame(t, { growth = 0.06, state = "ok", reason = "", cause = nul
 
 const timeline = createTimeline({ seconds: Number(options.get("seconds") ?? 60), lead, dt });
 const chart = createFlightChart(document.querySelector("#strips"), {
+  simulated: window.simulated ?? null, starts: () => [{ t: 8, from: "trim" }],
   channels: CHANNELS, epsilon: EPSILON, dt, lead, timeline, autostart: options.has("auto"),
   history: Number(options.get("history") ?? 180_000),
 });
+document.querySelector("#strips").after(chart.cross);
 const dial = createRiskGauge(document.querySelector("#gauge"), options.has("auto") ? timeline : null);
 let reading = { state: null };
 const gauge = {

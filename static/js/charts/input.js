@@ -12,12 +12,14 @@ import { button } from "../lib/dom.js";
 import { GUTTER, unit } from "./layout.js";
 
 const CLICK = 4; // px that the pointer may move during a click
+const APART = 400; // ms between turns of the wheel that are undone one by one
 
 export function attachControls(host, { rows: plots, bar, keys: help }, timeline, chart) {
   const pointers = new Map();
   let travelled = 0;
   let begun = NaN; // where a drag began [s]
   let marking = false;
+  let turned = -Infinity; // when the wheel last was
 
   const place = (event) => {
     return ((event.clientX - plots.getBoundingClientRect().left) / unit() - GUTTER) / chart.plotWidth();
@@ -33,6 +35,7 @@ export function attachControls(host, { rows: plots, bar, keys: help }, timeline,
     pointers.set(event.pointerId, event.clientX);
     travelled = 0;
     begun = timeAt(fraction);
+    timeline.keepPlace();
     plots.setPointerCapture(event.pointerId);
     host.focus({ preventScroll: true });
   });
@@ -80,12 +83,15 @@ export function attachControls(host, { rows: plots, bar, keys: help }, timeline,
   plots.addEventListener("pointerleave", () => timeline.setHover(null));
   plots.addEventListener("dblclick", () => {
     timeline.setCursor(null);
+    timeline.keepPlace();
     timeline.goLive();
   });
   plots.addEventListener(
     "wheel",
     (event) => {
       event.preventDefault();
+      if (event.timeStamp - turned > APART) timeline.keepPlace();
+      turned = event.timeStamp;
       const seen = chart.view();
       if (event.shiftKey || Math.abs(event.deltaX) > Math.abs(event.deltaY)) {
         const by = (event.deltaX || event.deltaY) / 800;
@@ -102,6 +108,7 @@ export function attachControls(host, { rows: plots, bar, keys: help }, timeline,
     timeline.setHover(null);
     timeline.setCursor(to);
     const width = seen.end - seen.start;
+    timeline.keepPlace();
     if (to < seen.start) timeline.setWindow(to - 0.1 * width, to + 0.9 * width);
     else if (to > seen.end) timeline.setWindow(to - 0.9 * width, to + 0.1 * width);
   }
@@ -119,7 +126,9 @@ export function attachControls(host, { rows: plots, bar, keys: help }, timeline,
     ["C", "Clear", "Clear the cursors A and B", timeline.clearMarks],
     ["-", "−", "Show more time", () => zoom(2)],
     ["+", "+", "Show less time", () => zoom(0.5)],
-    ["L", word, follow, timeline.goLive],
+    ["L", word, follow, entire],
+    ["Z", "↶", "Back to the window before", timeline.back],
+    ["Y", "↷", "Forward to the window after", timeline.forward],
   ];
   const keys = {
     ...Object.fromEntries(commands.map(([key, , , act]) => [key.toLowerCase(), act])),
@@ -151,12 +160,19 @@ export function attachControls(host, { rows: plots, bar, keys: help }, timeline,
     moveCursor(Number.isNaN(from) ? newest : Math.min(newest, from + direction * by));
   }
 
+  function entire() {
+    timeline.keepPlace();
+    timeline.goLive();
+  }
+
   function page(share) {
+    timeline.keepPlace();
     const seen = chart.view();
     timeline.pan(share * (seen.end - seen.start), chart.wall());
   }
 
   function zoom(factor) {
+    timeline.keepPlace();
     const seen = chart.view();
     const cursor = timeline.cursorAt(seen);
     const middle = (seen.start + seen.end) / 2;

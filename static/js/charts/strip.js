@@ -9,6 +9,8 @@
  *   flags [{key | null, t, word, colour}]  moments marked
  *   parts [Part]  one for each recording laid over;   bands [{x0, x1, kind of BANDS, word}]
  *   now  [s], NaN in a recording;   lead  of forecasts [s]
+ *   safe  {t, channels: {key: {low, high}}, starts: [s], word} | null: where simulated safe flights are, see simulated.js
+ *   errors  {key: {low, high}} | null: of the forecast
  *   ahead  {t: [s], word, channels: {key: {low, high, predicted}}} | null: a band of values, such as a forecast
  *
  * Part
@@ -21,7 +23,7 @@ import { isBeyond } from "../lib/limits.js";
 import { leadSeconds } from "../lib/numbers.js";
 import { createStripFrame, SPARSE } from "./strip_frame.js";
 import { holdsOf } from "./strips.js";
-import { drawBeyond, drawEnvelope, drawForecast, drawTrace } from "./trace.js";
+import { drawBeyond, drawEnvelope, drawForecast, drawSafeBand, drawTrace } from "./trace.js";
 
 /**
  * fill: hatch or token.   all: on every strip, not only on the risk's; said: its word too.
@@ -54,6 +56,8 @@ export function createStrip(canvas, strip) {
     pen.beginPath();
     pen.rect(0, 0, frame.width, face.height);
     pen.clip();
+    const safe = frame.safe?.channels[strip.key];
+    if (safe) for (const start of frame.safe.starts) drawSafeBand(face, { t: frame.safe.t, ...safe }, start, frame, strip.isTall ? frame.safe.word : "");
     if (strip.forecast !== null) drawLead(frame);
     const ahead = frame.ahead?.channels[strip.key];
     if (ahead) drawEnvelope(face, { t: frame.ahead.t, word: frame.ahead.word, ...ahead }, frame);
@@ -63,7 +67,7 @@ export function createStrip(canvas, strip) {
     face.thresholds(frame);
     const [first] = frame.parts;
     if (first && strip.forecast !== null)
-      drawForecast(face, first.cells, first.cells.series(strip.forecast), frame);
+      drawForecast(face, first.cells, first.cells.series(strip.forecast), frame, frame.errors?.[strip.key]);
     for (const part of frame.parts) drawPart(part, frame);
     if (first && isOver(seen)) {
       const read = first.cells.series(strip.key);

@@ -1,10 +1,13 @@
 /**
  * Strips above one time axis: traces, limits, gaps, exceedances, moments, cursors, zoom.
  *
- * createStripChart(host, {strips, source, layout, extras, steps, autostart}) -> StripChart
- *     strips: [Strip], see strips.js.   layout: of layout.js, in the host.   extras: more sheets, and others with draw(frame)
+ * createStripChart(host, {strips, channels, source, layout, extras, steps, autostart, address, simulated, starts}) -> StripChart
+ *     strips: [Strip] of channels, see strips.js.   layout: of layout.js, in the host
+ *     extras: more sheets, and others with draw(frame).   address: keeps the view, see ../lib/address.js
+ *     simulated: flights behind the flight, see simulated.js; null for none.   starts() -> [{t [s], from}] of manoeuvres
  *     steps {next, back}: what two more buttons do, keys N and P.   autostart false: draws nothing until update()
  *   update(wall) -> ms      draws now, if anything changed; returns the time it took
+ *   cross                   the element of the cross plots, for the page
  *   redraw()                something changed that the source does not know of;   measure()   the layout changed
  *   setMarking(flag)        whether a drag sets A and B in place of moving the window
  *
@@ -16,41 +19,51 @@
  *   flags                   moments that are marked, see strip.js
  *   begin(wall)             a turn begins
  *   stamp(), news()         change with what is drawn; with what is to be read at once
- *   read({view, start, step, width, x, wall}) -> {parts, bands, now, lead, ahead}      see strip.js
+ *   read({view, start, step, width, x, wall}) -> {parts, bands, now, lead, ahead, tip, trail, word}    see strip.js, cross/
+ *     tip: where trails end without a cursor [s].   trail, word: see cross/cross_plot.js
  *   reading(strip, view, cursor), bar(view), describe(strip), valuesAt(strip, t)   see readings.js
  */
 
+import { createAddress } from "../lib/address.js";
+import { button } from "../lib/dom.js";
 import { addDrawer } from "../lib/draw_loop.js";
 import { formatTime } from "../lib/numbers.js";
+import { createCrossPanel } from "./cross/cross_panel.js";
 import { attachControls } from "./input.js";
 import { createSheet, GUTTER } from "./layout.js";
 import { readPalette, watchTheme } from "./palette.js";
 import { createReadings } from "./readings.js";
 import { createStrip } from "./strip.js";
 import { roundStep, roundTicks } from "./value_axis.js";
+import { createSafeChoice } from "./simulated.js";
+import { createViewMenu } from "./view_menu.js";
 
 const STEPS = [10, 15, 30, 60, 120, 300, 600, 1200, 1800, 3600, 7200, 14400, 21600]; // s, of long times
 const READ_EVERY = 200; // ms; faster digits cannot be read
 const DESCRIBED_EVERY = 1000; // ms
 
 export function createStripChart(host, options) {
-  const { strips, source, layout, extras = [], steps, autostart = true } = options;
+  const { strips, channels, source, layout, extras = [], steps, autostart = true } = options;
+  const { address = createAddress(), simulated = null, starts = () => [] } = options;
   const { time } = source;
+  let look = 0; // counts changes of size, theme, limits
+  let measured = false;
   const drawn = strips.map((strip, k) => createStrip(layout.rowOf[k].canvas, strip));
-  const parts = [...drawn, createTimeAxis(layout.axis), ...extras];
+  const cross = createCrossPanel({ channels, strips, dt: source.dt, simulated, address, changed: () => (measured = false) });
+  const parts = [...drawn, createTimeAxis(layout.axis), ...extras, cross];
   const sheets = parts.filter(({ canvas }) => canvas);
   const readings = createReadings(strips, layout, source);
   const last = { picture: "", first: NaN, news: "", read: -1e9, told: "", described: -1e9 };
-  let look = 0; // counts changes of size, theme, limits
   let plot = 1;
+  let [safe, errors] = [null, null]; // of simulated flights
   let wall = performance.now();
-  let measured = false;
 
   function measure() {
     for (const { canvas, resize } of sheets) {
       const { width, height } = canvas.parentElement.getBoundingClientRect();
       resize(width, height);
     }
+    for (const part of parts) part.measure?.();
     const wide = Math.max(...sheets.map(({ width }) => width)); // a folded strip has none
     plot = Math.max(16, Math.floor(wide) - GUTTER);
     measured = wide > 0;
@@ -59,7 +72,7 @@ export function createStripChart(host, options) {
 
   function setPalette() {
     const palette = readPalette(host);
-    for (const sheet of sheets) sheet.setPalette(palette);
+    for (const part of parts) part.setPalette?.(palette);
     look += 1;
   }
 
@@ -99,6 +112,8 @@ export function createStripChart(host, options) {
       marks: time.marks,
       flags: source.flags,
       alertAbove: source.alertAbove,
+      safe: safe && { ...safe, starts: starts().map(({ t, from }) => t + safe.shift[from]) },
+      errors,
       ...source.read(window),
     };
     for (const part of parts) if (part.width !== 0) part.draw(frame);
@@ -113,6 +128,12 @@ export function createStripChart(host, options) {
     follows: source.follows,
     steps,
   });
+  const safeChoice = createSafeChoice(simulated, address, (band, interval) => {
+    [safe, errors] = [band, interval];
+    source.setErrors?.(interval);
+    look += 1;
+  });
+  layout.bar.element.append(createViewMenu([button("Add a cross plot", cross.add, { class: "button button-small" }), safeChoice]));
   const remeasure = () => {
     measured = false;
     if (autostart) update();
@@ -128,6 +149,7 @@ export function createStripChart(host, options) {
 
   return {
     update,
+    cross: cross.element,
     redraw: () => {
       look += 1;
     },

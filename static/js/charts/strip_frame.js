@@ -14,6 +14,7 @@
  *   labels(alertAbove)               in the gutter
  * stacked([{left, right [px], colour}], rows)    the most urgent first, each with its row; one that would overlap
  *     moves a row down; without a free row it goes into the last, below the others
+ * tickText(value, axis)    as fine as the axis' ticks
  * SPARSE  px between marks of the same kind
  */
 
@@ -184,7 +185,7 @@ export function createStripFrame(canvas, strip) {
     for (const value of ticks
       .filter((value) => !isZero(value))
       .sort((a, b) => Math.abs(b) - Math.abs(a)))
-      label(value, [round(value * axis.factor, axis.step * axis.factor)], own.palette.dim);
+      label(value, [tickText(value, axis)], own.palette.dim);
   }
 
   /** The first text that fits the gutter: fewer digits, then thousands and millions. */
@@ -201,10 +202,11 @@ function signed(value, digits) {
   return `${value < 0 ? "−" : "+"}${figure(Math.abs(value), digits)}`;
 }
 
-function round(value, step) {
-  const places = Math.min(6, Math.max(0, Math.ceil(-Math.log10(step) - 1e-9)));
-  const text = Math.abs(value).toFixed(places);
-  return value < -step / 1000 ? `−${text}` : text;
+export function tickText(value, { factor, step }) {
+  const shown = step * factor;
+  const places = Math.min(6, Math.max(0, Math.ceil(-Math.log10(shown) - 1e-9)));
+  const text = Math.abs(value * factor).toFixed(places);
+  return value * factor < -shown / 1000 ? `−${text}` : text;
 }
 
 export function stacked(labels, rows) {

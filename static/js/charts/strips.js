@@ -9,6 +9,7 @@
  *     forecast  key of the forecast's series, or null
  * isSummary(strip)     whether it is the risk or the margin, not a channel
  * holdsOf(strip) -> held, of one entry where the limits never changed
+ * limitsAt(strip, t) -> [low, high] | null    at t [s]
  * hasMargin(channels)     whether MARGIN adds to the limited channel's strip
  * marginAt(strips, t, read) -> {low, high, nearest}     of samples at t [s] whose values lie in read(strip) -> {low, high};
  *     nearest: the strip whose limit is nearest.   NaN where a limited channel has no value, or no limit is known
@@ -71,7 +72,7 @@ export function marginAt(strips, t, read) {
 
 export const single = (value) => ({ low: value, high: value });
 
-function limitsAt({ held, limits }, t) {
+export function limitsAt({ held, limits }, t) {
   return held === null ? limits : (held.find(({ from, to }) => t > from && t <= to)?.limits ?? null);
 }
 

@@ -8,6 +8,9 @@
  *   setWindow(start, end), pan(seconds, wall), hold(wall)     hold the window there
  *   zoom(factor, t, wall)       t keeps its place; a window that follows goes on doing so
  *   goLive()                    stop holding, at the first width
+ *   setWidth(seconds)           of a window that is not held
+ *   usual, held -> {start, width}    the first width; start: NaN while it is not held
+ *   keepPlace(), back(), forward()    keepPlace: the next change is one that back() undoes, with all that follow it
  *   forget()                    also the cursors, for another flight; a window that follows keeps its zoom
  *   pinned -> t | NaN           the cursor that stays
  *   setCursor(t | null), setHover(fraction | null), cursorAt(view) -> t | NaN
@@ -15,12 +18,16 @@
  *   subscribe(listener) -> unsubscribe, changed(), revision    of the window and the cursors
  */
 
+const MOST_KEPT = 100; // windows that back() returns to
+
 export function createTimeWindow(options) {
   const { width: usual, least, longest = usual, start = -Infinity, end = Infinity, follow } = options;
   const marks = { a: NaN, b: NaN };
   const listeners = new Set();
   let width = usual;
   let held = null; // where a held window begins [s]
+  let begun = null; // the window before the next change, until it comes
+  let [past, future] = [[], []]; // windows, [held, width]
   let cursor = NaN;
   let hover = NaN;
 
@@ -33,13 +40,21 @@ export function createTimeWindow(options) {
     zoom,
     pan: (by, wall) => setWindow(view(wall).start + by, view(wall).end + by),
     hold: (wall) => setWindow(view(wall).start, view(wall).end),
-    goLive: () => {
-      [held, width] = [null, usual];
-      changed();
+    goLive: () => place(null, usual),
+    setWidth: (wanted) => place(null, clamped(wanted)),
+    keepPlace: () => {
+      begun = [held, width];
+    },
+    back: () => step(past, future),
+    forward: () => step(future, past),
+    usual,
+    get held() {
+      return { start: held ?? NaN, width };
     },
     forget: () => {
       if (held !== null) width = usual;
-      held = null;
+      held = begun = null;
+      [past, future] = [[], []];
       own.setCursor(null);
       own.clearMarks();
     },
@@ -85,8 +100,24 @@ export function createTimeWindow(options) {
 
   function setWindow(from, to) {
     if (!(Number.isFinite(from) && to > from)) return;
-    width = clamped(to - from);
-    held = Math.min(end - width, Math.max(start, (from + to - width) / 2));
+    const wide = clamped(to - from);
+    place(Math.min(end - wide, Math.max(start, (from + to - wide) / 2)), wide);
+  }
+
+  function place(at, wide) {
+    if (begun !== null && (at !== held || wide !== width)) {
+      past = [...past.slice(1 - MOST_KEPT), begun];
+      [begun, future] = [null, []];
+    }
+    [held, width] = [at, wide];
+    changed();
+  }
+
+  function step(from, to) {
+    if (from.length === 0) return;
+    to.push([held, width]);
+    [held, width] = from.pop();
+    begun = null;
     changed();
   }
 
@@ -95,8 +126,7 @@ export function createTimeWindow(options) {
     const wanted = clamped(width * factor);
     const first = t - ((t - seen.start) * wanted) / width;
     if (!follow || !seen.live) return setWindow(first, first + wanted);
-    width = wanted;
-    changed();
+    place(null, wanted);
   }
 
   function clamped(wanted) {

@@ -6,7 +6,8 @@
  * drawBeyond(face, cells, read, {from, to, limits})  fills the trace beyond limits where they held,
  *     and marks where each exceedance begins
  * drawForecast(face, cells, read, {step, first, now, lead, x})    what a cell forecasts is drawn
- *     `lead` later: dashed, and bold in the future
+ *     `lead` later: dashed, and bold in the future, with the interval of its error {low, high} if given
+ * drawSafeBand(face, {t, low, high}, start, {x, width}, word)     where simulated safe flights are, from a start [s]
  * drawEnvelope(face, {t, low, high, predicted, word}, {x, now, width})     a band of values by time [s]
  *     predicted: time of an exceedance [s], or null
  *
@@ -115,9 +116,10 @@ export function drawBeyond(face, { n, x, wide, t }, read, { from, to, limits }) 
   }
 }
 
-export function drawForecast(face, cells, read, { step, first, now, lead, x }) {
+export function drawForecast(face, cells, read, { step, first, now, lead, x }, error) {
   const { pen } = face;
   const shift = lead / step;
+  if (error) fillInterval(x(now));
   pen.strokeStyle = face.palette.forecast;
   pen.lineWidth = 1.4;
   if (cells.sparse && cells.n > 1) pen.setLineDash([6, 4]);
@@ -126,6 +128,23 @@ export function drawForecast(face, cells, read, { step, first, now, lead, x }) {
   pen.setLineDash(shift > 24 ? [7, 4] : [3, 2]);
   strokePart(x(now), Infinity, false);
   pen.setLineDash([]);
+
+  /** Of the forecasts of the future. */
+  function fillInterval(left) {
+    const future = [];
+    for (let i = 0; i < cells.n; i++) {
+      const at = cells.x[i] + shift;
+      if (at > left && read(i, out)) future.push([at, face.y(out[1] + error.high), face.y(out[0] + error.low)]);
+    }
+    if (future.length === 0) return;
+    pen.beginPath();
+    for (const [at, top] of future) pen.lineTo(at, top);
+    for (const [at, , bottom] of future.reverse()) pen.lineTo(at, bottom);
+    pen.globalAlpha = 0.28;
+    pen.fillStyle = face.palette.forecast;
+    pen.fill();
+    pen.globalAlpha = 1;
+  }
 
   /** Strokes the part with left < x <= right; dashed by leaving out columns where `skipping`. */
   function strokePart(left, right, skipping) {
@@ -148,6 +167,31 @@ export function drawForecast(face, cells, read, { step, first, now, lead, x }) {
     }
     pen.stroke();
   }
+}
+
+export function drawSafeBand(face, { t, low, high }, start, { x, width }, word) {
+  const { pen, y, palette } = face;
+  const [left, right] = [x(start + t[0]), x(start + t.at(-1))];
+  if (right < 0 || left > width) return;
+  pen.beginPath();
+  for (let k = 0; k < t.length; k++) pen.lineTo(x(start + t[k]), y(high[k]));
+  for (let k = t.length - 1; k >= 0; k--) pen.lineTo(x(start + t[k]), y(low[k]));
+  pen.closePath();
+  pen.globalAlpha = 0.2;
+  pen.fillStyle = palette.band;
+  pen.fill();
+  pen.globalAlpha = 0.6;
+  pen.lineWidth = 1;
+  pen.strokeStyle = palette.band;
+  pen.stroke();
+  pen.globalAlpha = 1;
+  pen.font = `12px ${palette.font}`;
+  const from = Math.max(0, left) + 4;
+  if (word === "" || from + pen.measureText(word).width > Math.min(right, width)) return;
+  pen.textAlign = "left";
+  pen.textBaseline = "bottom";
+  pen.fillStyle = palette.dim;
+  pen.fillText(word, from, face.height - 3); // the trace is drawn over it
 }
 
 export function drawEnvelope(face, { t, low, high, predicted = null, word }, { x, now, width }) {

@@ -261,6 +261,7 @@ export function showLiveFlight(element, { id, api, over, camera = null, recorded
   }
 
   function onLive(live) {
+    hello.live = live;
     if (panels.problem.hidden && live.problem !== "") tone.caution();
     source.update(live, hello);
     address.describe({ ...hello, live });

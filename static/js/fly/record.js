@@ -7,6 +7,8 @@
  */
 
 import { createFlightChart } from "../charts/live/flight_chart.js";
+import { createSimulated } from "../charts/simulated.js";
+import { createAddress, keepWindow } from "../lib/address.js";
 import { ApiError, needs, reason } from "../lib/api.js";
 import { channelsOf, ownLimits } from "../lib/catalog.js";
 import { askToConfirm, button, createKeepButton, deleteButton, errorLine, formatted, h, put, state } from "../lib/dom.js";
@@ -30,6 +32,7 @@ import {
   waitingOf,
   windowOf,
 } from "./panels.js";
+import { createStarts } from "./manoeuvre_starts.js";
 import { bindShortcuts } from "./shortcuts.js";
 import { createStatusStrip } from "./status_strip.js";
 import { createWall } from "./wall.js";
@@ -56,6 +59,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   const alertAbove = alertLevel(flight);
   const isLive = flight.mode === "live";
   const isOpen = isLive && flight.progress === "interrupted" && flight.recording === null; // its source may continue it, and a person may end it
+  const address = createAddress();
   let chart = null;
   let closed = false;
 
@@ -190,12 +194,16 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
     panels.strips.replaceChildren();
     chart = createFlightChart(panels.strips, {
       channels, alertAbove, lead, dt, seconds: windowOf({ duration: last - first, lead }),
+      address, simulated: flight.monitor_set === null ? createSimulated(api, flight.monitor) : null,
+      starts: createStarts({ api, source: flight.source, live: () => flight.live, start: first }),
     });
+    panels.strips.after(chart.cross);
     chart.setTransport({ playing: false, speed: 1 });
     chart.setLimits(channels, held);
     chart.push(frames);
     chart.latch(flight.exceedances.map(({ channel, first_t: t, worst: value }) => ({ channel, t, value })));
     chart.setWindow(first, Math.max(last, first + dt) + lead);
+    keepWindow(address, chart.timeline);
     if (passes > 1) events.add({ t: null, text: `flown in ${passes} passes; the longest is shown` });
   }
 

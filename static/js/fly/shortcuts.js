@@ -29,6 +29,7 @@ const GROUPS = [
       ["A B", "set cursors A and B, their difference is shown"], ["C", "clear A and B"],
       ["+ −", "zoom (or the wheel)"], ["Page ↑ ↓", "move the window (or drag)"],
       ["L", "follow the newest sample (or double click)"], ["Esc", "remove the cursor"],
+      ["Z Y", "back to the window before, forward to the one after"],
     ],
   ],
   ["Scene", [["V", "next camera: chase, tail, side"]]],

@@ -164,3 +164,38 @@ def test_every_canvas_says_its_value_and_state_once_a_second(strips: Open) -> No
     run(page, "h.draw(2600)")
     assert "stale for" in (canvas.get_attribute("aria-label") or "")
     assert page.locator("canvas:not([aria-label]):not([aria-hidden])").count() == 0
+
+
+def test_each_zoom_can_be_undone_and_done_again(strips: Open) -> None:
+    page = strips("seconds=20")
+    run(page, "h.feed(0, 60, 1000); h.timeline.setWindow(20, 40); h.draw(1000)")
+    page.locator("#strips").focus()
+
+    def after(key: str) -> list[float]:
+        page.keyboard.press(key)
+        return run(page, "const { start, end } = h.timeline.view(1000); return [start, end]")
+
+    near, nearer = after("+"), after("+")
+    assert near == pytest.approx([25, 35])
+    assert after("z") == near
+    assert after("z") == pytest.approx([20, 40])
+    assert after("y") == near
+    assert after("y") == nearer
+    assert after("z") == near
+    assert after("PageDown") == pytest.approx([30, 40])
+    assert after("y") == pytest.approx([30, 40])  # nothing is ahead of a new window
+    assert after("z") == near
+
+
+def test_a_drag_is_one_step_back(strips: Open) -> None:
+    page = strips("seconds=20")
+    run(page, "h.feed(0, 60, 1000); h.timeline.setWindow(20, 40); h.draw(1000)")
+    box = page.locator(".strip canvas").first.bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + 300, box["y"] + 20)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 200, box["y"] + 20, steps=8)
+    page.mouse.up()
+    assert run(page, "return h.timeline.view(1000).start") > 21
+    page.keyboard.press("z")
+    assert run(page, "return h.timeline.view(1000).start") == pytest.approx(20)

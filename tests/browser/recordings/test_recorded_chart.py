@@ -221,3 +221,18 @@ def test_a_previews_channels_share_a_grid_and_keep_their_extremes(scored: Page) 
     assert fast["low"] == [1, 2, 3, 4, None, None, None, None, 5, 6, None, None]
     assert fast["high"][9] == 7
     assert slow["low"] == [-1] * 4 + [None] * 4 + [-3] * 4
+
+
+def test_a_link_shows_the_same_view_in_a_fresh_browser(scored: Page, site: RecordedSite) -> None:
+    press(scored, "+", "+", "PageDown", "a", "ArrowLeft")
+    scored.get_by_text("View", exact=True).click()
+    scored.get_by_role("button", name="Add a cross plot").last.click()
+    expect(scored).to_have_url(re.compile("from=.*cross="))
+    browser = scored.context.browser
+    assert browser is not None
+    fresh = browser.new_context(viewport={"width": 1280, "height": 720}).new_page()
+    fresh.goto(scored.url)
+    for shown in (".strip-interval", ".strip-cursors"):
+        expect(fresh.locator(shown)).to_have_text(scored.locator(shown).inner_text())
+    expect(fresh.get_by_label("Channel upwards")).to_have_value("beta")
+    fresh.context.close()

@@ -12,6 +12,7 @@
  *     forecasts    keys whose forecast is drawn; default: the limited channels, and the margin
  *     timeline     one to share with other charts
  *     autostart true                  false: nothing is drawn until update() is called
+ *     address, simulated, starts      see ../strip_chart.js
  *
  * FlightChart
  *   push(frames, wall)              [{t, y, p_value, alert, state, y_hat, seq, ahead}]; y and y_hat by channel order
@@ -27,6 +28,7 @@
  *     {made, t: [s], channels: {key: {low, high, predicted, possible}}, peak, why}
  *     made: time of the sample it was made by [s].   peak: {mean, low, high}, shares of the limit, of
  *     monitors that forecast only the peak, without t and channels.   why: reason without a forecast
+ *   cross                           see ../strip_chart.js
  *   newest                          time of the newest sample that is drawn [s]; null for none
  *
  * aheadOf(known, frames, newest) -> ahead | null    of the newest frame that has one, else the known one while it is current
@@ -41,7 +43,7 @@ import { createStripChart } from "../strip_chart.js";
 import { arranged, hasMargin, isSummary, limitedFirst, MARGIN, marginAt, single, stripOf } from "../strips.js";
 import { bandsOf, createCells } from "./cells.js";
 import { createIntake } from "./intake.js";
-import { createRingBuffer } from "./ring_buffer.js";
+import { BROKEN, createRingBuffer } from "./ring_buffer.js";
 import { createTimeline } from "./timeline.js";
 
 const CHANGES = 200; // of a limit that are drawn where they held, the newest
@@ -74,7 +76,7 @@ export function createFlightChart(host, options) {
   const intake = createIntake({ ring, channels, strips, dt });
   const source = createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, lead, dt });
   const layout = layOut(host, strips, "Strip charts");
-  const chart = createStripChart(host, { strips, source, layout, autostart: options.autostart });
+  const chart = createStripChart(host, { ...options, strips, source, layout });
   const { redraw } = chart;
 
   function push(given, wall = performance.now()) {
@@ -101,6 +103,8 @@ export function createFlightChart(host, options) {
   return {
     timeline,
     ring,
+    cross: chart.cross,
+    trail: source.trail,
     push,
     setLimits,
     update: chart.update,
@@ -174,6 +178,7 @@ function createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, le
   const flags = [];
   let wall = performance.now();
   let ahead = null; // current forecast of the rest of the card
+  let errors = null; // of the forecast, by channel
   const source = {
     time: timeline,
     follows: true,
@@ -185,6 +190,7 @@ function createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, le
     newest,
     aheadNow,
     read,
+    trail,
     valuesAt,
     reading: readingOf,
     bar,
@@ -196,6 +202,9 @@ function createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, le
     news: () => `${state()} ${intake.status.alert} ${source.latched.length}`,
     get ahead() {
       return ahead;
+    },
+    setErrors: (given) => {
+      errors = given;
     },
     setAhead: (given) => {
       ahead = given;
@@ -241,7 +250,18 @@ function createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, le
       now: view.now,
       lead,
       ahead: current && { ...current, word: AHEAD },
+      tip: view.live ? newest() : Math.min(view.end - lead, newest()),
+      trail,
+      word: ring.count() === 0 ? "NO DATA" : staleWord(),
     };
+  }
+
+  function trail(keys, from, to, visit) {
+    const [x, y] = keys.map((key) => seriesOf.get(key));
+    for (let i = ring.after(from); i < ring.count() && ring.time(i) <= to; i++) {
+      const [across, up] = [ring.value(x, i), ring.value(y, i)];
+      visit(ring.time(i), across, across, up, up, (ring.flags(i, i + 1) & BROKEN) !== 0);
+    }
   }
 
   function valuesAt({ key }, t) {
@@ -284,7 +304,9 @@ function createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, le
     if (now !== "ok" || last < 0 || strip.forecast === null) return "";
     const value = ring.value(seriesOf.get(strip.forecast), last);
     if (!Number.isFinite(value)) return "";
-    return `in ${leadSeconds(lead, 2)} s ${reading(strip, value)}`;
+    const error = errors?.[strip.key];
+    const interval = error ? ` (${reading(strip, value + error.low)} … ${reading(strip, value + error.high)})` : "";
+    return `in ${leadSeconds(lead, 2)} s ${reading(strip, value)}${interval}`;
   }
 
   /** Whose limit is the nearest. */

@@ -13,7 +13,7 @@
  *     held        [{start, end, limits}]    limits by key in force from start to end, null if unknown;
  *                 by default the channels' own
  *     flags       [{key, t, word}]    moments that are marked in a channel's strip
- *     key         of the recording: a redraw, as in other units, keeps its window and cursors
+ *     simulated, starts     see ../strip_chart.js
  *     chosen(item)      a manoeuvre or marker of the lane was pressed
  *     went(event)       the reader asked for an event; by default its time is brought into view
  *
@@ -22,9 +22,10 @@
  *     short: used where the text does not fit; mark: sign of the level, besides its colour; quiet: only a bar, no button
  *   setEvents([{t, ...}])       that the keys N and P step through
  *   show(start, end), setCursor(t), setMarking(bool)   marking: a drag sets A and B
- *   window, destroy()
+ *   window, destroy(), cross      cross: see ../strip_chart.js
  */
 
+import { createAddress, keepWindow } from "../../lib/address.js";
 import { reason } from "../../lib/api.js";
 import { button, h } from "../../lib/dom.js";
 import { limitsByKey, widest } from "../../lib/limits.js";
@@ -45,27 +46,15 @@ const THIN = 16; // px a manoeuvre below which only its bar is seen
 const COLOURS = ["trace", "forecast"];
 const FAINT = 0.5;
 
-const windows = new Map(); // of charts that may be drawn again
-addEventListener("hashchange", () => windows.clear());
-
-/** The window of the chart's last drawing, else one of all. */
-function windowOf(key, start, end, dt) {
-  const name = `${key} ${start} ${end}`;
-  const width = Math.max(end - start, 1e-3);
-  const least = Math.min(width, 20 * dt);
-  const known = key && windows.get(name);
-  const timeWindow = known || createTimeWindow({ width, least, start, end: start + width });
-  timeWindow.setHover(null);
-  if (key) windows.set(name, timeWindow);
-  return timeWindow;
-}
-
 export function createRecordingChart(host, options) {
   const { sources, label = "Recording" } = options;
   const start = Math.min(...sources.map((source) => source.start));
   const end = Math.max(...sources.map((source) => source.end));
   const dt = Math.min(...sources.map((source) => source.dt));
-  const timeWindow = windowOf(options.key, start, end, dt);
+  const width = Math.max(end - start, 1e-3);
+  const timeWindow = createTimeWindow({ width, least: Math.min(width, 20 * dt), start, end: start + width });
+  const address = createAddress();
+  keepWindow(address, timeWindow);
   const order = options.order ?? usualOrder(options.channels);
   const strips = arranged(
     order.map((key) => withHeld(stripOf(key, options.channels, { narrowAfter: NARROW_AFTER }), options.held)),
@@ -83,9 +72,11 @@ export function createRecordingChart(host, options) {
     manoeuvres: sources[0].manoeuvres ?? [],
   });
   const chart = createStripChart(host, {
+    ...options,
     strips,
     source,
     layout,
+    address,
     extras: [bar, lane],
     steps: { back: () => go(-1), next: () => go(1) },
   });
@@ -114,6 +105,7 @@ export function createRecordingChart(host, options) {
 
   return {
     window: timeWindow,
+    cross: chart.cross,
     setCursor,
     setLane: (items) => {
       lane.show(items);
@@ -122,7 +114,10 @@ export function createRecordingChart(host, options) {
     setEvents: (given) => {
       events = [...given].sort((a, b) => a.t - b.t);
     },
-    show: (from, to) => timeWindow.setWindow(from, to),
+    show: (from, to) => {
+      timeWindow.keepPlace();
+      timeWindow.setWindow(from, to);
+    },
     setMarking: chart.setMarking,
     destroy: () => {
       source.close();
@@ -182,6 +177,7 @@ function createSource(sources, { strips, timeWindow, dt, end, alertAbove = NaN, 
     : sources.flatMap(({ manoeuvres }) => manoeuvres);
   const own = sources[0].manoeuvres ?? null; // of the recording that bands are drawn of
   let sets = caches.map(() => null); // as drawn
+  let trails = null; // tiles of the cross plots' trails
   let turn = 0; // counts what arrives
 
   function changed() {
@@ -190,7 +186,7 @@ function createSource(sources, { strips, timeWindow, dt, end, alertAbove = NaN, 
 
   function failed(error) {
     fail(reason(error), () => {
-      caches.forEach((cache) => cache.retry());
+      [...caches, trails].forEach((cache) => cache?.retry());
       changed();
     });
   }
@@ -213,7 +209,19 @@ function createSource(sources, { strips, timeWindow, dt, end, alertAbove = NaN, 
       now: NaN,
       lead: 0,
       ahead: null,
+      tip: view.end,
+      trail,
+      word: "",
     };
+  }
+
+  /** From tiles of its own: as fine as the samples, whatever the window shows. */
+  function trail(keys, from, to, visit) {
+    const view = { start: from, end: to };
+    const pixels = Math.ceil((to - from) / dt) + 1;
+    trails ??= createTileCache({ ...sources[0], load: loading(sources[0]), arrived: changed, failed });
+    trails.want(view, pixels);
+    trails.best(view, pixels)?.visit(keys, view, visit);
   }
 
   function valuesAt({ key }, t) {
@@ -269,7 +277,7 @@ function createSource(sources, { strips, timeWindow, dt, end, alertAbove = NaN, 
     bar,
     describe,
     entire: () => caches[0].entire(),
-    close: () => caches.forEach((cache) => cache.close()),
+    close: () => [...caches, trails].forEach((cache) => cache?.close()),
   };
 }
 

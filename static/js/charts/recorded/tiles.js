@@ -14,6 +14,7 @@
  *   step [s], n, x0 (start of each bin [s]), at (time of its values [s])
  *   keys(), series(key) -> {low, high}   channels, "risk" and "withdrawn"; typed arrays, NaN where unknown
  *   state, alert                         a bin's worst state (code) and whether it alerts
+ *   visit(keys, {start, end}, visitor)    two channels, bin by bin, see ../cross/cross_plot.js
  *   valueAt(key, t), rangeOf(key, {start, end}) -> {low, high}     NaN where nothing is known
  */
 
@@ -30,11 +31,20 @@ function tileSet(answer, { offset = 0, dt = 0 } = {}) {
   for (const key of ["risk", "withdrawn"]) if (answer[key]) known.set(key, pair(answer[key]));
   const step = answer.step;
   const single = step <= 1.01 * dt; // a bin is one sample, at the bin's start
+  const at = single ? x0 : x0.map((t) => t + step / 2);
+
+  function visit(keys, { start, end }, visitor) {
+    const [x, y] = keys.map((key) => known.get(key) ?? NONE);
+    for (let i = Math.max(0, binOf(x0, Infinity, start)); i < n && at[i] <= end + 1e-9; i++) {
+      if (at[i] >= start - 1e-9) visitor(at[i], x.low[i], x.high[i], y.low[i], y.high[i], i > 0 && x0[i] - x0[i - 1] > 1.5 * step);
+    }
+  }
+
   return {
     step,
     n,
     x0,
-    at: single ? x0 : x0.map((t) => t + step / 2),
+    at,
     series: (key) => known.get(key) ?? NONE,
     keys: () => Object.keys(answer.channels),
     state: answer.state ?? [],
@@ -44,6 +54,7 @@ function tileSet(answer, { offset = 0, dt = 0 } = {}) {
       const { low, high } = known.get(key) ?? NONE;
       return i < 0 ? { low: NaN, high: NaN } : { low: low[i], high: high[i] };
     },
+    visit,
     rangeOf: (key, view) => extremes(known.get(key) ?? NONE, x0, step, view),
   };
 }

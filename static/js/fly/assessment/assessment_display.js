@@ -17,9 +17,12 @@
 
 import { createFlightChart } from "../../charts/live/flight_chart.js";
 import { createTimeline } from "../../charts/live/timeline.js";
+import { createSimulated } from "../../charts/simulated.js";
+import { createAddress, keepWindow } from "../../lib/address.js";
 import { shownState } from "../../lib/states.js";
 import { alertLevel } from "../flight_monitors.js";
 import { beside, headlineOf, isStale } from "../headline.js";
+import { createStarts } from "../manoeuvre_starts.js";
 import { windowOf } from "../panels.js";
 import { createRestOfCard } from "./rest_of_card.js";
 import { createRiskAhead } from "./risk_ahead.js";
@@ -37,6 +40,7 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
   const timeline = createTimeline({ seconds: windowOf(hello), lead, dt, staleAfter: hello.stale_after, start: hello.transport.start });
   timeline.begin(performance.now());
   const history = createSeekHistory(api, path, hello.transport);
+  const address = createAddress();
   const gauge = createRiskGauge(panels.gauge, timeline);
   const ahead = createRiskAhead(panels.ahead, hello.monitors);
   const rest = createRestOfCard(panels.rest, hello.no_rest);
@@ -46,7 +50,12 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
     lead,
     dt,
     timeline,
+    address,
+    simulated: hello.monitor_set ? null : createSimulated(api, hello.monitors[0].id),
+    starts: createStarts({ api, source: hello.source, live: () => hello.live, start: hello.transport.start }),
   });
+  panels.strips.after(chart.cross);
+  keepWindow(address, timeline);
   let assessment = { state: null, reason: "", cause: null };
   let newest = null; // frame
   let sampled = false; // a sample was shown

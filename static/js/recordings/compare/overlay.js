@@ -16,6 +16,7 @@ export function createOverlay({ api, compared }) {
   const key = h("div.figure-key.overlay-key");
   const isOne = new Set(compared.map(({ scoring }) => scoring.recording)).size === 1;
   let chart = null;
+  let isFirst = true; // the window that the address names is shown once
   const sides = compared.slice(0, 2).map((_, k) => sideOf(k));
   const element = panel(
     compared.length > 1 ? "Overlay" : "Overlay: add another scoring",
@@ -65,14 +66,16 @@ export function createOverlay({ api, compared }) {
         manoeuvres: manoeuvresOf(scoring, offset),
       })),
       label: "Overlaid scorings",
-      key: shown.map(({ scoring, offset }) => `${scoring.id} ${offset}`).join(),
       chosen: ({ start, end }) => chart.show(start - 0.1 * (end - start), end + 0.1 * (end - start)),
     });
     const itemsOf = ({ letter, scoring, offset }, row) => laneOf(scoring.manoeuvres, { row, offset, letter });
     chart.setLane(shown.flatMap(itemsOf));
     chart.setEvents(below.manoeuvres.map(({ start }) => ({ t: start - shown[0].offset })));
     const aligned = sides.map((side) => side.manoeuvre()).filter(Boolean);
-    if (aligned.length && !again) {
+    const isLinked = isFirst && Number.isFinite(chart.window.held.start);
+    isFirst = false;
+    if (!again && !isLinked) chart.window.forget(); // times from another zero
+    if (aligned.length && !again && !isLinked) {
       const longest = Math.max(...aligned.map(({ start, end }) => end - start));
       chart.show(-0.1 * longest, 1.1 * longest);
     }

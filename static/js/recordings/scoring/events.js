@@ -4,6 +4,7 @@
  * eventsOf(scoring) -> [{t, text, level, manoeuvre}]     manoeuvre: its number; undefined outside every manoeuvre
  * flagsOf(scoring)    exceedances in the values as recorded only.   limitsInForceOf(scoring): null without a limit set
  * manoeuvresOf(scoring, offset) -> [{start, end, withdrawn, silent}]     withdrawn: its time, or null
+ * scoringStarts(scoring) -> [{t, from}]     of manoeuvres, not of a recording as a whole; see ../../fly/manoeuvre_starts.js
  */
 
 import { magnitudeIn, quantity, riskText, secondsText } from "../../lib/numbers.js";
@@ -50,6 +51,10 @@ function ofManoeuvre(manoeuvre, channels, alertAbove) {
 function withdrawnAt({ start, validity, withdrawn_t: t, limits_in_force: inForce = [] }) {
   const isWithdrawn = validity.valid === false && (t !== null || inForce.length === 0);
   return isWithdrawn ? (t ?? start) : null;
+}
+
+export function scoringStarts({ request, manoeuvres }) {
+  return request.manoeuvres === "entire" ? [] : manoeuvres.map(({ start }) => ({ t: start, from: "trim" }));
 }
 
 export function flagsOf({ manoeuvres }) {

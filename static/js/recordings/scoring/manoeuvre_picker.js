@@ -72,7 +72,6 @@ export function createManoeuvrePicker({ api, recording, monitor }) {
       order: [...known.filter(isControl).reverse(), ...known.filter((channel) => !isControl(channel))].map(({ key }) => key),
       sources: [{ load: async () => tiles, start, end, dt, manoeuvres: null }],
       label: "Recording with its manoeuvres",
-      key: `${recording.id} ${start} ${end}`,
     });
   }
 

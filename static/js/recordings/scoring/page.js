@@ -1,6 +1,7 @@
 /** One scoring: strips, events, verdicts and notes, with replay, report and export. */
 
 import { createRecordingChart } from "../../charts/recorded/recording_chart.js";
+import { createSimulated } from "../../charts/simulated.js";
 import { foldedPanel } from "../../forms/controls.js";
 import { needs } from "../../lib/api.js";
 import {
@@ -26,7 +27,7 @@ import { isWithUnit } from "../mapping/signal_select.js";
 import { createNotesPanel, laneOfMarkers } from "../notes_panel.js";
 import { createTrainingOffer } from "../training_offer.js";
 import { alertRule, outcomeChip, outsideChip, trimText } from "../words.js";
-import { eventsOf, flagsOf, laneOf, limitsInForceOf, manoeuvresOf } from "./events.js";
+import { eventsOf, flagsOf, laneOf, limitsInForceOf, manoeuvresOf, scoringStarts } from "./events.js";
 import { scoringSource, TRIM_SEGMENT } from "./source.js";
 import { createVerdictTable } from "./verdict_table.js";
 
@@ -61,7 +62,8 @@ export function showScoring(element, { id, query, api, navigate }) {
       held: limitsInForceOf(scoring),
       flags: flagsOf(scoring),
       label: `${recording.name} as ${scoring.monitor_name} assessed it`,
-      key: scoring.id,
+      simulated: createSimulated(api, scoring.monitor),
+      starts: () => scoringStarts(scoring),
       chosen: ({ t, manoeuvre }) => (manoeuvre === undefined ? visit({ t }) : visitManoeuvre(manoeuvre)),
       went: visit,
     });
@@ -85,7 +87,7 @@ export function showScoring(element, { id, query, api, navigate }) {
       actions({ api, navigate }, scoring, display),
       summary(scoring),
       display.element,
-      h("div.scored", host, h("div.scored-side", list, notes.element)),
+      h("div.scored", h("div.stack-tight", host, chart.cross), h("div.scored-side", list, notes.element)),
       panel(
         ["Outcome of each manoeuvre ", guideLink("what-the-numbers-mean#after-the-flight", "outcomes after the flight")],
         manoeuvres.length ? verdicts.element : none,

@@ -1,0 +1,156 @@
+/**
+ * Cross plots beside the strips: the user adds and removes them, and chooses the two channels of each.
+ *
+ * createCrossPanel({channels, strips, dt, simulated, address, changed}) -> CrossPanel
+ *     strips: of the chart, whose limits are drawn.   simulated: of ../simulated.js, or null
+ *     address: keeps the choice, see ../../lib/address.js.   changed(): plots were added, removed or exchanged
+ *   element, add()
+ *   measure(), setPalette(palette), draw(frame)     as a part of ../strip_chart.js
+ */
+
+import { reason } from "../../lib/api.js";
+import { button, h, put } from "../../lib/dom.js";
+import { isLimited } from "../../lib/limits.js";
+import { formatTime } from "../../lib/numbers.js";
+import { limitsAt, stripOf } from "../strips.js";
+import { createCrossPlot } from "./cross_plot.js";
+
+const [CROSS, TRAIL] = ["cross", "trail"]; // names in the address
+const MOST = 6;
+const TRAILS = [2, 5, 10, 30, 60]; // s
+const USUAL_TRAIL = 10;
+const USUAL = [["delta_r", "beta"], ["beta", "Ny"], ["Nz", "alpha"]]; // [across, up]
+const DESCRIBED_EVERY = 1000; // ms
+
+export function createCrossPanel({ channels, strips, dt, simulated, address, changed }) {
+  const held = h("div.cross-plots");
+  const trailSelect = h("select", { "aria-label": "Length of the trail", onchange: () => setTrail(Number(trailSelect.value)) }, TRAILS.map((seconds) => h("option", { value: seconds }, `${seconds} s`)));
+  const bar = h("div.cross-bar", h("h2.cross-title", "Cross plots"), h("label.row", h("span.dim", "trail"), trailSelect), button("Add", add, { class: "button button-small", "aria-label": "Add a cross plot" }));
+  const element = h("section.cross-panel", { "aria-label": "Cross plots" }, bar, held);
+  const known = new Set(channels.map(({ key }) => key));
+  let seconds = TRAILS.find((each) => String(each) === address.get(TRAIL)) ?? USUAL_TRAIL;
+  let plots = pairsOf(address.get(CROSS)).map(plotOf);
+  show();
+
+  function pairsOf(text) {
+    const pairs = (text ?? "").split(",").map((pair) => pair.split(":"));
+    return pairs.filter((pair) => pair.length === 2 && pair.every((key) => known.has(key))).slice(0, MOST);
+  }
+
+  function add() {
+    if (plots.length < MOST) plots.push(plotOf(nextPair()));
+    show();
+  }
+
+  /** The usual ones first, then a limited channel against each other one. */
+  function nextPair() {
+    const taken = plots.map(({ pair }) => String(pair));
+    const first = channels.filter(({ role }) => role === "control").concat(channels);
+    const limited = channels.filter(isLimited).concat(channels);
+    const any = limited.flatMap((up) => first.filter(({ key }) => key !== up.key).map((across) => [across.key, up.key]));
+    const usual = USUAL.filter((pair) => pair.every((key) => known.has(key)));
+    return [...usual, ...any].find((pair) => !taken.includes(String(pair))) ?? any[0] ?? [channels[0].key, channels[0].key];
+  }
+
+  function plotOf(pair) {
+    const canvas = h("canvas", { role: "img" });
+    const note = h("p.cross-note.dim", { hidden: true });
+    const selects = pair.map((key, side) => {
+      const choose = () => exchange(plot, side, select.value);
+      const select = h("select", { "aria-label": side === 1 ? "Channel upwards" : "Channel across", onchange: choose }, channels.map((channel) => h("option", { value: channel.key }, channel.symbol === channel.label ? channel.symbol : `${channel.symbol}  ${channel.label}`)));
+      select.value = key;
+      return select;
+    });
+    const close = button("✕", () => remove(plot), { class: "button button-small", "aria-label": "✕ Remove this cross plot" });
+    const head = h("div.cross-head", selects[1], h("span.dim", "against"), selects[0], close);
+    const plot = { pair, canvas, element: h("figure.cross-plot", head, h("div.cross-canvas", canvas), note), described: -1e9 };
+    plot.drawing = drawingOf(plot, canvas);
+    ground(plot, note);
+    return plot;
+  }
+
+  function drawingOf({ pair }, canvas) {
+    const [x, y] = pair.map((key) => stripOf(key, channels));
+    return createCrossPlot(canvas, { x, y, dt });
+  }
+
+  async function ground(plot, note) {
+    if (simulated === null) return;
+    try {
+      const { reason: why, ...flights } = await simulated.flights(...plot.pair);
+      if (why === "") plot.drawing.setFlights(flights);
+      else tell(`No simulated flights: ${why}.`);
+    } catch (error) {
+      tell(`Simulated flights could not be read: ${reason(error)}`);
+    }
+    changed();
+
+    function tell(words) {
+      put(note, words);
+      note.hidden = false;
+    }
+  }
+
+  function exchange(plot, side, key) {
+    const pair = plot.pair.with(side, key);
+    plots = plots.map((each) => (each === plot ? plotOf(pair) : each));
+    show();
+  }
+
+  function remove(plot) {
+    plots = plots.filter((each) => each !== plot);
+    show();
+  }
+
+  function setTrail(wanted) {
+    seconds = wanted;
+    show();
+  }
+
+  function show() {
+    trailSelect.value = String(seconds);
+    address.set(CROSS, plots.map(({ pair }) => pair.join(":")).join(",") || null);
+    address.set(TRAIL, seconds === USUAL_TRAIL ? null : String(seconds));
+    held.replaceChildren(...plots.map((plot) => plot.element));
+    element.hidden = plots.length === 0;
+    changed();
+  }
+
+  function measure() {
+    for (const { canvas, drawing } of plots) {
+      const { width, height } = canvas.parentElement.getBoundingClientRect();
+      if (width > 0) drawing.resize(width, height);
+    }
+  }
+
+  function draw(frame) {
+    for (const plot of plots) {
+      drawOn(plot.drawing, plot, frame);
+      if (frame.wall - plot.described < DESCRIBED_EVERY) continue;
+      plot.described = frame.wall;
+      plot.canvas.setAttribute("aria-label", plot.drawing.describe());
+    }
+  }
+
+  function drawOn(drawing, { pair }, { cursor, tip, trail, word, wall }) {
+    const to = Number.isFinite(cursor) ? cursor : tip;
+    const [x, y] = pair.map((key) => limitsNow(key, to));
+    const old = Number.isFinite(cursor) ? `AT ${formatTime(cursor, 0.01)} s` : "";
+    drawing.draw({ trail, from: to - seconds, to, word, at: old, limits: { x, y }, wall });
+  }
+
+  function limitsNow(key, t) {
+    const strip = strips.find((each) => each.key === key);
+    return strip === undefined ? null : limitsAt(strip, t);
+  }
+
+  return {
+    element,
+    add,
+    measure,
+    setPalette: (given) => {
+      for (const { drawing } of plots) drawing.setPalette(given);
+    },
+    draw,
+  };
+}

@@ -1,0 +1,70 @@
+/**
+ * The view in the page's address, behind the question mark: a link to it shows the same view in another browser.
+ *
+ * createAddress() -> {get(name) -> text | null, set(name, text | null)}    of the view that is open; null leaves it out
+ * keepWindow(address, time)    restores window and cursors of a TimeWindow (../charts/time_window.js), then keeps them
+ */
+
+const REST = 250; // ms without a change before it is written: browsers refuse hundreds of changes in a row
+const PLACES = 4; // of times [s]
+const partsNow = () => (location.hash || "#").split("?");
+let pending = () => {};
+let opened = 0; // counts views
+
+for (const [event, target] of [["click", document], ["pagehide", window]])
+  target.addEventListener(event, () => pending(), { capture: true }); // what opens a view reads the address
+
+addEventListener("hashchange", () => {
+  opened += 1;
+});
+
+export function createAddress() {
+  pending();
+  const [path, search = ""] = partsNow();
+  const shown = new URLSearchParams(search);
+  const changes = new Map();
+  const mine = opened;
+  let timer = 0;
+
+  /** Others keep their parts of the address themselves. */
+  function write() {
+    clearTimeout(timer);
+    pending = () => {};
+    if (mine !== opened) return; // another view is open
+    const query = new URLSearchParams(partsNow()[1]);
+    for (const [name, text] of changes) text === null ? query.delete(name) : query.set(name, text);
+    changes.clear();
+    const text = query.toString().replaceAll("%3A", ":").replaceAll("%2C", ",").replace(/=(?=&|$)/g, "");
+    history.replaceState(history.state, "", text ? `${path}?${text}` : path);
+  }
+
+  function set(name, text) {
+    if (shown.get(name) === text) return;
+    if (text === null) shown.delete(name);
+    else shown.set(name, text);
+    changes.set(name, text);
+    clearTimeout(timer);
+    timer = setTimeout(write, REST);
+    pending = write;
+  }
+
+  return { get: (name) => shown.get(name), set };
+}
+
+export function keepWindow(address, time) {
+  const numberOf = (name) => Number.parseFloat(address.get(name) ?? "");
+  const textOf = (t) => (Number.isFinite(t) ? String(Number(t.toFixed(PLACES))) : null);
+  const [from, to, width] = ["from", "to", "width"].map(numberOf);
+  if (from < to) time.setWindow(from, to);
+  else if (width > 0) time.setWidth(width);
+  if (Number.isFinite(numberOf("at"))) time.setCursor(numberOf("at"));
+  for (const name of ["a", "b"]) if (Number.isFinite(numberOf(name))) time.setMark(name, numberOf(name));
+  return time.subscribe(() => {
+    const { start, width: wide } = time.held;
+    address.set("from", textOf(start));
+    address.set("to", textOf(start + wide));
+    address.set("width", Number.isFinite(start) || wide === time.usual ? null : textOf(wide));
+    address.set("at", textOf(time.pinned));
+    for (const name of ["a", "b"]) address.set(name, textOf(time.marks[name]));
+  });
+}

@@ -1,0 +1,70 @@
+"""The band of simulated safe flights, and the interval of the forecast."""
+
+import re
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from tests.browser.chromium import wait_until
+from tests.browser.strips import GUTTER, Open, plot_width, readout, run
+
+FACTS = """window.simulated = {
+    flights: async () => ({ reason: "", safe: [], unsafe: [] }),
+    facts: async () => ({
+        reason: "", quantiles: [0.05, 0.95], lead_in: 1, band_reason: "", forecast_reason: "",
+        band: { t: [0, 4], n_flights: 123, onset: 1,
+                channels: { Ny: { low: [0.1, 0.1], high: [0.45, 0.45] } } },
+        forecast: { n_flights: 123, covered: 0.7, channels: { Ny: { low: -0.01, high: 0.02 } } },
+    }),
+};"""
+
+
+@pytest.fixture
+def drawn(strips: Open, own_page: Page) -> Page:
+    own_page.add_init_script(FACTS)
+    own_page.goto(strips().url)
+    wait_until(own_page, "window.harness")
+    run(own_page, "h.feed(0, 14, 1000); h.draw(1000)")
+    wait_until(own_page, "!document.querySelector('.view-items input').disabled")
+    run(own_page, "h.draw(1100)")
+    return own_page
+
+
+def columns(page: Page) -> list[float]:
+    """First and last column of the strip's plot that differ without the band, as times [s]."""
+    row = """
+        const { canvas } = document.querySelector('.strip[data-key="Ny"] canvas').getContext('2d');
+        const pen = Object.assign(document.createElement('canvas'),
+            { width: canvas.width, height: canvas.height })
+            .getContext('2d', { willReadFrequently: true });
+        pen.drawImage(canvas, 0, 0);
+        return [...pen.getImageData(0, 0, canvas.width, canvas.height).data];
+    """
+    width = page.evaluate("document.querySelector('.strip canvas').width")
+    start, end = run(page, "const { start, end } = h.timeline.view(1100); return [start, end];")
+    first = run(page, row)
+    page.evaluate("document.querySelector('.view-items input').click(), harness.draw(1100)")
+    second = run(page, row)
+    differs = (k // 4 for k in range(0, len(first), 4) if first[k : k + 3] != second[k : k + 3])
+    changed = [pixel % width for pixel in differs if pixel % width >= GUTTER]
+    step = (end - start) / plot_width(page)
+    return [start + (column - GUTTER) * step for column in (min(changed), max(changed))]
+
+
+def test_the_band_begins_at_the_manoeuvres_start_and_can_be_hidden(drawn: Page) -> None:
+    assert columns(drawn) == pytest.approx([9, 13], abs=0.1)  # a trim segment of 1 s after 8 s
+    expect(drawn).to_have_url(re.compile("band=off"))
+
+
+def test_the_band_never_hides_the_trace_or_the_limit(drawn: Page) -> None:
+    count = "return ['trace', 'limit'].map((token) => h.pixels('Ny', token)[0])"
+    with_band = run(drawn, count)
+    drawn.evaluate("document.querySelector('.view-items input').click(), harness.draw(1100)")
+    assert with_band == pytest.approx(run(drawn, count), rel=0.1)
+
+
+def test_the_forecast_is_shown_with_its_interval(drawn: Page) -> None:
+    value = run(drawn, "return h.frame(13.98).y_hat[3]")
+    text = readout(drawn, "Ny", "detail").replace("−", "-")
+    assert text == f"in 0.50 s {value:.3f} ({value - 0.01:.3f} … {value + 0.02:.3f})"
+    assert "70 % of failing ones" in (drawn.locator(".view-items .hint").text_content() or "")
