@@ -163,3 +163,49 @@ def test_memory_over_three_hours_of_samples() -> None:
                 f"({1e3 * pushing / 180_000:.1f} µs a sample), with 360 frames {total / 1e3:.1f} s"
             )
         print("\n" + "\n".join(lines))
+
+
+MANY = """
+() => {
+  const h = window.harness;
+  const channels = Array.from({ length: 29 }, (_, k) => ({ ...h.CHANNELS[k % 6], key: `c${k}` }));
+  const host = Object.assign(document.createElement('div'), { id: 'many' });
+  document.querySelector('#strips').replaceWith(host);
+  document.querySelector('.cross-panel').remove();
+  const timeline = h.createTimeline({ seconds: 600, dt: 0.02 });
+  const options = { channels, timeline, autostart: false, alertAbove: 0.1 };
+  const chart = h.createFlightChart(host, options);
+  host.after(chart.cross);
+  host.style.minHeight = '1500px';
+  for (const turn of host.querySelectorAll('.strip-fold[aria-expanded=false]')) turn.click();
+  for (let k = 0; k < 2; k++)
+    document.querySelector('[aria-label="Add a cross plot"]').click();
+  const frame = (t) => {
+    const { y, ...rest } = h.frame(t);
+    return { ...rest, y_hat: null, y: channels.map((_, k) => y[k % 6]) };
+  };
+  const feed = (from, to) => {
+    for (let k = Math.ceil(50 * from - 1e-6); k < 50 * to - 1e-6; k++)
+      chart.push([frame(k / 50)], 20 * k);
+  };
+  feed(0, 600);
+  let t = 600;
+  window.bench = {
+    draw: () => {
+      feed(t, t + 1 / 30);
+      t += 1 / 30;
+      chart.update(1000 * t);
+    },
+    canvases: () => [...document.querySelectorAll('#many canvas, .cross-panel canvas')],
+  };
+  chart.update(1000 * t);
+  return bench.canvases().filter((canvas) => canvas.getBoundingClientRect().height > 0).length;
+}
+"""
+
+
+def test_thirty_strips_of_ten_minutes_and_two_cross_plots() -> None:
+    with file_server() as origin, open_chromium() as browser:
+        page = harness(browser, origin)
+        drawn = page.evaluate(MANY)
+        print(f"\n{drawn} canvases, 30,000 samples in each strip: {measured(page)}")

@@ -126,7 +126,7 @@ function pixels(key, token, tolerance = 40) {
 Object.assign(window, {
   harness: {
     chart, dial, gauge, timeline, tone, feed, frame, sample, pixels, loopStats, riskText,
-    createRingBuffer, createTimeline, createValueAxis, createTone, createAlarmPanel, createAttitudeIndicator,
+    createFlightChart, createRingBuffer, createTimeline, createValueAxis, createTone, createAlarmPanel, createAttitudeIndicator,
     decimal, decimals, limitsInWords, exceededWords, withLimits, limitsOf, marginAt, stripOf, changedChannels, validityWords, EPSILON, CHANNELS,
     draw: (wall) => chart.update(wall),
   },
