@@ -305,8 +305,8 @@ function createSource({ strips, ring, seriesOf, intake, timeline, alertAbove, le
     const value = ring.value(seriesOf.get(strip.forecast), last);
     if (!Number.isFinite(value)) return "";
     const error = errors?.[strip.key];
-    const interval = error ? ` (${reading(strip, value + error.low)} … ${reading(strip, value + error.high)})` : "";
-    return `in ${leadSeconds(lead, 2)} s ${reading(strip, value)}${interval}`;
+    const ends = error ? [value + error.low, value + error.high] : [value];
+    return `in ${leadSeconds(lead, 2)} s ${ends.map((end) => reading(strip, end)).join(" … ")}`;
   }
 
   /** Whose limit is the nearest. */
