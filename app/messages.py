@@ -231,6 +231,10 @@ class LiveStatus(Message):
         default_factory=list,
         description="channels of the flight condition that the limits or the monitor depend on",
     )
+    condition: dict[ConditionKey, float | str] = Field(
+        default_factory=dict,
+        description="newest values as sent, in SI units; `missing` or `stale` without one",
+    )
     batches: int = Field(description="batches received, without repetitions")
     last_sequence: int | None = Field(description="largest number received; null for none")
     malformed: int = Field(description="messages that were no valid batch or reused a number")
@@ -320,6 +324,45 @@ class CurrentStatus(Decided):
     latched: list[LatchedExceedance] = Field(description="exceedances that the strips show")
 
 
+class CardPoint(Message):
+    """The point of a campaign that a monitor was trained for."""
+
+    campaign: str = Field(description="id")
+    campaign_name: str
+    number: int = Field(description="1, 2, 3 ... in order")
+    points: int = Field(description="of the campaign")
+    name: str
+
+
+class CardInput(Message):
+    """The planned command of a control, drawn by straight lines."""
+
+    channel: str
+    t: list[float] = Field(description="[s] from the first input")
+    y: list[float] = Field(description="from trim, in the channel's unit")
+    peak: float = Field(description="the largest command, with its sign")
+    lasts: float = Field(description="time beyond half the peak [s]")
+
+
+class PlannedCard(Message):
+    """The planned test of a monitor; without inputs where `why` says so."""
+
+    why: str = Field(default="", description="why there is no planned input; empty if there is")
+    point: CardPoint | None = Field(default=None, description="null outside a campaign")
+    inputs: list[CardInput] = Field(default_factory=list)
+    steps: list[float] = Field(
+        default_factory=list, description="times of the planned steps [s] from the first input"
+    )
+    length: float | None = Field(
+        default=None, description="from the first input to the end [s]; null if unknown"
+    )
+    rest: float | None = Field(
+        default=None, description="rest before an input, in which trim is measured [s]"
+    )
+    airspeed: float | None = Field(default=None, description="true, of the model [m/s], if known")
+    altitude: float | None = Field(default=None, description="of the model [m], if known")
+
+
 class AuthorityFacts(Message):
     """The alarm authority: of a monitor set, the monitor in use, or the last one if none is."""
 
@@ -335,6 +378,7 @@ class AuthorityFacts(Message):
     warnings: list[str] = Field(
         description="reasons not to rely on the monitor: problem, colon, figures and remedy"
     )
+    card: PlannedCard
     no_rest: str = Field(description="why it never forecasts the rest of a test card; else empty")
     monitor_set: MonitorSetStatus | None = Field(
         default=None, description="null for a flight with one alarm authority throughout"
@@ -362,6 +406,11 @@ class Hello(SampleState, CurrentStatus, AuthorityFacts):
     duration: float | None = Field(description="of the source [s]; null for a live one")
     planned_s: float | None = Field(
         default=None, description="length of the planned manoeuvre [s]; null if unknown"
+    )
+    begun: list[ManoeuvreBegun] = Field(
+        default_factory=list,
+        description="the inputs of a source that is known from start to end; of a live one in "
+        "`live`",
     )
     transport: TransportState
     exceedances: list[ChannelExceedances] = Field(description="exceedances so far, per channel")

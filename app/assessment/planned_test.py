@@ -95,6 +95,14 @@ def planned_test(monitor: Monitor) -> PlannedTest:
     return replace(test, limits_known=monitor.envelope is not None)
 
 
+def known_test(monitor: Monitor) -> PlannedTest:
+    """The planned test; without inputs if it is none of ours."""
+    try:
+        return planned_test(monitor)
+    except ValueError:
+        return PlannedTest(monitor.dt, limits_of(monitor))
+
+
 def rollouts_test(
     y: Array, dt: float, dictionary: Dictionary, recipe: dict[str, Any]
 ) -> PlannedTest:

@@ -20,16 +20,14 @@ from app.assessment.input_checks import Doubt, InputChecks
 from app.assessment.limits_in_force import LimitsInForce, LimitsRule
 from app.assessment.monitors_in_use import MonitorRuling, MonitorsInUse, MonitorsRule
 from app.assessment.planned_test import (
-    PlannedTest,
     input_of,
-    limits_of,
+    known_test,
     needed_channels,
-    planned_test,
 )
 from app.assessment.rulings import ConditionHold, Ruling
 from app.assessment.trim import CausalTrim, departure, input_sizes
 from core.channels import LATERAL
-from core.conditions import ConditionKey
+from core.conditions import Condition, ConditionKey
 from core.kernels import assessing
 from core.limits.limits import Envelope
 from core.monitor import Assessment, Monitor, State
@@ -198,7 +196,7 @@ class CausalScorer:
         detected = trim == "detected"
         members = [monitor] if monitors is None else monitors.members
         self._trim = CausalTrim.of(*members) if detected else None
-        planned = self._trim.planned if self._trim else _known_test(monitor)
+        planned = self._trim.planned if self._trim else known_test(monitor)
         about = monitor.training_max_abs, monitor.envelope, self._trim is not None
         self._checks = InputChecks(planned, *about)
         self._rule: LimitsRule | MonitorsRule | None = None
@@ -214,7 +212,7 @@ class CausalScorer:
         self._has_begun = self._has_moved = False
         self._controls = list(planned.controls)
         if monitors is not None:
-            sizes = np.min([input_sizes(_known_test(member)) for member in members], axis=0)
+            sizes = np.min([input_sizes(known_test(member)) for member in members], axis=0)
             self._departure = departure(sizes)
             self._rule = MonitorsRule(monitors)
             self.ruling = self._rule.at()
@@ -223,6 +221,10 @@ class CausalScorer:
     def conditions(self) -> list[ConditionKey]:
         """Channels of the flight condition that the limits or the monitor in force depend on."""
         return [] if self._rule is None else self._rule.measured
+
+    def condition_at(self, t: float) -> Condition:
+        """The flight condition as sent, at t [s]."""
+        return self._conditions.at(t)
 
     @property
     def lead(self) -> float:
@@ -380,11 +382,3 @@ def rescored(
         is_ended = line.get("e") == "end"
     if not is_ended:
         yield from scorer.advance(np.inf)
-
-
-def _known_test(monitor: Monitor) -> PlannedTest:
-    """The planned test; without inputs if it is none of ours."""
-    try:
-        return planned_test(monitor)
-    except ValueError:
-        return PlannedTest(monitor.dt, limits_of(monitor))

@@ -7,7 +7,7 @@ import logging
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from math import inf, isfinite
 from typing import TYPE_CHECKING, Any
@@ -24,6 +24,7 @@ from app.flights.clock import Clock, Timer
 from app.flights.display_monitors import DisplayMonitor, flown_monitor, no_rest
 from app.flights.flight_limits import status_of
 from app.flights.flight_monitors import member, set_status
+from app.flights.planned_card import planned_card
 from app.flights.recorder import Recorder
 from app.flights.transport import NotPossible
 from app.flights.verdict import (
@@ -41,6 +42,7 @@ from app.flights.watcher import CREDIT, RecentFrames, Watcher
 from app.messages import (
     AlarmRaised,
     CardAhead,
+    CardPoint,
     ChannelLimit,
     End,
     FlownMonitor,
@@ -50,6 +52,7 @@ from app.messages import (
     LimitsFrom,
     LimitsStatus,
     LiveStatus,
+    ManoeuvreBegun,
     MarkerSet,
     Mode,
     MonitorChange,
@@ -117,7 +120,7 @@ class FlightPlan:
     source: as requested, in plain data.   monitor: the alarm authority.   display: monitors without
     alarms.   limits, by: put in force at the start, and by whom; None for the monitor's own.
     wait_for_viewer: see FlightRequest.   monitors: a set, of which the one in use is the alarm
-    authority; None for `monitor` throughout.
+    authority; None for `monitor` throughout.   points: of campaigns, by monitor id.
     """
 
     id: str
@@ -133,6 +136,7 @@ class FlightPlan:
     by: str = ""
     wait_for_viewer: bool = False
     monitors: MonitorsInUse | None = None
+    points: Mapping[str, CardPoint] = field(default_factory=dict)
 
     @property
     def authority(self) -> DisplayMonitor:
@@ -282,6 +286,11 @@ class Flight(ABC):
     def live(self) -> LiveStatus | None:
         """State of a live source; None for other flights."""
         return None
+
+    @property
+    def begun(self) -> list[ManoeuvreBegun]:
+        """The inputs of a source that is known from start to end."""
+        return []
 
     @property
     def id(self) -> str:
@@ -444,6 +453,7 @@ class Flight(ABC):
             "monitor": {"id": authority_id, "name": name},
             "monitors": self.monitors,
             "warnings": warnings_of(monitor.evaluation, epsilon),
+            "card": planned_card(monitor, self.plan.points.get(authority_id)),
             "no_rest": no_rest(monitor),
             "monitor_set": self.monitor_set,
         }
@@ -492,6 +502,7 @@ class Flight(ABC):
             fail_t=self.fail_t,
             duration=self.duration,
             planned_s=self._planned_s,
+            begun=self.begun,
             transport=self.transport,
             state=self.state,
             reason=self.reason,

@@ -9,6 +9,7 @@ from app.flights.flight import FlightPlan
 from app.flights.flight_limits import change_of_limits
 from app.flights.flight_monitors import member, members, monitors_in_use
 from app.flights.flight_records import ACCEPT_USELESS, NAME, flight_name, source_of
+from app.flights.planned_card import points_of
 from app.flights.request import FlightRequest
 from app.flights.shown_flight import ShownFlight
 from app.flights.sources.live import LiveSetup
@@ -17,6 +18,7 @@ from app.flights.sources.simulated import SourceError
 from app.flights.sources.source import FlownLive, Live, Opening, header_of, journal_setup
 from app.flights.sources.udp import UdpAccess
 from app.flights.transport import NotPossible
+from app.messages import CardPoint
 from app.recordings.scored import ScoredRecordings
 from app.store.flights import FlightInfo
 from app.store.store import Store
@@ -71,6 +73,7 @@ class Preparation:
             by,
             request.wait_for_viewer,
             monitors,
+            self._points(monitor_id, monitors),
         )
         return plan, flown
 
@@ -100,6 +103,7 @@ class Preparation:
             info.epsilon,
             display=display,
             monitors=monitors,
+            points=self._points(info.monitor_id, monitors),
         )
         return plan, setup
 
@@ -130,6 +134,10 @@ class Preparation:
     ) -> Opening:
         about = self._store, self._scored, monitor_id, monitor, epsilon, self._journals, self._udp
         return Opening(*about, monitors=monitors)
+
+    def _points(self, monitor_id: str, monitors: MonitorsInUse | None) -> dict[str, CardPoint]:
+        ids = [monitor_id] if monitors is None else monitors.ids
+        return points_of(self._store.campaigns.all(), ids)
 
     def _asked_monitors(self, request: FlightRequest) -> MonitorsInUse | None:
         """The requested monitor set; the replay of its own flight keeps what that declared."""

@@ -75,6 +75,8 @@ class ShownFlight(StoredScript):
         self.exceedances = self.exceeding(setup.monitor.envelope)
         self._late = self._lags(setup.scorer().lead)
         self._begun = np.concatenate([[0], 1 + np.flatnonzero(np.diff(self.samples["manoeuvre"]))])
+        begun = self._begun[self.samples["manoeuvre"][self._begun] > 0]
+        self.begun = self.samples["t"][begun].tolist()
         self._n_history = setup.monitor.recipe.n_delay + 1
         self._first = 0
         self._follow(setup.monitor)

@@ -38,7 +38,7 @@ from app.messages import ConditionSignal, LiveChange, LiveStatus, ManoeuvreBegun
 from app.telemetry.journal import Journal, JournalFull, Journals
 from app.telemetry.recording import TelemetryError
 from core.channels import LATERAL
-from core.conditions import CONDITIONS, ConditionKey
+from core.conditions import CONDITION_KEYS, CONDITIONS, ConditionKey
 from core.flight_events import Alarm, FlightMarker
 from core.limits.exceedance import MeasuredExceedance, exceedance
 from core.monitor import Assessment, Monitor, State
@@ -185,6 +185,7 @@ class LiveFlight(Flight):
             needed=self.needed,
             names=self._setup.reader.names,
             conditions=[self._signal_of(key) for key in self.scorer.conditions],
+            condition=dict(zip(CONDITION_KEYS, self.scorer.condition_at(self.t), strict=True)),
             batches=self._n_batches,
             last_sequence=self._last_sequence,
             malformed=self._n_malformed,

@@ -12,8 +12,9 @@ import numpy.typing as npt
 
 from app.assessment.grid import Angles, IntegratedAngles
 from app.assessment.input_checks import Doubt
-from app.assessment.planned_test import input_of, needed_channels
+from app.assessment.planned_test import input_of, known_test, needed_channels
 from app.assessment.rulings import InForceFrom, Ruling
+from app.flights.planned_card import first_input
 from app.flights.sources.simulated import Track
 from app.recordings.scoring_answers import stored_assessment
 from core.channels import LATERAL
@@ -37,7 +38,8 @@ class Script(ABC):
     exceedance begins.   shows_rulings: whether it knows the limits in force when it was flown.
     delay: stated delay of a live flight [s], subtracted from the monitor's lead.
     manoeuvres: plain, of a scored recording.   keys: of the channels.   planned: (n, 3) attitude of
-    the planned flight at each sample [rad]; None, and why in `no_plan`.
+    the planned flight at each sample [rad]; None, and why in `no_plan`.   begun: times of the first
+    input of each manoeuvre [s].
     """
 
     keys: Sequence[str] = LATERAL.keys
@@ -53,6 +55,7 @@ class Script(ABC):
     manoeuvres: Sequence[Mapping[str, Any]] | None = None
     planned: Array | None = None
     no_plan: str = "a recording has no planned flight to the same times"
+    begun: Sequence[float] = ()
     _followed: "FollowedForecast | None" = None
 
     @property
@@ -212,6 +215,8 @@ class AssessedTrack(Script):
             self.fail_t = float(track.t[track.fail_index])
         self._track, self.planned = track, track.planned
         self.no_plan = "" if track.planned is not None else "this test has no simulated plan"
+        onset = first_input(track.y, known_test(monitor))
+        self.begun = [] if onset is None else [float(track.t[onset])]
         self._assessments = monitor.assess(track.t, track.y, epsilon)
         self._followed = FollowedForecast(monitor, self._followed_sample)
         self._display = [shown.assess(track.t, track.y, epsilon) for shown, epsilon in display]

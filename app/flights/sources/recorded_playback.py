@@ -12,7 +12,9 @@ import numpy.typing as npt
 
 from app.assessment.grid import IntegratedAngles
 from app.assessment.limits_history import InForceTimeline
+from app.assessment.planned_test import PlannedTest, known_test
 from app.assessment.rulings import InForceFrom, Ruling
+from app.flights.planned_card import first_input
 from app.flights.sources.playback import Angles, StoredScript, onsets
 from app.recordings.scoring_answers import reason
 from core.channels import LATERAL
@@ -25,6 +27,9 @@ from core.types import Array, Indices
 P, R = LATERAL.index("p"), LATERAL.index("r")
 RUN_UP_S = 2 * WASH_OUT_S
 """A missing attitude is integrated from this time before its sample [s]."""
+
+SOUGHT_AT_ONCE = 5_000
+"""Samples in which an input is looked for at once."""
 
 
 class RecordedScript(StoredScript):
@@ -77,6 +82,18 @@ class RecordedScript(StoredScript):
         self._starts = np.array([s.get("first", 0) for s in manoeuvres])
         if monitor is not None:
             self._follow(monitor)
+            planned = known_test(monitor)
+            onsets_of = (self._first_input(each, planned) for each in manoeuvres)
+            self.begun = [t for t in onsets_of if t is not None]
+
+    def _first_input(self, manoeuvre: Mapping[str, Any], planned: PlannedTest) -> float | None:
+        """Time of the first input of a manoeuvre [s]; None where no control departs."""
+        first, stop = np.searchsorted(self.t, (manoeuvre["start"], manoeuvre["end"])).tolist()
+        for at in range(first, stop, SOUGHT_AT_ONCE):
+            onset = first_input(self.samples["y"][at : min(at + SOUGHT_AT_ONCE, stop)], planned)
+            if onset is not None:
+                return float(self.t[at + onset])
+        return None
 
     def _first_of_card(self, k: int) -> int | None:
         number = int(self.samples["manoeuvre"][k])

@@ -13,7 +13,7 @@ from app.flights.alarms import gives_alarm
 from app.flights.flight import Flight, FlightPlan, beyond_of, stale_after
 from app.flights.sources.playback import Script
 from app.flights.transport import Due, NotPossible, Transport, TransportError
-from app.messages import TransportChange, TransportState, plain_frame
+from app.messages import ManoeuvreBegun, TransportChange, TransportState, plain_frame
 from app.scene.shown import KnownAngles
 from core.limits.exceedance import MeasuredExceedance
 from core.monitor import Assessment, State
@@ -85,6 +85,11 @@ class TrackFlight(Flight):
             return None
         phi, theta, psi = planned[self._at].tolist()
         return phi, theta, psi
+
+    @property
+    def begun(self) -> list[ManoeuvreBegun]:
+        times = enumerate(self._script.begun, 1)
+        return [ManoeuvreBegun(number=number, t=t) for number, t in times]
 
     def start(self) -> None:
         if self.plan.monitors is not None and not self._script.shows_rulings:

@@ -30,6 +30,7 @@ import { createSceneFrame } from "./scene_frame.js";
 import { bindShortcuts, openShortcuts } from "./shortcuts.js";
 import { createSourceAddress } from "./source_address.js";
 import { createStatusStrip } from "./status_strip.js";
+import { createTestCard } from "./test_card.js";
 import { bindMuteButton, createTone } from "./tone.js";
 import { createWall } from "./wall.js";
 
@@ -57,6 +58,7 @@ export function showLiveFlight(element, { id, api, over, camera = null, recorded
     { set: (kind) => api.post(`${path}/markers`, { kind }), heard: () => tone.caution(), unheard: () => tone.caution() },
   );
   const limits = createFlightLimits(panels.limits, { api, path });
+  const card = createTestCard(panels.card);
   const setLine = createSetLine(panels.monitors);
   panels.transport.prepend(panels.calls);
   panels.events.prepend(panels.marker);
@@ -139,6 +141,7 @@ export function showLiveFlight(element, { id, api, over, camera = null, recorded
   function describe() {
     const { channels, epsilon, lead, warnings, mode, validity, no_rest: noRest } = hello;
     setLine.show(hello);
+    card.show(hello);
     described = { mode, source: sourceText(hello.source, hello.name), monitor: inUse(hello), noRest, warnings, validity };
     alarm.describe({ epsilon, alertAbove: alertLevel(hello), guarantee: hello.guarantee, lead, warnings, limits: exceededWords(withLimits(channels, hello.monitors[0].limits)), channels });
   }
@@ -260,6 +263,8 @@ export function showLiveFlight(element, { id, api, over, camera = null, recorded
     );
   }
 
+  const manoeuvres = () => hello.live?.begun ?? hello.begun ?? [];
+
   function onLive(live) {
     hello.live = live;
     if (panels.problem.hidden && live.problem !== "") tone.caution();
@@ -341,6 +346,7 @@ export function showLiveFlight(element, { id, api, over, camera = null, recorded
     coverScene(headline, wall);
     if (headline !== null) {
       follow(headline, display.withdrawal);
+      card.draw({ frame: display.newest, begun: manoeuvres(), condition: hello.live?.condition ?? null, ring: display.chart.ring, stale: isStale(headline) });
       alarm.setStale(isStale(headline) ? staleText(display.cause, display.timeline.age(wall)) : "");
     }
     const figures = connection.figures(wall);

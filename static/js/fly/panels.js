@@ -44,6 +44,7 @@ export function createFlightPanels(element) {
     gauge: h("div", {}),
     ahead: h("section", { hidden: true }),
     rest: h("section", { hidden: true }),
+    card: h("section", { hidden: true }),
     events: h("section", { class: "event-panel", "aria-label": "Events" }),
     calls: h("div", { class: "marker-buttons", role: "group", "aria-label": "Markers" }),
     marker: h("p", { class: "marker-last", role: "alert", hidden: true }),
@@ -51,7 +52,7 @@ export function createFlightPanels(element) {
     wall: h("section.wall", { "aria-label": "Wall", hidden: true }),
   };
   const left = part("div", "strips-column", panels.alarm, panels.refused, panels.problem, panels.notice, panels.monitors, panels.limits, panels.address, panels.strips);
-  const right = part("div", "side-column", part("div", "scene-cell", panels.scene, panels.lost), part("section", "gauge-panel", panels.gauge, panels.rest, panels.ahead), panels.events);
+  const right = part("div", "side-column", part("div", "scene-cell", panels.scene, panels.lost), part("section", "gauge-panel", panels.gauge, panels.rest, panels.ahead), panels.card, panels.events);
   panels.view = part("div", "flight", h("h1", { class: "visually-hidden" }, "Flight"), panels.status, part("div", "fly", left, right), panels.transport, panels.wall);
   element.replaceChildren(panels.view);
   return panels;

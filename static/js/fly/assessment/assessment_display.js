@@ -12,7 +12,7 @@
  *   lose(), resume()           the connection; after it the newest sample counts again
  *   refresh(wall) -> Headline      draws the gauge; returns the headline for every view, stale where samples stopped
  *   withdrawal, cause          cause of the newest invalid sample; why it is stale, empty without a reason
- *   seq, t, y                  of the newest sample; -1 and null for none
+ *   seq, t, y                  of the newest sample; -1 and null for none.   newest    its frame
  */
 
 import { createFlightChart } from "../../charts/live/flight_chart.js";
@@ -192,6 +192,9 @@ export function createAssessmentDisplay(panels, { hello, api, path, alarm, event
     },
     get y() {
       return newest?.y ?? null;
+    },
+    get newest() {
+      return newest;
     },
     refresh: (wall) => {
       const now = headlineNow(wall);
