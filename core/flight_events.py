@@ -52,7 +52,7 @@ class Alarm:
             object.__setattr__(self, "cause", cause_of(State.INVALID, self.reason or ""))
 
 
-FlightMarkerKey = Literal["abort", "knock_it_off"]
+FlightMarkerKey = Literal["abort", "knock_it_off", "event"]
 
 
 @dataclass(frozen=True)
@@ -64,6 +64,7 @@ class FlightMarkerKind:
     meaning: str
     level: Level
     shortcut: str
+    asks_text: bool = False
 
 
 FLIGHT_MARKERS: dict[FlightMarkerKey, FlightMarkerKind] = {
@@ -71,9 +72,10 @@ FLIGHT_MARKERS: dict[FlightMarkerKey, FlightMarkerKind] = {
     for kind in (
         FlightMarkerKind("abort", "ABORT", "safety of flight", Level.WARNING, "x"),
         FlightMarkerKind("knock_it_off", "KNOCK IT OFF", "no useful data", Level.CAUTION, "q"),
+        FlightMarkerKind("event", "EVENT", "in words", Level.NONE, "e", asks_text=True),
     )
 }
-"""ABORT is for the safety of flight, KNOCK IT OFF for no useful data."""
+"""ABORT is for the safety of flight, KNOCK IT OFF for no useful data, EVENT for anything else."""
 
 
 def _title_kind(schema: dict[str, Any]) -> None:
@@ -93,7 +95,7 @@ class FlightMarker:
     seq: int
     """newest sample when it was set; -1 before the first"""
     t: float
-    """time of that sample [s]"""
+    """time of that sample [s]; of an event the time it is about"""
     created: str
     """UTC, ISO 8601"""
     by: str

@@ -355,10 +355,20 @@ class Flight(ABC):
             self._use_scene(lambda scene: scene.restate(self._facts))
         return alarm
 
-    def mark(self, kind: FlightMarkerKey, by: str, text: str | None) -> FlightMarker:
-        """Set a marker at the newest sample: sent to all watchers, then stored."""
-        number = max(self.markers, default=0) + 1
-        marker = FlightMarker(number, kind, self.head, self.t, self.clock.utc(), by, text)
+    def mark(
+        self, kind: FlightMarkerKey, by: str, text: str | None, t: float | None = None
+    ) -> FlightMarker:
+        """Set a marker: sent to all watchers, then stored. NotPossible.
+
+        t: time that it is about [s], not after the newest sample's; that one's if None.
+        """
+        if t is not None and t > self.t + 0.5 * self.dt:
+            raise NotPossible(
+                f"{t:g} s is later than the newest sample, {self.t:g} s: give its time or an "
+                "earlier one"
+            )
+        number, at = max(self.markers, default=0) + 1, self.t if t is None else t
+        marker = FlightMarker(number, kind, self.head, at, self.clock.utc(), by, text)
         self.markers[number] = marker
         self._broadcast(MarkerSet(marker=marker).encode())
         self.recorder.add_event(marker, partial(self._note_marker, number))

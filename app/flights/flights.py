@@ -355,15 +355,22 @@ class Flights:
             await asyncio.to_thread(self._journals.delete, flight_id)
 
     async def mark(
-        self, flight_id: str, kind: FlightMarkerKey, by: str, text: str | None
+        self,
+        flight_id: str,
+        kind: FlightMarkerKey,
+        by: str,
+        text: str | None,
+        t: float | None = None,
     ) -> FlightMarker:
         """Set a marker in a flight in progress: sent to all watchers at once, then stored.
 
         A marker that is not stored within MARKED_S, as in a locked database, is stored later.
-        NotFound; StoreError: it is not stored yet, and is as soon as the store accepts it.
+        t: [s] that it is about.
+        NotFound; NotPossible; StoreError: it is not stored yet, and is as soon as the store
+        accepts it.
         """
         flight = self.flying(flight_id)
-        marker = flight.mark(kind, by, text)
+        marker = flight.mark(kind, by, text, t)
         storing = asyncio.ensure_future(flight.recorder.store_alarms())
         done, _ = await asyncio.wait((storing,), timeout=MARKED_S)
         if not done:

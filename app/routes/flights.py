@@ -1,10 +1,10 @@
 """Flights over REST: start, steer, end and read."""
 
 import asyncio
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from fastapi import APIRouter, Query, Response
-from pydantic import BaseModel, ConfigDict, Field, StrictBool
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, model_validator
 
 from app.flights.display_monitors import flown_monitors
 from app.flights.ended import Record, records
@@ -166,10 +166,21 @@ class MarkerRequest(BaseModel):
     model_config = strictly({"kind": "abort", "by": "test conductor"})
 
     kind: FlightMarkerKey = Field(
-        description="`abort`: safety of flight; `knock_it_off`: no useful data"
+        description="`abort`: safety of flight; `knock_it_off`: no useful data; `event`: `text`"
     )
     by: By = LOCAL
     text: str | None = Field(default=None, min_length=1, max_length=2000)
+    t: Annotated[float, Field(allow_inf_nan=False)] | None = Field(
+        default=None, description="of an event [s]: the time it is about; default: the newest"
+    )
+
+    @model_validator(mode="after")
+    def check_event(self) -> Self:
+        if self.kind == "event" and not (self.text or "").strip():
+            raise ValueError("an event was given without words: give `text`")
+        if self.kind != "event" and self.t is not None:
+            raise ValueError(f"{self.kind} is set at the newest sample: leave out t")
+        return self
 
 
 @router.post("", status_code=201, responses=problem_responses(429))
@@ -298,18 +309,18 @@ async def list_flight_markers(flight_id: str, flights: FlightsDep) -> list[Fligh
     return await flights.records.markers(flight_id)
 
 
-@router.post("/{flight_id}/markers", status_code=201)
+@router.post("/{flight_id}/markers", status_code=201, responses=problem_responses(409))
 async def set_flight_marker(
     flight_id: str, marker: MarkerRequest, flights: FlightsDep, person: PersonDep
 ) -> FlightMarker:
-    """Set ABORT or KNOCK IT OFF at the newest sample of a flight in progress.
+    """Set ABORT or KNOCK IT OFF at the newest sample of a flight in progress, or note an event.
 
     All watchers see it at once. The response waits half a second for the store; with `stored`
     false, or on 503, it is shown but not stored yet. The flight neither ends nor pauses. 404 for an
     ended flight.
     """
     by = signature(person, marker.by)
-    return await flights.mark(flight_id, marker.kind, by, marker.text)
+    return await flights.mark(flight_id, marker.kind, by, marker.text, marker.t)
 
 
 async def _frames_response(

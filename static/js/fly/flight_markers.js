@@ -1,26 +1,29 @@
 /**
- * ABORT and KNOCK IT OFF: a button and a key each; everyone who watches sees the marker.
+ * ABORT, KNOCK IT OFF and events in words: a button and a key each; everyone who watches sees the marker.
  *
  * Their words come from the server. A marker neither ends nor pauses the flight.
  *
- * createFlightMarkers({buttons, last, refused}, {set, heard, unheard}) -> FlightMarkers
- *     refused: why a marker was not set.   set(kind) -> Promise; the marker arrives by the stream
- *     heard(marker)    a new marker, from anyone.   unheard()    one was not set
+ * createFlightMarkers({buttons, last, refused, entry}, {set, now, heard, unheard}) -> FlightMarkers
+ *     refused: why a call was not set.   entry: the field of an event.   now() -> time of the flight [s], null before it
+ *     set({kind, text, t}) -> Promise; the marker arrives by the stream
+ *     heard(marker)    a new call, from anyone.   unheard()    one was not set
  *   offer(kinds)     that may be set: {kind, word, meaning, level, shortcut}
- *   onMarker(marker) -> bool     shows the newest of the most urgent; returns whether it is new
+ *   onMarker(marker) -> bool     shows the newest of the most urgent calls; returns whether it is new
  *   keys             {key: act}, filled by offer;   shortcuts()   [[key, meaning, request]]
  * markerNote(marker) -> {event, flag}    for the event list and the strips
  */
 
 import { needs, reason } from "../lib/api.js";
-import { h, put } from "../lib/dom.js";
+import { button, errorLine, h, put } from "../lib/dom.js";
+import { capital } from "../lib/numbers.js";
 import { LEVEL_OF } from "./headline.js";
 
 const SET = "POST /flights/{}/markers";
 const ANSWERED = 1000; // ms
 const STORED_LATE = 503; // shown, and not stored yet
+const LONGEST_FLAG = 28; // letters of an event on the strips
 
-export function createFlightMarkers({ buttons, last, refused }, { set, heard, unheard }) {
+export function createFlightMarkers({ buttons, last, refused, entry }, { set, now, heard, unheard }) {
   const keys = {};
   const known = new Map(); // by number
   let kinds = [];
@@ -28,10 +31,45 @@ export function createFlightMarkers({ buttons, last, refused }, { set, heard, un
   function offer(given) {
     if (kinds.length > 0) return;
     kinds = given;
-    buttons.replaceChildren(...kinds.map(button));
+    buttons.replaceChildren(...kinds.map((about) => (about.asks_text ? eventButton(about) : callButton(about))));
   }
 
-  function button(about) {
+  /** Opens a field; the event is about the moment at which it was opened. */
+  function eventButton({ kind, word, shortcut }) {
+    const when = h("span.dim");
+    const text = h("input", { type: "text", maxlength: 2000, "aria-label": "Event", placeholder: "What happened; Enter sets it", required: true });
+    const failure = errorLine();
+    let t = null;
+    const form = h("form.event-entry", { onsubmit: save, onkeydown: ({ key }) => key === "Escape" && close() },
+      when, text, h("button.button.button-small.button-primary", "Set"), button("Cancel", close, { class: "button button-small" }), failure.element);
+    entry.replaceChildren(form);
+
+    function open() {
+      if (!entry.hidden || document.querySelector("dialog[open]") !== null) return;
+      t = now();
+      put(when, t === null ? "before the first sample" : `${t.toFixed(2)} s`);
+      failure.show("");
+      entry.hidden = false;
+      text.focus();
+    }
+
+    function close() {
+      entry.hidden = true;
+      text.value = "";
+    }
+
+    async function save(submitted) {
+      submitted.preventDefault();
+      if (await failure.attempt(() => set({ kind, text: text.value, t }))) close();
+    }
+
+    keys[shortcut] = open;
+    const key = shortcut.toUpperCase();
+    return h("button", { type: "button", class: "button button-small", "data-marker": kind, title: `Event in words, at this moment (key ${key})`, onclick: open, ...needs(SET) },
+      capital(word.toLowerCase()), h("span", { class: "marker-key" }, ` [${key}]`));
+  }
+
+  function callButton(about) {
     const { kind, word, meaning, level, shortcut } = about;
     const key = shortcut.toUpperCase();
     const title = `${word}: ${meaning}. Sets a marker; the flight continues (key ${key})`;
@@ -44,7 +82,7 @@ export function createFlightMarkers({ buttons, last, refused }, { set, heard, un
       refused.hidden = true;
       const late = setTimeout(() => refuse(about, `${word} IS NOT CONFIRMED. The server has not answered yet: call it by voice.`), ANSWERED);
       try {
-        await set(kind);
+        await set({ kind });
         refused.hidden = true;
       } catch (error) {
         refuse(about, error.status === STORED_LATE ? reason(error) : `${word} WAS NOT SET. ${reason(error)} Call it by voice.`);
@@ -68,7 +106,9 @@ export function createFlightMarkers({ buttons, last, refused }, { set, heard, un
   function onMarker(marker) {
     const isNew = !known.has(marker.number);
     known.set(marker.number, marker);
-    const set = [...known.values()];
+    if (isNew && marker.level === "none") return true; // an event
+    const set = [...known.values()].filter(({ level }) => level !== "none");
+    if (set.length === 0) return isNew;
     const shown = set.findLast(({ level }) => level === "warning") ?? set.at(-1);
     last.hidden = false;
     last.dataset.level = LEVEL_OF[shown.level];
@@ -82,13 +122,16 @@ export function createFlightMarkers({ buttons, last, refused }, { set, heard, un
   return { offer, onMarker, keys, shortcuts: () => kinds.map(({ word, meaning, shortcut }) => [shortcut.toUpperCase(), `${word}: ${meaning}`, SET]) };
 }
 
-export function markerText({ word, meaning, t, created, by, text }) {
-  return `${word} (${meaning}) at ${t.toFixed(2)} s, ${created.slice(11, 19)} UTC, by ${by}${text ? `: ${text}` : ""}`;
+export function markerText({ word, meaning, t, created, by, text, level }) {
+  const what = level === "none" ? `${word}: ${text}` : `${word} (${meaning})`;
+  return `${what} at ${t.toFixed(2)} s, ${created.slice(11, 19)} UTC, by ${by}${text && level !== "none" ? `: ${text}` : ""}`;
 }
 
 /** For the event list and the strips. */
 export function markerNote(marker) {
-  const { t, word, level } = marker;
-  const event = { t, text: markerText(marker), level: LEVEL_OF[level], seen: true };
-  return { event, flag: { key: null, t, word, colour: level === "warning" ? "alert" : "caution" } };
+  const { t, word, level, text } = marker;
+  const isEvent = level === "none";
+  const event = { t, text: isEvent ? `${text}, by ${marker.by}` : markerText(marker), level: isEvent ? "" : LEVEL_OF[level], seen: true };
+  const short = isEvent && text.length > LONGEST_FLAG ? `${text.slice(0, LONGEST_FLAG - 1).trimEnd()}…` : text;
+  return { event, flag: { key: null, t, word: isEvent ? short : word, colour: { warning: "alert", none: "text" }[level] ?? "caution" } };
 }

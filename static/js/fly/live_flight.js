@@ -54,8 +54,8 @@ export function showLiveFlight(element, { id, api, over, camera = null, recorded
     end: recorded ? null : () => askToConfirm("End this flight?", "Its record is kept. You can fly it again.", "End flight", () => api.post(`${path}/end`, {})),
   });
   const markers = createFlightMarkers(
-    { buttons: panels.calls, last: panels.marker, refused: panels.refused },
-    { set: (kind) => api.post(`${path}/markers`, { kind }), heard: () => tone.caution(), unheard: () => tone.caution() },
+    { buttons: panels.calls, last: panels.marker, refused: panels.refused, entry: panels.entry },
+    { set: (marker) => api.post(`${path}/markers`, marker), now: () => display?.t ?? null, heard: () => tone.caution(), unheard: () => tone.caution() },
   );
   const limits = createFlightLimits(panels.limits, { api, path });
   const card = createTestCard(panels.card);
@@ -111,6 +111,7 @@ export function showLiveFlight(element, { id, api, over, camera = null, recorded
     if (!again) {
       display = createAssessmentDisplay(panels, { hello, api, path, alarm, events });
       if (hello.source.kind === "recording") showNotes();
+      if (hello.source.kind === "journal") showFlownMarkers(hello.source.flight_id);
       if (hello.live) {
         showSource();
         display.timeline.setAge((wall) => connection.figures(wall).age);
@@ -209,6 +210,12 @@ export function showLiveFlight(element, { id, api, over, camera = null, recorded
 
   function onMarker(marker) {
     if (markers.onMarker(marker)) note(markerNote(marker));
+  }
+
+  /** Of the flight that is replayed as it was shown. */
+  async function showFlownMarkers(flown) {
+    const markers = await api.get(`/flights/${encodeURIComponent(flown)}/markers`).catch(() => []);
+    for (const marker of markers) note(markerNote(marker));
   }
 
   function note({ event, flag }) {

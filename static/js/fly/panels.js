@@ -35,6 +35,7 @@ export function createFlightPanels(element) {
     notice: h("div", { class: "notice", role: "status", hidden: true }),
     alarm: h("section", { "aria-label": "Alarm" }),
     refused: h("p", { class: "marker-refused", role: "alert", hidden: true }),
+    entry: h("section", { "aria-label": "Event in words", hidden: true }),
     problem: h("p", { class: "live-problem", role: "alert", hidden: true }),
     address: h("section", { "aria-label": "Where to send samples", hidden: true }),
     live: h("div", { role: "group", "aria-label": "Live source" }),
@@ -51,7 +52,7 @@ export function createFlightPanels(element) {
     transport: h("section", { "aria-label": "Transport" }),
     wall: h("section.wall", { "aria-label": "Wall", hidden: true }),
   };
-  const left = part("div", "strips-column", panels.alarm, panels.refused, panels.problem, panels.notice, panels.monitors, panels.limits, panels.address, panels.strips);
+  const left = part("div", "strips-column", panels.alarm, panels.refused, panels.entry, panels.problem, panels.notice, panels.monitors, panels.limits, panels.address, panels.strips);
   const right = part("div", "side-column", part("div", "scene-cell", panels.scene, panels.lost), part("section", "gauge-panel", panels.gauge, panels.rest, panels.ahead), panels.card, panels.events);
   panels.view = part("div", "flight", h("h1", { class: "visually-hidden" }, "Flight"), panels.status, part("div", "fly", left, right), panels.transport, panels.wall);
   element.replaceChildren(panels.view);

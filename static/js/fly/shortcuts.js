@@ -17,7 +17,7 @@ const GROUPS = [
     "Transport",
     [
       ["Space", "play or pause", STEER], [", .", "one sample back, on", STEER], ["0", "to the start", STEER],
-      ["N", "to the next alert", STEER], ["E", "to the next event", STEER], ["T", "note at this moment (replay of a recording)", "POST /recordings/{}/markers"],
+      ["N", "to the next alert", STEER], ["J", "to the next event", STEER], ["T", "note at this moment (replay of a recording)", "POST /recordings/{}/markers"],
       ["[ ]", "slower, faster", STEER], ["O", "loop", STEER],
     ],
   ],

@@ -65,6 +65,18 @@ def test_markers_are_told_stored_kept_and_repeated_and_the_flight_goes_on(
     problem(server.client.get(path), 404)
 
 
+def test_an_event_has_words_and_the_time_it_is_about(server: Server) -> None:
+    flight = server.start()["id"]
+    path = f"{URL}/{flight}/markers"
+    server.advance(1.0)
+    body = {"kind": "event", "text": "chase saw vapour", "t": 0.6}
+    marker = server.client.post(path, json=body).json()
+    assert (marker["t"], marker["seq"], marker["text"]) == (0.6, 20, "chase saw vapour")
+    assert marker["level"] == "none"
+    assert "1 s" in problem(server.client.post(path, json=body | {"t": 9.0}), 409)
+    assert len(server.client.get(path).json()) == 1
+
+
 def test_a_marker_that_the_store_refuses_is_shown_and_stored_later(
     server: Server, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -107,7 +119,15 @@ def test_a_marker_never_waits_for_a_locked_database(server: Server, tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    "body", [{"kind": "terminate"}, {"kind": "abort", "by": ""}, {"kind": "abort", "t": 1.0}, {}]
+    "body",
+    [
+        {"kind": "terminate"},
+        {"kind": "abort", "by": ""},
+        {"kind": "abort", "t": 1.0},
+        {"kind": "event"},
+        {"kind": "event", "text": " "},
+        {},
+    ],
 )
 def test_what_is_no_marker_is_refused(server: Server, body: dict[str, Any]) -> None:
     flight = server.start()["id"]
@@ -130,5 +150,5 @@ def test_markers_that_wait_for_the_store_are_never_forgotten(
 
 def test_words_and_keys_tell_the_kinds_apart_and_none_says_terminate() -> None:
     kinds = FLIGHT_MARKERS.values()
-    assert len({kind.word for kind in kinds}) == len({kind.shortcut for kind in kinds}) == 2
+    assert len({kind.word for kind in kinds}) == len({kind.shortcut for kind in kinds}) == 3
     assert "terminate" not in " ".join(f"{kind.word} {kind.meaning}" for kind in kinds).lower()

@@ -7,6 +7,7 @@ import pytest
 from playwright.sync_api import Page, Route, expect
 
 from tests.browser.fly.test_fly_page import SAFE, Fly, site, stored
+from tests.browser.fly.test_live import Live
 from tests.browser.site import Site
 
 __all__ = ["site", "stored"]
@@ -103,3 +104,66 @@ def test_no_key_marks_while_a_text_is_typed_or_modified_or_held(fly: Fly) -> Non
     markers = fly.ask("GET", f"/flights/{fly.flight}/markers")
     assert [one["kind"] for one in markers] == ["knock_it_off"]
     page.evaluate("document.querySelector('body > textarea').remove()")
+
+
+def test_an_event_is_typed_and_shown_to_everyone_at_the_moment_of_its_key(fly: Fly) -> None:
+    page = fly.page
+    fly.watch(SAFE, ("pause", None), ("seek", 2.0))
+    other = page.context.new_page()
+    other.goto(page.url)
+    other.locator('[data-flight="open"]').wait_for()
+    expect(page.locator(".transport-time")).to_contain_text("2.00")
+    page.keyboard.press("e")
+    entry = page.get_by_role("textbox", name="Event")
+    expect(entry).to_be_focused()
+    fly.steer("seek", 3.0)
+    entry.fill("x: chase saw vapour on the left wing root")  # x calls nothing while typed
+    page.keyboard.press("Enter")
+    expect(entry).to_be_hidden()
+    for view in (page, other):
+        expect(view.locator(".event", has_text="chase saw vapour")).to_contain_text("2.00 s")
+        expect(view.locator(".marker-last")).to_be_hidden()
+    other.close()
+    (marker,) = fly.ask("GET", f"/flights/{fly.flight}/markers")
+    assert (marker["kind"], marker["t"]) == ("event", pytest.approx(2.0))
+    page.keyboard.press("e")
+    page.keyboard.press("Escape")
+    expect(entry).to_be_hidden()
+    fly.end()
+    expect(page.locator(".notice .marker-last")).to_contain_text("EVENT: x: chase saw vapour")
+    expect(page.locator(".event", has_text="chase saw vapour")).to_have_count(1)
+
+
+def test_an_event_of_a_live_flight_is_in_its_replay_and_its_recording(
+    page: Page, site: Site
+) -> None:
+    live = Live(page, site)
+    live.begin()
+    live.send(1, 0, 20)
+    live.ask("POST", f"/flights/{live.flight}/markers", {"kind": "event", "text": "vapour"})
+    live.end()
+    source = {"kind": "journal", "flight_id": live.flight}
+    monitor = live.ask("GET", "/monitors")[0]["id"]
+    replay = live.ask("POST", "/flights", {"source": source, "monitor": monitor})["id"]
+    page.goto(f"{site.http}/#/fly/{replay}")
+    live.connected()
+    expect(page.locator(".event", has_text="vapour")).to_have_count(1)
+    live.ask("POST", f"/flights/{replay}/end")
+
+
+FLAG = """async (text) => {
+  const { markerNote } = await import("/static/js/fly/flight_markers.js");
+  const { event, flag } = markerNote({ t: 2, word: "EVENT", level: "none", text, by: "local" });
+  return [event.text, flag.word, flag.key];
+}"""
+
+
+def test_a_long_event_is_whole_in_the_list_and_short_on_every_strip(page: Page, site: Site) -> None:
+    page.goto(site.http)
+    text = "chase saw vapour on the left wing root, then on the right one"
+    listed, flag, key = page.evaluate(FLAG.replace("/static/js", "/js"), text)
+    assert text in listed
+    assert flag.endswith("…")
+    assert text.startswith(flag[:-1])
+    assert len(flag) <= 28
+    assert key is None

@@ -114,7 +114,7 @@ def position(page: Page) -> float:
 
 def go_to_next_event(page: Page) -> float:
     before = position(page)
-    page.keyboard.press("e")  # the time is shown at once, the slider moves when it is reached
+    page.keyboard.press("j")  # the time is shown at once, the slider moves when it is reached
     wait_until(page, f"Number(document.querySelector('input.scrub').value) > {before + 0.005}")
     return position(page)
 

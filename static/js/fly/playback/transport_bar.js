@@ -37,7 +37,7 @@ export function createTransportBar(element, { act, end }) {
     ["play", "▶", "Play", " ", toggle],
     ["step", "|▶", "One sample on", ".", () => send("step", 1)],
     ["next_alert", "▲▶", "To the next alert", "n", () => send("next_alert")],
-    ["next_event", "◆▶", "To the next event", "e", toNextEvent],
+    ["next_event", "◆▶", "To the next event", "j", toNextEvent],
     ["loop", "Loop", "Loop", "o", () => send("loop", !transport.loop)],
   ];
   const titled = (label, key) => `${label} (key ${KEYS[key] ?? key.toUpperCase()})`;
