@@ -378,7 +378,7 @@ class AuthorityFacts(Message):
     warnings: list[str] = Field(
         description="reasons not to rely on the monitor: problem, colon, figures and remedy"
     )
-    card: PlannedCard
+    card: PlannedCard | None = Field(default=None, description="null in older recorded messages")
     no_rest: str = Field(description="why it never forecasts the rest of a test card; else empty")
     monitor_set: MonitorSetStatus | None = Field(
         default=None, description="null for a flight with one alarm authority throughout"

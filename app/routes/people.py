@@ -21,7 +21,7 @@ from app.http.problems import Problem, problem_responses
 from app.routes.dependencies import PersonDep, StoreDep, part, refused, strictly
 from app.store.people import LINK_SECONDS, LONGEST_DAYS, AuditEntry, Role, StoredToken, TokenError
 from app.store.store import StoreError
-from app.store.tables import time_text
+from app.store.tables import now, time_text
 from core import __version__
 
 router = APIRouter(prefix="/api/v1", tags=["people"])
@@ -38,6 +38,7 @@ class Me(BaseModel):
     )
     role: Role
     version: str = Field(description="of the program")
+    server_time: str = Field(description="UTC, ISO 8601")
     allowed: list[str] = Field(
         description="requests allowed for the role, with path parameters as `{}`",
         examples=[["POST /api/v1/flights/{}/end"]],
@@ -80,6 +81,7 @@ async def read_me(person: PersonDep) -> Me:
         name=person.name,
         role=person.role,
         version=__version__,
+        server_time=now(),
         allowed=allowed_to(person.role),
     )
 

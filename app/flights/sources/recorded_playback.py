@@ -88,7 +88,8 @@ class RecordedScript(StoredScript):
 
     def _first_input(self, manoeuvre: Mapping[str, Any], planned: PlannedTest) -> float | None:
         """Time of the first input of a manoeuvre [s]; None where no control departs."""
-        first, stop = np.searchsorted(self.t, (manoeuvre["start"], manoeuvre["end"])).tolist()
+        ends = manoeuvre.get("start", -np.inf), manoeuvre.get("end", np.inf)
+        first, stop = np.searchsorted(self.t, ends).tolist()
         for at in range(first, stop, SOUGHT_AT_ONCE):
             onset = first_input(self.samples["y"][at : min(at + SOUGHT_AT_ONCE, stop)], planned)
             if onset is not None:

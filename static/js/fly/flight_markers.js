@@ -3,8 +3,9 @@
  *
  * Their words come from the server. A marker neither ends nor pauses the flight.
  *
- * createFlightMarkers({buttons, last, refused, entry}, {set, now, heard, unheard}) -> FlightMarkers
- *     refused: why a call was not set.   entry: the field of an event.   now() -> time of the flight [s], null before it
+ * createFlightMarkers({buttons, events, last, refused, entry}, {set, now, heard, unheard}) -> FlightMarkers
+ *     events: the panel with the button of an event.   refused: why a call was not set.   entry: the field of an event
+ *     now() -> time of the flight [s], null before it
  *     set({kind, text, t}) -> Promise; the marker arrives by the stream
  *     heard(marker)    a new call, from anyone.   unheard()    one was not set
  *   offer(kinds)     that may be set: {kind, word, meaning, level, shortcut}
@@ -23,7 +24,7 @@ const ANSWERED = 1000; // ms
 const STORED_LATE = 503; // shown, and not stored yet
 const LONGEST_FLAG = 28; // letters of an event on the strips
 
-export function createFlightMarkers({ buttons, last, refused, entry }, { set, now, heard, unheard }) {
+export function createFlightMarkers({ buttons, events, last, refused, entry }, { set, now, heard, unheard }) {
   const keys = {};
   const known = new Map(); // by number
   let kinds = [];
@@ -31,7 +32,8 @@ export function createFlightMarkers({ buttons, last, refused, entry }, { set, no
   function offer(given) {
     if (kinds.length > 0) return;
     kinds = given;
-    buttons.replaceChildren(...kinds.map((about) => (about.asks_text ? eventButton(about) : callButton(about))));
+    buttons.replaceChildren(...kinds.filter(({ asks_text: asks }) => !asks).map(callButton));
+    events.prepend(...kinds.filter(({ asks_text: asks }) => asks).map(eventButton));
   }
 
   /** Opens a field; the event is about the moment at which it was opened. */

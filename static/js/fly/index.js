@@ -4,6 +4,7 @@ import { reason } from "../lib/api.js";
 import { h, state } from "../lib/dom.js";
 import { showLiveFlight } from "./live_flight.js";
 import { showFlightRecord } from "./record.js";
+import { showSessionCheck } from "./session_check.js";
 import { showFlightStart } from "./start.js";
 
 const AGAIN = 1000; // ms between attempts to reach a server that does not answer
@@ -13,6 +14,7 @@ const LOOKS = 10; // then the record is shown as far as it goes
 export function show(element, context) {
   const { id, api } = context;
   if (id === null) return showFlightStart(element, context);
+  if (id === "check") return showSessionCheck(element, context);
   let part = { close: () => {} };
   let closed = false;
   let timer = 0;

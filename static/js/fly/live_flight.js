@@ -35,7 +35,7 @@ import { bindMuteButton, createTone } from "./tone.js";
 import { createWall } from "./wall.js";
 
 const STATUS_EVERY = 200; // ms
-const tone = createTone(); // one for the page: a browser lets it sound after the first touch
+export const tone = createTone(); // one for the page: a browser lets it sound after the first touch
 
 const NO_DATA = "NO DATA. The scene begins with the first sample.";
 const LOGGED_OUT = "◆ The login has expired. Nothing shown is live: reload the page to log in again.";
@@ -54,7 +54,7 @@ export function showLiveFlight(element, { id, api, over, camera = null, recorded
     end: recorded ? null : () => askToConfirm("End this flight?", "Its record is kept. You can fly it again.", "End flight", () => api.post(`${path}/end`, {})),
   });
   const markers = createFlightMarkers(
-    { buttons: panels.calls, last: panels.marker, refused: panels.refused, entry: panels.entry },
+    { buttons: panels.calls, events: panels.events, last: panels.marker, refused: panels.refused, entry: panels.entry },
     { set: (marker) => api.post(`${path}/markers`, marker), now: () => display?.t ?? null, heard: () => tone.caution(), unheard: () => tone.caution() },
   );
   const limits = createFlightLimits(panels.limits, { api, path });

@@ -14,6 +14,7 @@ import { jobList } from "../lib/job_progress.js";
 import { createLongList } from "../lib/long_list.js";
 import { createDisplayChoice, fittingMonitor, startFlight, warningLines, warningMark, warningsAt, warningWords } from "../lib/monitors.js";
 import { counted, leadSeconds, moment } from "../lib/numbers.js";
+import { lastCheck, worstOf } from "../lib/session_check.js";
 import { watching } from "../lib/watching.js";
 import { guarantee } from "./alarm_panel.js";
 import { createLimitChoice } from "./flight_limits.js";
@@ -165,6 +166,7 @@ function startForm({ monitors, sets, datasets, recordings, query, api, navigate 
     classes: "panel form",
     content: [
       h("h1", "Start a flight"),
+      checkLine(),
       labelled("Monitor", monitor).element,
       warnings,
       display.element,
@@ -246,6 +248,14 @@ function startForm({ monitors, sets, datasets, recordings, query, api, navigate 
     if (chosenSet()) return { source, monitor_set: monitor.value, ...limits.chosen() };
     return { source, monitor: monitor.value, monitors: display.chosen(), ...limits.chosen(), epsilon: Number(epsilon.value) };
   }
+}
+
+/** The last session check of this browser, and the way to it. */
+function checkLine() {
+  const check = lastCheck();
+  const worst = check && worstOf(check);
+  const words = check === null ? "not done in this browser today" : `${worst === "passed" ? "passed" : worst === "failed" ? "FAILED" : "not complete"}, ${moment(check.at)}`;
+  return h("p.check-line", { "data-level": worst === "passed" ? "ok" : "caution" }, `Session check: ${words}. `, h("a", { href: "#/fly/check" }, check === null ? "Do it" : "See it"));
 }
 
 /** Settings of a live flight beside its monitor; all are optional. */

@@ -12,6 +12,7 @@
 import { isSimulated } from "./catalog.js";
 import { askToConfirm, h } from "./dom.js";
 import { capital, leadSeconds, trueMinus } from "./numbers.js";
+import { checkWords, lastCheck } from "./session_check.js";
 
 const brief = (text) => text.split(":")[0].replace(/^the monitor (is|was) /, "");
 
@@ -48,6 +49,8 @@ const USELESS = "urn:forewarn:useless-monitor";
 export async function startFlight({ api, navigate }, request) {
   const start = async (order) => {
     const flight = await api.post("/flights", { wait_for_viewer: true, ...order });
+    const check = lastCheck();
+    if (check !== null || order.source.kind === "live") await noteCheck(api, flight.id, check);
     navigate(`#/fly/${flight.id}`);
   };
   try {
@@ -57,6 +60,11 @@ export async function startFlight({ api, navigate }, request) {
     if (error.kind === USELESS) askToConfirm("Fly with a monitor that is of no use?", error.message, "Fly anyway", anyway);
     throw error;
   }
+}
+
+/** The session check in the record of a flight; a server that does not store it says so on the page of the flight. */
+async function noteCheck(api, id, check) {
+  await api.post(`/flights/${id}/markers`, { kind: "event", text: checkWords(check) }).catch(() => {});
 }
 
 export function createDisplayChoice(monitors, more = "") {

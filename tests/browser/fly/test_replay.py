@@ -17,7 +17,7 @@ TWO_PRESSES = """async () => {
     const bar = createTransportBar(document.createElement("div"), { act });
     bar.show({ playing: false, speed: 1, start: 0, position: 0, duration: 9, seekable: true });
     bar.mark([1, 2, 3].map((t) => ({ t, level: "advisory" })));
-    const press = () => (bar.keys.e(), bar.t);
+    const press = () => (bar.keys.j(), bar.t);
     return [press(), press()];
 }"""
 
