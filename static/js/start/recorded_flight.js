@@ -11,6 +11,8 @@ import { ApiError } from "../lib/api.js";
 const TICK = 20; // ms
 const BEAT = 1000; // ms between heartbeats
 
+const SIMULATED = { dataset: null, reason: "the recorded demonstration has no simulated flights", quantiles: [0, 1], band: null, forecast: null };
+
 export function createRecordedFlight(recording, api, ended) {
   const { hello, messages, headlines, frames } = recording;
   const times = frames.whole.t;
@@ -153,6 +155,7 @@ export function createRecordedFlight(recording, api, ended) {
     ...api,
     get: async (asked) => {
       if (asked === "/limit-sets") return [];
+      if (asked.startsWith("/monitors/")) return SIMULATED; // the server does not have the recorded monitor
       if (!asked.startsWith(here)) return api.get(asked);
       return { frames: times.map((_, k) => ({ ...frame(k), seq: k })) };
     },
