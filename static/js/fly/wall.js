@@ -118,11 +118,12 @@ function rowOf(channel) {
 
   function show({ channel: now, value: at, peak, margin }) {
     const known = Number.isFinite(at);
-    put(value, known ? `${margin >= 1 ? "▲ " : ""}${quantity(now, at)}` : "–");
+    const current = known ? `${margin >= 1 ? "▲ " : ""}${quantity(now, at)}` : "–";
+    const hasPeak = Number.isFinite(peak); // it is the state; the current value is not
     const limits = limitsOf(now);
-    const hasPeak = Number.isFinite(peak);
     const exceeded = limits[isBeyond(limits, peak)[0] ? 0 : 1];
-    const words = hasPeak ? `▲ peak ${quantity(now, peak)}, limit ${magnitudeIn(now, exceeded)}` : `limit ${limitText(now, limits)}`;
+    put(value, hasPeak ? `▲ ${quantity(now, peak)}` : current);
+    const words = hasPeak ? `peak, limit ${magnitudeIn(now, exceeded)}, now ${current}` : `limit ${limitText(now, limits)}`;
     if (words !== shown) limit.replaceChildren(formatted(words));
     shown = words;
     item.toggleAttribute("data-over", known && margin >= 1);

@@ -121,6 +121,18 @@ def recording(state: str, monitors: int, long: bool) -> dict[str, Any]:
     return made
 
 
+LARGER = """state => {
+    const height = (element) => element.getBoundingClientRect().height
+        && parseFloat(getComputedStyle(element).fontSize)
+        * (element.ownerSVGElement ? element.getScreenCTM().a : 1);
+    const least = height(document.querySelector(state));
+    const texts = [...document.querySelectorAll("main *")].filter((element) =>
+        [...element.childNodes].some((node) => node.nodeType === 3 && node.data.trim()));
+    return texts.filter((one) => !one.closest("[data-alert]") && height(one) > least + 0.1)
+        .map((one) => [one.className.baseVal ?? one.className, height(one), least]);
+}"""
+
+
 @pytest.mark.parametrize(("monitors", "long"), [(1, False), (3, True)], ids=["1", "3 long"])
 @pytest.mark.parametrize("state", STATES)
 def test_all_that_the_wall_shows_is_legible_from_5_m(
@@ -138,7 +150,27 @@ def test_all_that_the_wall_shows_is_legible_from_5_m(
     expect(page.locator(".masthead")).to_be_hidden()
     expect(page.locator(".strip-chart")).to_be_hidden()
     expect(page.locator(".wall-row")).to_have_count(3 if long else 1)
+    if state in ("exceeding", "alarm"):
+        worst = page.locator(".wall-row[data-exceeded] .wall-value")
+        expect(worst).to_contain_text("▲")
+        expect(page.locator(".wall-row[data-exceeded] .wall-limit")).to_contain_text("peak, limit")
     assert_legible(page)
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_no_text_is_larger_than_the_state_but_the_risk_that_alerts(
+    own_page: Page, fresh: Site, allowed_errors: list[str], state: str
+) -> None:
+    allowed_errors.append("AudioContext was not allowed")
+    page, flight = own_page, recording(state, 1, False)
+    page.route("**/js/start/recording.json", lambda route: route.fulfill(json=flight))
+    for view in ("", "?wall"):
+        page.goto("about:blank")
+        page.goto(f"{fresh.http}/#/demonstration{view}")
+        wait_until(page, "document.querySelectorAll('.wall-row').length > 0" if view else
+                   "document.querySelector('.state-word')?.textContent")  # fmt: skip
+        larger = page.evaluate(LARGER, ".wall-state" if view else ".state-word")
+        assert larger == [], (state, view)
 
 
 def test_a_waiting_flight_and_its_scene_are_legible_from_5_m(
