@@ -10,7 +10,7 @@ from inspect import getsource
 from itertools import pairwise
 
 from core.channels import CHANNELS
-from core.evaluation.certificate import IN_WORDS, THRESHOLD
+from core.evaluation import IN_WORDS, THRESHOLD
 from core.simulation.published import MODELS
 
 FAMILIES = {

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from core.counted import counted
+from core.evaluation import IN_WORDS, THRESHOLD
 from core.evaluation.rates import clopper_pearson
 
 TWICE = 2.0
@@ -14,9 +15,6 @@ TWICE = 2.0
 than this multiple of it."""
 USELESS = 0.2
 """A monitor is useless if, with 97.5 % confidence, fewer safe flights than this pass it."""
-THRESHOLD = "threshold on today's value"
-"""Name of the rule beside which methods are tried, in `methods` of an evaluation."""
-IN_WORDS = "threshold on the current value"
 UNTESTED = (
     "the monitor was not tested on fresh flights: its miss rate and the share of safe flights "
     "without a false alarm are unknown"

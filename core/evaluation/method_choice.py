@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from core.dataset import Dataset
-from core.evaluation.certificate import THRESHOLD
+from core.evaluation import THRESHOLD
 from core.evaluation.rates import evaluate
 from core.limits.limits import Envelope, envelope_of
 from core.monitor.calibration import alert_above, p_values

@@ -111,7 +111,8 @@ def test_an_admin_finds_people_and_the_audit_of_one_of_them(
     allowed_errors.append("403 (Forbidden)")
     with open_site(tmp_path, TOKEN) as site:
         tokens = site.store.tokens
-        for name, role in (("Ada", "admin"), ("Vi", "viewer")):
+        people: tuple[tuple[str, Role], ...] = ("Ada", "admin"), ("Vi", "viewer")
+        for name, role in people:
             secret = tokens.add(name, role)[0]
             page.goto(f"{site.http}/login?link={tokens.make_link(secret.id)}")
             page.goto(f"{site.http}/#/people")

@@ -1,5 +1,7 @@
 """The pitch doublets of `short_period` as simulators: an object, and a plain function."""
 
+from typing import Any
+
 import numpy as np
 
 from core.planned_test.own import OwnSimulator, OwnTest, simulator
@@ -42,7 +44,8 @@ declared = simulator(channels=DICTIONARY, dt=DT, parameters=PARAMETERS, inputs=d
 pitch, thing = declared(fly), Pitch()
 
 
-def small_test(own: object, limits: object = LIMITS, **sizes: int) -> OwnTest:
+def small_test(own: object, limits: object = LIMITS, **sizes: Any) -> OwnTest:
     """A small test of a simulator, judged by limits."""
     made = OwnSimulator.of(own, "own_pitch:it").judged(DICTIONARY, limits, 0)  # pyright: ignore
-    return OwnTest(made, **{"n_unsafe": 20, "max_rollouts": 2_000} | sizes)
+    usual: dict[str, Any] = {"n_unsafe": 20, "max_rollouts": 2_000}
+    return OwnTest(made, **usual | sizes)

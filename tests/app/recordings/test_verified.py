@@ -135,7 +135,7 @@ def test_tiles_that_were_changed_are_not_served(stored_scoring: StoredScoring) -
 @pytest.mark.parametrize("name", ["file", "columns/0.f8", "scorings/*.tiles.npy"])
 def test_the_doctor_finds_what_was_changed(stored_scoring: StoredScoring, name: str) -> None:
     settings = Settings(data_dir=stored_scoring.folder.parents[1])
-    assert "1 recordings, 1 scorings" in doctor.contents(settings)
+    assert "1 recording, 1 scoring," in doctor.contents(settings)
     (file,) = stored_scoring.folder.glob(name)
     content = bytearray(file.read_bytes())
     content[-3] ^= 1

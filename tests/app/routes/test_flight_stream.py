@@ -147,6 +147,8 @@ def test_hello_then_every_frame_with_the_scores_of_the_batch(server: Server) -> 
     shown = frames_of(messages)
     assert len(source) == 121
     assert [f["seq"] for f in shown] == list(range(2, 122))
+    attitudes = [(frame.pop("attitude"), frame.pop("integrated")) for frame in shown]
+    assert all(integrated and len(angles) == 3 for angles, integrated in attitudes)
     for frame, expected in zip(shown, source[1:], strict=True):
         assert {**frame, "seq": 0, "sent": None} == {**expected, "seq": 0}
     track = server.flights.flying(flight["id"])._script._track  # pyright: ignore

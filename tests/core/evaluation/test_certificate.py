@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
+from core.evaluation import IN_WORDS, THRESHOLD
 from core.evaluation.certificate import (
-    THRESHOLD,
     UNTESTED,
     certificate,
     warnings_of,
@@ -132,5 +132,5 @@ def test_a_method_no_better_than_a_threshold_has_a_warning(quiet: int, is_warned
         | {"chosen": False},
     ]
     found = warnings_of(evaluation(20, 20, methods=methods), 0.1)
-    assert [THRESHOLD in text for text in found] == [True] * is_warned
+    assert [IN_WORDS in text for text in found] == [True] * is_warned
     assert warnings_of(evaluation(20, 20, methods=methods[:2]), 0.1) == []
