@@ -32,7 +32,7 @@ MOST_KEPT = 32
 NOT_HERE = "its dataset is not on this server"
 
 
-class Interval(BaseModel):
+class QuantileInterval(BaseModel):
     """Quantiles of a channel at each time, or of its error, in its unit."""
 
     low: list[float] | float
@@ -43,7 +43,7 @@ class SafeFlightsBand(BaseModel):
     """Band of the safe flights, each aligned at the start of its manoeuvre as detected."""
 
     t: list[float] = Field(description="from the manoeuvre's start [s]")
-    channels: dict[str, Interval]
+    channels: dict[str, QuantileInterval]
     n_flights: int
     onset: float = Field(description="usual time of the start in a simulated flight [s]")
 
@@ -51,7 +51,7 @@ class SafeFlightsBand(BaseModel):
 class ForecastError(BaseModel):
     """Error of the forecast on safe flights that it was not fitted on: measured less forecast."""
 
-    channels: dict[str, Interval]
+    channels: dict[str, QuantileInterval]
     n_flights: int
     covered: float = Field(
         description="share of the samples of failing flights within it; the least of the channels"
