@@ -35,7 +35,9 @@ def _command(parser: argparse.ArgumentParser) -> Iterator[str]:
     rows = [
         f"| {_name(action)} | {_cell(_meaning(parser, action))} |"
         for action in parser._actions
-        if action not in nested and "--help" not in action.option_strings
+        if action not in nested
+        and "--help" not in action.option_strings
+        and action.help != argparse.SUPPRESS
     ]
     if rows:
         yield "\n".join(["| argument or option | meaning |", "|---|---|", *rows]) + "\n"
