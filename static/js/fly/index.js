@@ -38,7 +38,7 @@ export function show(element, context) {
         timer = setTimeout(open, SOON, why); // its record is being completed
         return;
       }
-      if (flight.progress === "running") replace(showLiveFlight, { over: open, camera: context.query?.get("camera") });
+      if (flight.progress === "running") replace(showLiveFlight, { over: open });
       else replace(showFlightRecord, { flight, why, reopen: open });
     } catch (error) {
       if (!closed) fail(error, why);

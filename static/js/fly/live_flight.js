@@ -1,12 +1,12 @@
 /**
  * A flight in progress: its stream drives strips, gauge, alarm line, events, status and transport.
  *
- * showLiveFlight(element, {id, api, over, camera, recorded}) -> {close()}     over(reason): the flight has ended
- *     camera: of the scene, or null for the one used last
+ * showLiveFlight(element, {id, api, over, recorded}) -> {close()}     over(reason): the flight has ended
  *     recorded: {Socket, beside} of a flight that is played from a file: its socket, and what stands in
  *     place of the scene; null for a flight of the server
  */
 
+import { createAddress } from "../lib/address.js";
 import { reason } from "../lib/api.js";
 import { askToConfirm, button, h, put, state as stateOf } from "../lib/dom.js";
 import { addDrawer } from "../lib/draw_loop.js";
@@ -40,7 +40,7 @@ export const tone = createTone(); // one for the page: a browser lets it sound a
 const NO_DATA = "NO DATA. The scene begins with the first sample.";
 const LOGGED_OUT = "◆ The login has expired. Nothing shown is live: reload the page to log in again.";
 
-export function showLiveFlight(element, { id, api, over, camera = null, recorded = null }) {
+export function showLiveFlight(element, { id, api, over, recorded = null }) {
   const path = `/flights/${encodeURIComponent(id)}`;
   const panels = createFlightPanels(element);
   const status = createStatusStrip(panels.status);
@@ -62,8 +62,9 @@ export function showLiveFlight(element, { id, api, over, camera = null, recorded
   const setLine = createSetLine(panels.monitors);
   panels.transport.prepend(panels.calls);
   panels.events.prepend(panels.marker);
-  const scene = recorded ? besideRecording(panels.scene, recorded.beside) : createSceneFrame(panels.scene, id, camera);
-  const wallView = createWall(panels.wall, panels.view);
+  const viewAddress = createAddress();
+  const scene = recorded ? besideRecording(panels.scene, recorded.beside) : createSceneFrame(panels.scene, id, viewAddress);
+  const wallView = createWall(panels.wall, panels.view, viewAddress);
   const keys = { ...transport.keys, ...wallView.keys, k: alarm.acknowledgeAll, t: () => notes?.write(), v: scene.nextCamera, g: () => source?.begin() };
   const life = new AbortController();
   bindControls(panels.status, { keys, markers, wallView }, life.signal);
@@ -109,7 +110,7 @@ export function showLiveFlight(element, { id, api, over, camera = null, recorded
     hello = Object.assign(hello ?? {}, message); // one object, which the display reads too
     const { state, reason: why, cause } = hello;
     if (!again) {
-      display = createAssessmentDisplay(panels, { hello, api, path, alarm, events });
+      display = createAssessmentDisplay(panels, { hello, api, path, alarm, events, address: viewAddress });
       if (hello.source.kind === "recording") showNotes();
       if (hello.source.kind === "journal") showFlownMarkers(hello.source.flight_id);
       if (hello.live) {

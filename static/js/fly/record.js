@@ -49,7 +49,8 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   const panels = createFlightPanels(element);
   element.dataset.flight = "over";
   const status = createStatusStrip(panels.status);
-  const wall = createWall(panels.wall, panels.view);
+  const address = createAddress();
+  const wall = createWall(panels.wall, panels.view, address);
   const life = new AbortController();
   bindShortcuts(wall.keys, {}, life.signal);
   const gauge = createRiskGauge(panels.gauge);
@@ -59,7 +60,6 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   const alertAbove = alertLevel(flight);
   const isLive = flight.mode === "live";
   const isOpen = isLive && flight.progress === "interrupted" && flight.recording === null; // its source may continue it, and a person may end it
-  const address = createAddress();
   let chart = null;
   let closed = false;
 

@@ -5,8 +5,8 @@
  * The scene can be hidden on a slow machine. Its camera is remembered, and `camera` in the page's address; a view that
  * the mouse made stays until a camera is chosen or reset.
  *
- * createSceneFrame(element, flight, camera) -> {show(frame, hello), nextCamera(), wake(), close(text)}
- *     camera: asked for by the address, or null.   show: the newest sample's attitude in figures, null for none
+ * createSceneFrame(element, flight, address) -> {show(frame, hello), nextCamera(), wake(), close(text)}
+ *     address: see ../lib/address.js.   show: the newest sample's attitude in figures, null for none
  *     wake: the server is back.   close: the flight has ended
  */
 
@@ -23,11 +23,11 @@ const STYLE = `
   html:not([data-mantine-color-scheme="dark"]) body { visibility: hidden; }
   .mantine-Paper-root, .mantine-Notifications-root { display: none !important; }`;
 
-export function createSceneFrame(element, flight, asked = null) {
+export function createSceneFrame(element, flight, address) {
   element.classList.add("scene-panel");
   element.setAttribute("aria-label", "Scene");
   let frame = null;
-  let camera = [asked, remembered(CAMERA)].find((name) => name in CAMERAS) ?? "chase";
+  let camera = [address.get("camera"), remembered(CAMERA)].find((name) => name in CAMERAS) ?? "chase";
   const indicator = createAttitudeIndicator();
   const cameras = Object.entries(CAMERAS).map(([name, text]) => buttonOf(text, () => look(name), { class: "button button-small", "data-camera": name }));
   const reset = buttonOf("Reset view", () => look(camera), { class: "button button-small", title: "Back to this camera after a move of the mouse" });
@@ -49,10 +49,8 @@ export function createSceneFrame(element, flight, asked = null) {
   function look(name) {
     camera = name;
     remember(CAMERA, name);
-    const [place, search] = location.hash.split("?");
-    const query = new URLSearchParams(search);
-    query.set("camera", name);
-    history.replaceState(null, "", `${place}?${query}`);
+    address.set("camera", name);
+    address.write();
     press();
     frame?.contentWindow?.lookFrom?.(name);
   }

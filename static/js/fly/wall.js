@@ -4,7 +4,8 @@
  * The address carries it (`?wall`), so that a link opens it. Sizes are in static/wall.css: on a 55-inch screen the state
  * has at least 40 minutes of arc at 5 m, every other text at least 16.
  *
- * createWall(element, view) -> Wall     element: of the parts that are shown here only.   view: of the flight
+ * createWall(element, view, address) -> Wall     element: of the parts that are shown here only.   view: of the flight
+ *     address: see ../lib/address.js
  *   keys           {key: act}
  *   button         opens it
  *   show({words: [state, beside], level, utc, t, channels, y, latched})     drawn only while it is open
@@ -23,12 +24,7 @@ const LETTERS = 12; // of a name
 const ROOM = 1.25; // of a bar, in limits
 const NAME = "wall";
 
-const partsOfAddress = () => {
-  const [path, search] = location.hash.split("?");
-  return { path, query: new URLSearchParams(search) };
-};
-
-export function createWall(element, view) {
+export function createWall(element, view, address) {
   const word = h("p.wall-state");
   const beside = h("p.wall-beside");
   const clock = h("p.wall-clock");
@@ -38,7 +34,7 @@ export function createWall(element, view) {
   document.addEventListener("fullscreenchange", followScreen, { signal: life.signal });
   let rows = [];
   let last = null; // shown when it is opened
-  set(partsOfAddress().query.has(NAME));
+  set(address.get(NAME) !== null);
 
   const isOpen = () => !element.hidden;
 
@@ -50,11 +46,8 @@ export function createWall(element, view) {
 
   function turn(open) {
     if (open === isOpen()) return;
-    const { path, query } = partsOfAddress();
-    if (open) query.set(NAME, "");
-    else query.delete(NAME);
-    const search = query.toString().replace(`${NAME}=`, NAME);
-    history.replaceState(null, "", search ? `${path}?${search}` : path);
+    address.set(NAME, open ? "" : null);
+    address.write();
     set(open);
     if (open) document.documentElement.requestFullscreen?.().catch(() => {}); // refused: it fills the window
     else if (document.fullscreenElement) document.exitFullscreen();

@@ -1,7 +1,8 @@
 /**
  * The view in the page's address, behind the question mark: a link to it shows the same view in another browser.
  *
- * createAddress() -> {get(name) -> text | null, set(name, text | null)}    of the view that is open; null leaves it out
+ * createAddress() -> Address     of the view that is open
+ *   get(name) -> text | null, set(name, text | null)     null leaves it out.   write()     at once, not after a rest
  * keepWindow(address, time)    restores window and cursors of a TimeWindow (../charts/time_window.js), then keeps them
  */
 
@@ -16,7 +17,7 @@ for (const [event, target] of [["click", document], ["pagehide", window]])
 
 addEventListener("hashchange", () => {
   opened += 1;
-});
+}, { capture: true }); // before the next view opens
 
 export function createAddress() {
   pending();
@@ -26,7 +27,6 @@ export function createAddress() {
   const mine = opened;
   let timer = 0;
 
-  /** Others keep their parts of the address themselves. */
   function write() {
     clearTimeout(timer);
     pending = () => {};
@@ -48,7 +48,7 @@ export function createAddress() {
     pending = write;
   }
 
-  return { get: (name) => shown.get(name), set };
+  return { get: (name) => shown.get(name), set, write };
 }
 
 export function keepWindow(address, time) {

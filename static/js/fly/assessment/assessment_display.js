@@ -1,7 +1,7 @@
 /**
  * The monitor's assessments of a flight, sample by sample, on the strips, the gauge and the alarm line.
  *
- * createAssessmentDisplay(panels, {hello, api, path, alarm, events}) -> Display     path: of the flight
+ * createAssessmentDisplay(panels, {hello, api, path, alarm, events, address}) -> Display     path: of the flight
  *   onFrames(frames)           newest last; returns the newest that is shown, or null
  *   restart(t, showLimits) -> Promise<frames | null>    after a seek or a loop: draws what lies before t [s]
  *   forget()                   clears the strips: the samples shown were lost
@@ -18,7 +18,7 @@
 import { createFlightChart } from "../../charts/live/flight_chart.js";
 import { createTimeline } from "../../charts/live/timeline.js";
 import { createSimulated } from "../../charts/simulated.js";
-import { createAddress, keepWindow } from "../../lib/address.js";
+import { keepWindow } from "../../lib/address.js";
 import { shownState } from "../../lib/states.js";
 import { alertLevel } from "../flight_monitors.js";
 import { beside, headlineOf, isStale } from "../headline.js";
@@ -34,13 +34,12 @@ const READING = 1000; // ms that reading the source may take
 const LOST = { state: "stale", reason: "connection lost" };
 const ALARMED = ["stale", "invalid"]; // cautions, which are listed as alarms
 
-export function createAssessmentDisplay(panels, { hello, api, path, alarm, events }) {
+export function createAssessmentDisplay(panels, { hello, api, path, alarm, events, address }) {
   const { channels, lead, dt } = hello;
   const alertAbove = alertLevel(hello);
   const timeline = createTimeline({ seconds: windowOf(hello), lead, dt, staleAfter: hello.stale_after, start: hello.transport.start });
   timeline.begin(performance.now());
   const history = createSeekHistory(api, path, hello.transport);
-  const address = createAddress();
   const gauge = createRiskGauge(panels.gauge, timeline);
   const ahead = createRiskAhead(panels.ahead, hello.monitors);
   const rest = createRestOfCard(panels.rest, hello.no_rest);
