@@ -53,7 +53,7 @@ export function createFlightPanels(element) {
     wall: h("section.wall", { "aria-label": "Wall", hidden: true }),
   };
   const left = part("div", "strips-column", panels.alarm, panels.refused, panels.entry, panels.problem, panels.notice, panels.monitors, panels.limits, panels.address, panels.strips);
-  const right = part("div", "side-column", part("div", "scene-cell", panels.scene, panels.lost), part("section", "gauge-panel", panels.gauge, panels.rest, panels.ahead), panels.card, panels.events);
+  const right = part("div", "side-column", part("div", "scene-cell", panels.scene, panels.lost), part("section", "gauge-panel", panels.gauge, panels.rest, panels.ahead), panels.events, panels.card);
   panels.view = part("div", "flight", h("h1", { class: "visually-hidden" }, "Flight"), panels.status, part("div", "fly", left, right), panels.transport, panels.wall);
   element.replaceChildren(panels.view);
   return panels;
