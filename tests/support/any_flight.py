@@ -25,6 +25,14 @@ UP_AND_DOWN = {"Nz": SafeInterval(-1.4, 4.9, 1.0)}
 """Unequal limits of the load factor [g]."""
 GROUPS = ("angles", "rates", "acceleration", "surfaces", "loads", "engine")
 UNITS = ("rad", "rad/s", "g", "rad", "N*m", "Pa")
+FIVE = {
+    "x1": SafeInterval(-0.25, 0.28),
+    "x2": SafeInterval(-0.4, 0.4),
+    "x3": SafeInterval(None, 0.27),
+    "x5": SafeInterval(3000.0, None, 4500.0),
+    "x8": SafeInterval(-0.5, 0.5),
+}
+"""Limits of five of the channels of `many`."""
 
 
 def longitudinal() -> Array:

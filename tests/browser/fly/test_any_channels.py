@@ -17,14 +17,8 @@ from tests.browser.chromium import wait_until
 from tests.browser.site import Site
 from tests.browser.strips import Open, run
 from tests.support import any_flight
+from tests.support.any_flight import FIVE
 
-FIVE = {
-    "x1": SafeInterval(-0.25, 0.28),
-    "x2": SafeInterval(-0.4, 0.4),
-    "x3": SafeInterval(None, 0.27),
-    "x5": SafeInterval(3000.0, None, 4500.0),
-    "x8": SafeInterval(-0.5, 0.5),
-}
 MARGIN = "limit margin"
 
 

@@ -1,10 +1,8 @@
 """Limits in force on the page: named, changed by an engineer, and monitors that do not apply."""
 
 import re
-from collections.abc import Iterator
 
-import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import expect
 
 from core.limits.limit_sets import LimitCase, LimitSet
 from core.limits.limits import Limits
@@ -13,13 +11,6 @@ from tests.browser.site import Site
 from tests.browser.strips import Open
 
 __all__ = ["site", "stored"]
-
-
-@pytest.fixture
-def fly(page: Page, site: Site) -> Iterator[Fly]:
-    fly = Fly(page, site)
-    yield fly
-    fly.end()
 
 
 def test_limits_are_changed_in_flight_and_a_monitor_of_others_says_no_number(

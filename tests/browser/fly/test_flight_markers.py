@@ -1,7 +1,6 @@
 """ABORT and KNOCK IT OFF on the page: by key and button, on every screen, and in the record."""
 
 import re
-from collections.abc import Iterator
 
 import pytest
 from playwright.sync_api import Page, Route, expect
@@ -12,13 +11,6 @@ from tests.browser.site import Site
 
 __all__ = ["site", "stored"]
 ABORT = "ABORT at 0.00 s, by local"
-
-
-@pytest.fixture
-def fly(page: Page, site: Site) -> Iterator[Fly]:
-    fly = Fly(page, site)
-    yield fly
-    fly.end()
 
 
 def test_a_key_and_a_button_mark_the_flight_on_every_screen_and_in_its_record(fly: Fly) -> None:

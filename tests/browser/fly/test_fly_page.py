@@ -72,22 +72,6 @@ def stored() -> dict[str, str]:
     return {"forewarn.scene": "hidden"}
 
 
-@pytest.fixture
-def fly(page: Page, site: Site) -> "Iterator[Fly]":
-    """The page, without a flight yet."""
-    fly = Fly(page, site)
-    yield fly
-    fly.end()
-
-
-@pytest.fixture
-def own_fly(own_page: Page, site: Site) -> "Iterator[Fly]":
-    """A page of its own, for a test that reroutes its WebSockets."""
-    fly = Fly(own_page, site)
-    yield fly
-    fly.end()
-
-
 class Fly:
     """The page, and the server's view of the flight on it."""
 

@@ -5,11 +5,10 @@ import json
 import os
 import re
 import socket
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import expect
 
 from app.store.flights import INTERRUPTED
 from app.store.tables import flights
@@ -18,7 +17,6 @@ from core.channels import KEYS
 from tests.browser.chromium import wait_until
 from tests.browser.conftest import CUT, Relay, Text
 from tests.browser.fly.test_fly_page import EPSILON, SCROLL_SIZE, Fly, site, stored
-from tests.browser.site import Site
 
 __all__ = ["site", "stored"]
 DT = 0.05
@@ -46,20 +44,6 @@ class Live(Fly):
 
     def figure(self, item: str) -> Any:
         return self.page.locator(f'.live-item[data-item="{item}"] .live-value')
-
-
-@pytest.fixture
-def live(page: Page, site: Site) -> Iterator[Live]:
-    live = Live(page, site)
-    yield live
-    live.end()
-
-
-@pytest.fixture
-def own_live(own_page: Page, site: Site) -> Iterator[Live]:
-    live = Live(own_page, site)
-    yield live
-    live.end()
 
 
 def test_a_live_flight_takes_two_clicks_and_says_where_to_send_until_the_first_sample(

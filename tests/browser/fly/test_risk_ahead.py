@@ -1,7 +1,5 @@
 """The risk against time ahead on the page: a row a monitor, one of which raises the alarms."""
 
-from collections.abc import Iterator
-
 import pytest
 from playwright.sync_api import Page, expect
 
@@ -12,13 +10,6 @@ from tests.browser.site import Site
 
 __all__ = ["site", "stored"]
 LONG = "rudder doublet at sea level, trained again after the change of the yaw damper"
-
-
-@pytest.fixture
-def fly(page: Page, site: Site) -> Iterator[Fly]:
-    fly = Fly(page, site)
-    yield fly
-    fly.end()
 
 
 @pytest.fixture(scope="module")

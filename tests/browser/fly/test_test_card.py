@@ -1,15 +1,13 @@
 """The test card beside the strips: its phase, what comes next, and the flown input."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import expect
 
 from core.channels import KEYS
 from tests.browser.fly.test_fly_page import SAFE, Fly, site, stored
 from tests.browser.fly.test_live import DT, Live
-from tests.browser.site import Site
 from tests.browser.strips import Open
 
 __all__ = ["site", "stored"]
@@ -74,20 +72,6 @@ def test_a_missing_input_has_no_peak_and_a_lost_beginning_is_known_as_such(strip
     page = strips()
     assert page.evaluate(FLOWN, [[None] * 20, 0.05, 0.0])[0] is None
     assert page.evaluate(FLOWN, [[0.5] * 20, 0.05, -3.0])[2] is False
-
-
-@pytest.fixture
-def fly(page: Page, site: Site) -> Iterator[Fly]:
-    fly = Fly(page, site)
-    yield fly
-    fly.end()
-
-
-@pytest.fixture
-def live(page: Page, site: Site) -> Iterator[Live]:
-    live = Live(page, site)
-    yield live
-    live.end()
 
 
 def test_a_simulated_flight_shows_phase_input_and_what_was_not_sent(fly: Fly) -> None:

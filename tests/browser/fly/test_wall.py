@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
 
-from core.limits.limits import SafeInterval
 from tests.browser.chromium import wait_until
-from tests.browser.fly.test_live import Live, live, site, stored  # noqa: F401
+from tests.browser.fly.test_live import Live, site, stored
 from tests.browser.site import Site
 from tests.support import any_flight
 
+__all__ = ["site", "stored"]
 SIZES = ((1920, 1080), (3840, 2160))
 WIDE, FAR = 1218.0, 5000.0
 """[mm] Of a 55-inch screen of 16:9, and from eye to screen."""
@@ -19,13 +19,6 @@ MINUTE = FAR * np.tan(np.radians(1 / 60))
 """[mm] 1.454."""
 STATE, ANY = 40.0, 16.0
 """[arcmin] Least height of a capital."""
-FIVE = {
-    "x1": SafeInterval(-0.25, 0.28),
-    "x2": SafeInterval(-0.4, 0.4),
-    "x3": SafeInterval(None, 0.27),
-    "x5": SafeInterval(3000.0, None, 4500.0),
-    "x8": SafeInterval(-0.5, 0.5),
-}
 LONG = "wing_root_bending_moment_left_outboard_station_2"
 STATES = {
     "ok": ("ok", "none", []),
@@ -98,7 +91,7 @@ def recording(state: str, monitors: int, long: bool) -> dict[str, Any]:
     """A flight of 32 channels with 5 limits, or of 6 with one, held in a state."""
     many = any_flight.many(32)
     made = (
-        any_flight.recording(many, FIVE, any_flight.oscillating(many))
+        any_flight.recording(many, any_flight.FIVE, any_flight.oscillating(many))
         if long
         else any_flight.recording()
     )
@@ -173,9 +166,7 @@ def test_no_text_is_larger_than_the_state_but_the_risk_that_alerts(
         assert larger == [], (state, view)
 
 
-def test_a_waiting_flight_and_its_scene_are_legible_from_5_m(
-    live: Live,  # noqa: F811
-) -> None:
+def test_a_waiting_flight_and_its_scene_are_legible_from_5_m(live: Live) -> None:
     page = live.page
     live.begin()
     address = page.url
@@ -185,9 +176,7 @@ def test_a_waiting_flight_and_its_scene_are_legible_from_5_m(
     assert_legible(page)
 
 
-def test_a_key_opens_the_wall_the_address_has_it_and_escape_leaves_it(
-    live: Live,  # noqa: F811
-) -> None:
+def test_a_key_opens_the_wall_the_address_has_it_and_escape_leaves_it(live: Live) -> None:
     page = live.page
     live.begin()
     address = page.url
