@@ -70,6 +70,11 @@ class Range:
         )
         return self.store.monitor_sets.add("doublet", MonitorSet(cases), "Ann").id
 
+    def set_with_two_limits(self) -> str:
+        """The slow one's is 0.5 g, the other's 0.4 g."""
+        other = replace(fast_monitor(), specification=Limits(Ny=0.4))
+        return self.set_of(self.slow, self.store.monitors.add(other, "tight").id)
+
     def flights(self) -> Flights:
         return Flights(self.store, clock=self.clock, journals=Journals(self.directory / "live"))
 
@@ -242,10 +247,8 @@ def test_each_monitor_is_judged_by_its_own_limits(run: Callable) -> None:
     """Between the conditions the limits are those that all share, else unknown."""
 
     async def test(place: Range) -> None:
-        other = replace(fast_monitor(), specification=Limits(Ny=0.4))
-        tight = place.store.monitors.add(other, "tight").id
         async with place.flights() as flights:
-            flight = await place.fly(flights, monitor_set=place.set_of(place.slow, tight))
+            flight = await place.fly(flights, monitor_set=place.set_with_two_limits())
             seen = Seen(flight.watch())
             await place.push(flight, 0, 50)
             seen.take()
@@ -263,10 +266,8 @@ def test_beyond_the_limit_of_every_monitor_exceeds_between_the_conditions(run: C
     """The limits in force are unknown there, but not what exceeds each of them."""
 
     async def test(place: Range) -> None:
-        other = replace(fast_monitor(), specification=Limits(Ny=0.4))
-        tight = place.store.monitors.add(other, "tight").id
         async with place.flights() as flights:
-            flight = await place.fly(flights, monitor_set=place.set_of(place.slow, tight))
+            flight = await place.fly(flights, monitor_set=place.set_with_two_limits())
             for k, (ny, exceeds) in enumerate([(0.39, False), (0.45, False), (0.51, True)] * 2):
                 place.clock.advance(DT)
                 sample = {"t": T[k], "mach": 1.3, **dict.fromkeys(KEYS, 0.0), "Ny": ny}
@@ -283,10 +284,8 @@ def test_beyond_the_limit_of_every_monitor_exceeds_between_the_conditions(run: C
 
 def test_a_received_sample_is_judged_by_the_monitor_of_its_own_condition(run: Callable) -> None:
     async def test(place: Range) -> None:
-        other = replace(fast_monitor(), specification=Limits(Ny=0.4))
-        tight = place.store.monitors.add(other, "tight").id
         async with place.flights() as flights:
-            flight = await place.fly(flights, monitor_set=place.set_of(place.slow, tight))
+            flight = await place.fly(flights, monitor_set=place.set_with_two_limits())
             for k, (mach, ny) in enumerate([(0.9, 0.39), (0.7, 0.45), (0.9, 0.39)] * 3):
                 place.clock.advance(DT)
                 sample = {"t": T[k], "mach": mach, **dict.fromkeys(KEYS, 0.0), "Ny": ny}
