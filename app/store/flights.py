@@ -197,8 +197,9 @@ class FlightRepository(Entries[FlightInfo]):
             return self._fetch(connection, flight_id)
 
     def without_summary(self) -> list[str]:
-        """Ids of the ended flights without a summary, newest first."""
-        lacking = (flights.c.status != "running") & flights.c.summary.is_(None)
+        """Ids of the ended flights without a summary of this version, newest first."""
+        whole = flights.c.summary["is_assessed"].as_string().is_not(None)
+        lacking = (flights.c.status != "running") & ~whole
         query = select(flights.c.id).where(lacking).order_by(flights.c.created.desc())
         with self._reading() as connection:
             return list(connection.execute(query).scalars())

@@ -164,6 +164,10 @@ def test_a_list_shows_of_each_flight_what_its_record_shows(
     assert store.flights.without_summary() == flown[::-1]
     summarize(store, store.flights.without_summary())
     assert store.flights.without_summary() == []
+    older = dict(store.flights.info(flown[0]).summary or {})
+    del older["is_assessed"]
+    store.flights.summarize({flown[0]: older})
+    assert store.flights.without_summary() == [flown[0]], "of a version that did not store it"
     assert client.get(FLIGHTS).json() == of_each
     store.alarms.acknowledge(flown[3], 1, "Ann")
     shown, (record, *_) = client.get(f"{FLIGHTS}/{flown[3]}").json(), client.get(FLIGHTS).json()
