@@ -271,11 +271,8 @@ class Flight(ABC):
         ruling = self._ruling
         if not isinstance(ruling, MonitorRuling):
             return set_status(self.plan.monitors, "", NO_SAMPLE)
-        beyond = (
-            ""
-            if not ruling.beyond
-            else limits_in_words(self.plan.monitor.dictionary, ruling.limits)
-        )
+        limits = limits_in_words(self.plan.monitor.dictionary, ruling.limits)
+        beyond = limits if ruling.beyond else ""
         return set_status(self.plan.monitors, ruling.case, ruling.reason, beyond)
 
     @property

@@ -6,14 +6,6 @@ from core.kernels.compiled import jit
 
 
 @jit
-def turned(matrix, columns):
-    """Write the columns of a matrix as rows: products then add whole vectors."""
-    for i in range(matrix.shape[0]):
-        for j in range(matrix.shape[1]):
-            columns[j, i] = matrix[i, j]
-
-
-@jit
 def whiten(f, h, gain, root, y, start, white):
     """Filter the records of c variants of each of n models.
 
@@ -24,14 +16,13 @@ def whiten(f, h, gain, root, y, start, white):
     n, c, k = start.shape
     m, n_samples, last = h.shape[2], y.shape[2], gain.shape[1] - 1
     gains = np.empty((last + 1, m, k))
-    across, seen = np.empty((k, k)), np.empty((k, m))
+    across, seen = np.empty((k, k)), np.empty((k, m))  # columns as rows: products add whole vectors
     residual, state, following = np.empty(m), np.empty(k), np.empty(k)
     for i in range(n):
         for s in range(last + 1):
-            turned(gain[i, s], gains[s])
+            gains[s] = gain[i, s].T
         for j in range(c):
-            turned(f[i, j], across)
-            turned(h[i, j], seen)
+            across[:], seen[:] = f[i, j].T, h[i, j].T
             record = y[min(i, y.shape[0] - 1), min(j, y.shape[1] - 1)]
             for a in range(k):
                 state[a] = start[i, j, a]

@@ -157,7 +157,7 @@ function restOf({ reason }) {
   return READY.test(reason) ? "ready" : "";
 }
 
-/** When the planned input is back at trim for good [s]. */
+/** Time from which the planned input stays at trim [s]. */
 function inputEnd({ inputs }) {
   return Math.max(0, ...inputs.map(({ t, y }) => t[Math.min(t.length - 1, y.findLastIndex((value) => value !== 0) + 1)]));
 }
