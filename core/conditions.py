@@ -17,13 +17,15 @@ class ConditionChannel:
     symbol: str
     unit: str
     label: str
+    lowest: float = -inf
+    """least value that it can have"""
 
 
 CONDITIONS: dict[ConditionKey, ConditionChannel] = {
     channel.key: channel
     for channel in (
-        ConditionChannel("mach", "M", "", "Mach number"),
-        ConditionChannel("dynamic_pressure", "q", "Pa", "dynamic pressure"),
+        ConditionChannel("mach", "M", "", "Mach number", 0.0),
+        ConditionChannel("dynamic_pressure", "q", "Pa", "dynamic pressure", 0.0),
         ConditionChannel("configuration", "conf", "", "number of the configuration"),
         ConditionChannel("altitude", "h", "m", "altitude"),
     )
@@ -89,6 +91,16 @@ class Case:
                 (_ends(self.ranges[key]), _ends(other.ranges.get(key)))
             ]
         )
+
+    def is_covered(self, others: Sequence["Case"]) -> bool:
+        """Whether one of the others holds wherever this one does."""
+        keys = self.ranges.keys()
+        boxes = [
+            [_ends(each.ranges.get(key)) for key in keys]
+            for each in (self, *others)
+            if each.ranges.keys() <= keys  # others do not hold where a further channel is missing
+        ]
+        return _is_covered(boxes[0], boxes[1:])
 
 
 AnyCase = TypeVar("AnyCase", bound=Case)
@@ -169,6 +181,26 @@ def _shared(key: ConditionKey, case: Case, other: Case) -> str:
     low, high, known = max(low, other_low), min(high, other_high), CONDITIONS[key]
     ends = [f"from {low:g}"] * isfinite(low) + [f"below {high:g}"] * isfinite(high)
     return f"{known.label} {' and '.join(ends)} {known.unit}".rstrip() if ends else ""
+
+
+Box = list[tuple[float, float]]
+
+
+def _is_covered(box: Box, others: list[Box]) -> bool:
+    """Whether the others together cover a box: what is left of it beside each is covered too."""
+    if not others:
+        return False
+    first, *rest = others
+    inside = list(box)
+    for axis, ((low, high), (first_low, first_high)) in enumerate(zip(box, first, strict=True)):
+        for part in ((low, min(high, first_low)), (max(low, first_high), high)):
+            beside = [*inside[:axis], part, *inside[axis + 1 :]]
+            if part[0] < part[1] and not _is_covered(beside, rest):
+                return False
+        inside[axis] = max(low, first_low), min(high, first_high)
+        if inside[axis][0] >= inside[axis][1]:
+            return True
+    return True
 
 
 def _ends(interval: Range | None) -> tuple[float, float]:

@@ -63,7 +63,8 @@ def add_monitor_set(new: NewMonitorSet, store: StoreDep, person: PersonDep) -> M
             for case, m in zip(new.cases, monitors, strict=True)
         )
         monitor_set = MonitorSet(cases)
-    return store.monitor_sets.add(new.name, monitor_set, signature(person, new.by), new.text)
+        monitor_set.check()
+        return store.monitor_sets.add(new.name, monitor_set, signature(person, new.by), new.text)
 
 
 @router.get("/{set_id}")

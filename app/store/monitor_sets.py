@@ -70,8 +70,14 @@ class MonitorSetRepository(Repository):
     def add(
         self, name: str, monitor_set: MonitorSet[MonitorInfo], by: str, text: str | None = None
     ) -> MonitorSetInfo:
+        """ValueError for the name of another set."""
         row = {"id": new_id(), "name": name, "created": now(), "by": by, "text": text}
         with self._writing() as connection:
+            alike = select(monitor_sets.c.id).where(monitor_sets.c.name == name)
+            if (other := connection.execute(alike).scalars().first()) is not None:
+                raise ValueError(
+                    f"monitor set {other} is called {name!r} too: give this one another name"
+                )
             connection.execute(insert(monitor_sets).values(**row))
             for position, case in enumerate(monitor_set.cases):
                 part = {"monitor_set_id": row["id"], "position": position, "name": case.name}

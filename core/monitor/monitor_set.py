@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
-from core.conditions import Case, Cases
+from core.conditions import CONDITIONS, Case, Cases
 
 
 class SetMember(Protocol):
@@ -53,3 +53,28 @@ class MonitorSet(Cases[MonitorCase[M]], Generic[M]):
                         f"the monitors of {first.name} and {case.name} differ in their {word}: "
                         f"choose monitors with the same {word}"
                     )
+
+    def check(self) -> None:
+        """ValueError for a condition without a range, and for one that never holds."""
+        for number, case in enumerate(self.cases):
+            for key, (low, high) in case.ranges.items():
+                if low is None and high is None:
+                    raise ValueError(
+                        f"the range of {key} of {case.name} has no end: give one or both, or leave "
+                        f"out {key}"
+                    )
+                if high is not None and high <= CONDITIONS[key].lowest:
+                    raise ValueError(
+                        f"the range of {key} of {case.name} is empty: it ends before {high:g}, and "
+                        f"{CONDITIONS[key].label} is at least {CONDITIONS[key].lowest:g}"
+                    )
+            if not case.ranges:
+                raise ValueError(
+                    f"{case.name} has no range, so its monitor would be used everywhere: give a "
+                    f"range of {', '.join(CONDITIONS)}, or fly with that monitor alone"
+                )
+            if case.is_covered(self.cases[:number]):
+                raise ValueError(
+                    f"{case.name} never holds, as the conditions before it include all of it: "
+                    "change its ranges or leave it out"
+                )

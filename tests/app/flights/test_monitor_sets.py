@@ -62,18 +62,18 @@ class Range:
         self.fast = self.store.monitors.add(fast_monitor(), "fast one").id
         self.set_id = self.set_of(self.slow, self.fast)
 
-    def set_of(self, slow: str, fast: str) -> str:
+    def set_of(self, slow: str, fast: str, name: str = "doublet") -> str:
         info = self.store.monitors.info
         cases: tuple[MonitorCase[MonitorInfo], ...] = (
             MonitorCase("slow", {"mach": (None, 0.8)}, info(slow)),
             MonitorCase("fast", {"mach": (0.8, 1.2)}, info(fast)),
         )
-        return self.store.monitor_sets.add("doublet", MonitorSet(cases), "Ann").id
+        return self.store.monitor_sets.add(name, MonitorSet(cases), "Ann").id
 
     def set_with_two_limits(self) -> str:
         """The slow one's is 0.5 g, the other's 0.4 g."""
         other = replace(fast_monitor(), specification=Limits(Ny=0.4))
-        return self.set_of(self.slow, self.store.monitors.add(other, "tight").id)
+        return self.set_of(self.slow, self.store.monitors.add(other, "tight").id, "two limits")
 
     def flights(self) -> Flights:
         return Flights(self.store, clock=self.clock, journals=Journals(self.directory / "live"))

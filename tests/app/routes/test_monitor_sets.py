@@ -40,6 +40,7 @@ def test_a_set_is_made_read_and_deleted(client: TestClient) -> None:
     made = add(client, slow, fast)
     assert made.status_code == 201, made.text
     made = made.json()
+    assert made["id"] in problem(add(client, slow, fast), 422)
     assert [(case["monitor"], case["monitor_name"]) for case in made["cases"]] == [
         (slow, "slow one"),
         (fast, "fast one"),
@@ -61,6 +62,8 @@ def test_an_invalid_set_is_refused_with_the_reason(client: TestClient) -> None:
     assert "slow includes all of fast" in included
     assert "slow and fast differ in their lead time" in problem(add(client, slow, early), 422)
     problem(add(client, slow, "nothing"), 404)
+    everywhere = {"name": "one", "cases": [{"name": "all", "monitor": slow}]}
+    assert "all has no range" in problem(client.post(URL, json=everywhere), 422)
     assert client.get(URL).json() == []
 
 

@@ -1,14 +1,19 @@
 """Monitor sets: monitors that differ in what a set shares are refused, naming the two."""
 
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from core.channels import LATERAL, Dictionary
-from core.conditions import NO_CONDITION
+from core.conditions import MISSING, NO_CONDITION, Case
 from core.monitor.monitor_set import MonitorCase, MonitorSet
+from tests.core.limits.test_limit_sets import ENDS
 from tests.support.flying import exact_monitor
+from tests.support.repetition import examples
 
 FEWER = Dictionary("fewer", LATERAL.channels[:5])
 
@@ -36,3 +41,35 @@ def test_at_most_one_monitor_is_found() -> None:
 def test_monitors_that_differ_are_refused(other: Any, word: str) -> None:
     with pytest.raises(ValueError, match=f"of slow and fast differ in their {word}"):
         two(**other)
+
+
+def one_of(ranges: list[Any]) -> MonitorSet:
+    cases = [MonitorCase(f"case {k}", each, exact_monitor()) for k, each in enumerate(ranges)]
+    return MonitorSet(tuple(cases))
+
+
+@pytest.mark.parametrize(
+    ("ranges", "words"),
+    [
+        ([{}], "case 0 has no range"),
+        ([{"mach": (None, None)}], "mach of case 0 has no end"),
+        ([{"mach": (None, 0.0)}], "mach of case 0 is empty"),
+        ([{"mach": (None, 1.0)}, {"mach": (1.0, None)}, {"mach": (0.9, 1.1)}], "case 2 never"),
+    ],
+)
+def test_a_new_set_has_no_condition_that_is_never_or_always_chosen(
+    ranges: list[Any], words: str
+) -> None:
+    with pytest.raises(ValueError, match=words):
+        one_of(ranges).check()
+
+
+@settings(max_examples=examples(300), deadline=None)
+@given(boxes=st.lists(st.dictionaries(st.sampled_from(("mach", "altitude")), ENDS), min_size=2))
+def test_a_condition_is_covered_if_another_holds_wherever_it_does(boxes: list[Any]) -> None:
+    case, *others = (Case(f"case {k}", each) for k, each in enumerate(boxes))
+    values = (MISSING, *range(-1, 6))
+    points = [(mach, MISSING, MISSING, altitude) for mach, altitude in product(values, values)]
+    held = [point for point in points if case.holds(point)]
+    expected = all(any(other.holds(point) for other in others) for point in held)
+    assert case.is_covered(others) == expected
