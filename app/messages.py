@@ -210,6 +210,7 @@ class ManoeuvreBegun(Message):
 class ConditionSignal(Message):
     """A channel of the flight condition that a live source must send."""
 
+    key: ConditionKey
     name: str = Field(description="in a batch")
     label: str
     unit: str = Field(description="empty for none")

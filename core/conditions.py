@@ -6,7 +6,7 @@ from itertools import combinations
 from math import inf, isfinite
 from typing import ClassVar, Generic, Literal, Self, TypeVar
 
-ConditionKey = Literal["mach", "dynamic_pressure", "configuration", "altitude"]
+ConditionKey = Literal["mach", "dynamic_pressure", "configuration", "altitude", "V"]
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,7 @@ CONDITIONS: dict[ConditionKey, ConditionChannel] = {
         ConditionChannel("dynamic_pressure", "q", "Pa", "dynamic pressure", 0.0),
         ConditionChannel("configuration", "conf", "", "number of the configuration"),
         ConditionChannel("altitude", "h", "m", "altitude"),
+        ConditionChannel("V", "V", "m/s", "true airspeed"),
     )
 }
 CONDITION_KEYS: tuple[ConditionKey, ...] = tuple(CONDITIONS)

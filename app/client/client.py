@@ -84,15 +84,26 @@ class LiveClient:
 
     # --- the flight ---------------------------------------------------------------------------
 
-    def start(self, monitor: str, *, name: str | None = None, **source: Any) -> str:
-        """Start a live flight with a monitor, given by id. Returns the flight's id.
+    def start(
+        self,
+        monitor: str | None = None,
+        *,
+        monitor_set: str | None = None,
+        condition: Mapping[str, float | str] | None = None,
+        name: str | None = None,
+        **source: Any,
+    ) -> str:
+        """Start a live flight with a monitor or a monitor set, given by id. Returns its own id.
 
+        condition: of a flight on a set: declared values in SI units, or names that samples have.
         source: further fields of the source: recording, delay, trim, udp.
         """
         if self.way == "udp":
             source = {"udp": 0} | source
         source = {"kind": "live"} | {key: x for key, x in source.items() if x is not None}
-        body = {"source": source, "monitor": monitor} | ({"name": name} if name else {})
+        given = {"monitor": monitor, "monitor_set": monitor_set, "name": name}
+        given |= {"condition": condition}
+        body = {"source": source} | {key: x for key, x in given.items() if x}
         flight = self.join(self._ask("POST", "/flights", body, START_S)["id"])
         self._has_started = True
         return flight
@@ -103,10 +114,15 @@ class LiveClient:
         self._samples.begin_after(self.status()["last_sequence"])
         return flight
 
-    def dictionary(self, monitor: str | None = None, *, flight: str | None = None) -> Any:
-        """Dictionary of a monitor, or of a flight's alarm authority; None for the lateral one."""
-        monitor = monitor or self._ask("GET", f"/flights/{flight}")["monitor"]
+    def dictionary(self, monitor: str) -> Any:
+        """Dictionary of a monitor; None for the lateral one."""
         return self._ask("GET", f"/monitors/{monitor}")["dictionary"]
+
+    def monitor_set(self, set_id: str) -> dict[str, Any]:
+        return self._ask("GET", f"/monitor-sets/{set_id}")
+
+    def flight_status(self, flight: str) -> dict[str, Any]:
+        return self._ask("GET", f"/flights/{flight}")
 
     def status(self) -> dict[str, Any]:
         """State of the source on the server: last_sequence, names, counts by kind, ..."""

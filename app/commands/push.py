@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from app.commands.options.option import add_json, option
 from app.commands.output.results import print_result
+from core.conditions import CONDITION_KEYS, CONDITIONS, ConditionKey
+from core.recipe import instead_of
 
 if TYPE_CHECKING:  # slow to import, and not needed for help
     from app.client import LiveClient
@@ -30,6 +32,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     into = parser.add_mutually_exclusive_group(required=True)
     option(into, "--flight ID", "live flight in progress")
     option(into, "--monitor ID", "start a live flight with this monitor")
+    option(into, "--monitor-set ID", "start a live flight with this monitor set")
     ways = parser.add_mutually_exclusive_group()
     for way, words in (
         ("websocket", "by WebSocket (the default)"),
@@ -42,6 +45,14 @@ def add(parser: argparse.ArgumentParser) -> None:
     option(parser, "--token TOKEN", f"an operator's token; default: {TOKEN}")
     option(parser, "--name NAME", "of the started flight")
     option(parser, "--mapping FILE.json", "mapping of the signals", type=Path)
+    option(
+        parser,
+        "--condition KEY=VALUE",
+        "declared flight condition of a flight on a monitor set, such as mach=0.6 or "
+        f"altitude=30000ft: {', '.join(CONDITION_KEYS)}",
+        action="append",
+        default=[],
+    )
     option(parser, "--as-is", "send the file's own names and numbers; the flight maps them")
     option(parser, "--recording ID", "stored recording whose mapping the started flight uses")
     option(
@@ -57,27 +68,18 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Push the file. Returns 0 only if every sample is durable."""
     from app.client import LiveClient, PushFailed  # slow to import, not needed for help
-    from app.commands.recorded_rows import raw_rows, si_rows
-    from core.channels import Dictionary
 
     rate = _rate(options.rate)
-    if options.monitor and options.as_is and not options.recording:
+    if options.as_is and not (options.flight or options.recording):
         raise ValueError("--as-is needs a mapping: give --recording ID too")
     if options.recording and not options.as_is:
         raise ValueError("--recording maps the file's own names: give --as-is too")
+    if options.condition and not options.monitor_set:
+        raise ValueError("--condition is for a flight on a monitor set: give --monitor-set too")
     token = options.token or os.environ.get(TOKEN)
     udp_key = os.environ.get(UDP_KEY)
     client = LiveClient(options.server, token, way=options.way, udp_key=udp_key)
-    rows = None
-    if not options.as_is:
-        dictionary = client.dictionary(options.monitor, flight=options.flight)
-        rows = si_rows(options.file, options.mapping, Dictionary.from_stored(dictionary))
-    if options.flight:
-        client.join(options.flight)
-    else:
-        client.start(options.monitor, name=options.name, recording=options.recording)
-    if rows is None:
-        rows = raw_rows(options.file, options.mapping, client.status()["names"])
+    rows = _prepared(client, options)
     for note in rows.notes:
         print(note, file=sys.stderr)
     print(f"pushing into {client.address}", file=sys.stderr if options.json else sys.stdout)
@@ -107,6 +109,78 @@ def run(options: argparse.Namespace) -> int:
     if is_interrupted:
         return INTERRUPTED
     return 0 if client.durable == len(rows.t) and not failure else 1
+
+
+def _prepared(client: LiveClient, options: argparse.Namespace) -> RecordedRows:
+    """Join or start the flight. Returns what to send. TelemetryError; PushFailed; ValueError."""
+    from app.commands.recorded_rows import raw_rows, si_rows  # slow to import
+    from core.channels import Dictionary
+
+    declared = dict(map(_declared, options.condition))
+    flight, cases = {}, [{"monitor": options.monitor, "ranges": {}}]
+    if options.flight:
+        flight = client.flight_status(options.flight)
+        client.join(options.flight)
+        needed = {each["key"]: each["name"] for each in client.status()["conditions"]}
+    else:
+        if options.monitor_set:
+            cases = client.monitor_set(options.monitor_set)["cases"]
+        needed = {key: key for case in cases for key in case["ranges"] if key not in declared}
+    monitor = flight.get("monitor", cases[0]["monitor"])
+    dictionary = Dictionary.from_stored(client.dictionary(monitor))
+    is_mapped = bool(options.recording or flight.get("source", {}).get("recording"))
+    if is_mapped and not options.as_is:
+        raise ValueError(
+            f"flight {options.flight} reads the names of a recording, not SI units: give --as-is"
+        )
+
+    def start() -> None:
+        if not options.flight:
+            about = {"name": options.name, "recording": options.recording}
+            groups = {"monitor_set": options.monitor_set, "condition": declared}
+            client.start(options.monitor, **groups, **about)
+
+    if options.as_is:
+        start()
+        status = client.status()
+        units = {each["name"]: each["unit"] for each in status["conditions"]}
+        names = [*status["names"], *units]
+        if not is_mapped:
+            units |= {known.key: known.unit for known in dictionary.channels}
+        return raw_rows(options.file, options.mapping, names, units)
+    rows = si_rows(options.file, options.mapping, dictionary, needed)
+    if lacking := [key for key, name in needed.items() if name not in rows.names]:
+        labels = " and ".join(CONDITIONS[key].label for key in lacking)
+        text = f"{labels}, of which {options.file} has no signal"
+        if not options.flight:
+            raise ValueError(
+                f"the monitor set needs {text}: declare it with --condition "
+                f"{lacking[0]}=VALUE, or map a signal to it with --mapping"
+            )
+        rows.notes.append(f"WARNING: the flight needs {text}")
+    start()
+    return rows
+
+
+def _declared(text: str) -> tuple[ConditionKey, float]:
+    """Key and value in SI units of `altitude=30000ft`. ValueError."""
+    import numpy as np  # slow to import
+
+    from app.telemetry.limit_texts import VALUE
+    from app.telemetry.recording import TelemetryError
+    from app.telemetry.units import PLAIN, convert
+
+    key, _, value = text.partition("=")
+    known = next((each for each in CONDITIONS.values() if each.key == key.strip()), None)
+    match = VALUE.fullmatch(value.strip())
+    if known is None or match is None:
+        wrong = instead_of(key.strip(), CONDITIONS) if known is None else "write a number"
+        raise ValueError(f"--condition {text!r}: {wrong}, such as altitude=30000ft or mach=0.6")
+    unit = known.unit or PLAIN
+    try:
+        return known.key, float(convert(np.array([float(match[1])]), match[2] or unit, unit)[0])
+    except TelemetryError as error:
+        raise ValueError(f"--condition {text!r}: {error}") from None
 
 
 def _rate(text: str) -> float:

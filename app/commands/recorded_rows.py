@@ -1,7 +1,9 @@
 """A recording as rows to send to a live flight, in order of time."""
 
-from collections.abc import Sequence
+import collections.abc as abc
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -13,12 +15,21 @@ from app.telemetry.mapping.derivations import on_times_of
 from app.telemetry.mapping.mapping import Mapping
 from app.telemetry.mapping.proposal import Proposal, propose
 from app.telemetry.reading import columns_of
-from app.telemetry.recording import ATTITUDE, TelemetryError
+from app.telemetry.recording import ATTITUDE, TelemetryError, Trace
 from app.telemetry.targets import TARGETS
 from app.telemetry.timing.repair import repair
-from app.telemetry.units import convert
-from core.channels import LATERAL, Dictionary
+from app.telemetry.units import PLAIN, convert, factor, fits
+from core.channels import LATERAL, Dictionary, channel
+from core.conditions import CONDITIONS, ConditionKey
 from core.types import Array
+
+FLIGHT_CONDITION = tuple(
+    channel(known.key, known.key, known.unit or PLAIN, known.label)
+    for known in CONDITIONS.values()
+    if known.key not in (*TARGETS, "altitude")
+)
+"""Channels of the flight condition that a file names exactly; altitude is mapped as `h`."""
+NO_NAMES: abc.Mapping[str, str] = MappingProxyType({})
 
 
 class RecordedRows(NamedTuple):
@@ -33,50 +44,109 @@ class RecordedRows(NamedTuple):
     notes: list[str]
 
 
-def si_rows(file: Path, mapping: Path | None, dictionary: Dictionary = LATERAL) -> RecordedRows:
+def si_rows(
+    file: Path,
+    mapping: Path | None,
+    dictionary: Dictionary = LATERAL,
+    condition: abc.Mapping[str, str] = NO_NAMES,
+) -> RecordedRows:
     """The mapped channels in SI units at the times of the fastest channel. TelemetryError.
 
     mapping: a JSON file; the program's proposal if None.   dictionary: of the monitor.
+    condition: names under which the flight expects channels of its condition, if not their own.
     """
     with columns_of(file) as columns:
         used, proposal = _mapping(columns, mapping, dictionary)
         traces = repair(apply_mapping(columns, used)).traces
         notes = [*mapping_lines(used, proposal), *traces.notes]
-    channels = {key: trace for key, trace in traces.channels.items() if len(trace.t)}
+    mapped = {k: trace for k, trace in traces.channels.items() if np.isfinite(trace.values).any()}
     needed = dictionary.measured
-    if channels.keys() <= TARGETS.keys():  # no condition of limits that only the flight knows
-        channels = {k: trace for k, trace in channels.items() if k in (*needed, *ATTITUDE)}
-    measured = [trace for key, trace in channels.items() if key in needed or key not in ATTITUDE]
+    measured = [trace for key, trace in mapped.items() if key in needed]
     if not measured:
         raise TelemetryError(f"{file}: none of {', '.join(needed)} is mapped: give a --mapping")
     fastest = max(measured, key=lambda trace: len(trace.t))
     t = fastest.t
-    interpolated = [key for key, trace in channels.items() if trace.t is not t]
-    if interpolated:
+    sent = {key: mapped[key] for key in (*needed, *ATTITUDE) if key in mapped}
+    sent |= {
+        condition.get(key, key): trace for key, trace in _condition(mapped) if key not in needed
+    }
+    if interpolated := [key for key, trace in sent.items() if trace.t is not t]:
         notes.append(f"Interpolated linearly: {', '.join(interpolated)}.")
-    values = [on_times_of(fastest, trace, key) for key, trace in channels.items()]
-    return RecordedRows(t, ["t", *channels], np.column_stack([t, *values]), notes)
+    if unread := [
+        key for key, trace in mapped.items() if all(trace is not x for x in sent.values())
+    ]:
+        notes.append(f"Not sent, because a live flight does not read it: {', '.join(unread)}.")
+    values = [
+        convert(_on_times_of(fastest, trace, key), trace.unit, dictionary.by_key[key].unit)
+        if key in needed
+        else _on_times_of(fastest, trace, key)
+        for key, trace in sent.items()
+    ]
+    return RecordedRows(t, ["t", *sent], np.column_stack([t, *values]), notes)
 
 
-def raw_rows(file: Path, mapping: Path | None, names: Sequence[str]) -> RecordedRows:
-    """The named signals with the file's own values, time first. TelemetryError."""
+def _on_times_of(fastest: Trace, trace: Trace, key: str) -> Array:
+    """Values at the times of another trace: interpolated, or the last one of a number of a case."""
+    if key != "configuration" or trace.t is fastest.t:
+        return on_times_of(fastest, trace, key)
+    known = np.isfinite(trace.t) & np.isfinite(trace.values)
+    order = np.argsort(trace.t[known], kind="stable")
+    values = np.append(np.nan, trace.values[known][order])
+    return values[np.searchsorted(trace.t[known][order], fastest.t, "right")]
+
+
+def _condition(mapped: abc.Mapping[str, Trace]) -> Iterator[tuple[ConditionKey, Trace]]:
+    """The mapped channels of the flight condition. TelemetryError for a unit of another kind."""
+    for key, known in CONDITIONS.items():
+        trace = mapped.get(key) or (mapped.get("h") if key == "altitude" else None)
+        if trace is None:
+            continue
+        if not fits(trace.unit, known.unit or PLAIN):
+            raise TelemetryError(
+                f"{key} ({trace.source}) is mapped in {trace.unit}: give the unit of a "
+                f"{known.label}"
+            )
+        yield key, trace
+
+
+def raw_rows(
+    file: Path, mapping: Path | None, names: Sequence[str], units: abc.Mapping[str, str] = NO_NAMES
+) -> RecordedRows:
+    """The signals of these names with the file's own values, time first. TelemetryError.
+
+    units: in which the flight reads names that it does not map.
+    """
     with columns_of(file) as columns:
         used, _ = _mapping(columns, mapping, LATERAL)
-        groups = {signal.name: signal.group for signal in columns.contents.signals}
-        if missing := [name for name in names if name not in groups]:
+        signals = {signal.name: signal for signal in columns.contents.signals}
+        sent = [name for name in names if name in signals]
+        lacking = [name for name in names if name not in signals]
+        if names[0] not in signals or len(sent) < 2:
             raise TelemetryError(
-                f"{file} has no signal {', '.join(missing)}, which the flight expects: leave out "
+                f"{file} has no signal {', '.join(lacking)}, which the flight expects: leave out "
                 "--as-is, or start a flight with the mapping of this recording"
             )
-        if len({groups[name] for name in names}) > 1:
+        for name in sent:
+            unit = signals[name].unit
+            if unit and name in units and not _is_unit(unit, units[name]):
+                raise TelemetryError(
+                    f"{file} has {name} in {unit}, and the flight reads it in "
+                    f"{units[name] or PLAIN}: leave out --as-is"
+                )
+        if len({signals[name].group for name in sent}) > 1:
             raise TelemetryError(
                 f"the signals of {file} have different sample times: leave out --as-is"
             )
-        values = np.column_stack([np.array(columns.values(name)) for name in names])
-        units = [time.unit for time in used.times.values() if time.signal == names[0]]
-        t = convert(values[:, 0], units[0] if units else "s", "s")
+        values = np.column_stack([np.array(columns.values(name)) for name in sent])
+        unit = [time.unit for time in used.times.values() if time.signal == names[0]]
+        t = convert(values[:, 0], unit[0] if unit else "s", "s")
     timed = np.isfinite(t)
-    return RecordedRows(t[timed], [*names], values[timed], [])
+    notes = [f"Not sent, because the file has no such signal: {', '.join(lacking)}."]
+    return RecordedRows(t[timed], sent, values[timed], notes if lacking else [])
+
+
+def _is_unit(unit: str, needed: str) -> bool:
+    return fits(unit, needed or PLAIN) and factor(unit, needed or PLAIN) == 1.0
 
 
 def _mapping(
@@ -85,5 +155,5 @@ def _mapping(
     """The mapping of a JSON file; without one, the program's with its proposal."""
     if path is not None:
         return read_mapping(path), None
-    proposal = propose(columns, dictionary=dictionary)
+    proposal = propose(columns, dictionary=dictionary, others=FLIGHT_CONDITION)
     return proposal.mapping, proposal

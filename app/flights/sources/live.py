@@ -478,7 +478,7 @@ class LiveFlight(Flight):
 
     def _signal_of(self, key: ConditionKey) -> ConditionSignal:
         name, unit = self._setup.reader.condition_of(key)
-        return ConditionSignal(name=name, label=CONDITIONS[key].label, unit=unit)
+        return ConditionSignal(key=key, name=name, label=CONDITIONS[key].label, unit=unit)
 
     def _taken(self, t: float) -> float:
         return self._began + self._lag.taken(t)

@@ -235,3 +235,128 @@ def test_channels_of_other_clocks_come_on_lines_between_their_samples(tmp_path: 
     assert any("p, r" in note for note in rows.notes)
     p = np.degrees(rows.values[:, rows.names.index("p")])
     assert p[:190] == pytest.approx(np.sin(2.0 * rows.t[:190]), abs=1e-3)
+
+
+@pytest.fixture(scope="module")
+def flown_set(server: LiveServer) -> str:
+    """Id of a set whose monitor holds below 20,000 ft, and below or above Mach 0.8."""
+    case = {"monitor": server.monitor_id, "ranges": {"altitude": [None, 6096.0]}}
+    cases = [
+        case | {"name": name, "ranges": {"mach": ends} | case["ranges"]}
+        for name, ends in (("slow", [None, 0.8]), ("fast", [0.8, None]))
+    ]
+    body = {"name": "rudder doublet", "cases": cases}
+    answer = httpx2.post(f"{server.url}/api/v1/monitor-sets", json=body)
+    return answer.raise_for_status().json()["id"]
+
+
+def with_columns(file: Path, to: Path, **columns: Any) -> Path:
+    """The flight with further columns of one value each."""
+    head, *rows = file.read_text().splitlines()
+    more = ["".join(f",{text}" for text in texts) for texts in (columns, columns.values())]
+    to.write_text("\n".join([head + more[0], *(row + more[1] for row in rows)]))
+    return to
+
+
+def test_a_file_is_flown_on_a_monitor_set_with_its_flight_condition(
+    server: LiveServer, file: Path, flown_set: str, tmp_path: Path, capsys
+):
+    columns = {"Mach": 0.9, "altitude_ft": 10_000, "TAS_kt": 500, "configuration": 2}
+    flight = with_columns(file, tmp_path / "f.csv", **columns)
+    options = ["--monitor-set", flown_set, "--server", server.url, "--rate", "max"]
+    code, result = pushed(capsys, flight, *options, "--keep-open")
+    assert (code, result["refused"]) == (0, 0)
+    path = f"{server.url}/api/v1/flights/{result['flight']}"
+    status = httpx2.get(path).json()
+    assert status["monitor_set"]["case"] == "fast"
+    condition = status["live"]["condition"]
+    assert condition.pop("dynamic_pressure") == "missing"
+    expected = {"mach": 0.9, "altitude": 3048.0, "V": 257.222, "configuration": 2.0}
+    assert condition == pytest.approx(expected, rel=1e-4)
+    httpx2.post(f"{path}/end").raise_for_status()
+
+
+def test_a_condition_that_a_set_needs_is_in_the_file_or_declared(
+    server: LiveServer, file: Path, flown_set: str, capsys
+):
+    options = ["--server", server.url, "--rate", "max", "--monitor-set", flown_set]
+    assert main(["push", str(file), *options, "--condition", "altitude=18000ft"]) == 1
+    assert "--condition mach=VALUE" in capsys.readouterr().err
+    declared = ["--condition", "altitude=18000ft", "--condition", "mach=0.6"]
+    code, result = pushed(capsys, file, *options, *declared)
+    flight = httpx2.get(f"{server.url}/api/v1/flights/{result['flight']}").json()
+    assert code == 0
+    assert flight["monitor_set"]["fixed"] == pytest.approx({"altitude": 5486.4, "mach": 0.6})
+    for wrong, word in (("mch=1", "mach"), ("mach=x", "number"), ("altitude=3kg", "kg")):
+        assert main(["push", str(file), *options, "--condition", wrong]) == 1
+        assert word in capsys.readouterr().err
+
+
+def test_a_flight_that_needs_what_the_file_lacks_is_pushed_with_a_warning(
+    server: LiveServer, file: Path, flown_set: str, capsys
+):
+    body = {"monitor_set": flown_set, "source": {"kind": "live"}, "condition": {"mach": "air/M"}}
+    flight = httpx2.post(f"{server.url}/api/v1/flights", json=body, timeout=180).json()["id"]
+    options = ["--flight", flight, "--server", server.url, "--rate", "max"]
+    assert main(["push", str(file), *options]) == 0
+    assert "Mach number and altitude" in capsys.readouterr().err
+
+
+def test_a_condition_is_sent_by_the_name_that_the_flight_expects(
+    server: LiveServer, file: Path, flown_set: str, tmp_path: Path, capsys
+):
+    body = {"monitor_set": flown_set, "source": {"kind": "live"}, "condition": {"mach": "air/M"}}
+    flight = httpx2.post(f"{server.url}/api/v1/flights", json=body, timeout=180).json()["id"]
+    recorded = with_columns(file, tmp_path / "f.csv", Mach=0.9)
+    code, _ = pushed(capsys, recorded, "--flight", flight, "--server", server.url, "--rate", "max")
+    assert code == 0
+    assert set(journal_samples(server.root, flight, "air/M")) == {0.9}
+
+
+def test_own_names_need_no_attitude(server: LiveServer, tmp_path: Path, capsys):
+    body = {"monitor": server.monitor_id, "source": {"kind": "live"}}
+    flight = httpx2.post(f"{server.url}/api/v1/flights", json=body, timeout=180).json()["id"]
+    path = tmp_path / "si.csv"
+    path.write_text(table(flown(), DT).replace("t_s,beta_deg,p_degps", "t,beta,p"))
+    rows = [row.split(",") for row in path.read_text().splitlines()]
+    head = ",".join(["t", *KEYS])
+    path.write_text("\n".join([head, *(",".join([r[0], *["0.01"] * 6]) for r in rows[1:])]))
+    options = ["--flight", flight, "--server", server.url, "--rate", "max", "--as-is"]
+    assert main(["push", str(path), *options]) == 0
+    assert "phi, theta, psi" in capsys.readouterr().err
+
+
+def test_numbers_in_other_units_than_the_flight_reads_are_not_sent_as_they_are(
+    server: LiveServer, tmp_path: Path, capsys
+):
+    import h5py
+
+    path = tmp_path / "flight.h5"
+    with h5py.File(path, "w") as written:
+        for key, unit in {"t": "s", **dict.fromkeys(KEYS, "deg")}.items():
+            written[key] = 0.1 * np.arange(50.0)
+            written[key].attrs["units"] = unit
+    body = {"monitor": server.monitor_id, "source": {"kind": "live"}}
+    flight = httpx2.post(f"{server.url}/api/v1/flights", json=body, timeout=180).json()["id"]
+    options = ["--flight", flight, "--server", server.url, "--rate", "max", "--as-is"]
+    assert main(["push", str(path), *options]) == 1
+    assert "leave out --as-is" in capsys.readouterr().err
+
+
+def test_the_number_of_a_configuration_is_held_not_interpolated(tmp_path: Path):
+    import h5py
+
+    path = tmp_path / "flight.h5"
+    with h5py.File(path, "w") as written:
+        fast, slow = 0.02 * np.arange(200), np.arange(5.0)
+        for name, t in (("body", fast), ("state", slow)):
+            written[f"{name}/time"] = t
+            written[f"{name}/time"].attrs["units"] = "s"
+        for key, unit in {"beta": "deg", "p": "deg/s", "r": "deg/s", "Ny": "g"}.items():
+            written[f"body/{key}"] = np.sin(2.0 * fast)
+            written[f"body/{key}"].attrs["units"] = unit
+        written["state/configuration"] = [1.0, 1.0, 3.0, 3.0, 3.0]
+    rows = si_rows(path, None)
+    sent = rows.values[:, rows.names.index("configuration")]
+    assert set(sent[: len(fast)]) == {1.0, 3.0}
+    assert sent[rows.t < 1.99].max() == 1.0
