@@ -27,7 +27,7 @@ from app.store.tables import (
     recordings,
     scorings,
 )
-from core.evaluation.certificate import warnings_of
+from core.evaluation.certificate import Share, certificate, warnings_of
 from core.limits.limits import PlainSpecification, specification_to_plain
 from core.monitor import Monitor, MonitorRecipe
 from core.monitor.calibration import alert_above
@@ -99,9 +99,13 @@ class MonitorInfo(Entry):
     support: SupportInfo | None
     """null if its validity is not calibrated: it cannot tell whether a flight resembles its
     training"""
+    missed: Share | None
+    """failing fresh flights that were valid and had no timely alert, at the given or default
+    epsilon or the nearest one tested; null if none was flown"""
+    quiet: Share | None
+    """safe fresh flights that stayed valid and without an alert, likewise"""
     warnings: list[str]
-    """reasons not to rely on it, from its evaluation at the given or default epsilon; a missing
-    evaluation is one"""
+    """reasons not to rely on it, likewise; a missing evaluation is one"""
 
     def alert_above(self, epsilon: float) -> float:
         """Risk above which it alerts, for a miss rate that it supports."""
@@ -147,6 +151,7 @@ class MonitorRepository(Entries[MonitorInfo]):
     ) -> MonitorInfo:
         if dataset_id is not None:
             self._check_dataset(monitor, dataset_id)
+        measured = _measured(monitor.evaluation, monitor.recipe.epsilon)
         info = MonitorInfo(
             id=new_id(),
             name=name,
@@ -158,11 +163,12 @@ class MonitorRepository(Entries[MonitorInfo]):
             specification=specification_to_plain(monitor.specification),
             dictionary=monitor.dictionary.stored,
             support=_support(monitor),
-            warnings=warnings_of(monitor.evaluation, monitor.recipe.epsilon),
+            **measured,
             **{name: getattr(monitor, name) for name in OWN},
         )
         row = vars(info) | {EVALUATION: _joined(monitor.evaluation, info.support)}
-        del row[SUPPORT], row["warnings"]
+        for name in (SUPPORT, *measured):
+            del row[name]
         self._add_in_parts(monitors, row, monitor_parts, _parts(info.id, content))
         return info
 
@@ -257,12 +263,22 @@ class MonitorRepository(Entries[MonitorInfo]):
         return MonitorInfo(
             **values,
             support=support and SupportInfo(**support),
-            warnings=warnings_of(_evaluation(stored), epsilon or values["epsilon"]),
+            **_measured(_evaluation(stored), epsilon or values["epsilon"]),
         )
 
 
 def _evaluation(stored: dict[str, Any] | None) -> dict[str, Any] | None:
     return {key: value for key, value in (stored or {}).items() if key != SUPPORT} or None
+
+
+def _measured(evaluation: dict[str, Any] | None, epsilon: float) -> dict[str, Any]:
+    """What fresh flights show at an epsilon: the fields of a MonitorInfo that follow from it."""
+    tested = certificate(evaluation, epsilon)
+    return {
+        "missed": tested and tested.missed,
+        "quiet": tested and tested.quiet,
+        "warnings": warnings_of(evaluation, epsilon),
+    }
 
 
 def _support(monitor: Monitor) -> SupportInfo | None:

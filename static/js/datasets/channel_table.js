@@ -1,7 +1,7 @@
 /** The channels of own rollouts: keys, units, roles, limits, and the formulas of those that are computed. */
 
 import { channelName } from "../lib/catalog.js";
-import { formatted, h, panel, table } from "../lib/dom.js";
+import { formatted, h, table } from "../lib/dom.js";
 import { limitsOf, limitText } from "../lib/limits.js";
 import { shownIn } from "../lib/numbers.js";
 
@@ -15,5 +15,5 @@ export function channelTable(channels) {
     ["Values", ({ reference }) => (reference === "trim" ? "from trim" : "absolute"), "nowrap"],
     ["Limits", limits],
   ];
-  return panel("Channels", table({ columns, items: channels, panel: false }));
+  return table({ columns, items: channels, panel: false });
 }

@@ -46,7 +46,7 @@ export function showDataset(element, { id, api, navigate }) {
       h("div.figures", figures.map((block) => h("section.panel", block))),
       viewer.element,
       flownTable(dataset, recordings),
-      isKnown ? null : channelTable(channels),
+      isKnown ? null : panel("Channels", channelTable(channels)),
       details(dataset, catalog),
     );
   }

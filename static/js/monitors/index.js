@@ -24,14 +24,13 @@ export function show(element, context) {
 }
 
 function showMonitors(element, { api, navigate }) {
-  return loadingView(element, { title: "Monitors", text: "Loading monitors", loads: [loadCatalog, "/monitors", "/datasets"], build });
+  return loadingView(element, { title: "Monitors", text: "Loading monitors", loads: [loadCatalog, "/monitors"], build });
 
-  async function build({ keep, again }, catalog, monitors, datasets) {
+  async function build({ keep, again }, catalog, monitors) {
     const jobs = keep(await jobList({ api, kind: "monitor", done: again }));
-    const rates = new Map(datasets.map(({ id, unsafe_rate }) => [id, unsafe_rate]));
     const training = () => link("Train a monitor", "#/monitors/new", true);
     const content = monitors.length
-      ? listOf(monitors, rates, catalog)
+      ? listOf(monitors, catalog)
       : empty(
           "No monitor yet",
           "Train one: choose the aircraft and the manoeuvre. The rest has defaults, and training takes seconds to minutes.",
@@ -43,13 +42,14 @@ function showMonitors(element, { api, navigate }) {
       monitors.length > 1 ? link("Combine monitors", "#/monitors/combine") : null,
       link("Compare five methods", "#/monitors/compare"),
       link("Lead-time study", "#/monitors/sweep"),
-      link("Limit sets", "#/limits"),
       link("Monitor sets", "#/sets"),
       uploader(api, navigate),
     ];
     return pageOf("Monitors", actions, jobs.element, content);
   }
 }
+
+const shareOf = (share) => (share ? percent(share.count / share.total) : "not tested");
 
 function uploader(api, navigate) {
   const failure = errorLine();
@@ -69,19 +69,22 @@ function uploader(api, navigate) {
   return h("div.row", choose, input, failure.element);
 }
 
-function listOf(monitors, rates, catalog) {
+function listOf(monitors, catalog) {
   const fly = ({ id, name }) =>
     h("a.button.button-small", { href: `#/fly?monitor=${id}`, "aria-label": `Fly ${name}` }, "Fly");
   const columns = [
     ["Name", (monitor) => [h("a", { href: `#/monitors/${monitor.id}` }, monitor.name), warningMark(monitor)], "name"],
     ["Aircraft", (monitor) => testNames(catalog, monitor)[0]],
     ["Manoeuvre", (monitor) => testNames(catalog, monitor)[1], "nowrap"],
-    ["Failures N", ({ n_unsafe }) => n_unsafe, "number"],
+    ["Lead time", ({ lead }) => `${figure(lead)} s`, "number"],
     ["ε", ({ epsilon }) => figure(epsilon), "number"],
-    ["Warning lead time [s]", ({ lead }) => figure(lead), "number"],
-    ["Unsafe rate", ({ dataset_id: dataset }) => percent(rates.get(dataset)), "number"],
+    ["Missed", ({ missed }) => shareOf(missed), "number"],
+    ["Valid and quiet", ({ quiet }) => shareOf(quiet), "number"],
+    ["Validity", ({ support }) => (support ? `≤ ${percent(support.level)} INVALID` : "not calibrated"), "nowrap"],
     ["Created", ({ created }) => moment(created), "date"],
     [hiddenHead("Fly"), fly],
   ];
-  return table({ columns, items: monitors });
+  const caption =
+    "On fresh flights, at each monitor's ε: failing flights missed, and safe flights that stay valid and without an alert (its power). Validity: share of flights like those of training that it may call INVALID.";
+  return table({ columns, items: monitors, caption });
 }

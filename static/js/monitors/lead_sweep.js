@@ -1,6 +1,6 @@
 /** Lead-time study: how early each method can warn on a planned test, and at what cost.   query: dataset, job (a past sweep) */
 
-import { checkbox, fieldset, group, labelled, select, sharedField, textInput } from "../forms/controls.js";
+import { checkbox, fieldset, foldedPanel, group, labelled, select, sharedField, textInput } from "../forms/controls.js";
 import { createFields } from "../forms/form.js";
 import { h, table } from "../lib/dom.js";
 import { decimals, figure, interval, moment, percent } from "../lib/numbers.js";
@@ -116,7 +116,7 @@ function planned(name, test, recipe, alike) {
         "almost every safe flight has an alert. Use a shorter warning lead time, or clear the point before it is flown.",
       ),
     h("div.figures", figures),
-    rates(test, recipe, alike),
+    foldedPanel("All figures, by lead time and method", rates(test, recipe, alike)),
   );
 }
 
@@ -136,5 +136,5 @@ function rates({ cells }, recipe, alike) {
     ...reactions,
   ];
   const caption = `Missed: share of failing flights. No false alarm: share of safe flights. By reaction time: share of failures prevented if ${percent(alike, 0)} of the safe flights have an alert; below it, at the promised miss rate.`;
-  return table({ columns, items: cells, caption });
+  return table({ columns, items: cells, caption, panel: false });
 }

@@ -2,6 +2,7 @@
 
 import { channelTable } from "../datasets/channel_table.js";
 import { rolloutFigure, sampleRollouts } from "../datasets/figures.js";
+import { foldedPanel } from "../forms/controls.js";
 import { rawRecipe, recipeTable } from "../forms/recipe_table.js";
 import { channelsOf, isSimulated, kindName, limitsOfMonitor, loadCatalog, methodWords, ownLimits, testNames } from "../lib/catalog.js";
 import {
@@ -48,22 +49,19 @@ export function showMonitor(element, { id, api, navigate }) {
     const again = (isPrimary) => link("Train one like it", `#/monitors/new?like=${id}${from && !isKnown ? `&dataset=${from}` : ""}`, isPrimary);
     const { predictor } = monitor.recipe;
     const channels = withLimits(channelsOf(catalog, monitor), ownLimits(monitor));
-    const figures = [
+    const training = [
       rollouts
         ? rolloutFigure({ ...dataset, channels, rollouts })
         : empty("No rollouts", "The training dataset is not stored on this server. The monitor works without it."),
-      curves ??
-        empty(
-          "No test flights",
-          "The monitor was uploaded, or trained without test flights. Train one like it with test flights to measure misses and false alarms.",
-          predictor && isKnown && again(true),
-        ),
       ...calibrationCurves,
-      evaluation && leadFigure(evaluation),
-      evaluation && preventionFigure(evaluation),
-      groups(evaluation, calibration, catalog),
-      robustness(evaluation),
     ];
+    const untested = () =>
+      empty(
+        "No test flights",
+        "The monitor was uploaded, or trained without test flights. Train one like it with test flights to measure misses and false alarms.",
+        predictor && isKnown && again(true),
+      );
+    const tested = curves ? [curves, leadFigure(evaluation), preventionFigure(evaluation)] : [untested()];
     return pageOf(
       monitor.name,
       [
@@ -82,17 +80,24 @@ export function showMonitor(element, { id, api, navigate }) {
       ...warningLines(monitor),
       facts({ monitor, calibration, dataset, evaluation, catalog }),
       evaluation?.calibrated_on && h("p.panel", `${capital(evaluation.calibrated_on.words)}.`),
-      methods(evaluation, catalog),
-      flownFlights(evaluation),
       cost.element,
       isKnown ? createEpsilonChoice({ api, id, catalog, navigate, keep }) : null,
-      h("div.figures", figures.filter(Boolean).map((block) => h("section.panel", block))),
       guarantee(monitor, calibration, isKnown, isKnown || Boolean(evaluation?.simulator)),
-      isKnown ? null : channelTable(channels),
-      details(monitor, calibration, catalog),
+      methods(evaluation, catalog),
+      figurePanels(tested),
+      fold("Flights that differ from the planned test", robustness(evaluation)),
+      fold("Groups of failing flights", groups(evaluation, calibration, catalog)),
+      fold("Training flights and calibration", figurePanels(training)),
+      fold("Flown flights", flownFlights(evaluation)),
+      fold("Channels", isKnown ? null : channelTable(channels)),
+      fold("Recipe, origin and file", details(monitor, calibration, catalog)),
     );
   }
 }
+
+const fold = (title, content) => content && foldedPanel(title, content);
+
+const figurePanels = (figures) => h("div.figures", figures.filter(Boolean).map((block) => h("section.panel", block)));
 
 function evaluationOf(api, id) {
   return api.get(`/monitors/${id}/evaluation`).catch((error) => {
@@ -152,11 +157,7 @@ function flownFlights(evaluation) {
     ["File, SHA-256", ({ digest }) => h("code", { title: digest }, digest.slice(0, 12))],
   ];
   const hint = "A flight is on one side of the split with all its manoeuvres. Scored again, it is no evidence about this monitor.";
-  return panel("Flown flights", [table({ columns, items: flown, panel: false }), h("p.hint", hint)]);
-}
-
-function titled(title, columns, items, hint) {
-  return h("div.stack", h("h2.panel-title", title), table({ columns, items, panel: false }), h("p.hint", hint));
+  return [table({ columns, items: flown, panel: false }), h("p.hint", hint)];
 }
 
 function robustness(evaluation) {
@@ -176,12 +177,8 @@ function robustness(evaluation) {
     ["INVALID, no alert", ({ safe_withdrawn, n_safe }) => share(safe_withdrawn, n_safe), "number"],
     ["valid and quiet", (kind) => share(quiet(kind), kind.n_safe), "number"],
   ];
-  return titled(
-    `Flights that differ from the planned test, at ε = ${figure(evaluation.epsilon)}`,
-    columns,
-    kinds,
-    "Measured, not guaranteed. Missed: neither an alert nor INVALID in time; for several aircraft, the mean of their shares. No method keeps epsilon for each single aircraft.",
-  );
+  const hint = `At ε = ${figure(evaluation.epsilon)}; measured, not guaranteed. Missed: neither an alert nor INVALID in time; for several aircraft, the mean of their shares. No method keeps epsilon for each single aircraft.`;
+  return [table({ columns, items: kinds, panel: false }), h("p.hint", hint)];
 }
 
 function groups(evaluation, calibration, catalog) {
@@ -196,14 +193,11 @@ function groups(evaluation, calibration, catalog) {
     withdrawn,
     ["promise", ({ rule }) => (rule === promised ? "its own" : "none")],
   ];
-  return titled(
-    `Missed in each group, at ε = ${figure(evaluation.epsilon)}`,
-    columns,
-    measured,
-    promised
+  const scope = promised
       ? `The promise holds in each group by ${kindName(catalog, "grouping", { kind: promised })}, not for other groups nor for all groups at once.`
-      : "The promise covers all failing flights together; one group may be missed more often. Train with groups for a promise in each.",
-  );
+      : "The promise covers all failing flights together; one group may be missed more often. Train with groups for a promise in each.";
+  const hint = `At ε = ${figure(evaluation.epsilon)}. ${scope}`;
+  return [table({ columns, items: measured, panel: false }), h("p.hint", hint)];
 }
 
 function guarantee(monitor, { groups: promised, alphas }, isKnown, isFresh) {
@@ -250,12 +244,12 @@ function details(monitor, { members }, catalog) {
   const part = (title, content) => [h("h3", title), content];
   const recipe = recipeTable(catalog.recipes.monitor.schema, monitor.recipe, catalog);
   const test = recipeTable(catalog.recipes.dataset.schema, monitor.dataset_recipe, catalog);
-  return panel("Recipe", [
+  return [
     h(
       "div.columns.recipe-columns",
       h("div.stack-tight", part("Monitor", recipe), part("Origin", recipeList(origin))),
       h("div.stack-tight", part("Planned test", test)),
     ),
     rawRecipe({ ...monitor.recipe, dataset: monitor.dataset_recipe }),
-  ]);
+  ];
 }

@@ -89,6 +89,7 @@ def test_own_rollouts_are_added_looked_at_and_trained_on(page: Page, origin: str
         f"{tried[-1]['quiet']} of {tried[-1]['n_safe']}"
     )
 
+    page.locator("summary", has_text="Channels").click()
     expect(computed).to_have_text(re.compile("^load"))
     expect(page.locator("main")).to_contain_text("flights like those it was trained on, safe or")
     page.goto(f"{origin}/#/monitors")

@@ -93,7 +93,8 @@ def test_flown_flights_join_a_dataset_and_calibrate(
     counts = counts["calibrated_on"]
     words = f"Calibrated on {counts['simulated']} simulated and {counts['flown']} flown failures"
     expect(page.get_by_text(words)).to_contain_text("this mixture, not for either kind alone")
-    used = page.locator("section", has=page.get_by_role("heading", name="Flown flights"))
+    used = page.locator("details", has_text="Flown flights")
+    used.locator("summary").click()
     expect(used.get_by_role("row")).to_have_count(21)
 
 

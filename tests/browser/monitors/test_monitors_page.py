@@ -96,11 +96,17 @@ def test_a_monitor_is_trained_through_the_form_and_shown(page: Page, fresh: Site
         expect(facts).to_contain_text(words)
     expect(page.locator("figure svg.plot")).to_have_count(5)
     expect(page.get_by_text("Failures that an alert prevents")).to_be_visible()
-    expect(page.get_by_role("row", name=re.compile("^input in the opposite"))).to_be_visible()
+    row = page.get_by_role("row", name=re.compile("^input in the opposite"))
+    expect(row).to_be_hidden()
+    page.locator("summary", has_text="Flights that differ").click()
+    expect(row).to_be_visible()
     expect(page.get_by_role("link", name="Certificate")).to_be_visible()
     expect(page.locator(".epsilon-reading")).to_have_text("ε = 0.2")
     page.goto(f"{fresh.http}/#/monitors")
-    expect(page.locator("tbody tr")).to_contain_text(["first card"])
+    cells = page.locator("tbody tr", has_text="first card").locator("td")
+    (listed,) = httpx2.get(f"{fresh.http}/api/v1/monitors").json()
+    shares = [percent(listed[key]["count"] / listed[key]["total"]) for key in ("missed", "quiet")]
+    expect(cells).to_contain_text([*shares, "≤ 2.0 % INVALID"])
 
 
 def test_training_can_be_cancelled_and_the_form_is_as_it_was(page: Page, site: Site) -> None:
@@ -295,6 +301,7 @@ def test_the_slider_tells_what_the_stored_evaluation_says(page: Page, site: Site
 def test_a_recipe_leaves_each_value_room_to_be_read(width: int, page: Page, site: Site) -> None:
     page.set_viewport_size({"width": width, "height": 900})
     page.goto(f"{site.http}/#/monitors/{site.monitor}")
+    page.locator("summary", has_text="Recipe, origin").click()
     expect(page.locator(".recipe .recipe .recipe").first).to_be_attached()
     widths = page.eval_on_selector_all(
         ".recipe dd", "all => all.map((dd) => dd.getBoundingClientRect().width)"
@@ -308,6 +315,7 @@ def test_of_flights_that_differ_the_safe_ones_that_were_called_invalid_are_not_q
     page.set_viewport_size({"width": 1024, "height": 768})
     page.goto(f"{site.http}/#/monitors/{site.monitor}")
     found = site.get(f"/monitors/{site.monitor}/evaluation")["robustness"]
+    page.locator("summary", has_text="Flights that differ").click()
     table = page.locator("table", has_text="INVALID, no alert")
     rows = table.locator("tbody tr")
     expect(rows).to_have_count(len(found))
@@ -499,6 +507,7 @@ def test_leads_are_swept_on_a_datasets_test(page: Page, site: Site) -> None:
     (job,) = (job for job in site.get("/jobs") if job["kind"] == "sweep")
     (found,) = site.get(f"/jobs/{job['id']}")["result"]["tests"].values()
     assert len(found["cells"]) == 8
+    page.locator("summary", has_text="All figures").click()
     row = page.get_by_role("row").nth(1)
     expect(row).to_contain_text(found["cells"][0]["method"])
     expect(row).to_contain_text(percent(found["cells"][0]["power"]))
