@@ -12,7 +12,7 @@ from math import isfinite, nan
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
 from app import json_codec
 from core.channels import KEYS, MOST_CHANNELS, Dictionary, Reference, Role
@@ -77,15 +77,24 @@ class Verdict(Message):
 class LimitsFrom(Message):
     """Limits in force during part of a flight."""
 
-    t: float | None = Field(description="time of the last sample before [s]; null for all")
-    limits: PlainLimits | None = Field(description="by channel; null if unknown")
-    first: float | None = Field(
-        default=None, description="time of the first sample under them [s]; null if not flown yet"
+    t: float | None = Field(
+        description="time of the first sample under them [s]; null for all samples. Of limits put "
+        "in force by hand, one sample interval after the newest until the next comes"
     )
+    limits: PlainLimits | None = Field(description="by channel; null if unknown")
     seq: int | None = Field(default=None, description="first sample, in a record; else null")
     monitor: str = Field(
         default="", description="id of the monitor in use, of a monitor set; else empty"
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def read_earlier(cls, plain: Any) -> Any:
+        """Earlier records have the sample before in `t`, and this time in `first` where known."""
+        if isinstance(plain, dict) and "first" in plain:
+            first, plain = plain["first"], {key: plain[key] for key in plain if key != "first"}
+            plain |= {} if first is None else {"t": first}
+        return plain
 
 
 class TransportState(Message):
@@ -267,7 +276,7 @@ class LimitsStatus(FlightLimits):
     reason: str
     """why they are unknown; empty if known"""
     since: float | None
-    """time of the sample before they applied [s]; null: all"""
+    """time of the first sample under them [s], as in LimitsFrom; null: all"""
 
 
 class SetCondition(Message):
@@ -374,7 +383,9 @@ class AuthorityFacts(Message):
     validity: Literal["checked", "not calibrated"] = Field(
         description="`checked`: the flight becomes `invalid` when it is unlike those of training"
     )
-    monitor: dict[str, str]
+    monitor: dict[str, str] | None = Field(
+        description="id and name; null while no monitor of the set is in use"
+    )
     monitors: list[FlownMonitor] = Field(description="the alarm authority, then those for display")
     warnings: list[str] = Field(
         description="reasons not to rely on the monitor: problem, colon, figures and remedy"

@@ -17,8 +17,8 @@ class ConditionChannel:
     symbol: str
     unit: str
     label: str
-    lowest: float = -inf
-    """least value that it can have"""
+    lowest: float | None = None
+    """least value that it can have; null for none"""
 
 
 CONDITIONS: dict[ConditionKey, ConditionChannel] = {
@@ -28,7 +28,7 @@ CONDITIONS: dict[ConditionKey, ConditionChannel] = {
         ConditionChannel("dynamic_pressure", "q", "Pa", "dynamic pressure", 0.0),
         ConditionChannel("configuration", "conf", "", "number of the configuration"),
         ConditionChannel("altitude", "h", "m", "altitude"),
-        ConditionChannel("V", "V", "m/s", "true airspeed"),
+        ConditionChannel("V", "V", "m/s", "true airspeed", 0.0),
     )
 }
 CONDITION_KEYS: tuple[ConditionKey, ...] = tuple(CONDITIONS)

@@ -59,14 +59,10 @@ class Ruling:
 
 
 class InForceFrom(NamedTuple):
-    """A ruling for samples after t [s] (None: all samples). ruling None: the monitor's own.
-
-    first: time of the first of these samples [s].
-    """
+    """A ruling from the sample at t [s] on (None: all samples). ruling None: the monitor's own."""
 
     t: float | None
     ruling: Ruling | None
-    first: float | None = None
 
 
 AnyRuling = TypeVar("AnyRuling", bound=Ruling)

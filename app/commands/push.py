@@ -120,13 +120,15 @@ def _prepared(client: LiveClient, options: argparse.Namespace) -> RecordedRows:
     flight, cases = {}, [{"monitor": options.monitor, "ranges": {}}]
     if options.flight:
         flight = client.flight_status(options.flight)
+        if flown := flight["monitor_set"]:
+            cases = flown["conditions"]
         client.join(options.flight)
         needed = {each["key"]: each["name"] for each in client.status()["conditions"]}
     else:
         if options.monitor_set:
             cases = client.monitor_set(options.monitor_set)["cases"]
         needed = {key: key for case in cases for key in case["ranges"] if key not in declared}
-    monitor = flight.get("monitor", cases[0]["monitor"])
+    monitor = flight.get("monitor") or cases[0]["monitor"]
     dictionary = Dictionary.from_stored(client.dictionary(monitor))
     is_mapped = bool(options.recording or flight.get("source", {}).get("recording"))
     if is_mapped and not options.as_is:

@@ -181,6 +181,7 @@ class Flight(ABC):
         self._ruling: Ruling | None = None
         self._authority = plan.authority
         self._held_since: float | None = None
+        self._is_undated = False
         self.is_over = False
         self.t = 0.0
         self.state, self.reason, self._late = State.WARMING_UP, NO_SAMPLE, ""
@@ -253,10 +254,17 @@ class Flight(ABC):
         ]
 
     @property
+    def monitor_id(self) -> str | None:
+        """Of the alarm authority; None while there is none."""
+        return self._authority.id if self._is_authority_in_use else None
+
+    @property
     def _is_authority_in_use(self) -> bool:
-        """False between the conditions of a monitor set."""
+        """False between the conditions of a monitor set, and before the first sample on it."""
         ruling = self._ruling
-        return not isinstance(ruling, MonitorRuling) or ruling.used is not None
+        if self.plan.monitors is None:
+            return True
+        return isinstance(ruling, MonitorRuling) and ruling.used is not None
 
     @property
     def limits(self) -> LimitsStatus | None:
@@ -402,26 +410,36 @@ class Flight(ABC):
         self.recorder.add_event(in_force)
         return in_force
 
-    def _hold(self, ruling: Ruling | None, first: float | None = None) -> None:
-        """Apply a ruling; if it changed, tell all watchers. first: see InForceFrom."""
+    def _hold(self, ruling: Ruling | None, t: float | None = None) -> None:
+        """Apply a ruling; if it changed, tell all watchers.
+
+        t: of its first sample [s]; None for all samples or before the next one.
+        """
         if ruling is self._ruling:
             return
         monitors = self._plain_limits(None)
         if not self._limits_held and monitors is not None:
             self._limits_held.append(LimitsFrom(t=None, limits=monitors))
-        since = self.t if self.head >= 0 else None
-        self._limits_held.append(self._limits_from(since, ruling, first))
-        self._change(ruling, since, first)
+        self._is_undated = t is None and self.head >= 0
+        since = self.t + self.dt if self._is_undated else t
+        self._limits_held.append(self._limits_from(since, ruling))
+        self._change(ruling, since)
 
-    def _change(self, ruling: Ruling | None, since: float | None, first: float | None) -> None:
+    def _date_limits(self, t: float) -> None:
+        """The first sample under the newest limits, put in force by hand, is at t [s]."""
+        self._is_undated, self._held_since = False, t
+        for held in (self._limits_held, self._limits_of_record):
+            held[-1] = held[-1].model_copy(update={"t": t})
+
+    def _change(self, ruling: Ruling | None, since: float | None) -> None:
         """Apply, record and announce a ruling; None for the monitor's own limits.
 
-        since: time of the sample before the first one under it [s]; None for all samples.
+        since: time of the first sample under it [s]; None for all samples.
         """
         record, monitors = self._limits_of_record, self._plain_limits(None)
         if not record and monitors is not None:
             record.append(LimitsFrom(t=None, limits=monitors, seq=0))
-        held = self._limits_from(since, ruling, first)
+        held = self._limits_from(since, ruling)
         record.append(held.model_copy(update={"seq": self.head + 1}))
         self._ruling, self._held_since = ruling, since
         if isinstance(ruling, MonitorRuling):
@@ -437,11 +455,9 @@ class Flight(ABC):
             self._alert_above = shown.monitor.alert_above(shown.epsilon)
             self.is_checked = shown.monitor.support is not None
 
-    def _limits_from(
-        self, t: float | None, ruling: Ruling | None, first: float | None
-    ) -> LimitsFrom:
+    def _limits_from(self, t: float | None, ruling: Ruling | None) -> LimitsFrom:
         monitor = ruling.monitor_id if isinstance(ruling, MonitorRuling) else ""
-        return LimitsFrom(t=t, limits=self._plain_limits(ruling), monitor=monitor, first=first)
+        return LimitsFrom(t=t, limits=self._plain_limits(ruling), monitor=monitor)
 
     @property
     def _channels(self) -> list[ChannelLimit]:
@@ -457,7 +473,7 @@ class Flight(ABC):
             "guarantee": monitor.recipe.guarantee,
             "n_unsafe": monitor.n_unsafe,
             "validity": validity_word(self.is_checked),
-            "monitor": {"id": authority_id, "name": name},
+            "monitor": {"id": authority_id, "name": name} if self._is_authority_in_use else None,
             "monitors": self.monitors,
             "warnings": warnings_of(monitor.evaluation, epsilon),
             "card": planned_card(monitor, self.plan.points.get(authority_id)),
@@ -561,6 +577,8 @@ class Flight(ABC):
         sent: float | None = None,
     ) -> None:
         """Update the display with one sample. sent: monotonic milliseconds; None for an old one."""
+        if self._is_undated:
+            self._date_limits(assessment.t)
         if self._late:
             self._set_state(State.STALE, self._late)
         else:
@@ -682,6 +700,8 @@ class Flight(ABC):
         held: limits in force for the samples of the source up to that one; empty for the current
         ones, whatever the time.
         """
+        if self._is_undated:
+            self._date_limits(t)
         for watcher in self._watchers:
             watcher.before_reset()
         self.alarms.restart()
@@ -691,7 +711,7 @@ class Flight(ABC):
         self._limits_held = deque(of_source or newest, MOST_HELD)
         self._broadcast(self._recent.restart(t))
         if held and held[-1].ruling is not self._ruling:
-            self._change(held[-1].ruling, held[-1].t, held[-1].first)
+            self._change(held[-1].ruling, held[-1].t)
 
     def _show(self) -> None:
         self._send_headline()

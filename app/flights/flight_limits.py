@@ -60,7 +60,7 @@ def _serving(monitor: Monitor, limits: Limits, stored: list[MonitorInfo]) -> str
 
 
 def status_of(ruling: LimitsRuling, since: float | None) -> LimitsStatus:
-    """The limits in force as sent. since: time of the sample before [s]; None for all samples."""
+    """The limits in force as sent. since: time of their first sample [s]; None for all."""
     limits: Any = specification_to_plain(ruling.specification)
     about = {"case": ruling.case, "limits": limits, "reason": ruling.reason, "since": since}
     return LimitsStatus(**about, **vars(to_store(ruling.in_force)))

@@ -119,10 +119,7 @@ class ShownFlight(StoredScript):
             if i == 0 or ruling is not self._rulings[i - 1]
         ]
         t = self.samples["t"]
-        return [
-            InForceFrom(float(t[i - 1]) if i else None, ruling, float(t[i]))
-            for i, ruling in changes
-        ]
+        return [InForceFrom(float(t[i]) if i else None, ruling) for i, ruling in changes]
 
     def doubts(self, k: int) -> tuple[Doubt, ...]:
         return self._doubts[k]

@@ -84,7 +84,9 @@ class FlightStatus(Decided):
     )
     source: dict[str, Any]
     mode: Mode = Field(description="whether its samples are measured, replayed or simulated")
-    monitor: str = Field(description="id of the alarm authority; of a monitor set, of one of it")
+    monitor: str | None = Field(
+        description="id of the alarm authority; of a monitor set, of the one in use, null for none"
+    )
     monitor_set: MonitorSetStatus | None = Field(
         default=None,
         description="the monitor set of the flight, and which monitor is in use; null without one",
@@ -374,7 +376,7 @@ def _status(
         "verdict": flight.verdict if flight else None,
         "source": source_of(info),
         "mode": mode_of(info.source),
-        "monitor": info.monitor_id,
+        "monitor": None if monitor_set else info.monitor_id,
         "monitors": monitors,
         "monitor_set": monitor_set,
         "warnings": _warnings(monitors[0], monitor_set),
@@ -385,7 +387,7 @@ def _status(
         known |= record._asdict()
     if flight is not None:
         known |= {name: getattr(flight, name) for name in NOW} | {
-            "monitor": flight.monitors[0].id,
+            "monitor": flight.monitor_id,
             "transport": flight.transport,
             "watchers": flight.n_watchers,
             "open_alarms": flight.alarms.n_open(Level.WARNING),

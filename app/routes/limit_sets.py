@@ -9,7 +9,7 @@ from pydantic import BaseModel, Field, JsonValue
 from app.flights.flight_limits import to_store
 from app.http.problems import problem_responses
 from app.json_codec import Whole
-from app.messages import LimitsStatus
+from app.messages import LimitsFrom, LimitsStatus
 from app.routes.dependencies import (
     By,
     ConditionRanges,
@@ -115,9 +115,20 @@ def read_version(set_id: str, version: Version, store: StoreDep) -> StoredLimits
 
 
 @router.get("/flights/{flight_id}/limits")
-async def list_flight_limits(flight_id: str, flights: FlightsDep) -> list[FlightLimits]:
-    """All versions of limit sets put in force during a flight, in order."""
-    await asyncio.to_thread(flights.store.flights.info, flight_id)
+async def list_flight_limits(
+    flight_id: str, flights: FlightsDep
+) -> list[FlightLimits] | list[LimitsFrom]:
+    """Limits in force during a flight, in order; empty for its monitor's own.
+
+    All versions of limit sets put in force; of a flight on a monitor set the limits of its monitors
+    in turn, one entry of unknown ones if the flight was cut short.
+    """
+    info = await asyncio.to_thread(flights.store.flights.info, flight_id)
+    if await asyncio.to_thread(flights.store.monitor_sets.of_flights, [flight_id]):
+        flown = flights.get(flight_id)
+        unknown = [LimitsFrom(t=None, limits=None)]
+        held = unknown if info.limits_held is None else info.limits_held
+        return flown.limits_held if flown else [LimitsFrom.model_validate(each) for each in held]
     stored = await asyncio.to_thread(flights.store.limit_sets.of_flights, [flight_id])
     in_store = {change.number: change for change in stored.get(flight_id, [])}
     flight = flights.get(flight_id)

@@ -146,7 +146,7 @@ class LiveScore(FramesPart):
     """Assessments of a live flight by a monitor, each from the samples received by then."""
 
     flight: str = Field(description="id")
-    monitor: str = Field(description="id; of a monitor set, of its first one")
+    monitor: str | None = Field(description="id; null for the monitor set of the flight")
     epsilon: float
     delay: float = Field(description="longest wait of a sample for others [s]")
     lead: float = Field(description="lead time of a shown alert [s]: the monitor's less the delay")
@@ -192,7 +192,7 @@ def _answer(
     exceeded = shown.exceedances[:1]
     return {
         "flight": flight_id,
-        "monitor": opening.monitor_id,
+        "monitor": opening.monitor_id if opening.monitors is None else None,
         "epsilon": opening.epsilon,
         "delay": shown.delay,
         "lead": opening.monitor.lead - shown.delay,

@@ -63,10 +63,11 @@ class MonitorSet(Cases[MonitorCase[M]], Generic[M]):
                         f"the range of {key} of {case.name} has no end: give one or both, or leave "
                         f"out {key}"
                     )
-                if high is not None and high <= CONDITIONS[key].lowest:
+                lowest = CONDITIONS[key].lowest
+                if high is not None and lowest is not None and high <= lowest:
                     raise ValueError(
                         f"the range of {key} of {case.name} is empty: it ends before {high:g}, and "
-                        f"{CONDITIONS[key].label} is at least {CONDITIONS[key].lowest:g}"
+                        f"{CONDITIONS[key].label} is at least {lowest:g}"
                     )
             if not case.ranges:
                 raise ValueError(

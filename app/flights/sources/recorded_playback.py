@@ -110,8 +110,7 @@ class RecordedScript(StoredScript):
         held = zip(begins.tolist(), self._held.rulings, strict=True)
         by_sample = {begin: ruling for begin, ruling in held if begin <= k}
         return [
-            InForceFrom(float(self.t[i - 1]) if i else None, ruling, float(self.t[i]))
-            for i, ruling in by_sample.items()
+            InForceFrom(float(self.t[i]) if i else None, ruling) for i, ruling in by_sample.items()
         ]
 
     def recorded(self, k: int) -> Array:

@@ -51,8 +51,7 @@ const usedText = (name, condition, set) => `monitor in use: ${name} (${condition
 
 export function usedEvents({ monitor_set: set = null, limits_held: held }) {
   if (set === null) return [];
-  return (held ?? []).slice(1).map(({ t: before, first, monitor }) => {
-    const t = first ?? before; // old records know only the sample before
+  return (held ?? []).slice(1).map(({ t, monitor }) => {
     const used = set.conditions.find((each) => each.monitor === monitor);
     if (used === undefined) return { t, text: `no monitor in use (monitor set ${set.name})`, level: "caution", seen: true };
     return { t, text: usedText(used.monitor_name, used.name, set), seen: true };

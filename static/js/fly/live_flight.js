@@ -244,7 +244,7 @@ export function showLiveFlight(element, { id, api, over, recorded = null }) {
     describe();
     display.useAuthority();
     showLimits(null);
-    note({ event: useNote(hello, held.first ?? held.t), flag: null });
+    note({ event: useNote(hello, held.t), flag: null });
   }
 
   function showLimits(inForce) {

@@ -137,7 +137,7 @@ export function showFlightRecord(element, { flight, why, reopen, api, navigate }
   async function load() {
     panels.strips.replaceChildren(state("loading", "Reading the record", ""));
     const [catalog, monitor, alarms, frames, markers, put] = await Promise.all([
-      api.get("/catalog"), api.get(`/monitors/${flight.monitor}`), api.get(`${path}/alarms`), readFrames(), marked, api.get(`${path}/limits`),
+      api.get("/catalog"), api.get(`/monitors/${flight.monitor ?? flight.monitor_set.conditions[0].monitor}`), api.get(`${path}/alarms`), readFrames(), marked, flight.monitor_set === null ? api.get(`${path}/limits`) : [],
     ]);
     if (closed) return;
     if (flight.monitor_set === null) shown.monitor = [monitor.name];

@@ -140,8 +140,8 @@ def test_its_record_tells_the_limits_that_held_its_exceedances_and_its_lead(flow
     held = [
         (one["t"], one["limits"] and one["limits"]["Ny"]) for one in flown.record["limits_held"]
     ]
-    changes = [(79 * DT, TIGHT), (pytest.approx(139 * DT), None)]
-    assert held == [(None, OWN), (None, None), (None, OWN), *changes]
+    changes = [(80 * DT, TIGHT), (pytest.approx(140 * DT), None)]
+    assert held == [(None, OWN), (None, None), (0.0, OWN), *changes]
     (told,) = flown.record["exceedances"]
     assert (told["channel"], told["n"], told["first_t"]) == ("Ny", 1, 90 * DT)
     assert flown.record["monitors"][0]["lead"] == pytest.approx(flown.scoring["lead"] - 1.5 * DT)

@@ -152,6 +152,7 @@ def test_the_monitor_of_the_condition_is_used_with_a_fresh_history(run: Callable
                 (each["monitor"]["id"], each["epsilon"], each["monitor_set"]["case"])
                 for each in seen.of("monitor")
             ]
+            assert seen.of("hello")[0]["monitor"] is None
             slow, fast = exact_monitor(), fast_monitor()
             assert changes == [
                 (place.slow, slow.recipe.epsilon, "slow"),
@@ -302,12 +303,12 @@ def test_a_change_carries_the_time_of_its_first_sample(run: Callable) -> None:
             seen = Seen(flight.watch())
             await place.push(flight, 0, 50)
             seen.take()
-            firsts = [each["held"]["first"] for each in seen.of("monitor")]
+            firsts = [each["held"]["t"] for each in seen.of("monitor")]
             assert firsts == [pytest.approx(T[k]) for k in (5, 20, 45)]
             assert [m.authority for m in flight.monitors] == [False]
             await flights.stop(flight.id)
             held = place.store.flights.info(flight.id).limits_held or []
-            stored = {each["seq"]: each["first"] for each in held if each["first"] is not None}
+            stored = {each["seq"]: each["t"] for each in held if each["t"] is not None}
             assert stored == {k: pytest.approx(T[k]) for k in stored}
             assert {5, 20, 45} <= set(stored)
 
@@ -333,7 +334,7 @@ def test_the_monitor_in_use_stays_in_use_while_conditions_overlap(run: Callable)
                 sample = {"t": T[k], "mach": mach, **dict.fromkeys(KEYS, 0.0)}
                 await flight.receive(json.dumps(sample), "rest").stored
             seen.take()
-            used = [(e["held"]["first"], e["monitor_set"]["case"]) for e in seen.of("monitor")]
+            used = [(e["held"]["t"], e["monitor_set"]["case"]) for e in seen.of("monitor")]
             expected = [(T[0], "slow"), (T[4], "fast"), (T[8], "slow")]
             assert used == [(pytest.approx(t), case) for t, case in expected]
 

@@ -76,20 +76,26 @@ def test_a_flight_shows_its_set_and_the_monitor_in_use(client: TestClient) -> No
     path = f"{FLIGHTS}/{started.json()['id']}"
     assert started.json()["monitor_set"]["reason"] == "not applicable: Mach number is missing"
     sample = dict.fromkeys(("beta", "p", "r", "Ny", "delta_a", "delta_r"), 0.0)
-    for k, (mach, case, monitor) in enumerate(((0.6, "slow", slow), (0.9, "fast", fast))):
+    assert started.json()["monitor"] is None
+    flown = (0.6, "slow", slow), (0.9, "fast", fast), (None, "", None)
+    for k, (mach, case, monitor) in enumerate(flown):
         samples = {key: [value] * 4 for key, value in sample.items()}
         t = [0.05 * (4 * k + i) for i in range(4)]
         body = {"sequence": k, "t": t, "mach": [mach] * 4} | samples
         assert client.post(f"{path}/samples", json=body).status_code == 200
         now = client.get(path).json()
-        assert (now["monitor_set"]["case"], now["monitors"][0]["id"]) == (case, monitor)
+        assert (now["monitor_set"]["case"], now["monitor"]) == (case, monitor)
+        held = client.get(f"{path}/limits").json()
+        assert (held[-1]["monitor"], held[-1]["t"]) == (monitor or "", t[0])
+        assert held[-1]["limits"]["Ny"] == 0.5
     client.post(f"{path}/end")
     ended = client.get(path).json()
     assert ended["monitor_set"]["name"] == "doublet"
     assert ended["warnings"] == list(client.get(f"/api/v1/monitors/{slow}").json()["warnings"])
     assert ended["monitor_set"]["fixed"] == {"altitude": 5000.0}
-    held = [each["monitor"] for each in ended["limits_held"]]
-    assert held[-2:] == [slow, fast]
+    assert ended["monitor"] is None
+    assert [each["monitor"] for each in ended["limits_held"]][-3:] == [slow, fast, ""]
+    assert client.get(f"{path}/limits").json() == ended["limits_held"]
     again = client.post(f"{path}/score").json()
     assert again["as_shown"] is True
     alone = client.post(f"{path}/score", json={"monitor": slow}).json()
