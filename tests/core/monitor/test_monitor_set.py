@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.channels import LATERAL, Dictionary
-from core.conditions import MISSING, NO_CONDITION, Case
+from core.conditions import CONDITION_KEYS, MISSING, NO_CONDITION, Case
 from core.monitor.monitor_set import MonitorCase, MonitorSet
 from tests.core.limits.test_limit_sets import ENDS
 from tests.support.flying import exact_monitor
@@ -69,7 +69,10 @@ def test_a_new_set_has_no_condition_that_is_never_or_always_chosen(
 def test_a_condition_is_covered_if_another_holds_wherever_it_does(boxes: list[Any]) -> None:
     case, *others = (Case(f"case {k}", each) for k, each in enumerate(boxes))
     values = (MISSING, *range(-1, 6))
-    points = [(mach, MISSING, MISSING, altitude) for mach, altitude in product(values, values)]
+    points = [
+        tuple({"mach": mach, "altitude": h}.get(key, MISSING) for key in CONDITION_KEYS)
+        for mach, h in product(values, values)
+    ]
     held = [point for point in points if case.holds(point)]
     expected = all(any(other.holds(point) for other in others) for point in held)
     assert case.is_covered(others) == expected
