@@ -88,7 +88,7 @@ def ids(site: RecordedSite) -> dict[str, Any]:
     site.confirm(recording)
     limits = {"name": "any condition", "ranges": {}, "limits": {"Ny": 0.4}}
     made = site.ask("POST", "/limit-sets", json={"name": "transport", "cases": [limits]})
-    cases = [{"name": "any condition", "ranges": {}, "monitor": site.monitor}]
+    cases = [{"name": "subsonic", "ranges": {"mach": [0, 1]}, "monitor": site.monitor}]
     monitor_set = site.ask("POST", "/monitor-sets", json={"name": "doublet", "cases": cases})
     return {
         "recording": recording,

@@ -24,6 +24,7 @@ const FROM_0_TO_1 = { domain: [0, 1], ticks: [0, 0.2, 0.4, 0.6, 0.8, 1] };
 export const UNIT_SHARE = { ...FROM_0_TO_1, format: (value) => percent(value, 0) };
 export const EPSILON = { ...FROM_0_TO_1, label: "epsilon, the accepted miss rate" };
 export const SPARE = 1.12;
+const HEIGHT = 310;
 const MARGIN = { left: 62, right: 16, top: 14, bottom: 48 };
 const SHAPES = {
   circle: "M-3.5 0a3.5 3.5 0 1 0 7 0a3.5 3.5 0 1 0 -7 0",
@@ -35,7 +36,7 @@ const SHAPES = {
   star: "M-4.5 0H4.5M0 -4.5V4.5M-3.2 -3.2L3.2 3.2M-3.2 3.2L3.2 -3.2",
 };
 
-export function createFigure({ title, words, label, x, y, height, series, rules = [] }) {
+export function createFigure({ title, words = "", label, x, y, height = HEIGHT, series, rules = [] }) {
   const plot = createPlot({ x, y, label, height });
   for (const { look, line = [], band, bars = [], mark, marks = line } of series) {
     if (band) plot.band(band, look);
@@ -76,7 +77,7 @@ function sample({ look, mark, line, bars }, plot) {
 
 let plots = 0;
 
-function createPlot({ x, y, label, width = 600, height = 310 }) {
+function createPlot({ x, y, label, width = 600, height = HEIGHT }) {
   const id = `hatch-${++plots}`;
   const right = width - MARGIN.right;
   const bottom = height - MARGIN.bottom;

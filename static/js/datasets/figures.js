@@ -26,7 +26,7 @@ export function rolloutFigure({ channels, rollouts, n_unsafe, n_safe }) {
     const { unit, factor } = shownIn(channel);
     const inUnit = (value) => (value === null ? null : value * factor);
     const ends = (limitsOf(channel) ?? []).filter(Number.isFinite).map(inUnit);
-    const pointsOf = ({ t, [channel.key]: values }) => t.map((time, k) => [time, inUnit(values[k])]);
+    const pointsOf = (telemetry) => telemetry.t.map((time, k) => [time, inUnit(telemetry[channel.key][k])]);
     const seriesOf = (outcome) =>
       rollouts.filter((rollout) => rollout.outcome === outcome).map(({ telemetry }) => ({ look: `plot-${outcome}`, line: pointsOf(telemetry) }));
     const [safe, unsafe] = ["safe", "unsafe"].map(seriesOf);

@@ -22,6 +22,7 @@ import { capital, trueMinus } from "../lib/numbers.js";
 
 let controls = 0;
 
+/** @param {any[]} entries @param {Record<string, any>} [attributes] */
 export function select(entries, { value, ...attributes } = {}) {
   const options = entries
     .filter(Boolean)
@@ -41,8 +42,8 @@ export function radio(words, attributes, ...more) {
   return h("label.radio", h("input", { type: "radio", ...attributes }), words, more);
 }
 
-export function radioGroup({ name, ways, value, onchange, label }) {
-  const entryOf = ([key, words, more = {}]) => radio(words, { name, value: key, checked: key === value, onchange, disabled: more.disabled }, more.beside);
+export function radioGroup({ name, ways, value, onchange = null, label = null }) {
+  const entryOf = ([key, words, { disabled = false, beside = null } = {}]) => radio(words, { name, value: key, checked: key === value, onchange, disabled }, beside);
   const element = h("div.row", { role: "radiogroup", "aria-label": label }, ways.map(entryOf));
   return { element, value: () => element.querySelector(":checked").value };
 }
@@ -77,7 +78,7 @@ export function fieldOf(control, { label, words, hint = "", title = null, path =
   }
 }
 
-export function labelled(label, control, { hint, unit } = {}) {
+export function labelled(label, control, { hint = "", unit = "" } = {}) {
   const words = [label, unit && h("span.unit", ` [${unit}]`)];
   return fieldOf(control, { label: words, words: label, hint });
 }
@@ -203,7 +204,7 @@ export function refusal({ fields, refuse }, error) {
   return field.focus();
 }
 
-export function createForm({ title, word, route, content, fields = [], send, beside, classes = "form", follow }) {
+export function createForm({ title, word, route, content, fields = [], send, beside = null, classes = "form", follow = null }) {
   const failure = errorLine();
   const go = h("button.button.button-primary", { type: "submit" }, word);
   const form = h(

@@ -19,7 +19,7 @@ const SIZE = "n_unsafe";
 /** Set by the monitor where the test is simulated for one; a field only on the Datasets page. */
 const GROUPS = "groups";
 
-export function createTestFields({ api, catalog, initial, asFlown = true }) {
+export function createTestFields({ api, catalog, initial = null, asFlown = true }) {
   const { schema, default: clean, usual } = catalog.recipes.dataset;
   const begun = { ...(asFlown && !initial ? usual : clean), ...initial };
   const fields = createFields(schema, begun, { catalog, path: "dataset", unfolded: ["limits"] });
@@ -99,7 +99,7 @@ function amplitudeSuggestion(fields, api) {
   }
 }
 
-export function datasetChoice({ api, catalog, datasets, chosen, initial, asFlown }) {
+export function datasetChoice({ api, catalog, datasets, chosen, initial = null, asFlown = true }) {
   const { fields, main, folded, size } = createTestFields({ api, catalog, initial, asFlown });
   const choice = select(
     datasets.map(({ id, name, n_unsafe: n, created }) => [id, `${name} (${counted(n, "failure")}, ${moment(created)})`]),

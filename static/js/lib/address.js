@@ -12,8 +12,8 @@ const partsNow = () => (location.hash || "#").split("?");
 let pending = () => {};
 let opened = 0; // counts views
 
-for (const [event, target] of [["click", document], ["pagehide", window]])
-  target.addEventListener(event, () => pending(), { capture: true }); // what opens a view reads the address
+for (const event of ["click", "pagehide"])
+  addEventListener(event, () => pending(), { capture: true }); // what opens a view reads the address
 
 addEventListener("hashchange", () => {
   opened += 1;

@@ -48,7 +48,7 @@ async function call(method, path, body) {
 }
 
 /** A file, or a form of files, with its progress, which fetch cannot report. */
-function upload(path, file, progress = () => {}) {
+function upload(path, file, progress = (_sent, _total) => {}) {
   const request = new XMLHttpRequest();
   const ended = new Promise((resolve, reject) => {
     request.upload.addEventListener("progress", ({ loaded, total }) => progress(loaded, total));
@@ -81,7 +81,7 @@ export function reason(error) {
   return `The page failed: ${error?.message ?? error}. Reload it.`;
 }
 
-function watchJob(id, changed = () => {}) {
+function watchJob(id, changed = (_job) => {}) {
   const source = new EventSource(`${BASE}/jobs/${id}/events`);
   const ended = new Promise((resolve, reject) => {
     source.addEventListener("message", (event) => {

@@ -144,6 +144,7 @@ export function button(text, pressed, attributes = {}) {
   return h("button", { type: "button", class: "button", onclick: pressed, ...attributes }, text);
 }
 
+/** @param {any} title @param {any} content @param {Record<string, any>} [attributes] */
 export function panel(title, content, { beside, ...attributes } = {}) {
   const heading = h("h2.panel-title", title);
   return h("section.panel.stack-tight", attributes, beside ? h("div.row", heading, beside) : heading, content);
@@ -249,9 +250,9 @@ export function createKeepButton({ api, path, keep, fail, name = "", attributes 
 }
 
 const CLASSES = { date: "dim nowrap", number: "number" };
-const noAttributes = () => ({});
+const noAttributes = (_item) => ({});
 
-export function table({ columns, items, group, row = noAttributes, caption, classes = "", panel = true }) {
+export function table({ columns, items, group = null, row = noAttributes, caption = null, classes = "", panel = true }) {
   const rows = items.map((item, k) => h("tr", row(item), columns.map((column) => cell(column, item, k))));
   return h(
     "div",

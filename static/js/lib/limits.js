@@ -19,6 +19,7 @@ import { magnitude, magnitudeIn } from "./numbers.js";
 
 const MOST_NAMED = 4; // channels in a sentence
 
+/** @returns {any} [low, high], or null without limits */
 export function limitsOf({ low = null, high = null, limit = null }) {
   return low === null && high === null ? bothSides(limit) : sides(low, high);
 }

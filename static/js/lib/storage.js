@@ -35,7 +35,7 @@ export function keepDraft(input, key) {
 const THEME_KEY = "forewarn.theme";
 const machine = matchMedia("(prefers-color-scheme: light)");
 let chosen = remembered(THEME_KEY);
-let showTheme = () => {};
+let showTheme = (_theme) => {};
 
 export function currentTheme() {
   return ["light", "dark"].includes(chosen) ? chosen : machine.matches ? "light" : "dark";
@@ -47,7 +47,7 @@ export function chooseTheme(theme) {
   applyTheme();
 }
 
-export function followTheme(show = () => {}) {
+export function followTheme(show = (_theme) => {}) {
   showTheme = show;
   machine.addEventListener("change", applyTheme);
   applyTheme();

@@ -126,15 +126,16 @@ function meter([name, key, rate, bounds, words]) {
   const parts = [h("span.meter-name", name), value, track, h("span.meter-words", words, " ", shown)];
   return { row: h("div.meter-row", { "data-measure": key }, parts), show };
 
-  function show({ epsilon, [rate]: share, [bounds]: within }) {
+  function show(point) {
+    const share = point[rate];
     const isKnown = share != null;
     value.textContent = percent(share);
-    shown.textContent = isKnown ? `(95 %: ${interval(within)})` : "(no such flight)";
+    shown.textContent = isKnown ? `(95 %: ${interval(point[bounds])})` : "(no such flight)";
     if (!isKnown) return;
-    const [low, high] = within;
+    const [low, high] = point[bounds];
     range.setAttribute("x", 300 * low);
     range.setAttribute("width", Math.max(300 * (high - low), 1));
     mark.setAttribute("d", `M${300 * share} 0V16`);
-    if (key === "miss") promise.setAttribute("d", `M${300 * epsilon} 0V16`);
+    if (key === "miss") promise.setAttribute("d", `M${300 * point.epsilon} 0V16`);
   }
 }

@@ -109,7 +109,7 @@ function trainForm({ api, catalog, datasets, like, chosen, keep, trained }) {
     if (score) fields.put("score", score);
   }
 
-  function follow({ target } = {}) {
+  function follow({ target = null } = {}) {
     const isOwn = source.isOwn();
     const isNew = isOwn && !wasOwn;
     const isByHand = /[.](predictor|score)/.test(target?.name ?? "");

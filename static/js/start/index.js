@@ -86,7 +86,7 @@ export function show(element, { api, navigate }) {
 
 const shipped = (name) => fetch(new URL(name, import.meta.url)); // with the page
 
-function job({ title, text, action: [words, act, attributes = {}], more }) {
+function job({ title, text, action: [words, act, attributes = {}], more = null }) {
   const refused = errorLine();
   const status = h("p.hint", { role: "status", hidden: true });
   const go = button(words, press, { class: "button button-primary", ...attributes });

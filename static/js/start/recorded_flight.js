@@ -35,7 +35,8 @@ export function createRecordedFlight(recording, api, ended) {
     timers.push(setTimeout(open, 0));
     return socket;
   }
-  Object.assign(Socket, { CONNECTING: 0, OPEN: 1 });
+  Socket.CONNECTING = 0;
+  Socket.OPEN = 1;
 
   const send = (message) => socket?.listeners.message?.({ data: JSON.stringify(message) });
   const serverTime = () => new Date().toISOString();

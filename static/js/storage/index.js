@@ -11,7 +11,8 @@ const PATHS = { flight: "flights", recording: "recordings" };
 export function show(element, { api }) {
   return loadingView(element, { title: "Storage", text: "Measuring disk use", loads: ["/storage"], build });
 
-  function build(_, { space, kinds, largest, oldest, ...sizes }) {
+  function build(_, stored) {
+    const { space, kinds, largest, oldest } = stored;
     const failure = errorLine();
     return pageOf(
       "Storage",
@@ -21,7 +22,7 @@ export function show(element, { api }) {
         guideLink("keeping-data#what-takes-the-space", "what takes the space"),
       ],
       space.warning ? h("p.error", { role: "alert" }, sentence(space.warning)) : null,
-      h("section.panel", { "aria-label": "Disk" }, factList(factsOf(space, sizes))),
+      h("section.panel", { "aria-label": "Disk" }, factList(factsOf(stored))),
       table({ columns: KINDS, items: kinds }),
       failure.element,
       listOf("Largest flights and recordings", largest),
@@ -71,7 +72,7 @@ const KINDS = [
   ["Oldest", ({ oldest }) => moment(oldest)],
 ];
 
-function factsOf(space, { database, reusable, recordings, journals }) {
+function factsOf({ space, database, reusable, recordings, journals }) {
   return [
     ["Free on the disk", bytesText(space.free)],
     ["Disk size", bytesText(space.total)],

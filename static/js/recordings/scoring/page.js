@@ -118,7 +118,7 @@ export function showScoring(element, { id, query, api, navigate }) {
     }
 
     /** Show an event, in the window of its manoeuvre unless the present window shows it well. */
-    function visit({ t, manoeuvre: number }) {
+    function visit({ t, manoeuvre: number = null }) {
       const view = chart.window.view();
       const manoeuvre = manoeuvres[number] ?? manoeuvres.find(({ start, end }) => t >= start && t <= end);
       const isVisible = t >= view.start && t <= view.end;
