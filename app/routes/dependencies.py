@@ -88,14 +88,14 @@ class ListPart(NamedTuple):
     """The part of a list that a client asks for.   limit: most entries."""
 
     limit: int
-    after: str
+    cursor: str
     request: Request
     response: Response
 
-    def link_to(self, after: str) -> None:
+    def link_to(self, cursor: str) -> None:
         """Tell the client where the list goes on; nothing at its end."""
-        if after:
-            query = self.request.url.include_query_params(after=after, limit=self.limit).query
+        if cursor:
+            query = self.request.url.include_query_params(cursor=cursor, limit=self.limit).query
             self.response.headers["Link"] = f'<{self.request.url.path}?{query}>; rel="next"'
 
 
@@ -103,11 +103,11 @@ def _part_of_list(
     request: Request,
     response: Response,
     limit: Annotated[int, Query(ge=1, le=1000, description="most entries")] = 50,
-    after: Annotated[
+    cursor: Annotated[
         str, Query(pattern="^(.+~.+)?$", description="end of the part before, from its `Link`")
     ] = "",
 ) -> ListPart:
-    return ListPart(limit, after, request, response)
+    return ListPart(limit, cursor, request, response)
 
 
 PartDep = Annotated[ListPart, Depends(_part_of_list)]

@@ -222,7 +222,7 @@ async def list_flights(
     since, until: of their starts.
     """
     wanted = FlightFilter(tuple(progress or ()), monitor, aircraft, text, since, until)
-    page = await asyncio.to_thread(flights.store.flights.listed, part.limit, part.after, wanted)
+    page = await asyncio.to_thread(flights.store.flights.listed, part.limit, part.cursor, wanted)
     part.link_to(page.after)
     return await _statuses(flights, page.entries)
 

@@ -87,7 +87,7 @@ def list_jobs(
     kind: Annotated[list[JobKind] | None, Query(description="any of these")] = None,
 ) -> list[JobInfo]:
     """Jobs, newest first, without the curves of studies and sweeps, in parts."""
-    page = store.jobs.listed(part.limit, part.after, kind or ())
+    page = store.jobs.listed(part.limit, part.cursor, kind or ())
     part.link_to(page.after)
     return [_short(as_sent(jobs.fresh(info))) for info in page.entries]
 

@@ -295,7 +295,7 @@ def list_recordings(
     text: Annotated[str, Query(description="part of the recording's name")] = "",
 ) -> list[RecordingInfo]:
     """Recordings, newest first, in parts."""
-    page = recordings.store.recordings.listed(part.limit, part.after, aircraft, text)
+    page = recordings.store.recordings.listed(part.limit, part.cursor, aircraft, text)
     part.link_to(page.after)
     return page.entries
 

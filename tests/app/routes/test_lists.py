@@ -135,7 +135,7 @@ def test_flights_are_found_by_progress_monitor_time_aircraft_and_text(
     assert "timezone" in problem(client.get(FLIGHTS, params={"since": "2026-01-01T00:00:00"}), 422)
     for wild, words in (("1502", "2026-01-31T12:00:00Z"), ("0001-01-01T00:00:00+01:00", "years")):
         assert words in problem(client.get(FLIGHTS, params={"since": wild}), 422)
-    assert "after" in problem(client.get(FLIGHTS, params={"after": "nonsense"}), 422)
+    assert "cursor" in problem(client.get(FLIGHTS, params={"cursor": "nonsense"}), 422)
 
 
 def test_the_number_of_queries_does_not_grow_with_the_flights(
