@@ -10,7 +10,7 @@
 import { api, loadMe, may } from "./lib/api.js";
 import { createDemonstrationBar, demonstration } from "./lib/demonstration.js";
 import { h, link, pageOf, state } from "./lib/dom.js";
-import { chooseSI, isSI, tellUnits } from "./lib/numbers.js";
+import { chooseUnits, tellUnits, UNIT_SYSTEMS, unitSystem } from "./lib/numbers.js";
 import { chooseTheme, currentTheme, followTheme } from "./lib/storage.js";
 
 const VIEWS = {
@@ -41,7 +41,9 @@ const UNKNOWN = {
 };
 
 const CHECKED_EVERY = 5000; // ms
-const page = document.querySelector("#page");
+/** @returns {any} an element of index.html */
+const part = (selector) => document.querySelector(selector);
+const page = part("#page");
 let shown = { close: () => {} };
 let turn = 0;
 let checking = 0; // timer
@@ -61,7 +63,7 @@ function decoded(text) {
 
 /** Damaged data, a database that lost content and a full disk are shown above every view, also once the check ends. */
 async function showDamage() {
-  const element = document.querySelector("#damage");
+  const element = part("#damage");
   clearTimeout(checking);
   try {
     const [{ state: check, damaged, older }, { warning }] = await Promise.all([api.get("/integrity"), api.get("/storage/space").catch(() => ({ warning: "" }))]);
@@ -90,7 +92,7 @@ async function open() {
   for (const link of document.querySelectorAll(".nav a"))
     link.ariaCurrent = link.getAttribute("href") === `#/${name}` ? "page" : null;
   document.title = `${view.title} – Forewarn`;
-  document.querySelector("#help").href = guideOf(name, id);
+  part("#help").href = guideOf(name, id);
   bar.goneTo(location.hash);
   shown.close();
   shown = { close: () => {} };
@@ -125,11 +127,11 @@ function bindThemeButton(button) {
   followTheme(show);
 }
 
-/** Degrees or SI; the view is opened again unless that would lose input. */
+/** The next system of units; the view is opened again unless that would lose input. */
 function bindUnitsButton(button) {
-  const show = () => showChoice(button, "Units", isSI() ? "SI" : "deg", isSI());
+  const show = () => showChoice(button, "Units", unitSystem(), unitSystem() !== UNIT_SYSTEMS[0]);
   button.addEventListener("click", () => {
-    chooseSI(!isSI());
+    chooseUnits(UNIT_SYSTEMS[(UNIT_SYSTEMS.indexOf(unitSystem()) + 1) % UNIT_SYSTEMS.length]);
     show();
     if (!tellUnits(page)) open();
   });
@@ -137,21 +139,21 @@ function bindUnitsButton(button) {
 }
 
 function showMe(me) {
-  document.querySelector("[data-people]").hidden = !may("GET /tokens");
-  document.querySelector("#version").textContent = me?.version ?? "";
-  const element = document.querySelector("#me");
+  part("[data-people]").hidden = !may("GET /tokens");
+  part("#version").textContent = me?.version ?? "";
+  const element = part("#me");
   element.hidden = me === null || me.name === "local";
   if (!element.hidden) element.textContent = `${me.name} · ${me.role}`;
 }
 
-document.querySelector("[data-skip]").addEventListener("click", (event) => {
+part("[data-skip]").addEventListener("click", (event) => {
   event.preventDefault();
   page.focus();
 });
-const bar = createDemonstrationBar(document.querySelector("#preparing"), { navigate });
-bindUnitsButton(document.querySelector("#units"));
-bindThemeButton(document.querySelector("#theme"));
-document.querySelector("#logout").hidden = !document.cookie.split("; ").includes("forewarn-page=1");
+const bar = createDemonstrationBar(part("#preparing"), { navigate });
+bindUnitsButton(part("#units"));
+bindThemeButton(part("#theme"));
+part("#logout").hidden = !document.cookie.split("; ").includes("forewarn-page=1");
 const [me] = await Promise.all([loadMe(), demonstration.follow(api)]);
 showMe(me);
 addEventListener("hashchange", open);

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
 
-from core.channels import BY_KEY
+from core.channels import BY_KEY, channel
 from tests.browser.site import open_site
 
 UNITS = """async ([channel, value]) => {
-    const { chooseSI, magnitudeIn, quantity } = await import("/js/lib/numbers.js");
-    const said = (si) => (chooseSI(si), [quantity(channel, value), magnitudeIn(channel, value)]);
-    return [said(false), said(true)];
+    const { chooseUnits, magnitudeIn, quantity, UNIT_SYSTEMS } = await import("/js/lib/numbers.js");
+    const said = () => [quantity(channel, value), magnitudeIn(channel, value)];
+    return UNIT_SYSTEMS.map((name) => (chooseUnits(name), said()));
 }"""
 
 
@@ -23,19 +23,23 @@ def origin(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield server.http
 
 
-SAID = {
-    ("beta", 0.1221730476): (["7.00 deg", "7 deg"], ["0.122 rad", "0.1222 rad"]),
-    ("r", -0.2): (["−11.5 deg/s", "−11.46 deg/s"], ["−0.200 rad/s", "−0.2 rad/s"]),
-    ("Ny", 0.5): (["0.500 g", "0.5 g"], ["0.500 g", "0.5 g"]),
-}
-"""A reading and a limit, in degrees and in SI units."""
+SPEED = channel("V", "V", "m/s", "true airspeed", "condition", "absolute")
+ALTITUDE = channel("h", "h", "m", "altitude", "condition", "absolute")
+SAID = [
+    (BY_KEY["beta"], 0.1221730476, ("7.00 deg", "7 deg"), None, ("0.122 rad", "0.1222 rad")),
+    (BY_KEY["r"], -0.2, ("−11.5 deg/s", "−11.46 deg/s"), None, ("−0.200 rad/s", "−0.2 rad/s")),
+    (BY_KEY["Ny"], 0.5, ("0.500 g", "0.5 g"), None, ("0.500 g", "0.5 g")),
+    (SPEED, 180.0, ("180.0 m/s", "180 m/s"), ("349.9 kn", "349.9 kn"), ("180.0 m/s", "180 m/s")),
+    (ALTITUDE, 3048.0, ("3048.0 m", "3048 m"), ("10000 ft", "10000 ft"), ("3048.0 m", "3048 m")),
+]  # fmt: skip
+"""A reading and a limit: in degrees, with knots and feet (None: the same), and in SI units."""
 
 
-def test_readings_and_limits_are_said_in_degrees_or_si(page: Page, origin: str) -> None:
+def test_readings_and_limits_are_said_in_each_system_of_units(page: Page, origin: str) -> None:
     page.goto(origin)
-    for (key, value), (degrees, si) in SAID.items():
-        channel = {**BY_KEY[key].__dict__}
-        assert page.evaluate(UNITS, [channel, value]) == [degrees, si]
+    for known, value, degrees, aviation, si in SAID:
+        said = page.evaluate(UNITS, [vars(known), value])
+        assert said == [list(degrees), list(aviation or degrees), list(si)]
 
 
 def test_the_form_takes_degrees_and_sends_radians_and_the_choice_is_remembered(
@@ -56,11 +60,15 @@ def test_the_form_takes_degrees_and_sends_radians_and_the_choice_is_remembered(
     units = page.get_by_role("button", name=re.compile("^Units"))
     expect(units).to_have_text("Units: deg")
     units.click()
+    expect(units).to_have_text("Units: kn, ft")
+    expect(beta).to_have_value("7")
+    units.click()
     expect(label).to_contain_text("[rad]")
     expect(beta).to_have_value("0.122173")
     beta.fill("0.1")
     units.click()
     expect(beta).to_have_value("5.72958")
+    units.click()
     units.click()
     expect(beta).to_have_value("0.1")
     page.reload()

@@ -1,6 +1,7 @@
 /**
- * Numbers, times, sizes and units as people read them: degrees, deg/s and g, or SI by choice. Values sent and received
- * are always in a channel's own `unit`; only this module converts. A missing value is a dash.
+ * Numbers, times, sizes and units as people read them, in one of UNIT_SYSTEMS: degrees, deg/s and g; the same with knots
+ * and feet; or SI. Values sent and received are always in a channel's own `unit`; only this module converts. A missing
+ * value is a dash.
  *
  * counted(n, "row")    "1 row", "2,000 rows"; counted(n, "batch", "batches")
  * formatTime(t, step)    "12.50", "3:05" from two minutes on, "1:03:05" from an hour on; as fine as `step` [s] needs
@@ -115,16 +116,19 @@ export function trueMinus(text) {
 
 const KEY = "forewarn.units";
 const SI_DECIMALS = 3;
+export const UNIT_SYSTEMS = ["deg", "kn, ft", "SI"];
+const KNOTS_AND_FEET = new Map([
+  ["m/s", { unit: "kn", factor: 3600 / 1852, decimals: 1 }],
+  ["m", { unit: "ft", factor: 1 / 0.3048, decimals: 0 }],
+]);
 
-let si = remembered(KEY) === "SI";
+let system = UNIT_SYSTEMS.find((name) => name === remembered(KEY)) ?? UNIT_SYSTEMS[0];
 
-export function isSI() {
-  return si;
-}
+export const unitSystem = () => system;
 
-export function chooseSI(flag) {
-  si = flag;
-  remember(KEY, si ? "SI" : "degrees");
+export function chooseUnits(name) {
+  system = name;
+  remember(KEY, name);
 }
 
 export function followUnits(element, draw) {
@@ -141,7 +145,8 @@ export function tellUnits(page) {
 }
 
 export function shownIn({ unit = "", display_unit, display_factor, display_decimals }) {
-  return si || display_factor === undefined
+  if (system === "kn, ft" && KNOTS_AND_FEET.has(unit)) return KNOTS_AND_FEET.get(unit);
+  return system === "SI" || display_factor === undefined
     ? { unit: unit === "1" ? "" : unit, factor: 1, decimals: SI_DECIMALS }
     : { unit: display_unit, factor: display_factor, decimals: display_decimals };
 }
