@@ -25,13 +25,14 @@
  */
 
 import { createAddress } from "../lib/address.js";
-import { button } from "../lib/dom.js";
+import { button, h } from "../lib/dom.js";
 import { addDrawer } from "../lib/draw_loop.js";
-import { formatTime } from "../lib/numbers.js";
+import { formatTime, moment, shownIn } from "../lib/numbers.js";
 import { createCrossPanel } from "./cross/cross_panel.js";
 import { attachControls } from "./input.js";
 import { createSheet, GUTTER } from "./layout.js";
 import { readPalette, watchTheme } from "./palette.js";
+import { createVectorCanvas, pictureOf, savePicture, savePixels, saveText, valuesOf } from "./picture.js";
 import { createReadings } from "./readings.js";
 import { createStrip } from "./strip.js";
 import { roundStep, roundTicks } from "./value_axis.js";
@@ -102,10 +103,15 @@ export function createStripChart(host, options) {
   }
 
   function draw(view, step, first) {
+    const frame = frameOf(view, step, first);
+    for (const part of parts) if (part.width !== 0) part.draw(frame);
+  }
+
+  function frameOf(view, step, first) {
     const start = first * step;
     const x = (t) => (t - start) / step;
     const window = { view, start, step, first, width: plot, x, wall };
-    const frame = {
+    return {
       ...window,
       ticks: timeTicks(start, start + plot * step, plot),
       cursor: time.cursorAt(view),
@@ -116,7 +122,34 @@ export function createStripChart(host, options) {
       errors,
       ...source.read(window),
     };
-    for (const part of parts) if (part.width !== 0) part.draw(frame);
+  }
+
+  /** What is in view, drawn anew with other pens. */
+  function picture() {
+    const [frame, palette] = [frameNow(), readPalette(host)];
+    const title = document.querySelector("h1")?.textContent ?? "";
+    const shown = [...strips.keys()].filter((k) => drawn[k].width > 0);
+    const rows = shown.map((k) => ({ sheet: drawn[k], name: nameOf(strips[k]), make: (canvas) => createStrip(canvas, strips[k]) }));
+    const all = [...rows, { sheet: parts[strips.length], name: "", make: createTimeAxis }];
+    const sheets = all.map(({ sheet: { width, height }, name, make }) => {
+      const canvas = createVectorCanvas(width, height);
+      const sheet = Object.assign(make(canvas), { width, height });
+      sheet.setPalette(palette);
+      sheet.draw(frame);
+      return { canvas, name };
+    });
+    return pictureOf({ title, words: [intervalOf(frame.view), `saved ${moment(new Date().toISOString())}`, location.host + location.hash.split("?")[0]].join(" · "), palette, sheets });
+  }
+
+  function frameNow() {
+    const view = time.view(wall);
+    const step = (view.end - view.start) / plot;
+    return frameOf(view, step, Math.round(view.end / step) - plot);
+  }
+
+  function values() {
+    const { parts: [first], view } = frameNow();
+    return valuesOf(strips, { cells: first.cells, from: view.start, to: view.end });
   }
 
   const controls = attachControls(host, layout, time, {
@@ -133,7 +166,14 @@ export function createStripChart(host, options) {
     source.setErrors?.(interval);
     look += 1;
   });
-  layout.bar.element.append(createViewMenu([button("Add a cross plot", cross.add, { class: "button button-small" }), safeChoice]));
+  const small = { class: "button button-small" };
+  const name = () => `forewarn-${new Date().toISOString().slice(0, 19).replaceAll(":", "")}Z`;
+  const files = [
+    button("PNG", () => savePixels(picture(), `${name()}.png`), { ...small, "aria-label": "Save the picture as PNG" }),
+    button("SVG", () => savePicture(picture(), `${name()}.svg`), { ...small, "aria-label": "Save the picture as SVG" }),
+    button("CSV", () => saveText(values(), `${name()}.csv`, "text/csv"), { ...small, "aria-label": "Save the values in view as CSV" }),
+  ];
+  layout.bar.element.append(createViewMenu([button("Add a cross plot", cross.add, small), safeChoice, h("div.row", h("span", "Save what is seen:"), files)]));
   const remeasure = () => {
     measured = false;
     if (autostart) update();
@@ -165,6 +205,14 @@ export function createStripChart(host, options) {
     },
   };
 }
+
+function nameOf(strip) {
+  const { symbol, label } = strip;
+  const { unit } = shownIn(strip);
+  return [symbol, label !== symbol && label, unit && `[${unit}]`].filter(Boolean).join("  ");
+}
+
+const intervalOf = ({ start, end }) => `${formatTime(start, 0.01)} to ${formatTime(end, 0.01)} s`;
 
 /** Round times about 90 px apart. */
 function timeTicks(start, end, width) {
